@@ -1,0 +1,73 @@
+"""A differentiable 2-D triangle rasterizer in JAX.
+
+The names below are the public face; everything else may change. They load on first use
+(PEP 562), so that `import softras2d` costs milliseconds and a command line can answer `--help`
+without waiting for JAX.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .io.images import read_image, write_image
+    from .io.svg import read_svg
+    from .io.svg_writer import write_svg
+    from .options import Area, Filter, Hard, Soft
+    from .plan import Plan, plan
+    from .render import render, render_checked
+    from .scene import Scene, check
+    from .simplify import simplify
+    from .texture.pyramid import TexturePyramid
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Area": ".options",
+    "Filter": ".options",
+    "Hard": ".options",
+    "Plan": ".plan",
+    "Scene": ".scene",
+    "Soft": ".options",
+    "TexturePyramid": ".texture.pyramid",
+    "check": ".scene",
+    "plan": ".plan",
+    "read_image": ".io.images",
+    "read_svg": ".io.svg",
+    "render": ".render",
+    "render_checked": ".render",
+    "simplify": ".simplify",
+    "write_image": ".io.images",
+    "write_svg": ".io.svg_writer",
+}
+
+__all__ = [
+    "Area",
+    "Filter",
+    "Hard",
+    "Plan",
+    "Scene",
+    "Soft",
+    "TexturePyramid",
+    "check",
+    "plan",
+    "read_image",
+    "read_svg",
+    "render",
+    "render_checked",
+    "simplify",
+    "write_image",
+    "write_svg",
+]
+
+
+def __getattr__(name: str):
+    if name not in _HOMES:
+        raise AttributeError(f"module 'softras2d' has no attribute {name!r}")
+    value = getattr(import_module(_HOMES[name], __name__), name)
+    # Kept in the module, where it also hides a submodule of the same name (`plan`, `render`).
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

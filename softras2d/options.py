@@ -1,0 +1,87 @@
+"""What a caller may choose: how coverage is decided and how textures are filtered. Data only."""
+
+from typing import Literal
+
+import equinox as eqx
+
+SAMPLES = (1, 4, 9, 16, 64, 256)
+"""Samples per pixel that hard mode draws: the squares of 1, 2, 3, 4, 8 and 16."""
+
+
+def _one_of(name: str, value: object, allowed: tuple[object, ...]) -> None:
+    if value not in allowed:
+        raise ValueError(f"`{name}` must be one of {', '.join(map(repr, allowed))}; got {value!r}.")
+
+
+class Hard(eqx.Module):
+    """Exact supersampling: each sample is inside or outside, decided in integers.
+
+    - `samples` per pixel, on a regular grid: 1, 4, 9, 16, 64 or 256.
+    - `fill_rule`: `"inclusive"` owns every sample of the closed triangle; `"top_left"` owns a
+      sample on a shared edge once, and none for triangles of zero area.
+    - `shading`: where the colour is evaluated: at each `"sample"`, or once a `"pixel"` (MSAA).
+    - `edge_gradients`: whether positions receive the derivative of the box-filtered image.
+    """
+
+    samples: int = eqx.field(static=True, default=16)
+    fill_rule: Literal["inclusive", "top_left"] = eqx.field(static=True, default="inclusive")
+    shading: Literal["sample", "pixel"] = eqx.field(static=True, default="sample")
+    edge_gradients: bool = eqx.field(static=True, default=True)
+
+    def __check_init__(self):
+        _one_of("samples", self.samples, SAMPLES)
+        _one_of("fill_rule", self.fill_rule, ("inclusive", "top_left"))
+        _one_of("shading", self.shading, ("sample", "pixel"))
+
+    @property
+    def rate(self) -> int:
+        """Samples along a side of a pixel."""
+        return {1: 1, 4: 2, 9: 3, 16: 4, 64: 8, 256: 16}[self.samples]
+
+
+class Soft(eqx.Module):
+    """Soft coverage: a smooth step of the signed distance to the triangle.
+
+    - `width`: the distance in pixels over which coverage rises from 10 % to 90 %.
+    - `profile`: `"logistic"` in the distance, `"softras"` in its square, or a compact `"window"`.
+    """
+
+    width: float = 1.0
+    profile: Literal["logistic", "softras", "window"] = eqx.field(static=True, default="logistic")
+
+    def __check_init__(self):
+        _one_of("profile", self.profile, ("logistic", "softras", "window"))
+
+
+class Area(eqx.Module):
+    """Exact area of the intersection of triangle and pixel.
+
+    `compositing`: `"over"` blends in draw order; `"sum"` adds signed areas, which is the exact
+    image of a tiling.
+    """
+
+    compositing: Literal["over", "sum"] = eqx.field(static=True, default="over")
+
+    def __check_init__(self):
+        _one_of("compositing", self.compositing, ("over", "sum"))
+
+
+class Filter(eqx.Module):
+    """How textures are sampled.
+
+    - `pixel`: within a mip level, the `"nearest"` texel or `"bilinear"` between four.
+    - `level`: level `"zero"`, the `"nearest"` level, or `"linear"` between two.
+    - `anisotropy`: probes along the longer axis of the footprint at most; 1 is isotropic.
+    - `lod_bias`: added to the level of detail.
+    """
+
+    pixel: Literal["nearest", "bilinear"] = eqx.field(static=True, default="bilinear")
+    level: Literal["zero", "nearest", "linear"] = eqx.field(static=True, default="linear")
+    anisotropy: int = eqx.field(static=True, default=1)
+    lod_bias: float = 0.0
+
+    def __check_init__(self):
+        _one_of("pixel", self.pixel, ("nearest", "bilinear"))
+        _one_of("level", self.level, ("zero", "nearest", "linear"))
+        if not 1 <= self.anisotropy <= 16:
+            raise ValueError(f"`anisotropy` must be in 1..16; got {self.anisotropy}.")

@@ -1,0 +1,190 @@
+"""The scene: triangles in draw order, and the conventions that every room shares.
+
+- **Coordinates** are pixels, x right and y down; pixel (row r, column c) is the square
+  [c, c+1) x [r, r+1), with its centre at +0.5.
+- **Images** are `[height, width, channels]` in 0..1: straight alpha at the edges of the package,
+  premultiplied inside compositing. Colours are averaged as the scene holds them; they are
+  converted only in `io` and only when asked.
+- **Draw order**: later triangles in front. With `depth`, which grows away from the viewer, the
+  nearest wins, and of equal depths the later.
+- **Barycentrics** are weights of the corners 0, 1, 2 that sum to one.
+- **Texture space**: u right and v down, 0..1 across the image.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .texture.pyramid import TexturePyramid
+
+
+class Scene(eqx.Module):
+    """Triangles over a background. Its structure says which effects exist.
+
+    - `positions`: `(x, y)` in pixels.
+    - `triangles`: three vertex indices each, in draw order, either winding; vertices may be shared.
+    - `colors`: straight RGB or RGBA in 0..1; one corner is a flat triangle, three are interpolated;
+      three channels are opaque.
+    - `background`: RGB (opaque) or straight RGBA.
+    - `uv`, `texture_index` (-1: none), `textures`: what each corner samples; all or none.
+    - `depth`: per vertex, growing away from the viewer; None is painter's order.
+    - `inverse_w`: per vertex, 1/w of the projection; None is affine interpolation.
+
+    A batch of scenes is the same with a leading axis on every array, for `jax.vmap`.
+    """
+
+    positions: Float[Array, "vertices 2"]
+    triangles: Int[Array, "triangles 3"]
+    colors: Float[Array, "triangles corners channels"]
+    background: Float[Array, " background_channels"]
+    uv: Float[Array, "triangles 3 2"] | None = None
+    texture_index: Int[Array, " triangles"] | None = None
+    textures: TexturePyramid | None = None
+    depth: Float[Array, " vertices"] | None = None
+    inverse_w: Float[Array, " vertices"] | None = None
+
+    def __check_init__(self):
+        corners, channels = self.colors.shape[-2:]
+        if corners not in (1, 3) or channels not in (3, 4):
+            raise ValueError(
+                "`colors` must be [triangles, 1 or 3 corners, 3 or 4 channels]; "
+                f"got {self.colors.shape}."
+            )
+        if self.background.shape[-1] not in (3, 4):
+            raise ValueError(f"`background` must be [3] or [4]; got {self.background.shape}.")
+        if len({self.uv is None, self.texture_index is None, self.textures is None}) != 1:
+            raise ValueError("`uv`, `texture_index` and `textures` go together: give all or none.")
+
+    @staticmethod
+    def from_mesh(
+        positions: Any,
+        triangles: Any,
+        *,
+        vertex_colors: Any = None,
+        triangle_colors: Any = None,
+        background: Any = None,
+        uv: Any = None,
+        texture_index: Any = None,
+        textures: TexturePyramid | None = None,
+        depth: Any = None,
+        inverse_w: Any = None,
+    ) -> "Scene":
+        """A scene whose triangles share vertices.
+
+        Give `vertex_colors` `[vertices, channels]`, or `triangle_colors` `[triangles, channels]`
+        (flat) or `[triangles, 3, channels]` (corners). `background` is white unless given. Dtype
+        follows `positions`. Raises `ValueError` for shapes, indices and values that no scene has.
+        """
+        positions = _floats(positions)
+        dtype = positions.dtype
+        triangles = jnp.asarray(triangles)
+        # Weakly shaped input such as `[]` is an empty list of triangles, of whatever dtype.
+        triangles = triangles.astype(jnp.int32).reshape((-1, 3) if triangles.size == 0 else triangles.shape)
+        if (vertex_colors is None) == (triangle_colors is None):
+            raise ValueError("give one of `vertex_colors` and `triangle_colors`.")
+        if vertex_colors is not None:
+            per_vertex = _floats(vertex_colors, dtype)
+            _expect("vertex_colors", per_vertex.shape[:-1], positions.shape[:-1])
+            _check_indices(triangles, positions.shape[0])
+            colors = per_vertex[triangles]
+        else:
+            colors = _floats(triangle_colors, dtype)
+            colors = colors[:, None] if colors.ndim == 2 else colors
+            _expect("triangle_colors", colors.shape[:1], triangles.shape[:1])
+        scene = Scene(
+            positions=positions,
+            triangles=triangles,
+            colors=colors,
+            background=jnp.ones(3, dtype) if background is None else _floats(background, dtype),
+            uv=None if uv is None else _floats(uv, dtype),
+            texture_index=(
+                None if texture_index is None else jnp.asarray(texture_index).astype(jnp.int32)
+            ),
+            textures=textures,
+            depth=None if depth is None else _floats(depth, dtype),
+            inverse_w=None if inverse_w is None else _floats(inverse_w, dtype),
+        )
+        check(scene)
+        return scene
+
+    @staticmethod
+    def from_soup(corners: Any, colors: Any, **optional: Any) -> "Scene":
+        """A scene of free triangles: `corners` `[n, 3, 2]`; `colors` `[n, c]` or `[n, 3, c]`.
+
+        `optional` are the keywords of `from_mesh`; `depth` and `inverse_w` may be `[n, 3]`.
+        """
+        corners = _floats(corners)
+        if corners.size == 0:
+            corners = corners.reshape(0, 3, 2)
+        if corners.ndim != 3 or corners.shape[1:] != (3, 2):
+            raise ValueError(f"`corners` must be [triangles, 3, 2]; got {corners.shape}.")
+        count = corners.shape[0]
+        colors = _floats(colors, corners.dtype)
+        if count == 0:
+            colors = colors.reshape(0, *(colors.shape[1:] if colors.ndim > 1 else (3,)))
+        for name in ("depth", "inverse_w"):
+            if optional.get(name) is not None:
+                optional[name] = _floats(optional[name], corners.dtype).reshape(-1)
+        return Scene.from_mesh(
+            corners.reshape(-1, 2),
+            np.arange(3 * count, dtype=np.int32).reshape(-1, 3),
+            triangle_colors=colors,
+            **optional,
+        )
+
+
+def check(scene: Scene) -> None:
+    """Raise `ValueError` for values that no picture has: one line that names what and where.
+
+    Looks at concrete values on the host; under a trace it sees none and passes. Accepts a batch.
+    """
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene)):
+        return
+    _check_indices(scene.triangles, scene.positions.shape[-2])
+    for name, axis in (("positions", "vertex"), ("depth", "vertex"), ("inverse_w", "vertex"),
+                       ("uv", "triangle"), ("colors", "triangle"), ("background", "channel")):
+        value = getattr(scene, name)
+        if value is not None:
+            _refuse(~np.isfinite(value), name, axis, "finite", value)
+    for name, axis in (("colors", "triangle"), ("background", "channel")):
+        value = np.asarray(getattr(scene, name))
+        if value.shape[-1] == 4:
+            alpha = value[..., 3]
+            _refuse((alpha < 0) | (alpha > 1), f"{name} alpha", axis, "in 0..1", alpha)
+    if scene.textures is not None:
+        index = np.asarray(scene.texture_index)
+        last = scene.textures.count - 1
+        _refuse((index < -1) | (index > last), "texture_index", "triangle", f"in -1..{last}", index)
+
+
+def _refuse(bad: Any, name: str, axis: str, wanted: str, value: Any) -> None:
+    """Raise for the first true entry of `bad`, whose first axis counts `axis`."""
+    bad = np.asarray(bad)
+    if bad.any():
+        where = tuple(int(i) for i in np.argwhere(bad)[0])
+        got = np.asarray(value)[where]
+        at = f"{axis} {where[0] if len(where) == 1 else where}"
+        raise ValueError(f"`{name}` must be {wanted}; {at} has {got}.")
+
+
+def _check_indices(triangles: Any, vertices: int) -> None:
+    if isinstance(triangles, jax.core.Tracer):
+        return
+    index = np.asarray(triangles)
+    _refuse((index < 0) | (index >= vertices), "triangles", "triangle", f"in 0..{vertices - 1}", index)
+
+
+def _expect(name: str, got: tuple[int, ...], wanted: tuple[int, ...]) -> None:
+    if got != wanted:
+        raise ValueError(f"`{name}` must have leading shape {wanted}; got {got}.")
+
+
+def _floats(value: Any, dtype: Any = None) -> Array:
+    array = jnp.asarray(value)
+    if dtype is None:
+        dtype = array.dtype if jnp.issubdtype(array.dtype, jnp.floating) else jnp.float32
+    return array.astype(dtype)

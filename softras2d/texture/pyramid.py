@@ -1,0 +1,122 @@
+"""Mip pyramids: every level of every texture in one stacked array with an offset table."""
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+
+class TexturePyramid(eqx.Module):
+    """Textures and their box-filtered halvings, down to one texel.
+
+    - `texels`: straight RGB or RGBA, level after level, row after row; 4/3 of the bases.
+    - `levels`: per texture and level the offset of its first texel, its height and its width;
+      a texture with fewer levels repeats its last.
+    - `border`: beyond 0..1, `"clamp"` holds the border texel and `"repeat"` tiles.
+    - `addressing`: `"half_texel"` puts texel i at (i + 0.5) / width; `"corners"` at i / (width - 1).
+    """
+
+    texels: Float[Array, "texels channels"]
+    levels: Int[Array, "textures levels 3"]
+    border: Literal["clamp", "repeat"] = eqx.field(static=True, default="clamp")
+    addressing: Literal["half_texel", "corners"] = eqx.field(static=True, default="half_texel")
+
+    @property
+    def count(self) -> int:
+        """How many textures."""
+        return self.levels.shape[0]
+
+    @staticmethod
+    def build(
+        images: Sequence[Any],
+        border: Literal["clamp", "repeat"] = "clamp",
+        addressing: Literal["half_texel", "corners"] = "half_texel",
+        linear: bool = False,
+    ) -> "TexturePyramid":
+        """The pyramids of `images`, each `[height, width, 3 or 4]` in 0..1, of any sizes.
+
+        `linear=True` says that the images hold sRGB and that texels shall be linear light: colour
+        channels are decoded once, before the levels are averaged. Images of three channels get
+        alpha one where others have four. Differentiable in the images. Raises `ValueError` for an
+        image without texels.
+        """
+        if border not in ("clamp", "repeat") or addressing not in ("half_texel", "corners"):
+            raise ValueError(f"no such `border` or `addressing`: {border!r}, {addressing!r}.")
+        bases = [_image(image, index) for index, image in enumerate(images)]
+        if not bases:
+            raise ValueError("`images` must hold at least one texture; got none.")
+        channels = max(base.shape[-1] for base in bases)
+        chains = [_chain(_with_channels(_decode(base) if linear else base, channels)) for base in bases]
+        depth = max(map(len, chains))
+        table, flat, offset = [], [], 0
+        for chain in chains:
+            rows = []
+            for level in chain:
+                height, width = level.shape[:2]
+                rows.append((offset, height, width))
+                flat.append(level.reshape(-1, channels))
+                offset += height * width
+            table.append(rows + rows[-1:] * (depth - len(rows)))
+        texels = flat[0].__array_namespace__().concatenate(flat)
+        return TexturePyramid(
+            jnp.asarray(texels), jnp.asarray(np.asarray(table, np.int32)), border, addressing
+        )
+
+
+def _image(image: Any, index: int) -> Any:
+    """A float image; concrete ones stay in numpy, where small steps cost no compilation."""
+    image = image if isinstance(image, jax.core.Tracer) else np.asarray(image)
+    if image.ndim != 3 or image.shape[-1] not in (3, 4) or 0 in image.shape:
+        raise ValueError(f"texture {index} must be [height, width, 3 or 4], not empty; got {image.shape}.")
+    return image if jnp.issubdtype(image.dtype, jnp.floating) else image.astype(np.float32)
+
+
+def _decode(image: Any) -> Any:
+    """sRGB to linear light (IEC 61966-2-1), alpha untouched."""
+    xp = image.__array_namespace__()
+    rgb = image[..., :3]
+    light = xp.where(rgb <= 0.04045, rgb / 12.92, (xp.maximum(rgb, 0.0) + 0.055) / 1.055) ** xp.where(
+        rgb <= 0.04045, 1.0, 2.4
+    )
+    return xp.concatenate([light.astype(image.dtype), image[..., 3:]], axis=-1)
+
+
+def _with_channels(image: Any, channels: int) -> Any:
+    if image.shape[-1] == channels:
+        return image
+    xp = image.__array_namespace__()
+    return xp.concatenate([image, xp.ones((*image.shape[:2], 1), image.dtype)], axis=-1)
+
+
+def _chain(base: Any) -> list[Any]:
+    chain = [base]
+    while max(chain[-1].shape[:2]) > 1:
+        chain.append(_halve(_halve(chain[-1], 0), 1))
+    return chain
+
+
+def _halve(image: Any, axis: int) -> Any:
+    """Box filter to half the size, rounded down; the mean is kept on odd sizes too.
+
+    An odd axis of 2m + 1 texels gives m, each the average over (2m + 1) / m of them: texel i takes
+    2i, 2i + 1, 2i + 2 with weights (m - i, m, i + 1) / (2m + 1).
+
+    **Source:** Guthe and Heckbert, *Non-power-of-two mipmap creation* (NVIDIA, 2005).
+    """
+    xp = image.__array_namespace__()
+    size = image.shape[axis]
+    if size == 1:
+        return image
+    image = xp.moveaxis(image, axis, 0)
+    half = size // 2
+    if size % 2 == 0:
+        small = (image[0::2] + image[1::2]) * 0.5
+    else:
+        i = np.arange(half, dtype=image.dtype).reshape(-1, 1, 1)
+        first, second, third = image[0:-1:2], image[1::2], image[2::2]
+        small = ((half - i) * first + half * second + (i + 1) * third) / size
+    return xp.moveaxis(small, 0, axis)
