@@ -5,7 +5,9 @@ The names below are the public face; everything else may change. They load on fi
 without waiting for JAX.
 """
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -60,11 +62,22 @@ __all__ = [
 ]
 
 
+class _Package(ModuleType):
+    """This package; where a function is named like the room it lives in, the function is meant."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        # The import system would put the submodules `plan`, `render`, `simplify` here.
+        if not (name in _HOMES and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
+
+
 def __getattr__(name: str):
     if name not in _HOMES:
         raise AttributeError(f"module 'softras2d' has no attribute {name!r}")
     value = getattr(import_module(_HOMES[name], __name__), name)
-    # Kept in the module, where it also hides a submodule of the same name (`plan`, `render`).
     globals()[name] = value
     return value
 

@@ -11,7 +11,9 @@ def sqrt(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     return jnp.where(inside, jnp.sqrt(jnp.where(inside, x, 1.0)), 0.0)
 
 
-def divide(numerator: Float[Array, "*shape"], denominator: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+def divide(
+    numerator: Float[Array, "*shape"], denominator: Float[Array, "*shape"]
+) -> Float[Array, "*shape"]:
     """Quotient where the denominator is not zero; zero, with zero gradient, elsewhere."""
     defined = denominator != 0
     return jnp.where(defined, numerator / jnp.where(defined, denominator, 1.0), 0.0)

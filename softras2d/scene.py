@@ -83,7 +83,9 @@ class Scene(eqx.Module):
         dtype = positions.dtype
         triangles = jnp.asarray(triangles)
         # Weakly shaped input such as `[]` is an empty list of triangles, of whatever dtype.
-        triangles = triangles.astype(jnp.int32).reshape((-1, 3) if triangles.size == 0 else triangles.shape)
+        triangles = triangles.astype(jnp.int32).reshape(
+            (-1, 3) if triangles.size == 0 else triangles.shape
+        )
         if (vertex_colors is None) == (triangle_colors is None):
             raise ValueError("give one of `vertex_colors` and `triangle_colors`.")
         if vertex_colors is not None:
@@ -145,8 +147,14 @@ def check(scene: Scene) -> None:
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene)):
         return
     _check_indices(scene.triangles, scene.positions.shape[-2])
-    for name, axis in (("positions", "vertex"), ("depth", "vertex"), ("inverse_w", "vertex"),
-                       ("uv", "triangle"), ("colors", "triangle"), ("background", "channel")):
+    for name, axis in (
+        ("positions", "vertex"),
+        ("depth", "vertex"),
+        ("inverse_w", "vertex"),
+        ("uv", "triangle"),
+        ("colors", "triangle"),
+        ("background", "channel"),
+    ):
         value = getattr(scene, name)
         if value is not None:
             _refuse(~np.isfinite(value), name, axis, "finite", value)
@@ -175,7 +183,9 @@ def _check_indices(triangles: Any, vertices: int) -> None:
     if isinstance(triangles, jax.core.Tracer):
         return
     index = np.asarray(triangles)
-    _refuse((index < 0) | (index >= vertices), "triangles", "triangle", f"in 0..{vertices - 1}", index)
+    _refuse(
+        (index < 0) | (index >= vertices), "triangles", "triangle", f"in 0..{vertices - 1}", index
+    )
 
 
 def _expect(name: str, got: tuple[int, ...], wanted: tuple[int, ...]) -> None:

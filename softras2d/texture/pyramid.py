@@ -50,7 +50,9 @@ class TexturePyramid(eqx.Module):
         if not bases:
             raise ValueError("`images` must hold at least one texture; got none.")
         channels = max(base.shape[-1] for base in bases)
-        chains = [_chain(_with_channels(_decode(base) if linear else base, channels)) for base in bases]
+        chains = [
+            _chain(_with_channels(_decode(base) if linear else base, channels)) for base in bases
+        ]
         depth = max(map(len, chains))
         table, flat, offset = [], [], 0
         for chain in chains:
@@ -71,7 +73,9 @@ def _image(image: Any, index: int) -> Any:
     """A float image; concrete ones stay in numpy, where small steps cost no compilation."""
     image = image if isinstance(image, jax.core.Tracer) else np.asarray(image)
     if image.ndim != 3 or image.shape[-1] not in (3, 4) or 0 in image.shape:
-        raise ValueError(f"texture {index} must be [height, width, 3 or 4], not empty; got {image.shape}.")
+        raise ValueError(
+            f"texture {index} must be [height, width, 3 or 4], not empty; got {image.shape}."
+        )
     return image if jnp.issubdtype(image.dtype, jnp.floating) else image.astype(np.float32)
 
 
@@ -79,9 +83,9 @@ def _decode(image: Any) -> Any:
     """sRGB to linear light (IEC 61966-2-1), alpha untouched."""
     xp = image.__array_namespace__()
     rgb = image[..., :3]
-    light = xp.where(rgb <= 0.04045, rgb / 12.92, (xp.maximum(rgb, 0.0) + 0.055) / 1.055) ** xp.where(
-        rgb <= 0.04045, 1.0, 2.4
-    )
+    light = xp.where(
+        rgb <= 0.04045, rgb / 12.92, (xp.maximum(rgb, 0.0) + 0.055) / 1.055
+    ) ** xp.where(rgb <= 0.04045, 1.0, 2.4)
     return xp.concatenate([light.astype(image.dtype), image[..., 3:]], axis=-1)
 
 

@@ -1,0 +1,1 @@
+"""What the experiments share: scenes, a reference image, timing, the record of a run."""

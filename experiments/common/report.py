@@ -1,0 +1,60 @@
+"""Results on disk: CSV, JSON, and a Markdown table between two markers of a README."""
+
+import csv
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+Row = Mapping[str, Any]
+
+
+def write_csv(path: Path, rows: Sequence[Row]) -> None:
+    """Columns are the keys of the first row; floats to four significant digits."""
+
+    def write(temporary: Path) -> None:
+        with temporary.open("w", newline="") as file:
+            writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+            writer.writeheader()
+            writer.writerows({key: _short(value) for key, value in row.items()} for row in rows)
+
+    _replace(path, write)
+
+
+def write_json(path: Path, value: Any) -> None:
+    _replace(path, lambda temporary: temporary.write_text(json.dumps(value, indent=2) + "\n"))
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table; the first column is text, the others are aligned to the right."""
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" + "---:|" * (len(header) - 1)]
+    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
+
+
+def fill_markers(path: Path, name: str, text: str) -> None:
+    """Replace what stands between `<!-- name -->` and `<!-- /name -->` in a file."""
+    begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
+    page = path.read_text()
+    if page.count(begin) != 1 or page.count(end) != 1:
+        raise ValueError(f"{path.name} must hold one {begin} and one {end}.")
+    before, rest = page.split(begin)
+    after = rest.split(end)[1]
+    filled = f"{before}{begin}\n\n{text}\n\n{end}{after}"
+    _replace(path, lambda temporary: temporary.write_text(filled))
+
+
+def save_figure(figure: Any, path: Path) -> None:
+    """Write a matplotlib figure; the format follows the suffix."""
+    _replace(path, lambda temporary: figure.savefig(temporary, dpi=150))
+
+
+def _replace(path: Path, write: Callable[[Path], Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.stem}.tmp{path.suffix}")
+    write(temporary)
+    os.replace(temporary, path)
+
+
+def _short(value: Any) -> Any:
+    return f"{value:.4g}" if isinstance(value, float) else value

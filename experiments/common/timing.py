@@ -1,0 +1,76 @@
+"""Timing of several contestants so that the machine's drift hits all of them alike."""
+
+import gc
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Times:
+    """Milliseconds of one call: `median` and `least` by the clock, `cpu` the median over cores.
+
+    `cpu` counts the processor time of all threads of this process: well below `median`, the
+    machine was busy with something else; well above, several cores worked.
+    """
+
+    median: float
+    least: float
+    cpu: float
+    calls: int
+
+
+def interleave(
+    contestants: Mapping[str, Callable[[], object]],
+    *,
+    rounds: int = 7,
+    budget_s: float = 20.0,
+) -> dict[str, Times]:
+    """Time every contestant once a round, in an order that rotates, and summarise per contestant.
+
+    A contestant returns when its work is done (block on asynchronous results). Each is warmed up
+    by one call before all rounds, and before each timed call by an untimed one, since the
+    contestant before it has filled the caches. Contestants that take more than their share of
+    `budget_s` get fewer rounds (three at least) and no untimed call.
+    """
+    names = list(contestants)
+    warm_s = {name: _warm_up(contestants[name]) for name in names}
+    share_s = budget_s / max(1, len(names))
+    wanted = {
+        name: int(np.clip(share_s / (2 * max(warm_s[name], 1e-6)), 3, max(3, rounds)))
+        for name in names
+    }
+    samples: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
+    for turn in range(max(wanted.values(), default=0)):
+        first = turn % len(names)
+        for name in names[first:] + names[:first]:
+            if turn < wanted[name]:
+                again = warm_s[name] * 6 < share_s
+                samples[name].append(_timed(contestants[name], warm=again))
+    return {name: _summary(samples[name]) for name in names}
+
+
+def _warm_up(call: Callable[[], object]) -> float:
+    """Seconds of a second call, the first having compiled, allocated and cached."""
+    call()
+    return _timed(call, warm=False)[0]
+
+
+def _timed(call: Callable[[], object], *, warm: bool) -> tuple[float, float]:
+    if warm:
+        call()
+    gc.collect()
+    gc.disable()
+    try:
+        cpu, wall = time.process_time(), time.perf_counter()
+        call()
+        return time.perf_counter() - wall, time.process_time() - cpu
+    finally:
+        gc.enable()
+
+
+def _summary(samples: list[tuple[float, float]]) -> Times:
+    wall, cpu = 1e3 * np.array(samples).T
+    return Times(float(np.median(wall)), float(wall.min()), float(np.median(cpu)), len(samples))

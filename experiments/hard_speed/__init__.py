@@ -1,0 +1,1 @@
+"""How fast is exact supersampling, and what does its error cost elsewhere?"""

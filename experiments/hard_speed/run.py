@@ -1,0 +1,153 @@
+"""Time exact supersampling against compiled loops and 2-D libraries; see the README beside this.
+
+python -m experiments.hard_speed.run [--quick] [--only FAMILY,FAMILY]
+"""
+
+import argparse
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..common import machine, report, scanline
+from ..common.scenes import COUNTS, KINDS, SIZES_PX, Soup, random_soup
+from ..common.timing import Times, interleave
+from . import check, fresh, own, peers, tables
+from .contestant import Contestant
+
+HERE = Path(__file__).parent
+CACHE = HERE / "cache"
+PACKAGES = (
+    "softras2d",
+    "jax",
+    "jaxlib",
+    "numpy",
+    "numba",
+    "skia-python",
+    "blend2d-py",
+    "opencv-python-headless",
+    "pycairo",
+)
+
+
+class Cell(NamedTuple):
+    """One scene: softras2d at all `samples`, the loops at all `loop_samples`."""
+
+    kind: str
+    count: int
+    size: int
+    samples: tuple[int, ...]
+    loop_samples: tuple[int, ...]
+
+
+def cells(quick: bool) -> Iterator[Cell]:
+    """Scenes to draw: every rate on 1000 triangles at 512 px, 16 samples everywhere."""
+    if quick:
+        yield Cell("flat", 1000, 512, (1, 4, 16, 64), (16,))
+        return
+    for kind in KINDS:
+        for size in SIZES_PX:
+            for count in COUNTS:
+                if count == 1000 and size == 512:
+                    yield Cell(kind, count, size, (1, 4, 16, 64, 256), (1, 4, 16, 64))
+                elif kind == "flat":
+                    yield Cell(kind, count, size, (1, 4, 16, 64), (16,))
+                else:
+                    yield Cell(kind, count, size, (16,), (16,))
+
+
+def fresh_cells(quick: bool) -> Iterator[tuple[str, int, int, int]]:
+    """Kind, triangles, size and samples of what is drawn in a process of its own."""
+    yield "flat", 1000, 512, 16
+    if not quick:
+        yield "flat_a50", 1000, 512, 16
+        yield "gouraud", 1000, 512, 16
+        yield "flat", 1000, 4096, 16
+        yield "flat", 100_000, 4096, 16
+
+
+def contestants(cell: Cell, soup: Soup, only: set[str]) -> list[Contestant]:
+    found = []
+    if not only or "softras2d" in only:
+        found += [own.softras2d(soup, samples) for samples in cell.samples]
+    for samples in cell.loop_samples:
+        for threads in sorted({1, own.CORES}):
+            found += [
+                own.loop(soup, samples, threads, by_rows=by_rows) for by_rows in (True, False)
+            ]
+    found += peers.contestants(soup)
+    return [one for one in found if not only or one.family in only]
+
+
+def run_cell(cell: Cell, only: set[str], budget_s: float) -> list[dict[str, Any]]:
+    """One row for each contestant."""
+    soup = random_soup(cell.count, cell.size, cell.kind)
+    truth = scanline.truth(soup, CACHE)
+    found = contestants(cell, soup, only)
+    rmse = {one.name: _rmse(one.image(one.draw()), truth) for one in found}
+    times = interleave({one.name: one.draw for one in found}, budget_s=budget_s)
+    return [_row(cell, one, times[one.name], rmse[one.name]) for one in found]
+
+
+def _row(cell: Cell, one: Contestant, times: Times, rmse: float | None) -> dict[str, Any]:
+    return {
+        "kind": cell.kind,
+        "triangles": cell.count,
+        "size_px": cell.size,
+        "family": one.family,
+        "sampling": one.sampling,
+        "threads": one.threads,
+        "median_ms": times.median,
+        "least_ms": times.least,
+        "cpu_ms": times.cpu,
+        "calls": times.calls,
+        "rmse": "" if rmse is None else rmse,
+    }
+
+
+def _rmse(image: np.ndarray, truth: np.ndarray) -> float | None:
+    """None where the contestant draws no image: calls alone."""
+    if image.shape != truth.shape:
+        return None
+    return float(np.sqrt(np.mean((image.astype(np.float64) - truth) ** 2)))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Time exact supersampling.")
+    parser.add_argument("--quick", action="store_true", help="one scene; results go to cache/quick")
+    parser.add_argument("--only", default="", help="families to run, by comma: softras2d,Skia,...")
+    arguments = parser.parse_args()
+    only = {name for name in arguments.only.split(",") if name}
+    results = CACHE / "quick" if arguments.quick or only else HERE / "results"
+
+    began = time.perf_counter()
+    check.main()
+    for name in peers.missing():
+        print(f"left out, its library is not installed: {name}")
+    run: dict[str, Any] = {
+        "seed": 0,
+        "precision": "float32",
+        "jax_enable_x64": False,
+        "truth": f"{scanline.TRUTH_RATE}x{scanline.TRUTH_RATE} samples",
+        "machine": machine.record(PACKAGES),
+        "fresh": [],
+    }
+    rows: list[dict[str, Any]] = []
+    for cell in cells(arguments.quick):
+        rows += run_cell(cell, only, budget_s=15.0)
+        report.write_csv(results / "times.csv", rows)
+        print(f"{time.perf_counter() - began:5.0f} s  {cell.kind} {cell.count} {cell.size} px")
+    if not only or "softras2d" in only:
+        for kind, count, size, samples in fresh_cells(arguments.quick):
+            measured = fresh.measure(kind, count, size, samples)
+            about = {"kind": kind, "triangles": count, "size_px": size, "samples": samples}
+            run["fresh"].append(about | measured)
+    run["seconds"] = round(time.perf_counter() - began)
+    report.write_json(results / "run.json", run)
+    tables.publish(results, None if arguments.quick or only else HERE / "README.md")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,111 @@
+"""The tables and the figure, made from the stored results.
+
+python -m experiments.hard_speed.tables
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ..common import report
+from ..common.scenes import COUNTS, KINDS, SIZES_PX
+from . import figure
+from .targets import targets
+from .times import Entry, Times, load
+
+HERE = Path(__file__).parent
+KIND_NAMES = {
+    "flat": "Flat colours, opaque",
+    "flat_a50": "Flat colours, alpha 0.5",
+    "gouraud": "Corner colours, opaque",
+    "gouraud_a50": "Corner colours, alpha 0.5",
+}
+# What is compared on every scene.
+_SAMPLINGS = ("16 samples", "4x4 canvas", "anti-aliased")
+
+
+def publish(results: Path, readme: Path | None) -> None:
+    """Draw the figure, and put the tables into `readme` (None: print them)."""
+    times = load(results / "times.csv")
+    run = json.loads((results / "run.json").read_text())
+    texts = {
+        "targets": targets_table(times, run["fresh"]),
+        "one-scene": one_scene_table(times),
+        "all-scenes": all_scenes_tables(times),
+        "machine": machine_line(run),
+    }
+    report.save_figure(figure.draw(times), results / "hard_speed.png")
+    for name, text in texts.items():
+        if readme is None:
+            print(f"\n{text}")
+        else:
+            report.fill_markers(readme, name, text)
+
+
+def targets_table(times: Times, fresh: list[dict[str, Any]]) -> str:
+    words = {True: "yes", False: "no", None: ""}
+    return report.table(
+        ["question", "asked", "median", "least", "met"],
+        [
+            [row.question, row.asked, row.value, row.least, words[row.met]]
+            for row in targets(times, fresh)
+        ],
+    )
+
+
+def one_scene_table(times: Times) -> str:
+    """Every contestant on 1000 flat triangles at 512 px, quickest first."""
+    entries = sorted(times.scene("flat", 1000, 512), key=lambda entry: entry.median_ms)
+    yardstick = times.find("Skia", "4x4 canvas")
+    rows = [
+        [
+            entry.label,
+            f"{entry.median_ms:.1f}",
+            f"{entry.least_ms:.1f}",
+            "" if yardstick is None else f"{entry.median_ms / yardstick.median_ms:.2f}",
+            "" if entry.rmse is None else f"{entry.rmse:.4f}",
+        ]
+        for entry in entries
+    ]
+    return report.table(["contestant", "median ms", "least ms", "over Skia 4x4", "RMSE"], rows)
+
+
+def all_scenes_tables(times: Times) -> str:
+    """For each kind, median milliseconds and RMSE of each contestant on each scene."""
+    scenes = [(size, count) for size in SIZES_PX for count in COUNTS]
+    parts = []
+    for kind in KINDS:
+        labels = list(times.labels(kind, _SAMPLINGS))
+        if labels:
+            found = {
+                (entry.label, entry.size_px, entry.triangles): entry
+                for size, count in scenes
+                for entry in times.scene(kind, count, size)
+            }
+            rows = [
+                [label, *(_cell(found.get((label, *scene))) for scene in scenes)]
+                for label in labels
+            ]
+            header = ["contestant", *(f"{size} px, {count:,}" for size, count in scenes)]
+            parts.append(f"**{KIND_NAMES[kind]}**\n\n{report.table(header, rows)}")
+    return "\n\n".join(parts)
+
+
+def machine_line(run: dict[str, Any]) -> str:
+    on = run["machine"]
+    packages = ", ".join(f"{name} {got}" for name, got in on["packages"].items() if got)
+    return (
+        f"{on['date']}: {on['processor']}, {on['cores']} cores, {on['memory_gib']} GiB, "
+        f"{on['system'].split('-')[0]}, Python {on['python']}; {packages}; seed {run['seed']}, "
+        f"{run['precision']}; {run['seconds'] / 60:.0f} minutes."
+    )
+
+
+def _cell(entry: Entry | None) -> str:
+    if entry is None or entry.rmse is None:
+        return ""
+    return f"{entry.median_ms:.1f} ({entry.rmse:.4f})"
+
+
+if __name__ == "__main__":
+    publish(HERE / "results", HERE / "README.md")

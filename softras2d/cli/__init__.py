@@ -1,0 +1,60 @@
+"""The command line: `softras2d render`, `softras2d info`, `softras2d demo`.
+
+One file per command. Whatever is heavy (JAX, OpenImageIO) is imported inside the commands, so that
+`--help` answers at once.
+"""
+
+import sys
+from typing import Annotated
+
+import typer
+
+from .. import __version__
+from .demo import make_demo
+from .info import describe_scene
+from .render import render_scenes
+
+app = typer.Typer(
+    name="softras2d",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("render")(render_scenes)
+app.command("info")(describe_scene)
+app.command("demo")(make_demo)
+
+
+def _print_version(wanted: bool) -> bool:
+    if wanted:
+        typer.echo(f"softras2d {__version__}")
+        raise typer.Exit
+    return wanted
+
+
+@app.callback()
+def _about(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """Draw triangle scenes exactly: SVG in, supersampled image out.
+
+    Try it:  [bold]softras2d demo pictures/[/bold]
+
+    Compiled programs are kept in your cache folder, so the second run starts faster.
+    SOFTRAS2D_DEBUG=1 shows the whole traceback of an error.
+    """
+
+
+def main() -> None:
+    """The entry point: exit code 0, 1 (failed), 2 (misused) or 130 (interrupted)."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        # Before or after a command; within one, its session tells.
+        sys.exit(130)

@@ -1,0 +1,226 @@
+"""From visible samples to pixels of opaque triangles: sums over bits, then over slots.
+
+Within a word the samples of a pixel are neighbouring bits. Adding neighbouring fields of a word
+in place (SWAR; Warren, *Hacker's Delight*, 2nd ed., section 5-1) counts them for all pixels at
+once, and carries the sums of their column indices along; sub-rows are added after. Fields that
+would overflow are first spread over two words, even pixels and odd.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, UInt32
+
+from ..barycentric import Weights, weight_sums
+from ..lists import Chunks
+from ..staging import one_pass
+from ..tiles import Tiling
+
+
+class Fields(NamedTuple):
+    """Where the pixels of a tile row are in packed words: pixel x is field x // words of word x % words."""
+
+    bits: int
+    words: int
+    count: int
+
+    @staticmethod
+    def of(rate: int) -> "Fields":
+        """The packing that holds the sums of `rate` x `rate` samples."""
+        return {
+            1: Fields(1, 1, 32),
+            2: Fields(4, 2, 8),
+            3: Fields(6, 2, 5),
+            4: Fields(8, 2, 4),
+            8: Fields(8, 1, 4),
+            16: Fields(16, 1, 2),
+        }[rate]
+
+
+class SampleSums(NamedTuple):
+    """Sums over the visible samples of each pixel, packed: `[..., words * pixel rows]`.
+
+    - `count`: how many.
+    - `across`, `down`: of their column and row within the pixel, 0..rate-1; None if not asked for.
+    """
+
+    count: UInt32[Array, "*slots places"]
+    across: UInt32[Array, "*slots places"] | None = None
+    down: UInt32[Array, "*slots places"] | None = None
+
+
+def _mask(ones: int, period: int) -> Array:
+    """A word with `ones` low bits set in every whole field of `period` bits."""
+    field = (1 << ones) - 1
+    return jnp.uint32(sum(field << at for at in range(0, 32 // period * period, period)))
+
+
+def _add_bits(rows: Array, rate: int, moments: bool) -> tuple[Array, Array]:
+    """Count of the bits in each field of `rate` bits, and the sum of their places in the field."""
+    if rate == 3:
+        planes = [(rows >> jnp.uint32(b)) & _mask(1, 3) for b in range(3)]
+        return planes[0] + planes[1] + planes[2], planes[1] + planes[2] * jnp.uint32(2)
+    count, across = rows, jnp.zeros_like(rows)
+    width = 1
+    while width < rate:
+        low = _mask(width, 2 * width)
+        shift = jnp.uint32(width)
+        upper = (count >> shift) & low
+        if moments:
+            across = (across & low) + ((across >> shift) & low) + upper * jnp.uint32(width)
+        count = (count & low) + upper
+        width *= 2
+    return count, across
+
+
+def _add_rows(fields: Array, tiling: Tiling, weighted: bool = False) -> Array:
+    """Sum over the sub-rows of a pixel, times their index if `weighted`; spreads first."""
+    packing = Fields.of(tiling.grid.rate)
+    height, rate = tiling.height, tiling.grid.rate
+    if packing.words == 2:
+        low = _mask(rate, 2 * rate)
+        words = [fields & low, (fields >> jnp.uint32(rate)) & low]
+    else:
+        words = [fields]
+    sums = []
+    for word in words:
+        total = jnp.zeros_like(word[..., :height])
+        for sub in range(rate):
+            part = word[..., sub * height : (sub + 1) * height]
+            total = total + (part * jnp.uint32(sub) if weighted else part)
+        sums.append(total)
+    return jnp.concatenate(sums, -1)
+
+
+def sample_sums(
+    visible: UInt32[Array, "*slots rows"], tiling: Tiling, *, moments: bool
+) -> SampleSums:
+    """Sums over each pixel's visible samples; with their places if `moments`."""
+
+    @one_pass
+    def add(visible):
+        count, across = _add_bits(visible, tiling.grid.rate, moments)
+        if not moments:
+            return SampleSums(_add_rows(count, tiling))
+        return SampleSums(
+            _add_rows(count, tiling), _add_rows(across, tiling), _add_rows(count, tiling, True)
+        )
+
+    return add(visible)
+
+
+def unpack(packed: UInt32[Array, "*slots places"], tiling: Tiling) -> Array:
+    """Fields of packed words as int32, `[..., fields, places]`."""
+    packing = Fields.of(tiling.grid.rate)
+    shifts = jnp.arange(packing.count, dtype=jnp.uint32) * jnp.uint32(packing.bits)
+    shifts = shifts.reshape((1,) * (packed.ndim - 1) + (-1, 1))
+    fields = (packed[..., None, :] >> shifts) & jnp.uint32((1 << packing.bits) - 1)
+    return fields.astype(jnp.int32)
+
+
+def sum_flat(
+    sums: SampleSums, colors: Float[Array, "chunks layers channels"], tiling: Tiling
+) -> Float[Array, "chunks channels fields places"]:
+    """Sum of the colours of the visible samples of each pixel, over the layers of a chunk."""
+
+    @one_pass
+    def add(count, colors):
+        total = 0.0
+        for k in range(colors.shape[1]):
+            n = unpack(count[:, k], tiling).astype(colors.dtype)
+            total = total + n[:, None] * colors[:, k, :, None, None]
+        return total
+
+    return add(sums.count, colors)
+
+
+def sum_interpolated(
+    sums: SampleSums,
+    weights: Weights,
+    colors: Float[Array, "chunks layers 3 channels"],
+    tiling: Tiling,
+) -> Float[Array, "chunks channels fields places"]:
+    """Sum of the interpolated colours of the visible samples of each pixel, over a chunk.
+
+    Colour is linear in the sample's place, so the sum needs only how many samples there are and
+    the sums of their places.
+    """
+    packing = Fields.of(tiling.grid.rate)
+    rate, height = tiling.grid.rate, tiling.height
+    field = jnp.arange(packing.count, dtype=jnp.int32)[None, :, None]
+    place = jnp.arange(packing.words * height, dtype=jnp.int32)[None, None]
+    left = (field * packing.words + place // height) * rate
+    top = (place % height) * rate
+
+    @one_pass
+    def add(sums, weights, colors):
+        total = 0.0
+        for k in range(colors.shape[1]):
+            count, across, down = (unpack(packed[:, k], tiling) for packed in sums)
+            layer = weights.at(lambda entry, k=k: entry[:, k, None, None])
+            corners = weight_sums(layer, count, across + count * left, down + count * top)
+            for corner, weight in enumerate(corners):
+                total = total + weight[:, None] * colors[:, k, corner, :, None, None]
+        return total
+
+    return add(sums, weights, colors)
+
+
+def sum_chunks(
+    parts: Float[Array, "chunks channels fields places"], chunks: Chunks, *, depth: int
+) -> Float[Array, "tiles channels fields places"]:
+    """Sum over the chunks of each tile; `depth` is the most that a tile has."""
+
+    @one_pass
+    def add(parts, first, count):
+        def place(k):
+            there = (k < count)[:, None, None, None]
+            return jnp.where(there, parts.at[first + k].get(mode="clip"), 0.0)
+
+        total = place(0)
+        for k in range(1, depth):
+            total = total + place(k)
+        return total
+
+    return add(parts, chunks.first, chunks.count)
+
+
+def add_background(
+    sums: Float[Array, "tiles channels fields places"],
+    covered: UInt32[Array, "chunks rows"],
+    chunks: Chunks,
+    background: Float[Array, " channels"],
+    tiling: Tiling,
+) -> Float[Array, "tiles channels fields places"]:
+    """Add the background at the samples that no triangle of the tile covers."""
+
+    @one_pass
+    def uncovered(covered, chunks):
+        last = covered.at[chunks.first + chunks.count - 1].get(mode="clip")
+        return ~jnp.where((chunks.count > 0)[:, None], last, jnp.uint32(0))
+
+    @one_pass
+    def add(sums, count, background):
+        number = unpack(count, tiling).astype(sums.dtype)
+        return sums + number[:, None] * background[None, :, None, None]
+
+    free = sample_sums(uncovered(covered, chunks), tiling, moments=False)
+    return add(sums, free.count, background)
+
+
+def to_image(
+    sums: Float[Array, "tiles channels fields places"], tiling: Tiling
+) -> Float[Array, "height width channels"]:
+    """The mean over the samples of each pixel, cropped to the canvas."""
+    packing = Fields.of(tiling.grid.rate)
+
+    @one_pass
+    def arrange(sums):
+        channels = sums.shape[1]
+        split = sums.reshape(
+            tiling.rows, tiling.columns, channels, packing.count, packing.words, tiling.height
+        )
+        image = split.transpose(0, 5, 1, 3, 4, 2)
+        return tiling.crop(image.reshape(tiling.padded_shape + (channels,))) / tiling.grid.samples
+
+    return arrange(sums)

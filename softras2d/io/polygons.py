@@ -1,0 +1,211 @@
+"""Filled polygons to triangles: convex, concave and self-crossing, by either fill rule.
+
+Convex polygons, the common case, are fanned here, many at once. The others go to GEOS through
+shapely: it nodes a ring at its crossings and triangulates (constrained Delaunay).
+
+Triangles of one polygon share inner edges. With the closed coverage rule both own a sample that
+lies exactly on such an edge: invisible if the fill is opaque, a seam if it is translucent. Pictures
+are full of corners on whole pixels, whose diagonals pass through samples, so translucent polygons
+get inner edges that run through no samples but by accident (`translucent`).
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int
+
+MAX_CROSSINGS = 200_000
+"""Self-intersections of one polygon; their faces grow alike."""
+
+_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+
+
+class PolygonError(ValueError):
+    """A polygon that is not triangulated, and which it is."""
+
+    def __init__(self, index: int, message: str):
+        super().__init__(message)
+        self.index = index
+
+
+def triangulate(
+    contours: Sequence[np.ndarray], evenodd: Sequence[bool], translucent: Sequence[bool]
+) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
+    """Triangles `[t, 3, 2]` that fill the closed `contours` `[n, 2]`, and the contour of each.
+
+    Triangles of one contour follow each other; contours need not be in order. A contour of three
+    points is its own triangle, of whatever area; with fewer there is nothing. Raises `PolygonError`
+    for a contour that crosses itself more than `MAX_CROSSINGS` times.
+    """
+    counts = np.array([len(contour) for contour in contours], np.int64)
+    corners, indices = [np.zeros((0, 3, 2))], [np.zeros(0, np.int64)]
+    rest = []
+    for count in np.unique(counts[counts >= 3]).tolist():
+        where = np.flatnonzero(counts == count)
+        points = np.stack([contours[index] for index in where.tolist()])
+        glassy = np.array([translucent[index] for index in where.tolist()])
+        convex = is_convex(points) if count > 3 else np.ones(len(where), bool)
+        if count == 3:
+            glassy[:] = False
+        for chosen, fill in ((convex & ~glassy, fan), (convex & glassy, fan_inside)):
+            triangles = fill(points[chosen])
+            corners.append(triangles.reshape(-1, 3, 2))
+            indices.append(np.repeat(where[chosen], triangles.shape[1]))
+        rest += where[~convex].tolist()
+    if rest:
+        regions = _regions([contours[i] for i in rest], [evenodd[i] for i in rest], rest)
+        inner, index = fill_regions(regions, np.array([translucent[i] for i in rest]))
+        corners.append(inner)
+        indices.append(np.array(rest)[index])
+    return np.concatenate(corners), np.concatenate(indices)
+
+
+def is_convex(points: Float[np.ndarray, "m n 2"]) -> Bool[np.ndarray, " m"]:
+    """Which of `m` polygons of `n` vertices turn one way, once around, without spikes."""
+    edges = np.roll(points, -1, axis=1) - points
+    following = np.roll(edges, -1, axis=1)
+    cross = edges[..., 0] * following[..., 1] - edges[..., 1] * following[..., 0]
+    dot = (edges * following).sum(axis=-1)
+    one_way = (cross >= 0).all(axis=1) | (cross <= 0).all(axis=1)
+    spiked = ((cross == 0) & (dot < 0)).any(axis=1)
+    turns = np.abs(np.arctan2(cross, dot).sum(axis=1)) / (2 * np.pi)
+    return one_way & ~spiked & (np.abs(turns - 1.0) < 1e-6)
+
+
+def fan(points: Float[np.ndarray, "m n coords"]) -> Float[np.ndarray, "m k 3 coords"]:
+    """The `n - 2` triangles between the first vertex and each edge of convex polygons."""
+    first = np.broadcast_to(points[:, :1], points[:, 2:].shape)
+    return np.stack([first, points[:, 1:-1], points[:, 2:]], axis=2)
+
+
+def fan_inside(points: Float[np.ndarray, "m n coords"]) -> Float[np.ndarray, "m n 3 coords"]:
+    """The `n` triangles between a point inside and each edge of polygons that it sees whole.
+
+    The point lies near the mean of the vertices, and on no simple fraction of the edges.
+    """
+    weights = 1.0 + 0.25 * _spread(points.shape[1])
+    middle = np.einsum("n,mnd->md", weights / weights.sum(), points)
+    middle = np.broadcast_to(middle[:, None], points.shape)
+    return np.stack([middle, points, np.roll(points, -1, axis=1)], axis=2)
+
+
+def fill_regions(
+    regions: np.ndarray, translucent: Bool[np.ndarray, " regions"]
+) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
+    """Triangles `[t, 3, 2]` of shapely (multi)polygons, in their order, and the region of each."""
+    pieces, index = shapely.get_parts(
+        shapely.constrained_delaunay_triangles(regions), return_index=True
+    )
+    corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
+    if not translucent.any():
+        return corners, index
+    bent, which = _bend(corners[translucent[index]], index[translucent[index]])
+    corners = np.concatenate([corners[~translucent[index]], bent])
+    index = np.concatenate([index[~translucent[index]], which])
+    order = np.argsort(index, kind="stable")
+    return corners[order], index[order]
+
+
+def _bend(corners: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same triangulation with every inner edge broken near its middle, off its line.
+
+    Triangles become polygons of three to six vertices, which are fanned from inside.
+    """
+    ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+    # The two triangles of an edge name its ends in opposite order.
+    swap = (ends[:, 0, 0] > ends[:, 1, 0]) | (
+        (ends[:, 0, 0] == ends[:, 1, 0]) & (ends[:, 0, 1] > ends[:, 1, 1])
+    )
+    ends = np.where(swap[:, None, None], ends[:, ::-1], ends)
+    keys = np.column_stack([np.repeat(index, 3), ends.reshape(-1, 4)])
+    _, edge, uses = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+    edge = edge.reshape(-1)
+    inner = (uses[edge] == 2).reshape(-1, 3)
+    # Bent by less than a tenth of the thinner triangle's height, so that both stay star-shaped.
+    sides = corners - np.roll(corners, -1, axis=1)
+    area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+    longest = np.linalg.norm(sides, axis=-1).max(axis=1)
+    height = np.repeat(area / np.where(longest > 0, longest, 1.0), 3)
+    least = np.full(len(uses), np.inf)
+    np.minimum.at(least, edge, height)
+    along = ends[:, 1] - ends[:, 0]
+    span = np.linalg.norm(along, axis=-1, keepdims=True)
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=-1) / np.where(span > 0, span, 1.0)
+    generic = _spread(len(uses))[edge][:, None]
+    middle = ends[:, 0] + along * (0.5 + 0.02 * generic)
+    middle += normal * (0.05 + 0.05 * generic) * least[edge][:, None]
+    outline = np.stack([corners, middle.reshape(-1, 3, 2)], axis=2).reshape(-1, 6, 2)
+    there = np.stack([np.ones_like(inner), inner], axis=2).reshape(-1, 6)
+    triangles, owners = [np.zeros((0, 3, 2))], [np.zeros(0, np.int64)]
+    for count in np.unique(there.sum(axis=1)).tolist():
+        chosen = there.sum(axis=1) == count
+        points = outline[chosen][there[chosen]].reshape(-1, count, 2)
+        # Without an inner edge there is nothing to hide.
+        pieces = points[:, None] if count == 3 else fan_inside(points)
+        triangles.append(pieces.reshape(-1, 3, 2))
+        owners.append(np.repeat(index[chosen], pieces.shape[1]))
+    return np.concatenate(triangles), np.concatenate(owners)
+
+
+def _spread(count: int) -> np.ndarray:
+    """`count` numbers in 0..1 that are far from simple fractions and from each other."""
+    return np.modf((np.arange(count) + 1.0) * _GOLDEN)[0]
+
+
+def _regions(contours: list[np.ndarray], evenodd: list[bool], names: list[int]) -> np.ndarray:
+    """What each contour fills, as shapely (multi)polygons. `names` are for errors."""
+    sizes = [len(contour) for contour in contours]
+    rings: Any = shapely.linearrings(
+        np.concatenate(contours), indices=np.repeat(np.arange(len(contours)), sizes)
+    )
+    regions: Any = shapely.polygons(rings)
+    for index in np.flatnonzero(~shapely.is_valid(regions)).tolist():
+        _refuse_tangle(contours[index], names[index])
+        regions[index] = _faces(contours[index], rings[index], evenodd[index])
+    return regions
+
+
+def _faces(contour: np.ndarray, ring: Any, evenodd: bool) -> Any:
+    """The union of the faces of a self-crossing ring that the fill rule fills."""
+    lines = shapely.node(shapely.set_precision(ring, 0.0))
+    faces = shapely.get_parts(shapely.polygonize([lines]))
+    if len(faces) == 0:
+        return shapely.multipolygons([])
+    inside = shapely.get_coordinates(shapely.point_on_surface(faces))
+    winding = winding_number(contour, inside)
+    return shapely.union_all(faces[winding % 2 != 0 if evenodd else winding != 0])
+
+
+def winding_number(
+    contour: Float[np.ndarray, "n 2"], points: Float[np.ndarray, "p 2"]
+) -> Int[np.ndarray, " p"]:
+    """How often the closed contour goes around each point.
+
+    Counts the edges that cross the ray to the right of it, up minus down.
+
+    **Source:** Sunday, *Inclusion of a point in a polygon* (2001).
+    """
+    total = np.zeros(len(points), np.int64)
+    following = np.roll(contour, -1, axis=0)
+    step = max(1, 2**22 // max(len(points), 1))
+    for place in range(0, len(contour), step):
+        a, b = contour[place : place + step, None], following[place : place + step, None]
+        up = (a[..., 1] <= points[:, 1]) & (b[..., 1] > points[:, 1])
+        down = (a[..., 1] > points[:, 1]) & (b[..., 1] <= points[:, 1])
+        left = (b - a)[..., 0] * (points - a)[..., 1] - (b - a)[..., 1] * (points - a)[..., 0]
+        total += (up & (left > 0)).sum(axis=0) - (down & (left < 0)).sum(axis=0)
+    return total
+
+
+def _refuse_tangle(contour: np.ndarray, name: int) -> None:
+    """Raise for a contour with so many crossings that its faces would fill the memory."""
+    segments: Any = shapely.linestrings(np.stack([contour, np.roll(contour, -1, axis=0)], axis=1))
+    tree = shapely.STRtree(segments)
+    crossings, step = 0, 2000
+    for place in range(0, len(segments), step):
+        found = tree.query(segments[place : place + step], predicate="intersects")
+        crossings += found.shape[1] / 2
+        if crossings > MAX_CROSSINGS + 2 * len(segments):
+            raise PolygonError(name, f"crosses itself more than {MAX_CROSSINGS} times.")

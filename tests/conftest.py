@@ -1,0 +1,63 @@
+"""Strict JAX, seeded hypothesis, float64 on demand, a counter of compilations."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+
+import hypothesis
+import jax
+import jax.monitoring
+import pytest
+
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# The same examples on every machine, and no deadline: a first example compiles.
+hypothesis.settings.register_profile(
+    "softras2d", derandomize=True, deadline=None, database=None, max_examples=25
+)
+hypothesis.settings.load_profile("softras2d")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--update-references",
+        action="store_true",
+        help="write tests/references/*.png from the images of this run, instead of comparing",
+    )
+
+
+@pytest.fixture
+def float64() -> Iterator[None]:
+    """JAX with 64-bit types, for what must be compared tightly."""
+    with jax.enable_x64(True):
+        yield
+
+
+class Compilations:
+    """Names of the functions that XLA compiled while counting."""
+
+    def __init__(self):
+        self.names: list[str] = []
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def listen(self, event: str, duration_secs: float, **details: str | int) -> None:
+        if event == "/jax/core/compile/backend_compile_duration":
+            self.names.append(str(details.get("fun_name", "?")))
+
+
+@pytest.fixture
+def count_compilations() -> Callable[[], contextlib.AbstractContextManager[Compilations]]:
+    """`with count_compilations() as compiled: ...`, then `compiled.names`."""
+
+    @contextlib.contextmanager
+    def count() -> Iterator[Compilations]:
+        compiled = Compilations()
+        jax.monitoring.register_event_duration_secs_listener(compiled.listen)
+        try:
+            yield compiled
+        finally:
+            jax.monitoring.unregister_event_duration_listener(compiled.listen)
+
+    return count

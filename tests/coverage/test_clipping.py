@@ -1,0 +1,118 @@
+"""Triangles that leave the guard band: drawn as the geometry says, save right at their edges."""
+
+import numpy as np
+import pytest
+
+import softras2d as sr
+
+from ..cases import draw_scene
+from ..oracle import Canvas
+
+ON = Canvas(21, 29)
+
+
+def _plan(scene, on=ON, **options) -> sr.Plan:
+    coverage = sr.Hard(samples=on.samples, fill_rule=on.fill_rule)  # pyright: ignore
+    return sr.plan(scene, height=on.height, width=on.width, coverage=coverage, **options)
+
+
+def _alone(corners) -> np.ndarray:
+    """White over black: the share of the samples that one triangle covers, per pixel."""
+    corners = np.array([corners], np.float32)
+    white, black = np.ones((1, 3), np.float32), np.zeros(3, np.float32)
+    scene = sr.Scene.from_soup(corners, white, background=black)
+    return draw_scene(scene, _plan(scene))[..., 0]
+
+
+def _bounds(corners, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest share of samples per pixel if edges err by `tolerance` px, in float64."""
+    (x0, y0), (x1, y1), (x2, y2) = np.array(corners, np.float32).astype(np.longdouble)
+    column = (np.arange(ON.width * ON.rate, dtype=np.longdouble) + 0.5) / ON.rate
+    row = (np.arange(ON.height * ON.rate, dtype=np.longdouble) + 0.5) / ON.rate
+    x, y = np.meshgrid(column, row)
+    distance = np.full(x.shape, np.inf, np.longdouble)
+    turn = np.sign((x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0))
+    for (ax, ay), (bx, by) in (((x0, y0), (x1, y1)), ((x1, y1), (x2, y2)), ((x2, y2), (x0, y0))):
+        length = np.hypot(bx - ax, by - ay)
+        signed = ((bx - ax) / length) * (y - ay) - ((by - ay) / length) * (x - ax)
+        distance = np.minimum(distance, turn * signed)
+    shape = (ON.height, ON.rate, ON.width, ON.rate)
+    least, most = (
+        (distance > limit).reshape(shape).mean(axis=(1, 3)) for limit in (tolerance, -tolerance)
+    )
+    return least, most
+
+
+@pytest.mark.parametrize("size", [50, 1e3, 1e5])
+def test_large_triangles_follow_their_edges(size):
+    rng = np.random.default_rng(int(size))
+    shown = 0
+    for _ in range(40):
+        corners = rng.normal(size=(3, 2)) * size + [14, 10]
+        # One edge passes near the middle, so that it shows.
+        corners[1] = 2 * np.array([14, 10]) - corners[0] + rng.uniform(-5, 5, 2)
+        # A cut cannot know better than the float32 end points: a few units in their last place.
+        tolerance = 2.0**-ON.exponent + 8 * float(np.spacing(np.float32(np.abs(corners).max())))
+        least, most = _bounds(corners, tolerance)
+        image = _alone(corners)
+        assert (image >= least - 1e-6).all()
+        assert (image <= most + 1e-6).all()
+        shown += 0 < image.mean() < 1
+    assert shown > 20
+
+
+@pytest.mark.parametrize("size", [40.0, 1e3, 1e6, 1e12, 1e30, 1e38])
+def test_a_huge_triangle_covers_the_canvas(size):
+    around = np.array([(-1, -1), (3, -1), (-1, 3)]) * size
+    np.testing.assert_array_equal(_alone(around), 1)
+    np.testing.assert_array_equal(_alone(around[::-1]), 1)
+    np.testing.assert_array_equal(_alone(-around), 1)
+
+
+@pytest.mark.parametrize("size", [50.0, 1e4, 1e12, 1e38])
+@pytest.mark.parametrize("side", [(-1, 0), (1, 0), (0, -1), (0, 1), (1, 1), (-1, 1)])
+def test_far_off_covers_nothing(size, side):
+    shape = np.array([(1, 1.2), (1.5, 1.1), (1.2, 1.6)])
+    corners = shape * np.sign(np.array(side) + 0.1) * size
+    corners = np.where(np.array(side) == 0, corners / size * 10, corners)
+    np.testing.assert_array_equal(_alone(corners), 0)
+
+
+def test_axis_aligned_edges_stay_exact():
+    """A half-plane whose edge runs along a column of samples: cutting does not move it."""
+    x = 10.125
+    right_of = [(x, -1e4), (x, 1e4), (1e4, 0)]
+    wanted = np.zeros((ON.height, ON.width))
+    wanted[:, 11:] = 1
+    wanted[:, 10] = 1
+    np.testing.assert_array_equal(_alone(right_of), wanted)
+
+
+def test_neighbours_are_cut_alike():
+    """A fan of huge triangles around a vertex owns each sample once under `top_left`."""
+    on = Canvas(21, 29, 4, "top_left")
+    rng = np.random.default_rng(0)
+    angles = np.sort(rng.uniform(0, 2 * np.pi, 24)) + 0.01
+    for size in (1e2, 1e4, 1e6):
+        rim = (np.stack([np.cos(angles), np.sin(angles)], -1) * size + [14.125, 10.125]).astype(
+            np.float32
+        )
+        centre = np.full_like(rim, [14.125, 10.125])
+        fan = np.stack([centre, rim, np.roll(rim, 1, axis=0)], axis=1)
+        fan[::2] = fan[::2, ::-1]
+        half = np.tile(np.array([1, 1, 1, 0.5], np.float32), (24, 1))
+        scene = sr.Scene.from_soup(fan, half, background=np.zeros(3, np.float32))
+        np.testing.assert_array_equal(draw_scene(scene, _plan(scene, on)), 0.5)
+
+
+def test_corner_colors_of_a_huge_triangle():
+    """Weights are those of the whole triangle, not of what is left after cutting."""
+    corners = np.array([[(-1000, -1000), (3000, -1000), (-1000, 3000)]], np.float32)
+    colors = np.array([[[1, 0, 0], [0, 1, 0], [0, 0, 1]]], np.float32)
+    scene = sr.Scene.from_soup(corners, colors)
+    image = draw_scene(scene, _plan(scene))
+    x = np.arange(29) + 0.5
+    y = np.arange(21)[:, None] + 0.5
+    green, blue = (x + 1000) / 4000 + 0 * y, (y + 1000) / 4000 + 0 * x
+    expected = np.stack([1 - green - blue, green, blue], axis=-1)
+    np.testing.assert_allclose(image, expected, rtol=0, atol=2e-6)

@@ -1,0 +1,41 @@
+"""`softras2d --help` must not wait for JAX: what is imported, in a process of its own."""
+
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = ("jax", "jaxlib", "equinox", "numpy", "OpenImageIO", "matplotlib")
+
+
+def imported(code: str) -> set[str]:
+    """The heavy modules that a fresh Python holds after running `code`."""
+    script = f"""
+import sys
+try:
+    {code}
+except SystemExit as stop:
+    assert not stop.code, stop.code
+print("\\n" + " ".join(name for name in {HEAVY!r} if name in sys.modules))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def test_the_package_alone_is_light():
+    assert imported("import softras2d; softras2d.__version__, dir(softras2d)") == set()
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["--version"], ["render", "--help"], ["info", "-h"], ["demo", "-h"]]
+)
+def test_help_is_light(arguments):
+    code = f"sys.argv[1:] = {arguments!r}; from softras2d.cli import main; main()"
+    assert imported(code) == set()
+
+
+def test_a_name_of_the_package_is_loaded_on_first_use():
+    assert "jax" in imported("import softras2d; softras2d.Hard")

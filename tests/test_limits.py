@@ -1,0 +1,29 @@
+"""What a large canvas may take: memory and time that grow with what is drawn."""
+
+import subprocess
+import sys
+
+import pytest
+
+SCRIPT = """
+import resource
+import numpy as np
+import softras2d as sr
+rng = np.random.default_rng(0)
+corners = rng.uniform(0, 4096, (1000, 1, 2)) + rng.normal(size=(1000, 3, 2)) * 200
+scene = sr.Scene.from_soup(corners.astype(np.float32), rng.random((1000, {shape})))
+plan = sr.plan(scene, height=4096, width=4096, coverage=sr.Hard(samples=16))
+image = np.asarray(sr.render(scene, plan))
+assert image.shape == (4096, 4096, 3)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", ["3", "4", "3, 3"], ids=["flat", "translucent", "interpolated"])
+def test_memory_of_a_large_canvas(shape):
+    """4096 x 4096 at 16 samples, the whole process: under 4 GiB."""
+    script = SCRIPT.format(shape=shape)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) < 4.0

@@ -1,0 +1,224 @@
+"""What a plan promises: programs are shared, `origin` pans, nothing overflows in silence."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softras2d as sr
+
+from .cases import assert_same_counts, colors_of
+from .oracle import Canvas, draw
+
+COUNT = 60
+ON = Canvas(40, 48)
+HARD = sr.Hard(samples=16)
+
+
+def _corners(seed: int, size: float = 8.0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(4, 36, (COUNT, 1, 2)) + rng.uniform(-size / 2, size / 2, (COUNT, 3, 2))
+    return (np.rint(corners * 64) / 64).astype(np.float32)
+
+
+def _scene(seed: int = 0, **options) -> sr.Scene:
+    return sr.Scene.from_soup(_corners(seed), colors_of(COUNT, seed=seed), **options)
+
+
+def _plan(scene, **options) -> sr.Plan:
+    return sr.plan(scene, height=ON.height, width=ON.width, coverage=HARD, **options)
+
+
+def _expected(seed: int, on: Canvas = ON) -> np.ndarray:
+    return draw(_corners(seed), colors_of(COUNT, seed=seed), np.ones(3), on)
+
+
+def test_a_scene_alike_does_not_compile(count_compilations):
+    first = _scene(0)
+    sr.render(first, _plan(first)).block_until_ready()
+    with count_compilations() as compiled:
+        for seed in (1, 2, 3):
+            scene = _scene(seed)
+            plan = _plan(scene)
+            image = sr.render(scene, plan)
+            assert_same_counts(np.asarray(image), _expected(seed), 16)
+    assert compiled.names == []
+
+
+def test_equal_plans_share_a_program(count_compilations):
+    scene = _scene()
+    jitted = jax.jit(sr.render)
+    jitted(scene, _plan(scene)).block_until_ready()
+    with count_compilations() as compiled:
+        jitted(scene, _plan(scene)).block_until_ready()
+    assert compiled.names == []
+    assert jax.tree.structure(_plan(_scene(0))) == jax.tree.structure(_plan(_scene(1)))
+
+
+def test_origin_pans_without_compiling(count_compilations):
+    scene = _scene()
+    sr.render(scene, _plan(scene)).block_until_ready()
+    with count_compilations() as compiled:
+        plan = _plan(scene, origin=(5, -3))
+        image = np.asarray(sr.render(scene, plan))
+    assert compiled.names == []
+    assert_same_counts(image, _expected(0, Canvas(40, 48, origin=(5, -3))), 16)
+
+
+def test_checked_and_plain_share_their_image():
+    scene = _scene()
+    plan = _plan(scene)
+    image, overflow = sr.render_checked(scene, plan)
+    assert not bool(overflow)
+    np.testing.assert_array_equal(sr.render(scene, plan), image)
+
+
+def test_plan_for_a_list_and_for_a_batch():
+    scenes = [_scene(seed) for seed in range(4)]
+    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes)
+    listed, batched = _plan(scenes), _plan(batch)
+    assert jax.tree.structure(listed) == jax.tree.structure(batched)
+    images = jax.vmap(lambda scene: sr.render(scene, listed))(batch)
+    for seed, image in enumerate(np.asarray(images)):
+        assert_same_counts(image, _expected(seed), 16)
+
+
+def _crowded() -> sr.Scene:
+    """As many triangles as `_scene`, each over all of the canvas."""
+    corners = np.tile(np.array([(-20, -20), (70, -20), (-20, 60)], np.float32), (COUNT, 1, 1))
+    return sr.Scene.from_soup(corners, colors_of(COUNT))
+
+
+def test_overflow_is_flagged():
+    plan = _plan(_scene())
+    _, overflow = sr.render_checked(_crowded(), plan)
+    assert np.asarray(overflow).dtype == bool
+    assert bool(overflow)
+    crowded = _crowded()
+    _, fits = sr.render_checked(crowded, _plan([_scene(), crowded]))
+    assert not bool(fits)
+
+
+def test_overflow_stops_eager_render():
+    """One line that names the count, or a new plan and the right image; never a hole."""
+    crowded = _crowded()
+    try:
+        image = np.asarray(sr.render(crowded, _plan(_scene())))
+    except ValueError as error:
+        message = str(error)
+        assert "\n" not in message
+        assert any(character.isdigit() for character in message)
+        assert "plan" in message
+    else:
+        expected = np.asarray(sr.render(crowded, _plan(crowded)))
+        np.testing.assert_array_equal(image, expected)
+
+
+def test_overflow_stops_a_traced_render():
+    plan = _plan(_scene())
+    with pytest.raises(Exception, match="plan"):
+        jax.jit(sr.render)(_crowded(), plan).block_until_ready()
+
+
+def test_overflow_is_per_scene_in_a_batch():
+    scenes = [_scene(0), _crowded(), _scene(1)]
+    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes)
+    plan = _plan([scenes[0], scenes[2]])
+    images, overflow = jax.vmap(lambda scene: sr.render_checked(scene, plan))(batch)
+    np.testing.assert_array_equal(overflow, [False, True, False])
+    assert_same_counts(np.asarray(images[0]), _expected(0), 16)
+    assert_same_counts(np.asarray(images[2]), _expected(1), 16)
+
+
+def test_print_tells_what_was_planned():
+    text = str(_plan(_scene())).lower()
+    for word in ("40", "48", "16", "tile", "capacit", "memory", "inclusive"):
+        assert word in text, f"{word!r} is not in:\n{text}"
+
+
+def test_print_tells_effects():
+    flat = str(_plan(_scene()))
+    colors = colors_of(COUNT, channels=4, corners=3)
+    rich = sr.Scene.from_soup(_corners(0), colors, background=[0.0, 0.0, 0.0, 0.0])
+    assert str(_plan(rich)).lower() != flat.lower()
+
+
+def test_same_plan_for_windows_of_a_large_picture():
+    """Tiles of a large image by `origin`: together they are the image."""
+    on = Canvas(80, 96)
+    corners, colors = _corners(0) * 2, colors_of(COUNT)
+    scene = sr.Scene.from_soup(corners, colors)
+    plan = sr.plan(scene, height=80, width=96, coverage=HARD)
+    whole = np.asarray(sr.render(scene, plan))
+    assert_same_counts(whole, draw(corners, colors, np.ones(3), on), 16)
+    for y in (0, 40):
+        for x in (0, 48):
+            part = sr.render(scene, _plan(scene, origin=(x, y)))
+            # Corners are multiples of 1/32, on the grid of both canvases.
+            np.testing.assert_array_equal(part, whole[y : y + 40, x : x + 48])
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize("value", [NAN, float("inf"), -float("inf")])
+def test_not_finite_is_refused_by_name(value):
+    corners = _corners(0)
+    corners[7, 1, 0] = value
+    with pytest.raises(ValueError, match="vertex") as raised:
+        sr.Scene.from_soup(corners, colors_of(COUNT))
+    assert "22" in str(raised.value)
+    broken = eqx.tree_at(lambda s: s.positions, _scene(), jnp.asarray(corners.reshape(-1, 2)))
+    with pytest.raises(ValueError, match="vertex") as raised:
+        _plan(broken)
+    assert "22" in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("value", [NAN, float("inf"), -float("inf")])
+def test_not_finite_covers_nothing_under_another_plan(value):
+    """`render` never looks: the triangle is left out, the others are as they were."""
+    scene = _scene()
+    plan = _plan(scene)
+    positions = scene.positions.at[22, 1].set(value).at[100, 0].set(value)
+    broken = eqx.tree_at(lambda s: s.positions, scene, positions)
+    keep = np.ones(COUNT, bool)
+    keep[[22 // 3, 100 // 3]] = False
+    expected = draw(_corners(0)[keep], colors_of(COUNT)[keep], np.ones(3), ON)
+    image, overflow = sr.render_checked(broken, plan)
+    assert not bool(overflow)
+    assert_same_counts(np.asarray(image), expected, 16)
+
+
+@pytest.mark.parametrize("height, width", [(0, 5), (5, 0), (-1, 5)])
+def test_sizes_must_be_positive(height, width):
+    with pytest.raises(ValueError, match=r"height|width"):
+        sr.plan(_scene(), height=height, width=width, coverage=HARD)
+
+
+def test_no_scene_is_refused():
+    with pytest.raises(ValueError, match="scene"):
+        _plan([])
+
+
+def test_alpha_out_of_range_is_refused():
+    colors = np.full((COUNT, 4), 1.5, np.float32)
+    with pytest.raises(ValueError, match="alpha"):
+        sr.Scene.from_soup(_corners(0), colors)
+    good = sr.Scene.from_soup(_corners(0), np.clip(colors, 0, 1))
+    with pytest.raises(ValueError, match="alpha"):
+        _plan(eqx.tree_at(lambda s: s.colors, good, jnp.asarray(colors[:, None])))
+
+
+def test_scenes_of_another_structure_are_refused():
+    """A plan for opaque scenes says so when it is given a translucent one."""
+    scene = _scene()
+    translucent = sr.Scene.from_soup(_corners(0), colors_of(COUNT, channels=4))
+    expected = draw(_corners(0), colors_of(COUNT, channels=4), np.ones(3), ON)
+    try:
+        image = np.asarray(sr.render(translucent, _plan(scene)))
+    except ValueError as error:
+        assert "\n" not in str(error)
+    else:
+        np.testing.assert_allclose(image, expected, rtol=0, atol=2e-6)
