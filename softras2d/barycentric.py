@@ -62,8 +62,10 @@ def unwrap(wrapped: Int[Array, "*shape"], estimate: Array, dtype: Any) -> Array:
 
 def twice_area(edges: Edges, dtype: Any) -> Float[Array, " triangles"]:
     """Twice the area of each triangle, in units of the edge value."""
-    whole = unwrap(jnp.sum(edges.start, 0), jnp.sum(edges.estimate, 0), dtype)
-    return whole + jnp.sum(edges.fraction, 0).astype(dtype)
+    start, estimate, fraction = (
+        first + second + third for first, second, third in list(zip(*edges, strict=True))[2:]
+    )
+    return unwrap(start, estimate, dtype) + fraction.astype(dtype)
 
 
 def slot_weights(
@@ -78,7 +80,7 @@ def slot_weights(
     column, row = tiling.first_sample(tile)
     entries: list[list[Array]] = []
     for edge in (2, 0):
-        right, down, start, estimate, fraction = (e[edge][triangle] for e in edges)
+        right, down, start, estimate, fraction = edges[edge].of(triangle)
         steps = right.astype(jnp.float32) * column.astype(jnp.float32)
         steps = steps + down.astype(jnp.float32) * row.astype(jnp.float32)
         value = start + right * column + down * row

@@ -87,8 +87,8 @@ class Segments(NamedTuple):
     constant: Any
 
 
-class Edges(NamedTuple):
-    """Edge functions of all triangles, `[3, triangles]`; edge 0 runs from corner 0 to corner 1.
+class Edge(NamedTuple):
+    """One edge function of each triangle, `[triangles]`.
 
     - `right`, `down`: steps from a sample to the next, in units of the edge value.
     - `start`, `estimate`: the value at sample (0, 0), modulo 2^32 and as float32.
@@ -101,6 +101,26 @@ class Edges(NamedTuple):
     estimate: Any
     fraction: Any
 
+    def of(self, triangle: Any) -> "Edge":
+        """The entries of some triangles."""
+        return Edge(*(entry[triangle] for entry in self))
+
+    def at(self, column: Any, row: Any) -> Any:
+        """The edge value at a sample, exact within +-2^30 and held there beyond."""
+        xp = self.right.__array_namespace__()
+        f32 = xp.float32
+        wrapped = self.start + self.right * column + self.down * row
+        steps = self.right.astype(f32) * column.astype(f32) + self.down.astype(f32) * row.astype(
+            f32
+        )
+        estimate = self.estimate + steps
+        held = xp.where(estimate > 0, FAR, -FAR).astype(xp.int32)
+        return xp.where(xp.abs(estimate) < float(FAR), wrapped, held)
+
+
+Edges = tuple[Edge, Edge, Edge]
+"""Edge 0 runs from corner 0 to corner 1, edge 1 to corner 2, edge 2 back."""
+
 
 class Bounds(NamedTuple):
     """Sample columns `left..right` and rows `top..bottom`, inclusive, on the canvas; `[triangles]`.
@@ -112,6 +132,10 @@ class Bounds(NamedTuple):
     right: Any
     top: Any
     bottom: Any
+
+    def of(self, triangle: Any) -> "Bounds":
+        """The bounds of some triangles."""
+        return Bounds(*(entry[triangle] for entry in self))
 
 
 def sign_of_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
@@ -209,23 +233,10 @@ def edge_functions(segments: Segments, grid: Grid, fill_rule: str) -> Edges:
     dx, dy = (xp.where(fixed, 0, step) for step in (dx, dy))
     start = xp.where(fixed, constant, start)
     estimate = xp.where(fixed, constant.astype(f32), estimate)
-    return Edges(-dy, dx, start, estimate, fraction)
-
-
-def edge_value(right: Any, down: Any, start: Any, estimate: Any, column: Any, row: Any) -> Any:
-    """The edge value at a sample, exact within +-2^30 and held there beyond.
-
-    The first four are entries of `Edges`, broadcast against `column` and `row`.
-    """
-    xp = right.__array_namespace__()
-    f32 = xp.float32
-    wrapped = start + right * column + down * row
-    estimate = estimate + (
-        right.astype(f32) * column.astype(f32) + down.astype(f32) * row.astype(f32)
+    first, second, third = (
+        Edge(-dy[k], dx[k], start[k], estimate[k], fraction[k]) for k in range(3)
     )
-    return xp.where(
-        xp.abs(estimate) < float(FAR), wrapped, xp.where(estimate > 0, FAR, -FAR).astype(xp.int32)
-    )
+    return first, second, third
 
 
 def bounds(segments: Segments, grid: Grid) -> Bounds:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from .fixed_point import Edges, Grid, bounds, edge_functions, snap, within_guard
+from .fixed_point import Grid, bounds, edge_functions, snap, within_guard
 from .guard_band import clip
 from .lists import BLOCK, LAYERS
 from .options import Area, Filter, Hard, Soft
@@ -188,9 +188,8 @@ def _needs(scene: Scene, grid: Grid, fill_rule: str, origin: np.ndarray) -> Capa
     row = rank // span.columns[owner]
     column = span.column[owner] + rank - row * span.columns[owner]
     row = row + span.row[owner]
-    some, all_ = touch(
-        Edges(*(e[:, owner] for e in edges)), column.astype(np.int32), row.astype(np.int32), tiling
-    )
+    own = (edges[0].of(owner), edges[1].of(owner), edges[2].of(owner))
+    some, all_ = touch(own, column.astype(np.int32), row.astype(np.int32), tiling)
     tile = row * tiling.columns + column
     alpha = np.asarray(scene.colors)[..., 3:]
     hides = ((alpha >= 1).all((1, 2)) & (segments.orientation != 0))[owner]

@@ -141,7 +141,8 @@ def _paint(projected: Projected, chunks: Chunks, background: Array, plan: Plan) 
     """Opaque triangles: count each pixel's visible samples of each, and sum the colours."""
     edges, boxes, colors = projected[:3]
     tiling = plan.tiling
-    rows = covered_rows(edges, boxes, chunks, tiling)
+    tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
+    rows = covered_rows(edges, boxes, chunks.triangle, tile, chunks.filled, tiling)
     visible, covered = hide(rows, chunks, depth=plan.capacity.depth)
     if background.shape[0] == 4:
         colors = jnp.concatenate([colors, jnp.ones_like(colors[..., :1])], -1)
@@ -151,13 +152,14 @@ def _paint(projected: Projected, chunks: Chunks, background: Array, plan: Plan) 
     if interpolated:
 
         @one_pass
-        def weigh(edges, chunks, planes):
-            tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
+        def weigh(edges, triangle, tile, planes):
             area = twice_area(edges, colors.dtype)
-            return slot_weights(edges, area, chunks.triangle, tile, tiling, planes)
+            return slot_weights(edges, area, triangle, tile, tiling, planes)
 
         own = gather(colors, chunks.triangle)
-        parts = opaque.sum_interpolated(sums, weigh(edges, chunks, projected.planes), own, tiling)
+        parts = opaque.sum_interpolated(
+            sums, weigh(edges, chunks.triangle, tile, projected.planes), own, tiling
+        )
     else:
         parts = opaque.sum_flat(sums, gather(colors[:, 0], chunks.triangle), tiling)
     totals = opaque.sum_chunks(parts, chunks, depth=plan.capacity.depth)

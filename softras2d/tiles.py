@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from .fixed_point import Bounds, Edges, Grid, edge_value
+from .fixed_point import Bounds, Edges, Grid
 from .staging import one_pass
 
 _PIXELS = {1: (8, 32), 2: (8, 16), 3: (8, 10), 4: (8, 8), 8: (4, 4), 16: (2, 2)}
@@ -77,12 +77,13 @@ class Spans(NamedTuple):
 class TileLists(NamedTuple):
     """Triangles of every tile, nearest first, one tile after the other.
 
-    - `triangle`: which; places beyond the sum of `count` mean nothing.
+    - `triangle`, `tile`: which, and where; a place beyond the sum of `count` means nothing.
     - `start`, `count`: per tile, its first place and how many.
     - `needed`: pairs before any were dropped; beyond the capacity, triangles are missing.
     """
 
     triangle: Int[Array, " pairs"]
+    tile: Int[Array, " pairs"]
     start: Int[Array, " tiles"]
     count: Int[Array, " tiles"]
     needed: Int[Array, ""]
@@ -102,21 +103,19 @@ def spans(bounds: Bounds, tiling: Tiling) -> Spans:
 def touch(edges: Edges, column: Any, row: Any, tiling: Tiling) -> tuple[Any, Any]:
     """Whether each pair's triangle may own samples of its tile, and whether it owns them all.
 
-    `edges` are those of the pairs, `[3, pairs]`; `column, row` of their tiles. The first is
+    `edges` are those of the pairs' triangles; `column, row` of their tiles. The first is
     conservative: every edge lets some sample in. For numpy and jax alike.
     """
     xp = column.__array_namespace__()
-    last_column, last_row = tiling.sample_columns - 1, tiling.sample_rows - 1
-    some, all_ = column >= 0, column >= 0
-    for right, down, start, estimate, _ in zip(*edges, strict=True):
-        value = edge_value(
-            right, down, start, estimate, column * (last_column + 1), row * (last_row + 1)
-        )
+    across, down = tiling.sample_columns, tiling.sample_rows
+    some, every = column >= 0, column >= 0
+    for edge in edges:
+        value = edge.at(column * across, row * down)
+        right, below = (across - 1) * edge.right, (down - 1) * edge.down
         zero = xp.zeros_like(right)
-        most = value + last_column * xp.maximum(right, zero) + last_row * xp.maximum(down, zero)
-        least = value + last_column * xp.minimum(right, zero) + last_row * xp.minimum(down, zero)
-        some, all_ = some & (most >= 0), all_ & (least >= 0)
-    return some, all_
+        some = some & (value + xp.maximum(right, zero) + xp.maximum(below, zero) >= 0)
+        every = every & (value + xp.minimum(right, zero) + xp.minimum(below, zero) >= 0)
+    return some, every
 
 
 def expand(
@@ -148,8 +147,9 @@ def list_tiles(
 
     @one_pass
     def gather(edges, span, hides, owner):
+        first, second, third = (edge.of(owner) for edge in edges)
         of_pair = Spans(span.column[owner], span.row[owner], span.columns[owner], owner)
-        return Edges(*(e[:, owner] for e in edges)), of_pair, hides[owner]
+        return (first, second, third), of_pair, hides[owner]
 
     @one_pass
     def place(span, rank):
@@ -183,10 +183,18 @@ def list_tiles(
     tile, hidden = classify(pair_edges, column, row, pair_hides, needed)
     tile = drop_hidden(tile, hidden, owner)
     start, count = count_listed(tile)
-    nearest_first = triangles - 1 - owner
-    if (tiling.count + 1) * triangles <= 2**31:
-        # One key sorts several times faster than a key and a value.
-        order = jax.lax.sort(tile * triangles + nearest_first) % triangles
-    else:
-        _, order = jax.lax.sort((tile, nearest_first), num_keys=2)
-    return TileLists(triangles - 1 - order, start, count, needed)
+    tile, order = _sort(tile, triangles - 1 - owner, tiling.count, triangles)
+    return TileLists(triangles - 1 - order, tile, start, count, needed)
+
+
+def _sort(tile: Array, order: Array, tiles: int, triangles: int) -> tuple[Array, Array]:
+    """Sort by tile, then by order; one key sorts several times faster than a key and a value."""
+    if (tiles + 1) * triangles > 2**31:
+        tile, order = jax.lax.sort((tile, order), num_keys=2)
+        return tile, order
+
+    @one_pass
+    def split(key):
+        return key // triangles, key % triangles
+
+    return split(jax.lax.sort(tile * triangles + order))

@@ -5,6 +5,9 @@ real scenes are at the end.
 """
 
 import os
+import signal
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,12 +16,19 @@ import jax
 import numpy as np
 import pytest
 import typer
+from jax.experimental.compilation_cache.compilation_cache import reset_cache
 from typer.testing import CliRunner
 
-from softras2d import __version__
-from softras2d.cli import app, compilation_cache, options, view
+import softras2d as sr
+from softras2d import scenes
+from softras2d.cli import app, compilation_cache, demo, options, view
 from softras2d.contact_sheet import Strip, contact_sheet
 from softras2d.io.images import read_image
+
+COMMAND = [sys.executable, "-m", "softras2d"]
+
+EDGE = """<svg xmlns="http://www.w3.org/2000/svg" width="4" height="1">
+<rect width="1.5" height="1"/></svg>"""
 
 
 @pytest.fixture(autouse=True)
@@ -37,6 +47,8 @@ def own_cache(monkeypatch, tmp_path):
     yield
     for name, value in before.items():
         jax.config.update(name, value)
+    # JAX looks at its settings once; later tests must not find this cache.
+    reset_cache()
 
 
 @pytest.fixture
@@ -69,7 +81,7 @@ def run(*arguments):
 
 def test_version():
     result = run("--version")
-    assert result.exit_code == 0 and result.stdout == f"softras2d {__version__}\n"
+    assert result.exit_code == 0 and result.stdout == f"softras2d {sr.__version__}\n"
 
 
 @pytest.mark.parametrize("command", [(), ("render",), ("info",), ("demo",)])
@@ -82,7 +94,7 @@ def test_help_has_an_example(command):
 def test_one_scene_into_a_file(stand_in, tmp_path):
     result = run("render", "a.svg", "-o", tmp_path / "a.png")
     assert result.exit_code == 0 and result.stderr == ""
-    assert "40 x 30 pixels, 16 samples each, 7 triangles" in result.stdout
+    assert "40 x 30 pixels at 16 samples a pixel, 7 triangles" in result.stdout
     assert read_image(tmp_path / "a.png").shape == (30, 40, 3)
 
 
@@ -208,6 +220,104 @@ def test_sizes():
 def test_colours():
     assert options.parse_color("transparent") == (0, 0, 0, 0)
     assert options.parse_color("rgba(255, 0, 0, 0.5)") == (1, 0, 0, 0.5)
+
+
+class TestOnRealScenes:
+    def test_a_picture_is_what_the_package_draws(self, tmp_path):
+        scene_file, target = scenes.path("squares"), tmp_path / "squares.png"
+        asked = ("--samples", 4, "--size", "40x30", "--truncate", "--origin", "3,-2")
+        result = run("render", scene_file, "-o", target, *asked)
+        assert result.exit_code == 0 and result.stderr == ""
+        scene = sr.read_svg(scene_file, height=30, width=40)
+        plan = sr.plan(scene, height=30, width=40, coverage=sr.Hard(samples=4), origin=(3, -2))
+        image = np.asarray(sr.render(scene, plan))
+        np.testing.assert_array_equal(read_image(target), np.floor(image * 255) / np.float32(255))
+
+    def test_a_background_and_linear_light(self, tmp_path):
+        (tmp_path / "a.svg").write_text(EDGE)
+        result = run(
+            "render", tmp_path / "a.svg", "-o", tmp_path / "a.png", "--linear", "--samples", 4,
+            "--background", "white",
+        )  # fmt: skip
+        assert result.exit_code == 0, result.stderr
+        row = read_image(tmp_path / "a.png")[0, :, 0] * 255
+        # Half black, half white is half of the light, 187.5 in sRGB, not 127.5.
+        np.testing.assert_array_equal(row, [0, 188, 255, 255])
+
+    def test_a_transparent_background_gives_alpha(self, tmp_path):
+        (tmp_path / "a.svg").write_text(EDGE)
+        asked = ("--samples", 4, "--background", "transparent")
+        result = run("render", tmp_path / "a.svg", "-o", tmp_path / "a.png", *asked)
+        assert result.exit_code == 0, result.stderr
+        row = read_image(tmp_path / "a.png")[0]
+        np.testing.assert_array_equal(row[:, 3] * 255, [255, 128, 0, 0])
+        assert row[:, :3].max() == 0
+
+    def test_info_says_what_the_plan_says(self):
+        result = run("info", scenes.path("joints"), "--samples", 4, "--size", 64)
+        assert result.exit_code == 0, result.stderr
+        scene = sr.read_svg(scenes.path("joints"), height=64, width=64)
+        plan = sr.plan(scene, height=64, width=64, coverage=sr.Hard(samples=4))
+        assert str(plan) in result.stdout
+        assert "flat, opaque" in result.stdout and "300 x 300" in result.stdout
+
+    def test_demo_draws_every_scene_as_alone(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(scenes, "names", lambda: ("joints", "squares"))
+        monkeypatch.setattr(demo, "_RATES", (4,))
+        result = run("demo", tmp_path / "out")
+        assert result.exit_code == 0, result.stderr
+        assert f"2 pictures in {tmp_path / 'out'}" in result.stdout
+        names = {"joints-4.png", "squares-4.png", "contact_sheet.png"}
+        assert {path.name for path in (tmp_path / "out").iterdir()} == names
+        # Lengthened to the triangles of the other, and under the plan of both.
+        scene = scenes.read("joints")
+        plan = sr.plan(scene, height=300, width=300, coverage=sr.Hard(samples=4))
+        image = np.floor(np.asarray(sr.render(scene, plan)) * 255 + 0.5) / np.float32(255)
+        np.testing.assert_array_equal(read_image(tmp_path / "out" / "joints-4.png"), image)
+
+    @pytest.mark.slow
+    def test_the_second_demo_compiles_nothing(self, tmp_path):
+        kept = []
+        for folder in ("first", "second"):
+            done = subprocess.run([*COMMAND, "demo", str(tmp_path / folder)], check=True)
+            assert done.returncode == 0
+            kept.append(sorted(compilation_cache.cache_folder().iterdir()))
+        assert kept[0] == kept[1] and len(kept[0]) > 0
+
+    @pytest.mark.slow
+    def test_processes_share_a_cache_and_survive_a_broken_one(self, tmp_path):
+        command = [*COMMAND, "render", str(scenes.path("squares")), "--size", "32", "-s", "1", "-o"]
+        running = [
+            subprocess.Popen([*command, str(tmp_path / f"{i}.png")], stderr=subprocess.PIPE)
+            for i in range(3)
+        ]
+        assert [process.communicate()[1] for process in running] == [b""] * 3
+        for entry in compilation_cache.cache_folder().iterdir():
+            os.truncate(entry, entry.stat().st_size // 2)
+        done = subprocess.run([*command, str(tmp_path / "3.png")], capture_output=True, check=True)
+        assert done.stderr == b""
+        assert len({(tmp_path / f"{i}.png").read_bytes() for i in range(4)}) == 1
+
+
+class TestAsAProcess:
+    def test_an_error_is_one_line_and_exit_code_one(self, tmp_path):
+        command = [*COMMAND, "render", "none.svg", "-o", str(tmp_path / "a.png")]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 1 and done.stdout == ""
+        assert done.stderr.startswith("error: none.svg: ") and done.stderr.count("\n") == 1
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="needs named pipes and SIGINT")
+    def test_ctrl_c_is_one_line_and_130(self, tmp_path):
+        pipe = tmp_path / "endless.svg"
+        os.mkfifo(pipe)
+        command = [*COMMAND, "render", str(pipe), "-o", str(tmp_path / "a.png")]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        # Opening returns when the command has opened the other end; it then waits for text.
+        with pipe.open("wb"):
+            process.send_signal(signal.SIGINT)
+            output, errors = process.communicate(timeout=60)
+        assert (process.returncode, output, errors) == (130, b"", b"interrupted\n")
+        assert not (tmp_path / "a.png").exists()
 
 
 class TestContactSheet:

@@ -33,15 +33,13 @@ def interleave(
     A contestant returns when its work is done (block on asynchronous results). Each is warmed up
     by one call before all rounds, and before each timed call by an untimed one, since the
     contestant before it has filled the caches. Contestants that take more than their share of
-    `budget_s` get fewer rounds (three at least) and no untimed call.
+    `budget_s` get fewer rounds, five at least if a call takes under half a second and three above,
+    and no untimed call.
     """
     names = list(contestants)
     warm_s = {name: _warm_up(contestants[name]) for name in names}
     share_s = budget_s / max(1, len(names))
-    wanted = {
-        name: int(np.clip(share_s / (2 * max(warm_s[name], 1e-6)), 3, max(3, rounds)))
-        for name in names
-    }
+    wanted = {name: _rounds(warm_s[name], share_s, rounds) for name in names}
     samples: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
     for turn in range(max(wanted.values(), default=0)):
         first = turn % len(names)
@@ -50,6 +48,11 @@ def interleave(
                 again = warm_s[name] * 6 < share_s
                 samples[name].append(_timed(contestants[name], warm=again))
     return {name: _summary(samples[name]) for name in names}
+
+
+def _rounds(call_s: float, share_s: float, most: int) -> int:
+    fewest = 5 if call_s < 0.5 else 3
+    return min(most, max(fewest, int(share_s / (2 * call_s + 1e-9))))
 
 
 def _warm_up(call: Callable[[], object]) -> float:

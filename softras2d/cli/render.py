@@ -119,7 +119,7 @@ def _render(scene: Path, target: Path, view: View, truncate: bool) -> str:
     seconds = time.perf_counter() - started
     write_image(target, image, linear=view.linear, truncate=truncate)
     return (
-        f"{target}: {width} x {height} pixels, {view.samples} samples each, "
+        f"{target}: {width} x {height} pixels at {view.samples} samples a pixel, "
         f"{held.triangles.shape[0]} triangles, {1e3 * seconds:.0f} ms"
     )
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, UInt32
 
 from ..barycentric import slot_weights, twice_area, weight_sums
-from ..coverage.hard import draw_rows, place_rows
+from ..coverage.hard import covered_rows
 from ..fixed_point import Bounds, Edges
 from ..guard_band import Planes
 from ..lists import Steps
@@ -41,6 +41,11 @@ def _sample_places(tiling: Tiling) -> tuple[Array, Array]:
     return column * rate + sub_column, row * rate + sub_row
 
 
+def _spread(entry: Array) -> Array:
+    """One value a tile of a block, beside `sample_bits`."""
+    return entry.reshape(1, 1, -1, 1, 1)
+
+
 def composite(
     edges: Edges,
     bounds: Bounds,
@@ -57,36 +62,45 @@ def composite(
     blocks, block = steps.tile.shape
     pixels = (block, tiling.height, tiling.width)
 
-    @one_pass
-    def draw(edges, bounds, triangle, tile, filled):
-        return draw_rows(place_rows(edges, bounds, triangle, tile, filled, tiling), tiling)
+    everywhere = jnp.ones(lists.triangle.shape, bool)
+    rows_of_pairs = covered_rows(edges, bounds, lists.triangle, lists.tile, everywhere, tiling)
 
     @one_pass
-    def layer_colors(edges, area, planes, colors, triangle, tile):
-        """Colour of a block's triangles: at each of their samples, or one each if flat."""
-        own = colors[triangle]
-        spread = lambda entry: entry.reshape(1, 1, -1, 1, 1)
-        if own.shape[1] == 1:
-            return [spread(own[:, 0, channel]) for channel in range(4)]
-        weights = slot_weights(edges, area, triangle, tile, tiling, planes).at(spread)
+    def pick(rows, start, count, place, live):
+        """Rows of the block's triangles at this place of their lists; none past the end."""
+        rows = rows.at[start + place].get(mode="clip")
+        return jnp.where(((place < count) & live)[:, None], rows, jnp.uint32(0))
+
+    @one_pass
+    def weigh(edges, area, planes, triangle, tile):
+        """Weights of corners 1 and 2 at each sample of a block's triangles."""
+        weights = slot_weights(edges, area, triangle, tile, tiling, planes).at(_spread)
         across, down = _sample_places(tiling)
-        corners = weight_sums(weights, jnp.ones_like(across), across, down)
-        return [
-            sum(w * spread(own[:, corner, channel]) for corner, w in enumerate(corners))
-            for channel in range(4)
-        ]
+        return weight_sums(weights, jnp.ones_like(across), across, down)[1:]
 
     @one_pass
-    def blend(through, sums, bits, layer):
-        *color, alpha = layer
-        part = through * alpha * bits
-        return (
-            jnp.stack([*(jnp.sum(part * c, (0, 1)) for c in color), jnp.sum(part, (0, 1))]) + sums
-        )
+    def interpolate(weights, values):
+        """From `[block, 3]` values at the corners, those at each sample."""
+        origin, second, third = (_spread(values[:, k]) for k in range(3))
+        return origin + weights[0] * (second - origin) + weights[1] * (third - origin)
 
     @one_pass
-    def pass_on(through, bits, layer):
-        return through * (1.0 - layer[3] * bits)
+    def blend_flat(through, rows, own):
+        seen = through * sample_bits(rows, tiling).astype(dtype)
+        return jnp.sum(seen, (0, 1))[None] * own.T[:, :, None, None]
+
+    @one_pass
+    def blend(through, rows, alpha, weights, own):
+        """Colour is linear in the weights, so three sums serve all channels."""
+        part = through * alpha * sample_bits(rows, tiling).astype(dtype)
+        second, third = (jnp.sum(part * w, (0, 1))[None] for w in weights)
+        first = jnp.sum(part, (0, 1))[None] - second - third
+        corners = own.transpose(1, 2, 0)[..., None, None]
+        return first * corners[0] + second * corners[1] + third * corners[2]
+
+    @one_pass
+    def pass_on(through, rows, alpha):
+        return through * (1.0 - alpha * sample_bits(rows, tiling).astype(dtype))
 
     def visit(state: tuple[Array, Array, Array], step: tuple[Array, Array, Array]) -> Any:
         image, through, sums = state
@@ -94,13 +108,20 @@ def composite(
         through = jnp.where(place == 0, 1.0, through)
         sums = jnp.where(place == 0, 0.0, sums)
         tile = steps.tile[which]
-        filled = (place < steps.count[which]) & (index < steps.needed)
-        triangle = lists.triangle.at[steps.start[which] + place].get(mode="clip")
-        triangle = jnp.where(filled, triangle, 0)
-        bits = sample_bits(draw(edges, bounds, triangle, tile, filled), tiling).astype(dtype)
-        layer = layer_colors(edges, area, planes, colors, triangle, tile)
-        sums = blend(through, sums, bits, layer)
-        return (image.at[which].set(sums), pass_on(through, bits, layer), sums), None
+        start, count = steps.start[which], steps.count[which]
+        rows = pick(rows_of_pairs, start, count, place, index < steps.needed)
+        triangle = lists.triangle.at[start + place].get(mode="clip")
+        # What is added up in the place of alpha is how much of the pixel is covered.
+        own = colors[triangle]
+        counted = own.at[..., 3].set(1.0)
+        if own.shape[1] == 1:
+            alpha = _spread(own[:, 0, 3])
+            sums = sums + blend_flat(through, rows, counted[:, 0] * own[:, 0, 3:])
+        else:
+            weights = weigh(edges, area, planes, triangle, tile)
+            alpha = interpolate(weights, own[..., 3])
+            sums = sums + blend(through, rows, alpha, weights, counted)
+        return (image.at[which].set(sums), pass_on(through, rows, alpha), sums), None
 
     initial = (
         jnp.zeros((blocks, 4, *pixels), dtype),

@@ -8,12 +8,12 @@ Rows of a tile are kept sub-row by sub-row: the first row of every pixel row, th
 Rows of one pixel are then a fixed stride apart, and sums over them add whole vectors.
 """
 
-from typing import NamedTuple
+import functools
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, UInt32
 
-from ..fixed_point import Bounds, Edges, edge_value
+from ..fixed_point import Bounds, Edges
 from ..lists import Chunks
 from ..staging import one_pass
 from ..tiles import Tiling
@@ -55,63 +55,39 @@ def row_order(tiling: Tiling) -> Array:
     return (place % tiling.height) * tiling.grid.rate + place // tiling.height
 
 
-class Rows(NamedTuple):
-    """What the rows of a triangle in a tile need; axes `[..., slots]`, edges `[3, slots]`.
-
-    - `right`, `down`, `value`: steps of the edge values, and the values at the tile's first sample.
-    - `across`: the columns of the bounding box, as bits; `top`, `bottom`: its rows.
-    """
-
-    right: Array
-    down: Array
-    value: Array
-    across: Array
-    top: Array
-    bottom: Array
-
-
-def place_rows(
+def covered_rows(
     edges: Edges,
     bounds: Bounds,
     triangle: Int[Array, "*slots"],
     tile: Int[Array, "*slots"],
     filled: Bool[Array, "*slots"],
     tiling: Tiling,
-) -> Rows:
-    """Gather the terms of each slot's triangle at its tile."""
-    column, row = tiling.first_sample(tile)
-    right, down, start, estimate = (e[:, triangle] for e in edges[:4])
-    value = edge_value(right, down, start, estimate, column[None], row[None])
-    bounds = Bounds(*(b[triangle] for b in bounds))
-    across = ones_from(jnp.clip(bounds.left - column, 0, 32)) & ~ones_from(
-        jnp.clip(bounds.right - column + 1, 0, 32)
-    )
-    across = jnp.where(filled, across, jnp.uint32(0))
-    return Rows(right, down, value, across, bounds.top - row, bounds.bottom - row)
-
-
-def draw_rows(rows: Rows, tiling: Tiling) -> UInt32[Array, "*slots rows"]:
-    """The samples of each slot's triangle in its tile, one word a row."""
-    j = row_order(tiling).reshape((1,) * rows.across.ndim + (-1,))
-    boxed = (j >= rows.top[..., None]) & (j <= rows.bottom[..., None])
-    word = jnp.where(boxed, rows.across[..., None], jnp.uint32(0))
-    for edge in range(3):
-        values = rows.value[edge, ..., None] + j * rows.down[edge, ..., None]
-        word = word & edge_row(values, rows.right[edge, ..., None])
-    return word
-
-
-def covered_rows(
-    edges: Edges, bounds: Bounds, chunks: Chunks, tiling: Tiling
-) -> UInt32[Array, "chunks layers rows"]:
-    """Samples of its tile that each slot's triangle covers, whatever lies in front."""
+) -> UInt32[Array, "*slots rows"]:
+    """Samples of each slot's tile that its triangle covers, whatever lies in front."""
 
     @one_pass
-    def place(edges, bounds, chunks):
-        tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
-        return place_rows(edges, bounds, chunks.triangle, tile, chunks.filled, tiling)
+    def place(edges, bounds, triangle, tile, filled):
+        """What the rows of a slot need: its edges at the tile's first sample, and its box."""
+        column, row = tiling.first_sample(tile)
+        own = [edge.of(triangle) for edge in edges]
+        lines = [(edge.at(column, row), edge.right, edge.down) for edge in own]
+        box = bounds.of(triangle)
+        across = ones_from(jnp.clip(box.left - column, 0, 32)) & ~ones_from(
+            jnp.clip(box.right - column + 1, 0, 32)
+        )
+        across = jnp.where(filled, across, jnp.uint32(0))
+        return lines, across, box.top - row, box.bottom - row
 
-    return one_pass(lambda rows: draw_rows(rows, tiling))(place(edges, bounds, chunks))
+    @one_pass
+    def draw(lines, across, top, bottom):
+        j = row_order(tiling).reshape((1,) * across.ndim + (-1,))
+        boxed = (j >= top[..., None]) & (j <= bottom[..., None])
+        word = jnp.where(boxed, across[..., None], jnp.uint32(0))
+        for value, right, down in lines:
+            word = word & edge_row(value[..., None] + j * down[..., None], right[..., None])
+        return word
+
+    return draw(*place(edges, bounds, triangle, tile, filled))
 
 
 def hide(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, depth: int):
@@ -132,13 +108,7 @@ def hide(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, depth: in
     covered = union(rows)
     reach = 1
     while reach < depth:
-
-        @one_pass
-        def step(covered, index):
-            before = jnp.pad(covered[:-reach], ((reach, 0), (0, 0)))
-            return covered | jnp.where((index >= reach)[:, None], before, jnp.uint32(0))
-
-        covered = step(covered, chunks.index)
+        covered = one_pass(functools.partial(_or_before, reach=reach))(covered, chunks.index)
         reach *= 2
 
     @one_pass
@@ -152,3 +122,9 @@ def hide(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, depth: in
         return jnp.stack(seen, 1)
 
     return visible(rows, covered, chunks.index), covered
+
+
+def _or_before(covered: Array, index: Array, *, reach: int) -> Array:
+    """Each chunk joined with the one `reach` before it, where that is of the same tile."""
+    before = jnp.pad(covered[:-reach], ((reach, 0), (0, 0)))
+    return covered | jnp.where((index >= reach)[:, None], before, jnp.uint32(0))

@@ -1,213 +1,254 @@
 """What a drawing draws, in order: collected element by element, made into triangles all at once."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from .ear_clipping import clip_ears, fill_simply, is_simple
 from .pixel_lines import pixel_lines
 from .polygons import PolygonError, fan, fan_inside, fill_regions, triangulate
+from .strokes import Outline, stroke, union
+from .svg_color import Rgba
 from .svg_document import SvgError
-from .svg_style import Rgba
 
 
 class Triangles(NamedTuple):
-    """Triangles back to front. `uv` is zero and `texture` -1 where there is no texture."""
+    """Triangles back to front; all float32 but the indices.
 
-    corners: np.ndarray  # [triangles, 3, 2] float32
-    colors: np.ndarray  # [triangles, 3, 4] float64, straight
-    uv: np.ndarray  # [triangles, 3, 2] float64
-    texture: np.ndarray  # [triangles] int64
-
-
-class DisplayList:
-    """Fills, lines, pixels and triangles in draw order, in pixels, float64.
-
-    Every `add_*` draws over all before it. `line` is kept for errors that show at the end.
+    - `corners`: `[triangles, 3, 2]` in pixels.
+    - `colors`: `[triangles, 1 or 3, 4]`, straight; three corners if any triangle needs them.
+    - `uv`: `[triangles, 3, 2]`, zero without a texture.
+    - `texture`: `[triangles]`, -1 without.
     """
 
-    def __init__(self, name: str):
-        self.name = name
-        self.line = 0
-        self._lines: list[int] = []
-        self._triangles: list[tuple[int, np.ndarray, np.ndarray, np.ndarray | None, int]] = []
-        self._polygons: list[tuple[int, np.ndarray, Rgba, bool]] = []
-        self._regions: list[tuple[int, Any, Rgba]] = []
-        self._hairlines: list[tuple[int, np.ndarray, Rgba]] = []
-        self._pixels: list[tuple[int, np.ndarray, np.ndarray]] = []
-
-    def __len__(self) -> int:
-        return len(self._lines)
-
-    def add_triangles(
-        self,
-        corners: np.ndarray,
-        colors: np.ndarray | Rgba,
-        uv: np.ndarray | None = None,
-        texture: int = -1,
-    ) -> None:
-        """`corners` `[k, 3, 2]`; `colors` straight RGBA, one or `[k, 3, 4]`."""
-        colors = np.broadcast_to(np.asarray(colors, np.float64), (len(corners), 3, 4))
-        self._triangles.append((self._next(), corners, colors, uv, texture))
-
-    def add_textured(
-        self, points: np.ndarray, color: Rgba, uv: np.ndarray, texture: int, translucent: bool
-    ) -> None:
-        """A convex polygon `[n, 2]` that shows a texture, `uv` `[n, 2]` at its corners."""
-        both = (fan_inside if translucent else fan)(np.concatenate([points, uv], axis=1)[None])[0]
-        self.add_triangles(both[..., :2], color, both[..., 2:], texture)
-
-    def add_polygon(self, points: np.ndarray, color: Rgba, evenodd: bool = False) -> None:
-        """The inside of a closed contour `[n, 2]`."""
-        self._polygons.append((self._next(), points, color, evenodd))
-
-    def add_region(self, region: Any, color: Rgba) -> None:
-        """A shapely (multi)polygon."""
-        self._regions.append((self._next(), region, color))
-
-    def add_hairlines(self, segments: np.ndarray, color: Rgba) -> None:
-        """Lines `[k, 4]` (x0, y0, x1, y1), one pixel wide, each over the one before."""
-        self._hairlines.append((self._next(), segments, color))
-
-    def add_pixels(self, rectangles: np.ndarray, colors: np.ndarray | Rgba) -> None:
-        """Rectangles `[k, 4]` (x0, y0, x1, y1); straight RGBA, one or `[k, 4]`."""
-        colors = np.broadcast_to(np.asarray(colors, np.float64), (len(rectangles), 4))
-        self._pixels.append((self._next(), np.asarray(rectangles, np.float64), colors))
-
-    def _next(self) -> int:
-        self._lines.append(self.line)
-        return len(self._lines) - 1
-
-    def finish(self, height: int, width: int) -> Triangles:
-        """All as triangles. Raises `ValueError` for coordinates beyond float32."""
-        made = [
-            _Batch.empty(),
-            self._from_triangles(),
-            self._from_polygons(),
-            self._from_regions(),
-            self._from_hairlines(height, width),
-            self._from_pixels(),
-        ]
-        batch = _Batch(*(np.concatenate(parts) for parts in zip(*made, strict=True)))
-        order = np.argsort(batch.order, kind="stable")
-        batch = _Batch(*(field[order] for field in batch))
-        return Triangles(
-            self._float32(batch.corners, batch.order), batch.colors, batch.uv, batch.texture
-        )
-
-    def _float32(self, points: np.ndarray, order: np.ndarray) -> np.ndarray:
-        """Coordinates `[k, ...]` of the given draws, rounded to float32."""
-        with np.errstate(over="ignore"):
-            rounded = points.astype(np.float32)
-        bad = ~np.isfinite(rounded).all(axis=tuple(range(1, rounded.ndim)))
-        if bad.any():
-            where = f"{self.name}:{self._lines[order[np.argmax(bad)]]}"
-            raise SvgError(f"{where}: a coordinate is not a finite number of pixels in float32.")
-        return rounded
-
-    def _from_triangles(self) -> "_Batch":
-        if not self._triangles:
-            return _Batch.empty()
-        order, corners, colors, uv, texture = zip(*self._triangles, strict=True)
-        counts = [len(part) for part in corners]
-        uv = [np.zeros_like(c) if u is None else u for u, c in zip(uv, corners, strict=True)]
-        return _Batch(
-            np.repeat(order, counts),
-            np.concatenate(corners),
-            np.concatenate(colors),
-            np.concatenate(uv),
-            np.repeat(texture, counts),
-        )
-
-    def _from_polygons(self) -> "_Batch":
-        if not self._polygons:
-            return _Batch.empty()
-        order, contours, colors, evenodd = zip(*self._polygons, strict=True)
-        # GEOS must see no infinities.
-        self._float32(
-            np.concatenate(contours), np.repeat(order, [len(points) for points in contours])
-        )
-        rgba = np.array(colors)
-        try:
-            corners, index = triangulate(contours, evenodd, (rgba[:, 3] < 1).tolist())
-        except PolygonError as error:
-            where = f"{self.name}:{self._lines[order[error.index]]}"
-            raise SvgError(f"{where}: the polygon {error}") from None
-        return _Batch.flat(np.array(order)[index], corners, rgba[index])
-
-    def _from_regions(self) -> "_Batch":
-        if not self._regions:
-            return _Batch.empty()
-        order, regions, colors = zip(*self._regions, strict=True)
-        rgba = np.array(colors)
-        corners, index = fill_regions(np.array(regions, object), rgba[:, 3] < 1)
-        return _Batch.flat(np.array(order)[index], corners, rgba[index])
-
-    def _from_hairlines(self, height: int, width: int) -> "_Batch":
-        if not self._hairlines:
-            return _Batch.empty()
-        order, segments, colors = zip(*self._hairlines, strict=True)
-        owner = np.repeat(np.arange(len(order)), [len(part) for part in segments])
-        rounded = self._float32(np.concatenate(segments), np.array(order)[owner])
-        rectangles, line = pixel_lines(rounded, height, width)
-        owner = owner[line]
-        return _rectangles(np.array(order)[owner], rectangles, np.array(colors)[owner])
-
-    def _from_pixels(self) -> "_Batch":
-        if not self._pixels:
-            return _Batch.empty()
-        order, rectangles, colors = zip(*self._pixels, strict=True)
-        counts = [len(part) for part in rectangles]
-        return _rectangles(
-            np.repeat(order, counts), np.concatenate(rectangles), np.concatenate(colors)
-        )
-
-
-class _Batch(NamedTuple):
-    order: np.ndarray
     corners: np.ndarray
     colors: np.ndarray
     uv: np.ndarray
     texture: np.ndarray
 
-    @staticmethod
-    def flat(order: np.ndarray, corners: np.ndarray, rgba: np.ndarray) -> "_Batch":
-        """Triangles of one colour each, `[k, 4]`."""
-        count = len(corners)
-        return _Batch(
-            order,
-            corners,
-            np.broadcast_to(rgba[:, None], (count, 3, 4)),
-            np.zeros((count, 3, 2)),
-            np.full(count, -1),
+
+class _Batch(NamedTuple):
+    """Triangles of one kind: the draw that each belongs to, corners and uv in float32."""
+
+    draw: np.ndarray
+    corners: np.ndarray
+    uv: np.ndarray | None = None
+
+
+class DisplayList:
+    """Fills, lines, pixels and triangles, in pixels, float64. Each draws over all before it.
+
+    `line` is the number of the line that is being read, for errors that show at the end.
+    `approximated` counts, then, the course's polygons that were filled by the nonzero rule.
+    """
+
+    def __init__(self, name: str):
+        self.name = name
+        self.line = 0
+        self.approximated = 0
+        # Per draw: where it was read, its colour or the colours of its corners, its texture.
+        self._lines: list[int] = []
+        self._colors: list[Rgba | np.ndarray] = []
+        self._textures: dict[int, int] = {}
+        # By kind: the draw and what it draws.
+        self._triangles: list[tuple[int, np.ndarray, np.ndarray | None]] = []
+        self._polygons: list[tuple[int, np.ndarray, bool]] = []
+        self._ears: list[tuple[int, np.ndarray, np.ndarray]] = []
+        self._strokes: list[tuple[int, Outline, np.ndarray]] = []
+        self._hairlines: list[tuple[int, np.ndarray]] = []
+        self._pixels: list[tuple[int, np.ndarray]] = []
+
+    def __len__(self) -> int:
+        return len(self._lines)
+
+    def _next(self, color: Rgba | np.ndarray) -> int:
+        self._lines.append(self.line)
+        self._colors.append(color)
+        return len(self._lines) - 1
+
+    def add_triangles(self, corners: np.ndarray, color: Rgba | np.ndarray) -> None:
+        """`corners` `[k, 3, 2]`; one colour, or those of the three corners `[3, 4]`."""
+        self._triangles.append((self._next(color), corners, None))
+
+    def add_textured(
+        self, points: np.ndarray, color: Rgba, uv: np.ndarray, texture: int, translucent: bool
+    ) -> None:
+        """A convex polygon `[n, 2]` that shows a texture, `uv` `[n, 2]` at its corners."""
+        both = np.concatenate([points, uv], axis=1)[None]
+        both = (fan_inside if translucent and len(points) > 3 else fan)(both)[0]
+        draw = self._next(color)
+        self._textures[draw] = texture
+        self._triangles.append((draw, both[..., :2], both[..., 2:]))
+
+    def add_polygon(self, points: np.ndarray, color: Rgba, evenodd: bool = False) -> None:
+        """The inside of a closed contour `[n, 2]`."""
+        self._polygons.append((self._next(color), points, evenodd))
+
+    def add_ears(self, plane: np.ndarray, points: np.ndarray, color: Rgba) -> None:
+        """The inside of a contour as the course finds it: on `plane` `[n, 2]`, float32."""
+        self._ears.append((self._next(color), plane, points))
+
+    def add_stroke(self, outline: Outline, map3: np.ndarray, color: Rgba) -> None:
+        """A stroke, made in the outline's units and then mapped to pixels."""
+        self._strokes.append((self._next(color), outline, map3))
+
+    def add_hairlines(self, segments: np.ndarray, color: Rgba) -> None:
+        """Lines `[k, 4]` (x0, y0, x1, y1), one pixel wide, each over the one before."""
+        self._hairlines.append((self._next(color), segments))
+
+    def add_pixels(self, rectangle: tuple[float, float, float, float], color: Rgba) -> None:
+        """A rectangle of whole pixels (x0, y0, x1, y1)."""
+        self._pixels.append((self._next(color), np.array([rectangle])))
+
+    def finish(self, height: int, width: int) -> Triangles:
+        """All as triangles. Raises `ValueError` for coordinates beyond float32."""
+        batches = [
+            _Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
+            self._from_triangles(),
+            self._from_polygons(),
+            self._from_ears(),
+            self._from_strokes(),
+            self._from_hairlines(height, width),
+            self._from_pixels(),
+        ]
+        batches = [batch for batch in batches if batch is not None]
+        draw = np.concatenate([batch.draw for batch in batches])
+        order = np.argsort(draw, kind="stable")
+        draw = draw[order]
+        uv, texture = np.zeros((0, 3, 2), np.float32), np.full(len(self), -1)
+        if self._textures:
+            texture[list(self._textures)] = list(self._textures.values())
+            parts = [np.zeros_like(b.corners) if b.uv is None else b.uv for b in batches]
+            uv = np.concatenate(parts)[order]
+        corners = np.concatenate([batch.corners for batch in batches])[order]
+        return Triangles(corners, self._color_table()[draw], uv, texture[draw])
+
+    def _color_table(self) -> np.ndarray:
+        """The colours of each draw, `[draws, 1 or 3, 4]`."""
+        colors = [np.reshape(color, (-1, 4)) for color in self._colors]
+        if any(len(color) > 1 for color in colors):
+            colors = [np.broadcast_to(color, (3, 4)) for color in colors]
+        return (
+            np.array(colors, np.float32).reshape(len(colors), -1, 4)
+            if colors
+            else np.ones((0, 1, 4), np.float32)
         )
 
-    @staticmethod
-    def empty() -> "_Batch":
-        return _Batch.flat(np.zeros(0, np.int64), np.zeros((0, 3, 2)), np.zeros((0, 4)))
+    def _is_translucent(self, draws: np.ndarray) -> np.ndarray:
+        """Which of these draws, all of one colour, are not opaque."""
+        return np.array([self._colors[draw][3] < 1 for draw in draws.tolist()], bool)
 
+    def _batch(self, draw: np.ndarray, corners: np.ndarray) -> _Batch:
+        return _Batch(draw, self._float32(corners, draw))
 
-def _rectangles(order: np.ndarray, rectangles: np.ndarray, rgba: np.ndarray) -> _Batch:
-    """Two triangles for each opaque rectangle, four for a translucent one (see `polygons`)."""
-    x0, y0, x1, y1 = rectangles.astype(np.float64).T
-    quads = np.stack(
-        [np.stack(pair, axis=-1) for pair in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))], axis=1
-    )
-    batches = [_Batch.empty()]
-    glassy = rgba[:, 3] < 1
-    for chosen, fill in ((~glassy, fan), (glassy, fan_inside)):
-        triangles = fill(quads[chosen])
-        per = triangles.shape[1]
-        batches.append(
-            _Batch.flat(
-                np.repeat(order[chosen], per),
-                triangles.reshape(-1, 3, 2),
-                np.repeat(rgba[chosen], per, axis=0),
-            )
-        )
-    # Lines of one draw may cross: their order is that of the rectangles.
-    place = np.concatenate(
-        [np.repeat(np.flatnonzero(~glassy), 2), np.repeat(np.flatnonzero(glassy), 4)]
-    )
-    merged = _Batch(*(np.concatenate(parts) for parts in zip(*batches, strict=True)))
-    arranged = np.argsort(place, kind="stable")
-    return _Batch(*(field[arranged] for field in merged))
+    def _float32(self, points: np.ndarray, draws: np.ndarray) -> np.ndarray:
+        """Coordinates `[k, ...]` of the given draws, rounded to float32."""
+        with np.errstate(over="ignore"):
+            rounded = points.astype(np.float32)
+        bad = ~np.isfinite(rounded).all(axis=tuple(range(1, rounded.ndim)))
+        if bad.any():
+            raise self._error(draws[np.argmax(bad)], "a coordinate is not finite in float32.")
+        return rounded
+
+    def _error(self, draw: int, message: str) -> SvgError:
+        return SvgError(f"{self.name}:{self._lines[draw]}: {message}")
+
+    def _from_triangles(self) -> _Batch | None:
+        if not self._triangles:
+            return None
+        draw, corners, uv = zip(*self._triangles, strict=True)
+        counts = [len(part) for part in corners]
+        batch = self._batch(np.repeat(draw, counts), np.concatenate(corners))
+        if not self._textures:
+            return batch
+        parts = [np.zeros_like(c) if u is None else u for u, c in zip(uv, corners, strict=True)]
+        return batch._replace(uv=np.concatenate(parts).astype(np.float32))
+
+    def _from_polygons(self) -> _Batch | None:
+        if not self._polygons:
+            return None
+        draw, contours, evenodd = zip(*self._polygons, strict=True)
+        draw = np.array(draw)
+        # Checked first, as GEOS must see no infinities.
+        self._float32(np.concatenate(contours), np.repeat(draw, [len(part) for part in contours]))
+        try:
+            corners, index = triangulate(contours, evenodd, self._is_translucent(draw).tolist())
+        except PolygonError as error:
+            raise self._error(draw[error.index], f"the polygon {error}") from None
+        return self._batch(draw[index], corners)
+
+    def _from_ears(self) -> _Batch | None:
+        if not self._ears:
+            return None
+        draw, planes, contours = zip(*self._ears, strict=True)
+        owner, ears, rest = clip_ears(planes)
+        starts = np.cumsum([0, *map(len, contours)])
+        corners, owners = [np.concatenate(contours)[starts[owner, None] + ears]], [owner]
+        for index in rest:
+            self.approximated += not is_simple(planes[index])
+            corners.append(fill_simply(contours[index]))
+            owners.append(np.full(len(corners[-1]), index))
+        return self._batch(np.array(draw)[np.concatenate(owners)], np.concatenate(corners))
+
+    def _from_strokes(self) -> _Batch | None:
+        if not self._strokes:
+            return None
+        draw, outlines, maps = zip(*self._strokes, strict=True)
+        draw = np.array(draw)
+        corners, owner = stroke(outlines)
+        corners = self._mapped(np.array(maps), corners, owner, draw)
+        glassy = self._is_translucent(draw)
+        made, draws = [corners[~glassy[owner]]], [draw[owner[~glassy[owner]]]]
+        for index in np.flatnonzero(glassy).tolist():
+            # The pieces overlap at joins, where they must not be seen twice.
+            first, last = np.searchsorted(owner, [index, index + 1])
+            region = np.array([union(corners[first:last])])
+            inner, which = fill_regions(region, np.ones(1, bool), draw[index : index + 1])
+            made.append(inner)
+            draws.append(which)
+        return self._batch(np.concatenate(draws), np.concatenate(made))
+
+    def _mapped(
+        self, maps: np.ndarray, corners: np.ndarray, owner: np.ndarray, draw: np.ndarray
+    ) -> np.ndarray:
+        """Each triangle of `[t, 3, 2]` by the map `[3, 3]` of its owner."""
+        maps = maps[owner]
+        with np.errstate(over="ignore", invalid="ignore"):
+            mapped = np.einsum("tij,tcj->tci", maps[..., :2], corners) + maps[:, None, :, 2]
+        bad = ~(mapped[..., 2] > 0).all(axis=1)
+        if bad.any():
+            message = "`transform` sends a stroke to infinity or behind it (w <= 0)."
+            raise self._error(draw[owner[np.argmax(bad)]], message)
+        mapped = mapped[..., :2] / mapped[..., 2:]
+        self._float32(mapped, draw[owner])
+        return mapped
+
+    def _from_hairlines(self, height: int, width: int) -> _Batch | None:
+        if not self._hairlines:
+            return None
+        draw, segments = zip(*self._hairlines, strict=True)
+        draw = np.repeat(draw, [len(part) for part in segments])
+        rounded = self._float32(np.concatenate(segments), draw)
+        rectangles, line = pixel_lines(rounded, height, width)
+        return self._rectangles(draw[line], rectangles)
+
+    def _from_pixels(self) -> _Batch | None:
+        if not self._pixels:
+            return None
+        draw, rectangles = zip(*self._pixels, strict=True)
+        return self._rectangles(np.array(draw), np.concatenate(rectangles))
+
+    def _rectangles(self, draw: np.ndarray, rectangles: np.ndarray) -> _Batch:
+        """Two triangles for each opaque rectangle, four for a translucent one (see `polygons`)."""
+        x0, y0, x1, y1 = rectangles.astype(np.float64).T
+        quads = np.stack([x0, y0, x1, y0, x1, y1, x0, y1], axis=-1).reshape(-1, 4, 2)
+        glassy = self._is_translucent(draw)
+        made, place = [], []
+        for chosen, fill in ((~glassy, fan), (glassy, fan_inside)):
+            triangles = fill(quads[chosen])
+            made.append(triangles.reshape(-1, 3, 2))
+            place.append(np.repeat(np.flatnonzero(chosen), triangles.shape[1]))
+        # Lines of one draw may cross, so they stay in their order.
+        place = np.concatenate(place)
+        order = np.argsort(place, kind="stable")
+        return self._batch(draw[place[order]], np.concatenate(made)[order])

@@ -44,7 +44,9 @@ def clip_ears(
             where = where[~simple]
         # Products of far coordinates may overflow: an infinite area is one, NaN is no ear.
         with np.errstate(over="ignore", invalid="ignore", under="ignore"):
-            index, ears = _clip(np.stack([contours[i] for i in where.tolist()] or [np.zeros((0, 2))]))
+            index, ears = _clip(
+                np.stack([contours[i] for i in where.tolist()] or [np.zeros((0, 2))])
+            )
         owners.append(where[index])
         corners.append(ears)
     return np.concatenate(owners), np.concatenate(corners), rest

@@ -55,10 +55,11 @@ def triangulate(
             indices.append(np.repeat(where[chosen], triangles.shape[1]))
         rest += where[~convex].tolist()
     if rest:
-        regions = _regions([contours[i] for i in rest], [evenodd[i] for i in rest], rest)
-        inner, index = fill_regions(regions, np.array([translucent[i] for i in rest]))
+        regions, owner = _regions([contours[i] for i in rest], [evenodd[i] for i in rest], rest)
+        index = np.array(rest, np.int64)[owner]
+        inner, which = fill_regions(regions, np.array(translucent, bool)[index], index)
         corners.append(inner)
-        indices.append(np.array(rest)[index])
+        indices.append(which)
     return np.concatenate(corners), np.concatenate(indices)
 
 
@@ -92,20 +93,26 @@ def fan_inside(points: Float[np.ndarray, "m n coords"]) -> Float[np.ndarray, "m 
 
 
 def fill_regions(
-    regions: np.ndarray, translucent: Bool[np.ndarray, " regions"]
+    regions: np.ndarray,
+    translucent: Bool[np.ndarray, " regions"],
+    owner: Int[np.ndarray, " regions"],
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
-    """Triangles `[t, 3, 2]` of shapely (multi)polygons, in their order, and the region of each."""
-    pieces, index = shapely.get_parts(
+    """Triangles `[t, 3, 2]` of shapely (multi)polygons, and the owner of each, in order.
+
+    Regions of one owner may abut; they follow each other and are all translucent or none.
+    """
+    pieces, which = shapely.get_parts(
         shapely.constrained_delaunay_triangles(regions), return_index=True
     )
     corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
-    if not translucent.any():
-        return corners, index
-    bent, which = _bend(corners[translucent[index]], index[translucent[index]])
-    corners = np.concatenate([corners[~translucent[index]], bent])
-    index = np.concatenate([index[~translucent[index]], which])
-    order = np.argsort(index, kind="stable")
-    return corners[order], index[order]
+    index, glassy = owner[which], translucent[which]
+    if glassy.any():
+        bent, bent_index = _bend(corners[glassy], index[glassy])
+        corners = np.concatenate([corners[~glassy], bent])
+        index = np.concatenate([index[~glassy], bent_index])
+        order = np.argsort(index, kind="stable")
+        corners, index = corners[order], index[order]
+    return corners, index
 
 
 def _bend(corners: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -154,49 +161,58 @@ def _spread(count: int) -> np.ndarray:
     return np.modf((np.arange(count) + 1.0) * _GOLDEN)[0]
 
 
-def _regions(contours: list[np.ndarray], evenodd: list[bool], names: list[int]) -> np.ndarray:
-    """What each contour fills, as shapely (multi)polygons. `names` are for errors."""
-    sizes = [len(contour) for contour in contours]
+def _regions(
+    contours: list[np.ndarray], evenodd: list[bool], names: list[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Shapely polygons that together fill the contours, and the contour of each, in order.
+
+    `names` are what errors call the contours.
+    """
+    sizes = np.array([len(contour) for contour in contours])
     rings: Any = shapely.linearrings(
         np.concatenate(contours), indices=np.repeat(np.arange(len(contours)), sizes)
     )
-    regions: Any = shapely.polygons(rings)
-    for index in np.flatnonzero(~shapely.is_valid(regions)).tolist():
+    whole: Any = shapely.polygons(rings)
+    simple = shapely.is_valid(whole)
+    crossing = np.flatnonzero(~simple)
+    for index in crossing[sizes[crossing] ** 2 > MAX_CROSSINGS].tolist():
         _refuse_tangle(contours[index], names[index])
-        regions[index] = _faces(contours[index], rings[index], evenodd[index])
-    return regions
-
-
-def _faces(contour: np.ndarray, ring: Any, evenodd: bool) -> Any:
-    """The union of the faces of a self-crossing ring that the fill rule fills."""
-    lines = shapely.node(shapely.set_precision(ring, 0.0))
-    faces = shapely.get_parts(shapely.polygonize([lines]))
-    if len(faces) == 0:
-        return shapely.multipolygons([])
+    # A crossing ring cuts the plane into faces; the fill rule takes or leaves each whole.
+    lines: Any = shapely.node(rings[crossing])
+    faces, which = shapely.get_parts(shapely.polygonize(lines[:, None]), return_index=True)
+    owner = crossing[which]
     inside = shapely.get_coordinates(shapely.point_on_surface(faces))
-    winding = winding_number(contour, inside)
-    return shapely.union_all(faces[winding % 2 != 0 if evenodd else winding != 0])
+    winding = np.zeros(len(faces), np.int64)
+    for size in np.unique(sizes[owner]).tolist():
+        for chosen in _blocks(np.flatnonzero(sizes[owner] == size), 2**20 // size + 1):
+            around = np.stack([contours[index] for index in owner[chosen].tolist()])
+            winding[chosen] = winding_number(around, inside[chosen])
+    filled = np.where(np.array(evenodd, bool)[owner], winding % 2 != 0, winding != 0)
+    owners = np.concatenate([np.flatnonzero(simple), owner[filled]])
+    order = np.argsort(owners, kind="stable")
+    return np.concatenate([whole[simple], faces[filled]])[order], owners[order]
+
+
+def _blocks(indices: np.ndarray, size: int) -> list[np.ndarray]:
+    return [indices[place : place + size] for place in range(0, len(indices), size)]
 
 
 def winding_number(
-    contour: Float[np.ndarray, "n 2"], points: Float[np.ndarray, "p 2"]
-) -> Int[np.ndarray, " p"]:
-    """How often the closed contour goes around each point.
+    contours: Float[np.ndarray, "m n 2"], points: Float[np.ndarray, "m 2"]
+) -> Int[np.ndarray, " m"]:
+    """How often each closed contour goes around its point.
 
     Counts the edges that cross the ray to the right of it, up minus down.
 
     **Source:** Sunday, *Inclusion of a point in a polygon* (2001).
     """
-    total = np.zeros(len(points), np.int64)
-    following = np.roll(contour, -1, axis=0)
-    step = max(1, 2**22 // max(len(points), 1))
-    for place in range(0, len(contour), step):
-        a, b = contour[place : place + step, None], following[place : place + step, None]
-        up = (a[..., 1] <= points[:, 1]) & (b[..., 1] > points[:, 1])
-        down = (a[..., 1] > points[:, 1]) & (b[..., 1] <= points[:, 1])
-        left = (b - a)[..., 0] * (points - a)[..., 1] - (b - a)[..., 1] * (points - a)[..., 0]
-        total += (up & (left > 0)).sum(axis=0) - (down & (left < 0)).sum(axis=0)
-    return total
+    points = points[:, None]
+    a, b = contours, np.roll(contours, -1, axis=1)
+    up = (a[..., 1] <= points[..., 1]) & (b[..., 1] > points[..., 1])
+    down = (a[..., 1] > points[..., 1]) & (b[..., 1] <= points[..., 1])
+    along, to = b - a, points - a
+    left = along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0]
+    return (up & (left > 0)).sum(axis=1) - (down & (left < 0)).sum(axis=1)
 
 
 def _refuse_tangle(contour: np.ndarray, name: int) -> None:

@@ -64,11 +64,11 @@ def stroke(
     side = half[owner, None] * _left(outward)
     square, rounded = cap[owner] == "square", cap[owner] == "round"
     far = place + half[owner, None] * outward
-    pieces.append(_quads(*(v[square] for v in (owner, place + side, far + side, far - side, place - side))))
-    half_turn = np.full(int(rounded.sum()), -np.pi)
     pieces.append(
-        _sectors(owner[rounded], place[rounded], side[rounded], half_turn, radius_px)
+        _quads(*(v[square] for v in (owner, place + side, far + side, far - side, place - side)))
     )
+    half_turn = np.full(int(rounded.sum()), -np.pi)
+    pieces.append(_sectors(owner[rounded], place[rounded], side[rounded], half_turn, radius_px))
     owner = np.concatenate([piece[0] for piece in pieces])
     order = np.argsort(owner, kind="stable")
     return np.concatenate([piece[1] for piece in pieces])[order], owner[order]
@@ -175,9 +175,7 @@ def _ends(
     return owner, place, outward
 
 
-def _quads(
-    owner: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray
-) -> _Piece:
+def _quads(owner: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> _Piece:
     """Two triangles for each quad whose corners are rows of a, b, c, d, in order around it."""
     return np.repeat(owner, 2), np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3, 2)
 
@@ -196,9 +194,7 @@ def _sectors(
     which = np.repeat(np.arange(len(owner)), counts)
     part_index = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
     angle = turn[which] / counts[which]
-    rim = [
-        place[which] + _turned(first[which], angle * (part_index + k)) for k in (0, 1)
-    ]
+    rim = [place[which] + _turned(first[which], angle * (part_index + k)) for k in (0, 1)]
     return owner[which], np.stack([place[which], *rim], axis=1)
 
 

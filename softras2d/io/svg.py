@@ -185,13 +185,13 @@ def _assembled(
     textured = {}
     if images:
         textured = {
-            "uv": triangles.uv.astype(np.float32),
+            "uv": triangles.uv,
             "texture_index": triangles.texture.astype(np.int32),
             "textures": TexturePyramid.build(images, "clamp", addressing, linear),
         }
     return Scene.from_soup(
         triangles.corners,
-        colors.astype(np.float32),
+        colors,
         background=background.astype(np.float32),
         **textured,
     )

@@ -41,13 +41,10 @@ class Context:
             parts.append(f"not drawn: {_counts(self.elements)}")
         if self.ignored:
             parts.append(f"without effect: {_counts(self.ignored)}")
+        if count := self.display.approximated:
+            parts.append(f"self-crossing polygons too large to be clipped, filled nonzero: {count}")
         return f"{self.name}: {'; '.join(parts)}." if parts else None
 
 
 def _counts(counter: Counter[str]) -> str:
     return ", ".join(f"{name} ({count})" for name, count in sorted(counter.items()))
-
-
-def is_singular(map3: np.ndarray) -> bool:
-    """Whether a map flattens the plane, such as `scale(0)`."""
-    return bool(np.linalg.det(map3) == 0.0)

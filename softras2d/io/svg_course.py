@@ -5,7 +5,6 @@ import re
 import numpy as np
 
 from .. import transforms
-from .ear_clipping import clip_ears
 from .svg_context import SILENT, Context
 from .svg_document import Children
 from .svg_numbers import blank_separated, leading_float, number_pairs
@@ -120,16 +119,15 @@ class CourseReader:
     def _point(self, place: np.ndarray, color: Rgba) -> None:
         x, y = np.floor(place.astype(np.float32)).astype(np.float64)
         if 0 <= x < self._context.width and 0 <= y < self._context.height:
-            self._context.display.add_pixels(np.array([[x, y, x + 1, y + 1]]), color)
+            self._context.display.add_pixels((x, y, x + 1, y + 1), color)
 
     def _polygon(self, map3: np.ndarray, attributes: dict[str, str]) -> None:
         points = number_pairs(attributes.get("points", ""))
         plane = np.array(points, np.float32).reshape(-1, 2)
-        triangles = clip_ears(plane)
-        if len(triangles):
-            fill = self._color(attributes, "fill")
-            self._context.display.add_triangles(transforms.apply(map3, triangles), fill)
-        self._outline(transforms.apply(map3, plane), attributes)
+        corners = transforms.apply(map3, plane)
+        if len(plane) > 2:
+            self._context.display.add_ears(plane, corners, self._color(attributes, "fill"))
+        self._outline(corners, attributes)
 
     def _outline(self, corners: np.ndarray, attributes: dict[str, str]) -> None:
         """The closed chain of pixel lines, if there is a stroke; `none` is one, and black."""
@@ -152,17 +150,19 @@ class CourseReader:
         self._context.display.add_hairlines(np.concatenate([starts, ends], axis=1), color)
 
     def _colortri(self, map3: np.ndarray, attributes: dict[str, str]) -> None:
-        points = _numbers(attributes, "points", 6).reshape(1, 3, 2)
-        colors = _numbers(attributes, "colors", 12).reshape(1, 3, 4)
-        colors[..., 3] = self._opacity(attributes, "fill")
-        self._context.display.add_triangles(transforms.apply(map3, points), colors)
+        points = _numbers(attributes, "points", 6).reshape(3, 2)
+        colors = _numbers(attributes, "colors", 12).reshape(3, 4)
+        colors[:, 3] = self._opacity(attributes, "fill")
+        self._context.display.add_triangles(transforms.apply(map3, points)[None], colors)
 
     def _textri(self, map3: np.ndarray, attributes: dict[str, str]) -> None:
-        points = _numbers(attributes, "points", 6).reshape(1, 3, 2)
-        uv = _numbers(attributes, "uvs", 6).reshape(1, 3, 2)
+        points = _numbers(attributes, "points", 6).reshape(3, 2)
+        uv = _numbers(attributes, "uvs", 6).reshape(3, 2)
         texture = self._context.assets.texture(attributes.get("texid", ""))
         white = (1.0, 1.0, 1.0, self._opacity(attributes, "fill"))
-        self._context.display.add_triangles(transforms.apply(map3, points), white, uv, texture)
+        self._context.display.add_textured(
+            transforms.apply(map3, points), white, uv, texture, False
+        )
 
     def _image(self, map3: np.ndarray, attributes: dict[str, str]) -> None:
         """A point for every pixel between the two corners; a mirrored image draws nothing."""
@@ -181,7 +181,8 @@ class CourseReader:
             raise ValueError(f"covers {len(columns)} x {len(rows)} pixels, which are too many.")
         if len(columns) and len(rows):
             colors = _bilinear(picture, u, v)
-            self._context.display.add_pixels(*_merged(rows, columns, colors))
+            for rectangle, rgb in zip(*_merged(rows, columns, colors), strict=True):
+                self._context.display.add_pixels(tuple(rectangle), (*rgb, 1.0))
 
     def _frame(self, map3: np.ndarray) -> None:
         """The black outline of the drawing, moved out by a pixel across and in by one along."""
@@ -230,8 +231,8 @@ def _bilinear(picture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def _merged(
     rows: np.ndarray, columns: np.ndarray, colors: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rectangles `[k, 4]` and RGBA `[k, 4]`: neighbours of equal colour in a row are one."""
+) -> tuple[list[list[float]], list[list[float]]]:
+    """Rectangles `[k, 4]` and RGB `[k, 3]`: neighbours of equal colour in a row are one."""
     changes = np.ones(colors.shape[:2], bool)
     changes[:, 1:] = (colors[:, 1:] != colors[:, :-1]).any(axis=-1)
     row, place = np.nonzero(changes)
@@ -239,5 +240,4 @@ def _merged(
     following = np.append(place[1:], len(columns))
     ends = np.where(following > place, following, len(columns))
     rectangles = np.stack([columns[place], rows[row], columns[ends - 1] + 1, rows[row] + 1], axis=1)
-    opaque = np.ones((len(row), 1))
-    return rectangles, np.concatenate([colors[row, place], opaque], axis=1)
+    return rectangles.tolist(), colors[row, place].tolist()

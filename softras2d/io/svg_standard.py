@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import transforms
-from . import strokes, svg_style
-from .svg_context import SILENT, Context, is_singular
+from . import svg_style
+from .strokes import Outline
+from .svg_context import SILENT, Context
 from .svg_document import Children
 from .svg_numbers import length, number_list
 from .svg_style import Rgba, Style
@@ -22,6 +23,14 @@ class _State(NamedTuple):
 
     style: Style
     map3: np.ndarray
+    is_flat: bool
+    scale: float
+
+    @staticmethod
+    def of(style: Style, map3: np.ndarray) -> "_State":
+        """With what follows from the map: whether it flattens the plane, and pixels per unit."""
+        stretch = float(np.linalg.norm(map3[:2, :2], 2) / abs(map3[2, 2] or 1.0))
+        return _State(style, map3, bool(np.linalg.det(map3) == 0.0), stretch)
 
 
 class StandardReader:
@@ -37,6 +46,7 @@ class StandardReader:
         self._states: list[_State] = []
         self._namespaces: dict[str, str] = {}
         self._box = Box(0.0, 0.0, 0.0, 0.0)
+        self._diagonal = 0.0
         self._shapes = {
             "colortri": self._colortri,
             "image": self._image,
@@ -70,7 +80,7 @@ class StandardReader:
         if name in ("g", "a"):
             self._states.append(state)
             return Children.READ
-        if not is_singular(state.map3):
+        if not state.is_flat:
             self._context.display.line = line
             self._shapes[name](state, attributes)
         return Children.NAMED
@@ -114,21 +124,18 @@ class StandardReader:
                 # The canvas is the drawing's own: no stretching by the part pixel at its ends.
                 height, width = size
             map3 = fit(box, height, width, attributes.get("preserveAspectRatio", ""))
-        self._states.append(self._state(_State(svg_style.INITIAL, map3), attributes))
+        # What 100 % are of a length that is neither across nor along (SVG 2, section 8.9).
+        self._diagonal = math.hypot(box.width, box.height) / math.sqrt(2.0)
+        self._states.append(self._state(_State.of(svg_style.INITIAL, map3), attributes))
 
     def _state(self, parent: _State, attributes: dict[str, str]) -> _State:
-        style = svg_style.computed(attributes, parent.style, self._diagonal(), self._ignore)
-        map3 = parent.map3
+        style = svg_style.computed(attributes, parent.style, self._diagonal, self._ignore)
         if "transform" in attributes:
-            map3 = map3 @ transform_list(attributes["transform"])
-        return _State(style, map3)
+            return _State.of(style, parent.map3 @ transform_list(attributes["transform"]))
+        return parent._replace(style=style)
 
     def _ignore(self, name: str) -> None:
         self._context.ignored[name] += 1
-
-    def _diagonal(self) -> float:
-        """What 100 % are of a length that is neither across nor along (SVG 2, section 8.9)."""
-        return float(np.hypot(self._box.width, self._box.height) / np.sqrt(2.0))
 
     def _length(self, attributes: dict[str, str], name: str, default: float = 0.0) -> float:
         if name not in attributes or attributes[name].strip() == "auto":
@@ -210,46 +217,38 @@ class StandardReader:
         color = style.stroke_rgba(self._context.opacity)
         if color is None or len(points) == 0:
             return
-        triangles = strokes.stroke(
+        outline = Outline(
             points,
-            closed=closed,
-            width=style.stroke_width,
-            cap=style.stroke_linecap,
-            join=style.stroke_linejoin,
-            miterlimit=style.stroke_miterlimit,
-            scale=_scale(state.map3),
+            closed,
+            style.stroke_width,
+            style.stroke_linecap,
+            style.stroke_linejoin,
+            style.stroke_miterlimit,
+            state.scale,
         )
-        if len(triangles) == 0:
-            return
-        triangles = transforms.apply(state.map3, triangles)
-        if color[3] < 1:
-            # The pieces overlap at joins, where they must not be seen twice.
-            self._context.display.add_region(strokes.union(triangles), color)
-        else:
-            self._context.display.add_triangles(triangles, color)
+        self._context.display.add_stroke(outline, state.map3, color)
 
     def _colortri(self, state: _State, attributes: dict[str, str]) -> None:
-        points = _numbers(attributes, "points", 6).reshape(1, 3, 2)
-        colors = _numbers(attributes, "colors", 12).reshape(1, 3, 4)
-        if not ((colors[..., 3] >= 0) & (colors[..., 3] <= 1)).all():
+        points = _numbers(attributes, "points", 6).reshape(3, 2)
+        colors = _numbers(attributes, "colors", 12).reshape(3, 4)
+        if not ((colors[:, 3] >= 0) & (colors[:, 3] <= 1)).all():
             raise ValueError(f"colors: alpha must be in 0..1, got {attributes['colors']!r}.")
         white = self._white(state)
         if white is not None:
             if not self._context.opacity:
-                colors[..., 3] = 1.0
+                colors[:, 3] = 1.0
             self._context.display.add_triangles(
-                transforms.apply(state.map3, points), colors * white
+                transforms.apply(state.map3, points)[None], colors * white
             )
 
     def _textri(self, state: _State, attributes: dict[str, str]) -> None:
-        points = _numbers(attributes, "points", 6).reshape(1, 3, 2)
-        uv = _numbers(attributes, "uvs", 6).reshape(1, 3, 2)
+        points = _numbers(attributes, "points", 6).reshape(3, 2)
+        uv = _numbers(attributes, "uvs", 6).reshape(3, 2)
         texture = self._context.assets.texture(attributes.get("texid", ""))
         white = self._white(state)
         if white is not None:
-            self._context.display.add_triangles(
-                transforms.apply(state.map3, points), white, uv, texture
-            )
+            corners = transforms.apply(state.map3, points)
+            self._context.display.add_textured(corners, white, uv, texture, False)
 
     def _white(self, state: _State) -> Rgba | None:
         """White with the opacities of the element; None if it is hidden."""
@@ -309,8 +308,3 @@ def _corners(box: Box) -> np.ndarray:
     return np.array(
         [[x, y], [x + box.width, y], [x + box.width, y + box.height], [x, y + box.height]]
     )
-
-
-def _scale(map3: np.ndarray) -> float:
-    """Pixels per unit where the map stretches most, near the origin."""
-    return float(np.linalg.norm(map3[:2, :2], 2) / abs(map3[2, 2] or 1.0))

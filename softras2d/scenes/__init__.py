@@ -22,7 +22,7 @@ _NAMES = (
     "mesh",
 )
 
-_KEYWORDS = {"hairlines": {"dialect": "course"}}
+_KEYWORDS: dict[str, dict[str, Any]] = {"hairlines": {"dialect": "course"}}
 """How scenes that are about something other than standard SVG are read."""
 
 _FIRST_COMMENT = re.compile(r"<!--\s*(.*?)\s*-->", re.DOTALL)

@@ -216,7 +216,7 @@ def rings() -> str:
     Its frequency grows with the radius, to one ring a pixel at the rim.
     """
     rim, edges = 145.0, 144
-    lines = [page(PAPER), '<g fill="none">']
+    lines = [page(PAPER), '<g fill="none" stroke-linejoin="bevel">']
     radii = rim * np.sqrt(np.arange(edges + 1) / edges)
     for inner, outer in zip(radii[1::2], radii[2::2], strict=True):
         # As many corners as keep the polygon within a tenth of a pixel of the circle.
