@@ -31,7 +31,7 @@ _LOW = 12  # bits of the lower half of a 24-bit extent
 
 
 class Grid(NamedTuple):
-    """The canvas in pixels, samples along a pixel's side, and the snapping grid of 2^-bits pixel."""
+    """The canvas in pixels, samples along a pixel's side, and the grid of 2^-bits pixel."""
 
     height: int
     width: int
@@ -66,7 +66,7 @@ class Grid(NamedTuple):
 
 
 class Segments(NamedTuple):
-    """The three directed edges of each triangle on the grid, `[3, triangles]`, from (x, y) by (dx, dy).
+    """The directed edges of each triangle on the grid, `[3, triangles]`: from (x, y) by (dx, dy).
 
     - `orientation`: `[triangles]`, the sign of the area as drawn. The edges follow the triangle
       turned to positive orientation: where it was -1, corners 1 and 2 have changed places.

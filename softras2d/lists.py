@@ -1,8 +1,8 @@
 """Uneven lists of triangles as dense arrays, in two shapes.
 
-*Chunks* cut each tile's list into runs of `LAYERS` slots: all of them are worked on at once, as an
-array `[chunks, LAYERS]`. *Steps* take tiles in blocks of `BLOCK`, longest lists first, and visit the
-lists of a block place by place: for what must go front to back.
+*Chunks* cut each tile's list into runs of `LAYERS` slots: all of them are worked on at once, as
+an array `[chunks, LAYERS]`. *Steps* take tiles in blocks of `BLOCK`, longest lists first, and
+visit the lists of a block place by place: for what must go front to back.
 """
 
 from typing import NamedTuple
@@ -43,8 +43,8 @@ class Steps(NamedTuple):
     """Visits of blocks of tiles, front to back, block after block.
 
     - `block`, `place`: per step, the block and the place in the lists of its tiles.
-    - `tile`, `start`, `count`: per block, its tiles and their lists; a place beyond the last tile is
-      an empty list of tile 0.
+    - `tile`, `start`, `count`: per block, its tiles and their lists; a place beyond the last tile
+      is an empty list of tile 0.
     - `slot`: per tile, where it is among the blocks' tiles.
     - `needed`: how many steps.
     """

@@ -25,6 +25,10 @@ EFFECTS = {
 """Each effect of a program, and the reason that it is there."""
 
 
+MOST_PAIRS = 2**27
+"""Pairs of a triangle and a tile that one render may list: 12 GiB of them."""
+
+
 class Capacity(NamedTuple):
     """Room for lists whose length only data shows.
 
@@ -84,7 +88,7 @@ class Plan(eqx.Module):
                 f"shaded by {hard.shading}; grid 2^-{grid.bits} px",
                 "effects",
                 *effects,
-                f"tiles     {tiling.columns} x {tiling.rows} of {tiling.width} x {tiling.height} px",
+                f"tiles     {tiling.columns} x {tiling.rows}, each {tiling.width} x {tiling.height}",
                 f"capacity  {room.pairs:,} pairs, {room.chunks:,} chunks of {LAYERS}, "
                 f"{room.depth} chunks a tile" + (f", {room.steps:,} steps" if room.steps else ""),
                 f"memory    {self.memory / 2**20:,.0f} MiB",
@@ -156,7 +160,8 @@ def _unstack(scene: Scene) -> list[Scene]:
     if scene.positions.ndim == 2:
         return [scene]
     host = jax.tree.map(np.asarray, scene)
-    return [jax.tree.map(lambda leaf: leaf[i], host) for i in range(scene.positions.shape[0])]
+    leaves, structure = jax.tree.flatten(host)
+    return [structure.unflatten(leaf[i] for leaf in leaves) for i in range(len(leaves[0]))]
 
 
 def _effects(scene: Scene, grid: Grid, origin: np.ndarray) -> list[str]:
@@ -171,7 +176,7 @@ def _effects(scene: Scene, grid: Grid, origin: np.ndarray) -> list[str]:
 
 
 def _needs(scene: Scene, grid: Grid, fill_rule: str, origin: np.ndarray) -> Capacity:
-    """Count, in numpy, what `tiles.chunk_lists` will list."""
+    """Count, in numpy, what `tiles.list_tiles` and `lists` will find."""
     tiling = Tiling.of(grid)
     positions = np.asarray(scene.positions)
     corners = (positions - origin.astype(positions.dtype))[np.asarray(scene.triangles)]
@@ -180,7 +185,12 @@ def _needs(scene: Scene, grid: Grid, fill_rule: str, origin: np.ndarray) -> Capa
         segments, _ = clip(corners, segments, grid)
     edges = edge_functions(segments, grid, fill_rule)
     span = spans(bounds(segments, grid), tiling)
-    total = int(span.count.sum())
+    total = int(span.count.sum(dtype=np.int64))
+    if total > MOST_PAIRS:
+        raise ValueError(
+            f"the scene has {total:,} pairs of a triangle and a tile, more than {MOST_PAIRS:,}: "
+            "draw it in pieces, with `origin` or fewer triangles."
+        )
     owner = np.repeat(np.arange(len(span.count), dtype=np.int32), span.count)
     rank = np.arange(total, dtype=np.int32) - np.repeat(
         np.cumsum(span.count) - span.count, span.count

@@ -65,7 +65,9 @@ def render_checked(
     return image, _exceeds(needs, plan.capacity) | astray
 
 
-_OUTGROWN = "the scene outgrew its plan: call softras2d.plan(scene, ...) again, or plan for a list of scenes."
+_OUTGROWN = (
+    "the scene outgrew its plan: call softras2d.plan(scene, ...) again, or plan for several scenes."
+)
 
 
 def _exceeds(needs: Capacity, room: Capacity) -> Array:

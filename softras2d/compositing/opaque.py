@@ -18,7 +18,7 @@ from ..tiles import Tiling
 
 
 class Fields(NamedTuple):
-    """Where the pixels of a tile row are in packed words: pixel x is field x // words of word x % words."""
+    """Where the pixels of a tile row are: pixel x is field x // words of word x % words."""
 
     bits: int
     words: int
@@ -166,23 +166,35 @@ def sum_interpolated(
     return add(sums, weights, colors)
 
 
+_GATHERED = 32
+"""Chunks of a tile that are gathered; rarely is a tile deeper, and then the rest is scattered."""
+
+
 def sum_chunks(
     parts: Float[Array, "chunks channels fields places"], chunks: Chunks, *, depth: int
 ) -> Float[Array, "tiles channels fields places"]:
     """Sum over the chunks of each tile; `depth` is the most that a tile has."""
 
     @one_pass
-    def add(parts, first, count):
+    def gather(parts, chunks):
         def place(k):
-            there = (k < count)[:, None, None, None]
-            return jnp.where(there, parts.at[first + k].get(mode="clip"), 0.0)
+            there = (k < chunks.count)[:, None, None, None]
+            return jnp.where(there, parts.at[chunks.first + k].get(mode="clip"), 0.0)
 
         total = place(0)
-        for k in range(1, depth):
+        for k in range(1, min(depth, _GATHERED)):
             total = total + place(k)
         return total
 
-    return add(parts, chunks.first, chunks.count)
+    @one_pass
+    def scatter(total, parts, chunks):
+        number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
+        deep = (chunks.index >= _GATHERED) & (number < chunks.needed)
+        tile = jnp.where(deep, chunks.tile, total.shape[0])
+        return total.at[tile].add(parts, mode="drop", indices_are_sorted=False)
+
+    total = gather(parts, chunks)
+    return total if depth <= _GATHERED else scatter(total, parts, chunks)
 
 
 def add_background(
@@ -221,6 +233,6 @@ def to_image(
             tiling.rows, tiling.columns, channels, packing.count, packing.words, tiling.height
         )
         image = split.transpose(0, 5, 1, 3, 4, 2)
-        return tiling.crop(image.reshape(tiling.padded_shape + (channels,))) / tiling.grid.samples
+        return tiling.crop(image.reshape((*tiling.padded_shape, channels))) / tiling.grid.samples
 
     return arrange(sums)

@@ -23,7 +23,7 @@ from ..tiles import TileLists, Tiling
 
 
 def sample_bits(rows: UInt32[Array, "block rows"], tiling: Tiling) -> Array:
-    """Bits of the words of a block's tiles, `[sub rows, sub columns, block, height, width]`, 0 or 1."""
+    """Bits of a block's words, 0 or 1: `[sub rows, sub columns, block, height, width]`."""
     rate = tiling.grid.rate
     words = rows.reshape(-1, rate, tiling.height).transpose(1, 0, 2)
     column = jnp.arange(tiling.width, dtype=jnp.uint32) * jnp.uint32(rate)
@@ -144,7 +144,7 @@ def to_image(
     @one_pass
     def arrange(sums, background):
         split = sums.reshape(tiling.rows, tiling.columns, 4, tiling.height, tiling.width)
-        image = split.transpose(0, 3, 1, 4, 2).reshape(tiling.padded_shape + (4,))
+        image = split.transpose(0, 3, 1, 4, 2).reshape((*tiling.padded_shape, 4))
         image = tiling.crop(image) / tiling.grid.samples
         front = image[..., : background.shape[0]]
         return front + (1.0 - image[..., 3:]) * background[None, None]

@@ -147,7 +147,7 @@ class DisplayList:
             rounded = points.astype(np.float32)
         bad = ~np.isfinite(rounded).all(axis=tuple(range(1, rounded.ndim)))
         if bad.any():
-            raise self._error(draws[np.argmax(bad)], "a coordinate is not finite in float32.")
+            raise self._error(int(draws[np.argmax(bad)]), "a coordinate is not finite in float32.")
         return rounded
 
     def _error(self, draw: int, message: str) -> SvgError:
@@ -174,7 +174,7 @@ class DisplayList:
         try:
             corners, index = triangulate(contours, evenodd, self._is_translucent(draw).tolist())
         except PolygonError as error:
-            raise self._error(draw[error.index], f"the polygon {error}") from None
+            raise self._error(int(draw[error.index]), f"the polygon {error}") from None
         return self._batch(draw[index], corners)
 
     def _from_ears(self) -> _Batch | None:
@@ -218,7 +218,7 @@ class DisplayList:
         bad = ~(mapped[..., 2] > 0).all(axis=1)
         if bad.any():
             message = "`transform` sends a stroke to infinity or behind it (w <= 0)."
-            raise self._error(draw[owner[np.argmax(bad)]], message)
+            raise self._error(int(draw[owner[np.argmax(bad)]]), message)
         mapped = mapped[..., :2] / mapped[..., 2:]
         self._float32(mapped, draw[owner])
         return mapped

@@ -181,8 +181,10 @@ class CourseReader:
             raise ValueError(f"covers {len(columns)} x {len(rows)} pixels, which are too many.")
         if len(columns) and len(rows):
             colors = _bilinear(picture, u, v)
-            for rectangle, rgb in zip(*_merged(rows, columns, colors), strict=True):
-                self._context.display.add_pixels(tuple(rectangle), (*rgb, 1.0))
+            for (x0, y0, x1, y1), (red, green, blue) in zip(
+                *_merged(rows, columns, colors), strict=True
+            ):
+                self._context.display.add_pixels((x0, y0, x1, y1), (red, green, blue, 1.0))
 
     def _frame(self, map3: np.ndarray) -> None:
         """The black outline of the drawing, moved out by a pixel across and in by one along."""

@@ -17,7 +17,8 @@ class TexturePyramid(eqx.Module):
     - `levels`: per texture and level the offset of its first texel, its height and its width;
       a texture with fewer levels repeats its last.
     - `border`: beyond 0..1, `"clamp"` holds the border texel and `"repeat"` tiles.
-    - `addressing`: `"half_texel"` puts texel i at (i + 0.5) / width; `"corners"` at i / (width - 1).
+    - `addressing`: `"half_texel"` puts texel i at (i + 0.5) / width, `"corners"` at
+      i / (width - 1).
     """
 
     texels: Float[Array, "texels channels"]
