@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from . import safe
-from .fixed_point import Edges
+from .fixed_point import Edges, unwrap
 from .guard_band import Planes
 from .tiles import Tiling
 
@@ -51,13 +51,6 @@ class Weights(NamedTuple):
             return Weights(*pairs, *singles)
         plane = jax.vmap(jax.vmap(change))(self.plane)
         return Weights(*pairs, *singles, plane, change(self.beyond))
-
-
-def unwrap(wrapped: Int[Array, "*shape"], estimate: Array, dtype: Any) -> Array:
-    """The float of an integer known modulo 2^32 and to within 2^31."""
-    low = wrapped.astype(jnp.float32)
-    turns = jnp.round((estimate - low) * 2.0**-32)
-    return wrapped.astype(dtype) + turns.astype(dtype) * 2.0**32
 
 
 def twice_area(edges: Edges, dtype: Any) -> Float[Array, " triangles"]:

@@ -107,15 +107,29 @@ class Edge(NamedTuple):
 
     def at(self, column: Any, row: Any) -> Any:
         """The edge value at a sample, exact within +-2^30 and held there beyond."""
-        xp = self.right.__array_namespace__()
-        f32 = xp.float32
-        wrapped = self.start + self.right * column + self.down * row
+        wrapped, estimate = self._wrapped_at(column, row)
+        xp = wrapped.__array_namespace__()
+        held = xp.where(estimate > 0, FAR, -FAR).astype(xp.int32)
+        return xp.where(xp.abs(estimate) < float(FAR), wrapped, held)
+
+    def measure(self, column: Any, row: Any) -> Any:
+        """The edge value at a sample as float32, to one rounding."""
+        wrapped, estimate = self._wrapped_at(column, row)
+        return unwrap(wrapped, estimate, estimate.dtype)
+
+    def _wrapped_at(self, column: Any, row: Any) -> tuple[Any, Any]:
+        f32 = self.estimate.dtype
         steps = self.right.astype(f32) * column.astype(f32) + self.down.astype(f32) * row.astype(
             f32
         )
-        estimate = self.estimate + steps
-        held = xp.where(estimate > 0, FAR, -FAR).astype(xp.int32)
-        return xp.where(xp.abs(estimate) < float(FAR), wrapped, held)
+        return self.start + self.right * column + self.down * row, self.estimate + steps
+
+
+def unwrap(wrapped: Any, estimate: Any, dtype: Any) -> Any:
+    """The float of an integer that is known modulo 2^32, and to within 2^31 by a float32."""
+    xp = wrapped.__array_namespace__()
+    turns = xp.round((estimate - wrapped.astype(estimate.dtype)) * 2.0**-32)
+    return wrapped.astype(dtype) + turns.astype(dtype) * 2.0**32
 
 
 Edges = tuple[Edge, Edge, Edge]

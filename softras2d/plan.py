@@ -14,7 +14,7 @@ from .guard_band import clip
 from .lists import BLOCK, LAYERS
 from .options import Area, Filter, Hard, Soft
 from .scene import Scene, check
-from .tiles import Tiling, spans, touch
+from .tiles import Tiling, cross, strip_counts
 
 EFFECTS = {
     "interpolated colour": "`colors` differ by corner",
@@ -32,11 +32,12 @@ MOST_PAIRS = 2**27
 class Capacity(NamedTuple):
     """Room for lists whose length only data shows.
 
-    - `pairs`: of a triangle and a tile of its bounding box.
+    - `strips`: of a triangle and a row of tiles; `pairs`: of a triangle and a tile.
     - `chunks`: runs of `LAYERS` listed pairs of one tile; `depth`: the most of one tile.
     - `steps`: blocks of `BLOCK` tiles times the longest list in each; for translucent scenes.
     """
 
+    strips: int
     pairs: int
     chunks: int
     depth: int
@@ -184,32 +185,38 @@ def _needs(scene: Scene, grid: Grid, fill_rule: str, origin: np.ndarray) -> Capa
     if not within_guard(corners, grid).all():
         segments, _ = clip(corners, segments, grid)
     edges = edge_functions(segments, grid, fill_rule)
-    span = spans(bounds(segments, grid), tiling)
-    total = int(span.count.sum(dtype=np.int64))
+    box = bounds(segments, grid)
+    owner, rank = _expand(strip_counts(box, tiling))
+    own = (edges[0].of(owner), edges[1].of(owner), edges[2].of(owner))
+    strips = cross(own, box.of(owner), rank, tiling)
+    total = int(strips.count.sum(dtype=np.int64))
     if total > MOST_PAIRS:
         raise ValueError(
             f"the scene has {total:,} pairs of a triangle and a tile, more than {MOST_PAIRS:,}: "
             "draw it in pieces, with `origin` or fewer triangles."
         )
-    owner = np.repeat(np.arange(len(span.count), dtype=np.int32), span.count)
-    rank = np.arange(total, dtype=np.int32) - np.repeat(
-        np.cumsum(span.count) - span.count, span.count
-    )
-    row = rank // span.columns[owner]
-    column = span.column[owner] + rank - row * span.columns[owner]
-    row = row + span.row[owner]
-    own = (edges[0].of(owner), edges[1].of(owner), edges[2].of(owner))
-    some, all_ = touch(own, column.astype(np.int32), row.astype(np.int32), tiling)
-    tile = row * tiling.columns + column
+    strip, rank = _expand(strips.count)
+    column = strips.first[strip] + rank
+    tile = strips.row[strip] * tiling.columns + column
+    whole = (strips.whole_first[strip] <= column) & (column <= strips.whole_last[strip])
     alpha = np.asarray(scene.colors)[..., 3:]
-    hides = ((alpha >= 1).all((1, 2)) & (segments.orientation != 0))[owner]
-    wall = np.full(tiling.count, -1, np.int64)
-    np.maximum.at(wall, tile[all_ & hides], owner[all_ & hides])
-    seen = some & (owner >= wall[tile])
+    hides = (alpha >= 1).all((1, 2)) & (segments.orientation != 0)
+    triangle = owner[strip]
+    hiding = whole & hides[triangle]
+    wall = np.full(tiling.count, -1, np.int32)
+    np.maximum.at(wall, tile[hiding], triangle[hiding])
+    seen = triangle >= wall[tile]
     listed = np.bincount(tile[seen], minlength=tiling.count)
     chunks = -(-listed // LAYERS)
     steps = int(np.sort(listed)[::-1][::BLOCK].sum()) if scene.colors.shape[2] == 4 else 0
-    return Capacity(total, int(chunks.sum()), int(chunks.max()), steps)
+    return Capacity(len(owner), total, int(chunks.sum()), int(chunks.max()), steps)
+
+
+def _expand(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`tiles.expand` in numpy, with as many places as there are."""
+    start = np.cumsum(count) - count
+    owner = np.repeat(np.arange(len(count), dtype=np.int32), count)
+    return owner, (np.arange(len(owner)) - start[owner]).astype(np.int32)
 
 
 def _ladder(need: int) -> int:

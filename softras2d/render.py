@@ -1,5 +1,7 @@
 """The pipeline, from a scene and a plan to an image."""
 
+import functools
+import operator
 from typing import NamedTuple
 
 import equinox as eqx
@@ -71,8 +73,8 @@ _OUTGROWN = (
 
 
 def _exceeds(needs: Capacity, room: Capacity) -> Array:
-    over = [need > have for need, have in zip(needs, room, strict=True)]
-    return over[0] | over[1] | over[2] | over[3]
+    short = [need > have for need, have in zip(needs, room, strict=True)]
+    return functools.reduce(operator.or_, short)
 
 
 def _complaint(needs: Capacity, plan: Plan) -> str:
@@ -92,11 +94,16 @@ def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
     none = jnp.zeros((), jnp.int32)
     if scene.triangles.shape[0] == 0:
         image = jnp.broadcast_to(background, (plan.height, plan.width, background.shape[0]))
-        return _straight(image), Capacity(none, none, none, none), none > 0
+        return _straight(image), Capacity(none, none, none, none, none), none > 0
     tiling, room = plan.tiling, plan.capacity
     projected = _project(scene, plan)
     lists = list_tiles(
-        projected.edges, projected.bounds, projected.hides, tiling, capacity=room.pairs
+        projected.edges,
+        projected.bounds,
+        projected.hides,
+        tiling,
+        strips=room.strips,
+        pairs=room.pairs,
     )
     if scene.colors.shape[2] == 4:
         steps = cut_steps(lists, capacity=room.steps)
@@ -110,11 +117,11 @@ def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
             projected.planes,
         )
         image = over.to_image(sums, background, tiling)
-        needs = Capacity(lists.needed, none, none, steps.needed)
+        needs = Capacity(lists.strips, lists.pairs, none, none, steps.needed)
     else:
         chunks = cut_chunks(lists, capacity=room.chunks)
         image = _paint(projected, chunks, background, plan)
-        needs = Capacity(lists.needed, chunks.needed, chunks.deepest, none)
+        needs = Capacity(lists.strips, lists.pairs, chunks.needed, chunks.deepest, none)
     return _straight(image), needs, projected.astray
 
 

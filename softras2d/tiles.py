@@ -1,8 +1,9 @@
 """Which triangles touch which tile, in draw order.
 
-A tile is as wide as a row of its samples fits one 32-bit word. Each triangle is expanded into a
-*pair* for every tile of its bounding box; pairs that miss the tile, or lie behind a triangle that
-hides all of it, are dropped; the rest are sorted by tile, nearest first.
+A tile is as wide as a row of its samples fits one 32-bit word. A triangle crosses a row of tiles
+in a *strip*: from its edges follow the columns that it touches there and those that it covers
+whole. Each touched tile is a *pair*; pairs behind a triangle that hides the whole tile are
+dropped, and the rest are sorted by tile, nearest first.
 
 `lists.py` cuts the lists into dense arrays.
 """
@@ -13,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from .fixed_point import Bounds, Edges, Grid
+from .fixed_point import Bounds, Edge, Edges, Grid
 from .staging import one_pass
 
 _PIXELS = {1: (8, 32), 2: (8, 16), 3: (8, 10), 4: (8, 8), 8: (4, 4), 16: (2, 2)}
@@ -65,13 +66,25 @@ class Tiling(NamedTuple):
         return self.width * self.grid.rate
 
 
-class Spans(NamedTuple):
-    """Tiles under the bounding box of each triangle: first column and row, columns, and count."""
+class Strips(NamedTuple):
+    """Where triangles cross rows of tiles.
 
-    column: Any
+    - `row`: of tiles; `first`, `last`: columns of the tiles that the triangle may touch there,
+      none if `first > last`.
+    - `whole_first`, `whole_last`: columns of tiles whose every sample it covers.
+    """
+
     row: Any
-    columns: Any
-    count: Any
+    first: Any
+    last: Any
+    whole_first: Any
+    whole_last: Any
+
+    @property
+    def count(self) -> Any:
+        """Tiles of each strip."""
+        xp = self.first.__array_namespace__()
+        return xp.maximum(self.last - self.first + 1, xp.zeros_like(self.first))
 
 
 class TileLists(NamedTuple):
@@ -79,43 +92,76 @@ class TileLists(NamedTuple):
 
     - `triangle`, `tile`: which, and where; a place beyond the sum of `count` means nothing.
     - `start`, `count`: per tile, its first place and how many.
-    - `needed`: pairs before any were dropped; beyond the capacity, triangles are missing.
+    - `strips`, `pairs`: how many there were, before any pair was dropped; beyond the capacities,
+      triangles are missing.
     """
 
     triangle: Int[Array, " pairs"]
     tile: Int[Array, " pairs"]
     start: Int[Array, " tiles"]
     count: Int[Array, " tiles"]
-    needed: Int[Array, ""]
+    strips: Int[Array, ""]
+    pairs: Int[Array, ""]
 
 
-def spans(bounds: Bounds, tiling: Tiling) -> Spans:
-    """The tiles under each triangle's bounding box. For numpy and jax alike."""
-    across, down = tiling.sample_columns, tiling.sample_rows
+def strip_counts(bounds: Bounds, tiling: Tiling) -> Any:
+    """Rows of tiles under each triangle's bounding box. For numpy and jax alike."""
     xp = bounds.left.__array_namespace__()
     empty = (bounds.left > bounds.right) | (bounds.top > bounds.bottom)
-    column, row = bounds.left // across, bounds.top // down
-    columns = bounds.right // across - column + 1
-    rows = bounds.bottom // down - row + 1
-    return Spans(column, row, columns, xp.where(empty, 0, columns * rows))
+    rows = bounds.bottom // tiling.sample_rows - bounds.top // tiling.sample_rows + 1
+    return xp.where(empty, 0, rows)
 
 
-def touch(edges: Edges, column: Any, row: Any, tiling: Tiling) -> tuple[Any, Any]:
-    """Whether each pair's triangle may own samples of its tile, and whether it owns them all.
+def cross(edges: Edges, bounds: Bounds, rank: Any, tiling: Tiling) -> Strips:
+    """The strip of each triangle in row `rank` of its own rows of tiles.
 
-    `edges` are those of the pairs' triangles; `column, row` of their tiles. The first is
-    conservative: every edge lets some sample in. For numpy and jax alike.
+    `first..last` may be too wide by a rounding, `whole_first..whole_last` too narrow; never the
+    other way. For numpy and jax alike.
     """
-    xp = column.__array_namespace__()
+    xp = rank.__array_namespace__()
     across, down = tiling.sample_columns, tiling.sample_rows
-    some, every = column >= 0, column >= 0
+    row = bounds.top // down + rank
+    first, last = (side // across for side in (bounds.left, bounds.right))
+    ends = [first, last, first, last]
     for edge in edges:
-        value = edge.at(column * across, row * down)
-        right, below = (across - 1) * edge.right, (down - 1) * edge.down
-        zero = xp.zeros_like(right)
-        some = some & (value + xp.maximum(right, zero) + xp.maximum(below, zero) >= 0)
-        every = every & (value + xp.minimum(right, zero) + xp.minimum(below, zero) >= 0)
-    return some, every
+        limits = _columns_inside(edge, row * down, tiling)
+        for k, (limit, narrow) in enumerate(zip(limits, (xp.maximum, xp.minimum) * 2, strict=True)):
+            ends[k] = narrow(ends[k], limit)
+    return Strips(row, *ends)
+
+
+_ANYWHERE = 2.0**20
+
+
+def _columns_inside(edge: Edge, row: Any, tiling: Tiling) -> tuple[Any, Any, Any, Any]:
+    """First and last tile with a sample inside an edge, and with none outside; `row` of samples."""
+    xp = row.__array_namespace__()
+    across, down = tiling.sample_columns, tiling.sample_rows
+    value = edge.measure(xp.zeros_like(row), row)
+    right, below = (step.astype(value.dtype) for step in (edge.right, edge.down))
+    drop = below * (down - 1)
+    zero = xp.zeros_like(value)
+    # Roundings of the values, and of their sums; the quotients get a part of a tile besides.
+    error = (xp.abs(value) + xp.abs(drop)) * 2.0**-22
+    most = value + xp.maximum(drop, zero) + error
+    least = value + xp.minimum(drop, zero) - error
+    size = xp.where(right == 0, 1.0, xp.abs(right) * across).astype(value.dtype)
+    inner = (across - 1) / across
+    slack = 2.0**-6
+
+    def column(place: Any, applies: Any, otherwise: Any) -> Any:
+        place = xp.where(applies, place, otherwise)
+        return xp.clip(place, -_ANYWHERE, _ANYWHERE).astype(xp.int32)
+
+    def limits(value: Any, lead: float, lag: float, slack: float) -> tuple[Any, Any]:
+        """Where `value + right x` turns positive, and where it ceases to be."""
+        level = xp.where((right == 0) & (value < 0), _ANYWHERE, -_ANYWHERE)
+        return (
+            column(xp.ceil(-value / size - lead - slack), right > 0, level),
+            column(xp.floor(value / size - lag + slack), right < 0, _ANYWHERE),
+        )
+
+    return *limits(most, inner, 0.0, slack), *limits(least, 0.0, inner, -slack)
 
 
 def expand(
@@ -138,53 +184,60 @@ def list_tiles(
     hides: Bool[Array, " triangles"],
     tiling: Tiling,
     *,
-    capacity: int,
+    strips: int,
+    pairs: int,
 ) -> TileLists:
-    """The triangles of every tile. `hides` tells those through which nothing shows."""
+    """The triangles of every tile. `hides` tells those through which nothing shows.
+
+    `strips` and `pairs` are capacities.
+    """
     triangles = hides.shape[0]
-    span = one_pass(lambda bounds: spans(bounds, tiling))(bounds)
-    owner, rank = one_pass(lambda count: expand(count, capacity))(span.count)
 
     @one_pass
-    def gather(edges, span, hides, owner):
+    def cross_rows(edges, bounds, hides):
+        counts = strip_counts(bounds, tiling)
+        owner, rank = expand(counts, strips)
         first, second, third = (edge.of(owner) for edge in edges)
-        of_pair = Spans(span.column[owner], span.row[owner], span.columns[owner], owner)
-        return (first, second, third), of_pair, hides[owner]
+        strip = cross((first, second, third), bounds.of(owner), rank, tiling)
+        total = count_up_to_far(counts)
+        used = (jnp.arange(strips, dtype=jnp.int32) < total) & (rank < counts[owner])
+        whole = jnp.where(hides[owner], strip.whole_last, -1)
+        strip = strip._replace(last=jnp.where(used, strip.last, strip.first - 1), whole_last=whole)
+        return strip, owner, total
 
     @one_pass
-    def place(span, rank):
-        row = rank // span.columns
-        return span.column + rank - row * span.columns, span.row + row
+    def place(strip, triangle):
+        owner, rank = expand(strip.count, pairs)
+        total = count_up_to_far(strip.count)
+        used = jnp.arange(pairs, dtype=jnp.int32) < total
+        column = strip.first[owner] + rank
+        tile = jnp.where(used, strip.row[owner] * tiling.columns + column, tiling.count)
+        whole = (column >= strip.whole_first[owner]) & (column <= strip.whole_last[owner])
+        return tile, jnp.where(whole, tile, tiling.count), triangle[owner], total
 
     @one_pass
-    def classify(edges, column, row, hides, needed):
-        some, all_ = touch(edges, column, row, tiling)
-        used = jnp.arange(capacity, dtype=jnp.int32) < needed
-        tile = jnp.where(used & some, row * tiling.columns + column, tiling.count)
-        return tile, jnp.where(all_ & hides, tile, tiling.count)
-
-    @one_pass
-    def drop_hidden(tile, hidden, owner):
-        wall = jnp.full(tiling.count + 1, -1, jnp.int32).at[hidden].max(owner)
+    def drop_hidden(tile, hidden, triangle):
+        wall = jnp.full(tiling.count + 1, -1, jnp.int32).at[hidden].max(triangle)
         wall = wall.at[-1].set(triangles)
-        return jnp.where(owner >= wall[tile], tile, tiling.count)
+        return jnp.where(triangle >= wall[tile], tile, tiling.count)
 
     @one_pass
     def count_listed(tile):
         count = jnp.zeros(tiling.count + 1, jnp.int32).at[tile].add(1)[:-1]
         return jnp.cumsum(count) - count, count
 
-    pair_edges, pair_span, pair_hides = gather(edges, span, hides, owner)
-    # Counted in floats beside: an int32 sum that wrapped would pass for a small one.
-    needed = jnp.where(
-        jnp.sum(span.count.astype(jnp.float32)) < 2.0**30, jnp.sum(span.count), 2**30
-    ).astype(jnp.int32)
-    column, row = place(pair_span, rank)
-    tile, hidden = classify(pair_edges, column, row, pair_hides, needed)
-    tile = drop_hidden(tile, hidden, owner)
+    strip, owner, strip_total = cross_rows(edges, bounds, hides)
+    tile, hidden, triangle, pair_total = place(strip, owner)
+    tile = drop_hidden(tile, hidden, triangle)
     start, count = count_listed(tile)
-    tile, order = _sort(tile, triangles - 1 - owner, tiling.count, triangles)
-    return TileLists(triangles - 1 - order, tile, start, count, needed)
+    tile, order = _sort(tile, triangles - 1 - triangle, tiling.count, triangles)
+    return TileLists(triangles - 1 - order, tile, start, count, strip_total, pair_total)
+
+
+def count_up_to_far(counts: Int[Array, " owners"]) -> Int[Array, ""]:
+    """The sum, held at 2^30: one that wrapped could pass for a small one."""
+    near = jnp.sum(counts.astype(jnp.float32)) < 2.0**30
+    return jnp.where(near, jnp.sum(counts), 2**30).astype(jnp.int32)
 
 
 def _sort(tile: Array, order: Array, tiles: int, triangles: int) -> tuple[Array, Array]:

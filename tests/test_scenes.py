@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
+import softras2d as sr
 from softras2d import scenes
 from softras2d.scenes.make import MADE, SIZE
 
@@ -87,6 +88,14 @@ def test_no_edge_of_the_glass_meets_a_sample(rate):
     panes = corners[np.asarray(scene.colors)[:, 0, 3] < 1]
     assert len(panes) == 114
     assert samples_on_edges(panes, rate) == 0
+
+
+def test_glass_shows_no_seam():
+    scene = scenes.read("glass")
+    plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(samples=1))
+    image = np.asarray(sr.render(scene, plan))
+    # Paper, stripe and moon, bare and through each of four tints. A seam would be another colour.
+    assert len(np.unique(image.reshape(-1, 3).round(4), axis=0)) == 3 + 3 * 4
 
 
 @pytest.mark.parametrize("rate", [1, 2, 4])

@@ -1,11 +1,14 @@
 """A scene pays for what it shows: an opaque flat one neither blends nor interpolates.
 
-Read from the traced program. Values that derive from the colours are followed through it: blending
-multiplies two of them (transmittance and colour), interpolation multiplies one by weights and so
-takes more products than the resolve of a flat scene.
+Read from the traced program, in which what derives from the colours and from the positions is
+followed from the inputs on. Blending multiplies two numbers that derive from colours (colour and
+transmittance). Interpolation multiplies one of them by one that derives from positions (weights). A
+flat scene multiplies colours by counts of samples: decisions and counts derive from nothing here,
+and to choose a colour is no arithmetic with it.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import jax
 import numpy as np
@@ -17,11 +20,13 @@ import softras2d as sr
 from .cases import colors_of
 
 COUNT = 24
-PRODUCTS = ("mul", "dot_general", "div")
+COLORS, POSITIONS = 1, 2
+Marks = list[int]
+"""What each of a list of values derives from: the sum of `COLORS` and `POSITIONS`."""
 
 
-def _program(channels: int, corners: int, background: int = 3) -> tuple[ClosedJaxpr, list[bool]]:
-    """The traced `render`, and which of its inputs are colours."""
+def _program(channels: int, corners: int, background: int = 3) -> tuple[ClosedJaxpr, Marks]:
+    """The traced `render`, and what its inputs are."""
     rng = np.random.default_rng(0)
     points = rng.uniform(0, 32, (COUNT, 3, 2)).astype(np.float32)
     scene = sr.Scene.from_soup(
@@ -29,9 +34,10 @@ def _program(channels: int, corners: int, background: int = 3) -> tuple[ClosedJa
     )
     plan = sr.plan(scene, height=32, width=32, coverage=sr.Hard(samples=16))
     program = jax.make_jaxpr(sr.render_checked)(scene, plan)
-    tinted = [leaf is scene.colors for leaf in jax.tree.leaves((scene, plan))]
-    assert sum(tinted) == 1
-    return program, tinted
+    kinds = {id(scene.colors): COLORS, id(scene.positions): POSITIONS}
+    marks = [kinds.get(id(leaf), 0) for leaf in jax.tree.leaves((scene, plan))]
+    assert sorted(filter(None, marks)) == [COLORS, POSITIONS]
+    return program, marks
 
 
 def _inner(eqn: JaxprEqn) -> Iterator[Jaxpr]:
@@ -51,91 +57,118 @@ def _equations(jaxpr: Jaxpr) -> Iterator[JaxprEqn]:
             yield from _equations(inner)
 
 
-def _products(program: ClosedJaxpr, tinted: list[bool]) -> tuple[int, int]:
-    """How many products take one factor that derives from the colours, and how many take two."""
-    one, two = set(), set()
-    _follow(program.jaxpr, tinted, one, two)
-    return len(one), len(two)
+_VALUES = {
+    "gather": [0],
+    "dynamic_slice": [0],
+    "dynamic_update_slice": [0, 1],
+    "scatter": [0, 2],
+    "scatter-add": [0, 2],
+    "select_n": [1, 2],
+    **dict.fromkeys(("population_count", "and", "or", "xor", "not"), []),
+}
+"""Operands that are values: the others only say where, or which. Bits are decisions."""
 
 
-def _follow(jaxpr: Jaxpr, tinted: list[bool], one: set, two: set) -> list[bool]:
-    """Which outputs derive from the tinted inputs; products are collected by identity."""
-    assert len(jaxpr.invars) == len(tinted)
-    known = {var for var, mark in zip(jaxpr.invars, tinted, strict=True) if mark}
-    for eqn in jaxpr.eqns:
-        marks = [not isinstance(v, Literal) and v in known for v in eqn.invars]
-        if not any(marks):
-            continue
-        if eqn.primitive.name in PRODUCTS:
-            (two if sum(marks) == 2 else one).add(id(eqn))
-        known.update(
-            var
-            for var, mark in zip(eqn.outvars, _through(eqn, marks, one, two), strict=True)
-            if mark
+class _Products:
+    """Products in a program: how many are blending, how many interpolation."""
+
+    def __init__(self, program: ClosedJaxpr, marks: Marks):
+        self.seen: dict[int, Marks] = {}
+        self._follow(program.jaxpr, marks)
+        pairs = [sorted(factors) for factors in self.seen.values()]
+        self.blending = sum(bool(a & b & COLORS) for a, b in pairs)
+        self.interpolation = sum(
+            bool((a & COLORS and b & POSITIONS) or (a & POSITIONS and b & COLORS)) for a, b in pairs
         )
-    return [not isinstance(v, Literal) and v in known for v in jaxpr.outvars]
 
+    def _follow(self, jaxpr: Jaxpr, marks: Marks) -> Marks:
+        """What the outputs derive from."""
+        known: dict[Any, int] = dict(zip(jaxpr.invars, marks, strict=True))
 
-def _through(eqn: JaxprEqn, marks: list[bool], one: set, two: set) -> list[bool]:
-    """Tints of the outputs of an equation: through what it calls, else all floats."""
-    name, params = eqn.primitive.name, eqn.params
-    if name == "while":
-        constants, rest = params["cond_nconsts"], params["body_nconsts"]
-        body, carry = marks[constants : constants + rest], marks[constants + rest :]
-        while True:  # until no more of the carry is tinted
-            out = _follow(params["body_jaxpr"].jaxpr, body + carry, one, two)
-            new = [a or b for a, b in zip(carry, out, strict=True)]
-            if new == carry:
-                return carry
-            carry = new
-    if name == "scan":
-        constants, size = params["num_consts"], params["num_carry"]
-        fixed, carry, rest = marks[:constants], marks[constants:][:size], marks[constants + size :]
+        def mark(var: Any) -> int:
+            return 0 if isinstance(var, Literal) else known.get(var, 0)
+
+        for eqn in jaxpr.eqns:
+            given = [mark(var) for var in eqn.invars]
+            if not any(given):
+                continue
+            if eqn.primitive.name in ("mul", "div", "dot_general"):
+                before = self.seen.get(id(eqn), [0, 0])
+                self.seen[id(eqn)] = _either(before, given)
+            for var, derived in zip(eqn.outvars, self._through(eqn, given), strict=True):
+                decision = getattr(var.aval, "dtype", None) == np.bool_
+                known[var] = 0 if decision else derived
+        return [mark(var) for var in jaxpr.outvars]
+
+    def _through(self, eqn: JaxprEqn, given: Marks) -> Marks:
+        """What the outputs of one equation derive from."""
+        name, params = eqn.primitive.name, eqn.params
+        if name == "while":
+            first, second = params["cond_nconsts"], params["body_nconsts"]
+            fixed, carry = given[first : first + second], given[first + second :]
+            return self._loop(params["body_jaxpr"].jaxpr, fixed, carry, [])
+        if name == "scan":
+            first, second = params["num_consts"], params["num_carry"]
+            fixed, carry, rest = given[:first], given[first:][:second], given[first + second :]
+            return self._loop(params["jaxpr"].jaxpr, fixed, carry, rest)
+        if name == "cond":
+            outs = [self._follow(branch.jaxpr, given[1:]) for branch in params["branches"]]
+            return [int(np.bitwise_or.reduce(column)) for column in zip(*outs, strict=True)]
+        inner = list(_inner(eqn))
+        if len(inner) == 1 and len(inner[0].invars) == len(given):
+            return self._follow(inner[0], given)
+        if name == "sort":
+            return given
+        used = [given[i] for i in _VALUES[name]] if name in _VALUES else given
+        return [int(np.bitwise_or.reduce([0, *used]))] * len(eqn.outvars)
+
+    def _loop(self, body: Jaxpr, fixed: Marks, carry: Marks, rest: Marks) -> Marks:
+        """Once around until nothing more derives from anything more."""
         while True:
-            out = _follow(params["jaxpr"].jaxpr, fixed + carry + rest, one, two)
-            new = [a or b for a, b in zip(carry, out[:size], strict=True)]
+            out = self._follow(body, fixed + carry + rest)
+            new = _either(carry, out[: len(carry)])
             if new == carry:
                 return out
             carry = new
-    if name == "cond":
-        outs = [_follow(branch.jaxpr, marks[1:], one, two) for branch in params["branches"]]
-        return [any(column) for column in zip(*outs, strict=True)]
-    inner = list(_inner(eqn))
-    if len(inner) == 1 and len(inner[0].invars) == len(marks):
-        return _follow(inner[0], marks, one, two)
-    return [np.issubdtype(getattr(v.aval, "dtype", np.bool_), np.floating) for v in eqn.outvars]
 
 
-def test_opaque_flat_blends_nothing():
-    _, blended = _products(*_program(channels=3, corners=1))
-    assert blended == 0
-    # The same search finds the blending where it is.
-    _, blended = _products(*_program(channels=4, corners=1))
-    assert blended > 0
+def _either(first: Marks, second: Marks) -> Marks:
+    return [a | b for a, b in zip(first, second, strict=True)]
 
 
-def test_opaque_flat_interpolates_nothing():
-    flat, _ = _products(*_program(channels=3, corners=1))
-    # Counts of samples times colour, and at most one scale for the mean.
-    assert flat <= 2
-    interpolated, _ = _products(*_program(channels=3, corners=3))
-    assert interpolated > flat
+def test_opaque_flat_neither_blends_nor_interpolates():
+    products = _Products(*_program(channels=3, corners=1))
+    assert len(products.seen) > 0
+    assert products.blending == 0
+    assert products.interpolation == 0
 
 
-@pytest.mark.parametrize("channels, corners, background", [(3, 3, 3), (4, 1, 3), (3, 1, 4)])
-def test_effects_add_equations(channels, corners, background):
-    simple, _ = _program(3, 1, 3)
-    rich, _ = _program(channels, corners, background)
-    assert sum(1 for _ in _equations(simple.jaxpr)) < sum(1 for _ in _equations(rich.jaxpr))
+@pytest.mark.parametrize("channels", [3, 4])
+def test_corner_colors_interpolate(channels):
+    """The search finds what it looks for, and opaque scenes never blend."""
+    products = _Products(*_program(channels, corners=3))
+    assert products.interpolation > 0
+    assert (products.blending > 0) == (channels == 4)
+
+
+def test_translucent_flat_blends():
+    assert _Products(*_program(channels=4, corners=1)).blending > 0
+
+
+@pytest.mark.parametrize("corners", [1, 3])
+def test_a_transparent_background_blends_no_triangles(corners):
+    """Opaque triangles over a background with alpha: divided by alpha once, for the image."""
+    products = _Products(*_program(channels=3, corners=corners, background=4))
+    assert products.blending <= 1
 
 
 @pytest.mark.parametrize("corners", [1, 3])
 @pytest.mark.parametrize("channels", [3, 4])
-def test_coverage_is_decided_in_32_bits_without_float64(channels, corners):
-    """What a GPU and `jit` without x64 can hold: no 64-bit value anywhere."""
+def test_nothing_takes_64_bits(channels, corners):
+    """What `jit` without x64, and a GPU, can hold."""
     program, _ = _program(channels, corners)
     for eqn in _equations(program.jaxpr):
         for var in eqn.outvars:
-            dtype = getattr(var.aval, "dtype", None)
-            if dtype is not None and np.issubdtype(dtype, np.number):
+            dtype = getattr(var.aval, "dtype", np.bool_)
+            if np.issubdtype(dtype, np.number):
                 assert np.dtype(dtype).itemsize <= 4

@@ -32,7 +32,7 @@ def first_inside(value: Int[Array, ""], step: Int[Array, ""]) -> Int[Array, ""]:
     reciprocal = jnp.where(step == 0, 1e10, 1.0 / step.astype(jnp.float32)).astype(jnp.float32)
     crossing = -value.astype(jnp.float32) * reciprocal
     guess = jnp.clip(jnp.ceil(crossing - _SLACK), 0.0, 32.0).astype(jnp.int32)
-    return guess + (value + guess * step < 0)
+    return guess + (value + guess * step < 0).astype(jnp.int32)
 
 
 def ones_from(place: Int[Array, ""]) -> UInt32[Array, ""]:

@@ -23,9 +23,11 @@ CLIPPED_TO = 1024
 
 
 def clip_ears(
-    contours: Sequence[Float32[np.ndarray, "n 2"]],
+    contours: Sequence[np.ndarray],
 ) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarray, "triangles 3"], list[int]]:
     """The contour of each triangle, and its three vertices; and what was left out.
+
+    `contours` are `[n, 2]`, float32.
 
     Triangles of one contour follow each other in the order in which they are clipped. Fewer than
     three points give none. The list names the contours that are not triangulated here: simple ones
@@ -42,11 +44,11 @@ def clip_ears(
             simple |= count > CLIPPED_TO
             rest += where[simple].tolist()
             where = where[~simple]
+        if len(where) == 0:
+            continue
         # Products of far coordinates may overflow: an infinite area is one, NaN is no ear.
         with np.errstate(over="ignore", invalid="ignore", under="ignore"):
-            index, ears = _clip(
-                np.stack([contours[i] for i in where.tolist()] or [np.zeros((0, 2))])
-            )
+            index, ears = _clip(np.stack([contours[i] for i in where.tolist()]))
         owners.append(where[index])
         corners.append(ears)
     return np.concatenate(owners), np.concatenate(corners), rest

@@ -54,7 +54,7 @@ def pixel_lines(
 
 def _pixel_lines(segments: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     walks = _walks(segments)
-    near = np.flatnonzero(_may_touch(segments, walks.steps, height, width))
+    near = np.flatnonzero(_may_touch(segments, walks, height, width))
     rectangles, owners = [np.zeros((0, 4), np.int64)], [np.zeros(0, np.int64)]
     walks = walks.take(near)
     walks, entered = _carried(walks, height, width)
@@ -95,14 +95,15 @@ def _walks(segments: np.ndarray) -> _Walks:
     return _Walks(x, y, step_x, step_y, y, last_x, np.abs(rise), steps)
 
 
-def _may_touch(segments: np.ndarray, steps: np.ndarray, height: int, width: int) -> np.ndarray:
+def _may_touch(segments: np.ndarray, walks: _Walks, height: int, width: int) -> np.ndarray:
     """False only for lines that meet no pixel, however their steps are rounded."""
     wide = segments.astype(np.float64)
     # A step is rounded by half a unit in the last place, 2^-24 of the largest coordinate.
-    slack = 2.0 + steps * np.abs(wide).max(axis=1, initial=0.0) * 2.0**-24
+    slack = 2.0 + walks.steps * np.abs(wide).max(axis=1, initial=0.0) * 2.0**-24
     low = np.minimum(wide[:, :2], wide[:, 2:]) - slack[:, None]
     high = np.maximum(wide[:, :2], wide[:, 2:]) + slack[:, None]
-    return ((high >= 0) & (low <= (width, height))).all(axis=1)
+    near = ((high >= 0) & (low <= (width, height))).all(axis=1)
+    return near & np.isfinite(walks.step_x) & np.isfinite(walks.step_y)
 
 
 def _carried(walks: _Walks, height: int, width: int) -> tuple[_Walks, np.ndarray]:

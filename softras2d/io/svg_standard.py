@@ -273,7 +273,10 @@ class StandardReader:
         if height == math.inf:
             height = width * tall / wide
         inner = fit(
-            Box(0.0, 0.0, wide, tall), height, width, attributes.get("preserveAspectRatio", "")
+            Box(0.0, 0.0, float(wide), float(tall)),
+            height,
+            width,
+            attributes.get("preserveAspectRatio", ""),
         )
         # In fractions of the picture: what `slice` cuts off lies outside 0..1 of the viewport.
         low, high = transforms.apply(inner, [[0.0, 0.0], [wide, tall]])

@@ -1,6 +1,5 @@
 """Hard mode against the oracle: not one pixel differs."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -46,15 +45,14 @@ def test_each_triangle_alone(rate, fill_rule):
     on = canvas(rate, fill_rule)
     colors = colors_of(COUNT)
     plan = _shared_plan(on, colors)
-    scene = sr.Scene.from_soup(parked(on, COUNT), colors, background=BLACK)
-    nothing = scene.positions
     for name, corners in cases(on).items():
         for index in range(COUNT):
-            positions = nothing.at[3 * index : 3 * index + 3].set(jnp.asarray(corners[index]))
-            alone = eqx.tree_at(lambda s: s.positions, scene, positions)
+            alone = parked(on, COUNT).astype(np.float32)
+            alone[index] = corners[index]
+            image = draw_scene(sr.Scene.from_soup(alone, colors, background=BLACK), plan)
             expected = draw(corners[index][None], colors[index][None], BLACK, on)
             try:
-                assert_same_counts(draw_scene(alone, plan), expected, on.samples)
+                assert_same_counts(image, expected, on.samples)
             except AssertionError as error:
                 raise AssertionError(f"{name} {corners[index].tolist()}: {error}") from None
 
@@ -79,14 +77,14 @@ def test_layers(rate, fill_rule):
 
 @pytest.mark.parametrize(
     "height, width, rate",
-    [(1, 1, 4), (1, 37, 4), (37, 1, 4), (33, 17, 2), (65, 3, 1), (5, 6, 3), (3, 2, 16)],
+    [(1, 1, 4), (1, 37, 4), (33, 17, 2), (3, 2, 16)],
 )
 def test_sizes(height, width, rate):
     """Nothing is a multiple of a tile."""
     _check_cases(Canvas(height, width, rate))
 
 
-@pytest.mark.parametrize("side, rate", [(64, 1), (32, 4), (16, 8)])
+@pytest.mark.parametrize("side, rate", [(64, 1), (32, 4)])
 def test_full_extent_of_the_grid(side, rate):
     """Where the longer side is a power of two, triangles of the band span all 2^23 grid units."""
     _check_cases(Canvas(side, side, rate))
@@ -94,7 +92,7 @@ def test_full_extent_of_the_grid(side, rate):
 
 @pytest.mark.slow
 @RATES
-@pytest.mark.parametrize("height, width", [(100, 75), (64, 64), (31, 129), (200, 3), (3, 1500)])
+@pytest.mark.parametrize("height, width", [(37, 1), (64, 64), (31, 129), (5, 6), (3, 1500)])
 def test_more_sizes(height, width, rate):
     _check_cases(Canvas(height, width, rate, "top_left"))
 
@@ -142,12 +140,7 @@ def test_two_thousand_small_triangles():
     )
 
 
-@pytest.mark.parametrize("background", [3, 4])
-@pytest.mark.parametrize("channels", [3, 4])
-@pytest.mark.parametrize("corners", [1, 3])
-def test_colors(corners, channels, background):
-    """Flat and interpolated, opaque and translucent, over a background with and without alpha."""
-    on = canvas(4)
+def _check_colors(on: Canvas, channels: int, corners: int, background: int) -> None:
     colors = colors_of(COUNT, channels, corners, seed=1)
     back = np.array([0.25, 0.5, 1.0, 0.5], np.float32)[:background]
     plan = _shared_plan(on, colors, back)
@@ -158,17 +151,25 @@ def test_colors(corners, channels, background):
         np.testing.assert_allclose(image, expected, rtol=0, atol=2e-6, err_msg=name)
 
 
+@pytest.mark.parametrize("background", [3, 4])
+@pytest.mark.parametrize("channels", [3, 4])
+@pytest.mark.parametrize("corners", [1, 3])
+def test_colors(corners, channels, background):
+    """Flat and interpolated, opaque and translucent, over a background with and without alpha."""
+    _check_colors(canvas(4), channels, corners, background)
+
+
 @pytest.mark.parametrize("rate", [3, 16])
-def test_interpolated_colors_at_other_rates(rate):
-    on = canvas(rate, "top_left")
-    colors = colors_of(COUNT, 4, 3, seed=2)
-    back = np.array([1.0, 0.5, 0.0, 0.0], np.float32)
-    plan = _shared_plan(on, colors, back)
-    for name, points in cases(on).items():
-        image = draw_scene(sr.Scene.from_soup(points, colors, background=back), plan)
-        np.testing.assert_allclose(
-            image, draw(points, colors, back, on), rtol=0, atol=2e-6, err_msg=name
-        )
+def test_interpolated_translucent_at_other_rates(rate):
+    _check_colors(canvas(rate, "top_left"), channels=4, corners=3, background=4)
+
+
+@pytest.mark.slow
+@RATES
+@RULES
+@pytest.mark.parametrize("channels, corners", [(3, 3), (4, 1), (4, 3)])
+def test_colors_at_all_rates(rate, fill_rule, channels, corners):
+    _check_colors(canvas(rate, fill_rule), channels, corners, background=3)
 
 
 def test_translucent_layers_count_samples():
@@ -219,11 +220,17 @@ def test_thin_and_long_keeps_its_colors():
 
 def test_origin():
     on = canvas(4, origin=(4096, -512))
+    move = np.array(on.origin, np.float32)
     colors = colors_of(COUNT)
+    scenes = [
+        sr.Scene.from_soup(corners + move, colors, background=BLACK) for corners in vast(on, COUNT)
+    ]
+    plan = _plan(scenes, on)
     for name in ("on_samples", "halves", "degenerate", "in_band"):
-        corners = cases(on)[name] + np.array(on.origin, np.float32)
-        scene = sr.Scene.from_soup(corners, colors, background=BLACK)
-        image = draw_scene(scene, _plan(scene, on))
+        # Moving rounds to float32, which the oracle sees too.
+        corners = np.clip(cases(on)[name] + move, *(bound + move for bound in on.band()))
+        corners = corners.astype(np.float32)
+        image = draw_scene(sr.Scene.from_soup(corners, colors, background=BLACK), plan)
         assert_same_counts(image, draw(corners, colors, BLACK, on), on.samples)
 
 
