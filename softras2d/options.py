@@ -3,6 +3,7 @@
 from typing import Literal
 
 import equinox as eqx
+from jaxtyping import Array
 
 SAMPLES = (1, 4, 9, 16, 64, 256)
 """Samples per pixel that hard mode draws: the squares of 1, 2, 3, 4, 8 and 16."""
@@ -46,7 +47,7 @@ class Soft(eqx.Module):
     - `profile`: `"logistic"` in the distance, `"softras"` in its square, or a compact `"window"`.
     """
 
-    width: float = 1.0
+    width: float | Array = 1.0
     profile: Literal["logistic", "softras", "window"] = eqx.field(static=True, default="logistic")
 
     def __check_init__(self):
@@ -78,7 +79,7 @@ class Filter(eqx.Module):
     pixel: Literal["nearest", "bilinear"] = eqx.field(static=True, default="bilinear")
     level: Literal["zero", "nearest", "linear"] = eqx.field(static=True, default="linear")
     anisotropy: int = eqx.field(static=True, default=1)
-    lod_bias: float = 0.0
+    lod_bias: float | Array = 0.0
 
     def __check_init__(self):
         _one_of("pixel", self.pixel, ("nearest", "bilinear"))

@@ -45,10 +45,10 @@ class Capacity(NamedTuple):
 
 
 class Plan(eqx.Module):
-    """How to draw a scene, and any other like it: what is compiled, and two numbers that are not.
+    """How to draw a scene and others like it, made by `plan`; `print` it to see.
 
-    Made by `plan`. Equal static fields share one compiled program. `print(plan)` tells the effects
-    in use, the tiles, the capacities and the memory.
+    Plans whose static fields are equal share one compiled program. `origin` and `filter.lod_bias`
+    are arrays: other values do not recompile.
     """
 
     height: int = eqx.field(static=True)
@@ -89,9 +89,9 @@ class Plan(eqx.Module):
                 f"shaded by {hard.shading}; grid 2^-{grid.bits} px",
                 "effects",
                 *effects,
-                f"tiles     {tiling.columns} x {tiling.rows}, each {tiling.width} x {tiling.height}",
-                f"capacity  {room.pairs:,} pairs, {room.chunks:,} chunks of {LAYERS}, "
-                f"{room.depth} chunks a tile" + (f", {room.steps:,} steps" if room.steps else ""),
+                f"tiles     {tiling.columns} x {tiling.rows} of {tiling.width} x {tiling.height}",
+                f"capacity  {room.strips:,} strips, {room.pairs:,} pairs, {room.chunks:,} chunks of {LAYERS}, "
+                f"{room.depth} chunks a tile, {room.steps:,} steps",
                 f"memory    {self.memory / 2**20:,.0f} MiB",
             ]
         )
@@ -137,9 +137,14 @@ def plan(
         height=height,
         width=width,
         coverage=coverage,
-        filter=Filter() if filter is None else filter,
+        filter=_with_array_bias(Filter() if filter is None else filter),
         origin=jnp.asarray(origin),
-        capacity=Capacity(*(_ladder(max(column)) for column in zip(*needs, strict=True))),
+        capacity=Capacity(
+            *(
+                _ladder(max(many), least)
+                for many, least in zip(zip(*needs, strict=True), _LEAST, strict=True)
+            )
+        ),
         effects=tuple(name for name in EFFECTS if name in used),
     )
 
@@ -155,6 +160,11 @@ def refuse_unbuilt(scene: Scene, coverage: Any) -> None:
     for name in ("textures", "depth", "inverse_w"):
         if getattr(scene, name) is not None:
             raise ValueError(f"the scene has `{name}`, which hard mode does not draw yet.")
+
+
+def _with_array_bias(filter: Filter) -> Filter:
+    """An array leaf, so that another bias does not recompile."""
+    return eqx.tree_at(lambda f: f.lod_bias, filter, jnp.asarray(filter.lod_bias, jnp.float32))
 
 
 def _unstack(scene: Scene) -> list[Scene]:
@@ -219,8 +229,12 @@ def _expand(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return owner, (np.arange(len(owner)) - start[owner]).astype(np.int32)
 
 
-def _ladder(need: int) -> int:
-    """A quarter more than `need`, rounded up to four steps an octave; at least 1."""
-    need = max(-(-5 * need // 4), 1)
+_LEAST = Capacity(strips=512, pairs=2048, chunks=512, depth=4, steps=32)
+"""Room that every plan has: it costs next to nothing, and small scenes share programs by it."""
+
+
+def _ladder(need: int, least: int) -> int:
+    """A quarter more than `need`, rounded up to four steps an octave."""
+    need = max(-(-5 * need // 4), least)
     step = 1 << max(need.bit_length() - 3, 0)
     return -(-need // step) * step

@@ -35,25 +35,40 @@ def _expected(seed: int, on: Canvas = ON) -> np.ndarray:
 
 
 def test_a_scene_alike_does_not_compile(count_compilations):
+    """Other colours, another order, corners moved a little: the plan is new, not the program."""
     first = _scene(0)
     sr.render(first, _plan(first)).block_until_ready()
+    rng = np.random.default_rng(0)
     with count_compilations() as compiled:
         for seed in (1, 2, 3):
-            scene = _scene(seed)
-            plan = _plan(scene)
-            image = sr.render(scene, plan)
-            assert_same_counts(np.asarray(image), _expected(seed), 16)
+            moved = _corners(0) + (rng.integers(-2, 3, (COUNT, 3, 2)) / 64).astype(np.float32)
+            corners, colors = rng.permutation(moved), colors_of(COUNT, seed=seed)
+            scene = sr.Scene.from_soup(corners, colors)
+            image = sr.render(scene, _plan(scene))
+            assert_same_counts(np.asarray(image), draw(corners, colors, np.ones(3), ON), 16)
     assert compiled.names == []
+
+
+def test_capacities_climb_a_ladder():
+    """Scenes drawn alike need few programs; each capacity may fall on either of two steps."""
+    structures = set()
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        corners = rng.uniform(0, 512, (1000, 1, 2)) + rng.uniform(-40, 40, (1000, 3, 2))
+        scene = sr.Scene.from_soup(corners.astype(np.float32), colors_of(1000))
+        plan = sr.plan(scene, height=512, width=512, coverage=HARD)
+        structures.add(jax.tree.structure(plan))
+    assert len(structures) <= 4
 
 
 def test_equal_plans_share_a_program(count_compilations):
     scene = _scene()
+    assert jax.tree.structure(_plan(scene)) == jax.tree.structure(_plan(scene))
     jitted = jax.jit(sr.render)
     jitted(scene, _plan(scene)).block_until_ready()
     with count_compilations() as compiled:
         jitted(scene, _plan(scene)).block_until_ready()
     assert compiled.names == []
-    assert jax.tree.structure(_plan(_scene(0))) == jax.tree.structure(_plan(_scene(1)))
 
 
 def test_origin_pans_without_compiling(count_compilations):

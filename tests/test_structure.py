@@ -64,7 +64,7 @@ _VALUES = {
     "scatter": [0, 2],
     "scatter-add": [0, 2],
     "select_n": [1, 2],
-    **dict.fromkeys(("population_count", "and", "or", "xor", "not"), []),
+    **{name: [] for name in ("population_count", "and", "or", "xor", "not")},
 }
 """Operands that are values: the others only say where, or which. Bits are decisions."""
 

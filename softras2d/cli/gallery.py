@@ -77,7 +77,7 @@ def _as_long(alike: list[Scene]) -> list[Scene]:
     ]
 
 
-def _lengthened(array: Array, length: int, value: float) -> Array:
+def _lengthened(array: Array, length: int, value: float | int) -> Array:
     """`array` with entries of `value` behind, up to `length`."""
     host = np.asarray(array)
     more = np.full((length - len(host), *host.shape[1:]), value, host.dtype)

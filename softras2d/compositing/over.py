@@ -54,7 +54,7 @@ def composite(
     steps: Steps,
     tiling: Tiling,
     planes: Planes | None = None,
-) -> Float[Array, "tiles 4 height width"]:
+) -> Float[Array, "tiles 4 tile_height tile_width"]:
     """Sums over each pixel's samples of premultiplied colour and alpha, without background."""
     dtype = colors.dtype
     rate = tiling.grid.rate
@@ -135,7 +135,7 @@ def composite(
 
 
 def to_image(
-    sums: Float[Array, "tiles 4 height width"],
+    sums: Float[Array, "tiles 4 tile_height tile_width"],
     background: Float[Array, " channels"],
     tiling: Tiling,
 ) -> Float[Array, "height width channels"]:

@@ -23,7 +23,7 @@ _ONES = 0xFFFFFFFF
 _SLACK = 2.0**-10
 
 
-def first_inside(value: Int[Array, ""], step: Int[Array, ""]) -> Int[Array, ""]:
+def first_inside(value: Int[Array, "*#shape"], step: Int[Array, "*#shape"]) -> Int[Array, "*#shape"]:
     """The least i in 0..32 with `value + i step >= 0`, or more than 31 if none; `step >= 0`.
 
     Exact for `|value| <= 2^30 + 31 * 2^23` and `step < 2^24`, whatever the float division does.
@@ -35,14 +35,14 @@ def first_inside(value: Int[Array, ""], step: Int[Array, ""]) -> Int[Array, ""]:
     return guess + (value + guess * step < 0).astype(jnp.int32)
 
 
-def ones_from(place: Int[Array, ""]) -> UInt32[Array, ""]:
+def ones_from(place: Int[Array, "*#shape"]) -> UInt32[Array, "*#shape"]:
     """A word with ones at bits `place..31`; `place` in 0..33."""
     return jnp.where(
         place < 32, jnp.uint32(_ONES) << (place & 31).astype(jnp.uint32), jnp.uint32(0)
     )
 
 
-def edge_row(value: Int[Array, ""], right: Int[Array, ""]) -> UInt32[Array, ""]:
+def edge_row(value: Int[Array, "*#shape"], right: Int[Array, "*#shape"]) -> UInt32[Array, "*#shape"]:
     """Samples i of a row at which `value + i right >= 0`, as bits."""
     # With a negative step the samples outside are those from some place on: -1 - v + i |step| >= 0.
     turned = right >> 31

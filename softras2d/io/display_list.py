@@ -186,7 +186,11 @@ class DisplayList:
         corners, owners = [np.concatenate(contours)[starts[owner, None] + ears]], [owner]
         for index in rest:
             self.approximated += not is_simple(planes[index])
-            corners.append(fill_simply(contours[index]))
+            self._float32(contours[index], np.full(len(contours[index]), draw[index]))
+            try:
+                corners.append(fill_simply(contours[index]))
+            except PolygonError as error:
+                raise self._error(draw[index], f"the polygon {error}") from None
             owners.append(np.full(len(corners[-1]), index))
         return self._batch(np.array(draw)[np.concatenate(owners)], np.concatenate(corners))
 

@@ -59,9 +59,9 @@ def is_simple(contour: Float32[np.ndarray, "n 2"]) -> bool:
     return bool(shapely.is_valid(shapely.polygons(contour.astype(np.float64))))
 
 
-def fill_simply(contour: Float32[np.ndarray, "n 2"]) -> Float[np.ndarray, "triangles 3 2"]:
+def fill_simply(contour: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "triangles 3 2"]:
     """What the nonzero rule fills: for contours that `clip_ears` leaves out."""
-    return triangulate([contour.astype(np.float64)], [False], [False])[0]
+    return triangulate([contour], [False], [False])[0]
 
 
 def _clip(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

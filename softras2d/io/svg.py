@@ -18,8 +18,6 @@ from .svg_document import Document, SvgError, from_text, load, root, walk
 from .svg_standard import StandardReader
 from .svg_view import MAX_SIDE, own_size, round_up
 
-Dialect = Literal["svg", "course"]
-
 _READERS = {"svg": StandardReader, "course": CourseReader}
 
 
@@ -28,7 +26,7 @@ def read_svg(
     *,
     height: int | None = None,
     width: int | None = None,
-    dialect: Dialect = "svg",
+    dialect: str = "svg",
     transform: Any = None,
     assets: str | os.PathLike[str] | None = None,
     opacity: bool = True,
@@ -66,7 +64,7 @@ def parse_svg(
     name: str = "<svg>",
     height: int | None = None,
     width: int | None = None,
-    dialect: Dialect = "svg",
+    dialect: str = "svg",
     transform: Any = None,
     assets: str | os.PathLike[str] | None = None,
     opacity: bool = True,
@@ -83,7 +81,7 @@ def parse_svg(
     )
 
 
-def svg_size(path: str | os.PathLike[str], *, dialect: Dialect = "svg") -> tuple[int, int]:
+def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int, int]:
     """The file's own (height, width) in pixels, rounded up; in `svg` from the viewBox if need be.
 
     Raises `ValueError`, one line, if the file has no size.
@@ -92,7 +90,7 @@ def svg_size(path: str | os.PathLike[str], *, dialect: Dialect = "svg") -> tuple
     return _own_size(load(path), dialect)
 
 
-def _own_size(document: Document, dialect: Dialect) -> tuple[int, int]:
+def _own_size(document: Document, dialect: str) -> tuple[int, int]:
     tag, attributes = root(document)
     try:
         size = own_size(attributes, dialect)
@@ -108,7 +106,7 @@ def _scene(
     document: Document,
     height: int | None,
     width: int | None,
-    dialect: Dialect,
+    dialect: str,
     transform: Any,
     assets: str | os.PathLike[str] | None,
     opacity: bool,
@@ -134,7 +132,9 @@ def _scene(
         ),
         display=DisplayList(document.name),
     )
-    walk(document, _READERS[dialect](context))
+    # Overflow shows as a coordinate that is not finite, which is an error of its own.
+    with np.errstate(over="ignore", invalid="ignore"):
+        walk(document, _READERS[dialect](context))
     triangles = context.display.finish(height, width)
     if message := context.warning():
         warnings.warn(message, UserWarning, stacklevel=stacklevel)
@@ -143,7 +143,7 @@ def _scene(
 
 
 def _canvas(
-    document: Document, dialect: Dialect, height: int | None, width: int | None
+    document: Document, dialect: str, height: int | None, width: int | None
 ) -> tuple[int, int]:
     if height is None or width is None:
         own_height, own_width = _own_size(document, dialect)

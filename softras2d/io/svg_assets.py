@@ -11,7 +11,7 @@ import numpy as np
 from .svg_document import MAX_BYTES
 
 _SCHEME = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+:|//|\\\\")
-_DATA = re.compile(r"data:(image/[^;,]*)?[^,]*;base64,")
+_DATA = re.compile(r"data:(image/[^;,]*)?(?:;[^;,]*)*;base64,")
 
 
 class Assets:

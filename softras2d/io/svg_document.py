@@ -10,7 +10,7 @@ import enum
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple, Protocol, runtime_checkable, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 from xml.parsers import expat
 
 MAX_BYTES = 64 * 2**20
@@ -36,7 +36,6 @@ class Children(enum.Enum):
     SKIPPED = "not read"
 
 
-@runtime_checkable
 @runtime_checkable
 class Reader(Protocol):
     """Who reads the elements of a document."""

@@ -17,6 +17,8 @@ from .svg_view import Box, fit, own_size, round_up, view_box
 
 _SVG = "http://www.w3.org/2000/svg"
 
+_CONTAINERS = frozenset({"a", "defs", "g"})
+
 
 class _State(NamedTuple):
     """What an element hands down: its style and its map to pixels."""
@@ -29,6 +31,8 @@ class _State(NamedTuple):
     @staticmethod
     def of(style: Style, map3: np.ndarray) -> "_State":
         """With what follows from the map: whether it flattens the plane, and pixels per unit."""
+        if not np.isfinite(map3).all():
+            raise ValueError("transform: the numbers are too large.")
         stretch = float(np.linalg.norm(map3[:2, :2], 2) / abs(map3[2, 2] or 1.0))
         return _State(style, map3, bool(np.linalg.det(map3) == 0.0), stretch)
 
@@ -90,7 +94,7 @@ class StandardReader:
         name = self._local(tag, attributes)
         if name == "texture":
             self._context.assets.declare(*_texture(attributes))
-        elif name and name not in SILENT and name not in self._shapes and name not in ("g", "a"):
+        elif name and name not in SILENT and name not in self._shapes and name not in _CONTAINERS:
             self._context.elements[name] += 1
 
     def close(self) -> None:

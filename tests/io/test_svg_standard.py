@@ -56,7 +56,8 @@ def test_rect_polygon_polyline_line():
 
 def test_stroke_is_over_fill_and_later_over_earlier():
     scene = read(
-        '<rect x="9" y="9" width="9" height="9" fill="red" stroke="blue"/><rect width="1" height="1"/>'
+        '<rect x="9" y="9" width="9" height="9" fill="red" stroke="blue"/>'
+        '<rect width="1" height="1"/>'
     )
     colors = np.asarray(scene.colors)[:, 0].tolist()
     assert colors[:2] == [[1, 0, 0]] * 2
@@ -72,7 +73,8 @@ def test_nothing_to_draw():
         '<g style="display:none"><rect width="5" height="5"/></g>',
         '<g visibility="hidden"><rect width="5" height="5" stroke="red"/></g>',
         '<g transform="scale(0)"><rect width="5" height="5" stroke="red"/></g>',
-        '<defs><rect width="5" height="5"/><g/></defs>', "<title>t</title><desc/><metadata><x/></metadata>",
+        '<defs><rect width="5" height="5"/><g/></defs>',
+        "<title>t</title><desc/><metadata><x/></metadata>",
         '<line x1="3" y1="3" x2="3" y2="3" stroke="red"/>',
     ):  # fmt: skip
         assert read(body).triangles.shape[0] == 0, body
@@ -96,17 +98,17 @@ def test_units_and_percentages():
 
 
 def test_view_box_and_canvas_size():
-    body = '<rect x="5" y="6" width="10" height="20"/>'
+    body = '<rect x="5" y="6" width="5" height="20"/>'
     root = 'viewBox="5 6 10 20" width="60" height="40"'
-    assert shape(read(body, root)).equals(shapely.box(20, 0, 40, 40))
-    assert shape(read(body, root + ' preserveAspectRatio="xMinYMax slice"')).bounds == (
-        0,
-        -80,
-        60,
-        40,
-    )
-    assert shape(read(body, root, height=20, width=100)).equals(shapely.box(45, 0, 55, 20))
-    assert read(body, root + ' preserveAspectRatio="none"').background.tolist() == [0, 0, 0]
+    assert shape(read(body, root)).equals(shapely.box(20, 0, 30, 40))
+    sliced = read(body, root + ' preserveAspectRatio="xMinYMax slice"')
+    assert shape(sliced).bounds == (0, -80, 30, 40)
+    assert shape(read(body, root, height=20, width=100)).equals(shapely.box(45, 0, 50, 20))
+    assert shape(read(body, root + ' preserveAspectRatio="none"')).bounds == (0, 0, 30, 40)
+    page = '<rect x="5" y="6" width="10" height="20"/>'
+    for aspect in ("none", "xMinYMin slice"):
+        scene = read(page, f'{root} preserveAspectRatio="{aspect}"')
+        assert scene.background.tolist() == [0, 0, 0]
     # Without a viewBox the size is one, so that another canvas scales the drawing.
     box = '<rect x="1" y="1" width="2" height="2"/>'
     scaled = read(box, 'width="10" height="10"', height=30, width=30)
@@ -134,7 +136,8 @@ def test_transform_replaces_the_view():
 
 
 def test_vertices_are_mapped_in_float64():
-    body = '<g transform="translate(16777216.25 0)"><rect x="-16777216" y=".1" width="1" height="1"/></g>'
+    rect = '<rect x="-16777216" y=".1" width="1" height="1"/>'
+    body = f'<g transform="translate(16777216.25 0)">{rect}</g>'
     assert corners(read(body))[0, 0].tolist() == [0.25, np.float32(0.1)]
 
 
@@ -173,8 +176,10 @@ def test_translucent_shapes_cover_nothing_twice():
     for body in (
         '<rect x="2" y="2" width="20" height="20" fill-opacity=".5"/>',
         '<polygon points="0,0 40,0 40,10 10,10 10,40 0,40" opacity=".5"/>',
-        '<polyline points="10,10 40,10 40,40 20,0" fill="none" stroke="red" stroke-width="5" stroke-opacity=".5"/>',
-        '<polygon points="10,10 40,10 40,40" fill="none" stroke="rgb(0 0 0 / 50%)" stroke-width="5" stroke-linejoin="round"/>',
+        '<polyline points="10,10 40,10 40,40 20,0" fill="none" stroke="red" '
+        'stroke-width="5" stroke-opacity=".5"/>',
+        '<polygon points="10,10 40,10 40,40" fill="none" stroke="rgb(0 0 0 / 50%)" '
+        'stroke-width="5" stroke-linejoin="round"/>',
     ):  # fmt: skip
         scene = read(body)
         whole = shape(scene)
@@ -192,7 +197,8 @@ def test_a_translucent_triangle_stays_one():
 
 
 def test_opacities_multiply():
-    body = '<g opacity=".5"><g opacity=".5"><rect width="5" height="5" fill="rgb(0 0 0/50%)" fill-opacity=".5"/></g></g>'
+    rect = '<rect width="5" height="5" fill="rgb(0 0 0/50%)" fill-opacity=".5"/>'
+    body = f'<g opacity=".5"><g opacity=".5">{rect}</g></g>'
     assert np.asarray(read(body).colors)[0, 0, 3] == 0.0625
 
 
@@ -249,7 +255,8 @@ def test_linear_light():
 def test_colortri():
     scene = read(
         '<g opacity=".5" transform="translate(1 2)">'
-        '<colortri points="0,0 9,0 0,9" colors="1 0 0 1 0 1.5 0 0.5 0 0 1 0" fill-opacity=".5"/></g>'
+        '<colortri points="0,0 9,0 0,9" colors="1 0 0 1 0 1.5 0 0.5 0 0 1 0" '
+        'fill-opacity=".5"/></g>'
     )
     np.testing.assert_array_equal(corners(scene), np.float32([[[1, 2], [10, 2], [1, 11]]]))
     np.testing.assert_array_equal(
@@ -271,8 +278,8 @@ def test_one_warning_names_all():
         scene = read(body)
     assert scene.triangles.shape[0] == 2
     assert str(caught[0].message) == (
-        "<svg>: not drawn: animate (1), circle (2), linearGradient (1), path (1), style (1), svg (1), "
-        "text (1), use (1); without effect: clip-path (1), rect of negative size (1), "
+        "<svg>: not drawn: animate (1), circle (2), linearGradient (1), path (1), style (1), "
+        "svg (1), text (1), use (1); without effect: clip-path (1), rect of negative size (1), "
         "rx or ry of rect (1), stroke-dasharray (1), url(...) paint (1)."
     )
     assert len(caught) == 1
@@ -282,7 +289,8 @@ def test_one_warning_names_all():
 def test_prefixed_svg():
     text = (
         '<s:svg xmlns:s="http://www.w3.org/2000/svg" width="9" height="9">'
-        '<s:g fill="red"><s:rect width="3" height="3"/></s:g><rect xmlns="urn:x" width="5"/></s:svg>'
+        '<s:g fill="red"><s:rect width="3" height="3"/></s:g>'
+        '<rect xmlns="urn:x" width="5"/></s:svg>'
     )
     assert parse_svg(text).triangles.shape[0] == 2
 
