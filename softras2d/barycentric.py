@@ -93,10 +93,10 @@ def slot_weights(
 
 def weight_sums(
     weights: Weights,
-    count: Int[Array, "*shape"],
-    across: Int[Array, "*shape"],
-    down: Int[Array, "*shape"],
-) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"], Float[Array, "*shape"]]:
+    count: Int[Array, "*#shape"],
+    across: Int[Array, "*#shape"],
+    down: Int[Array, "*#shape"],
+) -> tuple[Float[Array, "*#shape"], Float[Array, "*#shape"], Float[Array, "*#shape"]]:
     """Sums of the three corners' weights over `count` samples of a tile.
 
     `across` and `down` are the sums of the samples' columns and rows in the tile; `weights` has

@@ -1,4 +1,4 @@
-"""Reads elements with the meaning of the course's dialect, quirks included (`SVG_DIALECT`)."""
+"""Reads elements with the meaning of the course's dialect, quirks included."""
 
 import re
 

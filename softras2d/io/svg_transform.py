@@ -47,7 +47,7 @@ def transform_list(text: str) -> np.ndarray:
 
 
 def course_transform(text: str, unknown: Callable[[str], None]) -> np.ndarray:
-    """The matrix of a course transform, whose quirks `SVG_DIALECT` section 3 lists.
+    """The matrix of a course transform: `matrix` knows commas, the other functions blanks only.
 
     Exactly one character is eaten after each `)`, so a function after two blanks has a name that
     begins with a blank. `unknown` is told of names that are no function; they move nothing.

@@ -66,9 +66,14 @@ def corners(scene):
     return np.asarray(scene.positions)[np.asarray(scene.triangles)]
 
 
+def textures(scene):
+    assert scene.textures is not None
+    return scene.textures
+
+
 def base(scene, index=0):
-    offset, height, width = np.asarray(scene.textures.levels)[index, 0].tolist()
-    return np.asarray(scene.textures.texels)[offset : offset + height * width].reshape(
+    offset, height, width = np.asarray(textures(scene).levels)[index, 0].tolist()
+    return np.asarray(textures(scene).texels)[offset : offset + height * width].reshape(
         height, width, -1
     )
 
@@ -76,16 +81,16 @@ def base(scene, index=0):
 def test_textri(folder):
     scene = read(folder, textri("a.png") + '<rect width="5" height="5" fill="red"/>')
     assert np.asarray(scene.texture_index).tolist() == [0, -1, -1]
-    assert scene.uv[0].tolist() == [[0, 0], [1, 0], [0, 1]]
+    assert np.asarray(scene.uv)[0].tolist() == [[0, 0], [1, 0], [0, 1]]
     assert scene.colors.shape == (3, 1, 4)
     assert scene.colors[:, 0].tolist() == [[1, 1, 1, 1], [1, 0, 0, 1], [1, 0, 0, 1]]
-    assert (scene.textures.border, scene.textures.addressing) == ("clamp", "half_texel")
+    assert (textures(scene).border, textures(scene).addressing) == ("clamp", "half_texel")
     np.testing.assert_array_equal(base(scene), PIXELS.astype(np.float32) / np.float32(255))
 
 
 def test_course_textures(folder):
     scene = read(folder, textri("a.png"), dialect="course", frame=False)
-    assert scene.textures.addressing == "corners"
+    assert textures(scene).addressing == "corners"
     assert scene.colors.shape == (1, 1, 3)  # alpha is dropped, not multiplied
     np.testing.assert_array_equal(base(scene), PIXELS[..., :3] / np.float32(255))
 
@@ -107,16 +112,16 @@ def test_only_used_textures_are_kept_and_files_are_read_once(folder):
     assert read(folder, body).textures is None
     use = '<textri points="0 0 9 0 0 9" uvs="0 0 1 0 0 1" texid="{}"/>'
     scene = read(folder, body + use.format("x") + use.format("z"))
-    assert scene.textures.count == 1
+    assert textures(scene).count == 1
     both = read(folder, body + use.format("y") + use.format("x"))
-    assert both.textures.count == 2
+    assert textures(both).count == 2
     assert np.asarray(both.texture_index).tolist() == [0, 1]
 
 
 def test_textures_of_defs(folder):
     scene = read(folder, "<defs>" + textri("a.png").split("<textri")[0] + "</defs><g>"
                  '<textri points="0 0 9 0 0 9" uvs="0 0 1 0 0 1" texid="t"/></g>')  # fmt: skip
-    assert scene.textures.count == 1
+    assert textures(scene).count == 1
 
 
 def test_linear_textures_are_decoded_once(folder):
@@ -218,7 +223,7 @@ def test_files_that_are_not_read(folder, name, dialect):
 def test_assets_opens_another_folder(folder):
     body = textri("../img/map.png")
     for assets in (folder, str(folder), folder / "scenes" / ".."):
-        assert read(folder, body, assets=assets).textures.count == 1
+        assert textures(read(folder, body, assets=assets)).count == 1
     with pytest.raises(ValueError, match="outside"):
         read(folder, body, assets=folder / "scenes")
     with pytest.raises(ValueError, match="outside"):
@@ -229,7 +234,7 @@ def test_texts_have_no_folder(folder):
     text = f'<svg {NS} width="9" height="9">\n{textri("a.png")}</svg>'
     with pytest.raises(ValueError, match=r"<svg>:2: .*assets"):
         parse_svg(text)
-    assert parse_svg(text, assets=folder / "scenes").textures.count == 1
+    assert textures(parse_svg(text, assets=folder / "scenes")).count == 1
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Dialect `course`: every quirk by hand, and what the same file is in the other dialect."""
 
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,15 @@ SIZE = 'width="100" height="80"'
 ONE_TO_ONE = np.eye(3)
 
 
-def read(body, root=SIZE, *, dialect="course", transform=ONE_TO_ONE, frame=False, **options):
+def read(
+    body: str,
+    root: str = SIZE,
+    *,
+    dialect: str = "course",
+    transform: Any = ONE_TO_ONE,
+    frame: bool | None = False,
+    **options: Any,
+):
     return parse_svg(
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="x" {root}>{body}</svg>',
         dialect=dialect,

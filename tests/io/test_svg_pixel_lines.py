@@ -13,7 +13,7 @@ COORDINATE = st.floats(-300, 300, width=32)
 
 
 def slow_line(x0, y0, x1, y1):
-    """Section 7 of the dialect: pixels (x, y) in the order in which they are coloured."""
+    """The course's rule: pixels (x, y) in the order in which they are coloured."""
     x0, y0, x1, y1 = (np.float32(v) for v in (x0, y0, x1, y1))
     if x0 > x1:
         x0, y0, x1, y1 = x1, y1, x0, y0

@@ -101,7 +101,7 @@ def test_any_polygon_fills_what_its_winding_says(points):
         for translucent in (False, True):
             triangles = fill(points, evenodd, translucent)
             region = covered(triangles)
-            inside = shapely.contains(region, shapely.points(grid))
+            inside = np.asarray(shapely.contains(region, shapely.points(grid)))
             np.testing.assert_array_equal(inside[clear], wanted[clear])
             # No part is covered twice.
             if len(points) > 3:
@@ -180,7 +180,7 @@ def test_course_ears_of_degenerate_polygons():
 
 
 def _slow_ears(points):
-    """Section 6 of the dialect, step by step, in float32 scalars."""
+    """Ear clipping as the course has it, step by step, in float32 scalars."""
     p = [tuple(np.float32(c) for c in point) for point in points]
 
     def cross(o, a, b):

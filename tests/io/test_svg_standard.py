@@ -131,7 +131,7 @@ def test_transform_replaces_the_view():
     assert shape(read(body, root, transform=2 * np.eye(3))).equals(shapely.box(0, 0, 4, 2))
     shrunk = read(body, root, transform=[[1, 0, 0], [0, 1, 0], [0.25, 0, 1]])
     np.testing.assert_array_equal(
-        corners(shrunk), np.float32([[[0, 0], [2, 0], [2, 1]], [[0, 0], [2, 1], [0, 2]]])
+        corners(shrunk), np.array([[[0, 0], [2, 0], [2, 1]], [[0, 0], [2, 1], [0, 2]]], np.float32)
     )
 
 
@@ -192,7 +192,7 @@ def test_translucent_shapes_cover_nothing_twice():
 
 def test_a_translucent_triangle_stays_one():
     scene = read('<polygon points="1,1 9,1 1,9" fill-opacity="0.25"/>')
-    np.testing.assert_array_equal(corners(scene), np.float32([[[1, 1], [9, 1], [1, 9]]]))
+    np.testing.assert_array_equal(corners(scene), np.array([[[1, 1], [9, 1], [1, 9]]], np.float32))
     assert np.asarray(scene.colors).tolist() == [[[0, 0, 0, 0.25]]]
 
 
@@ -205,7 +205,7 @@ def test_opacities_multiply():
 def test_background():
     page = '<rect width="100" height="80" fill="#336699"/>'
     scene = read(page + '<rect width="3" height="3"/>')
-    np.testing.assert_array_equal(scene.background, np.float32([0.2, 0.4, 0.6]))
+    np.testing.assert_array_equal(scene.background, np.array([0.2, 0.4, 0.6], np.float32))
     assert scene.triangles.shape[0] == 2
     boxed = read(
         '<rect x="-5" y="-4" width="100%" height="100%" fill="red"/>',
@@ -258,9 +258,11 @@ def test_colortri():
         '<colortri points="0,0 9,0 0,9" colors="1 0 0 1 0 1.5 0 0.5 0 0 1 0" '
         'fill-opacity=".5"/></g>'
     )
-    np.testing.assert_array_equal(corners(scene), np.float32([[[1, 2], [10, 2], [1, 11]]]))
     np.testing.assert_array_equal(
-        scene.colors, np.float32([[[1, 0, 0, 0.25], [0, 1.5, 0, 0.125], [0, 0, 1, 0]]])
+        corners(scene), np.array([[[1, 2], [10, 2], [1, 11]]], np.float32)
+    )
+    np.testing.assert_array_equal(
+        scene.colors, np.array([[[1, 0, 0, 0.25], [0, 1.5, 0, 0.125], [0, 0, 1, 0]]], np.float32)
     )
     with pytest.raises(ValueError, match="alpha"):
         read('<colortri points="0 0 9 0 0 9" colors="1 0 0 2 0 1 0 1 0 0 1 1"/>')
@@ -299,3 +301,19 @@ def test_no_warning_without_need():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         read('<g id="a" class="b" stroke-dasharray="none" mask="none" xml:space="preserve"/>')
+
+
+def test_a_translucent_shape_on_whole_pixels_shows_no_seam():
+    """Samples of its inner edges would be blended twice."""
+    import softras2d as sr
+
+    scene = read(
+        '<rect x="2" y="2" width="12" height="12" fill-opacity=".5"/>'
+        '<polygon points="16,2 30,2 30,6 20,6 20,14 16,14" fill-opacity=".5"/>',
+        'width="32" height="16"',
+    )
+    plan = sr.plan(scene, height=16, width=32, coverage=sr.Hard(samples=16))
+    image = np.asarray(sr.render(scene, plan))
+    wanted = np.ones((16, 32, 3))
+    wanted[2:14, 2:14] = wanted[2:14, 16:20] = wanted[2:6, 16:30] = 0.5
+    np.testing.assert_allclose(image, wanted, atol=1e-6)

@@ -1,5 +1,7 @@
 """Colours of every form, and style with inheritance."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -37,9 +39,8 @@ from softras2d.io.svg_style import INITIAL, computed
     ],
 )
 def test_colors(text, rgba):
-    np.testing.assert_allclose(
-        color_of(text), rgba, atol=5e-4 if "lab" in text or "lch" in text else 1e-6
-    )
+    color: Any = color_of(text)
+    np.testing.assert_allclose(color, rgba, atol=5e-4 if "lab" in text or "lch" in text else 1e-6)
 
 
 def test_what_is_no_color():
@@ -51,9 +52,8 @@ def test_what_is_no_color():
 def test_percentages_keep_float32():
     values = np.random.default_rng(0).random((200, 3)).astype(np.float32)
     for value in values.astype(np.float64).tolist():
-        color = color_of("rgb({}% {}% {}%)".format(*(repr(v * 100) for v in value)))
-        assert color is not None
-        np.testing.assert_array_equal(np.float32(color[:3]), np.float32(value))
+        color: Any = color_of("rgb({}% {}% {}%)".format(*(repr(v * 100) for v in value)))
+        np.testing.assert_array_equal(np.array(color[:3], np.float32), np.array(value, np.float32))
 
 
 def style(parent=INITIAL, **attributes):

@@ -1,0 +1,44 @@
+"""Every Python block of the README runs, in order, as one session; its shell lines exist."""
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from softras2d.cli import app
+
+README = (Path(__file__).parent.parent / "README.md").read_text()
+
+
+def _blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.DOTALL | re.MULTILINE)
+
+
+def test_python_blocks_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    blocks = _blocks("python")
+    assert len(blocks) >= 4
+    for block in blocks:
+        exec(compile(block, "README.md", "exec"), names)
+    assert names["images"].shape == (2, 90, 100, 3)
+    assert names["pixels"].shape == (90, 100, 3)
+
+
+@pytest.mark.parametrize(
+    "line", [line for block in _blocks("sh") for line in block.splitlines() if "softras2d r" in line]
+)
+def test_shell_lines_name_options_that_exist(line):
+    words = line.split()
+    result = CliRunner().invoke(app, [words[1], "--help"])
+    assert result.exit_code == 0
+    for word in words:
+        if word.startswith("--"):
+            assert word in result.output
+
+
+def test_pictures_are_there():
+    root = Path(__file__).parent.parent
+    for path in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", README):
+        assert (root / path).is_file(), path
