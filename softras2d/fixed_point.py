@@ -164,16 +164,37 @@ def sign_of_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
     )
 
 
-def snap(corners: Any, grid: Grid) -> Segments:
+class Snapped(NamedTuple):
+    """Corners on the grid, `[3, triangles]`, as drawn; `finite` as in `snap`."""
+
+    x: Any
+    y: Any
+    finite: Any
+
+
+def snap(corners: Any, grid: Grid) -> Snapped:
     """Snap `corners` `[triangles, 3, 2]`, in pixels, to the grid; half to even.
 
-    Coordinates are held within the guard band; `guard_band.clip` serves triangles that leave it.
+    Coordinates are held within the guard band (`guard_band.clip` serves triangles that leave it);
+    a triangle with a corner that is not finite is put at the origin and marked.
     """
     xp = corners.__array_namespace__()
     finite = xp.all(xp.isfinite(corners), axis=(1, 2))
     held = xp.where(finite[:, None, None], corners, xp.zeros_like(corners))
     x, y = (to_grid(held[:, :, axis].T, grid, axis) for axis in (0, 1))
-    orientation = sign_of_cross(x[1] - x[0], y[1] - y[0], x[2] - x[0], y[2] - y[0])
+    return Snapped(x, y, finite)
+
+
+def orient(snapped: Snapped) -> Any:
+    """Exact sign of the area of each triangle: 1 where the corners turn from x to y."""
+    x, y, _ = snapped
+    return sign_of_cross(x[1] - x[0], y[1] - y[0], x[2] - x[0], y[2] - y[0])
+
+
+def directed(snapped: Snapped, orientation: Any) -> Segments:
+    """The edges of the triangles, turned to positive orientation."""
+    x, y, finite = snapped
+    xp = x.__array_namespace__()
     x, y = turn(x, orientation), turn(y, orientation)
     right = xp.where(finite, xp.max(x, axis=0), -(2**23))
     next_x, next_y = (xp.stack([c[1], c[2], c[0]]) for c in (x, y))
@@ -207,8 +228,8 @@ def turn(corners: Any, orientation: Any) -> Any:
     )
 
 
-def edge_functions(segments: Segments, grid: Grid, fill_rule: str) -> Edges:
-    """The three edge functions of each triangle.
+def edge_functions(segments: Segments, grid: Grid, fill_rule: str) -> Edge:
+    """The three edge functions of each triangle, every entry `[3, triangles]`.
 
     With `"top_left"`, an edge that does not own its boundary is lowered by one unit of the exact
     value, so that `>= 0` becomes `> 0`; a triangle without area is pushed out everywhere.
@@ -247,9 +268,12 @@ def edge_functions(segments: Segments, grid: Grid, fill_rule: str) -> Edges:
     dx, dy = (xp.where(fixed, 0, step) for step in (dx, dy))
     start = xp.where(fixed, constant, start)
     estimate = xp.where(fixed, constant.astype(f32), estimate)
-    first, second, third = (
-        Edge(-dy[k], dx[k], start[k], estimate[k], fraction[k]) for k in range(3)
-    )
+    return Edge(-dy, dx, start, estimate, fraction)
+
+
+def separate(edges: Edge) -> Edges:
+    """Edge functions `[3, triangles]` as one `Edge` for each side."""
+    first, second, third = (Edge(*(entry[k] for entry in edges)) for k in range(3))
     return first, second, third
 
 

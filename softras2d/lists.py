@@ -10,6 +10,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from .prefix import cumulative_sum
 from .staging import one_pass
 from .tiles import TileLists, expand
 
@@ -66,7 +67,7 @@ def cut_chunks(lists: TileLists, *, capacity: int) -> Chunks:
         chunks = -(-count // LAYERS)
         tile, index = expand(chunks, capacity)
         total = jnp.sum(chunks)
-        return chunks, tile, index, jnp.cumsum(chunks) - chunks, total
+        return chunks, tile, index, cumulative_sum(chunks) - chunks, total
 
     @one_pass
     def fill(lists, tile, index, total):

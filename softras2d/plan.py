@@ -9,12 +9,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from .fixed_point import Grid, bounds, edge_functions, snap, within_guard
+from .fixed_point import (
+    Grid,
+    bounds,
+    directed,
+    edge_functions,
+    orient,
+    separate,
+    snap,
+    within_guard,
+)
 from .guard_band import clip
 from .lists import BLOCK, LAYERS
 from .options import Area, Filter, Hard, Soft
 from .scene import Scene, check
-from .tiles import Tiling, cross, strip_counts
+from .tiles import Tiling, measure, narrow, strip_counts
 
 EFFECTS = {
     "interpolated colour": "`colors` differ by corner",
@@ -90,8 +99,8 @@ class Plan(eqx.Module):
                 "effects",
                 *effects,
                 f"tiles     {tiling.columns} x {tiling.rows} of {tiling.width} x {tiling.height}",
-                f"capacity  {room.strips:,} strips, {room.pairs:,} pairs, {room.chunks:,} chunks of {LAYERS}, "
-                f"{room.depth} chunks a tile, {room.steps:,} steps",
+                f"capacity  {room.strips:,} strips, {room.pairs:,} pairs, {room.steps:,} steps",
+                f"          {room.chunks:,} chunks of {LAYERS}, {room.depth} of one tile",
                 f"memory    {self.memory / 2**20:,.0f} MiB",
             ]
         )
@@ -191,14 +200,16 @@ def _needs(scene: Scene, grid: Grid, fill_rule: str, origin: np.ndarray) -> Capa
     tiling = Tiling.of(grid)
     positions = np.asarray(scene.positions)
     corners = (positions - origin.astype(positions.dtype))[np.asarray(scene.triangles)]
-    segments = snap(corners, grid)
+    snapped = snap(corners, grid)
+    segments = directed(snapped, orient(snapped))
     if not within_guard(corners, grid).all():
         segments, _ = clip(corners, segments, grid)
-    edges = edge_functions(segments, grid, fill_rule)
+    edges = separate(edge_functions(segments, grid, fill_rule))
     box = bounds(segments, grid)
     owner, rank = _expand(strip_counts(box, tiling))
     own = (edges[0].of(owner), edges[1].of(owner), edges[2].of(owner))
-    strips = cross(own, box.of(owner), rank, tiling)
+    box = box.of(owner)
+    strips = narrow(measure(own, box, rank, tiling), box, rank, tiling)
     total = int(strips.count.sum(dtype=np.int64))
     if total > MOST_PAIRS:
         raise ValueError(

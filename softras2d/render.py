@@ -13,7 +13,17 @@ from . import safe
 from .barycentric import slot_weights, twice_area
 from .compositing import opaque, over
 from .coverage.hard import covered_rows, hide
-from .fixed_point import Bounds, Edges, bounds, edge_functions, snap, within_guard
+from .fixed_point import (
+    Bounds,
+    Edges,
+    bounds,
+    directed,
+    edge_functions,
+    orient,
+    separate,
+    snap,
+    within_guard,
+)
 from .guard_band import Planes, clip
 from .lists import Chunks, cut_chunks, cut_steps
 from .plan import Capacity, Plan, refuse_unbuilt
@@ -126,24 +136,30 @@ def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
 
 
 def _project(scene: Scene, plan: Plan) -> Projected:
-    @one_pass
-    def project(positions, triangles, colors, origin):
-        grid = plan.grid
-        corners = (positions - origin.astype(positions.dtype)[None])[triangles]
-        segments = snap(corners, grid)
-        planes, astray = None, ~jnp.all(within_guard(corners, grid))
-        if "guard band" in plan.effects:
-            segments, planes = clip(corners, segments, grid)
-            astray = jnp.zeros_like(astray)
-        edges = edge_functions(segments, grid, plan.coverage.fill_rule)
-        turned = (segments.orientation < 0)[:, None, None]
-        if colors.shape[1] == 3:
-            colors = jnp.where(turned, colors[:, jnp.asarray([0, 2, 1])], colors)
-        alpha = colors[..., 3:]
-        hides = jnp.all(alpha >= 1, (1, 2)) & (segments.orientation != 0)
-        return Projected(edges, bounds(segments, grid), colors, hides, planes, astray)
+    grid = plan.grid
 
-    return project(scene.positions, scene.triangles, scene.colors, plan.origin)
+    @one_pass
+    def place(positions, triangles, origin):
+        corners = (positions - origin.astype(positions.dtype)[None])[triangles]
+        return corners, snap(corners, grid), ~jnp.all(within_guard(corners, grid))
+
+    @one_pass
+    def turn_colors(colors, orientation):
+        if colors.shape[1] == 3:
+            turned = (orientation < 0)[:, None, None]
+            colors = jnp.where(turned, colors[:, jnp.asarray([0, 2, 1])], colors)
+        return colors, jnp.all(colors[..., 3:] >= 1, (1, 2)) & (orientation != 0)
+
+    corners, snapped, astray = place(scene.positions, scene.triangles, plan.origin)
+    segments = one_pass(directed)(snapped, one_pass(orient)(snapped))
+    planes = None
+    if "guard band" in plan.effects:
+        segments, planes = one_pass(lambda *of: clip(*of, grid))(corners, segments)
+        astray = jnp.zeros_like(astray)
+    edges = one_pass(lambda of: edge_functions(of, grid, plan.coverage.fill_rule))(segments)
+    box = one_pass(lambda of: bounds(of, grid))(segments)
+    colors, hides = turn_colors(scene.colors, segments.orientation)
+    return Projected(separate(edges), box, colors, hides, planes, astray)
 
 
 def _paint(projected: Projected, chunks: Chunks, background: Array, plan: Plan) -> Array:

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from .fixed_point import Bounds, Edge, Edges, Grid
+from .prefix import cumulative_max, cumulative_sum
 from .staging import one_pass
 
 _PIXELS = {1: (8, 32), 2: (8, 16), 3: (8, 10), 4: (8, 8), 8: (4, 4), 16: (2, 2)}
@@ -112,34 +113,57 @@ def strip_counts(bounds: Bounds, tiling: Tiling) -> Any:
     return xp.where(empty, 0, rows)
 
 
-def cross(edges: Edges, bounds: Bounds, rank: Any, tiling: Tiling) -> Strips:
-    """The strip of each triangle in row `rank` of its own rows of tiles.
+class Level(NamedTuple):
+    """An edge function along a row of tiles, as float32.
+
+    - `value`: at the row's first sample; `right`: its step from sample to sample.
+    - `drop`: its change from the top to the bottom of the row.
+    """
+
+    value: Any
+    right: Any
+    drop: Any
+
+
+def measure(edges: Edges, bounds: Bounds, rank: Any, tiling: Tiling) -> tuple[Level, Level, Level]:
+    """The edges of each triangle along row `rank` of its own rows of tiles."""
+    xp = rank.__array_namespace__()
+    row = (bounds.top // tiling.sample_rows + rank) * tiling.sample_rows
+
+    def level(edge: Edge) -> Level:
+        value = edge.measure(xp.zeros_like(row), row)
+        right, below = (step.astype(value.dtype) for step in (edge.right, edge.down))
+        return Level(value, right, below * (tiling.sample_rows - 1))
+
+    first, second, third = edges
+    return level(first), level(second), level(third)
+
+
+def narrow(levels: tuple[Level, Level, Level], bounds: Bounds, rank: Any, tiling: Tiling) -> Strips:
+    """The strip of each triangle in that row of tiles.
 
     `first..last` may be too wide by a rounding, `whole_first..whole_last` too narrow; never the
     other way. For numpy and jax alike.
     """
     xp = rank.__array_namespace__()
-    across, down = tiling.sample_columns, tiling.sample_rows
-    row = bounds.top // down + rank
+    across = tiling.sample_columns
+    row = bounds.top // tiling.sample_rows + rank
     first, last = (side // across for side in (bounds.left, bounds.right))
     ends = [first, last, first, last]
-    for edge in edges:
-        limits = _columns_inside(edge, row * down, tiling)
-        for k, (limit, narrow) in enumerate(zip(limits, (xp.maximum, xp.minimum) * 2, strict=True)):
-            ends[k] = narrow(ends[k], limit)
+    for level in levels:
+        limits = _columns_inside(level, across)
+        for k, (limit, bound) in enumerate(zip(limits, (xp.maximum, xp.minimum) * 2, strict=True)):
+            ends[k] = bound(ends[k], limit)
     return Strips(row, *ends)
 
 
 _ANYWHERE = 2.0**20
 
 
-def _columns_inside(edge: Edge, row: Any, tiling: Tiling) -> tuple[Any, Any, Any, Any]:
-    """First and last tile with a sample inside an edge, and with none outside; `row` of samples."""
-    xp = row.__array_namespace__()
-    across, down = tiling.sample_columns, tiling.sample_rows
-    value = edge.measure(xp.zeros_like(row), row)
-    right, below = (step.astype(value.dtype) for step in (edge.right, edge.down))
-    drop = below * (down - 1)
+def _columns_inside(level: Level, across: int) -> tuple[Any, Any, Any, Any]:
+    """First and last tile with a sample inside an edge, and with none outside it."""
+    value, right, drop = level
+    xp = value.__array_namespace__()
     zero = xp.zeros_like(value)
     # Roundings of the values, and of their sums; the quotients get a part of a tile besides.
     error = (xp.abs(value) + xp.abs(drop)) * 2.0**-22
@@ -171,10 +195,10 @@ def expand(
 
     Places beyond the sum belong to the last owner that has any.
     """
-    start = jnp.cumsum(count) - count
+    start = cumulative_sum(count) - count
     numbers = jnp.where(count > 0, jnp.arange(count.shape[0], dtype=jnp.int32), 0)
     marks = jnp.zeros(total, jnp.int32).at[start].max(numbers, mode="drop")
-    owner = jax.lax.cummax(marks)
+    owner = cumulative_max(marks)
     return owner, jnp.arange(total, dtype=jnp.int32) - start[owner]
 
 
@@ -194,16 +218,22 @@ def list_tiles(
     triangles = hides.shape[0]
 
     @one_pass
-    def cross_rows(edges, bounds, hides):
+    def own_strips(bounds):
         counts = strip_counts(bounds, tiling)
         owner, rank = expand(counts, strips)
-        first, second, third = (edge.of(owner) for edge in edges)
-        strip = cross((first, second, third), bounds.of(owner), rank, tiling)
         total = count_up_to_far(counts)
-        used = (jnp.arange(strips, dtype=jnp.int32) < total) & (rank < counts[owner])
-        whole = jnp.where(hides[owner], strip.whole_last, -1)
-        strip = strip._replace(last=jnp.where(used, strip.last, strip.first - 1), whole_last=whole)
-        return strip, owner, total
+        return owner, rank, jnp.arange(strips, dtype=jnp.int32) < total, total
+
+    @one_pass
+    def measure_strips(edges, bounds, owner, rank):
+        first, second, third = (edge.of(owner) for edge in edges)
+        return measure((first, second, third), bounds.of(owner), rank, tiling)
+
+    @one_pass
+    def narrow_strips(levels, bounds, hides, owner, rank, used):
+        strip = narrow(levels, bounds.of(owner), rank, tiling)
+        last = jnp.where(used, strip.last, strip.first - 1)
+        return strip._replace(last=last, whole_last=jnp.where(hides[owner], strip.whole_last, -1))
 
     @one_pass
     def place(strip, triangle):
@@ -224,9 +254,11 @@ def list_tiles(
     @one_pass
     def count_listed(tile):
         count = jnp.zeros(tiling.count + 1, jnp.int32).at[tile].add(1)[:-1]
-        return jnp.cumsum(count) - count, count
+        return cumulative_sum(count) - count, count
 
-    strip, owner, strip_total = cross_rows(edges, bounds, hides)
+    owner, rank, used, strip_total = own_strips(bounds)
+    levels = measure_strips(edges, bounds, owner, rank)
+    strip = narrow_strips(levels, bounds, hides, owner, rank, used)
     tile, hidden, triangle, pair_total = place(strip, owner)
     tile = drop_hidden(tile, hidden, triangle)
     start, count = count_listed(tile)

@@ -71,14 +71,23 @@ def test_equal_plans_share_a_program(count_compilations):
     assert compiled.names == []
 
 
+def _moved_to(plan: sr.Plan, x: int, y: int) -> sr.Plan:
+    """The same plan with another origin, which is an array."""
+    return eqx.tree_at(lambda p: p.origin, plan, jnp.asarray((x, y), plan.origin.dtype))
+
+
 def test_origin_pans_without_compiling(count_compilations):
     scene = _scene()
-    sr.render(scene, _plan(scene)).block_until_ready()
+    plan = _plan(scene)
+    sr.render(scene, plan).block_until_ready()
+    moved = _moved_to(plan, 5, -3)
     with count_compilations() as compiled:
-        plan = _plan(scene, origin=(5, -3))
-        image = np.asarray(sr.render(scene, plan))
+        image, overflow = sr.render_checked(scene, moved)
+        images = np.asarray(image)
     assert compiled.names == []
-    assert_same_counts(image, _expected(0, Canvas(40, 48, origin=(5, -3))), 16)
+    assert not bool(overflow)
+    assert_same_counts(images, _expected(0, Canvas(40, 48, origin=(5, -3))), 16)
+    assert _plan(scene, origin=(5, -3)).origin.tolist() == [5, -3]
 
 
 def test_checked_and_plain_share_their_image():
@@ -159,7 +168,7 @@ def test_print_tells_effects():
     assert str(_plan(rich)).lower() != flat.lower()
 
 
-def test_same_plan_for_windows_of_a_large_picture():
+def test_windows_of_a_large_picture():
     """Tiles of a large image by `origin`: together they are the image."""
     on = Canvas(80, 96)
     corners, colors = _corners(0) * 2, colors_of(COUNT)
@@ -167,11 +176,15 @@ def test_same_plan_for_windows_of_a_large_picture():
     plan = sr.plan(scene, height=80, width=96, coverage=HARD)
     whole = np.asarray(sr.render(scene, plan))
     assert_same_counts(whole, draw(corners, colors, np.ones(3), on), 16)
-    for y in (0, 40):
-        for x in (0, 48):
-            part = sr.render(scene, _plan(scene, origin=(x, y)))
-            # Corners are multiples of 1/32, on the grid of both canvases.
-            np.testing.assert_array_equal(part, whole[y : y + 40, x : x + 48])
+    origins = [(x, y) for y in (0, 40) for x in (0, 48)]
+    # One plan for all windows: what each shows, brought to the same place.
+    windows = [sr.Scene.from_soup(corners - np.array(o, np.float32), colors) for o in origins]
+    plan = _plan(windows)
+    for x, y in origins:
+        part, overflow = sr.render_checked(scene, _moved_to(plan, x, y))
+        assert not bool(overflow)
+        # Corners are multiples of 1/32, on the grid of both canvases.
+        np.testing.assert_array_equal(part, whole[y : y + 40, x : x + 48])
 
 
 NAN = float("nan")

@@ -27,7 +27,8 @@ def test_python_blocks_run(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "line", [line for block in _blocks("sh") for line in block.splitlines() if "softras2d r" in line]
+    "line",
+    [line for block in _blocks("sh") for line in block.splitlines() if "softras2d r" in line],
 )
 def test_shell_lines_name_options_that_exist(line):
     words = line.split()

@@ -147,23 +147,31 @@ def sum_interpolated(
     """
     packing = Fields.of(tiling.grid.rate)
     rate, height = tiling.grid.rate, tiling.height
-    field = jnp.arange(packing.count, dtype=jnp.int32)[None, :, None]
-    place = jnp.arange(packing.words * height, dtype=jnp.int32)[None, None]
+    field = jnp.arange(packing.count, dtype=jnp.int32)[None, None, :, None]
+    place = jnp.arange(packing.words * height, dtype=jnp.int32)[None, None, None]
     left = (field * packing.words + place // height) * rate
     top = (place % height) * rate
 
     @one_pass
-    def add(sums, weights, colors):
+    def weigh(sums, weights):
+        count, across, down = (unpack(packed, tiling) for packed in sums)
+        at_slot = weights.at(lambda entry: entry[..., None, None])
+        return weight_sums(at_slot, count, across + count * left, down + count * top)[1:]
+
+    @one_pass
+    def add(packed, weights, colors):
         total = 0.0
         for k in range(colors.shape[1]):
-            count, across, down = (unpack(packed[:, k], tiling) for packed in sums)
-            layer = weights.at(lambda entry, k=k: entry[:, k, None, None])
-            corners = weight_sums(layer, count, across + count * left, down + count * top)
-            for corner, weight in enumerate(corners):
-                total = total + weight[:, None] * colors[:, k, corner, :, None, None]
+            origin = colors[:, k, 0, :, None, None]
+            count = unpack(packed[:, k], tiling).astype(colors.dtype)
+            total = total + count[:, None] * origin
+            for corner, weight in enumerate(weights, start=1):
+                total = total + weight[:, k, None] * (
+                    colors[:, k, corner, :, None, None] - origin
+                )
         return total
 
-    return add(sums, weights, colors)
+    return add(sums.count, weigh(sums, weights), colors)
 
 
 _GATHERED = 32

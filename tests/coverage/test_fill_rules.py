@@ -13,6 +13,9 @@ from ..oracle import Canvas, coverage, draw
 
 RATES = pytest.mark.parametrize("rate", [1, 2, 3, 4, 8, 16])
 RULES = pytest.mark.parametrize("fill_rule", ["inclusive", "top_left"])
+ONE_RULE = pytest.mark.parametrize(
+    "fill_rule", ["inclusive", pytest.param("top_left", marks=pytest.mark.slow)]
+)
 
 
 def _images(soups, on: Canvas, colors=None) -> list[np.ndarray]:
@@ -102,7 +105,7 @@ def test_split_triangulation_owns_each_sample_once(rate):
         np.testing.assert_array_equal(image, 0.5)
 
 
-@RULES
+@ONE_RULE
 def test_abutting_translucent_shows_no_seam(fill_rule):
     """Edges inside pixels, between samples: one colour, where blending coverage shows seams."""
     on = canvas(4, fill_rule)
@@ -169,7 +172,7 @@ def test_zero_area_by_hand(fill_rule, corners, owned):
     np.testing.assert_array_equal(_image([corners], on, WHITE)[..., 0], wanted)
 
 
-@RULES
+@ONE_RULE
 def test_overlapping_squares_through_samples(fill_rule):
     """Edges along rows and columns of samples, drawn over each other."""
     on = canvas(4, fill_rule)

@@ -24,6 +24,19 @@ RATES = pytest.mark.parametrize("rate", [1, 2, 3, 4, 8, 16])
 RULES = pytest.mark.parametrize("fill_rule", ["inclusive", "top_left"])
 
 
+def _slowly(*values) -> object:
+    """Left to the slow run: each structure that is drawn takes seconds to compile."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+RATES_AND_RULES = pytest.mark.parametrize(
+    "rate, fill_rule",
+    [(rate, "inclusive") for rate in (1, 2, 3, 4, 8, 16)]
+    # The tilings of `test_fill_rules.py` are drawn at every rate under the other rule.
+    + [(4, "top_left"), *(_slowly(rate, "top_left") for rate in (1, 2, 3, 8, 16))],
+)
+
+
 def _plan(scenes, on: Canvas, **options) -> sr.Plan:
     coverage = sr.Hard(samples=on.samples, fill_rule=on.fill_rule)  # pyright: ignore
     return sr.plan(
@@ -38,8 +51,7 @@ def _shared_plan(on: Canvas, colors: np.ndarray, background=BLACK) -> sr.Plan:
     )
 
 
-@RATES
-@RULES
+@RATES_AND_RULES
 def test_each_triangle_alone(rate, fill_rule):
     """Every triangle of every case on its own, among others that cover nothing."""
     on = canvas(rate, fill_rule)
@@ -68,8 +80,7 @@ def _check_cases(on: Canvas) -> None:
             raise AssertionError(f"{name}: {error}") from None
 
 
-@RATES
-@RULES
+@RATES_AND_RULES
 def test_layers(rate, fill_rule):
     """All triangles of a case, later ones in front."""
     _check_cases(canvas(rate, fill_rule))
@@ -77,14 +88,14 @@ def test_layers(rate, fill_rule):
 
 @pytest.mark.parametrize(
     "height, width, rate",
-    [(1, 1, 4), (1, 37, 4), (33, 17, 2), (3, 2, 16)],
+    [(1, 1, 4), (33, 17, 2), _slowly(1, 37, 4), _slowly(3, 2, 16)],
 )
 def test_sizes(height, width, rate):
     """Nothing is a multiple of a tile."""
     _check_cases(Canvas(height, width, rate))
 
 
-@pytest.mark.parametrize("side, rate", [(64, 1), (32, 4)])
+@pytest.mark.parametrize("side, rate", [_slowly(64, 1), (32, 4)])
 def test_full_extent_of_the_grid(side, rate):
     """Where the longer side is a power of two, triangles of the band span all 2^23 grid units."""
     _check_cases(Canvas(side, side, rate))
@@ -114,7 +125,7 @@ def test_one_triangle():
     assert_same_counts(image, draw(corners, colors_of(1), np.ones(3), on), on.samples)
 
 
-@pytest.mark.parametrize("channels", [3, 4])
+@pytest.mark.parametrize("channels", [_slowly(3), 4])
 def test_three_hundred_layers_on_a_spot(channels):
     on = Canvas(21, 29)
     rng = np.random.default_rng(5)
@@ -151,15 +162,22 @@ def _check_colors(on: Canvas, channels: int, corners: int, background: int) -> N
         np.testing.assert_allclose(image, expected, rtol=0, atol=2e-6, err_msg=name)
 
 
-@pytest.mark.parametrize("background", [3, 4])
-@pytest.mark.parametrize("channels", [3, 4])
-@pytest.mark.parametrize("corners", [1, 3])
+@pytest.mark.parametrize(
+    "corners, channels, background",
+    [
+        (1, 4, 3),
+        (3, 3, 3),
+        (1, 3, 4),
+        (3, 4, 4),
+        *(_slowly(*rest) for rest in ((1, 4, 4), (3, 3, 4), (3, 4, 3))),
+    ],
+)
 def test_colors(corners, channels, background):
     """Flat and interpolated, opaque and translucent, over a background with and without alpha."""
     _check_colors(canvas(4), channels, corners, background)
 
 
-@pytest.mark.parametrize("rate", [3, 16])
+@pytest.mark.parametrize("rate", [3, _slowly(16)])
 def test_interpolated_translucent_at_other_rates(rate):
     _check_colors(canvas(rate, "top_left"), channels=4, corners=3, background=4)
 
@@ -244,10 +262,9 @@ def test_jit_vmap_and_eager_agree():
     checked, overflow = jax.vmap(lambda scene: sr.render_checked(scene, plan))(batch)
     np.testing.assert_array_equal(checked, eager)
     assert not np.asarray(overflow).any()
-    np.testing.assert_array_equal(jax.vmap(lambda scene: sr.render(scene, plan))(batch), eager)
-    jitted = jax.jit(sr.render)
-    np.testing.assert_array_equal(jitted(scenes[3], plan), eager[3])
-    np.testing.assert_array_equal(jax.jit(jax.vmap(jitted, in_axes=(0, None)))(batch, plan), eager)
+    np.testing.assert_array_equal(jax.jit(sr.render)(scenes[3], plan), eager[3])
+    batched = jax.jit(jax.vmap(sr.render, in_axes=(0, None)))
+    np.testing.assert_array_equal(batched(batch, plan), eager)
 
 
 def test_vmap_of_interpolated_translucent():
@@ -261,7 +278,7 @@ def test_vmap_of_interpolated_translucent():
     np.testing.assert_allclose(image, eager, rtol=0, atol=1e-6)
 
 
-@RULES
+@pytest.mark.parametrize("fill_rule", ["inclusive", _slowly("top_left")])
 def test_float64_of_the_same_values(fill_rule):
     on = canvas(4, fill_rule)
     colors = colors_of(COUNT)

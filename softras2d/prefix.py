@@ -1,0 +1,47 @@
+"""Inclusive prefix sums and maxima of integers.
+
+`jnp.cumsum` becomes a tree of window reductions on the CPU, which take longer to compile and to
+run. Here a long vector is cut into rows of 64: every row is scanned in six doubling steps, the
+last entries of the rows likewise, and each row is joined with all rows before it.
+
+**Source:** Hillis and Steele, *Data Parallel Algorithms* (CACM 29(12), 1986), "Sum of an array".
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+_ROW = 64
+
+
+def cumulative_sum(x: Int[Array, " n"]) -> Int[Array, " n"]:
+    """Sum of the entries up to each, modulo 2^32."""
+    return _scan(x, jnp.add)
+
+
+def cumulative_max(x: Int[Array, " n"]) -> Int[Array, " n"]:
+    """Largest of the entries up to each, for entries of 0 or more."""
+    return _scan(x, jnp.maximum)
+
+
+def _scan(x: Array, join: Callable[[Array, Array], Array]) -> Array:
+    count = x.shape[0]
+    rows = -(-count // _ROW)
+    table = jnp.pad(x, (0, rows * _ROW - count)).reshape(rows, _ROW)
+    table = _double(table, join)
+    before = jnp.pad(_double(table[:, -1][None], join)[0, :-1], (1, 0))
+    return join(table, before[:, None]).reshape(-1)[:count]
+
+
+def _double(table: Array, join: Callable[[Array, Array], Array]) -> Array:
+    """Scan each row: join with the entry 1 before, then 2, 4 and so on."""
+    length = table.shape[1]
+    nothing = jnp.zeros_like(table)
+
+    def step(k: Array, table: Array) -> Array:
+        padded = jnp.concatenate([nothing, table], 1)
+        return join(table, jax.lax.dynamic_slice_in_dim(padded, length - (1 << k), length, 1))
+
+    return jax.lax.fori_loop(0, (length - 1).bit_length(), step, table)
