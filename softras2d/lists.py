@@ -1,7 +1,7 @@
 """Uneven lists of triangles as dense arrays, in two shapes.
 
-*Chunks* cut each tile's list into runs of `LAYERS` slots: all of them are worked on at once, as
-an array `[chunks, LAYERS]`. *Steps* take tiles in blocks of `BLOCK`, longest lists first, and
+*Chunks* cut each tile's list into runs of a few slots: all of them are worked on at once, as an
+array `[chunks, layers]`. *Steps* take tiles in blocks of `BLOCK`, longest lists first, and
 visit the lists of a block place by place: for what must go front to back.
 """
 
@@ -13,9 +13,6 @@ from jaxtyping import Array, Bool, Int
 from .prefix import cumulative_sum
 from .staging import one_pass
 from .tiles import TileLists, expand
-
-LAYERS = 4
-"""Slots of a chunk: more of them waste more slots, fewer take more passes from chunk to chunk."""
 
 BLOCK = 64
 """Tiles of a block: the state of their samples stays in a core's cache."""
@@ -59,19 +56,19 @@ class Steps(NamedTuple):
     needed: Int[Array, ""]
 
 
-def cut_chunks(lists: TileLists, *, capacity: int) -> Chunks:
-    """Every tile's list in chunks; beyond `capacity` chunks, triangles are missing."""
+def cut_chunks(lists: TileLists, *, layers: int, capacity: int) -> Chunks:
+    """Every tile's list in chunks of `layers`; beyond `capacity` of them, triangles are missing."""
 
     @one_pass
     def cut(count):
-        chunks = -(-count // LAYERS)
+        chunks = -(-count // layers)
         tile, index = expand(chunks, capacity)
         total = jnp.sum(chunks)
         return chunks, tile, index, cumulative_sum(chunks) - chunks, total
 
     @one_pass
     def fill(lists, tile, index, total):
-        layer = index[:, None] * LAYERS + jnp.arange(LAYERS, dtype=jnp.int32)[None]
+        layer = index[:, None] * layers + jnp.arange(layers, dtype=jnp.int32)[None]
         used = jnp.arange(capacity, dtype=jnp.int32) < total
         filled = used[:, None] & (layer < lists.count[tile][:, None])
         place = jnp.where(filled, lists.start[tile][:, None] + layer, 0)

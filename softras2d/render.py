@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from . import safe
 from .barycentric import slot_weights, twice_area
+from .capacity import Capacity
 from .compositing import opaque, over
 from .coverage.hard import covered_rows, hide
 from .fixed_point import (
@@ -26,7 +27,7 @@ from .fixed_point import (
 )
 from .guard_band import Planes, clip
 from .lists import Chunks, cut_chunks, cut_steps
-from .plan import Capacity, Plan, refuse_unbuilt
+from .plan import Plan, refuse_unbuilt
 from .scene import Scene
 from .staging import one_pass
 from .tiles import list_tiles
@@ -104,7 +105,7 @@ def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
     none = jnp.zeros((), jnp.int32)
     if scene.triangles.shape[0] == 0:
         image = jnp.broadcast_to(background, (plan.height, plan.width, background.shape[0]))
-        return _straight(image), Capacity(none, none, none, none, none), none > 0
+        return _straight(image), Capacity(none, none, none, none, none, none), none > 0
     tiling, room = plan.tiling, plan.capacity
     projected = _project(scene, plan)
     lists = list_tiles(
@@ -127,11 +128,11 @@ def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
             projected.planes,
         )
         image = over.to_image(sums, background, tiling)
-        needs = Capacity(lists.strips, lists.pairs, none, none, steps.needed)
+        needs = Capacity(lists.strips, lists.pairs, none, none, none, steps.needed)
     else:
-        chunks = cut_chunks(lists, capacity=room.chunks)
+        chunks = cut_chunks(lists, layers=room.layers, capacity=room.chunks)
         image = _paint(projected, chunks, background, plan)
-        needs = Capacity(lists.strips, lists.pairs, chunks.needed, chunks.deepest, none)
+        needs = Capacity(lists.strips, lists.pairs, none, chunks.needed, chunks.deepest, none)
     return _straight(image), needs, projected.astray
 
 

@@ -166,9 +166,7 @@ def sum_interpolated(
             count = unpack(packed[:, k], tiling).astype(colors.dtype)
             total = total + count[:, None] * origin
             for corner, weight in enumerate(weights, start=1):
-                total = total + weight[:, k, None] * (
-                    colors[:, k, corner, :, None, None] - origin
-                )
+                total = total + weight[:, k, None] * (colors[:, k, corner, :, None, None] - origin)
         return total
 
     return add(sums.count, weigh(sums, weights), colors)

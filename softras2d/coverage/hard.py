@@ -23,7 +23,9 @@ _ONES = 0xFFFFFFFF
 _SLACK = 2.0**-10
 
 
-def first_inside(value: Int[Array, "*#shape"], step: Int[Array, "*#shape"]) -> Int[Array, "*#shape"]:
+def first_inside(
+    value: Int[Array, "*#shape"], step: Int[Array, "*#shape"]
+) -> Int[Array, "*#shape"]:
     """The least i in 0..32 with `value + i step >= 0`, or more than 31 if none; `step >= 0`.
 
     Exact for `|value| <= 2^30 + 31 * 2^23` and `step < 2^24`, whatever the float division does.
@@ -42,7 +44,9 @@ def ones_from(place: Int[Array, "*#shape"]) -> UInt32[Array, "*#shape"]:
     )
 
 
-def edge_row(value: Int[Array, "*#shape"], right: Int[Array, "*#shape"]) -> UInt32[Array, "*#shape"]:
+def edge_row(
+    value: Int[Array, "*#shape"], right: Int[Array, "*#shape"]
+) -> UInt32[Array, "*#shape"]:
     """Samples i of a row at which `value + i right >= 0`, as bits."""
     # With a negative step the samples outside are those from some place on: -1 - v + i |step| >= 0.
     turned = right >> 31

@@ -73,6 +73,19 @@ def test_a_huge_triangle_covers_the_canvas(size):
     np.testing.assert_array_equal(_alone(around, around[::-1], -around), 1)
 
 
+@pytest.mark.parametrize("size", [1e4, 1e6, 1e9, 1e10, 1e20, 1e38, 3e38])
+def test_a_needle_across_the_canvas_is_not_lost(size):
+    """Both ends beyond all measure: near the middle its half width is 5."""
+    needle = np.array([(size, 0), (-size, 10), (-size, -10)])
+    rows, columns = _alone(needle, needle[:, ::-1])
+    wanted = np.zeros_like(rows)
+    wanted[:5] = 1
+    np.testing.assert_array_equal(rows, wanted)
+    wanted = np.zeros_like(columns)
+    wanted[:, :5] = 1
+    np.testing.assert_array_equal(columns, wanted)
+
+
 @pytest.mark.parametrize("size", [50.0, 1e4, 1e12, 1e38])
 def test_far_off_covers_nothing(size):
     shape = np.array([(1, 1.2), (1.5, 1.1), (1.2, 1.6)])

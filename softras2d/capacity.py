@@ -1,0 +1,128 @@
+"""Room for the lists of a render, counted on the host from concrete scenes.
+
+Arrays of a compiled program have fixed lengths. What a scene needs is counted in numpy by the same
+functions that list it on the device, and given a quarter more.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .fixed_point import (
+    Grid,
+    bounds,
+    directed,
+    edge_functions,
+    orient,
+    separate,
+    snap,
+    within_guard,
+)
+from .guard_band import clip
+from .lists import BLOCK
+from .scene import Scene
+from .tiles import Tiling, measure, narrow, strip_counts
+
+MOST_PAIRS = 2**27
+"""Pairs of a triangle and a tile that one render may list: 12 GiB of them."""
+
+
+class Capacity(NamedTuple):
+    """Room for lists whose length only data shows.
+
+    - `strips`: of a triangle and a row of tiles; `pairs`: of a triangle and a tile.
+    - `layers`: listed pairs of a tile in one chunk; `chunks`: how many chunks, and `depth`: the
+      most of one tile.
+    - `steps`: blocks of `BLOCK` tiles times the longest list in each; for translucent scenes.
+    """
+
+    strips: int
+    pairs: int
+    layers: int
+    chunks: int
+    depth: int
+    steps: int
+
+
+_LAYERS = (2, 4, 8)
+_LEAST = Capacity(strips=512, pairs=2048, layers=2, chunks=512, depth=4, steps=32)
+"""Room that every plan has: it costs next to nothing, and small scenes share programs by it."""
+
+
+class Counts(NamedTuple):
+    """Of one scene: strips, pairs before hidden ones are dropped, and the length of each list."""
+
+    strips: int
+    pairs: int
+    listed: np.ndarray
+
+
+def count_lists(scene: Scene, grid: Grid, fill_rule: str, origin: np.ndarray) -> Counts:
+    """Count, in numpy, what `tiles.list_tiles` will find; `ValueError` for too many pairs."""
+    tiling = Tiling.of(grid)
+    positions = np.asarray(scene.positions)
+    corners = (positions - origin.astype(positions.dtype))[np.asarray(scene.triangles)]
+    snapped = snap(corners, grid)
+    segments = directed(snapped, orient(snapped))
+    if not within_guard(corners, grid).all():
+        segments, _ = clip(corners, segments, grid)
+    edges = separate(edge_functions(segments, grid, fill_rule))
+    box = bounds(segments, grid)
+    triangle, rank = _expand(strip_counts(box, tiling))
+    first, second, third = (edge.of(triangle) for edge in edges)
+    box = box.of(triangle)
+    strips = narrow(measure((first, second, third), box, rank, tiling), box, rank, tiling)
+    pairs = int(strips.count.sum(dtype=np.int64))
+    if pairs > MOST_PAIRS:
+        raise ValueError(
+            f"the scene has {pairs:,} pairs of a triangle and a tile, more than {MOST_PAIRS:,}: "
+            "draw it in pieces, with `origin` or fewer triangles."
+        )
+    strip, rank = _expand(strips.count)
+    column = strips.first[strip] + rank
+    tile = strips.row[strip] * tiling.columns + column
+    whole = (strips.whole_first[strip] <= column) & (column <= strips.whole_last[strip])
+    alpha = np.asarray(scene.colors)[..., 3:]
+    hides = (alpha >= 1).all((1, 2)) & (segments.orientation != 0)
+    owner = triangle[strip]
+    hiding = whole & hides[owner]
+    wall = np.full(tiling.count, -1, np.int32)
+    np.maximum.at(wall, tile[hiding], owner[hiding])
+    listed = np.bincount(tile[owner >= wall[tile]], minlength=tiling.count)
+    return Counts(len(triangle), pairs, np.sort(listed)[::-1])
+
+
+def make_room(counts: Sequence[Counts], *, translucent: bool) -> Capacity:
+    """Capacities for any of the scenes counted: the largest need, a quarter more, a ladder step."""
+    cut = {layers: [-(-one.listed // layers) for one in counts] for layers in _LAYERS}
+
+    def work(layers: int) -> int:
+        """Slots, and the state that each chunk passes on."""
+        return (layers + 1) * sum(int(chunks.sum()) for chunks in cut[layers])
+
+    layers = min(_LAYERS, key=work)
+    needs = Capacity(
+        strips=max(one.strips for one in counts),
+        pairs=max(one.pairs for one in counts),
+        layers=layers,
+        chunks=max(int(chunks.sum()) for chunks in cut[layers]),
+        depth=max(int(chunks[0]) for chunks in cut[layers]),
+        steps=max(int(one.listed[::BLOCK].sum()) for one in counts) if translucent else 0,
+    )
+    steps = [_ladder(need, least) for need, least in zip(needs, _LEAST, strict=True)]
+    return Capacity(*steps)._replace(layers=layers)
+
+
+def _expand(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`tiles.expand` in numpy, with as many places as there are."""
+    start = np.cumsum(count) - count
+    owner = np.repeat(np.arange(len(count), dtype=np.int32), count)
+    return owner, (np.arange(len(owner)) - start[owner]).astype(np.int32)
+
+
+def _ladder(need: int, least: int) -> int:
+    """A quarter more than `need`, rounded up to four steps an octave."""
+    need = max(-(-5 * need // 4), least)
+    step = 1 << max(need.bit_length() - 3, 0)
+    return -(-need // step) * step
