@@ -79,36 +79,35 @@ class Scene(eqx.Module):
         (flat) or `[triangles, 3, channels]` (corners). `background` is white unless given. Dtype
         follows `positions`. Raises `ValueError` for shapes, indices and values that no scene has.
         """
-        positions = _floats(positions)
-        dtype = positions.dtype
-        triangles = jnp.asarray(triangles)
-        # Weakly shaped input such as `[]` is an empty list of triangles, of whatever dtype.
-        triangles = triangles.astype(jnp.int32).reshape(
-            (-1, 3) if triangles.size == 0 else triangles.shape
-        )
+        positions = _floats("positions", positions, None)
+        _expect("positions", positions, ("vertices", 2))
+        vertices, dtype = positions.shape[0], positions.dtype
+        triangles = _integers("triangles", triangles)
+        # An empty list such as `[]` has no second axis.
+        triangles = triangles.reshape(-1, 3) if triangles.size == 0 else triangles
+        _expect("triangles", triangles, ("triangles", 3))
+        _check_indices(triangles, vertices)
+        count = triangles.shape[0]
         if (vertex_colors is None) == (triangle_colors is None):
             raise ValueError("give one of `vertex_colors` and `triangle_colors`.")
         if vertex_colors is not None:
-            per_vertex = _floats(vertex_colors, dtype)
-            _expect("vertex_colors", per_vertex.shape[:-1], positions.shape[:-1])
-            _check_indices(triangles, positions.shape[0])
-            colors = per_vertex[triangles]
+            colors = _floats("vertex_colors", vertex_colors, dtype)
+            _expect("vertex_colors", colors, (vertices, "3 or 4 channels"))
+            colors = colors[triangles]
         else:
-            colors = _floats(triangle_colors, dtype)
+            colors = _floats("triangle_colors", triangle_colors, dtype)
             colors = colors[:, None] if colors.ndim == 2 else colors
-            _expect("triangle_colors", colors.shape[:1], triangles.shape[:1])
+            _expect("triangle_colors", colors, (count, "1 or 3 corners", "3 or 4 channels"))
         scene = Scene(
             positions=positions,
             triangles=triangles,
             colors=colors,
-            background=jnp.ones(3, dtype) if background is None else _floats(background, dtype),
-            uv=None if uv is None else _floats(uv, dtype),
-            texture_index=(
-                None if texture_index is None else jnp.asarray(texture_index).astype(jnp.int32)
-            ),
+            background=_background(background, dtype),
+            uv=_optional("uv", uv, dtype, (count, 3, 2)),
+            texture_index=_optional("texture_index", texture_index, None, (count,)),
             textures=textures,
-            depth=None if depth is None else _floats(depth, dtype),
-            inverse_w=None if inverse_w is None else _floats(inverse_w, dtype),
+            depth=_optional("depth", depth, dtype, (vertices,)),
+            inverse_w=_optional("inverse_w", inverse_w, dtype, (vertices,)),
         )
         check(scene)
         return scene
@@ -119,18 +118,19 @@ class Scene(eqx.Module):
 
         `optional` are the keywords of `from_mesh`; `depth` and `inverse_w` may be `[n, 3]`.
         """
-        corners = _floats(corners)
-        if corners.size == 0:
-            corners = corners.reshape(0, 3, 2)
-        if corners.ndim != 3 or corners.shape[1:] != (3, 2):
-            raise ValueError(f"`corners` must be [triangles, 3, 2]; got {corners.shape}.")
+        corners = _floats("corners", corners, None)
+        corners = corners.reshape(0, 3, 2) if corners.size == 0 else corners
+        _expect("corners", corners, ("triangles", 3, 2))
         count = corners.shape[0]
-        colors = _floats(colors, corners.dtype)
+        colors = _floats("colors", colors, corners.dtype)
         if count == 0:
             colors = colors.reshape(0, *(colors.shape[1:] if colors.ndim > 1 else (3,)))
+        colors = colors[:, None] if colors.ndim == 2 else colors
+        _expect("colors", colors, (count, "1 or 3 corners", "3 or 4 channels"))
         for name in ("depth", "inverse_w"):
             if optional.get(name) is not None:
-                optional[name] = _floats(optional[name], corners.dtype).reshape(-1)
+                value = _floats(name, optional[name], corners.dtype)
+                optional[name] = value.reshape(-1) if value.shape == (count, 3) else value
         return Scene.from_mesh(
             corners.reshape(-1, 2),
             np.arange(3 * count, dtype=np.int32).reshape(-1, 3),
@@ -188,13 +188,49 @@ def _check_indices(triangles: Any, vertices: int) -> None:
     )
 
 
-def _expect(name: str, got: tuple[int, ...], wanted: tuple[int, ...]) -> None:
-    if got != wanted:
-        raise ValueError(f"`{name}` must have leading shape {wanted}; got {got}.")
+def _expect(name: str, value: Any, wanted: tuple[int | str, ...]) -> None:
+    """Raise for another shape than `wanted`: numbers, choices such as "3 or 4", or free names."""
+    choices = [[int(w) for w in str(size).split() if w.isdigit()] for size in wanted]
+    fits = len(value.shape) == len(wanted) and all(
+        not allowed or size in allowed for size, allowed in zip(value.shape, choices, strict=True)
+    )
+    if not fits:
+        shape = ", ".join(map(str, wanted))
+        raise ValueError(f"`{name}` must be [{shape}]; got shape {tuple(value.shape)}.")
 
 
-def _floats(value: Any, dtype: Any = None) -> Array:
+def _background(value: Any, dtype: Any) -> Array:
+    if value is None:
+        return jnp.ones(3, dtype)
+    background = _floats("background", value, dtype)
+    _expect("background", background, ("3 or 4 channels",))
+    return background
+
+
+def _optional(name: str, value: Any, dtype: Any, shape: tuple[int, ...]) -> Array | None:
+    """An optional entry of a scene; integers if no `dtype` is given."""
+    if value is None:
+        return None
+    array = _integers(name, value) if dtype is None else _floats(name, value, dtype)
+    _expect(name, array, shape)
+    return array
+
+
+def _integers(name: str, value: Any) -> Array:
     array = jnp.asarray(value)
+    if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
+        raise ValueError(f"`{name}` must be integers; got {array.dtype}.")
+    return array.astype(jnp.int32)
+
+
+def _floats(name: str, value: Any, dtype: Any) -> Array:
+    """As floats of `dtype`; of its own float type, or float32, if that is None."""
+    try:
+        array = jnp.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"`{name}` must be numbers in equal rows; got {value!r:.60}.") from error
+    if jnp.issubdtype(array.dtype, jnp.complexfloating):
+        raise ValueError(f"`{name}` must be real; got {array.dtype}.")
     if dtype is None:
         dtype = array.dtype if jnp.issubdtype(array.dtype, jnp.floating) else jnp.float32
     return array.astype(dtype)

@@ -47,8 +47,16 @@ def check_map(map3: Any) -> np.ndarray:
     map3 = np.asarray(map3, np.float64)
     if map3.shape != (3, 3):
         raise ValueError(f"`transform` must be a 3x3 matrix; got shape {map3.shape}.")
-    if not np.isfinite(map3).all() or np.linalg.matrix_rank(map3) < 3:
+    if not np.isfinite(map3).all() or np.linalg.matrix_rank(_equilibrated(map3)) < 3:
         raise ValueError(f"`transform` must be finite and invertible; got {map3.tolist()}.")
+    return map3
+
+
+def _equilibrated(map3: np.ndarray) -> np.ndarray:
+    """Rows, then columns scaled to one: large or small units do not make a map singular."""
+    for axis in (1, 0):
+        largest = np.abs(map3).max(axis, keepdims=True)
+        map3 = map3 / np.where(largest > 0, largest, 1.0)
     return map3
 
 
