@@ -45,10 +45,9 @@ def _plan(scenes, on: Canvas, **options) -> sr.Plan:
 
 
 def _shared_plan(on: Canvas, colors: np.ndarray, background=BLACK) -> sr.Plan:
-    """A plan with room for whatever `COUNT` triangles of the band are drawn."""
-    return _plan(
-        [sr.Scene.from_soup(c, colors, background=background) for c in vast(on, COUNT)], on
-    )
+    """A plan with room for every case, and for about whatever `COUNT` triangles of the band are."""
+    soups = [*vast(on, COUNT), *cases(on).values()]
+    return _plan([sr.Scene.from_soup(soup, colors, background=background) for soup in soups], on)
 
 
 @RATES_AND_RULES
