@@ -12,6 +12,7 @@ import numpy as np
 from .fixed_point import (
     Grid,
     bounds,
+    corners_of,
     directed,
     edge_functions,
     orient,
@@ -25,7 +26,7 @@ from .scene import Scene
 from .tiles import Tiling, measure, narrow, strip_counts
 
 MOST_PAIRS = 2**27
-"""Pairs of a triangle and a tile that one render may list: 12 GiB of them."""
+"""Pairs of a triangle and a tile that one render may list, at some 70 bytes each."""
 
 
 class Capacity(NamedTuple):
@@ -61,24 +62,21 @@ class Counts(NamedTuple):
 def count_lists(scene: Scene, grid: Grid, fill_rule: str, origin: np.ndarray) -> Counts:
     """Count, in numpy, what `tiles.list_tiles` will find; `ValueError` for too many pairs."""
     tiling = Tiling.of(grid)
-    positions = np.asarray(scene.positions)
-    corners = (positions - origin.astype(positions.dtype))[np.asarray(scene.triangles)]
+    corners = corners_of(np.asarray(scene.positions), np.asarray(scene.triangles), origin)
     snapped = snap(corners, grid)
     segments = directed(snapped, orient(snapped))
     if not within_guard(corners, grid).all():
-        segments, _ = clip(corners, segments, grid)
+        segments = clip(corners, segments, grid)
     edges = separate(edge_functions(segments, grid, fill_rule))
     box = bounds(segments, grid)
-    triangle, rank = _expand(strip_counts(box, tiling))
+    counts = strip_counts(box, tiling)
+    _refuse_many(int(counts.sum(dtype=np.int64)))
+    triangle, rank = _expand(counts)
     first, second, third = (edge.of(triangle) for edge in edges)
     box = box.of(triangle)
     strips = narrow(measure((first, second, third), box, rank, tiling), box, rank, tiling)
     pairs = int(strips.count.sum(dtype=np.int64))
-    if pairs > MOST_PAIRS:
-        raise ValueError(
-            f"the scene has {pairs:,} pairs of a triangle and a tile, more than {MOST_PAIRS:,}: "
-            "draw it in pieces, with `origin` or fewer triangles."
-        )
+    _refuse_many(pairs)
     strip, rank = _expand(strips.count)
     column = strips.first[strip] + rank
     tile = strips.row[strip] * tiling.columns + column
@@ -91,6 +89,14 @@ def count_lists(scene: Scene, grid: Grid, fill_rule: str, origin: np.ndarray) ->
     np.maximum.at(wall, tile[hiding], owner[hiding])
     listed = np.bincount(tile[owner >= wall[tile]], minlength=tiling.count)
     return Counts(len(triangle), pairs, np.sort(listed)[::-1])
+
+
+def _refuse_many(pairs: int) -> None:
+    if pairs > MOST_PAIRS:
+        raise ValueError(
+            f"the scene has {pairs:,} pairs of a triangle and a tile, more than {MOST_PAIRS:,}: "
+            "draw it in pieces, with `origin` or fewer triangles."
+        )
 
 
 def make_room(counts: Sequence[Counts], *, translucent: bool) -> Capacity:

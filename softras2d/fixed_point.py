@@ -11,7 +11,7 @@ right, so its floor after division by 2^k,
     e(i, j) = constant - dy i + dx j,
 
 has the same sign at every sample, steps by integers below 2^24, and leaves a remainder that is
-the same at all samples of the image. The constant may need 40 bits. It is kept modulo 2^32, beside
+the same at all samples of the image. The constant may need 43 bits. It is kept modulo 2^32, beside
 a float32 estimate that is good to 2^20: where the estimate stays below 2^30 the wrapped sum is the
 true one, and elsewhere no sample of the tile can change sign, so the value is set to +-2^30.
 
@@ -19,6 +19,7 @@ Everything here is written for numpy and jax arrays alike (the array API's names
 counts on the host what a render does on the device.
 """
 
+import operator
 from typing import Any, NamedTuple
 
 MAX_GRID_BITS = 18
@@ -45,7 +46,12 @@ class Grid(NamedTuple):
         The guard band is half the longer side wide, all around. Raises `ValueError` where the grid
         would be coarser than 2^-8 pixel.
         """
-        bits = 23 - (2 * max(height, width) - 1).bit_length()
+        try:
+            height, width = operator.index(height), operator.index(width)
+        except TypeError:
+            message = f"`height` and `width` must be integers; got {height!r} and {width!r}."
+            raise ValueError(message) from None
+        bits = 23 - (2 * max(height, width, 1) - 1).bit_length()
         if min(height, width) < 1 or bits < 8:
             raise ValueError(
                 f"`height` and `width` must be in 1..16384; got {height} and {width} "
@@ -164,6 +170,14 @@ def sign_of_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
     )
 
 
+def corners_of(positions: Any, triangles: Any, origin: Any) -> Any:
+    """Corners `[triangles, 3, 2]` in pixels of the canvas whose upper left pixel is `origin`.
+
+    Subtracted in the dtype of the positions, on the host as on the device: both then snap alike.
+    """
+    return (positions - origin.astype(positions.dtype)[None])[triangles]
+
+
 class Snapped(NamedTuple):
     """Corners on the grid, `[3, triangles]`, as drawn; `finite` as in `snap`."""
 
@@ -260,6 +274,7 @@ def edge_functions(segments: Segments, grid: Grid, fill_rule: str) -> Edge:
         remainder = low & ((1 << bits) - 1)
     start = dx * whole_y - dy * whole_x + floor
     estimate = dx.astype(f32) * whole_y.astype(f32) - dy.astype(f32) * whole_x.astype(f32)
+    estimate = estimate + floor.astype(f32)
     fraction = (remainder + lowered).astype(f32) * 2.0**-bits
     constant = segments.constant
     if fill_rule == "top_left":

@@ -63,7 +63,7 @@ def cut_chunks(lists: TileLists, *, layers: int, capacity: int) -> Chunks:
     def cut(count):
         chunks = -(-count // layers)
         tile, index = expand(chunks, capacity)
-        total = jnp.sum(chunks)
+        total = jnp.sum(chunks, dtype=jnp.int32)
         return chunks, tile, index, cumulative_sum(chunks) - chunks, total
 
     @one_pass
@@ -93,6 +93,8 @@ def cut_steps(lists: TileLists, *, capacity: int) -> Steps:
         longest = count[:, 0]
         block, place = expand(longest, capacity)
         slot = jnp.zeros(tiles, jnp.int32).at[order].set(jnp.arange(tiles, dtype=jnp.int32))
-        return Steps(block, place, tile, lists.start[tile], count, slot, jnp.sum(longest))
+        return Steps(
+            block, place, tile, lists.start[tile], count, slot, jnp.sum(longest, dtype=jnp.int32)
+        )
 
     return cut(lists)

@@ -20,8 +20,10 @@ class Hard(eqx.Module):
     - `samples` per pixel, on a regular grid: 1, 4, 9, 16, 64 or 256.
     - `fill_rule`: `"inclusive"` owns every sample of the closed triangle; `"top_left"` owns a
       sample on a shared edge once, and none for triangles of zero area.
-    - `shading`: where the colour is evaluated: at each `"sample"`, or once a `"pixel"` (MSAA).
-    - `edge_gradients`: whether positions receive the derivative of the box-filtered image.
+    - `shading`: where the colour is evaluated: at each `"sample"`, or once a `"pixel"` (MSAA; not
+      built yet).
+    - `edge_gradients`: whether positions receive the derivative of the box-filtered image; not
+      built yet, they receive zero.
     """
 
     samples: int = eqx.field(static=True, default=16)

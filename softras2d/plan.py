@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from .capacity import Capacity, count_lists, make_room
-from .fixed_point import Grid, within_guard
+from .fixed_point import Grid, corners_of, within_guard
 from .options import Area, Filter, Hard, Soft
 from .scene import Scene, check
 from .tiles import Tiling
@@ -98,6 +98,8 @@ def plan(
     Raises `ValueError` for values that no picture has, and for effects that are not drawn yet.
     """
     coverage = Hard() if coverage is None else coverage
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene)):
+        raise ValueError("`plan` needs concrete scenes: make the plan outside jit, vmap and grad.")
     scenes = [
         one for many in ([scene] if isinstance(scene, Scene) else scene) for one in _unstack(many)
     ]
@@ -106,10 +108,7 @@ def plan(
     for one in scenes:
         check(one)
         refuse_unbuilt(one, coverage)
-    origin = np.asarray(origin)
-    if origin.shape != (2,) or (origin != np.round(origin)).any():
-        raise ValueError(f"`origin` must be a pixel (x, y), two integers; got {origin.tolist()}.")
-    origin = origin.astype(np.int32)
+    origin = _pixel(origin)
     grid = Grid.of(height, width, coverage.rate)
     counts = [count_lists(one, grid, coverage.fill_rule, origin) for one in scenes]
     used = {name for one in scenes for name in _effects(one, grid, origin)}
@@ -137,6 +136,15 @@ def refuse_unbuilt(scene: Scene, coverage: Any) -> None:
             raise ValueError(f"the scene has `{name}`, which hard mode does not draw yet.")
 
 
+def _pixel(origin: Any) -> np.ndarray:
+    """`origin` as two int32, or `ValueError`."""
+    pixel = np.asarray(origin)
+    whole = pixel.shape == (2,) and pixel.dtype.kind in "iuf" and (np.abs(pixel) <= 2**30).all()
+    if not whole or (pixel != np.round(pixel)).any():
+        raise ValueError(f"`origin` must be two integers (x, y) within 2^30; got {origin!r}.")
+    return pixel.astype(np.int32)
+
+
 def _with_array_bias(filter: Filter) -> Filter:
     """An array leaf, so that another bias does not recompile."""
     return eqx.tree_at(lambda f: f.lod_bias, filter, jnp.asarray(filter.lod_bias, jnp.float32))
@@ -145,14 +153,15 @@ def _with_array_bias(filter: Filter) -> Filter:
 def _unstack(scene: Scene) -> list[Scene]:
     if scene.positions.ndim == 2:
         return [scene]
+    if scene.triangles.ndim != 3 or scene.colors.ndim != 4 or scene.background.ndim != 2:
+        raise ValueError("a batched `scene` must have its leading axis on every array.")
     host = jax.tree.map(np.asarray, scene)
     leaves, structure = jax.tree.flatten(host)
     return [structure.unflatten(leaf[i] for leaf in leaves) for i in range(len(leaves[0]))]
 
 
 def _effects(scene: Scene, grid: Grid, origin: np.ndarray) -> list[str]:
-    positions = np.asarray(scene.positions)
-    corners = (positions - origin.astype(positions.dtype))[np.asarray(scene.triangles)]
+    corners = corners_of(np.asarray(scene.positions), np.asarray(scene.triangles), origin)
     return [
         *(["interpolated colour"] if scene.colors.shape[1] == 3 else []),
         *(["translucency"] if scene.colors.shape[2] == 4 else []),

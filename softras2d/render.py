@@ -18,6 +18,7 @@ from .fixed_point import (
     Bounds,
     Edges,
     bounds,
+    corners_of,
     directed,
     edge_functions,
     orient,
@@ -25,7 +26,7 @@ from .fixed_point import (
     snap,
     within_guard,
 )
-from .guard_band import Planes, clip
+from .guard_band import Planes, clip, planes
 from .lists import Chunks, cut_chunks, cut_steps
 from .plan import Plan, refuse_unbuilt
 from .scene import Scene
@@ -101,6 +102,8 @@ def _complaint(needs: Capacity, plan: Plan) -> str:
 def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
     """The image, what it needed, and whether triangles left the guard band unforeseen."""
     refuse_unbuilt(scene, plan.coverage)
+    if scene.positions.ndim != 2:
+        raise ValueError("`render` takes one scene: use jax.vmap for a batched one.")
     background = _premultiplied(scene.background)
     none = jnp.zeros((), jnp.int32)
     if scene.triangles.shape[0] == 0:
@@ -141,7 +144,8 @@ def _project(scene: Scene, plan: Plan) -> Projected:
 
     @one_pass
     def place(positions, triangles, origin):
-        corners = (positions - origin.astype(positions.dtype)[None])[triangles]
+        # Positions get the derivative of the box-filtered image or none, never a part of it.
+        corners = jax.lax.stop_gradient(corners_of(positions, triangles, origin))
         return corners, snap(corners, grid), ~jnp.all(within_guard(corners, grid))
 
     @one_pass
@@ -153,14 +157,16 @@ def _project(scene: Scene, plan: Plan) -> Projected:
 
     corners, snapped, astray = place(scene.positions, scene.triangles, plan.origin)
     segments = one_pass(directed)(snapped, one_pass(orient)(snapped))
-    planes = None
+    weights = None
     if "guard band" in plan.effects:
-        segments, planes = one_pass(lambda *of: clip(*of, grid))(corners, segments)
+        segments = one_pass(lambda *of: clip(*of, grid))(corners, segments)
         astray = jnp.zeros_like(astray)
+        if scene.colors.shape[1] == 3:
+            weights = one_pass(lambda corners: planes(corners, grid))(corners)
     edges = one_pass(lambda of: edge_functions(of, grid, plan.coverage.fill_rule))(segments)
     box = one_pass(lambda of: bounds(of, grid))(segments)
     colors, hides = turn_colors(scene.colors, segments.orientation)
-    return Projected(separate(edges), box, colors, hides, planes, astray)
+    return Projected(separate(edges), box, colors, hides, weights, astray)
 
 
 def _paint(projected: Projected, chunks: Chunks, background: Array, plan: Plan) -> Array:

@@ -13,11 +13,13 @@ def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = N
     Looks at concrete values, on the host. Removed are: triangles out of reach of the canvas and
     those of alpha 0; the alpha channel if it is one everywhere; corner colours if equal; textures
     that no triangle uses; depth that is the same everywhere; `inverse_w` likewise. Vertices keep
-    their indices. `filter` is how textures will be sampled; nothing about them is removed without.
+    their indices. `filter` is how textures will be sampled; what it lets go is not worked out yet.
 
     Raises `ValueError` for values that no picture has.
     """
     check(scene)
+    if scene.positions.ndim != 2:
+        raise ValueError("`simplify` takes one scene; a batch shares one structure.")
     kept = _reaches_canvas(scene, height, width) & _shows(scene)
     colors = np.asarray(scene.colors)[kept]
     if colors.shape[2] == 4 and (colors[..., 3] == 1).all():

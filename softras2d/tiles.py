@@ -269,7 +269,7 @@ def list_tiles(
 def count_up_to_far(counts: Int[Array, " owners"]) -> Int[Array, ""]:
     """The sum, held at 2^30: one that wrapped could pass for a small one."""
     near = jnp.sum(counts.astype(jnp.float32)) < 2.0**30
-    return jnp.where(near, jnp.sum(counts), 2**30).astype(jnp.int32)
+    return jnp.where(near, jnp.sum(counts, dtype=jnp.int32), 2**30)
 
 
 def _sort(tile: Array, order: Array, tiles: int, triangles: int) -> tuple[Array, Array]:

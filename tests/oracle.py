@@ -28,7 +28,7 @@ class Canvas:
     @property
     def exponent(self) -> int:
         """k: the grid is 2^-k px."""
-        return 23 - math.ceil(math.log2(2 * max(self.height, self.width)))
+        return min(18, 23 - math.ceil(math.log2(2 * max(self.height, self.width))))
 
     @property
     def samples(self) -> int:

@@ -17,7 +17,9 @@ def _covered(corners, **canvas) -> list[tuple[int, int]]:
     return [(int(c), int(r)) for r, c in np.argwhere(count)]
 
 
-@pytest.mark.parametrize("longest, exponent", [(1, 22), (2, 21), (3, 20), (512, 13), (1024, 12)])
+@pytest.mark.parametrize(
+    "longest, exponent", [(1, 18), (8, 18), (16, 18), (17, 17), (512, 13), (1024, 12)]
+)
 def test_grid(longest, exponent):
     assert Canvas(1, longest).exponent == Canvas(longest, 1).exponent == exponent
 

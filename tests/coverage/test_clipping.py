@@ -134,3 +134,36 @@ def test_corner_colors_of_a_huge_triangle():
     green, blue = (x + 1000) / 4000 + 0 * y, (y + 1000) / 4000 + 0 * x
     expected = np.stack([1 - green - blue, green, blue], axis=-1)
     np.testing.assert_allclose(image, expected, rtol=0, atol=2e-6)
+
+
+def test_an_edge_that_leaves_right_beside_a_vertex():
+    """A vertex a few grid units inside the band: the cut edge there is short, and must not lead."""
+    on = Canvas(64, 64)
+    rng = np.random.default_rng(5)
+    unit = 2.0**-on.exponent
+    corners = np.stack(
+        [
+            np.stack([-32 - rng.uniform(40, 90, 60), rng.uniform(40, 96, 60)], 1),
+            np.stack([-32 + unit * rng.integers(1, 6, 60), rng.uniform(0, 40, 60)], 1),
+            np.stack([rng.uniform(70, 120, 60), rng.uniform(-30, 20, 60)], 1),
+        ],
+        1,
+    ).astype(np.float32)
+    white = np.ones((1, 3), np.float32)
+    scenes = [sr.Scene.from_soup(one[None], white, background=BLACK) for one in corners]
+    plan = _plan(scenes, on)
+    column = (np.arange(64 * on.rate) + 0.5) / on.rate
+    x, y = np.meshgrid(column, column)
+    for one, scene in zip(corners.astype(np.float64), scenes, strict=True):
+        sign = np.sign(np.linalg.det(one[1:] - one[0]))
+        inside = np.full(x.shape, np.inf)
+        for a, b in zip(one, np.roll(one, -1, 0), strict=True):
+            dx, dy = b - a
+            away = sign * (dx * (y - a[1]) - dy * (x - a[0])) / np.hypot(dx, dy)
+            inside = np.minimum(inside, away)
+        least, most = (
+            (inside > margin).reshape(64, on.rate, 64, on.rate).mean((1, 3))
+            for margin in (1e-3, -1e-3)
+        )
+        image = draw_scene(scene, plan)[..., 0]
+        assert (least <= image).all() and (image <= most).all()

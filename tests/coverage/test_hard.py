@@ -301,3 +301,17 @@ def test_float64_of_the_same_values(fill_rule):
             assert image.dtype == np.float64
             assert not bool(overflow)
             np.testing.assert_array_equal(image, expected)
+
+
+def test_corner_colors_of_large_triangles_at_256_samples():
+    """Sums over 256 samples of values near 2^31: the float estimate must tell the multiple."""
+    on = Canvas(16, 16, rate=16)
+    rng = np.random.default_rng(3)
+    for _ in range(4):
+        corners = np.array([[(-8, 24), (24, -8), (24, 24)]], np.float32)
+        corners = np.clip(corners + rng.uniform(-0.1, 0.1, (1, 3, 2)), -8, 24).astype(np.float32)
+        colors = rng.uniform(0, 1, (1, 3, 3)).astype(np.float32)
+        scene = sr.Scene.from_soup(corners, colors)
+        plan = sr.plan(scene, height=16, width=16, coverage=sr.Hard(samples=256))
+        wanted = draw(corners, colors, np.ones(3), on)
+        np.testing.assert_allclose(sr.render(scene, plan), wanted, atol=2e-6)
