@@ -29,6 +29,10 @@ class Plan(eqx.Module):
 
     Plans whose static fields are equal share one compiled program. `origin` and `filter.lod_bias`
     are arrays: other values do not recompile.
+
+    - `height`, `width`: of the canvas in pixels; `coverage`, `filter`: as chosen.
+    - `origin`: the pixel (x, y) of the scene at the canvas's upper left.
+    - `capacity`: room for lists; `effects`: names of `EFFECTS` that some scene calls for.
     """
 
     height: int = eqx.field(static=True)
@@ -59,6 +63,8 @@ class Plan(eqx.Module):
         return 17 * 4 * room.pairs + 2 * rows + (3 * room.chunks + 7 * tiling.count) * pixels
 
     def __str__(self) -> str:
+        if isinstance(self.origin, jax.core.Tracer):
+            return f"Plan({self.width} x {self.height} px, traced)"
         grid, tiling, room = self.grid, self.tiling, self.capacity
         hard = self.coverage
         effects = [f"  {name}: {EFFECTS[name]}" for name in self.effects] or ["  none"]

@@ -55,9 +55,13 @@ class Projected(NamedTuple):
 def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     """Draw the scene: the exact mean over the samples of each pixel.
 
-    Three channels over a background of three; over one of four, straight RGBA, with colour 0 where
-    alpha is 0. Pure: use it under `jit` and `vmap` (close over the plan). Never looks at values: a
-    triangle with a NaN or infinite corner covers nothing.
+    Rows from the top, in the dtype of the positions; values lie in the range of the colours. Over
+    a background of three channels the image has three; over one of four it is straight RGBA, with
+    colour 0 (and slope 0) where alpha is 0.
+
+    Pure: use it under `jit` and `vmap`, and close over the plan or pass it. It never looks at
+    values: a triangle with a NaN or infinite corner covers nothing. Derivatives with respect to
+    colours and background are exact, forwards and backwards; those to positions are zero.
 
     Raises `ValueError` when the scene outgrows the plan; under a trace, an `eqx.error_if` does it
     when the program runs (JAX keeps no persistent cache entry for such a program).

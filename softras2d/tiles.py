@@ -18,6 +18,7 @@ from .fixed_point import Bounds, Edge, Edges, Grid
 from .prefix import cumulative_max, cumulative_sum
 from .staging import one_pass
 
+# Height and width by samples a side. Columns fill a word; rows are few where pixels are many.
 _PIXELS = {1: (8, 32), 2: (8, 16), 3: (8, 10), 4: (8, 8), 8: (4, 4), 16: (2, 2)}
 
 
@@ -113,7 +114,7 @@ def strip_counts(bounds: Bounds, tiling: Tiling) -> Any:
     return xp.where(empty, 0, rows)
 
 
-class Level(NamedTuple):
+class RowEdge(NamedTuple):
     """An edge function along a row of tiles, as float32.
 
     - `value`: at the row's first sample; `right`: its step from sample to sample.
@@ -125,21 +126,25 @@ class Level(NamedTuple):
     drop: Any
 
 
-def measure(edges: Edges, bounds: Bounds, rank: Any, tiling: Tiling) -> tuple[Level, Level, Level]:
+def measure(
+    edges: Edges, bounds: Bounds, rank: Any, tiling: Tiling
+) -> tuple[RowEdge, RowEdge, RowEdge]:
     """The edges of each triangle along row `rank` of its own rows of tiles."""
     xp = rank.__array_namespace__()
     row = (bounds.top // tiling.sample_rows + rank) * tiling.sample_rows
 
-    def level(edge: Edge) -> Level:
+    def along(edge: Edge) -> RowEdge:
         value = edge.measure(xp.zeros_like(row), row)
         right, below = (step.astype(value.dtype) for step in (edge.right, edge.down))
-        return Level(value, right, below * (tiling.sample_rows - 1))
+        return RowEdge(value, right, below * (tiling.sample_rows - 1))
 
     first, second, third = edges
-    return level(first), level(second), level(third)
+    return along(first), along(second), along(third)
 
 
-def narrow(levels: tuple[Level, Level, Level], bounds: Bounds, rank: Any, tiling: Tiling) -> Strips:
+def narrow(
+    edges: tuple[RowEdge, RowEdge, RowEdge], bounds: Bounds, rank: Any, tiling: Tiling
+) -> Strips:
     """The strip of each triangle in that row of tiles.
 
     `first..last` may be too wide by a rounding, `whole_first..whole_last` too narrow; never the
@@ -150,8 +155,8 @@ def narrow(levels: tuple[Level, Level, Level], bounds: Bounds, rank: Any, tiling
     row = bounds.top // tiling.sample_rows + rank
     first, last = (side // across for side in (bounds.left, bounds.right))
     ends = [first, last, first, last]
-    for level in levels:
-        limits = _columns_inside(level, across)
+    for edge in edges:
+        limits = _columns_inside(edge, across)
         for k, (limit, bound) in enumerate(zip(limits, (xp.maximum, xp.minimum) * 2, strict=True)):
             ends[k] = bound(ends[k], limit)
     return Strips(row, *ends)
@@ -160,9 +165,9 @@ def narrow(levels: tuple[Level, Level, Level], bounds: Bounds, rank: Any, tiling
 _ANYWHERE = 2.0**20
 
 
-def _columns_inside(level: Level, across: int) -> tuple[Any, Any, Any, Any]:
+def _columns_inside(edge: RowEdge, across: int) -> tuple[Any, Any, Any, Any]:
     """First and last tile with a sample inside an edge, and with none outside it."""
-    value, right, drop = level
+    value, right, drop = edge
     xp = value.__array_namespace__()
     zero = xp.zeros_like(value)
     # Roundings of the values, and of their sums; the quotients get a part of a tile besides.
@@ -221,7 +226,7 @@ def list_tiles(
     def own_strips(bounds):
         counts = strip_counts(bounds, tiling)
         owner, rank = expand(counts, strips)
-        total = count_up_to_far(counts)
+        total = saturated_sum(counts)
         return owner, rank, jnp.arange(strips, dtype=jnp.int32) < total, total
 
     @one_pass
@@ -230,15 +235,15 @@ def list_tiles(
         return measure((first, second, third), bounds.of(owner), rank, tiling)
 
     @one_pass
-    def narrow_strips(levels, bounds, hides, owner, rank, used):
-        strip = narrow(levels, bounds.of(owner), rank, tiling)
+    def narrow_strips(row_edges, bounds, hides, owner, rank, used):
+        strip = narrow(row_edges, bounds.of(owner), rank, tiling)
         last = jnp.where(used, strip.last, strip.first - 1)
         return strip._replace(last=last, whole_last=jnp.where(hides[owner], strip.whole_last, -1))
 
     @one_pass
     def place(strip, triangle):
         owner, rank = expand(strip.count, pairs)
-        total = count_up_to_far(strip.count)
+        total = saturated_sum(strip.count)
         used = jnp.arange(pairs, dtype=jnp.int32) < total
         column = strip.first[owner] + rank
         tile = jnp.where(used, strip.row[owner] * tiling.columns + column, tiling.count)
@@ -257,8 +262,8 @@ def list_tiles(
         return cumulative_sum(count) - count, count
 
     owner, rank, used, strip_total = own_strips(bounds)
-    levels = measure_strips(edges, bounds, owner, rank)
-    strip = narrow_strips(levels, bounds, hides, owner, rank, used)
+    row_edges = measure_strips(edges, bounds, owner, rank)
+    strip = narrow_strips(row_edges, bounds, hides, owner, rank, used)
     tile, hidden, triangle, pair_total = place(strip, owner)
     tile = drop_hidden(tile, hidden, triangle)
     start, count = count_listed(tile)
@@ -266,7 +271,7 @@ def list_tiles(
     return TileLists(triangles - 1 - order, tile, start, count, strip_total, pair_total)
 
 
-def count_up_to_far(counts: Int[Array, " owners"]) -> Int[Array, ""]:
+def saturated_sum(counts: Int[Array, " owners"]) -> Int[Array, ""]:
     """The sum, held at 2^30: one that wrapped could pass for a small one."""
     near = jnp.sum(counts.astype(jnp.float32)) < 2.0**30
     return jnp.where(near, jnp.sum(counts, dtype=jnp.int32), 2**30)

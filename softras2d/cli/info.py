@@ -34,7 +34,6 @@ def describe_scene(
         from .view import facts, plan_of, read
 
         held, height, width = read(scene, view)
-        plan = plan_of(held, height, width, view)
         own_height, own_width = svg_size(scene, dialect=dialect)
         table = Table(box=box.SIMPLE, show_header=False, pad_edge=False)
         table.add_column(style="bold")
@@ -45,4 +44,5 @@ def describe_scene(
             table.add_row(name, value)
         console = Console(highlight=False)
         console.print(table)
+        plan = plan_of(held, height, width, view)
         console.print(str(plan), markup=False, soft_wrap=True)

@@ -11,12 +11,13 @@ line's samples of one sub-row, and every sample of a place reads the same bit of
 **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
 """
 
+import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, UInt32
+from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from ..barycentric import slot_weights, twice_area, weight_sums
 from ..coverage.hard import covered_rows
@@ -25,6 +26,20 @@ from ..guard_band import Planes
 from ..lists import Steps
 from ..staging import one_pass
 from ..tiles import TileLists, Tiling
+
+
+class Layers(NamedTuple):
+    """What a visit of a block reads: the triangles, and the words of every listed pair.
+
+    `sub_rows`: for each sub-row, the words `[pairs, lines of a tile]`.
+    """
+
+    edges: Edges
+    area: Float[Array, " triangles"]
+    planes: Planes | None
+    colors: Float[Array, "triangles corners 4"]
+    triangle: Int[Array, " pairs"]
+    sub_rows: list[Array]
 
 
 def composite(
@@ -39,38 +54,62 @@ def composite(
     """Sums over each pixel's samples of premultiplied colour and alpha, without background."""
     dtype = colors.dtype
     rate, height, width = tiling.grid.rate, tiling.height, tiling.width
-    area = one_pass(lambda edges: twice_area(edges, dtype))(edges)
     blocks, block = steps.tile.shape
     lines = block * height
     everywhere = jnp.ones(lists.triangle.shape, bool)
     rows = covered_rows(edges, bounds, lists.triangle, lists.tile, everywhere, tiling)
-    sub_rows = [rows[:, i * height : (i + 1) * height] for i in range(rate)]
-    sub_rows = one_pass(lambda parts: [jnp.asarray(part) for part in parts])(sub_rows)
+    split = one_pass(lambda rows: [rows[:, i * height : (i + 1) * height] for i in range(rate)])
+    area = one_pass(lambda edges: twice_area(edges, dtype))(edges)
+    layers = Layers(edges, area, planes, colors, lists.triangle, split(rows))
+
+    def visit(state: tuple[Array, Array, Array], step: tuple[Array, Array, Array]) -> Any:
+        image, through, sums = state
+        number, which, place = step
+        fresh = place == 0
+        through, sums = _blend(
+            layers,
+            jnp.where(fresh, 0.0, sums),
+            through,
+            fresh,
+            steps.tile[which],
+            steps.start[which] + place,
+            (place < steps.count[which]) & (number < steps.needed),
+            tiling,
+        )
+        return (image.at[which].set(sums), through, sums), None
+
+    initial = (
+        jnp.zeros((blocks, 4, width, lines), dtype),
+        jnp.ones((rate, rate, width, lines), dtype),
+        jnp.zeros((4, width, lines), dtype),
+    )
+    numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
+    (image, _, _), _ = jax.lax.scan(visit, initial, (numbers, steps.block, steps.place))
+    by_tile = image.reshape(blocks, 4, width, block, height).transpose(0, 3, 1, 2, 4)
+    return by_tile.reshape(-1, 4, width, height)[steps.slot]
+
+
+def _blend(
+    layers: Layers,
+    sums: Float[Array, "4 width lines"],
+    through: Float[Array, "sub_rows sub_columns width lines"],
+    fresh: Bool[Array, ""],
+    tile: Int[Array, " block"],
+    pair: Int[Array, " block"],
+    live: Bool[Array, " block"],
+    tiling: Tiling,
+) -> tuple[Array, Array]:
+    """One layer of a block: the transmittances and sums behind it.
+
+    `pair` is each tile's listed pair, `live` whether its list goes so far; `fresh` starts the
+    transmittances anew.
+    """
+    dtype = through.dtype
 
     @one_pass
-    def pick(sub_rows, start, count, place, live):
-        """Words `[sub rows, lines]` of the block at this place of its lists; 0 past the end."""
-        there = ((place < count) & live)[:, None]
-        words = [part.at[start + place].get(mode="clip") for part in sub_rows]
-        return jnp.stack([jnp.where(there, word, jnp.uint32(0)).reshape(-1) for word in words])
-
-    @one_pass
-    def spread(own):
-        """Values of the block's triangles, `[block, corners, 4]`, as `[4, corners, lines]`."""
-        return jnp.repeat(own.transpose(2, 1, 0), height, 2)
-
-    @one_pass
-    def weigh(edges, area, planes, triangle, tile):
-        """Weights of corners 1 and 2 at each sample of a block's triangles."""
-        weights = slot_weights(edges, area, triangle, tile, tiling, planes)
-        weights = weights.at(lambda entry: jnp.repeat(entry, height)[None, None, None])
-        across, down = _sample_places(block, tiling)
-        return weight_sums(weights, jnp.ones_like(across), across, down)[1:]
-
-    @one_pass
-    def interpolate(weights, corners):
-        first, second, third = (corners[k][None, None, None] for k in range(3))
-        return first + weights[0] * (second - first) + weights[1] * (third - first)
+    def pick(sub_rows, pair, live):
+        words = [part.at[pair].get(mode="clip") for part in sub_rows]
+        return jnp.stack([jnp.where(live[:, None], w, jnp.uint32(0)).reshape(-1) for w in words])
 
     @one_pass
     def sum_seen(through, fresh, words, factors):
@@ -78,60 +117,61 @@ def composite(
 
         def term(i, j):
             left = jnp.where(fresh, 1.0, through[i, j]) * _bit(words[i], j, tiling, dtype)
-            for factor in factors:
-                left = left * factor[i, j]
-            return left
+            return functools.reduce(lambda left, factor: left * factor[i, j], factors, left)
 
-        return _sum_samples(term, rate)
-
-    @one_pass
-    def add_flat(sums, seen, own):
-        return sums + seen[None] * (own[:, 0].at[3].set(1.0) * own[3])[:, None]
-
-    @one_pass
-    def add(sums, total, second, third, own):
-        """Colour is linear in the weights, so three sums serve all channels."""
-        corners = own.at[3].set(1.0)[:, :, None]
-        parts = (total - second - third, second, third)
-        for k, part in enumerate(parts):
-            sums = sums + part[None] * corners[:, k]
-        return sums
+        return _sum_samples(term, tiling.grid.rate)
 
     @one_pass
     def pass_on(through, fresh, words, alpha):
         bits = _all_bits(words, tiling, dtype)
         return jnp.where(fresh, 1.0, through) * (1.0 - alpha * bits)
 
-    def visit(state: tuple[Array, Array, Array], step: tuple[Array, Array, Array]) -> Any:
-        image, through, sums = state
-        index, which, place = step
-        fresh = place == 0
-        sums = jnp.where(fresh, 0.0, sums)
-        start, count = steps.start[which], steps.count[which]
-        words = pick(sub_rows, start, count, place, index < steps.needed)
-        triangle = lists.triangle.at[start + place].get(mode="clip")
-        own = spread(colors[triangle])
-        if own.shape[1] == 1:
-            alpha = own[3][None, None]
-            sums = add_flat(sums, sum_seen(through, fresh, words, ()), own)
-        else:
-            weights = weigh(edges, area, planes, triangle, steps.tile[which])
-            alpha = interpolate(weights, own[3])
-            total = sum_seen(through, fresh, words, (alpha,))
-            sums = add(
-                sums, total, *(sum_seen(through, fresh, words, (alpha, w)) for w in weights), own
-            )
-        return (image.at[which].set(sums), pass_on(through, fresh, words, alpha), sums), None
+    words = pick(layers.sub_rows, pair, live)
+    triangle = layers.triangle.at[pair].get(mode="clip")
+    own = one_pass(lambda own: _by_line(own, tiling.height))(layers.colors[triangle])
+    if own.shape[1] == 1:
+        alpha = own[3][None, None]
+        sums = one_pass(_add_flat)(sums, sum_seen(through, fresh, words, ()), own)
+    else:
+        weigh = one_pass(lambda *of: _sample_weights(*of, tiling))
+        weights = weigh(layers.edges, layers.area, layers.planes, triangle, tile)
+        alpha = one_pass(_interpolate)(weights, own[3])
+        total = sum_seen(through, fresh, words, (alpha,))
+        parts = [sum_seen(through, fresh, words, (alpha, weight)) for weight in weights]
+        sums = one_pass(_add_interpolated)(sums, total, *parts, own)
+    return pass_on(through, fresh, words, alpha), sums
 
-    initial = (
-        jnp.zeros((blocks, 4, width, lines), dtype),
-        jnp.ones((rate, rate, width, lines), dtype),
-        jnp.zeros((4, width, lines), dtype),
-    )
-    number = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
-    (image, _, _), _ = jax.lax.scan(visit, initial, (number, steps.block, steps.place))
-    by_tile = image.reshape(blocks, 4, width, block, height).transpose(0, 3, 1, 2, 4)
-    return by_tile.reshape(-1, 4, width, height)[steps.slot]
+
+def _by_line(own: Array, height: int) -> Float[Array, "4 corners lines"]:
+    """Colours of a block's triangles `[block, corners, 4]`, at each of their lines."""
+    return jnp.repeat(own.transpose(2, 1, 0), height, 2)
+
+
+def _sample_weights(edges, area, planes, triangle, tile, tiling: Tiling) -> tuple[Array, Array]:
+    """Weights of corners 1 and 2 at each sample of a block's triangles."""
+    weights = slot_weights(edges, area, triangle, tile, tiling, planes)
+    weights = weights.at(lambda entry: jnp.repeat(entry, tiling.height)[None, None, None])
+    across, down = _sample_places(tile.shape[0], tiling)
+    _, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
+    return second, third
+
+
+def _interpolate(weights: tuple[Array, Array], corners: Float[Array, "3 lines"]) -> Array:
+    first, second, third = (corners[k][None, None, None] for k in range(3))
+    return first + weights[0] * (second - first) + weights[1] * (third - first)
+
+
+def _add_flat(sums: Array, seen: Array, own: Array) -> Array:
+    """Add what is seen of a flat layer; alpha adds up how much of the pixel is covered."""
+    return sums + seen[None] * (own[:, 0].at[3].set(1.0) * own[3])[:, None]
+
+
+def _add_interpolated(sums: Array, total: Array, second: Array, third: Array, own: Array) -> Array:
+    """The same for corner colours, which are linear in the weights: three sums serve all."""
+    corners = own.at[3].set(1.0)[:, :, None]
+    for k, part in enumerate((total - second - third, second, third)):
+        sums = sums + part[None] * corners[:, k]
+    return sums
 
 
 def _bit(
