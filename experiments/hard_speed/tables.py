@@ -14,6 +14,7 @@ from .targets import targets
 from .times import Entry, Times, load
 
 HERE = Path(__file__).parent
+PROJECT = HERE.parent.parent
 KIND_NAMES = {
     "flat": "Flat colours, opaque",
     "flat_a50": "Flat colours, alpha 0.5",
@@ -40,6 +41,8 @@ def publish(results: Path, readme: Path | None) -> None:
             print(f"\n{text}")
         else:
             report.fill_markers(readme, name, text)
+    if readme is not None:
+        report.fill_markers(PROJECT / "README.md", "speed", speed_table(times))
 
 
 def targets_table(times: Times, fresh: list[dict[str, Any]]) -> str:
@@ -51,6 +54,27 @@ def targets_table(times: Times, fresh: list[dict[str, Any]]) -> str:
             for row in targets(times, fresh)
         ],
     )
+
+
+def speed_table(times: Times) -> str:
+    """For the project's README: flat scenes at 16 samples, and who else averages as many."""
+    contestants = [
+        ("softras2d", "16 samples", None),
+        ("Skia", "4x4 canvas", None),
+        ("Blend2D", "4x4 canvas", None),
+        ("scanline", "16 samples", False),
+        ("scalar loop", "16 samples", False),
+    ]
+    rows = []
+    for count in COUNTS:
+        found = [
+            times.find(family, sampling, triangles=count, parallel=parallel)
+            for family, sampling, parallel in contestants
+        ]
+        cells = ["" if e is None else f"{e.median_ms:.1f} ms" for e in found]
+        rows.append([f"{count:,}", *cells])
+    header = ["triangles, flat, 512 px", "softras2d, 16 samples", "Skia, 4x4", "Blend2D, 4x4"]
+    return report.table([*header, "compiled scanline", "compiled scalar loop"], rows)
 
 
 def one_scene_table(times: Times) -> str:
