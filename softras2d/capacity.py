@@ -117,7 +117,9 @@ def make_room(counts: Sequence[Counts], *, translucent: bool) -> Capacity:
         steps=max(int(one.listed[::BLOCK].sum()) for one in counts) if translucent else 0,
     )
     steps = [_ladder(need, least) for need, least in zip(needs, _LEAST, strict=True)]
-    return Capacity(*steps)._replace(layers=layers)
+    room = Capacity(*steps)
+    # The fullest tile varies most from scene to scene and costs least: whole octaves.
+    return room._replace(layers=layers, depth=1 << (room.depth - 1).bit_length())
 
 
 def _expand(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
