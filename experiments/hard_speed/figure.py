@@ -113,7 +113,7 @@ def _time_against_count(axes: Any, times: Times) -> None:
     axes.set(xscale="log", yscale="log", xlabel="triangles", ylabel="median time (ms)")
     axes.set_title("16 samples a pixel, flat opaque, 512 x 512 px")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, loc="upper left")
+    axes.legend(fontsize=8, loc="lower right")
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     _plain_milliseconds(axes.yaxis)
 
