@@ -48,9 +48,9 @@ class Weights(NamedTuple):
         pairs = [jax.vmap(change)(entry) for entry in self[:5]]
         singles = [change(self.per_value), change(self.offset)]
         if self.plane is None or self.beyond is None:
-            return Weights(*pairs, *singles)
+            return Weights(*[*pairs, *singles])
         plane = jax.vmap(jax.vmap(change))(self.plane)
-        return Weights(*pairs, *singles, plane, change(self.beyond))
+        return Weights(*[*pairs, *singles, plane, change(self.beyond)])
 
 
 def twice_area(edges: Edges, dtype: Any) -> Float[Array, " triangles"]:
@@ -79,11 +79,10 @@ def slot_weights(
         value = start + right * column + down * row
         entries.append([value, estimate + steps, right, down, fraction.astype(area.dtype)])
     area = area[triangle]
-    weights = Weights(
-        *(jnp.stack(pair) for pair in zip(*entries, strict=True)),
-        safe.divide(jnp.ones_like(area), area),
-        jnp.where(area == 0, 1.0 / 3.0, 0.0).astype(area.dtype),
-    )
+    per_value = safe.divide(jnp.ones_like(area), area)
+    offset = jnp.where(area == 0, 1.0 / 3.0, 0.0).astype(area.dtype)
+    pairs = [jnp.stack(pair) for pair in zip(*entries, strict=True)]
+    weights = Weights(*[*pairs, per_value, offset])
     if planes is None:
         return weights
     start, right, down = (entry[:, triangle].astype(area.dtype) for entry in planes[:3])

@@ -5,7 +5,7 @@ functions that list it on the device, and given a quarter more.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,12 +38,12 @@ class Capacity(NamedTuple):
     - `steps`: blocks of `BLOCK` tiles times the longest list in each; for translucent scenes.
     """
 
-    strips: int
-    pairs: int
-    layers: int
-    chunks: int
-    depth: int
-    steps: int
+    strips: Any
+    pairs: Any
+    layers: Any
+    chunks: Any
+    depth: Any
+    steps: Any
 
 
 _LAYERS = (2, 4, 8)

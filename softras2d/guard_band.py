@@ -80,7 +80,8 @@ def planes(corners: Any, grid: Grid) -> Planes:
         start = dx * (first - y[a]) - dy * (first - x[a])
         start = xp.where(solid, start, xp.full_like(start, 1 / 3))
         entries.append((start, -dy * step, dx * step))
-    return Planes(*(xp.stack(pair) for pair in zip(*entries, strict=True)), beyond)
+    start, right, down = (xp.stack(pair) for pair in zip(*entries, strict=True))
+    return Planes(start, right, down, beyond)
 
 
 class _Far(NamedTuple):

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Int
 
 from .capacity import Capacity, count_lists, make_room
@@ -63,7 +64,7 @@ class Plan(eqx.Module):
         return 17 * 4 * room.pairs + 2 * rows + (3 * room.chunks + 7 * tiling.count) * pixels
 
     def __str__(self) -> str:
-        if isinstance(self.origin, jax.core.Tracer):
+        if isinstance(self.origin, Tracer):
             return f"Plan({self.width} x {self.height} px, traced)"
         grid, tiling, room = self.grid, self.tiling, self.capacity
         hard = self.coverage
@@ -103,8 +104,8 @@ def plan(
 
     Raises `ValueError` for values that no picture has, and for effects that are not drawn yet.
     """
-    coverage = Hard() if coverage is None else coverage
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene)):
+    hard = drawn_coverage(Hard() if coverage is None else coverage)
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
         raise ValueError("`plan` needs concrete scenes: make the plan outside jit, vmap and grad.")
     scenes = [
         one for many in ([scene] if isinstance(scene, Scene) else scene) for one in _unstack(many)
@@ -113,15 +114,15 @@ def plan(
         raise ValueError("`scene` must be a scene or several; got an empty list.")
     for one in scenes:
         check(one)
-        refuse_unbuilt(one, coverage)
+        refuse_unbuilt(one)
     origin = _pixel(origin)
-    grid = Grid.of(height, width, coverage.rate)
-    counts = [count_lists(one, grid, coverage.fill_rule, origin) for one in scenes]
+    grid = Grid.of(height, width, hard.rate)
+    counts = [count_lists(one, grid, hard.fill_rule, origin) for one in scenes]
     used = {name for one in scenes for name in _effects(one, grid, origin)}
     return Plan(
         height=height,
         width=width,
-        coverage=coverage,
+        coverage=hard,
         filter=_with_array_bias(Filter() if filter is None else filter),
         origin=jnp.asarray(origin),
         capacity=make_room(counts, translucent=any(one.colors.shape[2] == 4 for one in scenes)),
@@ -129,14 +130,18 @@ def plan(
     )
 
 
-def refuse_unbuilt(scene: Scene, coverage: Any) -> None:
-    """Raise for what the package describes but does not draw yet; by structure alone."""
+def drawn_coverage(coverage: Hard | Soft | Area) -> Hard:
+    """The coverage, or `ValueError` for one that the package describes but does not draw yet."""
     if not isinstance(coverage, Hard):
-        raise ValueError(
-            f"`coverage` must be Hard(...): {type(coverage).__name__} is not drawn yet."
-        )
+        name = type(coverage).__name__
+        raise ValueError(f"`coverage` must be Hard(...): {name} is not drawn yet.")
     if coverage.shading != "sample":
         raise ValueError(f"`shading` must be 'sample': {coverage.shading!r} is not drawn yet.")
+    return coverage
+
+
+def refuse_unbuilt(scene: Scene) -> None:
+    """Raise for effects of a scene that are not drawn yet; by structure alone."""
     for name in ("textures", "depth", "inverse_w"):
         if getattr(scene, name) is not None:
             raise ValueError(f"the scene has `{name}`, which hard mode does not draw yet.")

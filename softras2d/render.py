@@ -7,6 +7,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from . import safe
@@ -68,7 +69,7 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     """
     image, needs, astray = _render(scene, plan)
     overflow = _exceeds(needs, plan.capacity) | astray
-    if isinstance(overflow, jax.core.Tracer):
+    if isinstance(overflow, Tracer):
         return eqx.error_if(image, overflow, _OUTGROWN)
     if overflow:
         raise ValueError(_complaint(needs, plan))
@@ -105,7 +106,7 @@ def _complaint(needs: Capacity, plan: Plan) -> str:
 @eqx.filter_jit
 def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
     """The image, what it needed, and whether triangles left the guard band unforeseen."""
-    refuse_unbuilt(scene, plan.coverage)
+    refuse_unbuilt(scene)
     if scene.positions.ndim != 2:
         raise ValueError("`render` takes one scene: use jax.vmap for a batched one.")
     background = _premultiplied(scene.background)
@@ -163,7 +164,7 @@ def _project(scene: Scene, plan: Plan) -> Projected:
     segments = one_pass(directed)(snapped, one_pass(orient)(snapped))
     weights = None
     if "guard band" in plan.effects:
-        segments = one_pass(lambda *of: clip(*of, grid))(corners, segments)
+        segments = one_pass(functools.partial(clip, grid=grid))(corners, segments)
         astray = jnp.zeros_like(astray)
         if scene.colors.shape[1] == 3:
             weights = one_pass(lambda corners: planes(corners, grid))(corners)

@@ -17,6 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from .texture.pyramid import TexturePyramid
@@ -144,7 +145,7 @@ def check(scene: Scene) -> None:
 
     Looks at concrete values on the host; under a trace it sees none and passes. Accepts a batch.
     """
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene)):
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
         return
     _check_indices(scene.triangles, scene.positions.shape[-2])
     for name, axis in (
@@ -180,7 +181,7 @@ def _refuse(bad: Any, name: str, axis: str, wanted: str, value: Any) -> None:
 
 
 def _check_indices(triangles: Any, vertices: int) -> None:
-    if isinstance(triangles, jax.core.Tracer):
+    if isinstance(triangles, Tracer):
         return
     index = np.asarray(triangles)
     _refuse(

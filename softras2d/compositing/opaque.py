@@ -125,7 +125,7 @@ def sum_flat(
 
     @one_pass
     def add(count, colors):
-        total = 0.0
+        total = jnp.zeros((), colors.dtype)
         for k in range(colors.shape[1]):
             n = unpack(count[:, k], tiling).astype(colors.dtype)
             total = total + n[:, None] * colors[:, k, :, None, None]
@@ -160,7 +160,7 @@ def sum_interpolated(
 
     @one_pass
     def add(packed, weights, colors):
-        total = 0.0
+        total = jnp.zeros((), colors.dtype)
         for k in range(colors.shape[1]):
             origin = colors[:, k, 0, :, None, None]
             count = unpack(packed[:, k], tiling).astype(colors.dtype)

@@ -133,12 +133,12 @@ def _blend(
         alpha = own[3][None, None]
         sums = one_pass(_add_flat)(sums, sum_seen(through, fresh, words, ()), own)
     else:
-        weigh = one_pass(lambda *of: _sample_weights(*of, tiling))
+        weigh = one_pass(functools.partial(_sample_weights, tiling=tiling))
         weights = weigh(layers.edges, layers.area, layers.planes, triangle, tile)
         alpha = one_pass(_interpolate)(weights, own[3])
         total = sum_seen(through, fresh, words, (alpha,))
-        parts = [sum_seen(through, fresh, words, (alpha, weight)) for weight in weights]
-        sums = one_pass(_add_interpolated)(sums, total, *parts, own)
+        second, third = (sum_seen(through, fresh, words, (alpha, weight)) for weight in weights)
+        sums = one_pass(_add_interpolated)(sums, total, second, third, own)
     return pass_on(through, fresh, words, alpha), sums
 
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 
@@ -72,7 +72,7 @@ class TexturePyramid(eqx.Module):
 
 def _image(image: Any, index: int) -> Any:
     """A float image; concrete ones stay in numpy, where small steps cost no compilation."""
-    image = image if isinstance(image, jax.core.Tracer) else np.asarray(image)
+    image = image if isinstance(image, Tracer) else np.asarray(image)
     if image.ndim != 3 or image.shape[-1] not in (3, 4) or 0 in image.shape:
         raise ValueError(
             f"texture {index} must be [height, width, 3 or 4], not empty; got {image.shape}."
