@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from . import camera
     from .io.images import read_image, write_image
     from .io.svg import read_svg
     from .io.svg_writer import write_svg
@@ -42,6 +43,9 @@ _HOMES = {
     "write_svg": ".io.svg_writer",
 }
 
+_ROOMS = ("camera",)
+"""Modules that are public as a whole."""
+
 __all__ = [
     "Area",
     "Filter",
@@ -50,6 +54,7 @@ __all__ = [
     "Scene",
     "Soft",
     "TexturePyramid",
+    "camera",
     "check",
     "plan",
     "read_image",
@@ -75,6 +80,9 @@ sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str):
+    if name in _ROOMS:
+        # The import system puts it here.
+        return import_module(f".{name}", __name__)
     if name not in _HOMES:
         raise AttributeError(f"module 'softras2d' has no attribute {name!r}")
     value = getattr(import_module(_HOMES[name], __name__), name)

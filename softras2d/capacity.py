@@ -7,8 +7,10 @@ functions that list it on the device, and given a quarter more.
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
+from .effects import hiding, is_shaded, is_translucent
 from .fixed_point import (
     Grid,
     bounds,
@@ -20,8 +22,10 @@ from .fixed_point import (
     snap,
     within_guard,
 )
+from .fragment_count import Pairs, count_fragments, depth_planes
 from .guard_band import clip
 from .lists import BLOCK
+from .options import Hard
 from .scene import Scene
 from .tiles import Tiling, measure, narrow, strip_counts
 
@@ -35,7 +39,9 @@ class Capacity(NamedTuple):
     - `strips`: of a triangle and a row of tiles; `pairs`: of a triangle and a tile.
     - `layers`: listed pairs of a tile in one chunk; `chunks`: how many chunks, and `depth`: the
       most of one tile.
-    - `steps`: blocks of `BLOCK` tiles times the longest list in each; for translucent scenes.
+    - `steps`: blocks of `BLOCK` tiles times the longest list in each, for what goes through lists
+      in order: translucency and the depth test.
+    - `fragments`: of a triangle and a pixel that shows it, for opaque scenes that are shaded.
     """
 
     strips: Any
@@ -44,36 +50,44 @@ class Capacity(NamedTuple):
     chunks: Any
     depth: Any
     steps: Any
+    fragments: Any
 
 
 _LAYERS = (2, 4, 8)
-_LEAST = Capacity(strips=512, pairs=2048, layers=2, chunks=512, depth=4, steps=32)
+_LEAST = Capacity(strips=512, pairs=2048, layers=2, chunks=512, depth=4, steps=32, fragments=0)
 """Room that every plan has: it costs next to nothing, and small scenes share programs by it."""
+
+_LEAST_FRAGMENTS = 4096
 
 
 class Counts(NamedTuple):
-    """Of one scene: strips, pairs before hidden ones are dropped, and the length of each list."""
+    """Of one scene: strips, pairs before hidden ones are dropped, and the length of each list.
+
+    `fragments` is 0 where none are needed.
+    """
 
     strips: int
     pairs: int
     listed: np.ndarray
+    fragments: int
 
 
-def count_lists(scene: Scene, grid: Grid, fill_rule: str, origin: np.ndarray) -> Counts:
+def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) -> Counts:
     """Count, in numpy, what `tiles.list_tiles` will find; `ValueError` for too many pairs."""
     tiling = Tiling.of(grid)
-    corners = corners_of(np.asarray(scene.positions), np.asarray(scene.triangles), origin)
+    scene = jax.tree.map(np.asarray, scene)
+    corners = corners_of(scene.positions, scene.triangles, origin)
     snapped = snap(corners, grid)
     segments = directed(snapped, orient(snapped))
     if not within_guard(corners, grid).all():
         segments = clip(corners, segments, grid)
-    edges = separate(edge_functions(segments, grid, fill_rule))
-    box = bounds(segments, grid)
-    counts = strip_counts(box, tiling)
+    edges = separate(edge_functions(segments, grid, coverage.fill_rule))
+    boxes = bounds(segments, grid)
+    counts = strip_counts(boxes, tiling)
     _refuse_many(int(counts.sum(dtype=np.int64)))
     triangle, rank = _expand(counts)
     first, second, third = (edge.of(triangle) for edge in edges)
-    box = box.of(triangle)
+    box = boxes.of(triangle)
     strips = narrow(measure((first, second, third), box, rank, tiling), box, rank, tiling)
     pairs = int(strips.count.sum(dtype=np.int64))
     _refuse_many(pairs)
@@ -81,14 +95,18 @@ def count_lists(scene: Scene, grid: Grid, fill_rule: str, origin: np.ndarray) ->
     column = strips.first[strip] + rank
     tile = strips.row[strip] * tiling.columns + column
     whole = (strips.whole_first[strip] <= column) & (column <= strips.whole_last[strip])
-    alpha = np.asarray(scene.colors)[..., 3:]
-    hides = (alpha >= 1).all((1, 2)) & (segments.orientation != 0)
     owner = triangle[strip]
-    hiding = whole & hides[owner]
     wall = np.full(tiling.count, -1, np.int32)
-    np.maximum.at(wall, tile[hiding], owner[hiding])
-    listed = np.bincount(tile[owner >= wall[tile]], minlength=tiling.count)
-    return Counts(len(triangle), pairs, np.sort(listed)[::-1])
+    hidden = whole & hiding(scene, segments.orientation)[owner]
+    np.maximum.at(wall, tile[hidden], owner[hidden])
+    kept = owner >= wall[tile]
+    listed = np.bincount(tile[kept], minlength=tiling.count)
+    fragments = 0
+    if is_shaded(scene, coverage.shading) and not is_translucent(scene):
+        deep = None if scene.depth is None else depth_planes(corners, scene, grid)
+        pair = Pairs(tile[kept], owner[kept], whole[kept])
+        fragments = count_fragments(edges, boxes, pair, deep, tiling)
+    return Counts(len(triangle), pairs, np.sort(listed)[::-1], fragments)
 
 
 def _refuse_many(pairs: int) -> None:
@@ -99,8 +117,11 @@ def _refuse_many(pairs: int) -> None:
         )
 
 
-def make_room(counts: Sequence[Counts], *, translucent: bool) -> Capacity:
-    """Capacities for any of the scenes counted: the largest need, a quarter more, a ladder step."""
+def make_room(counts: Sequence[Counts], *, in_order: bool, pixels: int) -> Capacity:
+    """Capacities for any of the scenes counted: the largest need, a quarter more, a ladder step.
+
+    `in_order`: whether lists are gone through in order; `pixels`: of the canvas.
+    """
     cut = {layers: [-(-one.listed // layers) for one in counts] for layers in _LAYERS}
 
     def work(layers: int) -> int:
@@ -114,12 +135,23 @@ def make_room(counts: Sequence[Counts], *, translucent: bool) -> Capacity:
         layers=layers,
         chunks=max(int(chunks.sum()) for chunks in cut[layers]),
         depth=max(int(chunks[0]) for chunks in cut[layers]),
-        steps=max(int(one.listed[::BLOCK].sum()) for one in counts) if translucent else 0,
+        steps=max(int(one.listed[::BLOCK].sum()) for one in counts) if in_order else 0,
+        fragments=max(one.fragments for one in counts),
     )
     steps = [_ladder(need, least) for need, least in zip(needs, _LEAST, strict=True)]
     room = Capacity(*steps)
     # The fullest tile varies most from scene to scene and costs least: whole octaves.
-    return room._replace(layers=layers, depth=1 << (room.depth - 1).bit_length())
+    room = room._replace(layers=layers, depth=1 << (room.depth - 1).bit_length())
+    return room._replace(fragments=_fragment_room(needs.fragments, pixels))
+
+
+def _fragment_room(need: int, pixels: int) -> int:
+    """Every place costs a shading, and a full canvas needs a place for each pixel and few more."""
+    if need == 0:
+        return 0
+    return min(
+        _ladder(need, _LEAST_FRAGMENTS), pixels + _ladder(max(need - pixels, 0), pixels // 64)
+    )
 
 
 def _expand(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -22,6 +22,7 @@ class Chunks(NamedTuple):
     """Lists of triangles in chunks; those of a tile follow each other, nearest first.
 
     - `triangle`, `filled`: which triangle is in each slot, and whether there is one.
+    - `place`: where it is in the lists.
     - `tile`, `index`: the tile of a chunk, and the chunk's place among those of its tile.
     - `first`, `count`: per tile, its first chunk and how many it has.
     - `needed`, `deepest`: how many chunks in all, and of the fullest tile.
@@ -29,6 +30,7 @@ class Chunks(NamedTuple):
 
     triangle: Int[Array, "chunks layers"]
     filled: Bool[Array, "chunks layers"]
+    place: Int[Array, "chunks layers"]
     tile: Int[Array, " chunks"]
     index: Int[Array, " chunks"]
     first: Int[Array, " tiles"]
@@ -72,12 +74,12 @@ def cut_chunks(lists: TileLists, *, layers: int, capacity: int) -> Chunks:
         used = jnp.arange(capacity, dtype=jnp.int32) < total
         filled = used[:, None] & (layer < lists.count[tile][:, None])
         place = jnp.where(filled, lists.start[tile][:, None] + layer, 0)
-        return jnp.where(filled, lists.triangle.at[place].get(mode="clip"), 0), filled
+        return jnp.where(filled, lists.triangle.at[place].get(mode="clip"), 0), filled, place
 
     chunks, tile, index, first, total = cut(lists.count)
-    triangle, filled = fill(lists, tile, index, total)
+    triangle, filled, place = fill(lists, tile, index, total)
     deepest = jnp.max(chunks)
-    return Chunks(triangle, filled, tile, index, first, chunks, total, deepest)
+    return Chunks(triangle, filled, place, tile, index, first, chunks, total, deepest)
 
 
 def cut_steps(lists: TileLists, *, capacity: int) -> Steps:

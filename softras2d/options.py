@@ -20,8 +20,9 @@ class Hard(eqx.Module):
     - `samples` per pixel, on a regular grid: 1, 4, 9, 16, 64 or 256.
     - `fill_rule`: `"inclusive"` owns every sample of the closed triangle; `"top_left"` owns a
       sample on a shared edge once, and none for triangles of zero area.
-    - `shading`: where the colour is evaluated: at each `"sample"`, or once a `"pixel"` (MSAA; not
-      built yet).
+    - `shading`: where colours are evaluated: at each `"sample"` (supersampling), or once a
+      `"pixel"` for each triangle there (multisampling): at the centre if the triangle holds it,
+      else at the centroid of its samples.
     - `edge_gradients`: whether positions receive the derivative of the box-filtered image; not
       built yet, they receive zero.
     """
@@ -74,8 +75,10 @@ class Filter(eqx.Module):
 
     - `pixel`: within a mip level, the `"nearest"` texel or `"bilinear"` between four.
     - `level`: level `"zero"`, the `"nearest"` level, or `"linear"` between two.
-    - `anisotropy`: probes along the longer axis of the footprint at most; 1 is isotropic.
-    - `lod_bias`: added to the level of detail.
+    - `anisotropy`: probes along the longer axis of the footprint at most, 1..16; 1 is isotropic,
+      which blurs a stretched texture.
+    - `lod_bias`: added to the level of detail; an array leaf of a plan, so that another does not
+      recompile.
     """
 
     pixel: Literal["nearest", "bilinear"] = eqx.field(static=True, default="bilinear")

@@ -11,18 +11,11 @@ from jax.core import Tracer
 from jaxtyping import Array, Int
 
 from .capacity import Capacity, count_lists, make_room
+from .effects import EFFECTS, is_translucent, structural_effects
 from .fixed_point import Grid, corners_of, within_guard
 from .options import Area, Filter, Hard, Soft
 from .scene import Scene, check
 from .tiles import Tiling
-
-EFFECTS = {
-    "interpolated colour": "`colors` differ by corner",
-    "translucency": "`colors` have alpha",
-    "translucent background": "`background` has alpha",
-    "guard band": "triangles reach past half the longer side around the canvas",
-}
-"""Each effect of a program, and the reason that it is there."""
 
 
 class Plan(eqx.Module):
@@ -61,7 +54,9 @@ class Plan(eqx.Module):
         slots = room.chunks * room.layers
         rows = slots * tiling.sample_rows * 4
         pixels = tiling.height * tiling.width * 4
-        return 17 * 4 * room.pairs + 2 * rows + (3 * room.chunks + 7 * tiling.count) * pixels
+        shaded = 4 * room.fragments * (60 + self.coverage.rate)
+        lists = 17 * 4 * room.pairs + 2 * rows + (3 * room.chunks + 7 * tiling.count) * pixels
+        return lists + shaded
 
     def __str__(self) -> str:
         if isinstance(self.origin, Tracer):
@@ -69,6 +64,7 @@ class Plan(eqx.Module):
         grid, tiling, room = self.grid, self.tiling, self.capacity
         hard = self.coverage
         effects = [f"  {name}: {EFFECTS[name]}" for name in self.effects] or ["  none"]
+        fragments = [f"          {room.fragments:,} fragments"] if room.fragments else []
         return "\n".join(
             [
                 f"canvas    {self.width} x {self.height} px, origin {tuple(self.origin.tolist())}",
@@ -79,6 +75,7 @@ class Plan(eqx.Module):
                 f"tiles     {tiling.columns} x {tiling.rows} of {tiling.width} x {tiling.height}",
                 f"capacity  {room.strips:,} strips, {room.pairs:,} pairs, {room.steps:,} steps",
                 f"          {room.chunks:,} chunks of {room.layers}, {room.depth} of one tile",
+                *fragments,
                 f"memory    {self.memory / 2**20:,.0f} MiB",
             ]
         )
@@ -102,7 +99,7 @@ def plan(
     - `origin`: the pixel (x, y) of the scene at the canvas's upper left; an array leaf, so that
       another one does not recompile.
 
-    Raises `ValueError` for values that no picture has, and for effects that are not drawn yet.
+    Raises `ValueError` for values that no picture has, and for coverages that are not drawn yet.
     """
     hard = drawn_coverage(Hard() if coverage is None else coverage)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
@@ -114,18 +111,21 @@ def plan(
         raise ValueError("`scene` must be a scene or several; got an empty list.")
     for one in scenes:
         check(one)
-        refuse_unbuilt(one)
     origin = _pixel(origin)
     grid = Grid.of(height, width, hard.rate)
-    counts = [count_lists(one, grid, hard.fill_rule, origin) for one in scenes]
-    used = {name for one in scenes for name in _effects(one, grid, origin)}
+    filter = Filter() if filter is None else filter
+    counts = [count_lists(one, grid, hard, origin) for one in scenes]
+    used = {name for one in scenes for name in structural_effects(one, hard, filter)}
+    if not all(_within_guard(one, grid, origin) for one in scenes):
+        used.add("guard band")
+    in_order = any(is_translucent(one) or one.depth is not None for one in scenes)
     return Plan(
         height=height,
         width=width,
         coverage=hard,
-        filter=_with_array_bias(Filter() if filter is None else filter),
+        filter=_with_array_bias(filter),
         origin=jnp.asarray(origin),
-        capacity=make_room(counts, translucent=any(one.colors.shape[2] == 4 for one in scenes)),
+        capacity=make_room(counts, in_order=in_order, pixels=height * width),
         effects=tuple(name for name in EFFECTS if name in used),
     )
 
@@ -135,16 +135,7 @@ def drawn_coverage(coverage: Hard | Soft | Area) -> Hard:
     if not isinstance(coverage, Hard):
         name = type(coverage).__name__
         raise ValueError(f"`coverage` must be Hard(...): {name} is not drawn yet.")
-    if coverage.shading != "sample":
-        raise ValueError(f"`shading` must be 'sample': {coverage.shading!r} is not drawn yet.")
     return coverage
-
-
-def refuse_unbuilt(scene: Scene) -> None:
-    """Raise for effects of a scene that are not drawn yet; by structure alone."""
-    for name in ("textures", "depth", "inverse_w"):
-        if getattr(scene, name) is not None:
-            raise ValueError(f"the scene has `{name}`, which hard mode does not draw yet.")
 
 
 def _pixel(origin: Any) -> np.ndarray:
@@ -171,11 +162,6 @@ def _unstack(scene: Scene) -> list[Scene]:
     return [structure.unflatten(leaf[i] for leaf in leaves) for i in range(len(leaves[0]))]
 
 
-def _effects(scene: Scene, grid: Grid, origin: np.ndarray) -> list[str]:
+def _within_guard(scene: Scene, grid: Grid, origin: np.ndarray) -> bool:
     corners = corners_of(np.asarray(scene.positions), np.asarray(scene.triangles), origin)
-    return [
-        *(["interpolated colour"] if scene.colors.shape[1] == 3 else []),
-        *(["translucency"] if scene.colors.shape[2] == 4 else []),
-        *(["translucent background"] if scene.background.shape[0] == 4 else []),
-        *(["guard band"] if not within_guard(corners, grid).all() else []),
-    ]
+    return bool(within_guard(corners, grid).all())

@@ -2,7 +2,7 @@
 
 import functools
 import operator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,10 +11,12 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from . import safe
-from .barycentric import slot_weights, twice_area
+from .barycentric import slot_weights
 from .capacity import Capacity
-from .compositing import opaque, over
+from .compositing import deferred, opaque, over
+from .coverage.depth import Depths, keep_nearest
 from .coverage.hard import covered_rows, hide
+from .effects import hiding, is_shaded, is_translucent, varies
 from .fixed_point import (
     Bounds,
     Edges,
@@ -25,31 +27,34 @@ from .fixed_point import (
     orient,
     separate,
     snap,
+    turn,
     within_guard,
 )
+from .fragments import cut_fragments
 from .guard_band import Planes, clip, planes
-from .lists import Chunks, cut_chunks, cut_steps
-from .plan import Plan, refuse_unbuilt
+from .lists import Chunks, Steps, cut_chunks, cut_steps
+from .plan import Plan
 from .scene import Scene
+from .shading import Corners, Surface, surface_of
 from .staging import one_pass
-from .tiles import list_tiles
+from .tiles import TileLists, Tiling, list_tiles
 
 
 class Projected(NamedTuple):
     """The scene on the sample grid.
 
     - `edges`, `bounds`: of each triangle, turned to positive orientation.
-    - `colors`: corners turned alike.
+    - `surface`: what their colours need, corners turned alike.
+    - `depths`: what the depth test needs, if the scene has depth.
     - `hides`: triangles through which nothing shows.
-    - `planes`: weights of triangles past the guard band, where the plan expects such.
     - `astray`: whether one leaves a guard band that the plan did not expect to be left.
     """
 
     edges: Edges
     bounds: Bounds
-    colors: Float[Array, "triangles corners channels"]
+    surface: Surface
+    depths: Depths | None
     hides: Bool[Array, " triangles"]
-    planes: Planes | None
     astray: Bool[Array, ""]
 
 
@@ -62,7 +67,8 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
 
     Pure: use it under `jit` and `vmap`, and close over the plan or pass it. It never looks at
     values: a triangle with a NaN or infinite corner covers nothing. Derivatives with respect to
-    colours and background are exact, forwards and backwards; those to positions are zero.
+    colours, texture coordinates, texels, `inverse_w` and background are exact, forwards and
+    backwards; those to positions and depth are zero.
 
     Raises `ValueError` when the scene outgrows the plan; under a trace, an `eqx.error_if` does it
     when the program runs (JAX keeps no persistent cache entry for such a program).
@@ -106,14 +112,13 @@ def _complaint(needs: Capacity, plan: Plan) -> str:
 @eqx.filter_jit
 def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
     """The image, what it needed, and whether triangles left the guard band unforeseen."""
-    refuse_unbuilt(scene)
     if scene.positions.ndim != 2:
         raise ValueError("`render` takes one scene: use jax.vmap for a batched one.")
     background = _premultiplied(scene.background)
     none = jnp.zeros((), jnp.int32)
     if scene.triangles.shape[0] == 0:
         image = jnp.broadcast_to(background, (plan.height, plan.width, background.shape[0]))
-        return _straight(image), Capacity(none, none, none, none, none, none), none > 0
+        return _straight(image), Capacity(*[none] * 7), none > 0
     tiling, room = plan.tiling, plan.capacity
     projected = _project(scene, plan)
     lists = list_tiles(
@@ -124,24 +129,25 @@ def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
         strips=room.strips,
         pairs=room.pairs,
     )
-    if scene.colors.shape[2] == 4:
+    steps = None
+    if is_translucent(scene) or scene.depth is not None:
         steps = cut_steps(lists, capacity=room.steps)
-        sums = over.composite(
-            projected.edges,
-            projected.bounds,
-            projected.colors,
-            lists,
-            steps,
-            tiling,
-            projected.planes,
-        )
-        image = over.to_image(sums, background, tiling)
-        needs = Capacity(lists.strips, lists.pairs, none, none, none, steps.needed)
+    if steps is not None and is_translucent(scene):
+        image = _blend(projected, lists, steps, background, scene, plan)
+        needs = Capacity(lists.strips, lists.pairs, none, none, none, steps.needed, none)
     else:
         chunks = cut_chunks(lists, layers=room.layers, capacity=room.chunks)
-        image = _paint(projected, chunks, background, plan)
-        needs = Capacity(lists.strips, lists.pairs, none, chunks.needed, chunks.deepest, none)
+        image, fragments = _paint(projected, lists, steps, chunks, background, scene, plan)
+        ordered = none if steps is None else steps.needed
+        needs = Capacity(
+            lists.strips, lists.pairs, none, chunks.needed, chunks.deepest, ordered, fragments
+        )
     return _straight(image), needs, projected.astray
+
+
+def compile_render(scene: Scene, plan: Plan) -> Any:
+    """The program of `render`, compiled ahead of time: to look into, and to call."""
+    return _render.lower(scene, plan).compile()
 
 
 def _project(scene: Scene, plan: Plan) -> Projected:
@@ -153,55 +159,143 @@ def _project(scene: Scene, plan: Plan) -> Projected:
         corners = jax.lax.stop_gradient(corners_of(positions, triangles, origin))
         return corners, snap(corners, grid), ~jnp.all(within_guard(corners, grid))
 
-    @one_pass
-    def turn_colors(colors, orientation):
-        if colors.shape[1] == 3:
-            turned = (orientation < 0)[:, None, None]
-            colors = jnp.where(turned, colors[:, jnp.asarray([0, 2, 1])], colors)
-        return colors, jnp.all(colors[..., 3:] >= 1, (1, 2)) & (orientation != 0)
-
     corners, snapped, astray = place(scene.positions, scene.triangles, plan.origin)
     segments = one_pass(directed)(snapped, one_pass(orient)(snapped))
+    orientation = segments.orientation
     weights = None
     if "guard band" in plan.effects:
         segments = one_pass(functools.partial(clip, grid=grid))(corners, segments)
         astray = jnp.zeros_like(astray)
-        if scene.colors.shape[1] == 3:
+        if varies(scene) or scene.depth is not None:
             weights = one_pass(lambda corners: planes(corners, grid))(corners)
     edges = one_pass(lambda of: edge_functions(of, grid, plan.coverage.fill_rule))(segments)
     box = one_pass(lambda of: bounds(of, grid))(segments)
-    colors, hides = turn_colors(scene.colors, segments.orientation)
-    return Projected(separate(edges), box, colors, hides, weights, astray)
+    edges = separate(edges)
+    surface = _surface(scene, edges, weights, orientation, plan)
+    depths = None
+    if scene.depth is not None:
+        corner_depth = one_pass(_turned)(scene.depth, scene.triangles, orientation)
+        depths = Depths(edges, weights, jax.lax.stop_gradient(corner_depth))
+    hides = one_pass(hiding)(scene, orientation)
+    return Projected(edges, box, surface, depths, hides, astray)
 
 
-def _paint(projected: Projected, chunks: Chunks, background: Array, plan: Plan) -> Array:
-    """Opaque triangles: count each pixel's visible samples of each, and sum the colours."""
-    edges, boxes, colors = projected[:3]
-    tiling = plan.tiling
-    tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
-    rows = covered_rows(edges, boxes, chunks.triangle, tile, chunks.filled, tiling)
-    visible, covered = hide(rows, chunks, depth=plan.capacity.depth)
-    if background.shape[0] == 4:
-        colors = jnp.concatenate([colors, jnp.ones_like(colors[..., :1])], -1)
-    interpolated = colors.shape[1] == 3
-    sums = opaque.sample_sums(visible, tiling, moments=interpolated)
-    gather = one_pass(lambda colors, triangle: colors[triangle])
-    if interpolated:
+def _turned(vertex: Array, triangles: Array, orientation: Array) -> Array:
+    """A vertex value at the corners `[3, triangles]`, turned to positive orientation."""
+    return turn(vertex[triangles].T, orientation)
 
-        @one_pass
-        def weigh(edges, triangle, tile, planes):
-            area = twice_area(edges, colors.dtype)
-            return slot_weights(edges, area, triangle, tile, tiling, planes)
 
-        own = gather(colors, chunks.triangle)
-        parts = opaque.sum_interpolated(
-            sums, weigh(edges, chunks.triangle, tile, projected.planes), own, tiling
+def _surface(
+    scene: Scene, edges: Edges, weights: Planes | None, orientation, plan: Plan
+) -> Surface:
+    @one_pass
+    def turn_corners(colors, uv, inverse_w, triangles, orientation):
+        colors = colors.transpose(1, 2, 0)
+        if colors.shape[0] == 3:
+            colors = turn_each(colors, orientation)
+        uv = None if uv is None else turn_each(uv.transpose(1, 2, 0), orientation)
+        if inverse_w is not None:
+            inverse_w = _turned(inverse_w, triangles, orientation)
+        return Corners(colors, inverse_w, uv)
+
+    def turn_each(corners, orientation):
+        return jax.vmap(turn, (1, None), 1)(corners, orientation)
+
+    bent = scene.inverse_w if varies(scene) else None
+    corners = turn_corners(scene.colors, scene.uv, bent, scene.triangles, orientation)
+    return surface_of(edges, weights, corners, scene.texture_index, scene.textures, plan.filter)
+
+
+def _blend(
+    projected: Projected,
+    lists: TileLists,
+    steps: Steps,
+    background: Array,
+    scene: Scene,
+    plan: Plan,
+) -> Array:
+    """Translucent triangles: composite each sample, front to back."""
+    tiling, shading = plan.tiling, plan.coverage.shading
+    rows = _listed_rows(projected, lists, steps, plan)
+    shading = shading if is_shaded(scene, shading) else None
+    sums = over.composite(projected.surface, rows, lists, steps, tiling, shading=shading)
+    return over.to_image(sums, background, tiling)
+
+
+def _listed_rows(projected: Projected, lists: TileLists, steps: Steps, plan: Plan) -> Array:
+    """The samples of each listed pair that its triangle covers, less those too deep."""
+    edges, boxes, tiling = projected.edges, projected.bounds, plan.tiling
+    everywhere = jnp.ones(lists.triangle.shape, bool)
+    rows = covered_rows(edges, boxes, lists.triangle, lists.tile, everywhere, tiling)
+    if projected.depths is None:
+        return rows
+    return keep_nearest(projected.depths, rows, lists, steps, tiling)
+
+
+def _paint(
+    projected: Projected,
+    lists: TileLists,
+    steps: Steps | None,
+    chunks: Chunks,
+    background: Array,
+    scene: Scene,
+    plan: Plan,
+) -> tuple[Array, Array]:
+    """Opaque triangles: find the visible samples of each, and sum their colours in each pixel.
+
+    Also returns how many fragments were needed.
+    """
+    tiling, room = plan.tiling, plan.capacity
+    if steps is None:
+        tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
+        rows = covered_rows(
+            projected.edges, projected.bounds, chunks.triangle, tile, chunks.filled, tiling
         )
     else:
-        parts = opaque.sum_flat(sums, gather(colors[:, 0], chunks.triangle), tiling)
-    totals = opaque.sum_chunks(parts, chunks, depth=plan.capacity.depth)
+        listed = _listed_rows(projected, lists, steps, plan)
+
+        @one_pass
+        def arrange(listed, chunks):
+            rows = listed.at[chunks.place].get(mode="clip")
+            return jnp.where(chunks.filled[..., None], rows, jnp.uint32(0))
+
+        rows = arrange(listed, chunks)
+    visible, covered = hide(rows, chunks, depth=room.depth)
+    surface = projected.surface
+    if background.shape[0] == 4:
+        opaque_corners = opaque.with_alpha(surface.corners.color)
+        surface = surface._replace(corners=surface.corners._replace(color=opaque_corners))
+    needed = jnp.zeros((), jnp.int32)
+    shading = plan.coverage.shading
+    if is_shaded(scene, shading):
+        fragments = cut_fragments(visible, tiling, capacity=room.fragments)
+        totals = deferred.sum_shaded(surface, fragments, chunks, tiling, shading=shading)
+        needed = fragments.needed
+    else:
+        parts = _sum_slots(surface, visible, chunks, tiling)
+        totals = opaque.sum_chunks(parts, chunks, depth=room.depth)
     totals = opaque.add_background(totals, covered, chunks, background, tiling)
-    return opaque.to_image(totals, tiling)
+    return opaque.to_image(totals, tiling), needed
+
+
+def _sum_slots(surface: Surface, visible: Array, chunks: Chunks, tiling: Tiling) -> Array:
+    """Sums over each slot's visible samples: of colours that are affine on the screen."""
+    colors = surface.corners.color
+    interpolated = colors.shape[0] == 3
+    sums = opaque.sample_sums(visible, tiling, moments=interpolated)
+    gather = one_pass(lambda colors, triangle: colors[triangle])
+    colors = one_pass(lambda colors: colors.transpose(2, 0, 1))(colors)
+    if not interpolated:
+        return opaque.sum_flat(sums, gather(colors[:, 0], chunks.triangle), tiling)
+    tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
+
+    @one_pass
+    def weigh(surface, triangle, tile):
+        edges, area, planes = surface[:3]
+        return slot_weights(edges, area, triangle, tile, tiling, planes)
+
+    weights = weigh(surface, chunks.triangle, tile)
+    return opaque.sum_interpolated(sums, weights, gather(colors, chunks.triangle), tiling)
 
 
 def _premultiplied(color: Array) -> Array:

@@ -6,7 +6,9 @@
   premultiplied inside compositing. Colours are averaged as the scene holds them; they are
   converted only in `io` and only when asked.
 - **Draw order**: later triangles in front. With `depth`, which grows away from the viewer, the
-  nearest wins, and of equal depths the later.
+  nearest wins, and of equal depths the later; with depth and translucency together, draw order
+  decides: what is drawn later and behind is hidden even by a translucent triangle.
+- **Textures**: a textured sample is texel times interpolated colour, alpha too.
 - **Barycentrics** are weights of the corners 0, 1, 2 that sum to one.
 - **Texture space**: u right and v down, 0..1 across the image.
 """
@@ -32,8 +34,11 @@ class Scene(eqx.Module):
       three channels are opaque.
     - `background`: RGB (opaque) or straight RGBA.
     - `uv`, `texture_index` (-1: none), `textures`: what each corner samples; all or none.
-    - `depth`: per vertex, growing away from the viewer; None is painter's order.
-    - `inverse_w`: per vertex, 1/w of the projection; None is affine interpolation.
+    - `depth`: per vertex, growing away from the viewer and interpolated affinely on the screen, as
+      z/w is; None is painter's order. Each sample goes through the triangles in draw order: one
+      that is no deeper than all before is composited and its depth becomes the least.
+    - `inverse_w`: per vertex and positive, 1/w of the projection: colours and `uv` are interpolated
+      in perspective; None is affine interpolation.
 
     A batch of scenes is the same with a leading axis on every array, for `jax.vmap`.
     """
@@ -159,6 +164,9 @@ def check(scene: Scene) -> None:
         value = getattr(scene, name)
         if value is not None:
             _refuse(~np.isfinite(value), name, axis, "finite", value)
+    if scene.inverse_w is not None:
+        inverse_w = np.asarray(scene.inverse_w)
+        _refuse(inverse_w <= 0, "inverse_w", "vertex", "positive", inverse_w)
     for name, axis in (("colors", "triangle"), ("background", "channel")):
         value = np.asarray(getattr(scene, name))
         if value.shape[-1] == 4:
@@ -168,6 +176,8 @@ def check(scene: Scene) -> None:
         index = np.asarray(scene.texture_index)
         last = scene.textures.count - 1
         _refuse((index < -1) | (index > last), "texture_index", "triangle", f"in -1..{last}", index)
+        texels = scene.textures.texels
+        _refuse(~np.isfinite(texels), "texels", "texel", "finite", texels)
 
 
 def _refuse(bad: Any, name: str, axis: str, wanted: str, value: Any) -> None:

@@ -1,45 +1,83 @@
 """The structurally smallest scene with the same image: what does not show is not there."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
+from .effects import varies
+from .fixed_point import Grid
 from .options import Filter
 from .scene import Scene, check
+from .simplify_textures import base_is_enough, used_textures
 
 
 def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = None) -> Scene:
     """The same picture on a canvas of `height` x `width` pixels, with fewer effects.
 
-    Looks at concrete values, on the host. Removed are: triangles out of reach of the canvas and
-    those of alpha 0; the alpha channel if it is one everywhere; corner colours if equal; textures
-    that no triangle uses; depth that is the same everywhere; `inverse_w` likewise. Vertices keep
-    their indices. `filter` is how textures will be sampled; what it lets go is not worked out yet.
+    Looks at concrete values, on the host. What goes:
 
-    Raises `ValueError` for values that no picture has.
+    - triangles out of reach of the canvas, and without depth those of alpha 0;
+    - depth that is the same everywhere, or by which each triangle lies before all that were drawn
+      earlier;
+    - corner colours where all are equal; `inverse_w` where each triangle's corners agree, or where
+      nothing varies within a triangle;
+    - textures that no triangle uses; alpha of texels and of colours, where it is one everywhere;
+    - given a `filter`, with which the scene will be drawn: of textures that are only magnified, or
+      of all if it reads no other level, the levels above the base.
+
+    Vertices keep their indices. Raises `ValueError` for values that no picture has.
     """
     check(scene)
     if scene.positions.ndim != 2:
         raise ValueError("`simplify` takes one scene; a batch shares one structure.")
-    kept = _reaches_canvas(scene, height, width) & _shows(scene)
-    colors = np.asarray(scene.colors)[kept]
-    if colors.shape[2] == 4 and (colors[..., 3] == 1).all():
-        colors = colors[..., :3]
-    if colors.shape[1] == 3 and (colors == colors[:, :1]).all():
-        colors = colors[:, :1]
-    index = None if scene.texture_index is None else np.asarray(scene.texture_index)[kept]
-    textured = index is not None and bool((index >= 0).any())
-    triangles = np.asarray(scene.triangles)[kept]
-    return Scene(
-        positions=scene.positions,
-        triangles=jnp.asarray(triangles),
-        colors=jnp.asarray(colors),
-        background=scene.background,
-        uv=jnp.asarray(np.asarray(scene.uv)[kept]) if textured else None,
-        texture_index=jnp.asarray(index) if textured else None,
-        textures=scene.textures if textured else None,
-        depth=None if _is_constant(scene.depth, triangles) else scene.depth,
-        inverse_w=None if _is_constant(scene.inverse_w, triangles) else scene.inverse_w,
+    scene = take_triangles(scene, _reaches_canvas(scene, height, width))
+    if scene.depth is not None and _is_ordered(scene):
+        scene = replace(scene, depth=None)
+    if scene.depth is None:
+        scene = take_triangles(scene, _shows(scene))
+    scene = _without_equal_corners(scene)
+    scene = _with_textures_used(scene, height, width, filter)
+    if scene.colors.shape[2] == 4 and bool((np.asarray(scene.colors)[..., 3] == 1).all()):
+        scene = replace(scene, colors=scene.colors[..., :3])
+    if scene.inverse_w is not None and _is_affine(scene):
+        scene = replace(scene, inverse_w=None)
+    return scene
+
+
+def take_triangles(scene: Scene, kept: np.ndarray) -> Scene:
+    """The scene with those of its triangles where `kept` `[triangles]` is true."""
+    if kept.all():
+        return scene
+
+    def some(value: Array | None) -> Array | None:
+        return None if value is None else jnp.asarray(np.asarray(value)[kept])
+
+    return replace(
+        scene,
+        triangles=some(scene.triangles),
+        colors=some(scene.colors),
+        uv=some(scene.uv),
+        texture_index=some(scene.texture_index),
     )
+
+
+def _without_equal_corners(scene: Scene) -> Scene:
+    colors = np.asarray(scene.colors)
+    equal = colors.shape[1] == 3 and bool((colors == colors[:, :1]).all())
+    return replace(scene, colors=jnp.asarray(colors[:, :1])) if equal else scene
+
+
+def _with_textures_used(scene: Scene, height: int, width: int, filter: Filter | None) -> Scene:
+    if scene.textures is None:
+        return scene
+    index = np.asarray(scene.texture_index)
+    if not (index >= 0).any():
+        return replace(scene, uv=None, texture_index=None, textures=None)
+    base_only = base_is_enough(scene, Grid.of(height, width, 1), filter)
+    textures, index = used_textures(scene.textures, index, base_only)
+    return replace(scene, texture_index=jnp.asarray(index), textures=textures)
 
 
 def _reaches_canvas(scene: Scene, height: int, width: int) -> np.ndarray:
@@ -54,9 +92,19 @@ def _shows(scene: Scene) -> np.ndarray:
     return (np.asarray(scene.colors)[..., 3:] != 0).any((1, 2)) | (scene.colors.shape[2] == 3)
 
 
-def _is_constant(values: object, triangles: np.ndarray) -> bool:
-    """Whether a vertex value is absent, or the same at every corner that is drawn."""
-    if values is None:
+def _is_ordered(scene: Scene) -> bool:
+    """Whether the depth test passes everywhere."""
+    depth = np.asarray(scene.depth)[np.asarray(scene.triangles)]
+    if len(depth) < 2 or (depth == depth.flat[0]).all():
         return True
-    used = np.asarray(values)[triangles]
-    return bool((used == used.flat[0]).all()) if used.size else True
+    far, near = depth.max(1), depth.min(1)
+    least = np.minimum.accumulate(near)[:-1]
+    # Interpolation may miss a corner's depth by a few roundings.
+    rounding = 8 * np.finfo(depth.dtype).eps * np.abs(depth).max()
+    return bool((far[1:] < least - rounding).all())
+
+
+def _is_affine(scene: Scene) -> bool:
+    """Whether interpolation in perspective is interpolation on the screen."""
+    inverse_w = np.asarray(scene.inverse_w)[np.asarray(scene.triangles)]
+    return not varies(scene) or bool((inverse_w == inverse_w[:, :1]).all())

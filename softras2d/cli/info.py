@@ -1,7 +1,7 @@
-"""`softras2d info`: what a scene holds, and what it will take to draw it."""
+"""`softras2d info`: what a scene holds, what drawing it will take, and what each effect costs."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich import box
@@ -17,8 +17,16 @@ def describe_scene(
     scene: Annotated[
         Path, typer.Argument(metavar="SCENE.svg", show_default=False, help="An SVG file.")
     ],
+    cost: Annotated[
+        bool,
+        typer.Option("--cost", help="Measure what each effect costs; compiles a program for each."),
+    ] = False,
     samples: options.Samples = 16,
     size: options.SizeOption = None,
+    shading: options.Shading = "sample",
+    pixel_filter: options.PixelFilter = "bilinear",
+    level_filter: options.LevelFilter = "linear",
+    anisotropy: options.Anisotropy = 1,
     dialect: options.Dialect = "svg",
     assets: options.Assets = None,
     frame: options.Frame = None,
@@ -27,9 +35,14 @@ def describe_scene(
     """Tell what a scene holds and what its plan sees.
 
     [bold]softras2d info scene.svg --samples 16 --size 800x600[/bold]
+
+    [bold]softras2d info scene.svg --cost[/bold]
     """
-    view = View(samples, size, dialect, assets, frame=frame, opacity=opacity)
-    with session():
+    view = View(
+        samples, size, dialect, assets, shading=shading, pixel_filter=pixel_filter,
+        level_filter=level_filter, anisotropy=anisotropy, frame=frame, opacity=opacity,
+    )  # fmt: skip
+    with session() as progress:
         from ..io.svg import svg_size
         from .view import facts, plan_of, read
 
@@ -46,3 +59,30 @@ def describe_scene(
         console.print(table)
         plan = plan_of(held, height, width, view)
         console.print(str(plan), markup=False, soft_wrap=True)
+        if cost:
+            console.print(_prices(held, plan, progress))
+
+
+def _prices(scene: Any, plan: Any, progress: Console) -> Table:
+    """What the scene takes, and what it takes less each effect."""
+    from ..cost import Price, price_effects
+
+    table = Table(box=box.SIMPLE, pad_edge=False)
+    for name in ("", "time", "memory", "operations", "bytes moved"):
+        table.add_column(name, justify="right" if name else "left")
+
+    def row(name: str, price: Price) -> None:
+        table.add_row(
+            name,
+            f"{1e3 * price.seconds:.1f} ms",
+            f"{price.memory / 2**20:,.1f} MiB",
+            f"{price.operations / 1e6:,.0f} M",
+            f"{price.traffic / 2**20:,.0f} MiB",
+        )
+
+    with progress.status("measuring the whole scene") as status:
+        for done, (effect, _, less) in enumerate(price_effects(scene, plan)):
+            row("this scene" if effect is None else f"without {effect}", less)
+            following = plan.effects[done : done + 1]
+            status.update(f"measuring without {following[0]}" if following else "done")
+    return table

@@ -120,6 +120,15 @@ LevelFilter = Annotated[
     Literal["linear", "nearest", "zero"],
     typer.Option(help="Textures, between levels.", rich_help_panel=_PICTURE),
 ]
+Anisotropy = Annotated[
+    int,
+    typer.Option(
+        min=1,
+        max=16,
+        help="Textures, probes along a stretched footprint: 1 to 16.",
+        rich_help_panel=_PICTURE,
+    ),
+]
 Linear = Annotated[
     bool,
     typer.Option("--linear", help="Average in linear light.", rich_help_panel=_PICTURE),
@@ -165,6 +174,7 @@ class View:
     shading: Literal["sample", "pixel"] = "sample"
     pixel_filter: Literal["bilinear", "nearest"] = "bilinear"
     level_filter: Literal["linear", "nearest", "zero"] = "linear"
+    anisotropy: int = 1
     frame: bool | None = None
     opacity: bool = True
     background: Color | None = None

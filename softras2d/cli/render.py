@@ -44,6 +44,7 @@ def render_scenes(
     shading: options.Shading = "sample",
     pixel_filter: options.PixelFilter = "bilinear",
     level_filter: options.LevelFilter = "linear",
+    anisotropy: options.Anisotropy = 1,
     linear: options.Linear = False,
     dialect: options.Dialect = "svg",
     assets: options.Assets = None,
@@ -60,7 +61,7 @@ def render_scenes(
     """
     view = View(
         samples, size, dialect, assets, fill_rule, shading, pixel_filter, level_filter,
-        frame, opacity, background, origin, linear,
+        anisotropy, frame, opacity, background, origin, linear,
     )  # fmt: skip
     with session() as console:
         targets = _targets(scenes, output, kind)

@@ -58,7 +58,7 @@ def plan_of(scene: Scene, height: int, width: int, view: View) -> Plan:
         height=height,
         width=width,
         coverage=Hard(samples=view.samples, fill_rule=view.fill_rule, shading=view.shading),
-        filter=Filter(pixel=view.pixel_filter, level=view.level_filter),
+        filter=Filter(pixel=view.pixel_filter, level=view.level_filter, anisotropy=view.anisotropy),
         origin=(0, 0) if view.origin is None else tuple(view.origin),
     )
 

@@ -226,6 +226,13 @@ def add_background(
     return add(sums, free.count, background)
 
 
+def with_alpha(
+    colors: Float[Array, "corners 3 triangles"],
+) -> Float[Array, "corners 4 triangles"]:
+    """Opaque colours as RGBA, for a background with alpha."""
+    return one_pass(lambda c: jnp.concatenate([c, jnp.ones_like(c[:, :1])], 1))(colors)
+
+
 def to_image(
     sums: Float[Array, "tiles channels fields places"], tiling: Tiling
 ) -> Float[Array, "height width channels"]:

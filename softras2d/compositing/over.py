@@ -4,6 +4,8 @@ Each sample keeps the transmittance T of what has been drawn in front of it; a l
 adds T a times its colour and leaves T (1 - a). Blocks of tiles are visited place by place down
 their lists, so that the transmittances of a block stay in cache.
 
+Colours that no sum of weights tells, of textures say, are shaded for each layer of a block.
+
 Samples of a block lie in an array `[sub rows, sub columns, width, lines]`: a line is a row of
 pixels of one tile, and the lines of all tiles of the block are the minor axis. One word holds a
 line's samples of one sub-row, and every sample of a place reads the same bit of its word.
@@ -19,11 +21,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
-from ..barycentric import slot_weights, twice_area, weight_sums
-from ..coverage.hard import covered_rows
-from ..fixed_point import Bounds, Edges
-from ..guard_band import Planes
+from ..barycentric import slot_weights, weight_sums
+from ..fragments import Fragments, shading_points
 from ..lists import Steps
+from ..shading import Lanes, Points, Surface, pick_lanes, shade_probes, view
 from ..staging import one_pass
 from ..tiles import TileLists, Tiling
 
@@ -31,36 +32,36 @@ from ..tiles import TileLists, Tiling
 class Layers(NamedTuple):
     """What a visit of a block reads: the triangles, and the words of every listed pair.
 
-    `sub_rows`: for each sub-row, the words `[pairs, lines of a tile]`.
+    - `sub_rows`: for each sub-row, the words `[pairs, lines of a tile]`.
+    - `shading`: as `Hard.shading`, where colours are evaluated point by point; None where flat
+      colours or sums of weights tell them.
     """
 
-    edges: Edges
-    area: Float[Array, " triangles"]
-    planes: Planes | None
-    colors: Float[Array, "triangles corners 4"]
+    surface: Surface
     triangle: Int[Array, " pairs"]
     sub_rows: list[Array]
+    shading: str | None
 
 
 def composite(
-    edges: Edges,
-    bounds: Bounds,
-    colors: Float[Array, "triangles corners 4"],
+    surface: Surface,
+    rows: UInt32[Array, "pairs rows"],
     lists: TileLists,
     steps: Steps,
     tiling: Tiling,
-    planes: Planes | None = None,
+    *,
+    shading: str | None,
 ) -> Float[Array, "tiles 4 tile_width tile_height"]:
-    """Sums over each pixel's samples of premultiplied colour and alpha, without background."""
-    dtype = colors.dtype
-    rate, height, width = tiling.grid.rate, tiling.height, tiling.width
+    """Sums over each pixel's samples of premultiplied colour and alpha, without background.
+
+    `rows`: the samples of each listed pair; `shading` as in `Layers`.
+    """
+    dtype = surface.corners.color.dtype
+    side, height, width = tiling.grid.rate, tiling.height, tiling.width
     blocks, block = steps.tile.shape
     lines = block * height
-    everywhere = jnp.ones(lists.triangle.shape, bool)
-    rows = covered_rows(edges, bounds, lists.triangle, lists.tile, everywhere, tiling)
-    split = one_pass(lambda rows: [rows[:, i * height : (i + 1) * height] for i in range(rate)])
-    area = one_pass(lambda edges: twice_area(edges, dtype))(edges)
-    layers = Layers(edges, area, planes, colors, lists.triangle, split(rows))
+    split = one_pass(lambda rows: [rows[:, i * height : (i + 1) * height] for i in range(side)])
+    layers = Layers(surface, lists.triangle, split(rows), shading)
 
     def visit(state: tuple[Array, Array, Array], step: tuple[Array, Array, Array]) -> Any:
         image, through, sums = state
@@ -80,7 +81,7 @@ def composite(
 
     initial = (
         jnp.zeros((blocks, 4, width, lines), dtype),
-        jnp.ones((rate, rate, width, lines), dtype),
+        jnp.ones((side, side, width, lines), dtype),
         jnp.zeros((4, width, lines), dtype),
     )
     numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
@@ -128,13 +129,20 @@ def _blend(
 
     words = pick(layers.sub_rows, pair, live)
     triangle = layers.triangle.at[pair].get(mode="clip")
-    own = one_pass(lambda own: _by_line(own, tiling.height))(layers.colors[triangle])
-    if own.shape[1] == 1:
+    surface = layers.surface
+    corners = surface.corners
+    own = one_pass(lambda own: _by_line(own, tiling.height))(corners.color[..., triangle])
+    if layers.shading is not None:
+        color = _shade_block(layers, words, triangle, tile, tiling)
+        alpha = color[3]
+        seen = [sum_seen(through, fresh, words, (channel,)) for channel in color]
+        sums = one_pass(lambda sums, seen: sums + jnp.stack(seen))(sums, seen)
+    elif own.shape[1] == 1:
         alpha = own[3][None, None]
         sums = one_pass(_add_flat)(sums, sum_seen(through, fresh, words, ()), own)
     else:
         weigh = one_pass(functools.partial(_sample_weights, tiling=tiling))
-        weights = weigh(layers.edges, layers.area, layers.planes, triangle, tile)
+        weights = weigh(surface, triangle, tile)
         alpha = one_pass(_interpolate)(weights, own[3])
         total = sum_seen(through, fresh, words, (alpha,))
         second, third = (sum_seen(through, fresh, words, (alpha, weight)) for weight in weights)
@@ -142,13 +150,58 @@ def _blend(
     return pass_on(through, fresh, words, alpha), sums
 
 
+def _shade_block(
+    layers: Layers,
+    words: UInt32[Array, "sub_rows lines"],
+    triangle: Int[Array, " block"],
+    tile: Int[Array, " block"],
+    tiling: Tiling,
+) -> Float[Array, "4 sub_rows sub_columns width lines"]:
+    """Premultiplied colours of a layer of a block; sub-rows and sub-columns of one, by pixel."""
+    surface, side, width = layers.surface, tiling.grid.rate, tiling.width
+    lines = words.shape[1]
+    lanes = view(surface, triangle, tile, tiling)
+    if layers.shading == "pixel":
+        fragments = _block_fragments(words, tiling)
+        lanes = pick_lanes(lanes, fragments.slot)
+        points = shading_points(fragments, surface.edges, triangle, tile, tiling)
+        color = shade_probes(surface, lanes, points, tiling)
+        return color.reshape(4, 1, 1, width, lines)
+    lanes = one_pass(functools.partial(_lanes_by_line, height=tiling.height))(lanes)
+    points = [x.reshape(-1, lines) for x in _sample_places(triangle.shape[0], tiling)]
+
+    def shade_point(across: Array, down: Array) -> Array:
+        return shade_probes(surface, lanes, Points(None, across, down), tiling)
+
+    color = jax.vmap(shade_point, out_axes=1)(*points)
+    return color.reshape(4, side, side, width, lines)
+
+
+def _lanes_by_line(lanes: Lanes, height: int) -> Lanes:
+    return jax.tree.map(lambda entry: jnp.repeat(entry, height, entry.ndim - 1), lanes)
+
+
+def _block_fragments(words, tiling: Tiling) -> Fragments:
+    """All pixels of a block as fragments, `[width * lines]`; the slot is the tile's."""
+    side, lines = tiling.grid.rate, words.shape[1]
+    column, line = (
+        jax.lax.broadcasted_iota(jnp.int32, (tiling.width, lines), axis).reshape(-1)
+        for axis in (0, 1)
+    )
+    shift = (column * side).astype(jnp.uint32)[None]
+    bits = (words[:, line] >> shift) & jnp.uint32((1 << side) - 1)
+    number = jnp.asarray(column.shape[0], jnp.int32)
+    return Fragments(line // tiling.height, column, line % tiling.height, bits, number)
+
+
 def _by_line(own: Array, height: int) -> Float[Array, "4 corners lines"]:
-    """Colours of a block's triangles `[block, corners, 4]`, at each of their lines."""
-    return jnp.repeat(own.transpose(2, 1, 0), height, 2)
+    """Colours of a block's triangles `[corners, 4, block]`, at each of their lines."""
+    return jnp.repeat(own.transpose(1, 0, 2), height, 2)
 
 
-def _sample_weights(edges, area, planes, triangle, tile, tiling: Tiling) -> tuple[Array, Array]:
+def _sample_weights(surface: Surface, triangle, tile, tiling: Tiling) -> tuple[Array, Array]:
     """Weights of corners 1 and 2 at each sample of a block's triangles."""
+    edges, area, planes = surface[:3]
     weights = slot_weights(edges, area, triangle, tile, tiling, planes)
     weights = weights.at(lambda entry: jnp.repeat(entry, tiling.height)[None, None, None])
     across, down = _sample_places(tile.shape[0], tiling)

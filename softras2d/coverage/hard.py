@@ -9,6 +9,7 @@ Rows of one pixel are then a fixed stride apart, and sums over them add whole ve
 """
 
 import functools
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, UInt32
@@ -23,40 +24,51 @@ _ONES = 0xFFFFFFFF
 _SLACK = 2.0**-10
 
 
-def first_inside(
-    value: Int[Array, "*#shape"], step: Int[Array, "*#shape"]
-) -> Int[Array, "*#shape"]:
+def first_inside(value: Any, step: Any) -> Any:
     """The least i in 0..32 with `value + i step >= 0`, or more than 31 if none; `step >= 0`.
 
     Exact for `|value| <= 2^30 + 31 * 2^23` and `step < 2^24`, whatever the float division does.
     """
+    xp = value.__array_namespace__()
+    f32 = xp.float32
     # A step of 0 has no crossing: any large factor sends the guess to the right end.
-    reciprocal = jnp.where(step == 0, 1e10, 1.0 / step.astype(jnp.float32)).astype(jnp.float32)
-    crossing = -value.astype(jnp.float32) * reciprocal
-    guess = jnp.clip(jnp.ceil(crossing - _SLACK), 0.0, 32.0).astype(jnp.int32)
-    return guess + (value + guess * step < 0).astype(jnp.int32)
+    divisor = xp.where(step == 0, 1e-10, step.astype(f32)).astype(f32)
+    crossing = -value.astype(f32) * (1.0 / divisor)
+    guess = xp.clip(xp.ceil(crossing - _SLACK), 0.0, 32.0).astype(xp.int32)
+    return guess + (value + guess * step < 0).astype(xp.int32)
 
 
-def ones_from(place: Int[Array, "*#shape"]) -> UInt32[Array, "*#shape"]:
+def ones_from(place: Any) -> Any:
     """A word with ones at bits `place..31`; `place` in 0..33."""
-    return jnp.where(
-        place < 32, jnp.uint32(_ONES) << (place & 31).astype(jnp.uint32), jnp.uint32(0)
-    )
+    xp = place.__array_namespace__()
+    return xp.where(place < 32, xp.uint32(_ONES) << (place & 31).astype(xp.uint32), xp.uint32(0))
 
 
-def edge_row(
-    value: Int[Array, "*#shape"], right: Int[Array, "*#shape"]
-) -> UInt32[Array, "*#shape"]:
+def edge_row(value: Any, right: Any) -> Any:
     """Samples i of a row at which `value + i right >= 0`, as bits."""
     # With a negative step the samples outside are those from some place on: -1 - v + i |step| >= 0.
     turned = right >> 31
-    return ones_from(first_inside(value ^ turned, jnp.abs(right))) ^ turned.astype(jnp.uint32)
+    xp = value.__array_namespace__()
+    return ones_from(first_inside(value ^ turned, xp.abs(right))) ^ turned.astype(xp.uint32)
 
 
-def row_order(tiling: Tiling) -> Array:
+def row_order(tiling: Tiling, xp: Any = jnp) -> Any:
     """The sample row of a tile at each place of a mask: sub-row by sub-row."""
-    place = jnp.arange(tiling.sample_rows, dtype=jnp.int32)
+    place = xp.arange(tiling.sample_rows, dtype=xp.int32)
     return (place % tiling.height) * tiling.grid.rate + place // tiling.height
+
+
+class Lines(NamedTuple):
+    """What the rows of a slot need.
+
+    - `edges`: the value at the tile's first sample and its steps right and down, of each edge.
+    - `across`: the columns of the bounding box, as a word; `top`, `bottom`: its rows in the tile.
+    """
+
+    edges: list[tuple[Any, Any, Any]]
+    across: Any
+    top: Any
+    bottom: Any
 
 
 def covered_rows(
@@ -68,30 +80,37 @@ def covered_rows(
     tiling: Tiling,
 ) -> UInt32[Array, "*slots rows"]:
     """Samples of each slot's tile that its triangle covers, whatever lies in front."""
+    place = one_pass(functools.partial(place_lines, tiling=tiling))
+    draw = one_pass(functools.partial(draw_lines, tiling=tiling))
+    return draw(place(edges, bounds, triangle, tile, filled))
 
-    @one_pass
-    def place(edges, bounds, triangle, tile, filled):
-        """What the rows of a slot need: its edges at the tile's first sample, and its box."""
-        column, row = tiling.first_sample(tile)
-        own = [edge.of(triangle) for edge in edges]
-        lines = [(edge.at(column, row), edge.right, edge.down) for edge in own]
-        box = bounds.of(triangle)
-        across = ones_from(jnp.clip(box.left - column, 0, 32)) & ~ones_from(
-            jnp.clip(box.right - column + 1, 0, 32)
-        )
-        across = jnp.where(filled, across, jnp.uint32(0))
-        return lines, across, box.top - row, box.bottom - row
 
-    @one_pass
-    def draw(lines, across, top, bottom):
-        j = row_order(tiling).reshape((1,) * across.ndim + (-1,))
-        boxed = (j >= top[..., None]) & (j <= bottom[..., None])
-        word = jnp.where(boxed, across[..., None], jnp.uint32(0))
-        for value, right, down in lines:
-            word = word & edge_row(value[..., None] + j * down[..., None], right[..., None])
-        return word
+def place_lines(
+    edges: Edges, bounds: Bounds, triangle: Any, tile: Any, filled: Any, tiling: Tiling
+) -> Lines:
+    """The lines of each slot. For numpy and jax alike."""
+    xp = triangle.__array_namespace__()
+    column, row = tiling.first_sample(tile)
+    own = [edge.of(triangle) for edge in edges]
+    lines = [(edge.at(column, row), edge.right, edge.down) for edge in own]
+    box = bounds.of(triangle)
+    across = ones_from(xp.clip(box.left - column, 0, 32)) & ~ones_from(
+        xp.clip(box.right - column + 1, 0, 32)
+    )
+    across = xp.where(filled, across, xp.uint32(0))
+    return Lines(lines, across, box.top - row, box.bottom - row)
 
-    return draw(*place(edges, bounds, triangle, tile, filled))
+
+def draw_lines(lines: Lines, tiling: Tiling) -> Any:
+    """Samples inside, `[*slots, rows]` words. For numpy and jax alike."""
+    _, across, top, bottom = lines
+    xp = across.__array_namespace__()
+    j = row_order(tiling, xp).reshape((1,) * across.ndim + (-1,))
+    boxed = (j >= top[..., None]) & (j <= bottom[..., None])
+    word = xp.where(boxed, across[..., None], xp.uint32(0))
+    for value, right, down in lines.edges:
+        word = word & edge_row(value[..., None] + j * down[..., None], right[..., None])
+    return word
 
 
 def hide(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, depth: int):

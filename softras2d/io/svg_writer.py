@@ -191,9 +191,18 @@ def _images(path: Path, textures: TexturePyramid) -> dict[str, np.ndarray]:
     """The base level of each texture `[height, width, 3 or 4]` by the name of its file."""
     texels, images = np.asarray(textures.texels), {}
     for index, (offset, height, width) in enumerate(np.asarray(textures.levels)[:, 0].tolist()):
-        base = texels[offset : offset + height * width].reshape(height, width, -1)
+        base = _straight(texels[offset : offset + height * width]).reshape(height, width, -1)
         images[f"{path.stem}_texture{index}.png"] = base
     return images
+
+
+def _straight(texels: np.ndarray) -> np.ndarray:
+    """Straight alpha from premultiplied; colour 0 where alpha is 0."""
+    if texels.shape[1] == 3:
+        return texels
+    alpha = texels[:, 3:]
+    color = np.divide(texels[:, :3], alpha, out=np.zeros_like(texels[:, :3]), where=alpha > 0)
+    return np.concatenate([np.minimum(color, 1.0), alpha], axis=1)
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:
@@ -205,7 +214,7 @@ def _write_png(path: Path, image: np.ndarray) -> None:
     pixels = byte.astype(np.uint8) if exact else np.rint(image * 65535.0).astype(np.uint16)
     height, width, channels = image.shape
     spec = oiio.ImageSpec(width, height, channels, "uint8" if exact else "uint16")
-    # PNG holds straight alpha, and so does the texture.
+    # PNG holds straight alpha.
     spec.attribute("oiio:UnassociatedAlpha", 1)
     with _whole(path) as temporary:
         output = oiio.ImageOutput.create("png")

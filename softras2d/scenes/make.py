@@ -4,68 +4,29 @@ The files are kept, so that a scene can be read without this script, and a test 
 """
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-SIZE = 300
-"""Height and width of every scene in pixels. One size lets scenes share compiled programs."""
-
-# A palette that stays apart under colour blindness (Okabe and Ito, *Color Universal Design*,
-# 2008), between a paper and an ink.
-PAPER, INK = "#f4ebdd", "#0f2742"
-ORANGE, SKY, BLUE, VERMILION = "#e69f00", "#56b4e9", "#0072b2", "#d55e00"
-
-
-def document(purpose: str, lines: Iterable[str]) -> str:
-    """A whole file: the purpose as its first comment, then the elements."""
-    return "\n".join(
-        [
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{SIZE}" height="{SIZE}" '
-            f'viewBox="0 0 {SIZE} {SIZE}">',
-            f"<!-- {purpose} -->",
-            "<!-- Written by softras2d/scenes/make.py. -->",
-            *lines,
-            "</svg>\n",
-        ]
-    )
-
-
-def page(color: str) -> str:
-    """A first rect over the whole picture, which is its background."""
-    return f'<rect x="0" y="0" width="{SIZE}" height="{SIZE}" fill="{color}"/>'
-
-
-def polygon(points: np.ndarray, attributes: str, digits: int = 2) -> str:
-    """A polygon through `points` `[n, 2]`, rounded to `digits` decimals."""
-    pairs = " ".join(f"{_number(x, digits)},{_number(y, digits)}" for x, y in points.tolist())
-    return f'<polygon points="{pairs}" {attributes}/>'
-
-
-def polar(radius: float | np.ndarray, degrees: float | np.ndarray) -> np.ndarray:
-    """Points around the middle of the picture; 0 degrees is up, and angles turn clockwise."""
-    angle = np.radians(degrees)
-    return SIZE / 2 + np.stack([radius * np.sin(angle), -radius * np.cos(angle)], axis=-1)
-
-
-def mix(stops: list[str], where: float) -> np.ndarray:
-    """The colour at `where` in 0..1 of a ramp through evenly spaced `stops`, as RGB in 0..255."""
-    colors = np.array([[int(stop[i : i + 2], 16) for i in (1, 3, 5)] for stop in stops])
-    at = np.linspace(0.0, 1.0, len(stops))
-    return np.array([np.interp(where, at, channel) for channel in colors.T])
-
-
-def code(rgb: np.ndarray) -> str:
-    """`#rrggbb` of RGB in 0..255."""
-    return "#" + "".join(f"{round(float(channel)):02x}" for channel in np.clip(rgb, 0, 255))
-
-
-def _number(value: float, digits: int) -> str:
-    # Adding zero turns a negative zero into zero.
-    return f"{round(value, digits) + 0.0:.8g}"
-
+from . import SIZE
+from .drawing import (
+    BLUE,
+    INK,
+    ORANGE,
+    PAPER,
+    SKY,
+    VERMILION,
+    code,
+    document,
+    mix,
+    number,
+    page,
+    polar,
+    polygon,
+)
+from .textured import PICTURES, magnified, minified, stretched, zone_plate
 
 # Right ascension in hours, declination in degrees and magnitude of the figures' stars, in drawing
 # order; to a tenth of a degree, which is enough for a picture.
@@ -141,7 +102,7 @@ def _star(middle: np.ndarray, magnitude: float) -> str:
 
 
 def _polyline(points: np.ndarray, stroke: str) -> str:
-    pairs = " ".join(f"{_number(x, 1)},{_number(y, 1)}" for x, y in points.tolist())
+    pairs = " ".join(f"{number(x, 1)},{number(y, 1)}" for x, y in points.tolist())
     return f'<polyline points="{pairs}" fill="none" stroke="{stroke}"/>'
 
 
@@ -181,8 +142,8 @@ def wheel() -> str:
 
 
 def _colortri(points: list[np.ndarray], colors: list[np.ndarray]) -> str:
-    numbers = " ".join(_number(value, 2) for point in points for value in point.tolist())
-    rgba = " ".join(" ".join(_number(v, 3) for v in color.tolist()) + " 1" for color in colors)
+    numbers = " ".join(number(value, 2) for point in points for value in point.tolist())
+    rgba = " ".join(" ".join(number(v, 3) for v in color.tolist()) + " 1" for color in colors)
     return f'<colortri points="{numbers}" colors="{rgba}"/>'
 
 
@@ -222,7 +183,7 @@ def rings() -> str:
         # As many corners as keep the polygon within a tenth of a pixel of the circle.
         corners = int(np.ceil(np.pi / np.sqrt(2 * 0.1 / outer)))
         shade = code(mix([VERMILION, "#7a3b69", BLUE, INK], outer / rim))
-        width = _number(outer - inner, 3)
+        width = number(outer - inner, 3)
         ring = polar((inner + outer) / 2, np.arange(corners) * 360.0 / corners)
         lines.append(polygon(ring, f'stroke="{shade}" stroke-width="{width}"', 1))
     lines.append("</g>")
@@ -339,10 +300,24 @@ MADE: dict[str, Callable[[], str]] = {
     "rings": rings,
     "glass": glass,
     "mesh": mesh,
+    "minified": minified,
+    "zone_plate": zone_plate,
+    "stretched": stretched,
+    "magnified": magnified,
 }
+"""The text of each file."""
+
+
+def write(folder: Path) -> None:
+    """The files of `MADE`, and in `textures` those of `PICTURES`."""
+    from ..io.images import write_image
+
+    (folder / "textures").mkdir(parents=True, exist_ok=True)
+    for name, make in MADE.items():
+        (folder / f"{name}.svg").write_text(make(), encoding="utf-8")
+    for name, draw in PICTURES.items():
+        write_image(folder / "textures" / f"{name}.png", draw())
 
 
 if __name__ == "__main__":
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
-    for name, make in MADE.items():
-        (folder / f"{name}.svg").write_text(make(), encoding="utf-8")
+    write(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 class TexturePyramid(eqx.Module):
     """Textures and their box-filtered halvings, down to one texel.
 
-    - `texels`: straight RGB or RGBA, level after level, row after row; 4/3 of the bases.
+    - `texels`: RGB or premultiplied RGBA, level after level, row after row; 4/3 of the bases.
     - `levels`: per texture and level the offset of its first texel, its height and its width;
       a texture with fewer levels repeats its last.
     - `border`: beyond 0..1, `"clamp"` holds the border texel and `"repeat"` tiles.
@@ -29,7 +29,17 @@ class TexturePyramid(eqx.Module):
     @property
     def count(self) -> int:
         """How many textures."""
-        return self.levels.shape[0]
+        return self.levels.shape[-3]
+
+    @property
+    def depth(self) -> int:
+        """Levels of the largest texture."""
+        return self.levels.shape[-2]
+
+    @property
+    def channels(self) -> int:
+        """Three, or four if any texture has alpha."""
+        return self.texels.shape[-1]
 
     @staticmethod
     def build(
@@ -40,6 +50,8 @@ class TexturePyramid(eqx.Module):
     ) -> "TexturePyramid":
         """The pyramids of `images`, each `[height, width, 3 or 4]` in 0..1, of any sizes.
 
+        Alpha is straight in the images. Texels are premultiplied by it before any is averaged, so
+        that a transparent texel lends its neighbours no colour.
         `linear=True` says that the images hold sRGB and that texels shall be linear light: colour
         channels are decoded once, before the levels are averaged. Images of three channels get
         alpha one where others have four. Differentiable in the images. Raises `ValueError` for an
@@ -52,7 +64,7 @@ class TexturePyramid(eqx.Module):
             raise ValueError("`images` must hold at least one texture; got none.")
         channels = max(base.shape[-1] for base in bases)
         chains = [
-            _chain(_with_channels(_decode(base) if linear else base, channels)) for base in bases
+            _chain(_premultiplied(_decode(base) if linear else base, channels)) for base in bases
         ]
         depth = max(map(len, chains))
         table, flat, offset = [], [], 0
@@ -90,10 +102,13 @@ def _decode(image: Any) -> Any:
     return xp.concatenate([light.astype(image.dtype), image[..., 3:]], axis=-1)
 
 
-def _with_channels(image: Any, channels: int) -> Any:
-    if image.shape[-1] == channels:
-        return image
+def _premultiplied(image: Any, channels: int) -> Any:
+    """The image with `channels`, alpha one where it has none; RGB times alpha."""
     xp = image.__array_namespace__()
+    if image.shape[-1] == 4:
+        return xp.concatenate([image[..., :3] * image[..., 3:], image[..., 3:]], axis=-1)
+    if channels == 3:
+        return image
     return xp.concatenate([image, xp.ones((*image.shape[:2], 1), image.dtype)], axis=-1)
 
 

@@ -83,13 +83,21 @@ def test_textures_of_any_sizes_share_one_array():
     used = np.zeros(pyramid.texels.shape[0], int)
     for texture, image in enumerate(images):
         levels = _levels(pyramid, texture)
-        np.testing.assert_array_equal(levels[0][..., : image.shape[-1]], image)
+        alpha = image[..., 3:] if image.shape[-1] == 4 else np.float32(1)
+        np.testing.assert_array_equal(levels[0][..., :3], image[..., :3] * alpha)
         # Shorter chains repeat their last level.
         assert levels[-1].shape[:2] == (1, 1)
         for offset, height, width in {tuple(row) for row in np.asarray(pyramid.levels)[texture]}:
             used[offset : offset + height * width] += 1
     np.testing.assert_array_equal(used, 1)
     np.testing.assert_array_equal(_levels(pyramid, 0)[0][..., 3], 1)
+
+
+def test_a_transparent_texel_lends_no_colour():
+    image = np.array([[[1, 0, 0, 1], [0, 1, 0, 0]]], np.float32)
+    np.testing.assert_array_equal(
+        _levels(sr.TexturePyramid.build([image]))[1][0, 0], [0.5, 0, 0, 0.5]
+    )
 
 
 def test_integers_and_dtype():
@@ -102,7 +110,7 @@ def test_linear_decodes_before_averaging(float64):
     image[..., 3] = 0.5
     gray = np.full((1, 1, 3), 0.5)
     pyramid = sr.TexturePyramid.build([image, gray], linear=True)
-    np.testing.assert_allclose(_levels(pyramid, 0)[1][0, 0], [0.5, 0.5, 0.5, 0.5])
+    np.testing.assert_allclose(_levels(pyramid, 0)[1][0, 0], [0.25, 0.25, 0.25, 0.5])
     # IEC 61966-2-1: one half of the signal is 21.4 % of the light.
     np.testing.assert_allclose(_levels(pyramid, 1)[0][0, 0, :3], 0.21404114048, rtol=1e-9)
 

@@ -1,0 +1,186 @@
+"""Fragments: a triangle in a pixel, wherever some of the pixel's samples show it.
+
+What is shaded is a list of fragments, however many triangles lie behind them: an opaque scene has
+about one for each pixel, and one more where an edge that shows crosses it.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int, UInt32
+
+from .fixed_point import Edges
+from .shading import Points, pick_lanes
+from .staging import one_pass
+from .tiles import Tiling, expand, saturated_sum
+
+
+class Fragments(NamedTuple):
+    """Fragments, tile by tile.
+
+    - `slot`: of the chunks, which tells the triangle and the tile.
+    - `column`, `row`: of the pixel in the tile.
+    - `bits`: for each sub-row of the pixel, which samples show the triangle; sample i is bit i.
+      None in a place beyond `needed`.
+    - `needed`: how many fragments there are.
+    """
+
+    slot: Int[Array, " fragments"]
+    column: Int[Array, " fragments"]
+    row: Int[Array, " fragments"]
+    bits: UInt32[Array, "sub_rows fragments"]
+    needed: Int[Array, ""]
+
+
+def pixels_seen(visible: Any, tiling: Tiling) -> Any:
+    """The pixels of each pixel row with a visible sample: the bit of its first sample.
+
+    From `[*slots, rows]` words to `[*slots, tile_height]`. For numpy and jax alike.
+    """
+    rate, height = tiling.grid.rate, tiling.height
+    xp = visible.__array_namespace__()
+    seen = visible[..., :height]
+    for sub in range(1, rate):
+        seen = seen | visible[..., sub * height : (sub + 1) * height]
+    joined = seen
+    for place in range(1, rate):
+        joined = joined | (seen >> xp.uint32(place))
+    return joined & xp.uint32(sum(1 << (x * rate) for x in range(tiling.width)))
+
+
+def cut_fragments(
+    visible: UInt32[Array, "chunks layers rows"], tiling: Tiling, *, capacity: int
+) -> Fragments:
+    """The fragments that show; beyond `capacity` of them, some are missing."""
+    rate, height = tiling.grid.rate, tiling.height
+
+    @one_pass
+    def count_pixels(visible):
+        seen = pixels_seen(visible, tiling).reshape(-1)
+        return seen, jax.lax.population_count(seen).astype(jnp.int32)
+
+    @one_pass
+    def place(counts):
+        owner, rank = expand(counts, capacity)
+        total = saturated_sum(counts)
+        return owner, rank, jnp.arange(capacity, dtype=jnp.int32) < total, total
+
+    @one_pass
+    def find(seen, owner, rank):
+        return owner // height, _place_of_bit(seen[owner], rank, tiling), owner % height
+
+    @one_pass
+    def pick_bits(visible, slot, row, column, used):
+        words = visible.reshape(-1)
+        first = slot * tiling.sample_rows + row
+        one_pixel = jnp.uint32((1 << rate) - 1)
+        shift = (column * rate).astype(jnp.uint32)
+        return jnp.stack(
+            [
+                jnp.where(used, (words[first + sub * height] >> shift) & one_pixel, jnp.uint32(0))
+                for sub in range(rate)
+            ]
+        )
+
+    seen, counts = count_pixels(visible)
+    owner, rank, used, total = place(counts)
+    slot, column, row = find(seen, owner, rank)
+    bits = pick_bits(visible, slot, row, column, used)
+    return Fragments(slot, column, row, bits, total)
+
+
+def _place_of_bit(word: Array, rank: Array, tiling: Tiling) -> Int[Array, " fragments"]:
+    """Which pixel the `rank`-th set bit of a word of `pixels_seen` stands for."""
+    before = jnp.zeros_like(rank)
+    pixel = jnp.zeros_like(rank)
+    for x in range(tiling.width):
+        bit = ((word >> jnp.uint32(x * tiling.grid.rate)) & jnp.uint32(1)).astype(jnp.int32)
+        pixel = jnp.where((bit == 1) & (before == rank), x, pixel)
+        before = before + bit
+    return pixel
+
+
+def sample_points(
+    fragments: Fragments, sub_row: Array, sub_column: Array, tiling: Tiling
+) -> Points:
+    """One sample of each fragment's pixel."""
+    rate = tiling.grid.rate
+    across, down = fragments.column * rate + sub_column, fragments.row * rate + sub_row
+    return Points(None, across, down)
+
+
+def shading_points(
+    fragments: Fragments, edges: Edges, triangle: Array, tile: Array, tiling: Tiling
+) -> Points:
+    """Where multisampling shades: the centre of the pixel, if the closed triangle holds it, else
+    the centroid of the samples that show. `triangle`, `tile`: of each slot.
+    """
+    rate = tiling.grid.rate
+
+    @one_pass
+    def locate(edges, triangle, tile):
+        return edge_terms(edges, triangle, *tiling.first_sample(tile))
+
+    @one_pass
+    def add_samples(bits, column, row):
+        count, across, down = (jnp.zeros_like(column) for _ in range(3))
+        for sub, word in enumerate(bits):
+            in_row = jax.lax.population_count(word).astype(jnp.int32)
+            count, down = count + in_row, down + sub * in_row
+            for i in range(1, rate):
+                across = across + i * ((word >> jnp.uint32(i)) & jnp.uint32(1)).astype(jnp.int32)
+        return jnp.stack([count, across + count * column * rate, down + count * row * rate])
+
+    @one_pass
+    def choose(terms, column, row, centroid):
+        centre = jnp.stack(
+            [
+                jnp.full_like(column, 2),
+                2 * column * rate + (rate - 1),
+                2 * row * rate + (rate - 1),
+            ]
+        )
+        held = holds(terms, centre)
+        return jnp.where((held | (centroid[0] == 0))[None], centre, centroid)
+
+    terms = pick_lanes(locate(edges, triangle, tile), fragments.slot)
+    centroid = add_samples(fragments.bits, fragments.column, fragments.row)
+    return Points(*choose(terms, fragments.column, fragments.row, centroid))
+
+
+class EdgeTerms(NamedTuple):
+    """An edge function from a tile's first sample on: `value` wrapped, and as the float `near`."""
+
+    value: Array
+    near: Array
+    right: Array
+    down: Array
+    fraction: Array
+
+
+def edge_terms(edges: Edges, triangle: Array, column: Array, row: Array) -> list[EdgeTerms]:
+    """The three edges of each triangle at a sample."""
+    terms = []
+    for edge in edges:
+        right, down, start, estimate, fraction = edge.of(triangle)
+        steps = right.astype(jnp.float32) * column.astype(jnp.float32)
+        steps = steps + down.astype(jnp.float32) * row.astype(jnp.float32)
+        value = start + right * column + down * row
+        terms.append(EdgeTerms(value, estimate + steps, right, down, fraction))
+    return terms
+
+
+def holds(edges: list[EdgeTerms], points: Int[Array, "3 *points"]) -> Bool[Array, "*points"]:
+    """Whether the closed triangle holds the points (`count`, `across`, `down`), exactly."""
+    count, across, down = points
+    inside = jnp.ones(count.shape, bool)
+    for value, near, right, step, fraction in edges:
+        moved = across * right + down * step
+        wrapped = count * value + moved
+        number = count.astype(jnp.float32)
+        # Near zero the integer is exact in a float, and so is the sum's sign.
+        exact = wrapped.astype(jnp.float32) + number * fraction >= 0
+        around = number * near + moved.astype(jnp.float32)
+        inside = inside & jnp.where(jnp.abs(around) < 2.0**29, exact, around > 0)
+    return inside

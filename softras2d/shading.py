@@ -1,0 +1,313 @@
+"""The colour of a triangle at a point: flat or interpolated, times a texture.
+
+Arrays are `[lanes]` last: a lane is a triangle in a tile, or in a pixel of it. Colours are
+premultiplied, `[channels, lanes]`.
+
+With `inverse_w` q the weights of the corners become w_i q_i / sum w_j q_j, which is linear on the
+triangle in space. **Source:** Heckbert and Moreton, *Interpolation for Polygon Texture Mapping and
+Shading* (1991), section 4.
+"""
+
+import functools
+import operator
+from typing import NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from . import safe
+from .barycentric import Weights, slot_weights, twice_area, weight_sums
+from .fixed_point import Edges
+from .guard_band import Planes
+from .options import Filter
+from .staging import one_pass
+from .texture.filtering import Lookup, sample_levels
+from .texture.level_of_detail import Footprint, Levels, choose_levels, probes
+from .texture.pyramid import TexturePyramid
+from .tiles import Tiling
+
+Held = TypeVar("Held")
+
+Corner3 = tuple[Array, Array, Array]
+"""A value of each corner."""
+
+
+class Points(NamedTuple):
+    """Points in tiles, as sums over `count` samples of their columns and rows; None is one sample.
+
+    A sample, the centre of a pixel and a centroid are all exact integers.
+    """
+
+    count: Int[Array, "*points"] | None
+    across: Int[Array, "*points"]
+    down: Int[Array, "*points"]
+
+
+class Corners(NamedTuple):
+    """What the corners of triangles hold, turned to positive orientation; None: not in the scene.
+
+    `[corners, channels, triangles]`, and `[3, triangles]` for `inverse_w`.
+    """
+
+    color: Float[Array, "corners channels *lanes"]
+    inverse_w: Float[Array, "3 *lanes"] | None = None
+    uv: Float[Array, "3 2 *lanes"] | None = None
+
+
+class Surface(NamedTuple):
+    """All that shading needs of the triangles.
+
+    - `area`: twice their area, in units of the edge value.
+    - `texture`: its index, -1 for none; `pyramid`: the textures; `texels`: `[channels, texels]`.
+    - `filter`: how they are sampled.
+    """
+
+    edges: Edges
+    area: Float[Array, " triangles"]
+    planes: Planes | None
+    corners: Corners
+    texture: Int[Array, " triangles"] | None
+    pyramid: TexturePyramid | None
+    texels: Float[Array, "channels texels"] | None
+    filter: Filter
+
+    @property
+    def channels(self) -> int:
+        """Four if any colour or texel can be translucent, else three."""
+        texels = 3 if self.texels is None else self.texels.shape[0]
+        return max(self.corners.color.shape[1], texels)
+
+
+class Reading(NamedTuple):
+    """How a texture is read: levels, and `count` probes along an axis.
+
+    The axis is (u, v), 0..1 across the image; both are None for a single probe.
+    """
+
+    levels: Levels
+    count: Float[Array, "*points"] | None = None
+    axis: Float[Array, "2 *points"] | None = None
+
+
+class Lanes(NamedTuple):
+    """A surface seen from some lanes: every entry is `[..., lanes]`.
+
+    `reading` is None where it differs from point to point, or where there is no texture.
+    """
+
+    weights: Weights
+    corners: Corners
+    texture: Int[Array, " lanes"] | None
+    reading: Reading | None
+
+
+def surface_of(
+    edges: Edges,
+    planes: Planes | None,
+    corners: Corners,
+    texture: Array | None,
+    pyramid: TexturePyramid | None,
+    filter: Filter,
+) -> Surface:
+    """What shading needs of the triangles."""
+    area = one_pass(lambda edges: twice_area(edges, corners.color.dtype))(edges)
+    texels = None if pyramid is None else one_pass(jnp.transpose)(pyramid.texels)
+    return Surface(edges, area, planes, corners, texture, pyramid, texels, filter)
+
+
+def view(
+    surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
+) -> Lanes:
+    """The surface seen from lanes."""
+
+    @one_pass
+    def weigh(surface, triangle, tile):
+        edges, area, planes = surface[:3]
+        return slot_weights(edges, area, triangle, tile, tiling, planes)
+
+    weights = weigh(surface, triangle, tile)
+    corners, texture = pick_lanes((surface.corners, surface.texture), triangle)
+    reading = None
+    if surface.pyramid is not None and corners.inverse_w is None:
+        # An affine map has one footprint for all points of a triangle.
+        read = one_pass(functools.partial(_read, tiling=tiling))
+        reading = read(surface, weights, corners, texture, None)
+    return Lanes(weights, corners, texture, reading)
+
+
+def pick_lanes(held: Held, lane: Int[Array, " lanes"]) -> Held:
+    """Entries `[..., lanes]` of some of the lanes, a lane often."""
+
+    @one_pass
+    def pick(held, lane):
+        def one(entry):
+            # On two axes, or the gather transposes what it found.
+            flat = entry.reshape(-1, entry.shape[-1]).at[:, lane].get(mode="promise_in_bounds")
+            return flat.reshape(*entry.shape[:-1], -1)
+
+        return jax.tree.map(one, held)
+
+    return pick(held, lane)
+
+
+def shade(
+    surface: Surface,
+    lanes: Lanes,
+    points: Points,
+    tiling: Tiling,
+    probe: Int[Array, ""] | int = 0,
+) -> Float[Array, "channels lanes"]:
+    """Premultiplied colour of each lane's triangle at a point; of several probes, the share of one.
+
+    `surface.channels` of them. Sum over `probe` in `0..filter.anisotropy - 1`.
+    """
+
+    @one_pass
+    def interpolate(at, corners):
+        return _mix(at, corners.color), None if corners.uv is None else _mix(at, corners.uv)
+
+    at = one_pass(_weights_at)(lanes.weights, lanes.corners.inverse_w, points)
+    color, uv = interpolate(at, lanes.corners)
+    if surface.pyramid is None or surface.texels is None:
+        return one_pass(_premultiply)(color)
+    assert uv is not None and lanes.texture is not None
+    with jax.named_scope("texture"):
+        reading = lanes.reading
+        if reading is None:
+            read = one_pass(functools.partial(_read, tiling=tiling))
+            reading = read(surface, lanes.weights, lanes.corners, lanes.texture, (at, uv))
+        uv, share = _probe(uv, reading, jnp.asarray(probe))
+        lookup = Lookup(surface.filter.pixel, surface.pyramid.border, surface.pyramid.addressing)
+        texel = sample_levels(surface.texels, reading.levels, uv, lookup)
+        return one_pass(_tint)(color, texel, lanes.texture, share)
+
+
+def shade_probes(
+    surface: Surface, lanes: Lanes, points: Points, tiling: Tiling
+) -> Float[Array, "channels lanes"]:
+    """`shade`, summed over the probes; backwards, each is computed again rather than kept."""
+
+    def visit(total: Array, probe: Array) -> tuple[Array, None]:
+        color = shade(surface, lanes, points, tiling, probe)
+        return one_pass(lambda total, color: total + color)(total, color), None
+
+    shape = (surface.channels, points.across.shape[0])
+    probes = jnp.arange(surface.filter.anisotropy, dtype=jnp.int32)
+    total = jnp.zeros(shape, surface.corners.color.dtype)
+    return jax.lax.scan(jax.checkpoint(visit), total, probes)[0]
+
+
+def _weights_at(weights: Weights, inverse_w: Array | None, points: Points) -> Corner3:
+    """Weights of the corners at points."""
+    count, across, down = points
+    if count is None:
+        first, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
+    else:
+        number = count.astype(weights.per_value.dtype)
+        sums = weight_sums(weights, count, across, down)
+        first, second, third = (total / number for total in sums)
+    if inverse_w is None:
+        return first, second, third
+    first, second, third = first * inverse_w[0], second * inverse_w[1], third * inverse_w[2]
+    total = first + second + third
+    return safe.divide(first, total), safe.divide(second, total), safe.divide(third, total)
+
+
+def _mix(weights: Corner3, corners: Array) -> Float[Array, "channels lanes"]:
+    """Values of corners `[1 or 3, channels, lanes]` at points; a single corner as it is."""
+    if corners.shape[0] == 1:
+        return corners[0]
+    mixed = corners[0]
+    for k in (1, 2):
+        mixed = mixed + weights[k][None] * (corners[k] - corners[0])
+    return mixed
+
+
+def _read(
+    surface: Surface,
+    weights: Weights,
+    corners: Corners,
+    texture: Array | None,
+    seen: tuple[Corner3, Array] | None,
+    tiling: Tiling,
+) -> Reading:
+    """How the texture is read; `seen` is the corners' weights and (u, v) where the map is not
+    affine."""
+    assert surface.pyramid is not None and texture is not None
+    table = surface.pyramid.levels
+    base = table[:, 0].at[texture].get(mode="clip")
+    dtype = weights.per_value.dtype
+    tall, wide = base[..., 1].astype(dtype), base[..., 2].astype(dtype)
+    x, y = (_change(weights, corners, axis, seen, tiling) for axis in (0, 1))
+    found = probes(Footprint(x[0] * wide, x[1] * tall, y[0] * wide, y[1] * tall), surface.filter)
+    texture = jnp.broadcast_to(texture, found.level.shape)
+    levels = choose_levels(found.level, texture, table, surface.filter.level)
+    if found.axis_u is None or found.axis_v is None:
+        return Reading(levels)
+    axis = jnp.stack([found.axis_u / wide, found.axis_v / tall])
+    return Reading(levels, found.count, axis)
+
+
+def _change(
+    weights: Weights,
+    corners: Corners,
+    axis: int,
+    seen: tuple[Corner3, Array] | None,
+    tiling: Tiling,
+) -> Float[Array, "2 lanes"]:
+    """Derivative of (u, v) for a step of one pixel along x (0) or y (1).
+
+    Of a quotient u = U / Q it is (U' - u Q') / Q, and the sums over the corners are taken of
+    w_i' q_i (u_i - u), in which no large numbers cancel.
+    """
+    assert corners.uv is not None
+    steps = weights.right if axis == 0 else weights.down
+    step = steps.astype(weights.per_value.dtype) * weights.per_value[None]
+    if weights.plane is not None and weights.beyond is not None:
+        step = jnp.where(weights.beyond[None], weights.plane[1 + axis], step)
+    second, third = step * tiling.grid.rate
+    first_uv, second_uv, third_uv = corners.uv
+    if seen is None or corners.inverse_w is None:
+        return second[None] * (second_uv - first_uv) + third[None] * (third_uv - first_uv)
+    at, uv = seen
+    # With affine weights a_i, w_i' = a_i q_i / Q: as they sum to one, 1 / Q = sum w_i' / q_i.
+    per_total = functools.reduce(operator.add, map(safe.divide, at, corners.inverse_w))
+    change = (-second - third)[None] * corners.inverse_w[0][None] * (first_uv - uv)
+    change = change + second[None] * corners.inverse_w[1][None] * (second_uv - uv)
+    change = change + third[None] * corners.inverse_w[2][None] * (third_uv - uv)
+    return change * per_total[None]
+
+
+def _probe(uv: Array, reading: Reading, probe: Array) -> tuple[Array, Array | None]:
+    """Where a probe reads, and its share of the mean; None is all of it."""
+    count, axis = reading.count, reading.axis
+    if count is None or axis is None:
+        return uv, None
+
+    @one_pass
+    def move(uv, count, axis, probe):
+        number = probe.astype(uv.dtype).reshape((1,) * count.ndim)
+        taken = number < count
+        part = jnp.where(taken, (number + 0.5) / count - 0.5, 0.0)
+        return uv + part[None] * axis, jnp.where(taken, 1.0 / count, 0.0)
+
+    return move(uv, count, axis, probe)
+
+
+def _tint(color: Array, texel: Array, texture: Array, share: Array | None) -> Array:
+    """Premultiplied texel times straight colour; without a texture, the colour alone."""
+    texel = jnp.where((texture < 0)[None], 1.0, texel)
+    if color.shape[0] == 4 and texel.shape[0] == 3:
+        texel = jnp.concatenate([texel, jnp.ones_like(texel[:1])])
+    if share is not None:
+        texel = texel * share[None]
+    if color.shape[0] == 3:
+        return jnp.concatenate([texel[:3] * color, texel[3:]])
+    return jnp.concatenate([texel[:3] * color[:3], texel[3:]]) * color[3:]
+
+
+def _premultiply(color: Float[Array, "channels lanes"]) -> Array:
+    if color.shape[0] == 3:
+        return color
+    return jnp.concatenate([color[:3] * color[3:], color[3:]])

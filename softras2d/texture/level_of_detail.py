@@ -1,0 +1,125 @@
+"""Which mip level a sample reads, from the footprint of a pixel on the texture.
+
+The footprint is the Jacobian of the map from the screen to the texture, in texels of the base level
+for a step of one pixel, however many samples a pixel has.
+
+**Source:** Williams, *Pyramidal Parametrics* (SIGGRAPH 1983), for the pyramid; Heckbert, *Survey of
+Texture Mapping* (IEEE CG&A 6(11), 1986), for the choice of a level by the longer side; McCormack et
+al., *Feline: Fast Elliptical Lines for Anisotropic Texture Mapping* (SIGGRAPH 1999), section 3, for
+probes along the major axis of the footprint's ellipse.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from .. import safe
+from ..options import Filter
+
+_POINT = 2.0**-60
+"""Texels squared: a footprint below this is a point, with level 0 and slope 0."""
+
+_ROUNDING = 2.0**-10
+"""Ratios of the axes this little over a whole number get no further probe."""
+
+
+class Footprint(NamedTuple):
+    """Base texels along u and v for one pixel step along x and along y."""
+
+    u_x: Float[Array, "*points"]
+    v_x: Float[Array, "*points"]
+    u_y: Float[Array, "*points"]
+    v_y: Float[Array, "*points"]
+
+
+class Probes(NamedTuple):
+    """How a footprint is read.
+
+    - `level`: of detail, bias included; not clipped.
+    - `count`: probes spread evenly over the major axis; None is one probe.
+    - `axis_u`, `axis_v`: the major axis in base texels; None is one probe.
+    """
+
+    level: Float[Array, "*points"]
+    count: Float[Array, "*points"] | None = None
+    axis_u: Float[Array, "*points"] | None = None
+    axis_v: Float[Array, "*points"] | None = None
+
+
+def probes(footprint: Footprint, filter: Filter) -> Probes:
+    """Level and probes of a footprint, as `filter` asks."""
+    u_x, v_x, u_y, v_y = footprint
+    across, down = u_x * u_x + v_x * v_x, u_y * u_y + v_y * v_y
+    bias = jnp.asarray(filter.lod_bias).astype(u_x.dtype)
+    bias = bias.reshape((1,) * u_x.ndim)
+    if filter.anisotropy == 1:
+        return Probes(_half_log2(jnp.maximum(across, down)) + bias)
+    # The ellipse J J^T has the squared semi-axes mean +- radius.
+    mean = 0.5 * (across + down)
+    uu, uv, vv = u_x * u_x + u_y * u_y, u_x * v_x + u_y * v_y, v_x * v_x + v_y * v_y
+    half = 0.5 * (uu - vv)
+    radius = safe.sqrt(half * half + uv * uv)
+    longer = mean + radius
+    area = u_x * v_y - u_y * v_x
+    # Longer over shorter is longer^2 over the area; a needle has all the probes that there are. A
+    # rounding must not give a circle two.
+    most = float(filter.anisotropy)
+    ratio = longer / jnp.maximum(jnp.abs(area), longer * (0.5 / most) + _POINT)
+    count = jnp.clip(jnp.ceil(ratio - _ROUNDING), 1.0, most)
+    level = _half_log2(longer) - jnp.log2(count) + bias
+    # Of the two forms of the eigenvector, the one in which nothing cancels.
+    flat = half >= 0
+    axis_u, axis_v = jnp.where(flat, radius + half, uv), jnp.where(flat, uv, radius - half)
+    norm = safe.sqrt(axis_u * axis_u + axis_v * axis_v)
+    length = safe.divide(safe.sqrt(longer), norm)
+    return Probes(level, count, axis_u * length, axis_v * length)
+
+
+def _half_log2(square: Float[Array, "*points"]) -> Float[Array, "*points"]:
+    """log2 of the root; for a point a large negative constant, with slope zero."""
+    extended = square > _POINT
+    return jnp.where(extended, 0.5 * jnp.log2(jnp.where(extended, square, 1.0)), -30.0)
+
+
+class Level(NamedTuple):
+    """A level's texels, row after row from `offset`."""
+
+    offset: Int[Array, "*points"]
+    height: Int[Array, "*points"]
+    width: Int[Array, "*points"]
+
+
+class Levels(NamedTuple):
+    """The level that is read; or two, of which `coarse` has the weight `fraction`."""
+
+    fine: Level
+    coarse: Level | None = None
+    fraction: Float[Array, "*points"] | None = None
+
+
+def choose_levels(
+    detail: Float[Array, "*points"],
+    texture: Int[Array, "*points"],
+    table: Int[Array, "textures levels 3"],
+    rule: str,
+) -> Levels:
+    """The levels for a level of detail, by `Filter.level`; clipped to those that there are.
+
+    Where it is clipped its slope is zero; `"nearest"` rounds halves up.
+    """
+    last = table.shape[1] - 1
+
+    def level(index: Array) -> Level:
+        row = table.at[texture, index].get(mode="clip")
+        return Level(row[..., 0], row[..., 1], row[..., 2])
+
+    if rule == "zero" or last == 0:
+        return Levels(level(jnp.zeros_like(texture)))
+    inside = (detail > 0) & (detail < last)
+    detail = jnp.where(inside, detail, jnp.where(detail > 0, float(last), 0.0))
+    if rule == "nearest":
+        return Levels(level(jnp.floor(detail + 0.5).astype(jnp.int32)))
+    lower = jnp.minimum(jnp.floor(detail), last - 1.0)
+    index = lower.astype(jnp.int32)
+    return Levels(level(index), level(index + 1), detail - lower)
