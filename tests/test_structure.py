@@ -1,10 +1,11 @@
 """A scene pays for what it shows: an opaque flat one neither blends nor interpolates.
 
-Read from the traced program, in which what derives from the colours and from the positions is
-followed from the inputs on. Blending multiplies two numbers that derive from colours (colour and
-transmittance). Interpolation multiplies one of them by one that derives from positions (weights). A
-flat scene multiplies colours by counts of samples: decisions and counts derive from nothing here,
-and to choose a colour is no arithmetic with it.
+What the compiled program holds is read from the scopes of its instructions: texture, depth test,
+transmittance. What arithmetic is in it is read from the traced program, in which what derives from
+the colours and from the positions is followed from the inputs on. Blending multiplies two numbers
+that derive from colours (colour and transmittance). Interpolation multiplies one of them by one
+that derives from positions (weights). A flat scene multiplies colours by counts of samples:
+decisions and counts derive from nothing here, and to choose a colour is no arithmetic with it.
 """
 
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ import pytest
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 
 import softras2d as sr
+from softras2d.render import compile_render
 
 from .cases import colors_of
 
@@ -172,3 +174,35 @@ def test_nothing_takes_64_bits(channels, corners):
             dtype = getattr(var.aval, "dtype", np.bool_)
             if np.issubdtype(dtype, np.number):
                 assert np.dtype(dtype).itemsize <= 4
+
+
+SCOPES = ("texture", "depth_test", "transmittance")
+"""Scopes in which instructions of an effect are traced, and which the compiler keeps."""
+
+
+def _scopes(scene: sr.Scene) -> set[str]:
+    """Those of `SCOPES` that name an instruction of the compiled program."""
+    plan = sr.plan(scene, height=24, width=24, coverage=sr.Hard(samples=4))
+    text = compile_render(scene, plan).compiled.as_text()
+    return {scope for scope in SCOPES if f"/{scope}/" in text}
+
+
+@pytest.mark.parametrize(
+    "present",
+    [(), ("texture",), ("depth_test",), ("transmittance",), SCOPES],
+    ids=lambda present: "+".join(present) or "none",
+)
+def test_a_program_holds_the_effects_of_its_scene(present):
+    """No texel is fetched, no depth kept and no transmittance carried for a scene without them."""
+    rng = np.random.default_rng(1)
+    points = rng.uniform(0, 24, (8, 3, 2)).astype(np.float32)
+    effects = {}
+    if "texture" in present:
+        image = rng.random((5, 4, 3)).astype(np.float32)
+        effects["textures"] = sr.TexturePyramid.build([image])
+        effects["texture_index"] = np.zeros(8, np.int32)
+        effects["uv"] = rng.random((8, 3, 2)).astype(np.float32)
+    if "depth_test" in present:
+        effects["depth"] = rng.random((8, 3)).astype(np.float32)
+    channels = 4 if "transmittance" in present else 3
+    assert _scopes(sr.Scene.from_soup(points, colors_of(8, channels), **effects)) == set(present)

@@ -85,7 +85,8 @@ def composite(
         jnp.zeros((4, width, lines), dtype),
     )
     numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
-    (image, _, _), _ = jax.lax.scan(visit, initial, (numbers, steps.block, steps.place))
+    with jax.named_scope("transmittance"):
+        (image, _, _), _ = jax.lax.scan(visit, initial, (numbers, steps.block, steps.place))
     by_tile = image.reshape(blocks, 4, width, block, height).transpose(0, 3, 1, 2, 4)
     return by_tile.reshape(-1, 4, width, height)[steps.slot]
 
@@ -130,14 +131,15 @@ def _blend(
     words = pick(layers.sub_rows, pair, live)
     triangle = layers.triangle.at[pair].get(mode="clip")
     surface = layers.surface
-    corners = surface.corners
-    own = one_pass(lambda own: _by_line(own, tiling.height))(corners.color[..., triangle])
     if layers.shading is not None:
         color = _shade_block(layers, words, triangle, tile, tiling)
         alpha = color[3]
         seen = [sum_seen(through, fresh, words, (channel,)) for channel in color]
         sums = one_pass(lambda sums, seen: sums + jnp.stack(seen))(sums, seen)
-    elif own.shape[1] == 1:
+        return pass_on(through, fresh, words, alpha), sums
+    by_line = one_pass(functools.partial(_by_line, height=tiling.height))
+    own = by_line(surface.corners.color[..., triangle])
+    if own.shape[1] == 1:
         alpha = own[3][None, None]
         sums = one_pass(_add_flat)(sums, sum_seen(through, fresh, words, ()), own)
     else:

@@ -1,0 +1,1 @@
+"""What does each effect of a scene cost?"""
