@@ -72,16 +72,11 @@ def cut_fragments(
 
     @one_pass
     def pick_bits(visible, slot, row, column, used):
-        words = visible.reshape(-1)
-        first = slot * tiling.sample_rows + row
-        one_pixel = jnp.uint32((1 << rate) - 1)
-        shift = (column * rate).astype(jnp.uint32)
-        return jnp.stack(
-            [
-                jnp.where(used, (words[first + sub * height] >> shift) & one_pixel, jnp.uint32(0))
-                for sub in range(rate)
-            ]
-        )
+        sub_row = jnp.arange(rate, dtype=jnp.int32)[:, None]
+        place = (slot * tiling.sample_rows + row)[None] + sub_row * height
+        words = visible.reshape(-1).at[place].get(mode="promise_in_bounds")
+        bits = (words >> (column * rate).astype(jnp.uint32)[None]) & jnp.uint32((1 << rate) - 1)
+        return jnp.where(used[None], bits, jnp.uint32(0))
 
     seen, counts = count_pixels(visible)
     owner, rank, used, total = place(counts)
@@ -123,30 +118,35 @@ def shading_points(
         return edge_terms(edges, triangle, *tiling.first_sample(tile))
 
     @one_pass
-    def add_samples(bits, column, row):
-        count, across, down = (jnp.zeros_like(column) for _ in range(3))
+    def add_samples(bits):
+        count, across, down = (jnp.zeros(bits.shape[1], jnp.int32) for _ in range(3))
         for sub, word in enumerate(bits):
             in_row = jax.lax.population_count(word).astype(jnp.int32)
             count, down = count + in_row, down + sub * in_row
             for i in range(1, rate):
                 across = across + i * ((word >> jnp.uint32(i)) & jnp.uint32(1)).astype(jnp.int32)
-        return jnp.stack([count, across + count * column * rate, down + count * row * rate])
+        return count, across, down
 
     @one_pass
-    def choose(terms, column, row, centroid):
-        centre = jnp.stack(
-            [
-                jnp.full_like(column, 2),
-                2 * column * rate + (rate - 1),
-                2 * row * rate + (rate - 1),
-            ]
-        )
-        held = holds(terms, centre)
-        return jnp.where((held | (centroid[0] == 0))[None], centre, centroid)
+    def is_central(terms, column, row, count):
+        return holds(terms, _centre(column, row, rate)) | (count == 0)
 
+    @one_pass
+    def choose(central, column, row, count, across, down):
+        centroid = Points(count, across + count * column * rate, down + count * row * rate)
+        pairs = zip(_centre(column, row, rate), centroid, strict=True)
+        return Points(*(jnp.where(central, middle, mean) for middle, mean in pairs))
+
+    column, row = fragments.column, fragments.row
     terms = pick_lanes(locate(edges, triangle, tile), fragments.slot)
-    centroid = add_samples(fragments.bits, fragments.column, fragments.row)
-    return Points(*choose(terms, fragments.column, fragments.row, centroid))
+    count, across, down = add_samples(fragments.bits)
+    return choose(is_central(terms, column, row, count), column, row, count, across, down)
+
+
+def _centre(column: Array, row: Array, rate: int) -> Points:
+    """The centre of a pixel of the tile, half way between samples at even rates."""
+    twice = 2 * rate
+    return Points(jnp.full_like(column, 2), column * twice + (rate - 1), row * twice + (rate - 1))
 
 
 class EdgeTerms(NamedTuple):
@@ -171,9 +171,10 @@ def edge_terms(edges: Edges, triangle: Array, column: Array, row: Array) -> list
     return terms
 
 
-def holds(edges: list[EdgeTerms], points: Int[Array, "3 *points"]) -> Bool[Array, "*points"]:
-    """Whether the closed triangle holds the points (`count`, `across`, `down`), exactly."""
+def holds(edges: list[EdgeTerms], points: Points) -> Bool[Array, "*points"]:
+    """Whether the closed triangle holds each point; exact, between samples too."""
     count, across, down = points
+    assert count is not None
     inside = jnp.ones(count.shape, bool)
     for value, near, right, step, fraction in edges:
         moved = across * right + down * step

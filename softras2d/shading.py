@@ -142,9 +142,11 @@ def pick_lanes(held: Held, lane: Int[Array, " lanes"]) -> Held:
     @one_pass
     def pick(held, lane):
         def one(entry):
-            # On two axes, or the gather transposes what it found.
-            flat = entry.reshape(-1, entry.shape[-1]).at[:, lane].get(mode="promise_in_bounds")
-            return flat.reshape(*entry.shape[:-1], -1)
+            # From one axis: a gather along one of two stores what it found transposed.
+            rows, lanes = entry.size // entry.shape[-1], entry.shape[-1]
+            place = jnp.arange(rows, dtype=jnp.int32)[:, None] * lanes + lane[None]
+            found = entry.reshape(-1).at[place].get(mode="promise_in_bounds")
+            return found.reshape(*entry.shape[:-1], -1)
 
         return jax.tree.map(one, held)
 
