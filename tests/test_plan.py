@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
+from softras2d.effects import EFFECTS
 
 from .cases import assert_same_counts, colors_of
 from .oracle import Canvas, draw
@@ -250,3 +251,31 @@ def test_scenes_of_another_structure_are_refused():
         assert "\n" not in str(error)
     else:
         np.testing.assert_allclose(image, expected, rtol=0, atol=2e-6)
+
+
+def test_effects_are_listed_with_their_reasons():
+    image = np.zeros((4, 4, 4), np.float32)
+    scene = sr.Scene.from_soup(
+        np.array([[(0, 0), (9, 0), (0, 9)]], np.float32),
+        np.ones((1, 3, 3), np.float32),
+        uv=np.zeros((1, 3, 2)),
+        texture_index=[0],
+        textures=sr.TexturePyramid.build([image]),
+        depth=np.zeros((1, 3)),
+        inverse_w=np.ones((1, 3)),
+        background=[1, 1, 1, 0],
+    )
+    plan = sr.plan(
+        scene,
+        height=9,
+        width=9,
+        coverage=sr.Hard(shading="pixel"),
+        filter=sr.Filter(anisotropy=2),
+    )
+    assert set(plan.effects) == set(EFFECTS) - {"guard band"}
+    for name in plan.effects:
+        assert f"{name}: {EFFECTS[name]}" in str(plan)
+    bare = sr.plan(
+        sr.Scene.from_soup(scene.positions.reshape(1, 3, 2), np.ones((1, 3))), height=9, width=9
+    )
+    assert bare.effects == ()
