@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, UInt32
 
-from .fixed_point import Edges
+from .barycentric import Weights
+from .fixed_point import Edge, Edges
 from .shading import Points, pick_lanes
 from .staging import one_pass
 from .tiles import Tiling, expand, saturated_sum
@@ -106,16 +107,23 @@ def sample_points(
 
 
 def shading_points(
-    fragments: Fragments, edges: Edges, triangle: Array, tile: Array, tiling: Tiling
+    fragments: Fragments,
+    edges: Edges,
+    weights: Weights,
+    triangle: Array,
+    tile: Array,
+    tiling: Tiling,
 ) -> Points:
     """Where multisampling shades: the centre of the pixel, if the closed triangle holds it, else
-    the centroid of the samples that show. `triangle`, `tile`: of each slot.
+    the centroid of the samples that show.
+
+    `weights`: of each fragment; `triangle`, `tile`: of each slot.
     """
     rate = tiling.grid.rate
 
     @one_pass
-    def locate(edges, triangle, tile):
-        return edge_terms(edges, triangle, *tiling.first_sample(tile))
+    def locate(edge, triangle, tile):
+        return edge_terms(edge, triangle, *tiling.first_sample(tile))
 
     @one_pass
     def add_samples(bits):
@@ -128,19 +136,25 @@ def shading_points(
         return count, across, down
 
     @one_pass
-    def is_central(terms, column, row, count):
-        return holds(terms, _centre(column, row, rate)) | (count == 0)
+    def is_central(weights, middle, column, row, count):
+        terms = [EdgeTerms(*(entry[k] for entry in weights[:5])) for k in (0, 1)]
+        return holds([*terms, middle], _centre(column, row, rate)) | (count == 0)
 
     @one_pass
     def choose(central, column, row, count, across, down):
-        centroid = Points(count, across + count * column * rate, down + count * row * rate)
-        pairs = zip(_centre(column, row, rate), centroid, strict=True)
-        return Points(*(jnp.where(central, middle, mean) for middle, mean in pairs))
+        middle = _centre(column, row, rate)
+        return Points(
+            jnp.where(central, 2, count),
+            jnp.where(central, middle.across, across + count * column * rate),
+            jnp.where(central, middle.down, down + count * row * rate),
+        )
 
     column, row = fragments.column, fragments.row
-    terms = pick_lanes(locate(edges, triangle, tile), fragments.slot)
+    # Weights hold the terms of the other two edges.
+    middle = pick_lanes(locate(edges[1], triangle, tile), fragments.slot)
     count, across, down = add_samples(fragments.bits)
-    return choose(is_central(terms, column, row, count), column, row, count, across, down)
+    central = is_central(weights, middle, column, row, count)
+    return choose(central, column, row, count, across, down)
 
 
 def _centre(column: Array, row: Array, rate: int) -> Points:
@@ -159,16 +173,12 @@ class EdgeTerms(NamedTuple):
     fraction: Array
 
 
-def edge_terms(edges: Edges, triangle: Array, column: Array, row: Array) -> list[EdgeTerms]:
-    """The three edges of each triangle at a sample."""
-    terms = []
-    for edge in edges:
-        right, down, start, estimate, fraction = edge.of(triangle)
-        steps = right.astype(jnp.float32) * column.astype(jnp.float32)
-        steps = steps + down.astype(jnp.float32) * row.astype(jnp.float32)
-        value = start + right * column + down * row
-        terms.append(EdgeTerms(value, estimate + steps, right, down, fraction))
-    return terms
+def edge_terms(edge: Edge, triangle: Array, column: Array, row: Array) -> EdgeTerms:
+    """An edge of each triangle at a sample."""
+    right, down, start, estimate, fraction = edge.of(triangle)
+    steps = right.astype(jnp.float32) * column.astype(jnp.float32)
+    steps = steps + down.astype(jnp.float32) * row.astype(jnp.float32)
+    return EdgeTerms(start + right * column + down * row, estimate + steps, right, down, fraction)
 
 
 def holds(edges: list[EdgeTerms], points: Points) -> Bool[Array, "*points"]:
@@ -181,7 +191,7 @@ def holds(edges: list[EdgeTerms], points: Points) -> Bool[Array, "*points"]:
         wrapped = count * value + moved
         number = count.astype(jnp.float32)
         # Near zero the integer is exact in a float, and so is the sum's sign.
-        exact = wrapped.astype(jnp.float32) + number * fraction >= 0
+        exact = wrapped.astype(jnp.float32) + number * fraction.astype(jnp.float32) >= 0
         around = number * near + moved.astype(jnp.float32)
         inside = inside & jnp.where(jnp.abs(around) < 2.0**29, exact, around > 0)
     return inside

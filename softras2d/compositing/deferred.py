@@ -31,7 +31,7 @@ def sum_shaded(
     # Slots are fewer than fragments: what a slot's pixels share is computed once.
     lanes = pick_lanes(view(surface, triangle, tile, tiling), fragments.slot)
     if shading == "pixel":
-        points = shading_points(fragments, surface.edges, triangle, tile, tiling)
+        points = shading_points(fragments, surface.edges, lanes.weights, triangle, tile, tiling)
         total = _shade_pixels(surface, lanes, points, fragments, tiling)
     else:
         total = _shade_samples(surface, lanes, fragments, tiling)

@@ -159,16 +159,17 @@ def _shade_block(
     tile: Int[Array, " block"],
     tiling: Tiling,
 ) -> Float[Array, "4 sub_rows sub_columns width lines"]:
-    """Premultiplied colours of a layer of a block; sub-rows and sub-columns of one, by pixel."""
+    """Premultiplied colours of a layer of a block at every sample."""
     surface, side, width = layers.surface, tiling.grid.rate, tiling.width
     lines = words.shape[1]
     lanes = view(surface, triangle, tile, tiling)
     if layers.shading == "pixel":
         fragments = _block_fragments(words, tiling)
         lanes = pick_lanes(lanes, fragments.slot)
-        points = shading_points(fragments, surface.edges, triangle, tile, tiling)
+        points = shading_points(fragments, surface.edges, lanes.weights, triangle, tile, tiling)
         color = shade_probes(surface, lanes, points, tiling)
-        return color.reshape(4, 1, 1, width, lines)
+        color = color.reshape(4, 1, 1, width, lines)
+        return jnp.broadcast_to(color, (4, side, side, width, lines))
     lanes = one_pass(functools.partial(_lanes_by_line, height=tiling.height))(lanes)
     points = [x.reshape(-1, lines) for x in _sample_places(triangle.shape[0], tiling)]
 

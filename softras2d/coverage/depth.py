@@ -16,14 +16,15 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, UInt32
+from jaxtyping import Array, Bool, Float, UInt32
 
-from ..barycentric import slot_weights, twice_area, weight_sums
+from ..barycentric import Weights, slot_weights, twice_area, weight_sums
 from ..fixed_point import Edges
 from ..guard_band import Planes
 from ..lists import Steps
 from ..staging import one_pass
 from ..tiles import TileLists, Tiling
+from .hard import row_order
 
 
 class Depths(NamedTuple):
@@ -42,51 +43,20 @@ def keep_nearest(
     tiling: Tiling,
 ) -> UInt32[Array, "pairs rows"]:
     """`rows` without the samples that fail the depth test; in the order of `lists`."""
-    rate, height = tiling.grid.rate, tiling.height
-    block = steps.tile.shape[1]
-    lines = block * tiling.sample_rows
     dtype = depths.depth.dtype
     area = one_pass(lambda edges: twice_area(edges, dtype))(depths.edges)
+    measure = one_pass(functools.partial(_measure, tiling=tiling))
+
+    @one_pass
+    def corners(depths, area, triangle, tile):
+        weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
+        return weights, depths.depth[:, triangle]
 
     @one_pass
     def pick(rows, pair, live):
         return jnp.where(live[:, None], rows.at[pair].get(mode="clip"), jnp.uint32(0)).reshape(-1)
 
-    @one_pass
-    def weigh(depths, area, triangle, tile):
-        weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
-        repeat = functools.partial(jnp.repeat, repeats=tiling.sample_rows)
-        corner = jax.vmap(repeat)(depths.depth[:, triangle])
-        return weights.at(lambda entry: repeat(entry)[None]), corner[:, None]
-
-    @one_pass
-    def measure(weights, corner):
-        place = jax.lax.broadcasted_iota(jnp.int32, (1, lines), 1) % tiling.sample_rows
-        down = (place % height) * rate + place // height
-        across = jax.lax.broadcasted_iota(jnp.int32, (tiling.sample_columns, 1), 0)
-        shape = (tiling.sample_columns, lines)
-        across, down = jnp.broadcast_to(across, shape), jnp.broadcast_to(down, shape)
-        _, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
-        return corner[0] + second * (corner[1] - corner[0]) + third * (corner[2] - corner[0])
-
-    @one_pass
-    def test(depth, least, fresh, words):
-        column = jax.lax.broadcasted_iota(jnp.uint32, depth.shape, 0)
-        drawn = ((words[None] >> column) & jnp.uint32(1)) == 1
-        return drawn & (depth <= jnp.where(fresh, jnp.inf, least))
-
-    @one_pass
-    def pack(passed):
-        word = jnp.zeros(passed.shape[1], jnp.uint32)
-        for i in range(passed.shape[0]):
-            word = word | (passed[i].astype(jnp.uint32) << jnp.uint32(i))
-        return word
-
-    @one_pass
-    def write(least, fresh, depth, passed):
-        return jnp.where(passed, depth, jnp.where(fresh, jnp.inf, least))
-
-    def visit(least, step):
+    def visit(least: Array, step: tuple[Array, Array, Array]) -> tuple[Array, tuple[Array, Array]]:
         number, which, place = step
         fresh, count = place == 0, steps.count[which]
         # Lists run from the nearest in draw order back: the last place was drawn first.
@@ -94,16 +64,48 @@ def keep_nearest(
         live = (place < count) & (number < steps.needed)
         triangle = lists.triangle.at[pair].get(mode="clip")
         words = pick(rows, pair, live)
-        depth = measure(*weigh(depths, area, triangle, steps.tile[which]))
-        passed = test(depth, least, fresh, words)
-        return write(least, fresh, depth, passed), (
-            pack(passed),
-            jnp.where(live, pair, rows.shape[0]),
-        )
+        depth = measure(*corners(depths, area, triangle, steps.tile[which]))
+        passed = one_pass(_test)(depth, least, fresh, words)
+        kept = one_pass(_pack)(passed), jnp.where(live, pair, rows.shape[0])
+        return one_pass(_write)(least, fresh, depth, passed), kept
 
     with jax.named_scope("depth_test"):
         numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
+        lines = steps.tile.shape[1] * tiling.sample_rows
         least = jnp.zeros((tiling.sample_columns, lines), dtype)
         _, (words, pair) = jax.lax.scan(visit, least, (numbers, steps.block, steps.place))
         words = words.reshape(-1, tiling.sample_rows)
         return jnp.zeros_like(rows).at[pair.reshape(-1)].set(words, mode="drop")
+
+
+def _measure(
+    weights: Weights, corner: Float[Array, "3 block"], tiling: Tiling
+) -> Float[Array, "sample_columns lines"]:
+    """Depth at every sample of a block of tiles; a line is a row of samples, in `row_order`."""
+    repeat = functools.partial(jnp.repeat, repeats=tiling.sample_rows)
+    weights = weights.at(lambda entry: repeat(entry)[None])
+    corner = jax.vmap(repeat)(corner)[:, None]
+    shape = (tiling.sample_columns, corner.shape[-1])
+    down = jnp.tile(row_order(tiling), shape[1] // tiling.sample_rows)
+    across = jax.lax.broadcasted_iota(jnp.int32, shape, 0)
+    down = jnp.broadcast_to(down[None], shape)
+    _, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
+    return corner[0] + second * (corner[1] - corner[0]) + third * (corner[2] - corner[0])
+
+
+def _test(depth: Array, least: Array, fresh: Array, words: Array) -> Bool[Array, "columns lines"]:
+    """Which of the covered samples are no deeper than the least so far; `fresh` forgets that."""
+    column = jax.lax.broadcasted_iota(jnp.uint32, depth.shape, 0)
+    covered = ((words[None] >> column) & jnp.uint32(1)) == 1
+    return covered & (depth <= jnp.where(fresh, jnp.inf, least))
+
+
+def _pack(passed: Bool[Array, "columns lines"]) -> UInt32[Array, " lines"]:
+    word = jnp.zeros(passed.shape[1], jnp.uint32)
+    for i, bit in enumerate(passed):
+        word = word | (bit.astype(jnp.uint32) << jnp.uint32(i))
+    return word
+
+
+def _write(least: Array, fresh: Array, depth: Array, passed: Array) -> Array:
+    return jnp.where(passed, depth, jnp.where(fresh, jnp.inf, least))
