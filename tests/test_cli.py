@@ -261,6 +261,12 @@ class TestOnRealScenes:
         assert str(plan) in result.stdout
         assert "flat, opaque" in result.stdout and "300 x 300" in result.stdout
 
+    def test_info_prices_each_effect(self):
+        result = run("info", scenes.path("glass"), "--cost", "--samples", 1, "--size", 32)
+        assert result.exit_code == 0, result.stderr
+        assert "this scene" in result.stdout
+        assert "without translucency" in result.stdout and "MiB" in result.stdout
+
     def test_demo_draws_every_scene_as_alone(self, tmp_path, monkeypatch):
         monkeypatch.setattr(scenes, "names", lambda: ("joints", "squares"))
         monkeypatch.setattr(demo, "_RATES", (4,))
