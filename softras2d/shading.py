@@ -213,6 +213,10 @@ def _weights_at(weights: Weights, inverse_w: Array | None, points: Points) -> Co
         return first, second, third
     first, second, third = first * inverse_w[0], second * inverse_w[1], third * inverse_w[2]
     total = first + second + third
+    # Inside it is no less than the least of q. Far outside, where no sample shows but all are
+    # evaluated, it comes to zero and would send infinities back.
+    floor = 0.5 * jnp.min(jax.lax.stop_gradient(inverse_w), 0)
+    total = jnp.where(total < floor, floor, total)
     return safe.divide(first, total), safe.divide(second, total), safe.divide(third, total)
 
 

@@ -212,13 +212,13 @@ def _assert_the_same_image(seed: int) -> None:
     np.testing.assert_allclose(draw_scene(small, after), draw_scene(scene, before), atol=4e-6)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_random_effects_keep_their_image(seed):
     _assert_the_same_image(seed)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4, 24))
+@pytest.mark.parametrize("seed", range(2, 20))
 def test_many_random_effects_keep_their_image(seed):
     _assert_the_same_image(seed)
 

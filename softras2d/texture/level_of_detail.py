@@ -20,6 +20,9 @@ from ..options import Filter
 _POINT = 2.0**-60
 """Texels squared: a footprint below this is a point, with level 0 and slope 0."""
 
+_LARGE = 2.0**24
+"""Texels a pixel, beyond which a footprint is held, with slope 0."""
+
 _ROUNDING = 2.0**-10
 """Ratios of the axes this little over a whole number get no further probe."""
 
@@ -49,7 +52,8 @@ class Probes(NamedTuple):
 
 def probes(footprint: Footprint, filter: Filter) -> Probes:
     """Level and probes of a footprint, as `filter` asks."""
-    u_x, v_x, u_y, v_y = footprint
+    # Fourth powers stay finite; no texture is as large.
+    u_x, v_x, u_y, v_y = (jnp.clip(entry, -_LARGE, _LARGE) for entry in footprint)
     across, down = u_x * u_x + v_x * v_x, u_y * u_y + v_y * v_y
     bias = jnp.asarray(filter.lod_bias).astype(u_x.dtype)
     bias = bias.reshape((1,) * u_x.ndim)

@@ -1,0 +1,88 @@
+"""Derivatives of a render with respect to all that a scene and its filter hold in floats.
+
+One forward and one backward program for each structure, whichever arrays a test asks about.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import softras2d as sr
+
+MOVING = ("colors", "background", "uv", "inverse_w", "textures")
+"""The entries that a picture follows; it jumps with `positions` and `depth`."""
+
+
+def _split(scene: sr.Scene, plan: sr.Plan) -> tuple[Any, Any]:
+    return eqx.partition((scene, plan.filter.lod_bias), eqx.is_inexact_array)
+
+
+def _image(floats: Any, rest: Any, plan: sr.Plan) -> Any:
+    scene, bias = eqx.combine(floats, rest)
+    biased = eqx.tree_at(lambda p: p.filter.lod_bias, plan, bias)
+    return sr.render_checked(scene, biased)[0]
+
+
+@eqx.filter_jit
+def forward(scene: sr.Scene, plan: sr.Plan, direction: Any) -> tuple[Any, Any]:
+    """The image and its tangent along `direction`, as `direction_of` makes it."""
+    floats, rest = _split(scene, plan)
+    return jax.jvp(lambda floats: _image(floats, rest, plan), (floats,), (direction,))
+
+
+@eqx.filter_jit
+def backward(scene: sr.Scene, plan: sr.Plan, weight: Any) -> tuple[Any, Any]:
+    """Cotangents of `(scene, lod_bias)` for the image's `weight`."""
+    floats, rest = _split(scene, plan)
+    return jax.vjp(lambda floats: _image(floats, rest, plan), floats)[1](weight)[0]
+
+
+def direction_of(
+    scene: sr.Scene, plan: sr.Plan, seed: int = 0, names: tuple[str, ...] = MOVING, bias: float = 0
+) -> Any:
+    """A seeded direction in the entries of `names`, zero in the others."""
+    rng = np.random.default_rng(seed)
+    floats, _ = _split(scene, plan)
+    zero = jax.tree.map(jnp.zeros_like, floats)
+    moved, _ = zero
+    for name in names:
+        part = getattr(moved, name)
+        if part is not None:
+            drawn = jax.tree.map(
+                lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype), part
+            )
+            moved = eqx.tree_at(lambda s, name=name: getattr(s, name), moved, drawn)
+    return moved, jnp.full_like(zero[1], bias)
+
+
+def weight_of(image: Any, seed: int = 0) -> Any:
+    """A seeded weight for each value of the image."""
+    return jnp.asarray(np.random.default_rng(seed).normal(size=image.shape), image.dtype)
+
+
+def stepped(scene: sr.Scene, plan: sr.Plan, direction: Any, step: float) -> Any:
+    """The image a step along the direction; the bias, which is single precision, stays."""
+    floats, rest = _split(scene, plan)
+    moved = jax.tree.map(lambda leaf, d: leaf + step * d, floats[0], direction[0])
+    there, _ = eqx.combine((moved, floats[1]), rest)
+    return np.asarray(sr.render_checked(there, plan)[0])
+
+
+def difference(scene: sr.Scene, plan: sr.Plan, direction: Any, step: float = 1e-6) -> np.ndarray:
+    """Central difference of the image along the direction."""
+    ends = [stepped(scene, plan, direction, sign * step) for sign in (1, -1)]
+    return (ends[0] - ends[1]) / (2 * step)
+
+
+def is_finite(tree: Any) -> bool:
+    """Whether every number is."""
+    return all(bool(np.isfinite(leaf).all()) for leaf in jax.tree.leaves(tree))
+
+
+def inner(first: Any, second: Any) -> float:
+    """The inner product of two trees, in float64."""
+    pairs = zip(jax.tree.leaves(first), jax.tree.leaves(second), strict=True)
+    return sum(float(np.vdot(np.asarray(a, float), np.asarray(b, float))) for a, b in pairs)

@@ -1,0 +1,129 @@
+"""Levels of detail: the bias, the clipped ends, the footprint of no size, values and slopes."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softras2d as sr
+
+from ..shading_cases import ON, assert_close, plan_of, render_soup, scene_of, slowly, soup_of
+from ..shading_oracle import draw
+from ..slopes import backward, direction_of, forward, weight_of
+from ..texture_oracle import Sampler
+
+TRILINEAR = Sampler()
+DTYPES = pytest.mark.parametrize("dtype", [np.float64, slowly(np.float32)])
+
+
+def _biased(plan: sr.Plan, bias: float) -> sr.Plan:
+    return eqx.tree_at(lambda p: p.filter.lod_bias, plan, jnp.asarray(bias, jnp.float32))
+
+
+def test_bias_is_no_reason_to_compile(count_compilations):
+    soup = soup_of(11)
+    scene = scene_of(soup)
+    plan = plan_of(scene, ON, TRILINEAR)
+    sr.render_checked(scene, plan)[0].block_until_ready()
+    plans = {bias: _biased(plan, bias) for bias in (-20.0, -0.75, 0.5, 1.25, 20.0)}
+    with count_compilations() as compiled:
+        images = {b: np.asarray(sr.render_checked(scene, p)[0]) for b, p in plans.items()}
+    assert compiled.names == []
+    for bias, image in images.items():
+        assert_close(image, draw(soup, ON, replace(TRILINEAR, lod_bias=bias)), message=f"{bias}")
+    # What `plan` makes of `Filter(lod_bias=)` is the same.
+    given = render_soup(soup, ON, replace(TRILINEAR, lod_bias=1.25))
+    np.testing.assert_array_equal(given, images[1.25])
+
+
+def test_far_biases_are_the_first_and_the_last_level():
+    soup = soup_of(12)
+    first = draw(soup, ON, Sampler(level="zero"))
+    assert_close(render_soup(soup, ON, replace(TRILINEAR, lod_bias=-30.0)), first)
+    means = [np.broadcast_to(i.mean((0, 1)), i.shape).astype(np.float32) for i in soup.images]
+    last = render_soup(soup, ON, replace(TRILINEAR, lod_bias=30.0))
+    assert_close(last, draw(replace(soup, images=means), ON))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "level, shading", [("linear", "sample"), ("nearest", "sample"), ("linear", "pixel")]
+)
+def test_level_by_point_under_perspective(level, shading, float64):
+    """With `inverse_w` the footprint differs from point to point; uv reach far."""
+    for seed in (0, 1):
+        soup = soup_of(seed, perspective=True, reach=3)
+        sampler = Sampler(level=level, lod_bias=-0.5)
+        image = render_soup(soup, ON, sampler, shading, np.float64)
+        expected = draw(soup, ON, sampler, shading)
+        assert_close(image, expected, 1e-9, f"{level} {seed}", margin=1e-8)
+
+
+def test_footprint_of_no_size():
+    """Constant uv: level zero, whatever the bias, as if there were no other level."""
+    soup = soup_of(13)
+    soup = replace(soup, uv=np.repeat(soup.uv[:, :1], 3, axis=1))
+    flat = draw(soup, ON, Sampler(level="zero"))
+    for bias in (0.0, 8.0):
+        assert_close(render_soup(soup, ON, replace(TRILINEAR, lod_bias=bias)), flat)
+
+
+def _slopes(scene: sr.Scene, plan: sr.Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The image's tangent along a direction of (uv, bias), and the cotangents of both."""
+    image, tangent = forward(scene, plan, direction_of(scene, plan, names=("uv",), bias=1))
+    back, bias = backward(scene, plan, weight_of(image))
+    return np.asarray(tangent), np.asarray(back.uv), np.asarray(bias)
+
+
+@DTYPES
+def test_slopes_are_decided_where_the_level_is(dtype, float64):
+    """All at once, as each program takes seconds: every triangle has its own singular point.
+
+    Constant uv; uv constant along one axis; one texel; clipped below; corners exactly at 0 and 1;
+    none of it with a slope through the level.
+    """
+    soup = soup_of(14)
+    uv = np.array(soup.uv)
+    uv[0::5] = uv[0::5, :1]
+    uv[1::5, :, 1] = uv[1::5, :1, 1]
+    uv[2::5] = uv[2::5] * 0.001
+    uv[3::5] = np.array([(0, 0), (1, 0), (0, 1)]) * 0.5
+    uv[4::5] = np.array([(0, 0), (1, 1), (1, 1)])
+    scene = scene_of(replace(soup, uv=uv), dtype=dtype)
+    plan = plan_of(scene, ON, TRILINEAR)
+    tangent, uv_slope, bias_slope = _slopes(scene, plan)
+    for part in (tangent, uv_slope, bias_slope):
+        assert np.isfinite(part).all()
+    # Clipped at the first level and at the last: the bias moves nothing; and the last has one
+    # texel, so that uv move nothing, but where they are constant: those are at level zero.
+    for bias in (-30.0, 30.0):
+        tangent, uv_slope, bias_slope = _slopes(scene, _biased(plan, bias))
+        assert bias_slope == 0
+        assert np.isfinite(uv_slope).all() and np.isfinite(tangent).all()
+    np.testing.assert_array_equal(uv_slope[np.arange(len(uv)) % 5 != 0], 0)
+
+
+@DTYPES
+def test_one_texel_and_no_texture_have_no_slope(dtype, float64):
+    soup = soup_of(15)
+    for index in (3, -1):
+        scene = scene_of(
+            replace(soup, texture_index=np.full_like(soup.texture_index, index)), dtype=dtype
+        )
+        tangent, uv_slope, bias_slope = _slopes(scene, plan_of(scene, ON, TRILINEAR))
+        for part in (tangent, uv_slope, bias_slope):
+            np.testing.assert_array_equal(part, 0)
+
+
+@DTYPES
+def test_constant_uv_slope_is_that_of_level_zero(dtype, float64):
+    """The level has slope zero there, the place in the texture has not."""
+    soup = soup_of(16)
+    scene = scene_of(replace(soup, uv=np.repeat(soup.uv[:, :1], 3, axis=1)), dtype=dtype)
+    plain = _slopes(scene, _biased(plan_of(scene, ON, TRILINEAR), -30.0))
+    linear = _slopes(scene, plan_of(scene, ON, TRILINEAR))
+    assert np.abs(plain[0]).max() > 0.1
+    for first, second in zip(linear, plain, strict=True):
+        np.testing.assert_allclose(first, second, atol=1e-5)

@@ -1,0 +1,172 @@
+"""What a texture is worth at a point: numpy in float64, by the definitions, no code shared.
+
+Texels are held premultiplied, four channels. A point has `uv` `[points, 2]` and the Jacobian
+`[points, 2, 2]` of (u, v) by one step of a pixel along (x, y).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+ROUNDING = 2.0**-10
+"""A ratio of the axes this little over a whole number gets no further probe."""
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """How textures are sampled, in the words of `softras2d.Filter` and `TexturePyramid.build`."""
+
+    pixel: str = "bilinear"
+    level: str = "linear"
+    anisotropy: int = 1
+    lod_bias: float = 0.0
+    border: str = "clamp"
+    addressing: str = "half_texel"
+
+
+PLAIN = Sampler()
+
+
+def chain(image: Any) -> list[np.ndarray]:
+    """Every level of a straight RGB or RGBA image, `[height, width, 4]` premultiplied."""
+    levels = [premultiplied(np.asarray(image, np.float64))]
+    while max(levels[-1].shape[:2]) > 1:
+        height, width = levels[-1].shape[:2]
+        levels.append(np.einsum("ij,kl,jlc->ikc", reduction(height), reduction(width), levels[-1]))
+    return levels
+
+
+def reduction(size: int) -> np.ndarray:
+    """The matrix `[half, size]` of a box filter: how much of each texel lies in each larger one.
+
+    The line 0..1 is cut into `size` texels and into `half` larger ones; a larger texel is the
+    average over its own part of the line, whatever the parity.
+    """
+    half = max(size // 2, 1)
+    fine, coarse = np.arange(size + 1) / size, np.arange(half + 1) / half
+    start = np.maximum(coarse[:-1, None], fine[None, :-1])
+    end = np.minimum(coarse[1:, None], fine[None, 1:])
+    return np.maximum(end - start, 0) * half
+
+
+def premultiplied(color: np.ndarray) -> np.ndarray:
+    """RGB or straight RGBA to premultiplied RGBA."""
+    alpha = color[..., 3:] if color.shape[-1] == 4 else np.ones((*color.shape[:-1], 1))
+    return np.concatenate([color[..., :3] * alpha, alpha], axis=-1)
+
+
+def sample(
+    levels: list[np.ndarray], uv: np.ndarray, jacobian: np.ndarray, sampler: Sampler
+) -> tuple[np.ndarray, np.ndarray]:
+    """Premultiplied texels `[points, 4]`, and the margin `[points]` of the nearest decision.
+
+    The margin is how far the point is from another texel, level or number of probes, in texels of
+    the level, in levels, or in the ratio of the axes, whichever is least.
+    """
+    height, width = levels[0].shape[:2]
+    size = np.array([width, height], np.float64)
+    # d(u W, v H) / d(x, y), in texels of the base.
+    footprint = jacobian * size[:, None]
+    if sampler.anisotropy == 1:
+        along, probes = np.zeros_like(uv), np.ones(len(uv))
+        length, margin = np.linalg.norm(footprint, axis=1).max(axis=-1), np.full(len(uv), np.inf)
+    else:
+        along, probes, length, margin = _major_axis(footprint, sampler.anisotropy)
+    with np.errstate(divide="ignore"):
+        detail = np.log2(length / probes) + sampler.lod_bias
+    level = np.where(length > 0, np.clip(detail, 0, len(levels) - 1), 0.0)
+    total = np.zeros((len(uv), 4))
+    for k in range(sampler.anisotropy):
+        used = k < probes
+        moved = uv + ((k + 0.5) / probes - 0.5)[:, None] * along / size
+        texel, near = _between_levels(levels, moved, level, sampler)
+        total += np.where(used[:, None], texel, 0)
+        margin = np.minimum(margin, np.where(used, near, np.inf))
+    return total / probes[:, None], margin
+
+
+def _major_axis(footprint: np.ndarray, most: int) -> tuple[np.ndarray, ...]:
+    """The longer axis in base texels, the probes along it, its length, the margin of their number.
+
+    Written by hand for two by two, from the eigenvalues of J J^T.
+    """
+    product = footprint @ footprint.transpose(0, 2, 1)
+    values, vectors = np.linalg.eigh(product)
+    # The determinant gives the shorter axis without cancellation.
+    longer = np.sqrt(np.maximum(values[:, 1], 0))
+    shorter = np.abs(np.linalg.det(footprint)) / np.where(longer > 0, longer, 1)
+    ratio = np.where(shorter > 0, longer / np.where(shorter > 0, shorter, 1), np.inf)
+    ratio = np.where(longer > 0, ratio, 1)
+    probes = np.clip(np.ceil(ratio - ROUNDING), 1, most)
+    margin = np.abs(ratio[:, None] - ROUNDING - np.arange(1, most)).min(axis=1)
+    margin = np.where(longer > 0, margin, np.inf)
+    return vectors[:, :, 1] * longer[:, None], probes, longer, margin
+
+
+def _between_levels(
+    levels: list[np.ndarray], uv: np.ndarray, level: np.ndarray, sampler: Sampler
+) -> tuple[np.ndarray, np.ndarray]:
+    """One probe: texel and margin under the level rule."""
+    last = len(levels) - 1
+    if sampler.level == "zero":
+        return _on_level(levels, uv, np.zeros(len(uv), int), sampler)
+    if sampler.level == "nearest":
+        texel, margin = _on_level(levels, uv, np.floor(level + 0.5).astype(int), sampler)
+        switch = np.abs(level[:, None] - (np.arange(last) + 0.5)).min(axis=1, initial=np.inf)
+        return texel, np.minimum(margin, switch)
+    lower = np.floor(level).astype(int)
+    fine, fine_margin = _on_level(levels, uv, lower, sampler)
+    coarse, coarse_margin = _on_level(levels, uv, np.minimum(lower + 1, last), sampler)
+    fraction = (level - lower)[:, None]
+    # A level of next to no weight decides nothing.
+    coarse_margin = np.where(fraction[:, 0] > 0, coarse_margin, np.inf)
+    return (1 - fraction) * fine + fraction * coarse, np.minimum(fine_margin, coarse_margin)
+
+
+def _on_level(
+    levels: list[np.ndarray], uv: np.ndarray, level: np.ndarray, sampler: Sampler
+) -> tuple[np.ndarray, np.ndarray]:
+    """Texel and margin on the level of each point."""
+    texel, margin = np.zeros((len(uv), 4)), np.full(len(uv), np.inf)
+    for index in np.unique(level):
+        chosen = level == index
+        texel[chosen], margin[chosen] = _on_image(levels[index], uv[chosen], sampler)
+    return texel, margin
+
+
+def _on_image(image: np.ndarray, uv: np.ndarray, sampler: Sampler) -> tuple[np.ndarray, np.ndarray]:
+    height, width = image.shape[:2]
+    columns, across, column_margin = _taps(uv[:, 0], width, sampler)
+    rows, down, row_margin = _taps(uv[:, 1], height, sampler)
+    texel = np.zeros((len(uv), 4))
+    for row, row_weight in zip(rows, down, strict=True):
+        for column, column_weight in zip(columns, across, strict=True):
+            texel += (row_weight * column_weight)[:, None] * image[row, column]
+    return texel, np.minimum(column_margin, row_margin)
+
+
+def _taps(u: np.ndarray, size: int, sampler: Sampler) -> tuple[Any, Any, np.ndarray]:
+    """Indices, weights and margin along one axis of `size` texels."""
+    repeat, corners = sampler.border == "repeat", sampler.addressing == "corners"
+    seam = np.full(u.shape, np.inf)
+    if corners:
+        if repeat:
+            if size > 1:
+                seam = np.abs(u - np.rint(u)) * size
+            u = u - np.floor(u)
+        x = u * (size - 1)
+    else:
+        x = u * size - 0.5
+
+    def wrap(index: np.ndarray) -> np.ndarray:
+        index = index.astype(int)
+        return index % size if repeat and not corners else np.clip(index, 0, size - 1)
+
+    if sampler.pixel == "nearest":
+        switch = np.rint(x + 0.5)  # between texels `switch` - 1 and `switch`
+        exists = (wrap(switch) != wrap(switch - 1)) & (size > 1)
+        margin = np.where(exists, np.abs(x + 0.5 - switch), np.inf)
+        return [wrap(np.floor(x + 0.5))], [np.ones_like(u)], np.minimum(margin, seam)
+    first = np.floor(x)
+    return [wrap(first), wrap(first + 1)], [1 - (x - first), x - first], seam
