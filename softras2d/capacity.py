@@ -150,7 +150,7 @@ def _fragment_room(need: int, pixels: int) -> int:
     if need == 0:
         return 0
     return min(
-        _ladder(need, _LEAST_FRAGMENTS), pixels + _ladder(max(need - pixels, 0), pixels // 64)
+        _ladder(need, _LEAST_FRAGMENTS), pixels + _ladder(max(need - pixels, 0), pixels // 16)
     )
 
 

@@ -79,7 +79,7 @@ def without(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
         case "depth test":
             scene = replace(scene, depth=None)
         case "pixel shading":
-            coverage = Hard(coverage.samples, coverage.fill_rule, edge_gradients=False)
+            coverage = replace(coverage, shading="sample")
         case "guard band":
             corners = corners_of(
                 np.asarray(scene.positions), np.asarray(scene.triangles), np.asarray(plan.origin)

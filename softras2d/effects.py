@@ -6,9 +6,9 @@ from .options import Filter, Hard
 from .scene import Scene
 
 EFFECTS = {
-    "interpolated colour": "`colors` differ by corner",
-    "translucency": "`colors` or `textures` have alpha",
-    "translucent background": "`background` has alpha",
+    "interpolated colour": "`colors` have three corners",
+    "translucency": "`colors` or `textures` have an alpha channel",
+    "translucent background": "`background` has an alpha channel",
     "texture": "`textures`",
     "mip levels": "`textures` has levels, and `filter.level` is not 'zero'",
     "bilinear filter": "`textures`, and `filter.pixel` is 'bilinear'",

@@ -1,6 +1,6 @@
-"""How many fragments show, counted on the host: the same bits as `fragments` finds, in numpy."""
+"""How many fragments show, counted on the host in numpy, by the bits that `fragments` finds."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -24,17 +24,21 @@ class Pairs(NamedTuple):
 
 
 class DepthPlanes(NamedTuple):
-    """Depth of each triangle: at sample (0, 0), and its steps from sample to sample."""
+    """Depth of each triangle: at sample (0, 0), and its steps from sample to sample.
+
+    `error`: by how much what a device finds may differ; 0 for triangles of one depth.
+    """
 
     start: np.ndarray
     right: np.ndarray
     down: np.ndarray
+    error: np.ndarray
 
 
 def count_fragments(
     edges: Edges, bounds: Bounds, pairs: Pairs, depth: DepthPlanes | None, tiling: Tiling
 ) -> int:
-    """Fragments of opaque triangles that show."""
+    """Fragments of opaque triangles that show; with depth, or that may by its roundings."""
     # A tile that holds one triangle, all over, shows it in each of its pixels.
     length = np.bincount(pairs.tile, minlength=tiling.count)
     plain = pairs.whole & (length[pairs.tile] == 1)
@@ -46,17 +50,17 @@ def count_fragments(
     start = np.cumsum(count) - count
     filled = np.ones(len(tile), bool)
 
-    def rows(pair: np.ndarray) -> np.ndarray:
+    def rows(pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         lines = place_lines(edges, bounds, triangle[pair], tile[pair], filled[pair], tiling)
-        return draw_lines(lines, tiling)
+        drawn = draw_lines(lines, tiling)
+        return drawn, drawn
 
     busy = np.flatnonzero(count)
     for first in range(0, len(busy), _BATCH):
         some = busy[first : first + _BATCH]
         lists = _Lists(tile, triangle, start[some], count[some])
-        total += _count_seen(
-            lists, rows if depth is None else _keep_nearest(lists, rows, depth, tiling), tiling
-        )
+        kept = rows if depth is None else _near_the_least(lists, rows, depth, tiling)
+        total += _count_seen(lists, kept, tiling)
     return total
 
 
@@ -69,20 +73,20 @@ class _Lists(NamedTuple):
     count: np.ndarray
 
 
-Rows = Callable[[np.ndarray], np.ndarray]
-"""From pairs to their samples, `[pairs, rows]` words."""
+Rows = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""From pairs to the samples that they may show, and those through which nothing shows: words."""
 
 
 def _count_seen(lists: _Lists, rows: Rows, tiling: Tiling) -> int:
-    """Pixels that show each listed triangle, over all of them."""
+    """Pixels that may show each listed triangle, over all of them."""
     covered = np.zeros((len(lists.count), tiling.sample_rows), np.uint32)
     total = 0
     for place in range(int(lists.count.max())):
         here = np.flatnonzero(lists.count > place)
-        words = rows(lists.start[here] + place)
-        seen = pixels_seen(words & ~covered[here], tiling)
+        shown, hiding = rows(lists.start[here] + place)
+        seen = pixels_seen(shown & ~covered[here], tiling)
         total += int(np.bitwise_count(seen).sum(dtype=np.int64))
-        covered[here] |= words
+        covered[here] |= hiding
     return total
 
 
@@ -97,26 +101,45 @@ def depth_planes(corners: np.ndarray, scene: Scene, grid: Grid) -> DepthPlanes:
     right, down = (z1 * y2 - z2 * y1) * per_area, (z2 * x1 - z1 * x2) * per_area
     first = 0.5 / grid.rate
     start = np.where(area != 0, z[0] + right * (first - x[0]) + down * (first - y[0]), z.mean(0))
-    return DepthPlanes(start, right / grid.rate, down / grid.rate)
+    # Corners are snapped by up to half a unit each way, and float32 interpolates.
+    snapped = (np.abs(right) + np.abs(down)) * 2.0**-grid.bits
+    error = np.minimum(snapped, np.ptp(z, axis=0)) + 2.0**-20 * np.abs(z).max(0, initial=0)
+    error = np.where(np.ptp(z, axis=0) == 0, 0.0, error)
+    return DepthPlanes(start, right / grid.rate, down / grid.rate, error)
 
 
-def _keep_nearest(lists: _Lists, rows: Rows, depth: DepthPlanes, tiling: Tiling) -> Rows:
-    """`rows` without what fails the depth test: `coverage.depth` in numpy."""
+def _near_the_least(lists: _Lists, rows: Rows, depth: DepthPlanes, tiling: Tiling) -> Rows:
+    """Samples at which triangles may be the nearest, and at which they surely are.
+
+    Surfaces that lie in each other are told apart by roundings, which a device makes in its own
+    way: where the depths agree to within their errors, all of them may show.
+    """
     low = int(lists.start.min())
-    last = int((lists.start + lists.count).max())
-    kept = np.zeros((last - low, tiling.sample_rows), np.uint32)
+    size = int((lists.start + lists.count).max()) - low, tiling.sample_rows
     shape = (len(lists.count), tiling.sample_rows, tiling.sample_columns)
-    least = np.full(shape, np.inf, np.float32)
+    least_low, least_high = (np.full(shape, np.inf) for _ in range(2))
     across = np.arange(tiling.sample_columns, dtype=np.uint32)
-    for place in range(int(lists.count.max())):
-        here = np.flatnonzero(lists.count > place)
-        pair = lists.start[here] + lists.count[here] - 1 - place
-        column, row = tiling.first_sample(lists.tile[pair])
-        start, right, down = (entry[lists.triangle[pair], None, None] for entry in depth)
-        z = start + right * (column[:, None, None] + across)
-        z = (z + down * (row[:, None] + row_order(tiling, np))[:, :, None]).astype(np.float32)
-        drawn = ((rows(pair)[..., None] >> across) & 1).astype(bool)
-        passed = drawn & (z <= least[here])
-        least[here] = np.where(passed, z, least[here])
-        kept[pair - low] = (passed.astype(np.uint32) << across).sum(-1, dtype=np.uint32)
-    return lambda pair: kept[pair - low]
+
+    def visits() -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+        """Per place the tiles, their pairs, where these are drawn, and bounds of the depth."""
+        for place in range(int(lists.count.max())):
+            here = np.flatnonzero(lists.count > place)
+            pair = lists.start[here] + place
+            column, row = tiling.first_sample(lists.tile[pair])
+            start, right, down, error = (e[lists.triangle[pair], None, None] for e in depth)
+            z = start + right * (column[:, None, None] + across)
+            z = z + down * (row[:, None] + row_order(tiling, np))[:, :, None]
+            drawn = ((rows(pair)[0][..., None] >> across) & 1).astype(bool)
+            yield here, pair, drawn, z - error, z + error
+
+    for here, _, drawn, near, far in visits():
+        least_low[here] = np.where(drawn, np.minimum(near, least_low[here]), least_low[here])
+        least_high[here] = np.where(drawn, np.minimum(far, least_high[here]), least_high[here])
+    may, must = np.zeros(size, np.uint32), np.zeros(size, np.uint32)
+    for here, pair, drawn, near, far in visits():
+        for words, nearest in (
+            (may, drawn & (near <= least_high[here])),
+            (must, drawn & (far <= least_low[here])),
+        ):
+            words[pair - low] = (nearest.astype(np.uint32) << across).sum(-1, dtype=np.uint32)
+    return lambda pair: (may[pair - low], must[pair - low])

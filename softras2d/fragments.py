@@ -54,7 +54,7 @@ def cut_fragments(
     visible: UInt32[Array, "chunks layers rows"], tiling: Tiling, *, capacity: int
 ) -> Fragments:
     """The fragments that show; beyond `capacity` of them, some are missing."""
-    rate, height = tiling.grid.rate, tiling.height
+    height = tiling.height
 
     @one_pass
     def count_pixels(visible):
@@ -71,19 +71,33 @@ def cut_fragments(
     def find(seen, owner, rank):
         return owner // height, _place_of_bit(seen[owner], rank, tiling), owner % height
 
-    @one_pass
-    def pick_bits(visible, slot, row, column, used):
-        sub_row = jnp.arange(rate, dtype=jnp.int32)[:, None]
-        place = (slot * tiling.sample_rows + row)[None] + sub_row * height
-        words = visible.reshape(-1).at[place].get(mode="promise_in_bounds")
-        bits = (words >> (column * rate).astype(jnp.uint32)[None]) & jnp.uint32((1 << rate) - 1)
-        return jnp.where(used[None], bits, jnp.uint32(0))
-
     seen, counts = count_pixels(visible)
     owner, rank, used, total = place(counts)
     slot, column, row = find(seen, owner, rank)
-    bits = pick_bits(visible, slot, row, column, used)
+    bits = pick_bits(visible, slot, jnp.where(used, column, -1), row, tiling)
     return Fragments(slot, column, row, bits, total)
+
+
+def pick_bits(
+    words: UInt32[Array, "chunks layers rows"],
+    slot: Int[Array, " fragments"],
+    column: Int[Array, " fragments"],
+    row: Int[Array, " fragments"],
+    tiling: Tiling,
+) -> UInt32[Array, "sub_rows fragments"]:
+    """The samples of each fragment's pixel in the words of its slot; none where `column` is -1."""
+    rate, height = tiling.grid.rate, tiling.height
+
+    @one_pass
+    def pick(words, slot, column, row):
+        sub_row = jnp.arange(rate, dtype=jnp.int32)[:, None]
+        place = (slot * tiling.sample_rows + row)[None] + sub_row * height
+        word = words.reshape(-1).at[place].get(mode="promise_in_bounds")
+        shift = (jnp.maximum(column, 0) * rate).astype(jnp.uint32)[None]
+        bits = (word >> shift) & jnp.uint32((1 << rate) - 1)
+        return jnp.where((column >= 0)[None], bits, jnp.uint32(0))
+
+    return pick(words, slot, column, row)
 
 
 def _place_of_bit(word: Array, rank: Array, tiling: Tiling) -> Int[Array, " fragments"]:
@@ -108,6 +122,7 @@ def sample_points(
 
 def shading_points(
     fragments: Fragments,
+    covered: UInt32[Array, "sub_rows fragments"],
     edges: Edges,
     weights: Weights,
     triangle: Array,
@@ -115,9 +130,10 @@ def shading_points(
     tiling: Tiling,
 ) -> Points:
     """Where multisampling shades: the centre of the pixel, if the closed triangle holds it, else
-    the centroid of the samples that show.
+    the centroid of the samples of the pixel that it covers, whether they show or not.
 
-    `weights`: of each fragment; `triangle`, `tile`: of each slot.
+    `covered`: those samples, as `Fragments.bits`; `weights`: of each fragment; `triangle`, `tile`:
+    of each slot.
     """
     rate = tiling.grid.rate
 
@@ -152,7 +168,7 @@ def shading_points(
     column, row = fragments.column, fragments.row
     # Weights hold the terms of the other two edges.
     middle = pick_lanes(locate(edges[1], triangle, tile), fragments.slot)
-    count, across, down = add_samples(fragments.bits)
+    count, across, down = add_samples(covered)
     central = is_central(weights, middle, column, row, count)
     return choose(central, column, row, count, across, down)
 

@@ -3,6 +3,7 @@
 from typing import Literal
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array
 
 SAMPLES = (1, 4, 9, 16, 64, 256)
@@ -22,7 +23,7 @@ class Hard(eqx.Module):
       sample on a shared edge once, and none for triangles of zero area.
     - `shading`: where colours are evaluated: at each `"sample"` (supersampling), or once a
       `"pixel"` for each triangle there (multisampling): at the centre if the triangle holds it,
-      else at the centroid of its samples.
+      else at the centroid of the samples of the pixel that it covers, whether they show or not.
     - `edge_gradients`: whether positions receive the derivative of the box-filtered image; not
       built yet, they receive zero.
     """
@@ -77,8 +78,9 @@ class Filter(eqx.Module):
     - `level`: level `"zero"`, the `"nearest"` level, or `"linear"` between two.
     - `anisotropy`: probes along the longer axis of the footprint at most, 1..16; 1 is isotropic,
       which blurs a stretched texture.
-    - `lod_bias`: added to the level of detail; an array leaf of a plan, so that another does not
-      recompile.
+    - `lod_bias`: added to the level of detail, which is that of a whole pixel; with S samples along
+      its side, -log2 S leaves the blur to the samples. An array leaf of a plan: another one does
+      not recompile.
     """
 
     pixel: Literal["nearest", "bilinear"] = eqx.field(static=True, default="bilinear")
@@ -89,5 +91,6 @@ class Filter(eqx.Module):
     def __check_init__(self):
         _one_of("pixel", self.pixel, ("nearest", "bilinear"))
         _one_of("level", self.level, ("zero", "nearest", "linear"))
-        if not 1 <= self.anisotropy <= 16:
-            raise ValueError(f"`anisotropy` must be in 1..16; got {self.anisotropy}.")
+        probes = self.anisotropy
+        if not isinstance(probes, int | np.integer) or not 1 <= probes <= 16:
+            raise ValueError(f"`anisotropy` must be an integer in 1..16; got {probes!r}.")

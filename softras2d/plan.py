@@ -13,6 +13,7 @@ from jaxtyping import Array, Int
 from .capacity import Capacity, count_lists, make_room
 from .effects import EFFECTS, is_translucent, structural_effects
 from .fixed_point import Grid, corners_of, within_guard
+from .lists import BLOCK
 from .options import Area, Filter, Hard, Soft
 from .scene import Scene, check
 from .tiles import Tiling
@@ -54,9 +55,12 @@ class Plan(eqx.Module):
         slots = room.chunks * room.layers
         rows = slots * tiling.sample_rows * 4
         pixels = tiling.height * tiling.width * 4
+        in_order = 4 * tiling.sample_rows * (2 * room.pairs + room.steps * BLOCK)
         shaded = 4 * room.fragments * (60 + self.coverage.rate)
         lists = 17 * 4 * room.pairs + 2 * rows + (3 * room.chunks + 7 * tiling.count) * pixels
-        return lists + shaded
+        return (
+            lists + shaded + (in_order if {"translucency", "depth test"} & set(self.effects) else 0)
+        )
 
     def __str__(self) -> str:
         if isinstance(self.origin, Tracer):
@@ -114,6 +118,8 @@ def plan(
     origin = _pixel(origin)
     grid = Grid.of(height, width, hard.rate)
     filter = Filter() if filter is None else filter
+    if not isinstance(filter, Filter):
+        raise ValueError(f"`filter` must be Filter(...); got {filter!r}.")
     counts = [count_lists(one, grid, hard, origin) for one in scenes]
     used = {name for one in scenes for name in structural_effects(one, hard, filter)}
     if not all(_within_guard(one, grid, origin) for one in scenes):
@@ -149,6 +155,9 @@ def _pixel(origin: Any) -> np.ndarray:
 
 def _with_array_bias(filter: Filter) -> Filter:
     """An array leaf, so that another bias does not recompile."""
+    bias = np.asarray(filter.lod_bias)
+    if bias.ndim or bias.dtype.kind not in "iuf" or not np.isfinite(bias):
+        raise ValueError(f"`lod_bias` must be one finite number; got {filter.lod_bias!r}.")
     return eqx.tree_at(lambda f: f.lod_bias, filter, jnp.asarray(filter.lod_bias, jnp.float32))
 
 

@@ -216,20 +216,22 @@ def _blend(
 ) -> Array:
     """Translucent triangles: composite each sample, front to back."""
     tiling, shading = plan.tiling, plan.coverage.shading
-    rows = _listed_rows(projected, lists, steps, plan)
+    covered, passed = _listed_rows(projected, lists, steps, plan)
     shading = shading if is_shaded(scene, shading) else None
-    sums = over.composite(projected.surface, rows, lists, steps, tiling, shading=shading)
+    sums = over.composite(projected.surface, passed, covered, lists, steps, tiling, shading=shading)
     return over.to_image(sums, background, tiling)
 
 
-def _listed_rows(projected: Projected, lists: TileLists, steps: Steps, plan: Plan) -> Array:
-    """The samples of each listed pair that its triangle covers, less those too deep."""
+def _listed_rows(
+    projected: Projected, lists: TileLists, steps: Steps, plan: Plan
+) -> tuple[Array, Array]:
+    """The samples of each listed pair that its triangle covers, and those of them not too deep."""
     edges, boxes, tiling = projected.edges, projected.bounds, plan.tiling
     everywhere = jnp.ones(lists.triangle.shape, bool)
     rows = covered_rows(edges, boxes, lists.triangle, lists.tile, everywhere, tiling)
     if projected.depths is None:
-        return rows
-    return keep_nearest(projected.depths, rows, lists, steps, tiling)
+        return rows, rows
+    return rows, keep_nearest(projected.depths, rows, lists, steps, tiling)
 
 
 def _paint(
@@ -251,16 +253,17 @@ def _paint(
         rows = covered_rows(
             projected.edges, projected.bounds, chunks.triangle, tile, chunks.filled, tiling
         )
+        passed = rows
     else:
-        listed = _listed_rows(projected, lists, steps, plan)
 
         @one_pass
         def arrange(listed, chunks):
             rows = listed.at[chunks.place].get(mode="clip")
             return jnp.where(chunks.filled[..., None], rows, jnp.uint32(0))
 
-        rows = arrange(listed, chunks)
-    visible, covered = hide(rows, chunks, depth=room.depth)
+        listed = _listed_rows(projected, lists, steps, plan)
+        rows, passed = (arrange(words, chunks) for words in listed)
+    visible, covered = hide(passed, chunks, depth=room.depth)
     surface = projected.surface
     if background.shape[0] == 4:
         opaque_corners = opaque.with_alpha(surface.corners.color)
@@ -269,7 +272,7 @@ def _paint(
     shading = plan.coverage.shading
     if is_shaded(scene, shading):
         fragments = cut_fragments(visible, tiling, capacity=room.fragments)
-        totals = deferred.sum_shaded(surface, fragments, chunks, tiling, shading=shading)
+        totals = deferred.sum_shaded(surface, fragments, rows, chunks, tiling, shading=shading)
         needed = fragments.needed
     else:
         parts = _sum_slots(surface, visible, chunks, tiling)

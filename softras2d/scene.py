@@ -13,6 +13,7 @@
 - **Texture space**: u right and v down, 0..1 across the image.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -104,6 +105,13 @@ class Scene(eqx.Module):
             colors = _floats("triangle_colors", triangle_colors, dtype)
             colors = colors[:, None] if colors.ndim == 2 else colors
             _expect("triangle_colors", colors, (count, "1 or 3 corners", "3 or 4 channels"))
+        if textures is not None:
+            if not isinstance(textures, TexturePyramid):
+                kind = type(textures).__name__
+                raise ValueError(
+                    f"`textures` must come from TexturePyramid.build([image, ...]); got {kind}."
+                )
+            textures = replace(textures, texels=textures.texels.astype(dtype))
         scene = Scene(
             positions=positions,
             triangles=triangles,
@@ -178,6 +186,8 @@ def check(scene: Scene) -> None:
         _refuse((index < -1) | (index > last), "texture_index", "triangle", f"in -1..{last}", index)
         texels = scene.textures.texels
         _refuse(~np.isfinite(texels), "texels", "texel", "finite", texels)
+        alpha = np.asarray(texels)[..., 3:]
+        _refuse((alpha < 0) | (alpha > 1), "texels alpha", "texel", "in 0..1", alpha)
 
 
 def _refuse(bad: Any, name: str, axis: str, wanted: str, value: Any) -> None:

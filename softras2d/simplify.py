@@ -16,19 +16,23 @@ from .simplify_textures import base_is_enough, used_textures
 def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = None) -> Scene:
     """The same picture on a canvas of `height` x `width` pixels, with fewer effects.
 
-    Looks at concrete values, on the host. What goes:
+    Looks at concrete values, on the host, for a plan with `origin` (0, 0). What goes:
 
     - triangles out of reach of the canvas, and without depth those of alpha 0;
     - depth that is the same everywhere, or by which each triangle lies before all that were drawn
-      earlier;
+      earlier, or as near;
     - corner colours where all are equal; `inverse_w` where each triangle's corners agree, or where
       nothing varies within a triangle;
     - textures that no triangle uses; alpha of texels and of colours, where it is one everywhere;
     - given a `filter`, with which the scene will be drawn: of textures that are only magnified, or
-      of all if it reads no other level, the levels above the base.
+      of all if it reads no other level, the levels above the base. In perspective a bound of the
+      footprint over the whole triangle decides, which may keep levels that do not show.
 
     Vertices keep their indices. Raises `ValueError` for values that no picture has.
     """
+    grid = Grid.of(height, width, 1)
+    if filter is not None and not isinstance(filter, Filter):
+        raise ValueError(f"`filter` must be Filter(...) or None; got {filter!r}.")
     check(scene)
     if scene.positions.ndim != 2:
         raise ValueError("`simplify` takes one scene; a batch shares one structure.")
@@ -38,10 +42,12 @@ def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = N
     if scene.depth is None:
         scene = take_triangles(scene, _shows(scene))
     scene = _without_equal_corners(scene)
-    scene = _with_textures_used(scene, height, width, filter)
+    if scene.inverse_w is not None and _is_affine(scene):
+        scene = replace(scene, inverse_w=None)
+    scene = _with_textures_used(scene, grid, filter)
     if scene.colors.shape[2] == 4 and bool((np.asarray(scene.colors)[..., 3] == 1).all()):
         scene = replace(scene, colors=scene.colors[..., :3])
-    if scene.inverse_w is not None and _is_affine(scene):
+    if not varies(scene):
         scene = replace(scene, inverse_w=None)
     return scene
 
@@ -69,13 +75,13 @@ def _without_equal_corners(scene: Scene) -> Scene:
     return replace(scene, colors=jnp.asarray(colors[:, :1])) if equal else scene
 
 
-def _with_textures_used(scene: Scene, height: int, width: int, filter: Filter | None) -> Scene:
+def _with_textures_used(scene: Scene, grid: Grid, filter: Filter | None) -> Scene:
     if scene.textures is None:
         return scene
     index = np.asarray(scene.texture_index)
     if not (index >= 0).any():
         return replace(scene, uv=None, texture_index=None, textures=None)
-    base_only = base_is_enough(scene, Grid.of(height, width, 1), filter)
+    base_only = base_is_enough(scene, grid, filter)
     textures, index = used_textures(scene.textures, index, base_only)
     return replace(scene, texture_index=jnp.asarray(index), textures=textures)
 
@@ -95,16 +101,16 @@ def _shows(scene: Scene) -> np.ndarray:
 def _is_ordered(scene: Scene) -> bool:
     """Whether the depth test passes everywhere."""
     depth = np.asarray(scene.depth)[np.asarray(scene.triangles)]
-    if len(depth) < 2 or (depth == depth.flat[0]).all():
+    if len(depth) < 2:
         return True
     far, near = depth.max(1), depth.min(1)
-    least = np.minimum.accumulate(near)[:-1]
-    # Interpolation may miss a corner's depth by a few roundings.
-    rounding = 8 * np.finfo(depth.dtype).eps * np.abs(depth).max()
-    return bool((far[1:] < least - rounding).all())
+    # Interpolation may miss by a few roundings, but one depth at all corners is kept exactly.
+    rounding = np.where(far > near, 8 * np.finfo(depth.dtype).eps * np.abs(depth).max(), 0)
+    least = np.minimum.accumulate(near - rounding)[:-1]
+    return bool((far[1:] + rounding[1:] <= least).all())
 
 
 def _is_affine(scene: Scene) -> bool:
     """Whether interpolation in perspective is interpolation on the screen."""
     inverse_w = np.asarray(scene.inverse_w)[np.asarray(scene.triangles)]
-    return not varies(scene) or bool((inverse_w == inverse_w[:, :1]).all())
+    return bool((inverse_w == inverse_w[:, :1]).all())

@@ -83,7 +83,10 @@ def _level_of_detail(scene: Scene, grid: Grid, filter: Filter) -> np.ndarray:
     bounds = []
     for corner in range(3):
         jacobian = np.einsum("cat,tc,tcu->tua", slopes, q, uv - uv[:, corner, None])
-        bounds.append(np.linalg.norm(jacobian / q.min(1)[:, None, None], axis=(1, 2)))
+        # An ellipse is no longer than its two axes' norm; a step is one of them.
+        steps = np.linalg.norm(jacobian, axis=1)
+        extent = steps.max(1) if filter.anisotropy == 1 else np.linalg.norm(steps, axis=1)
+        bounds.append(extent / q.min(1))
     with np.errstate(divide="ignore"):
         return np.log2(np.max(bounds, 0))
 

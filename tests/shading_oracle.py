@@ -61,19 +61,16 @@ def draw(soup: Soup, canvas: Canvas, sampler: Sampler = PLAIN, shading: str = "s
     scene = _Scene(soup, canvas, sampler)
     covered = [footprint(triangle, canvas) for triangle in scene.snapped]
     passes, depth_margin = _depth_test(scene, covered)
-    shown = passes
-    if shading == "pixel" and not soup.translucent:
-        shown = _visible(passes, covered, canvas)
     shape = (canvas.height * canvas.rate, canvas.width * canvas.rate)
     samples = np.tile(premultiplied(np.asarray(soup.background, np.float64)), (*shape, 1))
     margin = np.full(shape, np.inf)
-    for index, (owned, drawn, seen) in enumerate(zip(covered, passes, shown, strict=True)):
-        if not seen.any():
+    for index, (owned, drawn) in enumerate(zip(covered, passes, strict=True)):
+        if not drawn.any():
             continue
         if shading == "sample":
             color, near = scene.shade(index, owned.weights[drawn])
         else:
-            color, near = _once_a_pixel(scene, index, owned, seen, drawn)
+            color, near = _once_a_pixel(scene, index, owned, drawn)
         target, nearest = (array[owned.rows, owned.columns] for array in (samples, margin))
         through = 1 - color[:, 3:]
         target[drawn] = color + through * target[drawn]
@@ -153,23 +150,13 @@ def _depth_test(scene: _Scene, covered: list[Footprint]) -> tuple[list[np.ndarra
     return passes, margin
 
 
-def _visible(
-    passes: list[np.ndarray], covered: list[Footprint], canvas: Canvas
-) -> list[np.ndarray]:
-    """Where each triangle is the last to pass: what an opaque scene shows."""
-    owner = np.full((canvas.height * canvas.rate, canvas.width * canvas.rate), -1)
-    for index, (owned, drawn) in enumerate(zip(covered, passes, strict=True)):
-        owner[owned.rows, owned.columns][drawn] = index
-    return [owner[owned.rows, owned.columns] == index for index, owned in enumerate(covered)]
-
-
 def _once_a_pixel(
-    scene: _Scene, index: int, owned: Footprint, seen: np.ndarray, drawn: np.ndarray
+    scene: _Scene, index: int, owned: Footprint, drawn: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Colours and margins for the `drawn` samples, each its pixel's.
 
     Taken at the pixel's centre if the closed triangle holds it, else at the centroid of the
-    `seen` samples of the pixel.
+    samples of the pixel that it covers, be they drawn or not.
     """
     canvas = scene.canvas
     whole = replace(canvas, rate=1, fill_rule="inclusive")
@@ -184,7 +171,7 @@ def _once_a_pixel(
     )
     pixel = rows[:, None] * canvas.width + columns
     total = np.zeros((canvas.height * canvas.width, 4))
-    np.add.at(total, pixel[seen], np.insert(owned.weights[seen], 3, 1, axis=-1))
+    np.add.at(total, pixel[owned.inside], np.insert(owned.weights[owned.inside], 3, 1, axis=-1))
     total = total.reshape(canvas.height, canvas.width, 4)
     used = total[..., 3] > 0
     outside = used & ~holds

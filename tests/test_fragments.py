@@ -71,6 +71,24 @@ def test_too_few_places_are_reported():
         sr.render(large, plan)
 
 
+def test_surfaces_in_one_plane_have_room():
+    """Which of them shows is a matter of rounding, and of the device: the plan has room for all."""
+
+    def depth(points: np.ndarray) -> np.ndarray:
+        return 0.25 + (3 * points[..., 0] + 5 * points[..., 1]) / 4096
+
+    a, b, c, d = (0, 0), (WIDTH, 0), (0, HEIGHT), (WIDTH, HEIGHT)
+    corners = np.array([(a, b, c), (b, d, c), (a, b, d), (a, d, c)] * 2, np.float32)
+    scene = sr.Scene.from_soup(
+        corners + np.linspace(0, 0.2, 8)[:, None, None].astype(np.float32),
+        np.random.default_rng(0).random((8, 3, 3)),
+        depth=depth(corners).astype(np.float32),
+    )
+    hard = sr.Hard(samples=16, shading="pixel")
+    plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=hard)
+    assert np.isfinite(sr.render(scene, plan)).all()
+
+
 def test_a_plan_without_shading_has_no_fragments():
     for scene, hard in (
         (_scene(0, False), sr.Hard(samples=4)),

@@ -279,3 +279,16 @@ def test_effects_are_listed_with_their_reasons():
         sr.Scene.from_soup(scene.positions.reshape(1, 3, 2), np.ones((1, 3))), height=9, width=9
     )
     assert bare.effects == ()
+
+
+@pytest.mark.parametrize("bias", [float("nan"), [0.0, 1.0]], ids=str)
+def test_a_bias_that_is_no_number(bias):
+    scene = sr.Scene.from_soup(np.zeros((1, 3, 2), np.float32), np.ones((1, 3)))
+    with pytest.raises((ValueError, TypeError), match="lod_bias"):
+        sr.plan(scene, height=4, width=4, filter=sr.Filter(lod_bias=bias))
+
+
+@pytest.mark.parametrize("probes", [0, 17, 2.5])
+def test_no_such_number_of_probes(probes):
+    with pytest.raises((ValueError, TypeError), match="anisotropy"):
+        sr.Filter(anisotropy=probes)

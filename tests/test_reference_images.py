@@ -1,8 +1,8 @@
 """The bundled scenes as small PNGs: the whole way from SVG to bytes stays as it was looked at.
 
 After a change that is wanted, `pytest tests/test_reference_images.py -m "slow or not slow" -k
-bundled --update-references` writes them anew. A failure leaves the actual image and the difference under
-`tests/failures/`.
+bundled --update-references` writes them anew. A failure leaves the actual image and the difference
+under `tests/failures/`.
 """
 
 from pathlib import Path

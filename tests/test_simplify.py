@@ -80,12 +80,14 @@ def test_what_is_constant_goes():
         ([(5, 6, 7), (1, 2, 3)], False),
         ([(1, 2, 3), (5, 6, 7)], True),
         ([(5, 6, 7), (1, 5.5, 3)], True),
+        ([(5, 5, 5), (5, 5, 5), (3, 3, 3), (3, 3, 3)], False),
     ],
-    ids=["equal", "sorted", "reversed", "crossing"],
+    ids=["equal", "sorted", "reversed", "crossing", "layers"],
 )
 def test_depth_that_draw_order_says_already(depths, kept):
-    corners = np.array([[(1, 1), (9, 1), (1, 9)], [(2, 2), (9, 2), (2, 9)]], np.float32)
-    scene = sr.Scene.from_soup(corners, np.ones((2, 3)), depth=np.array(depths, np.float32))
+    corners = np.array([[(1, 1), (9, 1), (1, 9)]] * len(depths), np.float32)
+    colors = np.ones((len(depths), 3))
+    scene = sr.Scene.from_soup(corners, colors, depth=np.array(depths, np.float32))
     assert (sr.simplify(scene, height=10, width=10).depth is not None) == kept
 
 
@@ -206,7 +208,8 @@ def _with_random_effects(seed: int) -> tuple[sr.Scene, sr.Filter]:
 def _assert_the_same_image(seed: int) -> None:
     scene, filter = _with_random_effects(seed)
     small = sr.simplify(scene, height=HEIGHT, width=WIDTH, filter=filter)
-    size = {"height": HEIGHT, "width": WIDTH, "coverage": sr.Hard(samples=4), "filter": filter}
+    hard = sr.Hard(samples=4, shading="pixel" if seed % 2 else "sample")
+    size = {"height": HEIGHT, "width": WIDTH, "coverage": hard, "filter": filter}
     before, after = sr.plan(scene, **size), sr.plan(small, **size)
     assert set(after.effects) <= set(before.effects) <= set(EFFECTS)
     np.testing.assert_allclose(draw_scene(small, after), draw_scene(scene, before), atol=4e-6)

@@ -17,10 +17,10 @@ FILTER = sr.Filter(anisotropy=4)
 PACKAGES = ("jax", "jaxlib", "equinox", "numpy", "softras2d")
 
 
-def price(name: str, shading: str) -> list[dict[str, Any]]:
+def price(name: str) -> list[dict[str, Any]]:
     """A row for the scene and one for each of its effects."""
     scene = scenes.read(name, height=SIZE, width=SIZE)
-    coverage = sr.Hard(samples=SAMPLES, shading="pixel" if shading == "pixel" else "sample")
+    coverage = sr.Hard(samples=SAMPLES)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage, filter=FILTER)
     return [
         {
@@ -70,7 +70,7 @@ def main() -> None:
     names = [name for name in scenes.names() if not only or name in only]
     rows: list[dict[str, Any]] = []
     for name in steps(names, "pricing"):
-        rows += price(name, "sample")
+        rows += price(name)
     if only:
         print(table(rows))
         return

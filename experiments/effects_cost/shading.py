@@ -76,9 +76,8 @@ def _loops(flat: sr.Scene) -> dict[str, Any]:
     from ..hard_speed import scalar_loop
 
     side = round((HEIGHT * WIDTH) ** 0.5)
-    corners = np.asarray(flat.positions).reshape(-1, 3, 2) * np.float32(
-        [side / WIDTH, side / HEIGHT]
-    )
+    scale = np.array([side / WIDTH, side / HEIGHT], np.float32)
+    corners = np.asarray(flat.positions).reshape(-1, 3, 2) * scale
     colors = np.concatenate([np.asarray(flat.colors), np.ones_like(flat.colors[..., :1])], -1)
     soup = Soup("flat", side, 0, corners, colors.repeat(3, 1), np.ones(3, np.float32))
     rate = round(SAMPLES**0.5)

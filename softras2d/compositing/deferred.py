@@ -9,9 +9,9 @@ import operator
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, UInt32
 
-from ..fragments import Fragments, sample_points, shading_points
+from ..fragments import Fragments, pick_bits, sample_points, shading_points
 from ..lists import Chunks
 from ..shading import Lanes, Points, Surface, pick_lanes, shade, shade_probes, view
 from ..staging import one_pass
@@ -20,18 +20,28 @@ from .opaque import Fields
 
 
 def sum_shaded(
-    surface: Surface, fragments: Fragments, chunks: Chunks, tiling: Tiling, *, shading: str
+    surface: Surface,
+    fragments: Fragments,
+    rows: UInt32[Array, "chunks layers rows"],
+    chunks: Chunks,
+    tiling: Tiling,
+    *,
+    shading: str,
 ) -> Float[Array, "tiles channels fields places"]:
     """Sums over each pixel's samples of the colours that show there.
 
-    `shading` as in `Hard`: at each `"sample"`, or one colour of a fragment for all of its samples.
+    `rows`: the samples that each slot covers, hidden ones too. `shading` as in `Hard`: at each
+    `"sample"`, or one colour of a fragment for all of its samples.
     """
     triangle = chunks.triangle.reshape(-1)
     tile = jnp.repeat(chunks.tile, chunks.triangle.shape[1])
     # Slots are fewer than fragments: what a slot's pixels share is computed once.
     lanes = pick_lanes(view(surface, triangle, tile, tiling), fragments.slot)
     if shading == "pixel":
-        points = shading_points(fragments, surface.edges, lanes.weights, triangle, tile, tiling)
+        covered = pick_bits(rows, fragments.slot, fragments.column, fragments.row, tiling)
+        points = shading_points(
+            fragments, covered, surface.edges, lanes.weights, triangle, tile, tiling
+        )
         total = _shade_pixels(surface, lanes, points, fragments, tiling)
     else:
         total = _shade_samples(surface, lanes, fragments, tiling)
@@ -41,7 +51,11 @@ def sum_shaded(
 def _shade_samples(
     surface: Surface, lanes: Lanes, fragments: Fragments, tiling: Tiling
 ) -> Float[Array, "channels fragments"]:
-    """Sums over the samples that show, visited one place of the pixel after another."""
+    """Sums over the samples that show, visited one place of the pixel after another.
+
+    Each place is shaded for all fragments, and counted where it shows: a pixel costs as many
+    shadings as it has samples for each triangle that shows in it.
+    """
     rate, probes = tiling.grid.rate, surface.filter.anisotropy
 
     @one_pass

@@ -32,7 +32,7 @@ from ..tiles import TileLists, Tiling
 class Layers(NamedTuple):
     """What a visit of a block reads: the triangles, and the words of every listed pair.
 
-    - `sub_rows`: for each sub-row, the words `[pairs, lines of a tile]`.
+    - `sub_rows`: for each sub-row, the words `[pairs, lines of a tile]`; `covered` likewise.
     - `shading`: as `Hard.shading`, where colours are evaluated point by point; None where flat
       colours or sums of weights tell them.
     """
@@ -40,12 +40,14 @@ class Layers(NamedTuple):
     surface: Surface
     triangle: Int[Array, " pairs"]
     sub_rows: list[Array]
+    covered: list[Array]
     shading: str | None
 
 
 def composite(
     surface: Surface,
     rows: UInt32[Array, "pairs rows"],
+    covered: UInt32[Array, "pairs rows"],
     lists: TileLists,
     steps: Steps,
     tiling: Tiling,
@@ -54,14 +56,15 @@ def composite(
 ) -> Float[Array, "tiles 4 tile_width tile_height"]:
     """Sums over each pixel's samples of premultiplied colour and alpha, without background.
 
-    `rows`: the samples of each listed pair; `shading` as in `Layers`.
+    `rows`: the samples of each listed pair; `covered`: those too that the depth test took away;
+    `shading` as in `Layers`.
     """
     dtype = surface.corners.color.dtype
     side, height, width = tiling.grid.rate, tiling.height, tiling.width
     blocks, block = steps.tile.shape
     lines = block * height
     split = one_pass(lambda rows: [rows[:, i * height : (i + 1) * height] for i in range(side)])
-    layers = Layers(surface, lists.triangle, split(rows), shading)
+    layers = Layers(surface, lists.triangle, split(rows), split(covered), shading)
 
     def visit(state: tuple[Array, Array, Array], step: tuple[Array, Array, Array]) -> Any:
         image, through, sums = state
@@ -132,7 +135,8 @@ def _blend(
     triangle = layers.triangle.at[pair].get(mode="clip")
     surface = layers.surface
     if layers.shading is not None:
-        color = _shade_block(layers, words, triangle, tile, tiling)
+        covered = pick(layers.covered, pair, live)
+        color = _shade_block(layers, covered, triangle, tile, tiling)
         alpha = color[3]
         seen = [sum_seen(through, fresh, words, (channel,)) for channel in color]
         sums = one_pass(lambda sums, seen: sums + jnp.stack(seen))(sums, seen)
@@ -154,19 +158,21 @@ def _blend(
 
 def _shade_block(
     layers: Layers,
-    words: UInt32[Array, "sub_rows lines"],
+    covered: UInt32[Array, "sub_rows lines"],
     triangle: Int[Array, " block"],
     tile: Int[Array, " block"],
     tiling: Tiling,
 ) -> Float[Array, "4 sub_rows sub_columns width lines"]:
     """Premultiplied colours of a layer of a block at every sample."""
     surface, side, width = layers.surface, tiling.grid.rate, tiling.width
-    lines = words.shape[1]
+    lines = covered.shape[1]
     lanes = view(surface, triangle, tile, tiling)
     if layers.shading == "pixel":
-        fragments = _block_fragments(words, tiling)
+        fragments = _block_fragments(covered, tiling)
         lanes = pick_lanes(lanes, fragments.slot)
-        points = shading_points(fragments, surface.edges, lanes.weights, triangle, tile, tiling)
+        points = shading_points(
+            fragments, fragments.bits, surface.edges, lanes.weights, triangle, tile, tiling
+        )
         color = shade_probes(surface, lanes, points, tiling)
         color = color.reshape(4, 1, 1, width, lines)
         return jnp.broadcast_to(color, (4, side, side, width, lines))

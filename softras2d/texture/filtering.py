@@ -55,7 +55,7 @@ def _read(texels: Array, taps: Taps) -> Array:
     first = jnp.arange(channels, dtype=jnp.int32).reshape(-1, *(1,) * (taps.near.ndim - 1)) * count
 
     def at(u: Array, v: Array) -> Array:
-        # Indices are in range for finite points; a NaN must not read elsewhere. From one axis: a
+        # Indices are in range for finite points; a NaN must not read beyond. From one axis: a
         # gather along one of two stores what it found transposed.
         return texels.reshape(-1).at[first + (u[0] + v[1])[None]].get(mode="clip")
 

@@ -83,7 +83,7 @@ def probes(footprint: Footprint, filter: Filter) -> Probes:
 def _half_log2(square: Float[Array, "*points"]) -> Float[Array, "*points"]:
     """log2 of the root; for a point a large negative constant, with slope zero."""
     extended = square > _POINT
-    return jnp.where(extended, 0.5 * jnp.log2(jnp.where(extended, square, 1.0)), -30.0)
+    return jnp.where(extended, 0.5 * jnp.log2(jnp.where(extended, square, 1.0)), -1e4)
 
 
 class Level(NamedTuple):

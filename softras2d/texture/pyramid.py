@@ -89,7 +89,13 @@ def _image(image: Any, index: int) -> Any:
         raise ValueError(
             f"texture {index} must be [height, width, 3 or 4], not empty; got {image.shape}."
         )
-    return image if jnp.issubdtype(image.dtype, jnp.floating) else image.astype(np.float32)
+    if jnp.issubdtype(image.dtype, jnp.floating):
+        return image
+    if image.dtype.kind not in "biu" or (not isinstance(image, Tracer) and image.max() > 1):
+        raise ValueError(
+            f"texture {index} must hold floats in 0..1 (divide bytes by 255); got {image.dtype}."
+        )
+    return image.astype(np.float32)
 
 
 def _decode(image: Any) -> Any:

@@ -71,6 +71,12 @@ def textures(scene):
     return scene.textures
 
 
+def premultiplied(pixels):
+    """RGBA bytes as the texels of a pyramid."""
+    image = pixels / np.float32(255)
+    return np.concatenate([image[..., :3] * image[..., 3:], image[..., 3:]], axis=-1)
+
+
 def base(scene, index=0):
     offset, height, width = np.asarray(textures(scene).levels)[index, 0].tolist()
     return np.asarray(textures(scene).texels)[offset : offset + height * width].reshape(
@@ -85,7 +91,7 @@ def test_textri(folder):
     assert scene.colors.shape == (3, 1, 4)
     assert scene.colors[:, 0].tolist() == [[1, 1, 1, 1], [1, 0, 0, 1], [1, 0, 0, 1]]
     assert (textures(scene).border, textures(scene).addressing) == ("clamp", "half_texel")
-    np.testing.assert_array_equal(base(scene), PIXELS.astype(np.float32) / np.float32(255))
+    np.testing.assert_array_equal(base(scene), premultiplied(PIXELS))
 
 
 def test_course_textures(folder):
@@ -172,7 +178,7 @@ def test_image_draws_nothing(folder):
 
 def test_embedded_images():
     scene = parse_svg(f'<svg {NS} width="9" height="9"><image href="{embedded(PIXELS)}"/></svg>')
-    np.testing.assert_array_equal(base(scene), PIXELS / np.float32(255))
+    np.testing.assert_array_equal(base(scene), premultiplied(PIXELS))
     spread = embedded(PIXELS).replace("base64,", "base64,\n  ").replace("+", "%2B")
     parse_svg(f'<svg {NS} width="9" height="9"><image href="{spread}"/></svg>')
 

@@ -132,6 +132,26 @@ def test_images_that_are_refused(shape):
         sr.TexturePyramid.build([good, np.zeros(shape, np.float32)])
 
 
+def test_bytes_and_bad_alpha_are_refused():
+    with pytest.raises(ValueError, match="divide bytes by 255"):
+        sr.TexturePyramid.build([np.full((2, 2, 3), 200, np.uint8)])
+    textures = sr.TexturePyramid.build([np.full((2, 2, 4), 2.0, np.float32)])
+    corners = np.zeros((1, 3, 2), np.float32)
+    with pytest.raises(ValueError, match="texels alpha"):
+        sr.Scene.from_soup(
+            corners, np.ones((1, 3)), uv=corners, texture_index=[0], textures=textures
+        )
+
+
+def test_texels_follow_the_positions(float64):
+    textures = sr.TexturePyramid.build([np.ones((2, 2, 3))])
+    corners = np.zeros((1, 3, 2), np.float32)
+    scene = sr.Scene.from_soup(
+        corners, np.ones((1, 3)), uv=corners, texture_index=[0], textures=textures
+    )
+    assert scene.textures is not None and scene.textures.texels.dtype == jnp.float32
+
+
 def test_other_refusals():
     with pytest.raises(ValueError, match="at least one"):
         sr.TexturePyramid.build([])

@@ -1,0 +1,1 @@
+"""What multisampling keeps of supersampling, and how it goes wrong."""

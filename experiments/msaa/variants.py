@@ -1,0 +1,110 @@
+"""Three ways in which a course's z-buffer is given multisampling; only the last one is right.
+
+Each draws one triangle after another over the square of pixels `points [size, size, samples, 2]`,
+and returns the frame `[size, size, 3]` and how many times a colour was evaluated. They differ in
+what they keep of a pixel between two triangles.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from .samples import Triangle, color_of_pixels
+
+Drawing = tuple[np.ndarray, int]
+
+
+def one_depth(drawn: Sequence[Triangle], points: np.ndarray, background: np.ndarray) -> Drawing:
+    """Wrong: a pixel keeps one depth, of its nearest covered sample, and one colour.
+
+    The colour that is stored is the triangle's times its share of the samples. On the silhouette of
+    a near triangle that is part of its colour and nothing else: what lies behind is deeper than the
+    one depth and never gets in. Over a black background such a pixel looks right; before another
+    triangle it is a black line.
+    """
+    frame = _empty(points, background)
+    depth = np.full(points.shape[:2], np.inf)
+    shaded = 0
+    for triangle in drawn:
+        box = triangle.box(len(points))
+        covered = triangle.covers(points[box])
+        nearest = np.where(covered, triangle.depth_at(points[box]), np.inf).min(axis=-1)
+        passed = covered.any(axis=-1) & (nearest <= depth[box])
+        chosen = covered & passed[..., None]
+        share = chosen.mean(axis=-1)[passed][:, None]
+        frame[box][passed] = color_of_pixels(triangle, points[box], chosen) * share
+        depth[box][passed] = nearest[passed]
+        shaded += int(passed.sum())
+    return frame, shaded
+
+
+def frame_as_store(
+    drawn: Sequence[Triangle], points: np.ndarray, background: np.ndarray
+) -> Drawing:
+    """Wrong: each sample keeps its depth, but the colours of a pixel are blended at once.
+
+    A triangle is mixed into the frame by its share of the samples. Drawn back to front that is
+    right for two triangles; else a later triangle, which owns the other samples, also thins out the
+    colour of the earlier one, whose samples it does not own, and what was there before that shines
+    through.
+    """
+    frame = _empty(points, background)
+    depth = np.full(points.shape[:3], np.inf)
+    shaded = 0
+    for triangle in drawn:
+        box = triangle.box(len(points))
+        chosen = _pass_depth_test(triangle, points[box], depth[box])
+        found = chosen.any(axis=-1)
+        share = chosen.mean(axis=-1)[found][:, None]
+        color = color_of_pixels(triangle, points[box], chosen)
+        frame[box][found] = frame[box][found] * (1 - share) + color * share
+        shaded += int(found.sum())
+    return frame, shaded
+
+
+def per_sample(drawn: Sequence[Triangle], points: np.ndarray, background: np.ndarray) -> Drawing:
+    """Right: each sample keeps its depth and its colour; a pixel is the mean of its samples.
+
+    Depth is tested first for all triangles, so that a triangle is shaded for the samples that stay
+    its own, as in the package.
+    """
+    owner = owners(drawn, points)
+    store = np.repeat(_empty(points, background)[:, :, None], points.shape[2], axis=2)
+    shaded = 0
+    for index, triangle in enumerate(drawn):
+        box = triangle.box(len(points))
+        own = owner[box] == index
+        found = own.any(axis=-1)
+        color = color_of_pixels(triangle, points[box], own)
+        store[box][found] = np.where(own[found][..., None], color[:, None], store[box][found])
+        shaded += int(found.sum())
+    return store.mean(axis=2), shaded
+
+
+def owners(drawn: Sequence[Triangle], points: np.ndarray) -> np.ndarray:
+    """The triangle that each sample shows, `[size, size, samples]`; -1: none."""
+    depth = np.full(points.shape[:3], np.inf)
+    owner = np.full(points.shape[:3], -1)
+    for index, triangle in enumerate(drawn):
+        box = triangle.box(len(points))
+        owner[box][_pass_depth_test(triangle, points[box], depth[box])] = index
+    return owner
+
+
+def _pass_depth_test(triangle: Triangle, points: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """The samples where a triangle is no deeper than all before; `depth` becomes its own there."""
+    here = triangle.depth_at(points)
+    passed = triangle.covers(points) & (here <= depth)
+    depth[passed] = here[passed]
+    return passed
+
+
+def _empty(points: np.ndarray, background: np.ndarray) -> np.ndarray:
+    return np.broadcast_to(background, (*points.shape[:2], 3)).astype(np.float64)
+
+
+VARIANTS: dict[str, Callable[[Sequence[Triangle], np.ndarray, np.ndarray], Drawing]] = {
+    "a: one depth a pixel": one_depth,
+    "b: depth a sample, frame as store": frame_as_store,
+    "c: depth and colour a sample": per_sample,
+}

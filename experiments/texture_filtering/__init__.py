@@ -1,0 +1,1 @@
+"""What each texture filter costs, and what it gets wrong."""

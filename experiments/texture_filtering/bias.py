@@ -1,0 +1,52 @@
+"""Mip levels for many samples: a level of detail that is lowered to the spacing of the samples.
+
+python -m experiments.texture_filtering.bias
+"""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+
+from ..common import report
+from . import subjects, tables
+from .measures import moire, rmse
+from .methods import SAMPLES, Method
+from .programs import Program
+from .run import CACHE, SEED, keep_programs
+
+HERE = Path(__file__).parent
+
+
+def measure() -> list[dict[str, Any]]:
+    """A row for each scene, number of samples, and bias: none, half the spacing's, all of it."""
+    scenes = subjects.load(SEED)
+    rows = []
+    for names in (subjects.FLAT, (subjects.GROUND,)):
+        for samples in SAMPLES[1:]:
+            program = Program(
+                [scenes[name] for name in names], Method("bilinear", "linear", 1, samples)
+            )
+            # Samples are a pixel over the root of their number apart.
+            spacing = 0.5 * math.log2(samples)
+            for bias in (0.0, -0.5 * spacing, -spacing):
+                value = jnp.asarray(bias, jnp.float32)
+                plan = replace(program.plan, filter=replace(program.plan.filter, lod_bias=value))
+                for name in names:
+                    image = program.draw(scenes[name], plan)
+                    truth = subjects.reference(scenes[name], CACHE / "references")
+                    row: dict[str, Any] = {"scene": name, "samples": samples, "lod_bias": bias}
+                    row["rmse"] = rmse(image, truth)
+                    zone = name == "zone_plate"
+                    texture = subjects.base(scenes[name], names.index(name)) if zone else truth
+                    row["moire"] = moire(image, truth, texture) if zone else ""
+                    rows.append(row)
+    return rows
+
+
+if __name__ == "__main__":
+    keep_programs()
+    report.write_csv(HERE / "results" / "bias.csv", measure())
+    tables.publish(HERE / "results", HERE / "README.md")

@@ -1,0 +1,38 @@
+"""What is measured of an image: its error, and how much of a zone plate comes back as moire."""
+
+import numpy as np
+
+from .subjects import SIZE
+
+ZONE_TEXELS = 320
+"""A quarter of the zone plate; half a period to the next texel at its far borders."""
+
+
+def rmse(image: np.ndarray, reference: np.ndarray, where: np.ndarray | None = None) -> float:
+    """Root of the mean squared difference over pixels (those of a mask) and channels."""
+    square = (np.asarray(image, np.float64) - reference) ** 2
+    return float(np.sqrt((square if where is None else square[where]).mean()))
+
+
+def beyond_nyquist() -> np.ndarray:
+    """Pixels of the zone plate where its waves are shorter than two pixels along x or y.
+
+    At x pixels from the middle they have x s^2 / (2 n) periods a pixel along x, for n texels in a
+    quarter and s texels in a pixel.
+    """
+    texels_per_pixel = 2 * ZONE_TEXELS / SIZE
+    along = np.abs(np.arange(SIZE) + 0.5 - SIZE / 2)
+    short = along * texels_per_pixel**2 / (2 * ZONE_TEXELS) > 0.5
+    return short[:, None] | short[None, :]
+
+
+def moire(image: np.ndarray, reference: np.ndarray, texture: np.ndarray) -> float:
+    """The share of the zone plate's energy that comes back as false pattern.
+
+    Where no pixel can hold the waves, whatever varies is false. The variance there, less that of
+    the reference (a box filter lets a little through), over the variance of the texture itself.
+    Negative where a filter lets less through than the reference.
+    """
+    false = beyond_nyquist()
+    excess = image[false].astype(np.float64).var() - reference[false].var()
+    return float(excess / texture.astype(np.float64).var())

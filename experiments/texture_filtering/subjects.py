@@ -1,0 +1,108 @@
+"""The scenes that are drawn, and the image of 1024 samples a pixel that each is compared with."""
+
+import hashlib
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import softras2d as sr
+from softras2d import scenes
+
+from . import photograph
+
+SIZE = 300
+FLAT = ("zone_plate", "minified", "photograph", "stretched", "magnified")
+"""Affine maps, each with one footprint for a triangle."""
+GROUND = "ground"
+"""The only one in perspective."""
+
+IDEAL = sr.Filter(pixel="bilinear", level="zero")
+"""What a texture is before any filter: texels joined by ramps, and no mip level."""
+
+
+def load(seed: int) -> dict[str, sr.Scene]:
+    """All scenes; the affine ones have one structure, so that they share compiled programs."""
+    flat = _share_structure([_read(name, seed) for name in FLAT])
+    # One surface: nothing hides anything, and a depth test would only add its own cost.
+    ground = replace(_read(GROUND, seed), depth=None)
+    return dict(zip(FLAT, flat, strict=True)) | {GROUND: ground}
+
+
+def pyramids(seed: int) -> dict[str, dict[str, int]]:
+    """Bytes of the base level, and of the whole pyramid, of each scene's own texture."""
+    found = {}
+    for name in (*FLAT, GROUND):
+        textures = _read(name, seed).textures
+        assert textures is not None
+        _, height, width = np.asarray(textures.levels)[0, 0].tolist()
+        bytes_per_texel = textures.texels.dtype.itemsize * textures.channels
+        whole = textures.texels.shape[0] * bytes_per_texel
+        base_bytes = height * width * bytes_per_texel
+        found[name] = {"height": height, "width": width, "base": base_bytes, "pyramid": whole}
+    return found
+
+
+def base(scene: sr.Scene, texture: int = 0) -> np.ndarray:
+    """The base level `[height, width, channels]` of a texture."""
+    assert scene.textures is not None
+    offset, height, width = np.asarray(scene.textures.levels)[texture, 0]
+    texels = np.asarray(scene.textures.texels)[offset : offset + height * width]
+    return texels.reshape(height, width, -1)
+
+
+def reference(scene: sr.Scene, cache: Path) -> np.ndarray:
+    """The mean of 1024 samples a pixel: 256 on a canvas of twice the size, which is halved.
+
+    Every sample reads the `IDEAL` texture at one point: this is the box-filtered image of the
+    texture itself, to which all filters are shortcuts. Kept under `cache`, by the scene's content.
+    """
+    content = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(scene))
+    path = cache / f"{hashlib.sha256(content).hexdigest()[:16]}.npy"
+    if not path.exists():
+        image = _draw_reference(scene)
+        cache.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_suffix(".tmp.npy")
+        np.save(temporary, image)
+        os.replace(temporary, path)
+    return np.load(path)
+
+
+def _draw_reference(scene: sr.Scene) -> np.ndarray:
+    large = replace(scene, positions=2 * scene.positions)
+    plan = sr.plan(
+        large, height=2 * SIZE, width=2 * SIZE, coverage=sr.Hard(samples=256), filter=IDEAL
+    )
+    image = np.asarray(sr.render(large, plan), np.float64)
+    return image.reshape(SIZE, 2, SIZE, 2, -1).mean(axis=(1, 3))
+
+
+def _read(name: str, seed: int) -> sr.Scene:
+    return photograph.scene(seed) if name == "photograph" else scenes.read(name)
+
+
+def _share_structure(found: list[sr.Scene]) -> list[sr.Scene]:
+    """The same pictures with equal shapes: all textures in each, and triangles out of sight."""
+    most = max(scene.triangles.shape[0] for scene in found)
+    pyramid = sr.TexturePyramid.build([base(scene) for scene in found])
+    same = []
+    for index, scene in enumerate(found):
+        assert scene.uv is not None and scene.texture_index is not None
+        missing = most - scene.triangles.shape[0]
+        corners = scene.positions[scene.triangles]
+        color = jnp.concatenate([scene.colors[:, 0], jnp.ones((missing, 3))])
+        numbers = jnp.where(scene.texture_index < 0, -1, index)
+        same.append(
+            sr.Scene.from_soup(
+                jnp.concatenate([corners, jnp.full((missing, 3, 2), -8.0)]),
+                color,
+                uv=jnp.concatenate([scene.uv, jnp.zeros((missing, 3, 2))]),
+                texture_index=jnp.concatenate([numbers, jnp.full(missing, -1)]),
+                textures=pyramid,
+                background=scene.background,
+            )
+        )
+    return same

@@ -1,0 +1,143 @@
+"""The tables and the figure, made from the stored results.
+
+python -m experiments.texture_filtering.tables
+"""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+from ..common import report
+from . import pictures, subjects
+
+HERE = Path(__file__).parent
+_TIMED = ("stretched", subjects.GROUND)
+_SCENES = (*subjects.FLAT, subjects.GROUND)
+
+BIAS_OF = {"4": 1.0, "16": 2.0}
+"""Levels between the spacing of pixels and that of samples."""
+
+
+def publish(results: Path, readme: Path | None) -> None:
+    """Draw the figure, and put the tables into `readme` (None: print them)."""
+    rows, compared = _load(results / "filters.csv"), _load(results / "probes_or_ewa.csv")
+    run = json.loads((results / "run.json").read_text())
+    biases = _load(results / "bias.csv") if (results / "bias.csv").exists() else []
+    lowest = [row for row in biases if float(row["lod_bias"]) == -BIAS_OF[row["samples"]]]
+    figure = pictures.error_against_time(rows, lowest, _TIMED)
+    report.save_figure(figure, results / "error_time.png")
+    texts = {
+        "filters": filters_table(rows),
+        "probes-or-ewa": compared_table(compared),
+        "bias": bias_table(biases) if biases else "",
+        "bytes": bytes_table(run["pyramids"]),
+        "machine": machine_line(run),
+    }
+    for name, text in texts.items():
+        if readme is None:
+            print(f"\n{text}")
+        else:
+            report.fill_markers(readme, name, text)
+
+
+def filters_table(rows: list[dict[str, Any]]) -> str:
+    """One row for each filter and number of samples."""
+    found = {(row["scene"], row["filter"], row["samples"]): row for row in rows}
+    methods = dict.fromkeys((row["filter"], row["samples"]) for row in rows)
+    lines = []
+    for method in methods:
+        mine = {scene: found[scene, *method] for scene in _SCENES}
+        lines.append(
+            [
+                *method,
+                f"{100 * float(mine['zone_plate']['moire']):.1f} %",
+                *(f"{float(mine[scene]['rmse']):.4f}" for scene in _SCENES),
+                *(_ratio(mine[scene]) for scene in _TIMED),
+                mine[subjects.GROUND]["texels"],
+                f"{float(mine['stretched']['traffic_mb']):.0f}" if method[1] == "1" else "",
+            ]
+        )
+    header = ["filter", "samples", "moire", *(scene.replace("_", " ") for scene in _SCENES)]
+    times = [f"time, {scene}" for scene in _TIMED]
+    return report.table([*header, *times, "texels a sample", "MB moved"], lines)
+
+
+def _ratio(row: dict[str, Any]) -> str:
+    return f"{float(row['over_yardstick']):.2f}" if row["over_yardstick"] else ""
+
+
+def compared_table(rows: list[dict[str, Any]]) -> str:
+    """Anisotropic filters on both scenes."""
+    scenes = dict.fromkeys(row["scene"] for row in rows)
+    found = {(row["scene"], row["filter"]): row for row in rows}
+    lines = []
+    for name in dict.fromkeys(row["filter"] for row in rows):
+        mine = [found[scene, name] for scene in scenes]
+        cells = [
+            cell
+            for row in mine
+            for cell in (
+                f"{float(row['rmse']):.4f}",
+                f"{float(row['mean_texels']):.1f}",
+                row["most_texels"],
+                row["steps"],
+            )
+        ]
+        lines.append([name, *cells])
+    columns = ("RMSE", "texels, mean", "texels, most", "steps")
+    return report.table(["filter", *(f"{s}: {c}" for s in scenes for c in columns)], lines)
+
+
+def bias_table(rows: list[dict[str, Any]]) -> str:
+    """Trilinear with the level of detail lowered towards the spacing of the samples."""
+    found = {(row["samples"], row["lod_bias"], row["scene"]): row for row in rows}
+    lines = []
+    for samples, bias in dict.fromkeys((row["samples"], row["lod_bias"]) for row in rows):
+        mine = [found[samples, bias, scene] for scene in _SCENES]
+        moire = f"{100 * float(mine[0]['moire']):.1f} %"
+        lines.append(
+            [
+                f"{samples}",
+                f"{float(bias):g}",
+                moire,
+                *(f"{float(row['rmse']):.4f}" for row in mine),
+            ]
+        )
+    scenes = [scene.replace("_", " ") for scene in _SCENES]
+    return report.table(["samples", "lod_bias", "moire", *scenes], lines)
+
+
+def bytes_table(pyramids: dict[str, dict[str, int]]) -> str:
+    """What each scene's texture takes, as float32 RGB."""
+    lines = [
+        [
+            name.replace("_", " "),
+            f"{one['height']} x {one['width']}",
+            f"{one['base']:,}",
+            f"{one['pyramid']:,}",
+            f"{one['pyramid'] / one['base']:.3f}",
+        ]
+        for name, one in pyramids.items()
+    ]
+    return report.table(["scene", "texels", "base, bytes", "pyramid, bytes", "ratio"], lines)
+
+
+def machine_line(run: dict[str, Any]) -> str:
+    on = run["machine"]
+    packages = ", ".join(f"{name} {got}" for name, got in on["packages"].items() if got)
+    return (
+        f"{on['date']}: {on['processor']}, {on['cores']} cores, {on['memory_gib']} GiB, "
+        f"{on['system'].split('-')[0]}, Python {on['python']}; {packages}; seed {run['seed']}, "
+        f"{run['precision']}, {run['size_px']} x {run['size_px']} px; load average at the end "
+        f"{on['load_average_1min']:.1f}; {run['seconds']} s, compilation included."
+    )
+
+
+def _load(path: Path) -> list[dict[str, Any]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+if __name__ == "__main__":
+    publish(HERE / "results", HERE / "README.md")
