@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from . import safe
 from .barycentric import Weights, slot_weights, twice_area, weight_sums
@@ -22,7 +22,7 @@ from .fixed_point import Edges
 from .guard_band import Planes
 from .options import Filter
 from .staging import one_pass
-from .texture.filtering import Lookup, sample_levels
+from .texture.filtering import Lookup, read_levels, tap_levels
 from .texture.level_of_detail import Footprint, Levels, choose_levels, probes
 from .texture.pyramid import TexturePyramid
 from .tiles import Tiling
@@ -153,46 +153,56 @@ def pick_lanes(held: Held, lane: Int[Array, " lanes"]) -> Held:
     return pick(held, lane)
 
 
-def shade(
+def add_shade(
+    total: Float[Array, "channels lanes"],
     surface: Surface,
     lanes: Lanes,
     points: Points,
     tiling: Tiling,
+    *,
+    shown: Bool[Array, " lanes"] | None = None,
     probe: Int[Array, ""] | int = 0,
 ) -> Float[Array, "channels lanes"]:
-    """Premultiplied colour of each lane's triangle at a point; of several probes, the share of one.
+    """`total` and the premultiplied colour of each lane's triangle at a point, where `shown`.
 
-    `surface.channels` of them. Sum over `probe` in `0..filter.anisotropy - 1`.
+    `surface.channels` of them. Of several probes, it is the share of one: sum over `probe` in
+    `0..filter.anisotropy - 1`. Added here, since what is read of the texture is then not stored.
     """
 
-    @one_pass
-    def interpolate(at, corners):
-        return _mix(at, corners.color), None if corners.uv is None else _mix(at, corners.uv)
+    def add(total, shown, color):
+        return total + (color if shown is None else jnp.where(shown[None], color, 0.0))
 
     at = one_pass(_weights_at)(lanes.weights, lanes.corners.inverse_w, points)
-    color, uv = interpolate(at, lanes.corners)
+    color = lanes.corners.color
+    # A single corner is not copied.
+    color = color[0] if color.shape[0] == 1 else one_pass(_mix)(at, color)
     if surface.pyramid is None or surface.texels is None:
-        return one_pass(_premultiply)(color)
-    assert uv is not None and lanes.texture is not None
+        return one_pass(lambda t, s, c: add(t, s, _premultiply(c)))(total, shown, color)
+    assert lanes.corners.uv is not None and lanes.texture is not None
     with jax.named_scope("texture"):
+        uv = one_pass(_mix)(at, lanes.corners.uv)
         reading = lanes.reading
         if reading is None:
             read = one_pass(functools.partial(_read, tiling=tiling))
             reading = read(surface, lanes.weights, lanes.corners, lanes.texture, (at, uv))
         uv, share = _probe(uv, reading, jnp.asarray(probe))
         lookup = Lookup(surface.filter.pixel, surface.pyramid.border, surface.pyramid.addressing)
-        texel = sample_levels(surface.texels, reading.levels, uv, lookup)
-        return one_pass(_tint)(color, texel, lanes.texture, share)
+
+        @one_pass
+        def finish(total, shown, color, texels, taps, texture, share):
+            return add(total, shown, _tint(color, read_levels(texels, taps), texture, share))
+
+        taps = tap_levels(reading.levels, uv, lookup)
+        return finish(total, shown, color, surface.texels, taps, lanes.texture, share)
 
 
-def shade_probes(
+def shade(
     surface: Surface, lanes: Lanes, points: Points, tiling: Tiling
 ) -> Float[Array, "channels lanes"]:
-    """`shade`, summed over the probes; backwards, each is computed again rather than kept."""
+    """Premultiplied colour at a point; backwards, each probe is computed again rather than kept."""
 
     def visit(total: Array, probe: Array) -> tuple[Array, None]:
-        color = shade(surface, lanes, points, tiling, probe)
-        return one_pass(lambda total, color: total + color)(total, color), None
+        return add_shade(total, surface, lanes, points, tiling, probe=probe), None
 
     shape = (surface.channels, points.across.shape[0])
     probes = jnp.arange(surface.filter.anisotropy, dtype=jnp.int32)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, UInt32
 
 from ..fragments import Fragments, pick_bits, sample_points, shading_points
 from ..lists import Chunks
-from ..shading import Lanes, Points, Surface, pick_lanes, shade, shade_probes, view
+from ..shading import Lanes, Points, Surface, add_shade, pick_lanes, shade, view
 from ..staging import one_pass
 from ..tiles import Tiling
 from .opaque import Fields
@@ -63,15 +63,15 @@ def _shade_samples(
         return sample_points(fragments, sub_row, sub_column, tiling)
 
     @one_pass
-    def add(total, color, bits, sub_row, sub_column):
-        shown = (bits[sub_row] >> sub_column.astype(jnp.uint32)) & jnp.uint32(1)
-        return total + jnp.where((shown == 1)[None], color, 0.0)
+    def is_shown(bits, sub_row, sub_column):
+        return (bits[sub_row] >> sub_column.astype(jnp.uint32)) & jnp.uint32(1) == 1
 
     def visit(total, step):
         sub_row, sub_column, probe = step
         points = locate(fragments, sub_row, sub_column)
-        color = shade(surface, lanes, points, tiling, probe)
-        return add(total, color, fragments.bits, sub_row, sub_column), None
+        shown = is_shown(fragments.bits, sub_row, sub_column)
+        total = add_shade(total, surface, lanes, points, tiling, shown=shown, probe=probe)
+        return total, None
 
     number = jnp.arange(rate * rate * probes, dtype=jnp.int32)
     steps = (number // probes // rate, number // probes % rate, number % probes)
@@ -91,7 +91,7 @@ def _shade_pixels(
         number = functools.reduce(operator.add, jax.lax.population_count(bits)).astype(color.dtype)
         return jnp.where((number > 0)[None], color * number[None], 0.0)
 
-    return weigh(shade_probes(surface, lanes, points, tiling), fragments.bits)
+    return weigh(shade(surface, lanes, points, tiling), fragments.bits)
 
 
 def _add_to_pixels(total: Array, tile: Array, fragments: Fragments, tiling: Tiling) -> Array:

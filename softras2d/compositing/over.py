@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 from ..barycentric import slot_weights, weight_sums
 from ..fragments import Fragments, shading_points
 from ..lists import Steps
-from ..shading import Lanes, Points, Surface, pick_lanes, shade_probes, view
+from ..shading import Lanes, Points, Surface, pick_lanes, shade, view
 from ..staging import one_pass
 from ..tiles import TileLists, Tiling
 
@@ -173,14 +173,14 @@ def _shade_block(
         points = shading_points(
             fragments, fragments.bits, surface.edges, lanes.weights, triangle, tile, tiling
         )
-        color = shade_probes(surface, lanes, points, tiling)
+        color = shade(surface, lanes, points, tiling)
         color = color.reshape(4, 1, 1, width, lines)
         return jnp.broadcast_to(color, (4, side, side, width, lines))
     lanes = one_pass(functools.partial(_lanes_by_line, height=tiling.height))(lanes)
     points = [x.reshape(-1, lines) for x in _sample_places(triangle.shape[0], tiling)]
 
     def shade_point(across: Array, down: Array) -> Array:
-        return shade_probes(surface, lanes, Points(None, across, down), tiling)
+        return shade(surface, lanes, Points(None, across, down), tiling)
 
     color = jax.vmap(shade_point, out_axes=1)(*points)
     return color.reshape(4, side, side, width, lines)

@@ -35,19 +35,31 @@ class Taps(NamedTuple):
     part: Float[Array, "2 *points"] | None = None
 
 
-def sample_levels(
-    texels: Float[Array, "channels texels"],
-    levels: Levels,
-    uv: Float[Array, "2 *points"],
-    lookup: Lookup,
-) -> Float[Array, "channels *points"]:
-    """The filtered texture at `uv`."""
+class LevelTaps(NamedTuple):
+    """Taps in the level that is read; or in two, of which `coarse` has the weight `fraction`."""
+
+    fine: Taps
+    coarse: Taps | None = None
+    fraction: Float[Array, "*points"] | None = None
+
+
+def tap_levels(levels: Levels, uv: Float[Array, "2 *points"], lookup: Lookup) -> LevelTaps:
+    """What is read at `uv`."""
     taps = one_pass(functools.partial(_taps, lookup=lookup))
-    fine = one_pass(_read)(texels, taps(levels.fine, uv))
-    if levels.coarse is None or levels.fraction is None:
+    fine = taps(levels.fine, uv)
+    if levels.coarse is None:
+        return LevelTaps(fine)
+    return LevelTaps(fine, taps(levels.coarse, uv), levels.fraction)
+
+
+def read_levels(
+    texels: Float[Array, "channels texels"], taps: LevelTaps
+) -> Float[Array, "channels *points"]:
+    """The filtered texture."""
+    fine = _read(texels, taps.fine)
+    if taps.coarse is None or taps.fraction is None:
         return fine
-    coarse = one_pass(_read)(texels, taps(levels.coarse, uv))
-    return one_pass(lambda a, b, t: a + t[None] * (b - a))(fine, coarse, levels.fraction)
+    return fine + taps.fraction[None] * (_read(texels, taps.coarse) - fine)
 
 
 def _read(texels: Array, taps: Taps) -> Array:
