@@ -56,10 +56,12 @@ def perspective(
 
     Raises `ValueError` for numbers outside these ranges.
     """
-    if not (0 < fov_y_degrees < 180 and 0 < aspect < math.inf and 0 < near < far):
+    given = (fov_y_degrees, aspect, near, far)
+    numbers = all(isinstance(value, float | int | np.number) for value in given)
+    if not (numbers and 0 < fov_y_degrees < 180 and 0 < aspect < math.inf and 0 < near < far):
         raise ValueError(
             "wanted 0 < `fov_y_degrees` < 180, `aspect` > 0 and 0 < `near` < `far`; "
-            f"got {fov_y_degrees}, {aspect}, {near}, {far}."
+            f"got {', '.join(map(repr, given))}."
         )
     focal = 1.0 / math.tan(math.radians(fov_y_degrees) / 2)
     # far / (far - near), which has a limit for far at infinity.
@@ -109,8 +111,10 @@ def project(
     given = (vertices, triangles, model, vertex_colors, triangle_colors, uv, texture_index)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((given, view, projection))):
         raise ValueError("`project` needs concrete values: call it outside jit, vmap and grad.")
-    if not (height >= 1 and width >= 1):
-        raise ValueError(f"`height` and `width` must be positive; got {height} and {width}.")
+    if not all(isinstance(side, int | np.integer) and side >= 1 for side in (height, width)):
+        raise ValueError(
+            f"`height` and `width` must be positive integers; got {height!r} and {width!r}."
+        )
     vertices = _numbers("vertices", vertices, (None, 3))
     rest: dict[str, Any] = {"background": background, "textures": textures}
     # The scene's own checks, before the cut renumbers what they would name.

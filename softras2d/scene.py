@@ -111,7 +111,8 @@ class Scene(eqx.Module):
                 raise ValueError(
                     f"`textures` must come from TexturePyramid.build([image, ...]); got {kind}."
                 )
-            textures = replace(textures, texels=textures.texels.astype(dtype))
+            if textures.texels.dtype != dtype:
+                textures = replace(textures, texels=textures.texels.astype(dtype))
         scene = Scene(
             positions=positions,
             triangles=triangles,

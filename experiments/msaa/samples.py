@@ -93,11 +93,12 @@ def pixel_corners(size: int) -> np.ndarray:
 def color_of_pixels(triangle: Triangle, points: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     """One colour of a triangle in each pixel `[pixels, 3]`, for the pixels with `chosen` samples.
 
-    At the centre if the triangle holds it, else at the centroid of the chosen samples, so that
-    nothing is read beyond the triangle.
+    At the centre if the triangle holds it, else at the centroid of the samples that it covers, so
+    that nothing is read beyond the triangle, and whatever hides some of them changes nothing.
     """
     found = chosen.any(axis=-1)
-    at, weight = points[found], chosen[found][..., None]
+    at = points[found]
+    weight = triangle.covers(at)[..., None]
     # The grid is symmetric: the mean of a pixel's samples is its centre.
     centre = at.mean(axis=1)
     centroid = (at * weight).sum(axis=1) / weight.sum(axis=1)

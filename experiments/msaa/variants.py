@@ -65,8 +65,7 @@ def frame_as_store(
 def per_sample(drawn: Sequence[Triangle], points: np.ndarray, background: np.ndarray) -> Drawing:
     """Right: each sample keeps its depth and its colour; a pixel is the mean of its samples.
 
-    Depth is tested first for all triangles, so that a triangle is shaded for the samples that stay
-    its own, as in the package.
+    Depth is tested first for all triangles, so that only those are shaded that keep a sample.
     """
     owner = owners(drawn, points)
     store = np.repeat(_empty(points, background)[:, :, None], points.shape[2], axis=2)
