@@ -39,7 +39,14 @@ def test_structure_is_the_smallest(seed, corners, channels, opaque):
     assert ((corners_left.max(1) >= 0) & (corners_left.min(1) <= (WIDTH, HEIGHT))).all()
 
 
-@pytest.mark.parametrize("corners, channels, opaque", [(1, 4, True), (3, 3, True), (3, 4, False)])
+@pytest.mark.parametrize(
+    "corners, channels, opaque",
+    [
+        pytest.param(1, 4, True, marks=pytest.mark.slow),
+        pytest.param(3, 3, True, marks=pytest.mark.slow),
+        (3, 4, False),
+    ],
+)
 def test_the_image_is_the_same(corners, channels, opaque):
     scenes = [_scene(seed, corners, channels, opaque) for seed in range(3)]
     # Equal corner colours, in a scene that could have others.
