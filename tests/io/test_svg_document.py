@@ -71,7 +71,7 @@ def test_encodings(encoding):
         ('<?xml version="1.0" encoding="big5"?><svg/>', ":1: .*(encoding|decoded)"),
         (b'<svg width="1" height="1">\n\xff\xfe</svg>', ":2: not well-formed"),
         (b"\0\0\0", ":1: not well-formed"),
-        (gzip.compress(b"<svg/>"), "compressed"),
+        (gzip.compress(b"<svg/>", mtime=0), "compressed"),
     ],
 )
 @pytest.mark.parametrize("dialect", ["svg", "course"])
