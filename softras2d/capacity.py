@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from .crossings import lines_crossed, runs_of
 from .effects import hiding, is_shaded, is_translucent
 from .fixed_point import (
     Grid,
@@ -42,6 +43,8 @@ class Capacity(NamedTuple):
     - `steps`: blocks of `BLOCK` tiles times the longest list in each, for what goes through lists
       in order: translucency and the depth test.
     - `fragments`: of a triangle and a pixel that shows it, for opaque scenes that are shaded.
+    - `crossings`: runs of lines of samples that an edge crosses, for derivatives with respect to
+      positions.
     """
 
     strips: Any
@@ -51,10 +54,13 @@ class Capacity(NamedTuple):
     depth: Any
     steps: Any
     fragments: Any
+    crossings: Any
 
 
 _LAYERS = (2, 4, 8)
-_LEAST = Capacity(strips=512, pairs=2048, layers=2, chunks=512, depth=4, steps=32, fragments=0)
+_LEAST = Capacity(
+    strips=512, pairs=2048, layers=2, chunks=512, depth=4, steps=32, fragments=0, crossings=1024
+)
 """Room that every plan has: it costs next to nothing, and small scenes share programs by it."""
 
 _LEAST_FRAGMENTS = 4096
@@ -63,13 +69,14 @@ _LEAST_FRAGMENTS = 4096
 class Counts(NamedTuple):
     """Of one scene: strips, pairs before hidden ones are dropped, and the length of each list.
 
-    `fragments` is 0 where none are needed.
+    `fragments` and `crossings` are 0 where none are needed.
     """
 
     strips: int
     pairs: int
     listed: np.ndarray
     fragments: int
+    crossings: int
 
 
 def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) -> Counts:
@@ -106,7 +113,10 @@ def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) ->
         deep = None if scene.depth is None else depth_planes(corners, scene, grid)
         pair = Pairs(tile[kept], owner[kept], whole[kept])
         fragments = count_fragments(edges, boxes, pair, deep, tiling)
-    return Counts(len(triangle), pairs, np.sort(listed)[::-1], fragments)
+    crossings = 0
+    if coverage.edge_gradients:
+        crossings = int(runs_of(lines_crossed(segments, grid)[1]).sum(dtype=np.int64))
+    return Counts(len(triangle), pairs, np.sort(listed)[::-1], fragments, crossings)
 
 
 def _refuse_many(pairs: int) -> None:
@@ -137,6 +147,7 @@ def make_room(counts: Sequence[Counts], *, in_order: bool, pixels: int) -> Capac
         depth=max(int(chunks[0]) for chunks in cut[layers]),
         steps=max(int(one.listed[::BLOCK].sum()) for one in counts) if in_order else 0,
         fragments=max(one.fragments for one in counts),
+        crossings=max(one.crossings for one in counts),
     )
     steps = [_ladder(need, least) for need, least in zip(needs, _LEAST, strict=True)]
     room = Capacity(*steps)

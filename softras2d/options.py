@@ -24,8 +24,8 @@ class Hard(eqx.Module):
     - `shading`: where colours are evaluated: at each `"sample"` (supersampling), or once a
       `"pixel"` for each triangle there (multisampling): at the centre if the triangle holds it,
       else at the centroid of the samples of the pixel that it covers, whether they show or not.
-    - `edge_gradients`: whether positions receive the derivative of the box-filtered image; not
-      built yet, they receive zero.
+    - `edge_gradients`: whether positions receive the derivative of the box-filtered image, which
+      costs nothing until it is asked for; else they receive zero.
     """
 
     samples: int = eqx.field(static=True, default=16)

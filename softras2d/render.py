@@ -14,8 +14,12 @@ from . import safe
 from .barycentric import slot_weights
 from .capacity import Capacity
 from .compositing import deferred, opaque, over
+from .compositing.front import Front
+from .compositing.layered import Layers
 from .coverage.depth import Depths, keep_nearest
 from .coverage.hard import covered_rows, hide
+from .crossings import Sides, is_steep, lines_crossed, runs_of
+from .edge_gradient import Opaque, Outlines, Shape, slopes
 from .effects import hiding, is_shaded, is_translucent, varies
 from .fixed_point import (
     Bounds,
@@ -32,18 +36,20 @@ from .fixed_point import (
 )
 from .fragments import cut_fragments
 from .guard_band import Planes, clip, planes
+from .interior_gradient import ride, weight_gradients
 from .lists import Chunks, Steps, cut_chunks, cut_steps
 from .plan import Plan
 from .scene import Scene
 from .shading import Corners, Surface, surface_of
 from .staging import one_pass
-from .tiles import TileLists, Tiling, list_tiles
+from .tiles import TileLists, Tiling, list_tiles, saturated_sum
 
 
 class Projected(NamedTuple):
     """The scene on the sample grid.
 
     - `edges`, `bounds`: of each triangle, turned to positive orientation.
+    - `outlines`: what the derivative with respect to positions needs, if it is asked for.
     - `surface`: what their colours need, corners turned alike.
     - `depths`: what the depth test needs, if the scene has depth.
     - `hides`: triangles through which nothing shows.
@@ -52,6 +58,7 @@ class Projected(NamedTuple):
 
     edges: Edges
     bounds: Bounds
+    outlines: Outlines | None
     surface: Surface
     depths: Depths | None
     hides: Bool[Array, " triangles"]
@@ -68,7 +75,9 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     Pure: use it under `jit` and `vmap`, and close over the plan or pass it. It never looks at
     values: a triangle with a NaN or infinite corner covers nothing. Derivatives with respect to
     colours, texture coordinates, texels, `inverse_w` and background are exact, forwards and
-    backwards; those to positions and depth are zero.
+    backwards. Those to positions are of the box-filtered image, evaluated on the grid of samples
+    (`edge_gradient`, `interior_gradient`), unless `Hard.edge_gradients` is off; lines along which
+    triangles interpenetrate are left out. Those to depth are zero.
 
     Raises `ValueError` when the scene outgrows the plan; under a trace, an `eqx.error_if` does it
     when the program runs (JAX keeps no persistent cache entry for such a program).
@@ -118,7 +127,7 @@ def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
     none = jnp.zeros((), jnp.int32)
     if scene.triangles.shape[0] == 0:
         image = jnp.broadcast_to(background, (plan.height, plan.width, background.shape[0]))
-        return _straight(image), Capacity(*[none] * 7), none > 0
+        return _straight(image), Capacity(*[none] * len(Capacity._fields)), none > 0
     tiling, room = plan.tiling, plan.capacity
     projected = _project(scene, plan)
     lists = list_tiles(
@@ -129,18 +138,30 @@ def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
         strips=room.strips,
         pairs=room.pairs,
     )
+    crossed = none
+    if projected.outlines is not None:
+        crossed = one_pass(lambda count: saturated_sum(runs_of(count).reshape(-1)))(
+            projected.outlines.count
+        )
     steps = None
     if is_translucent(scene) or scene.depth is not None:
         steps = cut_steps(lists, capacity=room.steps)
     if steps is not None and is_translucent(scene):
         image = _blend(projected, lists, steps, background, scene, plan)
-        needs = Capacity(lists.strips, lists.pairs, none, none, none, steps.needed, none)
+        needs = Capacity(lists.strips, lists.pairs, none, none, none, steps.needed, none, crossed)
     else:
         chunks = cut_chunks(lists, layers=room.layers, capacity=room.chunks)
         image, fragments = _paint(projected, lists, steps, chunks, background, scene, plan)
         ordered = none if steps is None else steps.needed
         needs = Capacity(
-            lists.strips, lists.pairs, none, chunks.needed, chunks.deepest, ordered, fragments
+            lists.strips,
+            lists.pairs,
+            none,
+            chunks.needed,
+            chunks.deepest,
+            ordered,
+            fragments,
+            crossed,
         )
     return _straight(image), needs, projected.astray
 
@@ -155,7 +176,7 @@ def _project(scene: Scene, plan: Plan) -> Projected:
 
     @one_pass
     def place(positions, triangles, origin):
-        # Positions get the derivative of the box-filtered image or none, never a part of it.
+        # Positions get the derivative of the box-filtered image apart, or none.
         corners = jax.lax.stop_gradient(corners_of(positions, triangles, origin))
         return corners, snap(corners, grid), ~jnp.all(within_guard(corners, grid))
 
@@ -171,13 +192,31 @@ def _project(scene: Scene, plan: Plan) -> Projected:
     edges = one_pass(lambda of: edge_functions(of, grid, plan.coverage.fill_rule))(segments)
     box = one_pass(lambda of: bounds(of, grid))(segments)
     edges = separate(edges)
-    surface = _surface(scene, edges, weights, orientation, plan)
+    outlines = None
+    if plan.coverage.edge_gradients:
+        outlines = _outlines(corners, snapped.finite, segments, edges, scene.triangles, grid)
+    surface = _surface(scene, edges, weights, outlines, orientation, plan)
     depths = None
     if scene.depth is not None:
         corner_depth = one_pass(_turned)(scene.depth, scene.triangles, orientation)
         depths = Depths(edges, weights, jax.lax.stop_gradient(corner_depth))
     hides = one_pass(hiding)(scene, orientation)
-    return Projected(edges, box, surface, depths, hides, astray)
+    return Projected(edges, box, outlines, surface, depths, hides, astray)
+
+
+def _outlines(corners, finite, segments, edges: Edges, triangles, grid) -> Outlines:
+    @one_pass
+    def draw(corners, finite, segments, triangles):
+        corners = jnp.where(finite[:, None, None], corners, 0.0)
+        orientation = segments.orientation
+        vertex = turn(triangles.T, orientation).T
+        x, y = (turn(corners[:, :, axis].T, orientation).T for axis in (0, 1))
+        start = jnp.stack([x, y])
+        sides = Sides(start, jnp.roll(start, -1, 2), is_steep(segments).T)
+        return sides, vertex, *lines_crossed(segments, grid)
+
+    sides, vertex, first, count = draw(corners, finite, segments, triangles)
+    return Outlines(sides, edges, vertex, first, count)
 
 
 def _turned(vertex: Array, triangles: Array, orientation: Array) -> Array:
@@ -186,7 +225,12 @@ def _turned(vertex: Array, triangles: Array, orientation: Array) -> Array:
 
 
 def _surface(
-    scene: Scene, edges: Edges, weights: Planes | None, orientation, plan: Plan
+    scene: Scene,
+    edges: Edges,
+    weights: Planes | None,
+    outlines: Outlines | None,
+    orientation,
+    plan: Plan,
 ) -> Surface:
     @one_pass
     def turn_corners(colors, uv, inverse_w, triangles, orientation):
@@ -203,6 +247,9 @@ def _surface(
 
     bent = scene.inverse_w if varies(scene) else None
     corners = turn_corners(scene.colors, scene.uv, bent, scene.triangles, orientation)
+    if outlines is not None and varies(scene):
+        gradients = weight_gradients(edges, weights, plan.grid, scene.positions.dtype)
+        corners = ride(corners, scene.positions, outlines.vertex, gradients)
     return surface_of(edges, weights, corners, scene.texture_index, scene.textures, plan.filter)
 
 
@@ -219,7 +266,12 @@ def _blend(
     covered, passed = _listed_rows(projected, lists, steps, plan)
     shading = shading if is_shaded(scene, shading) else None
     sums = over.composite(projected.surface, passed, covered, lists, steps, tiling, shading=shading)
-    return over.to_image(sums, background, tiling)
+    image = over.to_image(sums, background, tiling)
+    if projected.outlines is not None:
+        seen = Layers(passed, lists, projected.surface, projected.depths, background)
+        shape = Shape(tiling, image.shape[-1], plan.capacity.crossings, 0, not varies(scene))
+        image = image + slopes(shape, scene.positions, projected.outlines, seen)
+    return image
 
 
 def _listed_rows(
@@ -278,7 +330,12 @@ def _paint(
         parts = _sum_slots(surface, visible, chunks, tiling)
         totals = opaque.sum_chunks(parts, chunks, depth=room.depth)
     totals = opaque.add_background(totals, covered, chunks, background, tiling)
-    return opaque.to_image(totals, tiling), needed
+    image = opaque.to_image(totals, tiling)
+    if projected.outlines is not None:
+        seen = Opaque(Front(visible, covered, chunks), surface, projected.depths, background)
+        shape = Shape(tiling, image.shape[-1], room.crossings, room.depth, not varies(scene))
+        image = image + slopes(shape, scene.positions, projected.outlines, seen)
+    return image, needed
 
 
 def _sum_slots(surface: Surface, visible: Array, chunks: Chunks, tiling: Tiling) -> Array:

@@ -1,6 +1,7 @@
 """Strict JAX, seeded hypothesis, float64 on demand, a counter of compilations."""
 
 import contextlib
+import pathlib
 from collections.abc import Callable, Iterator
 
 import hypothesis
@@ -24,6 +25,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="write tests/references/*.png from the images of this run, instead of comparing",
     )
+
+
+_MOST_MAPS = 20_000
+
+
+@pytest.fixture(autouse=True)
+def _forget_programs() -> Iterator[None]:
+    """Drop compiled programs before they are too many for one process.
+
+    Each keeps memory maps, of which Linux grants a process 65,530; beyond, the compiler crashes.
+    """
+    yield
+    maps = pathlib.Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > _MOST_MAPS:
+        jax.clear_caches()
 
 
 @pytest.fixture

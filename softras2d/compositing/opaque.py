@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, UInt32
 
 from ..barycentric import Weights, weight_sums
+from ..linear import linear_map
 from ..lists import Chunks
 from ..staging import one_pass
 from ..tiles import Tiling
@@ -199,8 +200,18 @@ def sum_chunks(
         tile = jnp.where(deep, chunks.tile, total.shape[0])
         return total.at[tile].add(parts, mode="drop", indices_are_sorted=False)
 
-    total = gather(parts, chunks)
-    return total if depth <= _GATHERED else scatter(total, parts, chunks)
+    def add(chunks, parts):
+        total = gather(parts, chunks)
+        return total if depth <= _GATHERED else scatter(total, parts, chunks)
+
+    @one_pass
+    def spread(chunks, total):
+        number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
+        used = (number < chunks.needed)[:, None, None, None]
+        return jnp.where(used, total[chunks.tile], 0.0)
+
+    # Each chunk is of one tile: backwards that is a single gather.
+    return linear_map(add, spread)(chunks, parts)
 
 
 def add_background(

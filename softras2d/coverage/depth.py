@@ -12,11 +12,11 @@ University of Utah, 1974), section 4; order of tests as in the OpenGL 4.6 specif
 """
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, UInt32
+from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from ..barycentric import Weights, slot_weights, twice_area, weight_sums
 from ..fixed_point import Edges
@@ -76,6 +76,25 @@ def keep_nearest(
         _, (words, pair) = jax.lax.scan(visit, least, (numbers, steps.block, steps.place))
         words = words.reshape(-1, tiling.sample_rows)
         return jnp.zeros_like(rows).at[pair.reshape(-1)].set(words, mode="drop")
+
+
+def depth_at(
+    depths: Depths, triangle: Int[Array, "*samples"], sample: Any, tiling: Tiling
+) -> Float[Array, "*samples"]:
+    """Depth of a triangle's plane at a sample (column, row), whether it covers it or not."""
+
+    @one_pass
+    def measure(depths, triangle, sample):
+        area = twice_area(depths.edges, depths.depth.dtype)
+        # The first tile: its samples are counted from the corner of the canvas.
+        tile = jnp.zeros_like(triangle)
+        weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
+        one = jnp.ones_like(triangle)
+        _, second, third = weight_sums(weights, one, *sample)
+        corner = depths.depth[:, triangle]
+        return corner[0] + second * (corner[1] - corner[0]) + third * (corner[2] - corner[0])
+
+    return measure(depths, triangle, sample)
 
 
 def _measure(

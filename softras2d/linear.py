@@ -1,0 +1,113 @@
+"""Linear maps whose transpose is written by hand.
+
+Autodiff transposes a program operation by operation, and the transpose of a fast program need not
+be fast: a gather that sums becomes scatters, one for each term. A `custom_vjp` would fix that and
+shut out forward mode; here both directions are given, and each is differentiated and batched as
+any other operation.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.core import ShapedArray
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+Map = Callable[[Any, Any], Any]
+"""From what it is fixed by, and one array, to one array."""
+
+
+def linear_map(forward: Map, backward: Map) -> Map:
+    """`forward(fixed, x)`, linear in the array `x`, with the transpose `backward(fixed, y)`.
+
+    Both are traced as usual; neither may close over traced values. `fixed` is any tree of arrays;
+    derivatives with respect to it are those of `forward`, by autodiff.
+    """
+
+    def apply(fixed: Any, x: Any) -> Any:
+        leaves, tree = jax.tree.flatten(fixed)
+
+        def unpack(function: Map) -> Callable[..., Any]:
+            return lambda x, *leaves: function(tree.unflatten(leaves), x)
+
+        pair = _Pair(unpack(forward), unpack(backward))
+        return _linear_map.bind(x, *leaves, pair=pair)
+
+    return apply
+
+
+class _Pair:
+    """Both directions as functions of `x` and the leaves of what is fixed; a static parameter."""
+
+    def __init__(self, forward: Callable[..., Any], backward: Callable[..., Any]):
+        self.forward, self.backward = forward, backward
+
+    def batched(self, axes: tuple[Any, ...]) -> "_Pair":
+        """Both over a leading axis of `x`, and of the leaves whose entry in `axes` is not None."""
+        return _Pair(*(jax.vmap(f, (0, *axes)) for f in (self.forward, self.backward)))
+
+
+_linear_map = Primitive("linear_map")
+
+
+def _run(x, *leaves, pair: _Pair):
+    return pair.forward(x, *leaves)
+
+
+def _shape(x, *leaves, pair: _Pair):
+    arguments = [jax.ShapeDtypeStruct(a.shape, a.dtype) for a in (x, *leaves)]
+    out = jax.eval_shape(pair.forward, *arguments)
+    return ShapedArray(out.shape, out.dtype)
+
+
+def _jvp(primals, tangents, *, pair: _Pair):
+    x, *leaves = primals
+    change, *moved = tangents
+    out = _linear_map.bind(x, *leaves, pair=pair)
+    total = ad.Zero(jax.typeof(out).to_tangent_aval())
+    if type(change) is not ad.Zero:
+        total = _linear_map.bind(change, *leaves, pair=pair)
+    moving = [i for i, dot in enumerate(moved) if type(dot) is not ad.Zero]
+    if moving:
+
+        def of_moving(*some):
+            filled = list(leaves)
+            for i, leaf in zip(moving, some, strict=True):
+                filled[i] = leaf
+            return pair.forward(x, *filled)
+
+        primal, dot = ([entries[i] for i in moving] for entries in (leaves, moved))
+        bent = jax.jvp(of_moving, primal, dot)[1]
+        total = bent if type(total) is ad.Zero else total + bent
+    return out, total
+
+
+def _transpose(cotangent, x, *leaves, pair: _Pair):
+    assert ad.is_undefined_primal(x) and not any(map(ad.is_undefined_primal, leaves))
+    none = [None] * len(leaves)
+    if type(cotangent) is ad.Zero:
+        return ad.Zero(x.aval), *none
+    swapped = _Pair(pair.backward, pair.forward)
+    return _linear_map.bind(cotangent, *leaves, pair=swapped), *none
+
+
+def _batch(arguments, axes, *, pair: _Pair):
+    x, *leaves = arguments
+    size = next(a.shape[d] for a, d in zip(arguments, axes, strict=True) if d is not None)
+    x = batching.bdim_at_front(x, axes[0], size)
+    moved = [
+        leaf if axis is None else jnp.moveaxis(leaf, axis, 0)
+        for leaf, axis in zip(leaves, axes[1:], strict=True)
+    ]
+    inner = tuple(None if axis is None else 0 for axis in axes[1:])
+    return _linear_map.bind(x, *moved, pair=pair.batched(inner)), 0
+
+
+_linear_map.def_impl(jax.jit(_run, static_argnames="pair"))
+_linear_map.def_abstract_eval(_shape)
+ad.primitive_jvps[_linear_map] = _jvp
+ad.primitive_transposes[_linear_map] = _transpose
+batching.primitive_batchers[_linear_map] = _batch
+mlir.register_lowering(_linear_map, mlir.lower_fun(_run, multiple_results=False))
