@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from .coverage.pixels import SIDE
 from .crossings import lines_crossed, runs_of
-from .effects import hiding, is_shaded, is_translucent
+from .effects import fading_hides, hiding, is_shaded, is_translucent
 from .fixed_point import (
+    Bounds,
     Grid,
     bounds,
     corners_of,
@@ -27,6 +29,7 @@ from .fragment_count import Pairs, count_fragments, depth_planes
 from .guard_band import clip
 from .lists import BLOCK
 from .options import Hard
+from .reach import reaches
 from .scene import Scene
 from .tiles import Tiling, measure, narrow, strip_counts
 
@@ -57,7 +60,10 @@ class Capacity(NamedTuple):
     crossings: Any
 
 
-_LAYERS = (2, 4, 8)
+HARD_LAYERS = (2, 4, 8)
+FADING_LAYERS = (4, 8)
+"""Coverage that fades passes more on from chunk to chunk than bits."""
+
 _LEAST = Capacity(
     strips=512, pairs=2048, layers=2, chunks=512, depth=4, steps=32, fragments=0, crossings=1024
 )
@@ -90,6 +96,42 @@ def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) ->
         segments = clip(corners, segments, grid)
     edges = separate(edge_functions(segments, grid, coverage.fill_rule))
     boxes = bounds(segments, grid)
+    found = _list_pairs(edges, boxes, hiding(scene, segments.orientation), tiling)
+    fragments = 0
+    if is_shaded(scene, coverage.shading) and not is_translucent(scene):
+        deep = None if scene.depth is None else depth_planes(corners, scene, grid)
+        fragments = count_fragments(edges, boxes, found.kept, deep, tiling)
+    crossings = 0
+    if coverage.edge_gradients:
+        crossings = int(runs_of(lines_crossed(segments, grid)[1]).sum(dtype=np.int64))
+    return Counts(found.strips, found.pairs, found.listed, fragments, crossings)
+
+
+def count_fading(
+    scene: Scene, grid: Grid, reach: float, origin: np.ndarray, *, hiding: bool
+) -> Counts:
+    """The same for coverage that fades out `reach` pixels beyond the edges.
+
+    `hiding`: whether what lies behind an opaque triangle is dropped.
+    """
+    corners = corners_of(np.asarray(scene.positions), np.asarray(scene.triangles), origin)
+    found = reaches(corners, grid, np.float32(reach))
+    hides = hiding & fading_hides(np.asarray(scene.colors), found.orientation)
+    pairs = _list_pairs(found.lines, found.bounds, hides, Tiling.square(grid, SIDE))
+    return Counts(pairs.strips, pairs.pairs, pairs.listed, 0, 0)
+
+
+class _Listed(NamedTuple):
+    """How many strips and pairs there are; pairs that nothing hides, and how many in each tile."""
+
+    strips: int
+    pairs: int
+    kept: Pairs
+    listed: np.ndarray
+
+
+def _list_pairs(edges: Any, boxes: Bounds, hides: np.ndarray, tiling: Tiling) -> _Listed:
+    """`tiles.list_tiles` in numpy."""
     counts = strip_counts(boxes, tiling)
     _refuse_many(int(counts.sum(dtype=np.int64)))
     triangle, rank = _expand(counts)
@@ -104,19 +146,11 @@ def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) ->
     whole = (strips.whole_first[strip] <= column) & (column <= strips.whole_last[strip])
     owner = triangle[strip]
     wall = np.full(tiling.count, -1, np.int32)
-    hidden = whole & hiding(scene, segments.orientation)[owner]
+    hidden = whole & hides[owner]
     np.maximum.at(wall, tile[hidden], owner[hidden])
     kept = owner >= wall[tile]
-    listed = np.bincount(tile[kept], minlength=tiling.count)
-    fragments = 0
-    if is_shaded(scene, coverage.shading) and not is_translucent(scene):
-        deep = None if scene.depth is None else depth_planes(corners, scene, grid)
-        pair = Pairs(tile[kept], owner[kept], whole[kept])
-        fragments = count_fragments(edges, boxes, pair, deep, tiling)
-    crossings = 0
-    if coverage.edge_gradients:
-        crossings = int(runs_of(lines_crossed(segments, grid)[1]).sum(dtype=np.int64))
-    return Counts(len(triangle), pairs, np.sort(listed)[::-1], fragments, crossings)
+    listed = np.sort(np.bincount(tile[kept], minlength=tiling.count))[::-1]
+    return _Listed(len(triangle), pairs, Pairs(tile[kept], owner[kept], whole[kept]), listed)
 
 
 def _refuse_many(pairs: int) -> None:
@@ -127,24 +161,26 @@ def _refuse_many(pairs: int) -> None:
         )
 
 
-def make_room(counts: Sequence[Counts], *, in_order: bool, pixels: int) -> Capacity:
+def make_room(
+    counts: Sequence[Counts], *, in_order: bool, pixels: int, layers: Sequence[int]
+) -> Capacity:
     """Capacities for any of the scenes counted: the largest need, a quarter more, a ladder step.
 
-    `in_order`: whether lists are gone through in order; `pixels`: of the canvas.
+    `in_order`: whether lists are gone through in order; `pixels`: of the canvas; `layers`: choices.
     """
-    cut = {layers: [-(-one.listed // layers) for one in counts] for layers in _LAYERS}
+    cut = {number: [-(-one.listed // number) for one in counts] for number in layers}
 
     def work(layers: int) -> int:
         """Slots, and the state that each chunk passes on."""
         return (layers + 1) * sum(int(chunks.sum()) for chunks in cut[layers])
 
-    layers = min(_LAYERS, key=work)
+    best = min(layers, key=work)
     needs = Capacity(
         strips=max(one.strips for one in counts),
         pairs=max(one.pairs for one in counts),
-        layers=layers,
-        chunks=max(int(chunks.sum()) for chunks in cut[layers]),
-        depth=max(int(chunks[0]) for chunks in cut[layers]),
+        layers=best,
+        chunks=max(int(chunks.sum()) for chunks in cut[best]),
+        depth=max(int(chunks[0]) for chunks in cut[best]),
         steps=max(int(one.listed[::BLOCK].sum()) for one in counts) if in_order else 0,
         fragments=max(one.fragments for one in counts),
         crossings=max(one.crossings for one in counts),
@@ -152,7 +188,7 @@ def make_room(counts: Sequence[Counts], *, in_order: bool, pixels: int) -> Capac
     steps = [_ladder(need, least) for need, least in zip(needs, _LEAST, strict=True)]
     room = Capacity(*steps)
     # The fullest tile varies most from scene to scene and costs least: whole octaves.
-    room = room._replace(layers=layers, depth=1 << (room.depth - 1).bit_length())
+    room = room._replace(layers=best, depth=1 << (room.depth - 1).bit_length())
     return room._replace(fragments=_fragment_room(needs.fragments, pixels))
 
 

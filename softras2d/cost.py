@@ -14,7 +14,7 @@ import numpy as np
 
 from .effects import EFFECTS
 from .fixed_point import corners_of, within_guard
-from .options import Filter, Hard
+from .options import Area, Filter, Hard, Soft
 from .plan import Plan, plan
 from .render import compile_render
 from .scene import Scene
@@ -88,7 +88,7 @@ def without(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
     return scene, _plan_again(scene, plan, coverage, filter)
 
 
-def _plan_again(scene: Scene, old: Plan, coverage: Hard, filter: Filter) -> Plan:
+def _plan_again(scene: Scene, old: Plan, coverage: Hard | Soft | Area, filter: Filter) -> Plan:
     return plan(
         scene,
         height=old.height,

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from .options import Filter, Hard
+from .options import Area, Filter, Hard, Soft
 from .scene import Scene
 
 EFFECTS = {
@@ -41,7 +41,7 @@ def is_shaded(scene: Scene, rate: str) -> bool:
     return scene.textures is not None or (varies(scene) and bent)
 
 
-def structural_effects(scene: Scene, coverage: Hard, filter: Filter) -> set[str]:
+def structural_effects(scene: Scene, coverage: Hard | Soft | Area, filter: Filter) -> set[str]:
     """Names of `EFFECTS`; all but those that only concrete positions tell."""
     textures = scene.textures
     textured = textures is not None
@@ -55,9 +55,18 @@ def structural_effects(scene: Scene, coverage: Hard, filter: Filter) -> set[str]
         "anisotropic filter": textured and filter.anisotropy > 1,
         "perspective": scene.inverse_w is not None and varies(scene),
         "depth test": scene.depth is not None,
-        "pixel shading": coverage.shading == "pixel" and varies(scene),
+        "pixel shading": isinstance(coverage, Hard)
+        and coverage.shading == "pixel"
+        and varies(scene),
     }
     return {name for name, here in present.items() if here}
+
+
+def fading_hides(colors: Any, orientation: Any) -> Any:
+    """`hiding` for coverage that has a slope, which has no depth and no textures."""
+    xp = colors.__array_namespace__()
+    solid = orientation != 0
+    return solid & xp.all(colors[..., 3] >= 1, axis=1) if colors.shape[2] == 4 else solid
 
 
 def hiding(scene: Scene, orientation: Any) -> Any:

@@ -10,7 +10,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Int
 
-from .capacity import Capacity, count_lists, make_room
+from .capacity import FADING_LAYERS, HARD_LAYERS, Capacity, count_fading, count_lists, make_room
+from .coverage import area, soft
+from .coverage.pixels import SIDE
 from .effects import EFFECTS, is_translucent, structural_effects
 from .fixed_point import Grid, corners_of, within_guard
 from .lists import BLOCK
@@ -32,21 +34,28 @@ class Plan(eqx.Module):
 
     height: int = eqx.field(static=True)
     width: int = eqx.field(static=True)
-    coverage: Hard
+    coverage: Hard | Soft | Area
     filter: Filter
     origin: Int[Array, "2"]
     capacity: Capacity = eqx.field(static=True)
     effects: tuple[str, ...] = eqx.field(static=True)
 
     @property
+    def hard(self) -> Hard:
+        """The coverage, of a plan for hard mode."""
+        assert isinstance(self.coverage, Hard)
+        return self.coverage
+
+    @property
     def grid(self) -> Grid:
         """Canvas, samples and snapping grid."""
-        return Grid.of(self.height, self.width, self.coverage.rate)
+        return Grid.of(self.height, self.width, _rate(self.coverage))
 
     @property
     def tiling(self) -> Tiling:
         """How the canvas is cut into tiles."""
-        return Tiling.of(self.grid)
+        hard = isinstance(self.coverage, Hard)
+        return Tiling.of(self.grid) if hard else Tiling.square(self.grid, SIDE)
 
     @property
     def memory(self) -> int:
@@ -56,7 +65,7 @@ class Plan(eqx.Module):
         rows = slots * tiling.sample_rows * 4
         pixels = tiling.height * tiling.width * 4
         in_order = 4 * tiling.sample_rows * (2 * room.pairs + room.steps * BLOCK)
-        shaded = 4 * room.fragments * (60 + self.coverage.rate)
+        shaded = 4 * room.fragments * (60 + tiling.grid.rate)
         lists = 17 * 4 * room.pairs + 2 * rows + (3 * room.chunks + 7 * tiling.count) * pixels
         return (
             lists + shaded + (in_order if {"translucency", "depth test"} & set(self.effects) else 0)
@@ -66,14 +75,12 @@ class Plan(eqx.Module):
         if isinstance(self.origin, Tracer):
             return f"Plan({self.width} x {self.height} px, traced)"
         grid, tiling, room = self.grid, self.tiling, self.capacity
-        hard = self.coverage
         effects = [f"  {name}: {EFFECTS[name]}" for name in self.effects] or ["  none"]
         fragments = [f"          {room.fragments:,} fragments"] if room.fragments else []
         return "\n".join(
             [
                 f"canvas    {self.width} x {self.height} px, origin {tuple(self.origin.tolist())}",
-                f"coverage  hard, {hard.samples} samples a pixel, {hard.fill_rule}, "
-                f"shaded by {hard.shading}; grid 2^-{grid.bits} px",
+                f"coverage  {_describe(self.coverage, grid)}",
                 "effects",
                 *effects,
                 f"tiles     {tiling.columns} x {tiling.rows} of {tiling.width} x {tiling.height}",
@@ -93,6 +100,7 @@ def plan(
     coverage: Hard | Soft | Area | None = None,
     filter: Filter | None = None,
     origin: Any = (0, 0),
+    max_width: float | None = None,
 ) -> Plan:
     """Look at concrete scenes and decide what a render of any of them needs.
 
@@ -102,10 +110,14 @@ def plan(
     - `filter`: how textures are sampled; `Filter()` unless given.
     - `origin`: the pixel (x, y) of the scene at the canvas's upper left; an array leaf, so that
       another one does not recompile.
+    - `max_width`: the largest `Soft.width` that the plan is to be used with, that of `coverage`
+      unless given. The width is an array leaf: another one does not recompile.
 
-    Raises `ValueError` for values that no picture has, and for coverages that are not drawn yet.
+    Raises `ValueError` for values that no picture has, and for effects that a coverage lacks.
     """
-    hard = drawn_coverage(Hard() if coverage is None else coverage)
+    coverage = _checked(Hard() if coverage is None else coverage, max_width)
+    reach = _reach(coverage, max_width)
+    coverage = _with_array_width(coverage)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
         raise ValueError("`plan` needs concrete scenes: make the plan outside jit, vmap and grad.")
     scenes = [
@@ -115,33 +127,95 @@ def plan(
         raise ValueError("`scene` must be a scene or several; got an empty list.")
     for one in scenes:
         check(one)
+        refuse_missing(one, coverage)
     origin = _pixel(origin)
-    grid = Grid.of(height, width, hard.rate)
+    grid = Grid.of(height, width, _rate(coverage))
     filter = Filter() if filter is None else filter
     if not isinstance(filter, Filter):
         raise ValueError(f"`filter` must be Filter(...); got {filter!r}.")
-    counts = [count_lists(one, grid, hard, origin) for one in scenes]
-    used = {name for one in scenes for name in structural_effects(one, hard, filter)}
-    if not all(_within_guard(one, grid, origin) for one in scenes):
-        used.add("guard band")
-    in_order = any(is_translucent(one) or one.depth is not None for one in scenes)
+    used = {name for one in scenes for name in structural_effects(one, coverage, filter)}
+    layers = HARD_LAYERS if isinstance(coverage, Hard) else FADING_LAYERS
+    if isinstance(coverage, Hard):
+        counts = [count_lists(one, grid, coverage, origin) for one in scenes]
+        if not all(_within_guard(one, grid, origin) for one in scenes):
+            used.add("guard band")
+    else:
+        summed = isinstance(coverage, Area) and coverage.compositing == "sum"
+        counts = [count_fading(one, grid, reach, origin, hiding=not summed) for one in scenes]
+    in_order = isinstance(coverage, Hard) and any(
+        is_translucent(one) or one.depth is not None for one in scenes
+    )
     return Plan(
         height=height,
         width=width,
-        coverage=hard,
+        coverage=coverage,
         filter=_with_array_bias(filter),
         origin=jnp.asarray(origin),
-        capacity=make_room(counts, in_order=in_order, pixels=height * width),
+        capacity=make_room(counts, in_order=in_order, pixels=height * width, layers=layers),
         effects=tuple(name for name in EFFECTS if name in used),
     )
 
 
-def drawn_coverage(coverage: Hard | Soft | Area) -> Hard:
-    """The coverage, or `ValueError` for one that the package describes but does not draw yet."""
-    if not isinstance(coverage, Hard):
-        name = type(coverage).__name__
-        raise ValueError(f"`coverage` must be Hard(...): {name} is not drawn yet.")
+def refuse_missing(scene: Scene, coverage: Hard | Soft | Area) -> None:
+    """`ValueError` for an effect of the scene that the coverage does not draw."""
+    if isinstance(coverage, Hard):
+        return
+    name = type(coverage).__name__
+    for entry in ("textures", "depth"):
+        if getattr(scene, entry) is not None:
+            raise ValueError(f"`{name}` does not draw `{entry}` yet: use Hard(...).")
+    if isinstance(coverage, Area) and scene.colors.shape[-2] == 3:
+        raise ValueError("`Area` does not draw corner colours yet: use Soft(...) or Hard(...).")
+
+
+def _rate(coverage: Hard | Soft | Area) -> int:
+    return coverage.rate if isinstance(coverage, Hard) else 1
+
+
+def _checked(coverage: Any, max_width: float | None) -> Hard | Soft | Area:
+    """The coverage, or `ValueError` for another thing or a width that none has."""
+    if not isinstance(coverage, Hard | Soft | Area):
+        raise ValueError(f"`coverage` must be Hard(...), Soft(...) or Area(...); got {coverage!r}.")
+    if max_width is not None and not isinstance(coverage, Soft):
+        raise ValueError("`max_width` is for Soft coverage.")
+    widths: dict[str, Any] = {} if max_width is None else {"max_width": max_width}
+    if isinstance(coverage, Soft):
+        widths["width"] = coverage.width
+    for name, value in widths.items():
+        if isinstance(value, Tracer):
+            raise ValueError(f"`plan` needs a concrete `{name}`; set it later.")
+        number = np.asarray(value)
+        if number.ndim or number.dtype.kind not in "iuf" or not 0 < number < 2.0**30:
+            raise ValueError(f"`{name}` must be one number of pixels above 0; got {value!r}.")
     return coverage
+
+
+def _reach(coverage: Hard | Soft | Area, max_width: float | None) -> float:
+    """Pixels beyond its edges to which a triangle fades out."""
+    if isinstance(coverage, Hard):
+        return 0.0
+    if isinstance(coverage, Area):
+        return area.REACH
+    width = float(coverage.width)
+    return max(width, max_width or width) * soft.SUPPORT[coverage.profile]
+
+
+def _with_array_width(coverage: Hard | Soft | Area) -> Hard | Soft | Area:
+    """An array leaf, so that another width does not recompile."""
+    if not isinstance(coverage, Soft):
+        return coverage
+    return eqx.tree_at(lambda c: c.width, coverage, jnp.asarray(coverage.width, jnp.float32))
+
+
+def _describe(coverage: Hard | Soft | Area, grid: Grid) -> str:
+    if isinstance(coverage, Soft):
+        return f"soft, {coverage.profile}, {float(coverage.width):g} px wide"
+    if isinstance(coverage, Area):
+        return f"exact area, composited by {coverage.compositing!r}"
+    return (
+        f"hard, {coverage.samples} samples a pixel, {coverage.fill_rule}, "
+        f"shaded by {coverage.shading}; grid 2^-{grid.bits} px"
+    )
 
 
 def _pixel(origin: Any) -> np.ndarray:

@@ -38,7 +38,9 @@ from .fragments import cut_fragments
 from .guard_band import Planes, clip, planes
 from .interior_gradient import ride, weight_gradients
 from .lists import Chunks, Steps, cut_chunks, cut_steps
+from .options import Hard
 from .plan import Plan
+from .render_fading import draw as draw_fading
 from .scene import Scene
 from .shading import Corners, Surface, surface_of
 from .staging import one_pass
@@ -128,6 +130,9 @@ def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
     if scene.triangles.shape[0] == 0:
         image = jnp.broadcast_to(background, (plan.height, plan.width, background.shape[0]))
         return _straight(image), Capacity(*[none] * len(Capacity._fields)), none > 0
+    if not isinstance(plan.coverage, Hard):
+        drawn = draw_fading(scene, plan, background)
+        return _straight(drawn.image), drawn.needs, none > 0
     tiling, room = plan.tiling, plan.capacity
     projected = _project(scene, plan)
     lists = list_tiles(
@@ -189,11 +194,11 @@ def _project(scene: Scene, plan: Plan) -> Projected:
         astray = jnp.zeros_like(astray)
         if varies(scene) or scene.depth is not None:
             weights = one_pass(lambda corners: planes(corners, grid))(corners)
-    edges = one_pass(lambda of: edge_functions(of, grid, plan.coverage.fill_rule))(segments)
+    edges = one_pass(lambda of: edge_functions(of, grid, plan.hard.fill_rule))(segments)
     box = one_pass(lambda of: bounds(of, grid))(segments)
     edges = separate(edges)
     outlines = None
-    if plan.coverage.edge_gradients:
+    if plan.hard.edge_gradients:
         outlines = _outlines(corners, snapped.finite, segments, edges, scene.triangles, grid)
     surface = _surface(scene, edges, weights, outlines, orientation, plan)
     depths = None
@@ -262,7 +267,7 @@ def _blend(
     plan: Plan,
 ) -> Array:
     """Translucent triangles: composite each sample, front to back."""
-    tiling, shading = plan.tiling, plan.coverage.shading
+    tiling, shading = plan.tiling, plan.hard.shading
     covered, passed = _listed_rows(projected, lists, steps, plan)
     shading = shading if is_shaded(scene, shading) else None
     sums = over.composite(projected.surface, passed, covered, lists, steps, tiling, shading=shading)
@@ -321,7 +326,7 @@ def _paint(
         opaque_corners = opaque.with_alpha(surface.corners.color)
         surface = surface._replace(corners=surface.corners._replace(color=opaque_corners))
     needed = jnp.zeros((), jnp.int32)
-    shading = plan.coverage.shading
+    shading = plan.hard.shading
     if is_shaded(scene, shading):
         fragments = cut_fragments(visible, tiling, capacity=room.fragments)
         totals = deferred.sum_shaded(surface, fragments, rows, chunks, tiling, shading=shading)

@@ -16,7 +16,10 @@ from jaxtyping import Array, Bool, Int
 
 from .fixed_point import Bounds, Edge, Edges, Grid
 from .prefix import cumulative_max, cumulative_sum
+from .reach import Line
 from .staging import one_pass
+
+Lines = tuple[Line, Line, Line]
 
 # Height and width by samples a side. Columns fill a word; rows are few where pixels are many.
 _PIXELS = {1: (8, 32), 2: (8, 16), 3: (8, 10), 4: (8, 8), 8: (4, 4), 16: (2, 2)}
@@ -36,6 +39,11 @@ class Tiling(NamedTuple):
         """The tiling of a canvas: a row of a tile's samples is one word."""
         height, width = _PIXELS[grid.rate]
         return Tiling(grid, height, width, -(-grid.height // height), -(-grid.width // width))
+
+    @staticmethod
+    def square(grid: Grid, side: int) -> "Tiling":
+        """Tiles of `side` x `side` pixels, with a sample in the middle of each pixel."""
+        return Tiling(grid, side, side, -(-grid.height // side), -(-grid.width // side))
 
     @property
     def count(self) -> int:
@@ -119,21 +127,25 @@ class RowEdge(NamedTuple):
 
     - `value`: at the row's first sample; `right`: its step from sample to sample.
     - `drop`: its change from the top to the bottom of the row.
+    - `margin`: how far beyond zero the triangle fades out, None if it ends there.
     """
 
     value: Any
     right: Any
     drop: Any
+    margin: Any = None
 
 
 def measure(
-    edges: Edges, bounds: Bounds, rank: Any, tiling: Tiling
+    edges: Edges | Lines, bounds: Bounds, rank: Any, tiling: Tiling
 ) -> tuple[RowEdge, RowEdge, RowEdge]:
     """The edges of each triangle along row `rank` of its own rows of tiles."""
     xp = rank.__array_namespace__()
     row = (bounds.top // tiling.sample_rows + rank) * tiling.sample_rows
 
-    def along(edge: Edge) -> RowEdge:
+    def along(edge: Edge | Line) -> RowEdge:
+        if isinstance(edge, Line):
+            return RowEdge(*edge.along(row, tiling.sample_rows))
         value = edge.measure(xp.zeros_like(row), row)
         right, below = (step.astype(value.dtype) for step in (edge.right, edge.down))
         return RowEdge(value, right, below * (tiling.sample_rows - 1))
@@ -167,11 +179,12 @@ _ANYWHERE = 2.0**20
 
 def _columns_inside(edge: RowEdge, across: int) -> tuple[Any, Any, Any, Any]:
     """First and last tile with a sample inside an edge, and with none outside it."""
-    value, right, drop = edge
+    value, right, drop, margin = edge
     xp = value.__array_namespace__()
     zero = xp.zeros_like(value)
     # Roundings of the values, and of their sums; the quotients get a part of a tile besides.
     error = (xp.abs(value) + xp.abs(drop)) * 2.0**-22
+    error = error if margin is None else error + margin
     most = value + xp.maximum(drop, zero) + error
     least = value + xp.minimum(drop, zero) - error
     size = xp.where(right == 0, 1.0, xp.abs(right) * across).astype(value.dtype)
@@ -208,7 +221,7 @@ def expand(
 
 
 def list_tiles(
-    edges: Edges,
+    edges: Edges | Lines,
     bounds: Bounds,
     hides: Bool[Array, " triangles"],
     tiling: Tiling,

@@ -46,7 +46,7 @@ def test_less_one_effect(effect):
     of_textures = {"mip levels", "bilinear filter", "anisotropic filter"}
     assert effect in gone
     assert gone - {effect} <= (of_textures if effect == "texture" else set())
-    assert (less.height, less.width, less.coverage.samples) == (9, 9, 4)
+    assert (less.height, less.width, less.hard.samples) == (9, 9, 4)
     np.testing.assert_array_equal(less.origin, [0, 1])
     assert float(less.filter.lod_bias) == 0.5
 

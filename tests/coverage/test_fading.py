@@ -1,0 +1,189 @@
+"""Soft coverage and exact area: values and slopes of single triangles, in float64."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from softras2d.coverage import area, pixels, soft
+
+cover = jax.jit(pixels.cover, static_argnums=0)
+
+PROFILES = ("logistic", "softras", "window")
+
+
+def clip_polygon(points, axis, bound, keep_less):
+    """Sutherland and Hodgman by one side of a pixel, point by point."""
+    kept = []
+    for k, b in enumerate(points):
+        a = points[k - 1]
+        inside_a, inside_b = ((p[axis] <= bound) == keep_less or p[axis] == bound for p in (a, b))
+        if inside_a != inside_b:
+            t = (bound - a[axis]) / (b[axis] - a[axis])
+            kept.append(a + t * (b - a))
+        if inside_b:
+            kept.append(b)
+    return kept
+
+
+def area_in_pixel(corners, column, row) -> float:
+    """Area of a triangle in a pixel by clipping it, in float64."""
+    points = [np.asarray(c, np.float64) for c in corners]
+    for axis, low in ((0, column), (1, row)):
+        points = clip_polygon(points, axis, low, False)
+        points = clip_polygon(points, axis, low + 1, True) if points else points
+        if not points:
+            return 0.0
+    x, y = np.array(points).T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+
+
+def six(corners, dtype=np.float64):
+    """Positively oriented corners of one slot."""
+    a, b, c = np.asarray(corners, np.float64)
+    if np.cross(np.append(b - a, 0), np.append(c - a, 0))[2] < 0:
+        b, c = c, b
+    return jnp.asarray(np.concatenate([a, b, c])[:, None], dtype)
+
+
+coordinates = st.floats(-6.0, 14.0, width=32) | st.integers(-1, 9).map(float)
+triangles = st.tuples(*[st.tuples(coordinates, coordinates)] * 3)
+
+
+@settings(max_examples=100)
+@given(triangles)
+def test_area_equals_the_clipped_polygon(corners):
+    for dtype, close in ((np.float32, 2e-6), (np.float64, 1e-12)):
+        with jax.enable_x64(dtype is np.float64):
+            slot = six(corners, dtype)
+            found = np.asarray(cover(area.measure(), slot, jnp.zeros((), dtype)))
+        a, b, c = np.asarray(slot, np.float64)[:, 0].reshape(3, 2)
+        truth = [[area_in_pixel((a, b, c), x, y) for x in range(8)] for y in range(8)]
+        np.testing.assert_allclose(found.reshape(8, 8), truth, atol=close)
+
+
+def distance(corners, x, y) -> float:
+    """Signed distance in pixels to a positively oriented triangle, edge by edge."""
+    point, least, inside = np.array([x, y]), np.inf, True
+    for k in range(3):
+        a, b = corners[k], corners[(k + 1) % 3]
+        edge, to = b - a, point - a
+        square = edge @ edge
+        t = np.clip(to @ edge / square, 0, 1) if square else 0.0
+        least = min(least, np.hypot(*(to - t * edge)))
+        inside &= edge[0] * to[1] - edge[1] * to[0] >= 0
+    has_area = np.cross(
+        np.append(corners[1] - corners[0], 0), np.append(corners[2] - corners[0], 0)
+    )[2]
+    return least if inside and has_area > 0 else -least
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@given(corners=triangles, width=st.floats(0.3, 5.0))
+def test_soft_coverage_is_a_step_of_the_distance(profile, corners, width):
+    with jax.enable_x64(True):
+        slot = six(corners)
+        found = np.asarray(cover(soft.measure(profile), slot, jnp.asarray(width)))[0]
+        held = np.asarray(slot)[:, 0].reshape(3, 2)
+        q = [[distance(held, x + 0.5, y + 0.5) / width for x in range(8)] for y in range(8)]
+        truth = np.asarray(soft.step(profile, jnp.asarray(q)))
+    np.testing.assert_allclose(found.reshape(8, 8), truth, atol=1e-6)
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_a_profile_keeps_the_convention(profile, float64):
+    support = soft.SUPPORT[profile]
+    q = jnp.array([0.0, 0.5, -0.5, support, -support, 2 * support, -1e9, 1e9])
+    expected = [0.5, 0.9, 0.1, 1.0, 0.0, 1.0, 0.0, 1.0]
+    np.testing.assert_allclose(soft.step(profile, q), expected, atol=1e-12)
+    assert np.asarray(soft.step(profile, q))[3:].tolist() == expected[3:]
+    dense = jnp.linspace(-1.2 * support, 1.2 * support, 20_001)
+    rise = np.asarray(soft.step(profile, dense))
+    assert (np.diff(rise) >= 0).all()
+    np.testing.assert_allclose(rise + rise[::-1], 1.0, atol=1e-12)
+    plain = jax.vmap(jax.grad(lambda q: soft.step(profile, q)))(dense)
+    inside = np.abs(dense) < 0.999 * support
+    np.testing.assert_allclose(
+        np.asarray(soft.slope(profile, dense))[inside], np.asarray(plain)[inside], atol=1e-9
+    )
+    assert float(soft.slope(profile, q)[-1]) == 0.0
+
+
+SHAPES = {
+    "large": [(-3.2, 1.1), (12.7, -2.3), (4.4, 13.9)],
+    "small": [(3.61, 3.72), (3.83, 3.69), (3.74, 3.91)],
+    "sliver": [(0.3, 2.2), (7.6, 2.9), (7.7, 2.93)],
+    "level": [(1.2, 2.3), (6.9, 2.3), (4.1, 6.6)],
+    "upright": [(2.3, 1.2), (2.3, 6.9), (6.6, 4.1)],
+}
+
+
+@pytest.mark.parametrize("name", ["area", *PROFILES])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_slopes_are_those_of_the_value(name, shape, float64):
+    measure = area.measure() if name == "area" else soft.measure(name)
+    slot, width = six(SHAPES[shape]), jnp.asarray(1.3)
+    weight = jnp.asarray(np.random.default_rng(0).normal(size=(1, 64)))
+
+    def total(slot, width=width):
+        return jnp.sum(weight * cover(measure, slot, width))
+
+    total = jax.jit(total)
+    push = jax.jit(lambda slot, change: jax.jvp(total, (slot,), (change,))[1])
+    gradient = np.asarray(jax.jit(jax.grad(total))(slot))
+    step = 1e-6
+    for k in range(6):
+        change = jnp.zeros_like(slot).at[k, 0].set(step)
+        forward, backward = float(total(slot + change)), float(total(slot - change))
+        difference = (forward - backward) / (2 * step)
+        close = 2e-5 * max(1, np.abs(gradient).max())
+        assert gradient[k, 0] == pytest.approx(difference, abs=close)
+        tangent = push(slot, change / step)
+        assert float(tangent) == pytest.approx(gradient[k, 0], abs=1e-9)
+    if name != "area":
+        wide = jax.grad(total, 1)(slot, width)
+        forward, backward = float(total(slot, width + step)), float(total(slot, width - step))
+        assert float(wide) == pytest.approx((forward - backward) / (2 * step), abs=1e-5)
+
+
+def test_an_edge_on_the_side_of_a_pixel_still_moves(float64):
+    # A square half, whose edges lie on sides of pixels: moving its left edge sweeps two pixels.
+    slot = six([(2, 2), (5, 2), (2, 5)])
+    slot_order = np.asarray(slot)[:, 0].reshape(3, 2)
+    left = jnp.asarray([[1.0 if x == 2 else 0.0, 0.0] for x, _ in slot_order]).reshape(6, 1)
+
+    def total(slot):
+        return jnp.sum(cover(area.measure(), slot, jnp.zeros(())))
+
+    # Half of 3 x 3; the base shrinks by 1, and the height stays.
+    assert float(total(slot)) == pytest.approx(4.5)
+    assert float(jax.jvp(total, (slot,), (left,))[1]) == pytest.approx(-1.5)
+
+
+@pytest.mark.parametrize("name", ["area", *PROFILES])
+@pytest.mark.parametrize("width", [1e-6, 1e-2, 1.0, 1e4])
+def test_hard_cases_are_finite(name, width):
+    measure = area.measure() if name == "area" else soft.measure(name)
+    cases = [
+        [(4, 4)] * 3,
+        [(1, 1), (5, 5), (3, 3)],
+        [(4.5, 4.5), (4.5, 4.5), (6.5, 2.5)],
+        [(3.5, 3.5), (5.5, 3.5), (3.5, 5.5)],
+        [(0, 0), (8, 0), (0, 8)],
+        [(0, 4), (1e6, 4), (5e5, 4.5)],
+        [(-1e9, -1e9), (1e9, -1e9), (0, 1e9)],
+        [(4, 4), (4 + 1e-6, 4), (4, 4 + 1e-6)],
+    ]
+    slots = jnp.concatenate([six(case, np.float32) for case in cases], 1)
+
+    def total(slots, width):
+        return jnp.sum(cover(measure, slots, width) ** 2)
+
+    value, (slope, by_width) = jax.value_and_grad(total, (0, 1))(slots, jnp.float32(width))
+    assert np.isfinite(value)
+    assert np.isfinite(slope).all()
+    assert np.isfinite(by_width)
+    ones = (jnp.ones_like(slots), jnp.float32(1.0))
+    assert np.isfinite(jax.jvp(total, (slots, jnp.float32(width)), ones)[1])
