@@ -51,7 +51,7 @@ class Soft(eqx.Module):
     - `profile`: `"logistic"` in the distance, `"softras"` in its square, or a compact `"window"`.
     """
 
-    width: float | Array = 1.0
+    width: int | float | Array = 1.0
     profile: Literal["logistic", "softras", "window"] = eqx.field(static=True, default="logistic")
 
     def __check_init__(self):

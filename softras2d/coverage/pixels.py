@@ -81,7 +81,7 @@ _BLOCK = 2048
 def _weigh_slopes(
     measure: Measure,
     corners: Float[Array, "6 slots"],
-    parameter: Float[Array, ""],
+    parameter: Any,
     value: Float[Array, "slots pixels"],
     weight: Float[Array, "slots pixels"],
 ) -> Float[Array, "6 slots"]:

@@ -40,7 +40,7 @@ def area_in_pixel(corners, column, row) -> float:
     return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 
 
-def six(corners, dtype=np.float64):
+def six(corners, dtype: type = np.float64):
     """Positively oriented corners of one slot."""
     a, b, c = np.asarray(corners, np.float64)
     if np.cross(np.append(b - a, 0), np.append(c - a, 0))[2] < 0:

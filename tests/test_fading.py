@@ -1,0 +1,314 @@
+"""Images under `Soft` and `Area`, against loops over triangles and pixels, and their slopes."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import pytest
+
+import softras2d as sr
+
+from . import edge_oracle
+from .coverage.test_fading import area_in_pixel, distance
+
+SIZE = 12
+
+
+def random_scene(kind: str = "", *, triangles: int = 7, seed: int = 0) -> sr.Scene:
+    """Triangles of a few pixels; letters say which effects they have."""
+    rng = np.random.default_rng(seed)
+    corners = rng.random((triangles, 1, 2)) * SIZE + rng.normal(size=(triangles, 3, 2)) * 3
+    colors = rng.random((triangles, 3 if "g" in kind else 1, 4 if "a" in kind else 3))
+    background = [0.2, 0.3, 0.4, 0.5] if "b" in kind else [0.1, 0.9, 0.5]
+    return sr.Scene.from_soup(corners.astype(np.float32), colors, background=background)
+
+
+COVERAGES: dict[str, sr.Soft | sr.Area] = {
+    "soft": sr.Soft(1.3),
+    "softras": sr.Soft(1.3, "softras"),
+    "window": sr.Soft(1.3, "window"),
+    "area": sr.Area(),
+    "sum": sr.Area("sum"),
+}
+
+
+@eqx.filter_jit
+def image_of(scene: sr.Scene, plan: sr.Plan):
+    image, overflow = sr.render_checked(scene, plan)
+    return eqx.error_if(image, overflow, "outgrown")
+
+
+def plan_of(scene, coverage, **options) -> sr.Plan:
+    return sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage, **options)
+
+
+def turned(corners: np.ndarray) -> tuple[np.ndarray, float]:
+    """Positively oriented corners, and the sign that they had."""
+    (x1, y1), (x2, y2) = corners[1] - corners[0], corners[2] - corners[0]
+    return (corners, 1.0) if x1 * y2 - y1 * x2 > 0 else (corners[[0, 2, 1]], -1.0)
+
+
+def drawn_by_hand(scene: sr.Scene, cover, *, summed: bool = False) -> np.ndarray:
+    """Triangle after triangle in draw order, pixel after pixel, in float64."""
+    positions = np.asarray(scene.positions, np.float64).reshape(-1, 3, 2)
+    paper = np.asarray(scene.background, np.float64)
+    paper = np.append(paper[:3] * paper[3], paper[3]) if paper.size == 4 else paper
+    image = np.broadcast_to(paper, (SIZE, SIZE, paper.size)).copy()
+    signs = [turned(corners)[1] for corners in positions]
+    areas = [abs(edge_oracle._cross(c[1] - c[0], c[2] - c[0])) for c in positions]
+    whole = np.sign(np.dot(signs, areas))
+    for corners, sign, color in zip(positions, signs, np.asarray(scene.colors), strict=True):
+        own = turned(corners)[0]
+        straight = color[0].astype(np.float64)
+        alpha = straight[3] if straight.size == 4 else 1.0
+        shown = np.append(straight[:3], 1.0)[: paper.size]
+        for y in range(SIZE):
+            for x in range(SIZE):
+                opacity = alpha * cover(own, x, y)
+                if summed:
+                    image[y, x] += sign * whole * opacity * (shown - paper)
+                else:
+                    image[y, x] = opacity * shown + (1 - opacity) * image[y, x]
+    if paper.size == 4:
+        alpha = image[..., 3:]
+        image = np.concatenate([image[..., :3] / np.where(alpha > 0, alpha, 1), alpha], 2)
+    return image
+
+
+@pytest.mark.parametrize("kind", ["", "a", "ab"])
+def test_area_over_equals_a_loop(kind):
+    scene = random_scene(kind)
+    found = image_of(scene, plan_of(scene, sr.Area()))
+    np.testing.assert_allclose(found, drawn_by_hand(scene, area_in_pixel), atol=5e-6)
+
+
+def test_signed_sum_equals_a_loop():
+    scene = random_scene()
+    found = image_of(scene, plan_of(scene, sr.Area("sum")))
+    truth = drawn_by_hand(scene, area_in_pixel, summed=True)
+    np.testing.assert_allclose(found, truth, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["", "a"])
+def test_window_equals_a_loop(kind):
+    scene, width = random_scene(kind), 1.3
+    found = image_of(scene, plan_of(scene, sr.Soft(width, "window")))
+    # The window reaches 0 and 1 where u does; u = 0.9 of the way at half a width.
+    half = 0.25 * width / np.sin(np.arcsin(0.8) / 3)
+
+    def cover(corners, x, y):
+        u = np.clip(0.5 + 0.5 * distance(corners, x + 0.5, y + 0.5) / half, 0, 1)
+        return u * u * (3 - 2 * u)
+
+    np.testing.assert_allclose(found, drawn_by_hand(scene, cover), atol=2e-5)
+
+
+@pytest.mark.parametrize("profile", ["logistic", "softras", "window"])
+@pytest.mark.parametrize("kind", ["", "ga"])
+def test_soft_nears_one_hard_sample(kind, profile):
+    scene = random_scene(kind)
+    hard = image_of(scene, plan_of(scene, sr.Hard(1)))
+    soft = image_of(scene, plan_of(scene, sr.Soft(1e-5, profile)))
+    np.testing.assert_allclose(soft, hard, atol=1e-5)
+
+
+def grid_mesh(cells: int = 4) -> sr.Scene:
+    """A tiling of the canvas with jittered inner vertices."""
+    rng = np.random.default_rng(0)
+    side = np.linspace(0, SIZE, cells + 1)
+    positions = np.stack(np.meshgrid(side, side), -1)
+    positions[1:-1, 1:-1] += rng.uniform(-0.8, 0.8, (cells - 1, cells - 1, 2))
+    corner = np.arange(cells * (cells + 1)).reshape(cells, cells + 1)[:, :-1].ravel()
+    a, b, c, d = corner, corner + 1, corner + cells + 2, corner + cells + 1
+    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    return sr.Scene.from_mesh(
+        positions.reshape(-1, 2).astype(np.float32),
+        triangles,
+        triangle_colors=rng.random((len(triangles), 3)),
+    )
+
+
+def test_the_sum_of_a_tiling_is_its_supersampled_limit():
+    scene = grid_mesh()
+    fine = image_of(scene, plan_of(scene, sr.Hard(256)))
+    found = image_of(scene, plan_of(scene, sr.Area("sum")))
+    assert np.abs(np.asarray(found) - np.asarray(fine)).max() < 0.03
+    # "over" lets the paper through seams.
+    seams = image_of(scene, plan_of(scene, sr.Area()))
+    assert np.abs(np.asarray(seams) - np.asarray(fine)).max() > 0.1
+
+
+def slope_of(scene, plan, weights):
+    def total(positions):
+        return jnp.sum(weights * image_of(replace(scene, positions=positions), plan))
+
+    return jax.grad(total)(scene.positions)
+
+
+def test_the_slope_of_area_is_exact_without_overlap():
+    scene = grid_mesh()
+    # Every other triangle of the tiling, drawn together so that none share a pixel.
+    corners = np.asarray(scene.positions)[np.asarray(scene.triangles)][:16:2]
+    corners = 0.4 * corners + 0.6 * corners.mean(1, keepdims=True)
+    apart = sr.Scene.from_soup(corners, np.asarray(scene.colors)[:16:2, 0])
+    weights = np.random.default_rng(1).normal(size=(SIZE, SIZE, 3))
+    truth = edge_oracle.position_gradient(apart, weights, points=512).ravel()
+    plan, held = plan_of(apart, sr.Area()), jnp.asarray(weights, jnp.float32)
+    found = np.asarray(slope_of(apart, plan, held), np.float64).ravel()
+    assert found @ truth / np.linalg.norm(found) / np.linalg.norm(truth) > 0.9999
+
+
+def test_the_slope_of_a_tiling_is_that_of_its_areas():
+    mesh = grid_mesh()
+    corners = np.asarray(mesh.positions)[np.asarray(mesh.triangles)]
+    soup = sr.Scene.from_soup(corners, np.asarray(mesh.colors)[:, 0])
+    weights = np.random.default_rng(1).normal(size=(SIZE, SIZE, 3))
+    found = slope_of(mesh, plan_of(mesh, sr.Area("sum")), jnp.asarray(weights, jnp.float32))
+    step = 2.0**-10
+    for vertex, axis in ((6, 0), (12, 1), (18, 0)):
+        sums = []
+        for sign in (1, -1):
+            moved = np.asarray(mesh.positions).copy()
+            moved[vertex, axis] += sign * step
+            own = replace(
+                soup, positions=jnp.asarray(moved[np.asarray(mesh.triangles)].reshape(-1, 2))
+            )
+            sums.append((weights * drawn_by_hand(own, area_in_pixel, summed=True)).sum())
+        difference = (sums[0] - sums[1]) / (2 * step)
+        assert float(found[vertex, axis]) == pytest.approx(difference, abs=2e-2)
+
+
+SLOW = pytest.mark.slow
+EXTRA = [pytest.param(name, marks=SLOW) for name in ("softras", "window")]
+
+
+@pytest.mark.parametrize("name", ["soft", "area", "sum", *EXTRA])
+@pytest.mark.parametrize("kind", ["ga", pytest.param("b", marks=SLOW)])
+def test_both_directions_agree(name, kind):
+    coverage = COVERAGES[name]
+    kind = kind.replace("g", "") if isinstance(coverage, sr.Area) else kind
+    scene = random_scene(kind)
+    plan = plan_of(scene, coverage)
+    rng = np.random.default_rng(2)
+    parts = eqx.filter(scene, eqx.is_inexact_array)
+    rest = eqx.filter(scene, eqx.is_inexact_array, inverse=True)
+
+    def image(parts):
+        return image_of(eqx.combine(parts, rest), plan)
+
+    direction = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), x.dtype), parts)
+    value, tangent = jax.jit(lambda p, d: jax.jvp(image, (p,), (d,)))(parts, direction)
+    weight = jnp.asarray(rng.normal(size=value.shape), value.dtype)
+    (cotangent,) = jax.jit(lambda p, w: jax.vjp(image, p)[1](w))(parts, weight)
+    pairs = zip(jax.tree.leaves(cotangent), jax.tree.leaves(direction), strict=True)
+    backwards = sum(float(jnp.vdot(a, b)) for a, b in pairs)
+    forwards = float(jnp.vdot(weight, tangent))
+    norm = sum(float(jnp.vdot(a, a)) for a in jax.tree.leaves(cotangent)) ** 0.5
+    norm *= sum(float(jnp.vdot(a, a)) for a in jax.tree.leaves(direction)) ** 0.5
+    assert abs(forwards - backwards) < 1e-5 * norm
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["soft", "area"])
+def test_vmap_is_a_loop(name):
+    scenes = [random_scene("a", seed=seed) for seed in range(3)]
+    plan = plan_of(scenes, COVERAGES[name])
+    weights = jnp.ones((SIZE, SIZE, 3))
+    batch = jax.tree.map(lambda *entries: jnp.stack(entries), *scenes)
+    together = jax.jit(jax.vmap(lambda scene: slope_of(scene, plan, weights)))(batch)
+    alone = jnp.stack([slope_of(scene, plan, weights) for scene in scenes])
+    np.testing.assert_allclose(together, alone, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["soft", "area"])
+def test_second_order_solvers_have_what_they_need(name):
+    scene = random_scene("a")
+    plan = plan_of(scene, COVERAGES[name])
+    target = jnp.full((SIZE, SIZE, 3), 0.5)
+
+    def residual(positions, _=None):
+        return image_of(replace(scene, positions=positions), plan) - target
+
+    def loss(positions):
+        return jnp.sum(residual(positions) ** 2)
+
+    rng = np.random.default_rng(3)
+    u, v = (jnp.asarray(rng.normal(size=scene.positions.shape), jnp.float32) for _ in "uv")
+    curve = jax.jit(lambda x, v: jax.jvp(jax.grad(loss), (x,), (v,))[1])
+    left, right = (float(jnp.vdot(a, curve(scene.positions, b))) for a, b in ((u, v), (v, u)))
+    assert left == pytest.approx(right, rel=2e-3, abs=2e-2)
+    operator = lx.JacobianLinearOperator(residual, scene.positions)
+    product = operator.T.mv(operator.mv(v))
+    assert np.isfinite(product).all()
+    assert float(jnp.vdot(v, product)) > 0
+
+
+def test_another_width_compiles_nothing(count_compilations):
+    scene = random_scene()
+    plan = plan_of(scene, sr.Soft(0.5), max_width=3.0)
+    image_of(scene, plan)
+    wider = eqx.tree_at(lambda p: p.coverage.width, plan, jnp.float32(3.0))
+    with count_compilations() as compiled:
+        image_of(scene, wider)
+    assert not compiled.names
+
+
+@pytest.mark.parametrize("name", ["soft", "area", "sum"])
+@pytest.mark.parametrize("bad", [np.nan, pytest.param(np.inf, marks=SLOW)])
+def test_a_wild_corner_harms_no_other_triangle(name, bad):
+    scene = random_scene()
+    plan = plan_of(scene, COVERAGES[name])
+    wild = replace(scene, positions=scene.positions.at[0, 0].set(bad))
+    image = np.asarray(image_of(wild, plan))
+    assert np.isfinite(image).all()
+    gradient = np.asarray(slope_of(wild, plan, jnp.ones((SIZE, SIZE, 3))))
+    assert np.isfinite(gradient).all()
+    assert not gradient[:3].any()
+    assert gradient[3:].any()
+
+
+def test_a_triangle_below_a_pixel_is_drawn_to_its_goal():
+    # Between the centres of two pixels: away from one, and on to the other.
+    corners = np.array([[[5.8, 5.4], [6.0, 5.5], [5.9, 5.6]]], np.float32)
+    scene = sr.Scene.from_soup(corners, [[0.0, 0.0, 0.0]])
+    goal = jnp.ones((SIZE, SIZE, 3)).at[5, 6].set(0.0)
+    plan = plan_of(scene, sr.Soft(1.0))
+
+    def loss(positions):
+        return jnp.sum((image_of(replace(scene, positions=positions), plan) - goal) ** 2)
+
+    pull = np.asarray(jax.grad(loss)(scene.positions)).sum(0)
+    assert pull[0] < -1e-3
+
+
+def test_empty_and_tiny():
+    empty = sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)))
+    assert np.asarray(image_of(empty, plan_of(empty, sr.Soft()))).min() == 1.0
+    scene = random_scene()
+    for coverage in (sr.Soft(), sr.Area()):
+        plan = sr.plan(scene, height=1, width=1, coverage=coverage)
+        assert image_of(scene, plan).shape == (1, 1, 3)
+
+
+REFUSED = {
+    "`Soft` does not draw `depth` yet": (sr.Soft(), {"depth": np.zeros((7, 3))}),
+    "`Area` does not draw corner colours yet": (sr.Area(), "g"),
+    "`width` must be one number of pixels above 0; got 0.0": (sr.Soft(0.0), ""),
+    "`width` must be one number of pixels above 0; got nan": (sr.Soft(float("nan")), ""),
+}
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_one_line_for_what_is_not_drawn(message):
+    coverage, what = REFUSED[message]
+    scene = random_scene(what if isinstance(what, str) else "")
+    if isinstance(what, dict):
+        scene = replace(scene, depth=jnp.zeros(len(scene.positions)))
+    with pytest.raises(ValueError) as error:
+        plan_of(scene, coverage)
+    assert str(error.value).startswith(message)
+    assert "\n" not in str(error.value)
