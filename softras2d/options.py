@@ -47,8 +47,11 @@ class Hard(eqx.Module):
 class Soft(eqx.Module):
     """Soft coverage: a smooth step of the signed distance to the triangle.
 
-    - `width`: the distance in pixels over which coverage rises from 10 % to 90 %.
-    - `profile`: `"logistic"` in the distance, `"softras"` in its square, or a compact `"window"`.
+    - `width`: the distance in pixels over which coverage rises from 10 % to 90 %; 0.8 is that of a
+      pixel's box filter. An array leaf of a plan: another one does not recompile (`max_width`).
+    - `profile`: `"logistic"` in the distance, `"softras"` in its square (with no slope on the edge
+      itself), or a `"window"`, which is a smoothstep. All are 1/2 on the edge, and 0 and 1 from a
+      finite distance on: 1.38, 0.83 and 0.82 widths.
     """
 
     width: int | float | Array = 1.0
@@ -59,7 +62,7 @@ class Soft(eqx.Module):
 
 
 class Area(eqx.Module):
-    """Exact area of the intersection of triangle and pixel.
+    """Exact area of the intersection of triangle and pixel, in closed form.
 
     `compositing`: `"over"` blends in draw order; `"sum"` adds signed areas, which is the exact
     image of a tiling.

@@ -161,7 +161,7 @@ def refuse_missing(scene: Scene, coverage: Hard | Soft | Area) -> None:
     if isinstance(coverage, Hard):
         return
     name = type(coverage).__name__
-    for entry in ("textures", "depth"):
+    for entry in ("textures", "depth", "inverse_w"):
         if getattr(scene, entry) is not None:
             raise ValueError(f"`{name}` does not draw `{entry}` yet: use Hard(...).")
     if isinstance(coverage, Area) and scene.colors.shape[-2] == 3:
