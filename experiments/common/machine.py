@@ -26,6 +26,17 @@ def record(packages: Iterable[str]) -> dict[str, Any]:
     }
 
 
+def describe(run: dict[str, Any], *, seed: str) -> str:
+    """A run's machine, packages and precision in a line, without its end; `seed` says which."""
+    on = run["machine"]
+    packages = ", ".join(f"{name} {got}" for name, got in on["packages"].items() if got)
+    return (
+        f"{on['date']}: {on['processor']}, {on['cores']} cores, {on['memory_gib']} GiB, "
+        f"{on['system'].split('-')[0]}, Python {on['python']}; {packages}; {seed}, "
+        f"{run['precision']}"
+    )
+
+
 def version(package: str) -> str | None:
     try:
         return metadata.version(package)

@@ -22,6 +22,11 @@ def write_csv(path: Path, rows: Sequence[Row]) -> None:
     _replace(path, write)
 
 
+def read_csv(path: Path) -> list[dict[str, Any]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
 def write_json(path: Path, value: Any) -> None:
     _replace(path, lambda temporary: temporary.write_text(json.dumps(value, indent=2) + "\n"))
 

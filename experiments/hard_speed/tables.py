@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ..common import report
+from ..common import machine, report
 from ..common.scenes import COUNTS, KINDS, SIZES_PX
 from . import figure
 from .targets import targets
@@ -116,13 +116,8 @@ def all_scenes_tables(times: Times) -> str:
 
 
 def machine_line(run: dict[str, Any]) -> str:
-    on = run["machine"]
-    packages = ", ".join(f"{name} {got}" for name, got in on["packages"].items() if got)
-    return (
-        f"{on['date']}: {on['processor']}, {on['cores']} cores, {on['memory_gib']} GiB, "
-        f"{on['system'].split('-')[0]}, Python {on['python']}; {packages}; seed {run['seed']}, "
-        f"{run['precision']}; {run['seconds'] / 60:.0f} minutes."
-    )
+    about = machine.describe(run, seed=f"seed {run['seed']}")
+    return f"{about}; {run['seconds'] / 60:.0f} minutes."
 
 
 def _cell(entry: Entry | None) -> str:

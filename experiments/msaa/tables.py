@@ -3,12 +3,11 @@
 python -m experiments.msaa.tables
 """
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
 
-from ..common import report
+from ..common import machine, report
 
 HERE = Path(__file__).parent
 
@@ -17,8 +16,8 @@ def publish(results: Path, readme: Path | None) -> None:
     """Put the tables into `readme` (None: print them)."""
     run = json.loads((results / "run.json").read_text())
     texts = {
-        "methods": methods_table(_load(results / "methods.csv")),
-        "times": times_table(_load(results / "times.csv")),
+        "methods": methods_table(report.read_csv(results / "methods.csv")),
+        "times": times_table(report.read_csv(results / "times.csv")),
         "machine": machine_line(run),
     }
     for name, text in texts.items():
@@ -62,20 +61,11 @@ def times_table(rows: list[dict[str, Any]]) -> str:
 
 
 def machine_line(run: dict[str, Any]) -> str:
-    on = run["machine"]
-    packages = ", ".join(f"{name} {got}" for name, got in on["packages"].items() if got)
-    size = f"{run['size_px']} x {run['size_px']} px"
+    seed = "no seed, as nothing is drawn by chance"
     return (
-        f"{on['date']}: {on['processor']}, {on['cores']} cores, {on['memory_gib']} GiB, "
-        f"{on['system'].split('-')[0]}, Python {on['python']}; {packages}; no seed, as nothing is "
-        f"drawn by chance; {run['precision']}, {size}; load average at the end "
-        f"{on['load_average_1min']:.1f}; {run['seconds']} s."
+        f"{machine.describe(run, seed=seed)}, {run['size_px']} x {run['size_px']} px; load average "
+        f"at the end {run['machine']['load_average_1min']:.1f}; {run['seconds']} s."
     )
-
-
-def _load(path: Path) -> list[dict[str, Any]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 if __name__ == "__main__":

@@ -3,12 +3,11 @@
 python -m experiments.texture_filtering.tables
 """
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
 
-from ..common import report
+from ..common import machine, report
 from . import pictures, subjects
 
 HERE = Path(__file__).parent
@@ -21,9 +20,12 @@ BIAS_OF = {"4": 1.0, "16": 2.0}
 
 def publish(results: Path, readme: Path | None) -> None:
     """Draw the figure, and put the tables into `readme` (None: print them)."""
-    rows, compared = _load(results / "filters.csv"), _load(results / "probes_or_ewa.csv")
+    rows, compared = (
+        report.read_csv(results / "filters.csv"),
+        report.read_csv(results / "probes_or_ewa.csv"),
+    )
     run = json.loads((results / "run.json").read_text())
-    biases = _load(results / "bias.csv") if (results / "bias.csv").exists() else []
+    biases = report.read_csv(results / "bias.csv") if (results / "bias.csv").exists() else []
     lowest = [row for row in biases if float(row["lod_bias"]) == -BIAS_OF[row["samples"]]]
     figure = pictures.error_against_time(rows, lowest, _TIMED)
     report.save_figure(figure, results / "error_time.png")
@@ -124,19 +126,11 @@ def bytes_table(pyramids: dict[str, dict[str, int]]) -> str:
 
 
 def machine_line(run: dict[str, Any]) -> str:
-    on = run["machine"]
-    packages = ", ".join(f"{name} {got}" for name, got in on["packages"].items() if got)
+    about = machine.describe(run, seed=f"seed {run['seed']}")
     return (
-        f"{on['date']}: {on['processor']}, {on['cores']} cores, {on['memory_gib']} GiB, "
-        f"{on['system'].split('-')[0]}, Python {on['python']}; {packages}; seed {run['seed']}, "
-        f"{run['precision']}, {run['size_px']} x {run['size_px']} px; load average at the end "
-        f"{on['load_average_1min']:.1f}; {run['seconds']} s, compilation included."
+        f"{about}, {run['size_px']} x {run['size_px']} px; load average at the end "
+        f"{run['machine']['load_average_1min']:.1f}; {run['seconds']} s, compilation included."
     )
-
-
-def _load(path: Path) -> list[dict[str, Any]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 if __name__ == "__main__":

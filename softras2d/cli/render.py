@@ -66,16 +66,7 @@ def render_scenes(
     with session() as console:
         targets = _targets(scenes, output, kind)
         started = time.perf_counter()
-        failures = []
-        with _progress(len(scenes), console) as advance:
-            for scene, target in zip(scenes, targets, strict=True):
-                try:
-                    told = _render(scene, target, view, truncate)
-                except Exception as error:
-                    if debugging() or not is_expected(error):
-                        raise
-                    failures.append(one_line(error, scene))
-                advance()
+        told, failures = _render_each(scenes, targets, view, truncate, console)
         seconds = time.perf_counter() - started
         for failure in failures:
             show("error", failure, console)
@@ -86,6 +77,23 @@ def render_scenes(
             Console(soft_wrap=True, highlight=False).print(told, markup=False)
         if failures:
             raise typer.Exit(1)
+
+
+def _render_each(
+    scenes: list[Path], targets: list[Path], view: View, truncate: bool, console: Console
+) -> tuple[str, list[str]]:
+    """What was told of the last one drawn, and one line for each that failed."""
+    told, failures = "", []
+    with _progress(len(scenes), console) as advance:
+        for scene, target in zip(scenes, targets, strict=True):
+            try:
+                told = _render(scene, target, view, truncate)
+            except Exception as error:
+                if debugging() or not is_expected(error):
+                    raise
+                failures.append(one_line(error, scene))
+            advance()
+    return told, failures
 
 
 def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
