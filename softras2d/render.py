@@ -217,10 +217,14 @@ def _outlines(corners, finite, segments, edges: Edges, triangles, grid) -> Outli
         vertex = turn(triangles.T, orientation).T
         x, y = (turn(corners[:, :, axis].T, orientation).T for axis in (0, 1))
         start = jnp.stack([x, y])
-        sides = Sides(start, jnp.roll(start, -1, 2), is_steep(segments).T)
-        return sides, vertex, *lines_crossed(segments, grid)
+        return Sides(start, jnp.roll(start, -1, 2), is_steep(segments).T), vertex
 
-    sides, vertex, first, count = draw(corners, finite, segments, triangles)
+    # Apart: a picture needs none of the first, and how many there are for its room.
+    sides, vertex = draw(corners, finite, segments, triangles)
+    first, count = (
+        one_pass(lambda segments, which=which: lines_crossed(segments, grid)[which])(segments)
+        for which in (0, 1)
+    )
     return Outlines(sides, edges, vertex, first, count)
 
 

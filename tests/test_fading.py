@@ -16,6 +16,9 @@ from .coverage.test_fading import area_in_pixel, distance
 
 SIZE = 12
 
+SLOW = pytest.mark.slow
+EXTRA = [pytest.param(name, marks=SLOW) for name in ("softras", "window")]
+
 
 def random_scene(kind: str = "", *, triangles: int = 7, seed: int = 0) -> sr.Scene:
     """Triangles of a few pixels; letters say which effects they have."""
@@ -106,8 +109,8 @@ def test_window_equals_a_loop(kind):
     np.testing.assert_allclose(found, drawn_by_hand(scene, cover), atol=2e-5)
 
 
-@pytest.mark.parametrize("profile", ["logistic", "softras", "window"])
-@pytest.mark.parametrize("kind", ["", "ga"])
+@pytest.mark.parametrize("profile", ["logistic", *EXTRA])
+@pytest.mark.parametrize("kind", ["ga", pytest.param("", marks=SLOW)])
 def test_soft_nears_one_hard_sample(kind, profile):
     scene = random_scene(kind)
     hard = image_of(scene, plan_of(scene, sr.Hard(1)))
@@ -179,10 +182,6 @@ def test_the_slope_of_a_tiling_is_that_of_its_areas():
             sums.append((weights * drawn_by_hand(own, area_in_pixel, summed=True)).sum())
         difference = (sums[0] - sums[1]) / (2 * step)
         assert float(found[vertex, axis]) == pytest.approx(difference, abs=2e-2)
-
-
-SLOW = pytest.mark.slow
-EXTRA = [pytest.param(name, marks=SLOW) for name in ("softras", "window")]
 
 
 @pytest.mark.parametrize("name", ["soft", "area", "sum", *EXTRA])

@@ -44,7 +44,7 @@ def _expected(scene: sr.Scene, canvas: Canvas) -> int:
 
 
 @pytest.mark.parametrize("depth", [False, True], ids=["painter", "depth"])
-@pytest.mark.parametrize("rate", [1, 4])
+@pytest.mark.parametrize("rate", [4, pytest.param(1, marks=pytest.mark.slow)])
 def test_count_on_host_and_device(rate, depth):
     hard = sr.Hard(samples=rate**2, shading="pixel")
     scenes = [_scene(seed, depth) for seed in range(3)]

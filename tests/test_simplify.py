@@ -44,7 +44,7 @@ def test_structure_is_the_smallest(seed, corners, channels, opaque):
     [
         pytest.param(1, 4, True, marks=pytest.mark.slow),
         pytest.param(3, 3, True, marks=pytest.mark.slow),
-        (3, 4, False),
+        pytest.param(3, 4, False, marks=pytest.mark.slow),
     ],
 )
 def test_the_image_is_the_same(corners, channels, opaque):
@@ -125,7 +125,13 @@ def _squares(scale: float, inverse_w: bool = False) -> sr.Scene:
     )
 
 
-@pytest.mark.parametrize("rule, bias", [("linear", 0.0), ("nearest", 0.0), ("linear", 0.5)])
+@pytest.mark.parametrize(
+    "rule, bias",
+    [
+        ("nearest", 0.0),
+        *(pytest.param("linear", bias, marks=pytest.mark.slow) for bias in (0.0, 0.5)),
+    ],
+)
 def test_levels_go_exactly_where_no_level_shows(rule, bias):
     """Against brute force: the image with levels and without."""
     scales = [0.5, 0.7, 0.72, 0.99, 1.0, 1.01, 1.4, 1.42, 2.0]
@@ -222,7 +228,7 @@ def _assert_the_same_image(seed: int) -> None:
     np.testing.assert_allclose(draw_scene(small, after), draw_scene(scene, before), atol=4e-6)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_random_effects_keep_their_image(seed):
     _assert_the_same_image(seed)
 

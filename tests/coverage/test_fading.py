@@ -120,7 +120,10 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("name", ["area", *PROFILES])
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("softras", "window")]
+
+
+@pytest.mark.parametrize("name", ["area", "logistic", *SLOW])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_slopes_are_those_of_the_value(name, shape, float64):
     measure = area.measure() if name == "area" else soft.measure(name)

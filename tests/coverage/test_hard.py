@@ -266,6 +266,7 @@ def test_jit_vmap_and_eager_agree():
     np.testing.assert_array_equal(batched(batch, plan), eager)
 
 
+@pytest.mark.slow
 def test_vmap_of_interpolated_translucent():
     on = canvas(4)
     colors = colors_of(COUNT, 4, 3)

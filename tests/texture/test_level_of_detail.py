@@ -77,6 +77,7 @@ def _slopes(scene: sr.Scene, plan: sr.Plan) -> tuple[np.ndarray, np.ndarray, np.
     return np.asarray(tangent), np.asarray(back.uv), np.asarray(bias)
 
 
+@pytest.mark.slow
 @DTYPES
 def test_slopes_are_decided_where_the_level_is(dtype, float64):
     """All at once, as each program takes seconds: every triangle has its own singular point.

@@ -1,0 +1,147 @@
+"""How near is each mode's gradient to the exact one, and what does it cost?
+
+python -m experiments.gradient_accuracy.run [--counts 100,1000,10000] [--photograph FILE]
+"""
+
+import argparse
+import importlib.util
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import softras2d as sr
+
+from ..common import machine, progress, report
+from ..common.scenes import Soup, random_soup
+from ..common.timing import interleave
+from . import exact, figure
+
+HERE = Path(__file__).parent
+SIZE, SEED = 512, 1
+PACKAGES = ("softras2d", "jax", "jaxlib", "numpy", "numba", "deodr")
+MODES: dict[str, sr.Hard | sr.Soft | sr.Area] = {
+    **{f"hard, {samples}": sr.Hard(samples) for samples in (1, 4, 16, 64)},
+    **{f"soft, {width} px": sr.Soft(width) for width in (0.5, 0.8, 1.0, 1.2, 2.0)},
+    "soft, window, 1.0 px": sr.Soft(1.0, "window"),
+    "area": sr.Area(),
+}
+
+
+class Own:
+    """One mode: the loss, its gradient, and a tangent, compiled."""
+
+    def __init__(self, soup: Soup, coverage: Any, target: np.ndarray):
+        colors = soup.colors[:, 0, : 3 if soup.opaque else 4]
+        scene = sr.Scene.from_soup(soup.corners, colors)
+        plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage)
+        self.arguments = scene.positions, scene.colors
+        held = jnp.asarray(target)
+
+        def loss(positions, colors):
+            drawn = replace(scene, positions=positions, colors=colors)
+            return jnp.mean((sr.render_checked(drawn, plan)[0] - held) ** 2)
+
+        rng = np.random.default_rng(0)
+        direction = jnp.asarray(rng.normal(size=scene.positions.shape), jnp.float32)
+        self.forward = jax.jit(loss)
+        self.gradient = jax.jit(jax.grad(loss, (0, 1)))
+        self.tangent = jax.jit(lambda p, c: jax.jvp(lambda p: loss(p, c), (p,), (direction,))[1])
+        began = time.perf_counter()
+        jax.block_until_ready(self.gradient(*self.arguments))
+        self.first_call_s = time.perf_counter() - began
+
+    def call(self, function: Callable[..., Any]) -> Callable[[], Any]:
+        return lambda: jax.block_until_ready(function(*self.arguments))
+
+
+def cosine(a: Any, b: Any) -> float:
+    a, b = (np.asarray(x, np.float64).ravel() for x in (a, b))
+    return float(a @ b / max(np.linalg.norm(a) * np.linalg.norm(b), 1e-300))
+
+
+def error(a: Any, b: Any) -> float:
+    a, b = (np.asarray(x, np.float64).ravel() for x in (a, b))
+    return float(np.linalg.norm(a - b) / max(np.linalg.norm(b), 1e-300))
+
+
+def rows_of(soup: Soup, name: str, target: np.ndarray) -> Iterator[dict[str, Any]]:
+    """A row for every mode and peer on one scene, all timed in turn."""
+    fine = Own(soup, sr.Hard(256, edge_gradients=False), target)
+    scene = sr.Scene.from_soup(soup.corners, soup.colors[:, 0, : 3 if soup.opaque else 4])
+    plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(256))
+    image = np.asarray(sr.render(scene, plan), np.float64)
+    truth = exact.position_gradient(soup, 2 * (image - target) / image.size)
+    by_color = fine.gradient(*fine.arguments)[1]
+    own = {mode: Own(soup, coverage, target) for mode, coverage in MODES.items()}
+    calls: dict[str, Callable[[], Any]] = {}
+    found: dict[str, tuple[Any, Any]] = {}
+    for mode, one in own.items():
+        calls[f"{mode}/forward"] = one.call(one.forward)
+        calls[f"{mode}/gradient"] = one.call(one.gradient)
+        calls[f"{mode}/tangent"] = one.call(one.tangent)
+        found[mode] = one.gradient(*one.arguments)
+    if soup.opaque and importlib.util.find_spec("deodr"):
+        from .with_deodr import Deodr
+
+        for rate in (1, 4) if soup.count <= 1000 else (1,):
+            peer = Deodr(soup, rate)
+            found[f"DEODR, {rate} x {rate}"] = peer.loss(target)[1:]
+            calls[f"DEODR, {rate} x {rate}/gradient"] = lambda peer=peer: peer.loss(target)
+    times = interleave(calls, rounds=9, budget_s=60)
+    yardstick = times.get("DEODR, 1 x 1/gradient")
+    for mode, (moved, tinted) in found.items():
+        took = {kind: times.get(f"{mode}/{kind}") for kind in ("forward", "gradient", "tangent")}
+        gradient = took["gradient"]
+        yield {
+            "scene": soup.kind,
+            "triangles": soup.count,
+            "target": name,
+            "mode": mode,
+            "cosine": f"{cosine(moved, truth):.5f}",
+            "relative_error": error(moved, truth),
+            "color_cosine": f"{cosine(tinted, by_color):.6f}" if soup.opaque else "",
+            **{f"{kind}_ms": one.median if one else "" for kind, one in took.items()},
+            "least_gradient_ms": gradient.least if gradient else "",
+            "over_deodr": gradient.median / yardstick.median if gradient and yardstick else "",
+            "first_call_s": own[mode].first_call_s if mode in own else "",
+        }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--counts", default="100,1000,10000")
+    parser.add_argument("--kinds", default="flat,flat_a50")
+    parser.add_argument("--photograph", type=Path, help="a target beside white noise")
+    options = parser.parse_args()
+    rng = np.random.default_rng(SEED)
+    targets = {"white noise": rng.random((SIZE, SIZE, 3), dtype=np.float32)}
+    if options.photograph:
+        picture = np.asarray(sr.read_image(options.photograph))[..., :3]
+        side = min(picture.shape[:2]) // SIZE * SIZE
+        cut = picture[:side, :side].reshape(SIZE, side // SIZE, SIZE, side // SIZE, 3)
+        targets["photograph"] = cut.mean((1, 3)).astype(np.float32)
+    began, rows = time.perf_counter(), []
+    cells = [
+        (kind, int(count), name)
+        for kind in options.kinds.split(",")
+        for count in options.counts.split(",")
+        for name in targets
+    ]
+    for kind, count, name in progress.steps(cells, "scenes"):
+        rows += rows_of(random_soup(count, SIZE, kind), name, targets[name])
+        report.write_csv(HERE / "results" / "gradients.csv", rows)
+        about = machine.record(PACKAGES)
+        seconds = round(time.perf_counter() - began)
+        run = {"machine": about, "seed": SEED, "precision": "float32", "seconds": seconds}
+        report.write_json(HERE / "results" / "run.json", run)
+    figure.publish(HERE / "results", HERE / "README.md")
+
+
+if __name__ == "__main__":
+    main()
