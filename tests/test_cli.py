@@ -267,6 +267,7 @@ class TestOnRealScenes:
         assert "this scene" in result.stdout
         assert "without translucency" in result.stdout and "MiB" in result.stdout
 
+    @pytest.mark.slow
     def test_demo_draws_every_scene_as_alone(self, tmp_path, monkeypatch):
         monkeypatch.setattr(scenes, "names", lambda: ("joints", "squares"))
         monkeypatch.setattr(demo, "_RATES", (4,))

@@ -17,7 +17,13 @@ from .coverage.test_fading import area_in_pixel, distance
 SIZE = 12
 
 SLOW = pytest.mark.slow
-EXTRA = [pytest.param(name, marks=SLOW) for name in ("softras", "window")]
+
+
+def slowly(*names: str) -> list:
+    return [pytest.param(name, marks=SLOW) for name in names]
+
+
+EXTRA = slowly("softras", "window")
 
 
 def random_scene(kind: str = "", *, triangles: int = 7, seed: int = 0) -> sr.Scene:
@@ -184,7 +190,7 @@ def test_the_slope_of_a_tiling_is_that_of_its_areas():
         assert float(found[vertex, axis]) == pytest.approx(difference, abs=2e-2)
 
 
-@pytest.mark.parametrize("name", ["soft", "area", "sum", *EXTRA])
+@pytest.mark.parametrize("name", ["soft", *EXTRA, *(slowly("area", "sum"))])
 @pytest.mark.parametrize("kind", ["ga", pytest.param("b", marks=SLOW)])
 def test_both_directions_agree(name, kind):
     coverage = COVERAGES[name]
@@ -256,7 +262,7 @@ def test_another_width_compiles_nothing(count_compilations):
     assert not compiled.names
 
 
-@pytest.mark.parametrize("name", ["soft", "area", "sum"])
+@pytest.mark.parametrize("name", ["sum", *(slowly("soft", "area"))])
 @pytest.mark.parametrize("bad", [np.nan, pytest.param(np.inf, marks=SLOW)])
 def test_a_wild_corner_harms_no_other_triangle(name, bad):
     scene = random_scene()

@@ -68,7 +68,7 @@ def test_filters(pixel, level, float64):
 @pytest.mark.parametrize(
     "options",
     [
-        {"colors": (1, 3)},
+        slowly({"colors": (1, 3)}),
         slowly({"colors": (1, 4)}),
         slowly({"colors": (1, 3), "depth": True}),
         slowly({"colors": (1, 4), "depth": True}),

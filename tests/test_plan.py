@@ -169,6 +169,7 @@ def test_print_tells_effects():
     assert str(_plan(rich)).lower() != flat.lower()
 
 
+@pytest.mark.slow
 def test_windows_of_a_large_picture():
     """Tiles of a large image by `origin`: together they are the image."""
     on = Canvas(80, 96)

@@ -128,8 +128,8 @@ def _squares(scale: float, inverse_w: bool = False) -> sr.Scene:
 @pytest.mark.parametrize(
     "rule, bias",
     [
-        ("nearest", 0.0),
-        *(pytest.param("linear", bias, marks=pytest.mark.slow) for bias in (0.0, 0.5)),
+        pytest.param(*rule, marks=pytest.mark.slow)
+        for rule in (("nearest", 0.0), ("linear", 0.0), ("linear", 0.5))
     ],
 )
 def test_levels_go_exactly_where_no_level_shows(rule, bias):

@@ -201,7 +201,8 @@ def test_vmap_of_everything():
         slowly({"colors": (3, 4), "texels": 4, "background": 4}, Sampler(), "pixel"),
     ],
 )
-@pytest.mark.parametrize("dtype", [np.float64, slowly(np.float32)])
+@pytest.mark.slow
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_slopes_are_finite_on_hard_scenes(options, sampler, shading, dtype, float64):
     """Zero area, slivers, constant uv, one texel, clear colours, far corners."""
     soup = soup_of(28, **options)

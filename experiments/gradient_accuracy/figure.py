@@ -1,5 +1,7 @@
 """The tables and the figure: `python -m experiments.gradient_accuracy.figure`."""
 
+# pyright: reportMissingImports=false
+
 import json
 from pathlib import Path
 from typing import Any

@@ -106,6 +106,7 @@ def test_slopes_are_decided_where_the_level_is(dtype, float64):
     np.testing.assert_array_equal(uv_slope[np.arange(len(uv)) % 5 != 0], 0)
 
 
+@pytest.mark.slow
 @DTYPES
 def test_one_texel_and_no_texture_have_no_slope(dtype, float64):
     soup = soup_of(15)
