@@ -23,7 +23,7 @@ class Deodr:
         corners = soup.corners.astype(np.float64)
         edge, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         turned = edge[:, 0] * other[:, 1] - edge[:, 1] * other[:, 0] > 0
-        self.order = np.where(turned[:, None], [0, 1, 2], [0, 2, 1])
+        self.order = np.where(turned[:, None], [0, 2, 1], [0, 1, 2])
         corners = np.take_along_axis(corners, self.order[..., None], 1)
         self.target = np.zeros((0, 0, 3))
         faces = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
