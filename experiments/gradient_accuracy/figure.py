@@ -45,6 +45,7 @@ def _short(value: str) -> str:
 
 def _draw(rows: list[dict[str, Any]], path: Path) -> None:
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import NullFormatter
 
     counts = list(dict.fromkeys(r["triangles"] for r in rows))
     figure, axes = plt.subplots(1, len(counts), figsize=(5 * len(counts), 4.5), squeeze=False)
@@ -59,6 +60,9 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
             axis.annotate(r["mode"], (x, y), xytext=(4, 3), textcoords="offset points", fontsize=7)
         axis.set(xscale="log", yscale="log", xlabel="forward + backward, ms",
                  title=f"{int(count):,} flat triangles")  # fmt: skip
+        # Labels of decades alone would be too few, and those between them overlap.
+        axis.xaxis.set_minor_formatter(NullFormatter())
+        axis.set_xticks(ticks := [20, 50, 100, 200, 500, 1000, 2000], [str(ms) for ms in ticks])
         axis.grid(alpha=0.3)
     axes[0][0].set_ylabel("1 - cosine to the exact position gradient")
     figure.tight_layout()
