@@ -83,24 +83,7 @@ def addition(
         there = ((word >> bit) & jnp.uint32(1) == 1) & (k < count)
         return listed.at[pair].get(mode="promise_in_bounds"), there
 
-    @one_pass
-    def put(state, other, there, color, nearer):
-        own = other == triangle
-        later = there & (other > triangle)
-        front = later & nearer
-        early = there & (other < triangle)
-        alpha = color[3]
-        behind, shown = (later & ~front) | early, color[:channels]
-        return _State(
-            state.listed | (there & own),
-            state.through * jnp.where(front, 1.0 - alpha, 1.0),
-            state.hidden | (early & ~nearer),
-            state.with_color + jnp.where(early, state.with_through, 0.0)[None] * shown,
-            state.with_through * jnp.where(early, 1.0 - alpha, 1.0),
-            state.color + jnp.where(behind, state.without_through, 0.0)[None] * shown,
-            state.without_through * jnp.where(behind, 1.0 - alpha, 1.0),
-        )
-
+    add = one_pass(_add_layer)
     start, count, place, bit = locate(sample)
     words = layers.rows.reshape(-1)
     at = functools.partial(depth_at, depths, tiling=tiling) if depths is not None else None
@@ -113,7 +96,7 @@ def addition(
             depth = at(other, sample)
             # Of equal depths the later is in front.
             nearer = jnp.where(other > triangle, depth <= own_depth, depth >= own_depth)
-        return put(state, other, there, tint(other, sample), nearer)
+        return add(state, triangle, other, there, tint(other, sample), nearer)
 
     dtype = layers.background.dtype
     closed, clear = jnp.zeros(shape, bool), jnp.ones(shape, dtype)
@@ -131,6 +114,24 @@ def addition(
         return Addition(state.listed, state.through, gain)
 
     return finish(state, tint(triangle, sample))
+
+
+def _add_layer(state: _State, triangle, other, there, color, nearer) -> _State:
+    """The next layer of a list, `there` if it covers the sample, `nearer` if its depth is less."""
+    later = there & (other > triangle)
+    front = later & nearer
+    early = there & (other < triangle)
+    behind = (later & ~front) | early
+    alpha, shown = color[3], color[: state.color.shape[0]]
+    return _State(
+        state.listed | (there & (other == triangle)),
+        state.through * jnp.where(front, 1.0 - alpha, 1.0),
+        state.hidden | (early & ~nearer),
+        state.with_color + jnp.where(early, state.with_through, 0.0)[None] * shown,
+        state.with_through * jnp.where(early, 1.0 - alpha, 1.0),
+        state.color + jnp.where(behind, state.without_through, 0.0)[None] * shown,
+        state.without_through * jnp.where(behind, 1.0 - alpha, 1.0),
+    )
 
 
 def _rgba_at(surface, triangle, sample, tiling, *, flat) -> Float[Array, "4 lines runs"]:
