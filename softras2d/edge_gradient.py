@@ -55,13 +55,14 @@ def edge_speeds(
 
     @one_pass
     def project(velocity, vertex, sides):
-        x, y = velocity[:, 0][vertex], velocity[:, 1][vertex]
-        along, across = jnp.where(sides.steep, x, y), jnp.where(sides.steep, y, x)
-        start = along - sides.slope * across
-        following = vertex[:, jnp.array([1, 2, 0])]
-        x, y = velocity[:, 0][following], velocity[:, 1][following]
-        along, across = jnp.where(sides.steep, x, y), jnp.where(sides.steep, y, x)
-        return start.reshape(-1), (along - sides.slope * across).reshape(-1)
+        slope = sides.slope
+
+        def speed(vertex):
+            x, y = velocity[:, 0][vertex], velocity[:, 1][vertex]
+            along, across = jnp.where(sides.steep, x, y), jnp.where(sides.steep, y, x)
+            return (along - slope * across).reshape(-1)
+
+        return speed(vertex), speed(jnp.roll(vertex, -1, 1))
 
     return project(velocity, vertex, sides)
 
