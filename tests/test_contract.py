@@ -1,0 +1,300 @@
+"""The contract of derivatives, as one table: every coverage, and every input that it draws.
+
+Of each: both directions of differentiation agree, nothing is infinite or NaN, an outer jit and a
+batch change nothing, and what must be zero is exactly zero. An effect that a coverage comes to draw
+is a word more in its entry of `MODES`.
+"""
+
+import functools
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import pytest
+
+import softras2d as sr
+
+from .products import Products, moving, products, stack
+from .slopes import inner, is_finite, weight_of
+
+SIZE = 16
+"""Two tiles a side."""
+
+HIDDEN, COVER, POINT, AWAY = range(4)
+"""Triangles: one behind another that hides it, one without area, one off the canvas."""
+
+COUNT = 10
+
+
+class Mode(NamedTuple):
+    """A coverage, the effects that it draws, and what of its slopes is zero.
+
+    - `effects`: of `corners` (colours), `alpha`, `texture`, `depth`, `perspective`, and `clear` (a
+      background of four channels).
+    - `zero`: inputs without any slope.
+    - `hides`: whether a triangle hides what lies behind it.
+    - `curved`: whether second derivatives by positions are those of the image.
+    """
+
+    coverage: sr.Hard | sr.Soft | sr.Area
+    effects: str
+    zero: tuple[str, ...] = ()
+    hides: bool = True
+    curved: bool = False
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        names = ["positions", "colors", "background"]
+        names += ["uv", "textures"] * ("texture" in self.effects)
+        names += ["depth"] * ("depth" in self.effects)
+        return (*names, *["inverse_w"] * ("perspective" in self.effects))
+
+
+ALL = "corners alpha texture depth perspective clear"
+OPAQUE = "corners texture depth perspective"
+
+MODES = {
+    "hard": Mode(sr.Hard(4), "corners"),
+    "hard-flat": Mode(sr.Hard(4), "depth", zero=("depth",)),
+    "hard-glass": Mode(sr.Hard(4), "corners alpha clear"),
+    "hard-textured": Mode(sr.Hard(4), OPAQUE, zero=("depth",)),
+    "hard-all": Mode(sr.Hard(4), ALL, zero=("depth",)),
+    "hard-pixel": Mode(sr.Hard(4, shading="pixel"), OPAQUE, zero=("depth",)),
+    "hard-still": Mode(sr.Hard(4, edge_gradients=False), OPAQUE, zero=("positions", "depth")),
+    "soft": Mode(sr.Soft(1.3), "corners alpha", curved=True),
+    "soft-flat": Mode(sr.Soft(1.3, "window"), "clear", curved=True),
+    "area": Mode(sr.Area(), "alpha", curved=True),
+    "area-clear": Mode(sr.Area(), "alpha clear", curved=True),
+    "sum": Mode(sr.Area("sum"), "", hides=False, curved=True),
+}
+
+QUICK = ("hard", "soft")
+"""Whose rows are no long tests."""
+
+
+def marked(names: Any, quick: Any = QUICK) -> list[Any]:
+    return [n if n in quick else pytest.param(n, marks=pytest.mark.slow) for n in names]
+
+
+def rows(quick: Any = QUICK) -> list[Any]:
+    """Every mode with every input that it draws."""
+    return [
+        pytest.param(mode, name, marks=() if mode in quick else pytest.mark.slow)
+        for mode in MODES
+        for name in MODES[mode].inputs
+    ]
+
+
+def scene_of(effects: str, dtype: type = np.float32, seed: int = 0) -> sr.Scene:
+    """Triangles of a few pixels, over and beside one that covers the left of the canvas."""
+    rng = np.random.default_rng(seed)
+    corners = rng.random((COUNT, 1, 2)) * SIZE + rng.normal(size=(COUNT, 3, 2)) * 4
+    corners[COVER] = [(7.7, -30), (7.2, 46), (-30, 8)]
+    corners[HIDDEN] = np.array([2.5, 7.5]) + rng.uniform(-2, 2, (3, 2))
+    corners[POINT] = corners[POINT, :1]
+    corners[AWAY] += 500
+    colors = rng.random((COUNT, 3 if "corners" in effects else 1, 4 if "alpha" in effects else 3))
+    colors[COVER, :, 3:] = 1
+    optional: dict[str, Any] = {
+        "background": [0.2, 0.3, 0.4, 0.5][: 4 if "clear" in effects else 3]
+    }
+    if "texture" in effects:
+        images = [rng.random((5, 3, 3)).astype(dtype), rng.random((8, 16, 3)).astype(dtype)]
+        index = np.arange(COUNT, dtype=np.int32) % 3 - 1
+        index[COVER] = -1
+        uv = rng.uniform(-0.5, 1.5, (COUNT, 3, 2))
+        optional |= {"textures": sr.TexturePyramid.build(images), "texture_index": index, "uv": uv}
+    if "depth" in effects:
+        depth = rng.random((COUNT, 3))
+        depth[COVER], depth[HIDDEN] = 1.5, 2
+        optional["depth"] = depth
+    if "perspective" in effects:
+        optional["inverse_w"] = rng.uniform(0.5, 1.5, (COUNT, 3))
+    return sr.Scene.from_soup(corners.astype(dtype), colors, **optional)
+
+
+def plan_of(mode: str, scenes: Any) -> sr.Plan:
+    return sr.plan(scenes, height=SIZE, width=SIZE, coverage=MODES[mode].coverage)
+
+
+def direction_of(scene: sr.Scene, name: str, seed: int) -> Any:
+    """A seeded direction in one input, zero in the others."""
+    rng = np.random.default_rng(seed)
+    return eqx.tree_at(
+        lambda s: getattr(s, name),
+        jax.tree.map(jnp.zeros_like, moving(scene)),
+        jax.tree.map(
+            lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype),
+            getattr(moving(scene), name),
+        ),
+    )
+
+
+class Found(NamedTuple):
+    """What a program finds of a scene, and what it was asked: a direction of each input, a weight.
+
+    The products are in the order of `Mode.inputs`.
+    """
+
+    scene: sr.Scene
+    plan: sr.Plan
+    directions: Any
+    weight: Any
+    products: Products
+
+    def of(self, name: str, mode: str) -> tuple[Any, Any, Any]:
+        """An input's direction, the image's tangent along it, and its part of the gradient."""
+        at = MODES[mode].inputs.index(name)
+        own = jax.tree.map(lambda leaf: leaf[at], getattr(self.directions, name))
+        return own, self.products.tangents[at], getattr(self.products.gradient, name)
+
+
+def asked(mode: str, scene: sr.Scene) -> tuple[Any, Any, Any]:
+    """A direction for each input, stacked; a weight of the image; and pixels to keep: all."""
+    directions = [direction_of(scene, name, seed) for seed, name in enumerate(MODES[mode].inputs)]
+    shape = (SIZE, SIZE, scene.background.shape[0])
+    dtype = scene.positions.dtype
+    weight = weight_of(jax.ShapeDtypeStruct(shape, dtype), seed=99)
+    return stack(directions), weight, jnp.ones(shape[:2], dtype)
+
+
+@functools.cache
+def found(mode: str, dtype: type = np.float32) -> Found:
+    """One program serves all rows of a mode."""
+    scene = scene_of(MODES[mode].effects, dtype)
+    plan = plan_of(mode, scene)
+    directions, weight, kept = asked(mode, scene)
+    return Found(scene, plan, directions, weight, products(scene, plan, directions, weight, kept))
+
+
+def assert_adjoint(row: Found, name: str, mode: str, tolerance: float) -> None:
+    """The dot-product test, relative to the norms."""
+    direction, tangent, own = row.of(name, mode)
+    norm = (inner(own, own) * inner(direction, direction)) ** 0.5
+    assert abs(inner(row.weight, tangent) - inner(own, direction)) <= tolerance * norm
+
+
+@pytest.mark.parametrize("mode, name", rows())
+def test_both_directions_agree(mode, name):
+    row = found(mode)
+    assert not row.products.overflow
+    assert_adjoint(row, name, mode, 1e-5)
+    # Something moves, unless nothing may.
+    assert (np.abs(row.of(name, mode)[1]).max() > 1e-3) == (name not in MODES[mode].zero)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode, name", rows(MODES))
+def test_both_directions_agree_in_float64(mode, name, float64):
+    assert_adjoint(found(mode, np.float64), name, mode, 1e-10)
+
+
+@pytest.mark.parametrize("mode, name", rows())
+def test_finite(mode, name):
+    row = found(mode)
+    assert is_finite((row.products.image, *row.of(name, mode)))
+
+
+@pytest.mark.parametrize("mode, name", rows())
+def test_zero_where_it_must_be(mode, name):
+    row = found(mode)
+    _, tangent, own = row.of(name, mode)
+    if name in MODES[mode].zero:
+        assert not np.asarray(tangent).any()
+        assert not np.asarray(own).any()
+    if name in ("background", "textures"):
+        return
+    per_vertex = name in ("positions", "depth", "inverse_w")
+    own = np.asarray(own).reshape(COUNT, -1) if per_vertex else np.asarray(own)
+    assert not own[AWAY].any()
+    if MODES[mode].hides:
+        assert not own[HIDDEN].any()
+    if name == "uv":
+        assert not own[np.asarray(row.scene.texture_index) < 0].any()
+
+
+def assert_near(found: Any, wanted: Any, tolerance: float = 2e-5) -> None:
+    """Relative to the greatest number of each array."""
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(wanted), strict=True):
+        scale = max(1.0, float(np.abs(b).max(initial=0)))
+        np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * scale)
+
+
+def parts(found: Products) -> Any:
+    return found.image, found.tangents, found.gradient, found.normal
+
+
+@pytest.mark.parametrize("mode", marked(MODES, ()))
+def test_jit_is_eager(mode):
+    """Nothing compiled as a whole, and `jax.jvp` and `jax.vjp` where the program linearizes."""
+    row = found(mode)
+    floats, rest = eqx.partition(row.scene, eqx.is_inexact_array)
+
+    def image(floats):
+        return sr.render_checked(eqx.combine(floats, rest), row.plan)[0]
+
+    drawn, pull = jax.vjp(image, floats)
+    assert_near(drawn, row.products.image)
+    assert_near(pull(row.weight)[0], row.products.gradient)
+    everywhere = jax.tree.map(lambda leaf: leaf.sum(0), row.directions)
+    tangent = jax.jvp(image, (floats,), (everywhere,))[1]
+    assert_near(tangent, row.products.tangents.sum(0))
+
+
+@pytest.mark.parametrize("mode", marked(MODES, ()))
+def test_vmap_is_a_loop(mode):
+    scenes = [scene_of(MODES[mode].effects, seed=seed) for seed in range(3)]
+    plan = plan_of(mode, scenes)
+    given = asked(mode, scenes[0])
+    floats, rest = zip(
+        *(eqx.partition(scene, eqx.is_inexact_array) for scene in scenes), strict=True
+    )
+    batch = jax.vmap(lambda floats: parts(products(eqx.combine(floats, rest[0]), plan, *given)))(
+        stack(floats)
+    )
+    for number, scene in enumerate(scenes):
+        alone = parts(products(scene, plan, *given))
+        assert_near(jax.tree.map(lambda entry, at=number: entry[at], batch), alone)
+
+
+def image_by_positions(row: Found):
+    return lambda positions: sr.render_checked(replace(row.scene, positions=positions), row.plan)[0]
+
+
+CURVED = [mode for mode in MODES if MODES[mode].curved]
+
+
+@pytest.mark.parametrize("mode", marked(CURVED, ()))
+def test_hessian_vector_products(mode, float64):
+    """Symmetric, and the differences of gradients."""
+    row = found(mode, np.float64)
+    image = image_by_positions(row)
+    slope = jax.grad(lambda positions: jnp.sum(row.weight * image(positions) ** 2))
+    curve = jax.jit(lambda x, v: jax.jvp(slope, (x,), (v,))[1])
+    slope = jax.jit(slope)
+    rng, at = np.random.default_rng(3), row.scene.positions
+    # A triangle without area is a bend.
+    still = np.ones((COUNT, 3, 1))
+    still[POINT] = 0
+    u, v = (jnp.asarray((still * rng.normal(size=(COUNT, 3, 2))).reshape(-1, 2)) for _ in "uv")
+    bent = curve(at, v)
+    assert is_finite(bent)
+    moved = still.reshape(-1, 1)
+    assert inner(u, bent) == pytest.approx(inner(v, curve(at, u)), rel=1e-9, abs=1e-9)
+    step = 1e-7
+    difference = (slope(at + step * v) - slope(at - step * v)) / (2 * step)
+    assert_near(moved * bent, moved * difference, 1e-5)
+
+
+@pytest.mark.parametrize("mode", marked(MODES, ()))
+def test_lineax_operators(mode):
+    row = found(mode)
+    image = image_by_positions(row)
+    operator = lx.JacobianLinearOperator(lambda x, _: image(x), row.scene.positions)
+    direction, tangent, gradient = row.of("positions", mode)
+    assert_near(operator.mv(direction), tangent)
+    assert_near(operator.T.mv(row.weight), gradient)
