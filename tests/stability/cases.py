@@ -1,0 +1,190 @@
+"""Scenes on which a differentiable rasterizer may lose its footing, and what must hold of each.
+
+Six flat triangles on a canvas of 16 x 16 pixels, so that all share one program; in each case some
+of them are the hard ones, among others that are ordinary.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+import softras2d as sr
+
+SIZE = 16
+COUNT = 6
+
+WIDEST = 1e4
+"""Softness in pixels."""
+
+MODES: dict[str, sr.Hard | sr.Soft | sr.Area] = {
+    "hard": sr.Hard(4),
+    "glass": sr.Hard(4),
+    "soft": sr.Soft(1.0),
+    "area": sr.Area(),
+    "sum": sr.Area("sum"),
+}
+"""`hard` draws every case in opaque colours, the others in translucent ones."""
+
+
+class Case(NamedTuple):
+    """Corners `[6, 3, 2]` and RGBA `[6, 4]`, float32.
+
+    - `modes`: which draw it.
+    - `softness`: width of soft coverage in pixels.
+    - `limits`: stated errors of the value, and of the three products, relative to the greatest
+      number of each or to 1.
+    - `size`: of the canvas in pixels.
+    """
+
+    corners: np.ndarray
+    colors: np.ndarray
+    modes: tuple[str, ...] = tuple(MODES)
+    softness: float = 1.0
+    limits: tuple[float, float] = (2e-6, 2e-5)
+    size: int = SIZE
+
+
+def ordinary(seed: int = 0) -> np.ndarray:
+    """Triangles of a few pixels."""
+    rng = np.random.default_rng(seed)
+    spread = rng.normal(size=(COUNT, 3, 2)) * 3
+    return (rng.uniform(3, SIZE - 3, (COUNT, 1, 2)) + spread).clip(-6, SIZE + 6).astype(np.float32)
+
+
+def tints(seed: int = 1) -> np.ndarray:
+    colors = np.random.default_rng(seed).random((COUNT, 4))
+    colors[:, 3] = 0.3 + 0.6 * colors[:, 3]
+    return colors.astype(np.float32)
+
+
+def among(hard: list, **options) -> Case:
+    """The hard triangles, every other one of six, or all from the first on."""
+    corners = ordinary()
+    given = np.asarray(hard, np.float32)
+    places = [1, 3, 5, 0, 2, 4][: len(given)]
+    corners[places] = given
+    return Case(corners, tints(), **options)
+
+
+def of_area(area: float) -> Case:
+    """A right triangle of an area in square pixels, turned so that no edge is level.
+
+    A large one has its longest edge across the canvas; a small one lies at 1/64 pixel from the
+    corner of the canvas, where float32 is fine enough to hold it.
+    """
+    leg = (2 * area) ** 0.5
+    turn = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+    shape = np.array([[0, 0], [leg, 0], [0, leg]]) @ turn.T
+    # A third along its longest edge lies near the middle of the canvas.
+    middle = np.array([7.3, 8.6]) - (shape[1] * 2 + shape[2]) / 3
+    placed = shape + (1 / 64 if leg < 1 else middle)
+    return among([placed])
+
+
+def layers() -> Case:
+    """A thousand translucent triangles over one pixel, and its neighbours."""
+    rng = np.random.default_rng(2)
+    corners = np.array([3.5, 3.5]) + rng.normal(size=(1000, 3, 2)) * 1.5
+    colors = rng.random((1000, 4))
+    colors[:, 3] *= 0.02
+    translucent = ("glass", "soft", "area")
+    return Case(corners.astype(np.float32), colors.astype(np.float32), translucent, size=8)
+
+
+def sliver(start: tuple, end: tuple, aspect: float = 1e6) -> list:
+    """A triangle as long as from start to end, thinner by `aspect`."""
+    p, q = np.array(start, float), np.array(end, float)
+    normal = np.array([p[1] - q[1], q[0] - p[0]])
+    return [p, q, 0.4 * p + 0.6 * q + normal / aspect]
+
+
+def wild(value: float) -> Case:
+    corners = ordinary()
+    corners[3, 1, 0] = value
+    return Case(corners, tints())
+
+
+def clear_and_solid() -> Case:
+    colors = tints()
+    colors[::2, 3], colors[1::2, 3] = 0, 1
+    return Case(ordinary(), colors)
+
+
+def of_width(softness: float) -> Case:
+    """Upright and level edges on centres of pixels, where any width has a slope."""
+    corners = ordinary()
+    corners[1] = [(4.5, -6), (4.5, 22), (22, 7.25)]
+    corners[4] = [(-6, 9.5), (22, 9.5), (7.25, 22)]
+    # A distance is known to a few roundings of a coordinate, and they count over the width.
+    limits = (max(2e-6, min(0.5, 1e-6 / softness)), max(2e-5, min(1.0, 4e-6 / softness)))
+    return Case(corners, tints(), ("soft",), softness, limits)
+
+
+CASES: dict[str, Callable[[], Case]] = {
+    "ordinary": lambda: Case(ordinary(), tints()),
+    "vertices coincident": lambda: among(
+        [[(5.3, 6.1)] * 3, [(8.5, 8.5)] * 3, [(3.2, 4.4), (3.2, 4.4), (11.7, 9.3)]]
+    ),
+    "vertices collinear": lambda: among(
+        [
+            [(2, 2), (6, 4), (12, 7)],
+            [(4.5, 1), (4.5, 13), (4.5, 7)],
+            [(3.25, 9.25), (12.25, 9.25), (5.75, 9.25)],
+        ]
+    ),
+    "vertices on samples": lambda: among(
+        [
+            [(4.5, 3.5), (11.5, 5.5), (6.5, 12.5)],
+            [(2.25, 2.25), (9.75, 4.25), (3.75, 10.75)],
+            [(8.5, 8.5), (13.5, 8.5), (8.5, 13.5)],
+        ]
+    ),
+    "vertices on pixel corners": lambda: among(
+        [[(4, 3), (11, 5), (6, 12)], [(2, 2), (10, 2), (2, 10)], [(1, 14), (15, 14), (8, 1)]]
+    ),
+    "vertices on tile borders": lambda: among(
+        [[(8, 0), (8, 16), (16, 8)], [(0, 8), (16, 8), (8, 16)], [(0, 0), (8, 8), (0, 16)]]
+    ),
+    **{
+        f"area {area:.0e}": (lambda area=area: of_area(area))
+        for area in (1e-12, 1e-9, 1e-6, 1e-3, 1e3, 1e6)
+    },
+    # What an edge passes of a pixel is a millionth of it.
+    **{
+        f"area {area:.0e}": (lambda area=area: of_area(area)._replace(limits=(2e-6, 1e-3)))
+        for area in (1e9, 1e12)
+    },
+    "slivers": lambda: among(
+        [
+            sliver((1.3, 2.1), (13.2, 9.7)),
+            sliver((2.2, 12.4), (14.1, 12.9)),
+            sliver((6.1, 1.2), (5.7, 14.9)),
+        ]
+    ),
+    "slivers, 1e4 px": lambda: among(
+        [sliver((-4816.4, -3235.2), (5132.7, 3427.9)), sliver((-5003.3, 11.2), (4992.2, 5.4))]
+    ),
+    "slivers, 1000 px": lambda: among(
+        [sliver((-481.3, -322.1), (513.2, 341.7)), sliver((-500.3, 11.2), (499.2, 5.4))]
+    ),
+    "canvas times 1e4": lambda: among(
+        # An edge across the canvas, which it meets at some angle to the pixels.
+        [[(7.3 - 6.1e4, 8.6 - 4.9e4), (7.3 + 6.1e4, 8.6 + 4.9e4), (-7.7e4, 8.3e4)]],
+        limits=(2e-6, 1e-4),
+    ),
+    "NaN": lambda: wild(np.nan),
+    "infinity": lambda: wild(-np.inf),
+    "alpha 0 and 1": clear_and_solid,
+    **{
+        f"width {width:.0e}": (lambda width=width: of_width(width))
+        for width in (1e-6, 1e-4, 1e-2, 1e2, 1e4)
+    },
+    "one pixel": lambda: Case(
+        ordinary() - np.float32(7.5), tints(), modes=("hard", "soft", "area"), size=1
+    ),
+    "1000 layers": layers,
+}
+
+KNOWN: dict[tuple[str, str], str] = {}
+"""Faults of the package, by mode and case, with their reasons."""
