@@ -126,34 +126,6 @@ def test_the_seam_of_a_tiling_has_no_slope():
 SLOW = pytest.mark.slow
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["a", "g", "gp", "gad"])
-def test_both_directions_agree(kind, float64):
-    scene = random_scene(kind, dtype=np.float64)
-    plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
-    total = weighted_sum(scene, plan, weights_of(scene))
-    direction = jnp.asarray(np.random.default_rng(3).normal(size=scene.positions.shape))
-    gradient = gradient_of(scene, plan, weights_of(scene))
-    forwards = jax.jit(lambda x, v: jax.jvp(total, (x,), (v,))[1])(scene.positions, direction)
-    scale = float(jnp.linalg.norm(gradient) * jnp.linalg.norm(direction))
-    assert abs(float(jnp.vdot(gradient, direction)) - float(forwards)) < 1e-12 * scale
-
-
-@SLOW
-def test_vmap_is_a_loop():
-    scenes = [random_scene("g", seed=seed) for seed in range(3)]
-    plan = sr.plan(scenes, height=SIZE, width=SIZE, coverage=sr.Hard(4))
-    weights = weights_of(scenes[0])
-
-    def gradient(scene):
-        return gradient_of(scene, plan, weights)
-
-    batch = jax.tree.map(lambda *entries: jnp.stack(entries), *scenes)
-    together = jax.vmap(gradient)(batch)
-    alone = jnp.stack([gradient(scene) for scene in scenes])
-    np.testing.assert_allclose(together, alone, rtol=1e-5, atol=1e-5)
-
-
 class TestZero:
     """Slopes that must be exactly zero."""
 
