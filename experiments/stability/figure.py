@@ -1,0 +1,83 @@
+"""The tables and the figure: `python -m experiments.stability.figure`."""
+
+# pyright: reportMissingImports=false
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ..common import machine, report
+
+HERE = Path(__file__).parent
+
+
+def publish(results: Path, readme: Path) -> None:
+    """Write the tables into `readme`, and the figure beside the results."""
+    cases, shifts, sums = (
+        report.read_csv(results / f"{name}.csv") for name in ("cases", "shifts", "long_sums")
+    )
+    run = json.loads((results / "run.json").read_text())
+    report.fill_markers(readme, "cases", report.table(*case_table(cases)))
+    report.fill_markers(readme, "shifts", report.table(*_shift_table(shifts)))
+    long = [[r["mode"], _short(r["by_color"]), _short(r["by_positions"])] for r in sums]
+    report.fill_markers(readme, "sums", report.table(["mode", "by colour", "by positions"], long))
+    about = machine.describe(run, seed=f"seed {run['seed']}")
+    report.fill_markers(readme, "machine", f"{about}; {run['seconds']} s.")
+    _draw(shifts, results / "shifts.png")
+
+
+def case_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    """Header and lines: a case each, `value; worst product` under every mode."""
+    modes = list(dict.fromkeys(r["mode"] for r in rows))
+    lines = []
+    for name in dict.fromkeys(r["case"] for r in rows):
+        own = {r["mode"]: r for r in rows if r["case"] == name}
+        stated = next(iter(own.values()))
+        limits = f"{_short(stated['stated_value'])}; {_short(stated['stated_product'])}"
+        lines.append([name, limits, *(_cell(own.get(mode)) for mode in modes)])
+    return ["case", "stated", *modes], lines
+
+
+def _cell(row: dict[str, Any] | None) -> str:
+    if row is None:
+        return ""
+    worst = max(float(row[key]) for key in ("gradient", "jvp", "gauss_newton"))
+    text = f"{_short(row['value'])}; {_short(worst)}"
+    return text if row["within"] == "yes" else f"**{text}**"
+
+
+def _shift_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    modes = list(dict.fromkeys(r["mode"] for r in rows))
+    lines = []
+    for shift in dict.fromkeys(r["shift_px"] for r in rows):
+        own = [r for r in rows if r["shift_px"] == shift]
+        cells = [f"{_short(r['value'])}; {_short(r['gradient'])}" for r in own]
+        same = "same" if all(r["same_bits_on_grid"] == "True" for r in own) else "differ"
+        lines.append([f"{int(shift):,}", same, *cells])
+    return ["moved by, px", "bits on the grid", *modes], lines
+
+
+def _short(value: Any) -> str:
+    return f"{float(value):.0e}".replace("e-0", "e-").replace("e+00", "")
+
+
+def _draw(rows: list[dict[str, Any]], path: Path) -> None:
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4), sharex=True)
+    shifts = list(dict.fromkeys(int(r["shift_px"]) for r in rows))
+    for axis, key in zip(axes, ("value", "gradient"), strict=True):
+        for mode in dict.fromkeys(r["mode"] for r in rows):
+            found = [max(float(r[key]), 1e-9) for r in rows if r["mode"] == mode]
+            axis.plot(shifts, found, marker="o", label=mode)
+        axis.plot(shifts, [shift * 2.0**-23 for shift in shifts], "k:", label="one rounding")
+        axis.set(xscale="log", yscale="log", xlabel="moved by, px", title=f"error of the {key}")
+        axis.grid(alpha=0.3)
+    axes[0].legend()
+    figure.tight_layout()
+    report.save_figure(figure, path)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    publish(HERE / "results", HERE / "README.md")

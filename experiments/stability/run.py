@@ -1,0 +1,90 @@
+"""How far is float32 from float64 where a rasterizer may lose its footing?
+
+python -m experiments.stability.run [--modes hard,glass,soft,area,sum]
+"""
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+from rich.console import Console
+from rich.table import Table
+
+from tests.stability.cases import CASES, KNOWN, MODES
+from tests.stability.measure import LONG_MODES, long_sum, measure, moved
+
+from ..common import machine, progress, report
+from . import figure
+
+HERE = Path(__file__).parent
+PACKAGES = ("softras2d", "jax", "jaxlib", "numpy")
+SHIFTS = tuple(10**power for power in range(7))
+
+
+def case_rows(modes: list[str]) -> list[dict[str, Any]]:
+    """Each case under each mode."""
+    pairs = [(mode, name) for mode in modes for name in CASES if mode in CASES[name]().modes]
+    rows = []
+    for mode, name in progress.steps(pairs, "cases"):
+        case = CASES[name]()
+        found = measure(case, mode)
+        stated = dict(zip(("stated_value", "stated_product"), case.limits, strict=True))
+        verdict = "yes" if found.within(case.limits) else "NO"
+        known = "known" if (mode, name) in KNOWN else verdict
+        rows.append({"case": name, "mode": mode, **found._asdict(), **stated, "within": known})
+    return rows
+
+
+def shift_rows(modes: list[str]) -> list[dict[str, Any]]:
+    """An ordinary scene and its origin moved together."""
+    rows = []
+    for mode, shift in progress.steps([(m, s) for m in modes for s in SHIFTS], "shifts"):
+        errors, _ = moved(mode, shift, on_grid=False)
+        _, same = moved(mode, shift, on_grid=True)
+        found = {"value": errors.value, "gradient": errors.gradient}
+        rows.append({"mode": mode, "shift_px": shift, "same_bits_on_grid": same, **found})
+    return rows
+
+
+def sum_rows(modes: list[str]) -> list[dict[str, Any]]:
+    """Bias of the gradient of one long sum."""
+    rows = []
+    for mode in progress.steps([mode for mode in modes if mode in LONG_MODES], "long sums"):
+        by_color, by_corners = long_sum(mode)
+        rows.append({"mode": mode, "by_color": by_color, "by_positions": by_corners})
+    return rows
+
+
+def show(rows: list[dict[str, Any]]) -> None:
+    """The table of cases, on the terminal."""
+    header, lines = figure.case_table(rows)
+    table = Table(*header, title="value; worst of gradient, jvp and Gauss-Newton product")
+    for line in lines:
+        table.add_row(*line)
+    Console().print(table)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--modes", default=",".join(MODES))
+    modes = parser.parse_args().modes.split(",")
+    # What the tests turn on.
+    jax.config.update("jax_numpy_dtype_promotion", "strict")
+    began, results = time.perf_counter(), HERE / "results"
+    rows = case_rows(modes)
+    show(rows)
+    if modes != list(MODES):
+        return
+    report.write_csv(results / "cases.csv", rows)
+    report.write_csv(results / "shifts.csv", shift_rows(modes))
+    report.write_csv(results / "long_sums.csv", sum_rows(modes))
+    seconds = round(time.perf_counter() - began)
+    about = {"precision": "float32, the truth float64", "seed": 0, "seconds": seconds}
+    report.write_json(results / "run.json", {"machine": machine.record(PACKAGES), **about})
+    figure.publish(results, HERE / "README.md")
+
+
+if __name__ == "__main__":
+    main()
