@@ -12,7 +12,7 @@ import numpy as np
 
 from .coverage.pixels import SIDE
 from .crossings import lines_crossed, runs_of
-from .effects import fading_hides, hiding, is_shaded, is_translucent
+from .effects import hiding, is_shaded, is_translucent
 from .fixed_point import (
     Bounds,
     Grid,
@@ -108,15 +108,16 @@ def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) ->
 
 
 def count_fading(
-    scene: Scene, grid: Grid, reach: float, origin: np.ndarray, *, hiding: bool
+    scene: Scene, grid: Grid, reach: float, origin: np.ndarray, *, summed: bool
 ) -> Counts:
     """The same for coverage that fades out `reach` pixels beyond the edges.
 
-    `hiding`: whether what lies behind an opaque triangle is dropped.
+    `summed`: whether nothing hides another.
     """
-    corners = corners_of(np.asarray(scene.positions), np.asarray(scene.triangles), origin)
+    scene = jax.tree.map(np.asarray, scene)
+    corners = corners_of(scene.positions, scene.triangles, origin)
     found = reaches(corners, grid, np.float32(reach))
-    hides = hiding & fading_hides(np.asarray(scene.colors), found.orientation)
+    hides = hiding(scene, found.orientation) & (not summed)
     pairs = _list_pairs(found.lines, found.bounds, hides, Tiling.square(grid, SIDE))
     return Counts(pairs.strips, pairs.pairs, pairs.listed, 0, 0)
 

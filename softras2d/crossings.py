@@ -206,24 +206,34 @@ def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array]:
     t = jnp.clip(((line.astype(dtype) + 0.5) / grid.rate - wide.begin) / length, 0.0, 1.0)
     across = wide.near + t * wide.change
 
-    def past(place: Array) -> Array:
-        """Whether a sample of the line lies beyond the edge, towards greater x or y."""
+    def value(place: Array) -> tuple[Array, Array]:
+        """The edge value at a sample of the line, wrapped, and about as a float."""
         f32 = jnp.float32
         along = wide.step.astype(f32) * place.astype(f32)
         near = wide.estimate + along + wide.stride.astype(f32) * line.astype(f32)
-        exact = wide.start + wide.step * place + wide.stride * line
+        return wide.start + wide.step * place + wide.stride * line, near
+
+    def past(place: Array) -> Array:
+        """Whether a sample of the line lies beyond the edge, towards greater x or y."""
+        exact, near = value(place)
         inside = jnp.where(jnp.abs(near) < 2.0**30, exact >= 0, near > 0)
         return inside == (wide.step > 0)
 
-    # A rounding may put the guess beside the sample: the integers correct it.
+    # Of far corners the guess is some samples off, and a rounding may put it beside the sample: the
+    # integers correct both.
     guess = jnp.floor(across * grid.rate - 0.5)
     guess = jnp.clip(guess, -2.0, 2.0**20).astype(jnp.int32)
+    exact, near = value(guess)
+    step = jnp.where(wide.step != 0, wide.step, 1)
+    samples = jnp.floor(-exact.astype(jnp.float32) / step.astype(jnp.float32))
+    guess = guess + jnp.where(jnp.abs(near) < 2.0**30, samples, 0.0).astype(jnp.int32)
     before = guess + (~past(guess + 1)).astype(jnp.int32) - past(guess).astype(jnp.int32)
     live = (number < wide.lines) & (before >= 0) & (before + 1 < size)
     before, line = jnp.where(live, before, 0), jnp.where(live, line, 0)
-    held = jnp.clip(
-        jnp.floor(across).astype(jnp.int32), before // grid.rate, (before + 1) // grid.rate
-    )
+    # If the samples are of two pixels, these meet half way between them.
+    middle = 2 * value(before)[0] + wide.step
+    first = (middle >= 0) == (wide.step > 0)
+    held = (before + jnp.where(first, 0, 1)) // grid.rate
     by_row = line // grid.rate
     pixel = jnp.where(wide.steep, by_row * grid.width + held, held * grid.width + by_row)
     return before, line, t, jnp.where(live, pixel, grid.height * grid.width), live

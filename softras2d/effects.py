@@ -62,13 +62,6 @@ def structural_effects(scene: Scene, coverage: Hard | Soft | Area, filter: Filte
     return {name for name, here in present.items() if here}
 
 
-def fading_hides(colors: Any, orientation: Any) -> Any:
-    """`hiding` for coverage that has a slope, which has no depth and no textures."""
-    xp = colors.__array_namespace__()
-    solid = orientation != 0
-    return solid & xp.all(colors[..., 3] >= 1, axis=1) if colors.shape[2] == 4 else solid
-
-
 def hiding(scene: Scene, orientation: Any) -> Any:
     """Triangles `[triangles]` through which nothing shows where they are drawn.
 

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 
 from . import safe
 from .barycentric import twice_area
-from .fixed_point import Edges, Grid, turn
+from .fixed_point import Edges, Grid
 from .guard_band import Planes
 from .shading import Corners
 from .staging import one_pass
@@ -49,25 +49,6 @@ def weight_gradients(
         return jnp.concatenate([-jnp.sum(others, 1, keepdims=True), others], 1)
 
     return divide(edges, planes)
-
-
-def plane_gradients(
-    corners: Float[Array, "triangles 3 2"], orientation: Int[Array, " triangles"]
-) -> Float[Array, "2 3 triangles"]:
-    """The same in floats, of corners in pixels, for coverage with one value a pixel."""
-
-    @one_pass
-    def divide(corners, orientation):
-        x, y = (turn(corners[:, :, axis].T, orientation) for axis in (0, 1))
-        first, second = (x[1] - x[0], y[1] - y[0]), (x[2] - x[0], y[2] - y[0])
-        area = first[0] * second[1] - first[1] * second[0]
-        area = jnp.where(orientation == 0, jnp.zeros_like(area), area)
-        across = jnp.stack([safe.divide(second[1], area), safe.divide(-first[1], area)])
-        down = jnp.stack([safe.divide(-second[0], area), safe.divide(first[0], area)])
-        others = jnp.clip(jnp.stack([across, down]), -1.0, 1.0)
-        return jnp.concatenate([-jnp.sum(others, 1, keepdims=True), others], 1)
-
-    return divide(corners, orientation)
 
 
 @jax.custom_jvp

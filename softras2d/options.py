@@ -52,10 +52,14 @@ class Soft(eqx.Module):
     - `profile`: `"logistic"` in the distance, `"softras"` in its square (with no slope on the edge
       itself), or a `"window"`, which is a smoothstep. All are 1/2 on the edge, and 0 and 1 from a
       finite distance on: 1.38, 0.83 and 0.82 widths.
+    - `temperature`: of a scene with depth, in its units: a triangle that lies deeper by as much
+      has 1/e of the weight. Far below the distances in depth the nearest triangle takes all, out to
+      where its coverage ends, and its outline swells; so keep it near them. An array leaf too.
     """
 
     width: int | float | Array = 1.0
     profile: Literal["logistic", "softras", "window"] = eqx.field(static=True, default="logistic")
+    temperature: int | float | Array = 0.01
 
     def __check_init__(self):
         _one_of("profile", self.profile, ("logistic", "softras", "window"))

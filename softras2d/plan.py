@@ -11,8 +11,9 @@ from jax.core import Tracer
 from jaxtyping import Array, Int
 
 from .capacity import FADING_LAYERS, HARD_LAYERS, Capacity, count_fading, count_lists, make_room
-from .coverage import area, soft
+from .coverage import area
 from .coverage.pixels import SIDE
+from .coverage.profile import SUPPORT
 from .effects import EFFECTS, is_translucent, structural_effects
 from .fixed_point import Grid, corners_of, within_guard
 from .lists import BLOCK
@@ -117,7 +118,7 @@ def plan(
     """
     coverage = _checked(Hard() if coverage is None else coverage, max_width)
     reach = _reach(coverage, max_width)
-    coverage = _with_array_width(coverage)
+    coverage = _with_arrays(coverage)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
         raise ValueError("`plan` needs concrete scenes: make the plan outside jit, vmap and grad.")
     scenes = [
@@ -141,7 +142,7 @@ def plan(
             used.add("guard band")
     else:
         summed = isinstance(coverage, Area) and coverage.compositing == "sum"
-        counts = [count_fading(one, grid, reach, origin, hiding=not summed) for one in scenes]
+        counts = [count_fading(one, grid, reach, origin, summed=summed) for one in scenes]
     in_order = isinstance(coverage, Hard) and any(
         is_translucent(one) or one.depth is not None for one in scenes
     )
@@ -158,14 +159,8 @@ def plan(
 
 def refuse_missing(scene: Scene, coverage: Hard | Soft | Area) -> None:
     """`ValueError` for an effect of the scene that the coverage does not draw."""
-    if isinstance(coverage, Hard):
-        return
-    name = type(coverage).__name__
-    for entry in ("textures", "depth", "inverse_w"):
-        if getattr(scene, entry) is not None:
-            raise ValueError(f"`{name}` does not draw `{entry}` yet: use Hard(...).")
-    if isinstance(coverage, Area) and scene.colors.shape[-2] == 3:
-        raise ValueError("`Area` does not draw corner colours yet: use Soft(...) or Hard(...).")
+    if isinstance(coverage, Area) and scene.depth is not None:
+        raise ValueError("`Area` has no depth test: use Soft(...) or Hard(...), or `depth=None`.")
 
 
 def _rate(coverage: Hard | Soft | Area) -> int:
@@ -180,13 +175,14 @@ def _checked(coverage: Any, max_width: float | None) -> Hard | Soft | Area:
         raise ValueError("`max_width` is for Soft coverage.")
     widths: dict[str, Any] = {} if max_width is None else {"max_width": max_width}
     if isinstance(coverage, Soft):
-        widths["width"] = coverage.width
+        widths |= {"width": coverage.width, "temperature": coverage.temperature}
     for name, value in widths.items():
         if isinstance(value, Tracer):
             raise ValueError(f"`plan` needs a concrete `{name}`; set it later.")
         number = np.asarray(value)
         if number.ndim or number.dtype.kind not in "iuf" or not 0 < number < 2.0**30:
-            raise ValueError(f"`{name}` must be one number of pixels above 0; got {value!r}.")
+            unit = "" if name == "temperature" else " of pixels"
+            raise ValueError(f"`{name}` must be one number{unit} above 0; got {value!r}.")
     return coverage
 
 
@@ -197,14 +193,15 @@ def _reach(coverage: Hard | Soft | Area, max_width: float | None) -> float:
     if isinstance(coverage, Area):
         return area.REACH
     width = float(coverage.width)
-    return max(width, max_width or width) * soft.SUPPORT[coverage.profile]
+    return max(width, max_width or width) * SUPPORT[coverage.profile]
 
 
-def _with_array_width(coverage: Hard | Soft | Area) -> Hard | Soft | Area:
-    """An array leaf, so that another width does not recompile."""
+def _with_arrays(coverage: Hard | Soft | Area) -> Hard | Soft | Area:
+    """Array leaves, so that another width or temperature does not recompile."""
     if not isinstance(coverage, Soft):
         return coverage
-    return eqx.tree_at(lambda c: c.width, coverage, jnp.asarray(coverage.width, jnp.float32))
+    numbers = [jnp.asarray(n, jnp.float32) for n in (coverage.width, coverage.temperature)]
+    return eqx.tree_at(lambda c: (c.width, c.temperature), coverage, numbers)
 
 
 def _describe(coverage: Hard | Soft | Area, grid: Grid) -> str:

@@ -8,19 +8,21 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .capacity import Capacity
-from .compositing import fading
+from .compositing import by_depth, fading
 from .compositing.opaque import sum_chunks
-from .coverage import area, soft
-from .coverage.pixels import SIDE, centres, cover
-from .effects import fading_hides
+from .coverage import area, centroid, soft
+from .coverage.pixels import SIDE, Measure, cover
+from .coverage.profile import SUPPORT
+from .coverage.sides import Sides, sides_of
+from .effects import hiding, varies
 from .fixed_point import corners_of, turn
-from .interior_gradient import plane_gradients, ride
 from .lists import Chunks, cut_chunks
 from .options import Area, Soft
+from .pixel_shading import Carried, Shaded, shade_slots
 from .plan import Plan
 from .reach import Reaches, reaches
 from .scene import Scene
-from .shading import Corners
+from .shading import Corners, Skin
 from .staging import one_pass
 from .tiles import list_tiles
 
@@ -35,45 +37,42 @@ class Drawn(NamedTuple):
     needs: Capacity
 
 
+class Placed(NamedTuple):
+    """Slots: their corners, x and y in turn, and their edges as seen from their tiles."""
+
+    corners: Float[Array, "6 slots"]
+    sides: Sides
+    outline: area.Outline | None
+
+
 def draw(scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
     """Draw under `Soft` or `Area`; `background` is premultiplied."""
     coverage, tiling, room = plan.coverage, plan.tiling, plan.capacity
     assert isinstance(coverage, Soft | Area)
+    summed = isinstance(coverage, Area) and coverage.compositing == "sum"
     corners = one_pass(corners_of)(scene.positions, scene.triangles, plan.origin)
     parameter, reach = _softness(coverage, corners.dtype)
     found = one_pass(lambda corners, reach: reaches(corners, plan.grid, reach))(
         jax.lax.stop_gradient(corners), reach
     )
-    hides = one_pass(fading_hides)(scene.colors, found.orientation)
-    if isinstance(coverage, Area) and coverage.compositing == "sum":
-        hides = jnp.zeros_like(hides)
+    hides = one_pass(hiding)(scene, found.orientation) & (not summed)
     lists = list_tiles(
         found.lines, found.bounds, hides, tiling, strips=room.strips, pairs=room.pairs
     )
     chunks = cut_chunks(lists, layers=room.layers, capacity=room.chunks)
-
-    @one_pass
-    def place(corners, found, chunks):
-        tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape).reshape(-1)
-        triangle = chunks.triangle.reshape(-1)
-        held = jnp.where(found.finite[:, None, None], corners, 0.0)
-        held = jnp.clip(held, -_FARTHEST, _FARTHEST)
-        x, y = (turn(held[:, :, axis].T, found.orientation)[:, triangle] for axis in (0, 1))
-        column, row = (c.astype(corners.dtype)[None] for c in tiling.first_sample(tile))
-        # An empty slot is a corner out of reach.
-        filled = chunks.filled.reshape(-1)[None]
-        x, y = (jnp.where(filled, c - first, -_FARTHEST) for c, first in ((x, column), (y, row)))
-        return jnp.stack([x[0], y[0], x[1], y[1], x[2], y[2]])
-
-    slots = place(corners, found, chunks)
-    measure = area.measure() if isinstance(coverage, Area) else soft.measure(coverage.profile)
-    covered = cover(measure, slots, parameter)
-    colors = _colors(scene, corners, found)
-    opacity, shown = _shade(colors, covered, slots, chunks)
-    if isinstance(coverage, Area) and coverage.compositing == "sum":
-        layers = _add(opacity, shown, found, chunks, depth=room.depth)
+    placed = _place(corners, found, chunks, plan)
+    if isinstance(coverage, Area):
+        measure, shape = area.measure(), placed.outline
+        weigh: Any = centroid.weight
+        weighed: Any = centroid.Shape(shape, placed.sides) if shape is not None else None
     else:
-        layers = fading.composite(opacity, shown, chunks, depth=room.depth)
+        measure, shape = soft.measure(coverage.profile), placed.sides
+        weigh, weighed = soft.weight, shape
+    covered = cover(measure, placed.corners, shape, parameter)
+    measures: tuple[Measure, Measure] = (weigh(1), weigh(2))
+    carried = _carried(scene, found, plan)
+    shaded = shade_slots(carried, covered, measures, placed.corners, weighed, placed.sides, chunks)
+    layers = _composite(shaded, found, chunks, plan)
 
     @one_pass
     def arrange(layers, background):
@@ -97,55 +96,74 @@ def _softness(coverage: Soft | Area, dtype: Any) -> tuple[Array, Array]:
     if isinstance(coverage, Area):
         return jnp.zeros((), dtype), jnp.asarray(area.REACH, jnp.float32)
     width = jnp.asarray(coverage.width)
-    reach = jax.lax.stop_gradient(width).astype(jnp.float32) * soft.SUPPORT[coverage.profile]
+    reach = jax.lax.stop_gradient(width).astype(jnp.float32) * SUPPORT[coverage.profile]
     return width.astype(dtype), reach
 
 
-def _colors(
-    scene: Scene, corners: Float[Array, "triangles 3 2"], found: Reaches
-) -> Float[Array, "corners channels triangles"]:
-    """Colours of the corners, turned, that ride along with them."""
-    colors = one_pass(lambda colors: colors.transpose(1, 2, 0))(scene.colors)
-    if colors.shape[0] == 1:
-        return colors
-    turned = one_pass(jax.vmap(turn, (1, None), 1))(colors, found.orientation)
-    vertex = one_pass(lambda t, orientation: turn(t.T, orientation).T)(
-        scene.triangles, found.orientation
+def _place(
+    corners: Float[Array, "triangles 3 2"], found: Reaches, chunks: Chunks, plan: Plan
+) -> Placed:
+    tiling = plan.tiling
+    dtype = corners.dtype
+
+    @one_pass
+    def gather(corners, found, chunks):
+        triangle = chunks.triangle.reshape(-1)
+        held = jnp.where(found.finite[:, None, None], corners, 0.0)
+        held = jnp.clip(held, -_FARTHEST, _FARTHEST)
+        x, y = (turn(held[:, :, axis].T, found.orientation)[:, triangle] for axis in (0, 1))
+        # An empty slot is a corner out of reach.
+        filled = chunks.filled.reshape(-1)
+        six = [x[0], y[0], x[1], y[1], x[2], y[2]]
+        return jnp.stack([jnp.where(filled, entry, -_FARTHEST) for entry in six])
+
+    @one_pass
+    def locate(chunks):
+        tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape).reshape(-1)
+        return jnp.stack([c.astype(dtype) for c in tiling.first_sample(tile)])
+
+    slots, tile = gather(corners, found, chunks), locate(chunks)
+    sides = one_pass(sides_of)(slots, tile)
+    outline = None
+    if isinstance(plan.coverage, Area):
+        outline = one_pass(area.outline_of)(slots, tile, sides)
+    return Placed(slots, sides, outline)
+
+
+def _carried(scene: Scene, found: Reaches, plan: Plan) -> Carried:
+    @one_pass
+    def turn_corners(colors, uv, vertex, triangles, orientation):
+        def turn_each(corners):
+            corners = corners.transpose(1, 2, 0)
+            if corners.shape[0] == 1:
+                return corners
+            return jax.vmap(turn, (1, None), 1)(corners, orientation)
+
+        inverse_w, depth = (
+            None if entry is None else turn(entry[triangles].T, orientation) for entry in vertex
+        )
+        return Corners(turn_each(colors), inverse_w, None if uv is None else turn_each(uv)), depth
+
+    bent = scene.inverse_w if varies(scene) else None
+    corners, depth = turn_corners(
+        scene.colors, scene.uv, (bent, scene.depth), scene.triangles, found.orientation
     )
-    held = jnp.where(found.finite[:, None, None], jax.lax.stop_gradient(corners), 0.0)
-    gradients = plane_gradients(held, found.orientation)
-    return ride(Corners(turned), scene.positions, vertex, gradients).color
+    skin = Skin.of(scene.textures, plan.filter)
+    return Carried(corners, scene.texture_index, skin, depth)
 
 
-def _shade(
-    colors: Float[Array, "corners channels triangles"],
-    covered: Float[Array, "slots pixels"],
-    slots: Float[Array, "6 slots"],
-    chunks: Chunks,
-) -> tuple[Array, Array]:
-    """Opacity `[chunks, layers, pixels]` and colours `[chunks, layers, 3, pixels or 1]`."""
-
-    @one_pass
-    def pick(colors, chunks):
-        found = colors[:, :, chunks.triangle.reshape(-1)]
-        return found.transpose(0, 2, 1)[..., None]
-
-    @one_pass
-    def weigh(slots):
-        x, y = centres(slots.dtype)
-        return soft.weights_at(tuple(entry[:, None] for entry in slots), x, y)
-
-    @one_pass
-    def mix(own, weights):
-        second, third = (w[:, None] for w in weights)
-        return own[0] + second * (own[1] - own[0]) + third * (own[2] - own[0])
-
-    own = pick(colors, chunks)
-    own = own[0] if own.shape[0] == 1 else mix(own, weigh(jax.lax.stop_gradient(slots)))
-    if own.shape[1] == 4:
-        covered = one_pass(lambda a, c: a * c[:, 3])(covered, own)
-    shape = chunks.triangle.shape
-    return covered.reshape(*shape, -1), own[:, :3].reshape(*shape, 3, -1)
+def _composite(
+    shaded: Shaded, found: Reaches, chunks: Chunks, plan: Plan
+) -> Float[Array, "4 tiles pixels"]:
+    coverage, most = plan.coverage, plan.capacity.depth
+    opacity, color, depth = shaded
+    if depth is not None:
+        assert isinstance(coverage, Soft)
+        temperature = jnp.asarray(coverage.temperature).astype(opacity.dtype)
+        return by_depth.mix(opacity, color, depth, temperature, chunks, most=most)
+    if isinstance(coverage, Area) and coverage.compositing == "sum":
+        return _add(opacity, color, found, chunks, depth=most)
+    return fading.composite(opacity, color, chunks, depth=most)
 
 
 def _add(

@@ -12,8 +12,8 @@ def sqrt(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
 
 
 def divide(
-    numerator: Float[Array, "*shape"], denominator: Float[Array, "*shape"]
-) -> Float[Array, "*shape"]:
+    numerator: Float[Array, "*#shape"], denominator: Float[Array, "*#shape"]
+) -> Float[Array, "*#shape"]:
     """Quotient where the denominator is not zero; zero, with zero gradient, elsewhere."""
     defined = denominator != 0
     return jnp.where(defined, numerator / jnp.where(defined, denominator, 1.0), 0.0)

@@ -10,6 +10,7 @@ Shading* (1991), section 4.
 
 import functools
 import operator
+from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 import jax
@@ -55,11 +56,26 @@ class Corners(NamedTuple):
     uv: Float[Array, "3 2 *lanes"] | None = None
 
 
+class Skin(NamedTuple):
+    """Textures and how they are read; `texels` is `[channels, texels]`."""
+
+    pyramid: TexturePyramid
+    texels: Float[Array, "channels texels"]
+    filter: Filter
+
+    @classmethod
+    def of(cls, pyramid: TexturePyramid | None, filter: Filter) -> "Skin | None":
+        """None without textures."""
+        if pyramid is None:
+            return None
+        return cls(pyramid, one_pass(jnp.transpose)(pyramid.texels), filter)
+
+
 class Surface(NamedTuple):
     """All that shading needs of the triangles.
 
     - `area`: twice their area, in units of the edge value.
-    - `texture`: its index, -1 for none; `pyramid`: the textures; `texels`: `[channels, texels]`.
+    - `texture`: its index, -1 for none; `skin`: the textures.
     - `filter`: how they are sampled.
     """
 
@@ -68,15 +84,13 @@ class Surface(NamedTuple):
     planes: Planes | None
     corners: Corners
     texture: Int[Array, " triangles"] | None
-    pyramid: TexturePyramid | None
-    texels: Float[Array, "channels texels"] | None
+    skin: Skin | None
     filter: Filter
 
     @property
     def channels(self) -> int:
         """Four if any colour or texel can be translucent, else three."""
-        texels = 3 if self.texels is None else self.texels.shape[0]
-        return max(self.corners.color.shape[1], texels)
+        return count_channels(self.corners, self.skin)
 
 
 class Reading(NamedTuple):
@@ -112,8 +126,12 @@ def surface_of(
 ) -> Surface:
     """What shading needs of the triangles."""
     area = one_pass(lambda edges: twice_area(edges, corners.color.dtype))(edges)
-    texels = None if pyramid is None else one_pass(jnp.transpose)(pyramid.texels)
-    return Surface(edges, area, planes, corners, texture, pyramid, texels, filter)
+    return Surface(edges, area, planes, corners, texture, Skin.of(pyramid, filter), filter)
+
+
+def count_channels(corners: Corners, skin: Skin | None) -> int:
+    """Of shaded colours."""
+    return max(corners.color.shape[1], 3 if skin is None else skin.texels.shape[0])
 
 
 def view(
@@ -129,10 +147,9 @@ def view(
     weights = weigh(surface, triangle, tile)
     corners, texture = pick_lanes((surface.corners, surface.texture), triangle)
     reading = None
-    if surface.pyramid is not None and corners.inverse_w is None:
+    if surface.skin is not None and corners.inverse_w is None:
         # An affine map has one footprint for all points of a triangle.
-        read = one_pass(functools.partial(_read, tiling=tiling))
-        reading = read(surface, weights, corners, texture, None)
+        reading = _read_lanes(surface.skin, weights, corners, texture, None, tiling)
     return Lanes(weights, corners, texture, reading)
 
 
@@ -168,32 +185,57 @@ def add_shade(
     `surface.channels` of them. Of several probes, it is the share of one: sum over `probe` in
     `0..filter.anisotropy - 1`. Added here, since what is read of the texture is then not stored.
     """
+    at = one_pass(_weights_at)(lanes.weights, lanes.corners.inverse_w, points)
+
+    def read(uv):
+        if lanes.reading is not None or surface.skin is None:
+            return lanes.reading
+        seen = (at, uv)
+        return _read_lanes(surface.skin, lanes.weights, lanes.corners, lanes.texture, seen, tiling)
+
+    return add_color(
+        total, at, lanes.corners, lanes.texture, surface.skin, read, shown=shown, probe=probe
+    )
+
+
+def add_color(
+    total: Float[Array, "channels *points"],
+    at: Corner3,
+    corners: Corners,
+    texture: Int[Array, "*lanes"] | None,
+    skin: Skin | None,
+    read: Callable[[Array], Reading | None],
+    *,
+    shown: Bool[Array, "*points"] | None = None,
+    probe: Int[Array, ""] | int = 0,
+) -> Float[Array, "channels *points"]:
+    """The same from the weights of the corners `at` each point, where those are known.
+
+    `read`: from (u, v), how the texture is read there.
+    """
 
     def add(total, shown, color):
         return total + (color if shown is None else jnp.where(shown[None], color, 0.0))
 
-    at = one_pass(_weights_at)(lanes.weights, lanes.corners.inverse_w, points)
-    color = lanes.corners.color
+    color = corners.color
     # A single corner is not copied.
     color = color[0] if color.shape[0] == 1 else one_pass(_mix)(at, color)
-    if surface.pyramid is None or surface.texels is None:
+    if skin is None:
         return one_pass(lambda t, s, c: add(t, s, _premultiply(c)))(total, shown, color)
-    assert lanes.corners.uv is not None and lanes.texture is not None
+    assert corners.uv is not None and texture is not None
     with jax.named_scope("texture"):
-        uv = one_pass(_mix)(at, lanes.corners.uv)
-        reading = lanes.reading
-        if reading is None:
-            read = one_pass(functools.partial(_read, tiling=tiling))
-            reading = read(surface, lanes.weights, lanes.corners, lanes.texture, (at, uv))
+        uv = one_pass(_mix)(at, corners.uv)
+        reading = read(uv)
+        assert reading is not None
         uv, share = _probe(uv, reading, jnp.asarray(probe))
-        lookup = Lookup(surface.filter.pixel, surface.pyramid.border, surface.pyramid.addressing)
+        lookup = Lookup(skin.filter.pixel, skin.pyramid.border, skin.pyramid.addressing)
 
         @one_pass
         def finish(total, shown, color, texels, taps, texture, share):
             return add(total, shown, _tint(color, read_levels(texels, taps), texture, share))
 
         taps = tap_levels(reading.levels, uv, lookup)
-        return finish(total, shown, color, surface.texels, taps, lanes.texture, share)
+        return finish(total, shown, color, skin.texels, taps, texture, share)
 
 
 def shade(
@@ -219,8 +261,14 @@ def _weights_at(weights: Weights, inverse_w: Array | None, points: Points) -> Co
         number = count.astype(weights.per_value.dtype)
         sums = weight_sums(weights, count, across, down)
         first, second, third = (total / number for total in sums)
+    return in_space((first, second, third), inverse_w)
+
+
+def in_space(weights: Corner3, inverse_w: Array | None) -> Corner3:
+    """From weights on the screen to those on the triangle in space."""
+    first, second, third = weights
     if inverse_w is None:
-        return first, second, third
+        return weights
     first, second, third = first * inverse_w[0], second * inverse_w[1], third * inverse_w[2]
     total = first + second + third
     # Inside it is no less than the least of q. Far outside, where no sample shows but all are
@@ -230,7 +278,7 @@ def _weights_at(weights: Weights, inverse_w: Array | None, points: Points) -> Co
     return safe.divide(first, total), safe.divide(second, total), safe.divide(third, total)
 
 
-def _mix(weights: Corner3, corners: Array) -> Float[Array, "channels lanes"]:
+def _mix(weights: Corner3, corners: Array) -> Float[Array, "channels *lanes"]:
     """Values of corners `[1 or 3, channels, lanes]` at points; a single corner as it is."""
     if corners.shape[0] == 1:
         return corners[0]
@@ -240,49 +288,69 @@ def _mix(weights: Corner3, corners: Array) -> Float[Array, "channels lanes"]:
     return mixed
 
 
-def _read(
-    surface: Surface,
+def _read_lanes(
+    skin: Skin,
     weights: Weights,
     corners: Corners,
     texture: Array | None,
     seen: tuple[Corner3, Array] | None,
     tiling: Tiling,
 ) -> Reading:
-    """How the texture is read; `seen` is the corners' weights and (u, v) where the map is not
-    affine."""
-    assert surface.pyramid is not None and texture is not None
-    table = surface.pyramid.levels
+    @one_pass
+    def read(skin, weights, corners, texture, seen):
+        steps = (_steps(weights, 0, tiling), _steps(weights, 1, tiling))
+        return read_texture(skin, steps, corners, texture, seen)
+
+    return read(skin, weights, corners, texture, seen)
+
+
+Step = tuple[Array, Array]
+"""How much the weights of corners 1 and 2 on the screen change from pixel to pixel."""
+
+
+def read_texture(
+    skin: Skin,
+    steps: tuple[Step, Step],
+    corners: Corners,
+    texture: Array | None,
+    seen: tuple[Corner3, Array] | None,
+) -> Reading:
+    """How the texture is read; `steps` are along x and y, and `seen` is the corners' weights and
+    (u, v) where the map is not affine."""
+    assert texture is not None
+    table = skin.pyramid.levels
     base = table[:, 0].at[texture].get(mode="clip")
-    dtype = weights.per_value.dtype
-    tall, wide = base[..., 1].astype(dtype), base[..., 2].astype(dtype)
-    x, y = (_change(weights, corners, axis, seen, tiling) for axis in (0, 1))
-    found = probes(Footprint(x[0] * wide, x[1] * tall, y[0] * wide, y[1] * tall), surface.filter)
+    x, y = (_change(step, corners, seen) for step in steps)
+    tall, wide = base[..., 1].astype(x.dtype), base[..., 2].astype(x.dtype)
+    found = probes(Footprint(x[0] * wide, x[1] * tall, y[0] * wide, y[1] * tall), skin.filter)
     texture = jnp.broadcast_to(texture, found.level.shape)
-    levels = choose_levels(found.level, texture, table, surface.filter.level)
+    levels = choose_levels(found.level, texture, table, skin.filter.level)
     if found.axis_u is None or found.axis_v is None:
         return Reading(levels)
     axis = jnp.stack([found.axis_u / wide, found.axis_v / tall])
     return Reading(levels, found.count, axis)
 
 
-def _change(
-    weights: Weights,
-    corners: Corners,
-    axis: int,
-    seen: tuple[Corner3, Array] | None,
-    tiling: Tiling,
-) -> Float[Array, "2 lanes"]:
-    """Derivative of (u, v) for a step of one pixel along x (0) or y (1).
-
-    Of a quotient u = U / Q it is (U' - u Q') / Q, and the sums over the corners are taken of
-    w_i' q_i (u_i - u), in which no large numbers cancel.
-    """
-    assert corners.uv is not None
+def _steps(weights: Weights, axis: int, tiling: Tiling) -> Step:
+    """Along x (0) or y (1)."""
     steps = weights.right if axis == 0 else weights.down
     step = steps.astype(weights.per_value.dtype) * weights.per_value[None]
     if weights.plane is not None and weights.beyond is not None:
         step = jnp.where(weights.beyond[None], weights.plane[1 + axis], step)
     second, third = step * tiling.grid.rate
+    return second, third
+
+
+def _change(
+    step: Step, corners: Corners, seen: tuple[Corner3, Array] | None
+) -> Float[Array, "2 *lanes"]:
+    """Derivative of (u, v) for a step of one pixel.
+
+    Of a quotient u = U / Q it is (U' - u Q') / Q, and the sums over the corners are taken of
+    w_i' q_i (u_i - u), in which no large numbers cancel.
+    """
+    assert corners.uv is not None
+    second, third = step
     first_uv, second_uv, third_uv = corners.uv
     if seen is None or corners.inverse_w is None:
         return second[None] * (second_uv - first_uv) + third[None] * (third_uv - first_uv)

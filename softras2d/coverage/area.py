@@ -13,41 +13,95 @@ for horizontal edges like any other.
 """
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from .pixels import Measure, Six
+from .pixels import SIDE, Measure, Six
+from .sides import Side, Sides
 
 REACH = 0.7072
 """Pixels from a pixel's centre beyond which an edge does not cut it: half its diagonal."""
 
 
+class Edge(NamedTuple):
+    """The part of an edge in a slot's rows of pixels, `[slots]`, in pixels of the tile.
+
+    - `x`, `y`: where it begins; `way_x`, `way_y`: to where it ends.
+    - `whole_x`, `whole_y`: the way of the whole edge; `start`, `part`: where on it, 0..1, the part
+      begins, and how much of it that is.
+    """
+
+    x: Any
+    y: Any
+    way_x: Any
+    way_y: Any
+    whole_x: Any
+    whole_y: Any
+    start: Any
+    part: Any
+
+
+Outline = tuple[Edge, Edge, Edge]
+"""The edges of each slot in order."""
+
+
+def outline_of(corners: Any, tile: Any, sides: Sides) -> Outline:
+    """Of corners `[6, slots]`, the tile's upper left pixel `[2, slots]`, and their lines."""
+    x, y = ([corners[2 * k + axis] - tile[axis] for k in range(3)] for axis in (0, 1))
+    first, second, third = (
+        _cut(side, x[k], y[k], x[(k + 1) % 3], y[(k + 1) % 3]) for k, side in enumerate(sides.edges)
+    )
+    return first, second, third
+
+
+def _cut(side: Side, px: Any, py: Any, qx: Any, qy: Any) -> Edge:
+    """What is above and below the tile covers nothing in it; far corners are inexact in floats."""
+    dx, dy = qx - px, qy - py
+    rises, leans = dy != 0, side.across != 0
+    low, high = jnp.minimum(px, qx), jnp.maximum(px, qx)
+    ends = []
+    for x, y in ((px, py), (qx, qy)):
+        held = jnp.clip(y, -1.0, SIDE + 1.0)
+        on_line = -(side.distance + side.down * held) / jnp.where(leans, side.across, 1.0)
+        cut = jnp.where((held != y) & leans, jnp.clip(on_line, low, high), x)
+        ends.append((cut, held, jnp.where(rises, (held - py) / jnp.where(rises, dy, 1.0), 0.0)))
+    (ax, ay, start), (bx, by, end) = ends
+    part = jnp.where(rises, end - start, 1.0)
+    return Edge(ax, ay, bx - ax, by - ay, dx, dy, start, part)
+
+
 @functools.cache
 def measure() -> Measure:
-    """The measure of exact area; it has no parameter."""
+    """The measure of exact area of an `Outline`; it has no parameter."""
     # An edge on the side of a pixel moves into a pixel that is empty or full.
     return Measure(
         _value,
         _slopes,
-        lambda corners, parameter, x, y: jnp.zeros_like(x + y),
+        lambda outline, parameter, x, y: jnp.zeros_like(x + y),
         lambda value: jnp.zeros(value.shape, bool),
     )
 
 
-def _value(corners: Six, parameter: Any, x: Any, y: Any) -> Any:
-    total = None
-    for k in range(3):
-        px, py = corners[2 * k] - (x - 0.5), corners[2 * k + 1] - (y - 0.5)
-        qx, qy = corners[(2 * k + 2) % 6] - (x - 0.5), corners[(2 * k + 3) % 6] - (y - 0.5)
-        top, bottom = jnp.clip(py, 0.0, 1.0), jnp.clip(qy, 0.0, 1.0)
-        rise = qy - py
-        run_per_rise = jnp.where(rise != 0, (qx - px) / jnp.where(rise != 0, rise, 1.0), 0.0)
-        # From the nearer end point each: where the edge ends in the pixel, nothing is rounded.
-        start, end = px + (top - py) * run_per_rise, qx + (bottom - qy) * run_per_rise
-        term = (bottom - top) * _mean(start, end)
-        total = term if total is None else total + term
-    assert total is not None
+def spans(edge: Edge, x: Any, y: Any) -> tuple[Any, Any, Any, Any]:
+    """Where the edge begins and ends in the rows of pixels, in pixels from the pixel's upper left.
+
+    `(top, bottom, start, end)`: y held to 0..1, and x there, which may be anywhere.
+    """
+    px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
+    qx, qy = px + edge.way_x, py + edge.way_y
+    top, bottom = jnp.clip(py, 0.0, 1.0), jnp.clip(qy, 0.0, 1.0)
+    rises = edge.way_y != 0
+    run_per_rise = jnp.where(rises, edge.way_x / jnp.where(rises, edge.way_y, 1.0), 0.0)
+    # From the nearer end point each: where the edge ends in the pixel, nothing is rounded.
+    return top, bottom, px + (top - py) * run_per_rise, qx + (bottom - qy) * run_per_rise
+
+
+def _value(outline: Outline, parameter: Any, x: Any, y: Any) -> Any:
+    total = jnp.zeros_like(x + y)
+    for edge in outline:
+        top, bottom, start, end = spans(edge, x, y)
+        total = total + (bottom - top) * _mean(start, end)
     return jnp.clip(total, 0.0, 1.0)
 
 
@@ -60,25 +114,33 @@ def _mean(start: Any, end: Any) -> Any:
     return jnp.where(way != 0, total / jnp.where(way != 0, way, 1.0), a)
 
 
-def _slopes(corners: Six, parameter: Any, x: Any, y: Any) -> Six:
-    slopes = [jnp.zeros_like(x + y + corners[0])] * 6
-    for k in range(3):
-        px, py = corners[2 * k] - (x - 0.5), corners[2 * k + 1] - (y - 0.5)
-        dx = corners[(2 * k + 2) % 6] - corners[2 * k]
-        dy = corners[(2 * k + 3) % 6] - corners[2 * k + 1]
-        a, b = 0.0, 1.0
-        for begin, way in ((px, dx), (py, dy)):
-            moves = way != 0
-            per_way = 1.0 / jnp.where(moves, way, 1.0)
-            enter, leave = -begin * per_way, (1.0 - begin) * per_way
-            within = (begin >= 0) & (begin < 1)
-            never = jnp.where(within, 0.0, 2.0)
-            a = jnp.maximum(a, jnp.where(moves, jnp.minimum(enter, leave), never))
-            b = jnp.minimum(b, jnp.where(moves, jnp.maximum(enter, leave), 1.0))
-        length = jnp.maximum(b - a, 0.0)
-        towards_end = length * 0.5 * (a + b)
-        for corner, share in ((k, length - towards_end), ((k + 1) % 3, towards_end)):
-            slopes[2 * corner] = slopes[2 * corner] + dy * share
-            slopes[2 * corner + 1] = slopes[2 * corner + 1] - dx * share
+def within(edge: Edge, x: Any, y: Any) -> tuple[Any, Any]:
+    """From where to where along the part it lies in each pixel, 0..1; empty if not before."""
+    a, b = 0.0, 1.0
+    px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
+    for begin, way in ((px, edge.way_x), (py, edge.way_y)):
+        moves = way != 0
+        per_way = 1.0 / jnp.where(moves, way, 1.0)
+        enter, leave = -begin * per_way, (1.0 - begin) * per_way
+        never = jnp.where((begin >= 0) & (begin < 1), 0.0, 2.0)
+        a = jnp.maximum(a, jnp.where(moves, jnp.minimum(enter, leave), never))
+        b = jnp.minimum(b, jnp.where(moves, jnp.maximum(enter, leave), 1.0))
+    return a, b
+
+
+def _slopes(outline: Outline, parameter: Any, x: Any, y: Any) -> Six:
+    slopes = [jnp.zeros_like(x + y)] * 6
+    for k, edge in enumerate(outline):
+        a, b = within(edge, x, y)
+        length = jnp.maximum(b - a, 0.0) * edge.part
+        towards_end = length * (edge.start + edge.part * (0.5 * (a + b)))
+        add_share(slopes, k, edge, length, towards_end)
     first, second, third, fourth, fifth, sixth = slopes
     return first, second, third, fourth, fifth, sixth
+
+
+def add_share(slopes: list[Any], k: int, edge: Edge, whole: Any, towards_end: Any) -> None:
+    """Add to the slopes what edge k sweeps: integrals over t of a weight, and of t times it."""
+    for corner, share in ((k, whole - towards_end), ((k + 1) % 3, towards_end)):
+        slopes[2 * corner] = slopes[2 * corner] + edge.whole_y * share
+        slopes[2 * corner + 1] = slopes[2 * corner + 1] - edge.whole_x * share

@@ -3,7 +3,8 @@
 A slot is a triangle in a tile of 8 x 8 pixels. Its coverage of each pixel depends on the six
 coordinates of its corners alone, and a rule gives the six partial derivatives in closed form. The
 tangent is their sum times six velocities; the cotangent, six sums over the pixels of a slot, is
-taken in one pass that computes the partial derivatives again instead of keeping them.
+taken in one pass that computes the partial derivatives again instead of keeping them. What a slot's
+pixels share, such as the directions of its edges, is computed once: the shape of the slot.
 """
 
 import functools
@@ -27,34 +28,37 @@ Six = tuple[Any, Any, Any, Any, Any, Any]
 
 
 class Measure(NamedTuple):
-    """A way to measure coverage, as functions of the corners, a parameter, and pixel centres.
+    """Something to measure, as functions of a slot's shape, a parameter, and pixel centres.
 
-    Everything broadcasts. `value` is 0..1; `slopes` are its derivatives by the six coordinates;
-    `by_parameter` that by the parameter, a number. Slopes are zero wherever `level` says so of a
-    value.
+    Everything broadcasts. `value` is 0..1; `slopes` are its derivatives by the six coordinates of
+    the corners; `by_parameter` that by the parameter, a number. Slopes are zero wherever `level`
+    says so of a value.
     """
 
-    value: Callable[[Six, Any, Any, Any], Any]
-    slopes: Callable[[Six, Any, Any, Any], Six]
-    by_parameter: Callable[[Six, Any, Any, Any], Any]
+    value: Callable[[Any, Any, Any, Any], Any]
+    slopes: Callable[[Any, Any, Any, Any], Six]
+    by_parameter: Callable[[Any, Any, Any, Any], Any]
     level: Callable[[Any], Any]
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def cover(
-    measure: Measure, corners: Float[Array, "6 slots"], parameter: Float[Array, ""]
+    measure: Measure, corners: Float[Array, "6 slots"], shape: Any, parameter: Float[Array, ""]
 ) -> Float[Array, "slots pixels"]:
-    """Coverage of the pixels of each slot's tile, rows from the top; corners relative to it."""
-    return one_pass(lambda corners, parameter: measure.value(*_spread(corners, parameter)))(
-        corners, parameter
+    """The measure at the pixels of each slot's tile, rows from the top.
+
+    `shape`: of the corners, a tree of `[slots]`. Its own derivative counts in second ones alone.
+    """
+    return one_pass(lambda shape, parameter: measure.value(*_spread(shape, parameter)))(
+        shape, parameter
     )
 
 
 @functools.partial(cover.defjvp, symbolic_zeros=True)
 def _cover_jvp(measure, primals, tangents):
-    corners, parameter = primals
-    value = cover(measure, corners, parameter)
-    moved, changed = tangents
+    corners, shape, parameter = primals
+    value = cover(measure, corners, shape, parameter)
+    moved, _, changed = tangents
     change = jnp.zeros_like(value)
     if not isinstance(moved, SymbolicZero):
 
@@ -64,12 +68,12 @@ def _cover_jvp(measure, primals, tangents):
             return _sum([slope * v[:, None] for slope, v in zip(slopes, velocity, strict=True)])
 
         def backward(fixed, weight):
-            corners, parameter, value = fixed
-            return _weigh_slopes(measure, corners, parameter, value, weight)
+            shape, parameter, value = fixed
+            return _weigh_slopes(measure, shape, parameter, value, weight)
 
-        change = linear_map(forward, backward)((corners, parameter, value), moved)
+        change = linear_map(forward, backward)((shape, parameter, value), moved)
     if not isinstance(changed, SymbolicZero):
-        slope = measure.by_parameter(*_spread(corners, parameter))
+        slope = measure.by_parameter(*_spread(shape, parameter))
         change = change + slope * changed
     return value, change
 
@@ -80,7 +84,7 @@ _BLOCK = 2048
 
 def _weigh_slopes(
     measure: Measure,
-    corners: Float[Array, "6 slots"],
+    shape: Any,
     parameter: Any,
     value: Float[Array, "slots pixels"],
     weight: Float[Array, "slots pixels"],
@@ -89,7 +93,7 @@ def _weigh_slopes(
 
     Most slots are hidden, or whole.
     """
-    slots = corners.shape[1]
+    slots = value.shape[0]
     spare = -slots % _BLOCK
 
     @one_pass
@@ -101,16 +105,16 @@ def _weigh_slopes(
         return listed, jnp.sum(live, dtype=jnp.int32)
 
     @one_pass
-    def pick(corners, weight, own):
-        return corners.at[:, own].get(mode="clip"), weight.at[own].get(mode="clip")
+    def pick(held, own):
+        return jax.tree.map(lambda entry: entry.at[own].get(mode="clip"), held)
 
     @one_pass
-    def add_rows(corners, parameter, weight):
+    def add_rows(shape, parameter, weight):
         # Row after row in one expression, as the compiler vectorises no reduction.
         sums = None
         for row in range(SIDE):
             place = slice(row * SIDE, (row + 1) * SIDE)
-            slopes = measure.slopes(*_spread(corners, parameter, place))
+            slopes = measure.slopes(*_spread(shape, parameter, place))
             parts = [slope * weight[:, place] for slope in slopes]
             sums = parts if sums is None else [a + b for a, b in zip(sums, parts, strict=True)]
         return sums
@@ -123,10 +127,10 @@ def _weigh_slopes(
 
     def visit(block, total):
         own = jax.lax.dynamic_slice_in_dim(listed, block * _BLOCK, _BLOCK)
-        corner, weigh = pick(corners, weight, own)
-        return put(total, add_rows(corner, parameter, weigh), own)
+        near, weigh = pick((shape, weight), own)
+        return put(total, add_rows(near, parameter, weigh), own)
 
-    return jax.lax.fori_loop(0, -(-number // _BLOCK), visit, jnp.zeros_like(corners))
+    return jax.lax.fori_loop(0, -(-number // _BLOCK), visit, jnp.zeros((6, slots), value.dtype))
 
 
 @jax.custom_jvp
@@ -146,12 +150,11 @@ def _(weights, changes):
 
 
 def _spread(
-    corners: Array, parameter: Array, pixels: slice = slice(SIDE * SIDE)
-) -> tuple[Six, Array, Array, Array]:
+    shape: Any, parameter: Array, pixels: slice = slice(SIDE * SIDE)
+) -> tuple[Any, Array, Array, Array]:
     """Arguments of a measure, `[slots, 1]` and `[1, pixels]`, for some of the pixels."""
-    x, y = (places[:, pixels] for places in centres(corners.dtype))
-    x0, y0, x1, y1, x2, y2 = (entry[:, None] for entry in corners)
-    return (x0, y0, x1, y1, x2, y2), parameter.astype(corners.dtype), x, y
+    x, y = (places[:, pixels] for places in centres(parameter.dtype))
+    return jax.tree.map(lambda entry: entry[:, None], shape), parameter, x, y
 
 
 def centres(dtype: Any) -> tuple[Float[Array, "1 pixels"], Float[Array, "1 pixels"]]:

@@ -6,38 +6,23 @@ the unit direction in which the signed distance d grows, moving the corners chan
 Inside and beside an edge n is the edge's inward normal, well defined on the edge itself; around a
 corner it points from x to the corner, and is zero at the corner.
 
-A profile is a step P of d / width, 1/2 at 0, 0.9 and 0.1 at -+1/2, that reaches 1 and 0 at a finite
-support, where what is left of its tails has been taken off.
+Beyond the triangle, what it carries (colours, depth) is that of the nearest point. Beside an edge
+from p to q of length L and direction u, where x is d in front of it, that point lies the part
+t = (x - p) . u / L along, and
 
-**Source:** Liu, Li, Chen and Li, *Soft Rasterizer* (ICCV 2019), section 3.2, equation 1, for the
-logistic in the squared distance.
+    dt = -u . ((1 - t) dp + t dq) / L + (d / L^2) n . (dq - dp).
+
+Inside, weights at a place that stays put change by -grad w_k . sum_j w_j dv_j.
 """
 
 import functools
-import math
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
 from .pixels import Measure, Six
-
-_TAIL = 6.0
-"""Where a logistic is cut: it is within 0.0025 of its limit."""
-
-_REST = 1.0 / (1.0 + math.exp(_TAIL))
-_NINETY = 0.9 - 0.8 * _REST
-_LOGIT = math.log(_NINETY / (1.0 - _NINETY))
-"""Where the cut logistic is 0.9."""
-
-# 3 u^2 - 2 u^3 = 0.9, by the trigonometric solution of the cubic.
-_WINDOW = 0.5 + math.sin(math.asin(0.8) / 3)
-
-SUPPORT = {
-    "logistic": 0.5 * _TAIL / _LOGIT,
-    "softras": 0.5 * math.sqrt(_TAIL / _LOGIT),
-    "window": 0.25 / (_WINDOW - 0.5),
-}
-"""Distance in widths from the edge at which each profile reaches 0 and 1."""
+from .profile import SUPPORT, slope, step
+from .sides import Sides
 
 
 @functools.cache
@@ -51,91 +36,72 @@ def measure(profile: str) -> Measure:
     )
 
 
-def step(profile: str, q: Any) -> Any:
-    """The profile at a distance of q widths."""
-    if profile == "window":
-        u = jnp.clip(0.5 + q * (0.5 / SUPPORT["window"]), 0.0, 1.0)
-        return u * u * (3.0 - 2.0 * u)
-    z = jnp.clip(_exponent(profile, q), -_TAIL, _TAIL)
-    return jnp.clip((1.0 / (1.0 + jnp.exp(-z)) - _REST) / (1.0 - 2.0 * _REST), 0.0, 1.0)
+@functools.cache
+def weight(corner: int) -> Measure:
+    """The weight of corner 1 or 2 at a pixel's centre, or the triangle's point nearest to it.
+
+    Without area, at the nearest point of its sides. Of triangles thinner than a pixel the slope is
+    held at one per pixel: the place stands for more area than the triangle has.
+    """
+    return Measure(
+        lambda sides, parameter, x, y: _weights(nearest(sides, x, y), sides)[corner],
+        functools.partial(_weight_slopes, corner),
+        lambda sides, parameter, x, y: jnp.zeros_like(x + y),
+        lambda value: jnp.zeros(value.shape, bool),
+    )
 
 
-def slope(profile: str, q: Any) -> Any:
-    """Derivative of `step` by q; 0 from the support on."""
-    if profile == "window":
-        scale = 0.5 / SUPPORT["window"]
-        u = jnp.clip(0.5 + q * scale, 0.0, 1.0)
-        return 6.0 * u * (1.0 - u) * scale
-    z = _exponent(profile, q)
-    p = 1.0 / (1.0 + jnp.exp(-jnp.clip(z, -_TAIL, _TAIL)))
-    rate = 2.0 * _LOGIT if profile == "logistic" else 8.0 * _LOGIT * jnp.abs(q)
-    return jnp.where(jnp.abs(z) < _TAIL, p * (1.0 - p) * rate / (1.0 - 2.0 * _REST), 0.0)
+class Nearest(NamedTuple):
+    """The nearest point of the boundary to x.
 
-
-def _exponent(profile: str, q: Any) -> Any:
-    return q * (2.0 * _LOGIT) if profile == "logistic" else q * jnp.abs(q) * (4.0 * _LOGIT)
-
-
-class _Nearest(NamedTuple):
-    """The nearest point of the boundary: on which side, how far along, and from it to x.
-
-    `along`: the vector of that side, `inside`: whether x is in the triangle.
+    - `side`: the edge that it lies on; `t`: how far along that, 0..1; `across`, `down`, and
+      `per_length`: of that edge, as in `Side`.
+    - `offset`: the signed distance of x from the line of that edge; `excess`: how far along it x
+      lies past its ends, positive past the end; `square`: the squared distance.
+    - `inside`: whether x is in the triangle.
+    - `distances`: from all three lines.
     """
 
     side: Any
     t: Any
-    offset: tuple[Any, Any]
-    along: tuple[Any, Any]
-    inside: Any
+    across: Any
+    down: Any
+    per_length: Any
+    offset: Any
+    excess: Any
     square: Any
+    inside: Any
+    distances: tuple[Any, Any, Any]
 
 
-def nearest(corners: Six, x: Any, y: Any) -> _Nearest:
-    """Of each point; a triangle without area has no inside, a side of no length is its start."""
-    found, inside, area = None, None, jnp.zeros((), x.dtype)
-    for k in range(3):
-        px, py = corners[2 * k : 2 * k + 2]
-        qx, qy = corners[(2 * k + 2) % 6], corners[(2 * k + 3) % 6]
-        ex, ey, wx, wy = qx - px, qy - py, x - px, y - py
-        square = ex * ex + ey * ey
-        per_square = jnp.where(square > 0, 1.0 / jnp.where(square > 0, square, 1.0), 0.0)
-        t = jnp.clip((wx * ex + wy * ey) * per_square, 0.0, 1.0)
-        rx, ry = wx - t * ex, wy - t * ey
-        left = ex * wy - ey * wx >= 0
-        own = (rx * rx + ry * ry, t, rx, ry, ex, ey, jnp.full_like(t, k))
-        if found is None or inside is None:
-            found, inside = own, left
-            shape = jnp.broadcast_shapes(*(entry.shape for entry in own))
-            found = tuple(jnp.broadcast_to(entry, shape) for entry in own)
-            area = ex * (corners[5] - py) - ey * (corners[4] - px)
+def nearest(sides: Sides, x: Any, y: Any) -> Nearest:
+    """Of each pixel; a triangle without area has no inside."""
+    best, inside, distances = None, sides.solid, []
+    for k, edge in enumerate(sides.edges):
+        along = edge.down * x - edge.across * y
+        offset = edge.distance + edge.across * x + edge.down * y
+        past_start, past_end = edge.after_start + along, edge.after_end + along
+        excess = jnp.minimum(past_start, 0.0) + jnp.maximum(past_end, 0.0)
+        square = offset * offset + excess * excess
+        t = jnp.clip(past_start * edge.per_length, 0.0, 1.0)
+        own = (square, jnp.full_like(t, k), t, edge.across, edge.down, edge.per_length)
+        own = (*own, offset, excess)
+        if best is None:
+            best = tuple(jnp.broadcast_to(entry, t.shape) for entry in own)
         else:
-            better = own[0] < found[0]
-            found = tuple(jnp.where(better, a, b) for a, b in zip(own, found, strict=True))
-            inside = inside & left
-    assert found is not None and inside is not None
-    square, t, rx, ry, ex, ey, side = found
-    return _Nearest(side, t, (rx, ry), (ex, ey), inside & (area > 0), square)
-
-
-def weights_at(corners: Six, x: Any, y: Any) -> tuple[Any, Any]:
-    """Weights of corners 1 and 2 at each point, or at the point of the triangle nearest to it.
-
-    Positively oriented corners; without area, at the nearest point too.
-    """
-    found = nearest(corners, x, y)
-    x0, y0, x1, y1, x2, y2 = corners
-    area = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0)
-    per_area = jnp.where(area > 0, 1.0 / jnp.where(area > 0, area, 1.0), 0.0)
-    second = ((x0 - x2) * (y - y2) - (y0 - y2) * (x - x2)) * per_area
-    third = ((x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)) * per_area
-    _, b, c = _side_weights(found)
-    return (
-        jnp.where(found.inside, jnp.clip(second, 0.0, 1.0), b),
-        jnp.where(found.inside, jnp.clip(third, 0.0, 1.0), c),
+            nearer = square < best[0]
+            best = tuple(jnp.where(nearer, a, b) for a, b in zip(own, best, strict=True))
+        inside = inside & (offset >= 0)
+        distances.append(offset)
+    assert best is not None
+    square, side, t, across, down, per_length, offset, excess = best
+    first, second, third = distances
+    return Nearest(
+        side, t, across, down, per_length, offset, excess, square, inside, (first, second, third)
     )
 
 
-def _side_weights(found: _Nearest) -> tuple[Any, Any, Any]:
+def _side_weights(found: Nearest) -> tuple[Any, Any, Any]:
     """Weights of the three corners at the nearest point of the boundary."""
     side, t = found.side, found.t
     return (
@@ -145,33 +111,74 @@ def _side_weights(found: _Nearest) -> tuple[Any, Any, Any]:
     )
 
 
-def _distance(found: _Nearest) -> Any:
+def _length(found: Nearest) -> Any:
     positive = found.square > 0
-    length = jnp.where(positive, jnp.sqrt(jnp.where(positive, found.square, 1.0)), 0.0)
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, found.square, 1.0)), 0.0)
+
+
+def _distance(found: Nearest) -> Any:
+    length = _length(found)
     return jnp.where(found.inside, length, -length)
 
 
-def _value(profile: str, corners: Six, width: Any, x: Any, y: Any) -> Any:
-    return step(profile, _distance(nearest(corners, x, y)) / width)
+def _value(profile: str, sides: Sides, width: Any, x: Any, y: Any) -> Any:
+    return step(profile, _distance(nearest(sides, x, y)) / width)
 
 
-def _by_width(profile: str, corners: Six, width: Any, x: Any, y: Any) -> Any:
-    q = _distance(nearest(corners, x, y)) / width
+def _by_width(profile: str, sides: Sides, width: Any, x: Any, y: Any) -> Any:
+    q = _distance(nearest(sides, x, y)) / width
     # From the support on the slope is 0, and q may be past all bounds.
     bound = SUPPORT[profile]
     return -slope(profile, q) * jnp.clip(q, -bound, bound) / width
 
 
-def _slopes(profile: str, corners: Six, width: Any, x: Any, y: Any) -> Six:
-    found = nearest(corners, x, y)
-    distance = _distance(found)
-    rate = slope(profile, distance / width) / width
-    (rx, ry), (ex, ey), t = found.offset, found.along, found.t
-    around = ~found.inside & ((t <= 0) | (t >= 1))
-    square = jnp.where(around, found.square, ex * ex + ey * ey)
-    positive = square > 0
-    scale = jnp.where(positive, rate / jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+def _slopes(profile: str, sides: Sides, width: Any, x: Any, y: Any) -> Six:
+    found = nearest(sides, x, y)
+    rate = slope(profile, _distance(found) / width) / width
+    # Without area it may be in front of the edge and outside.
+    around = ~found.inside & ((found.excess != 0) | (found.offset > 0))
+    length = _length(found)
+    per_length = jnp.where(length > 0, 1.0 / jnp.where(length > 0, length, 1.0), 0.0)
     # Minus the direction in which the distance grows: towards x at a corner, outwards at an edge.
-    nx, ny = jnp.where(around, rx, ey) * scale, jnp.where(around, ry, -ex) * scale
+    # Where the two meet so do both choices, as rounding may choose differently for each.
+    along = jnp.where(around, found.excess * per_length, 0.0) * rate
+    out = jnp.where(around, -found.offset * per_length, 1.0) * rate
+    nx, ny = found.down * along - found.across * out, -found.across * along - found.down * out
     a, b, c = _side_weights(found)
     return nx * a, ny * a, nx * b, ny * b, nx * c, ny * c
+
+
+def _weights(found: Nearest, sides: Sides) -> tuple[Any, Any, Any]:
+    """Weights of the three corners at x, or at the nearest point of the triangle."""
+    # A corner is as far from the opposite edge as its weight says.
+    opposite = (1, 2, 0)
+    within = [jnp.clip(found.distances[k] * sides.edges[k].per_height, 0.0, 1.0) for k in opposite]
+    first, second, third = (
+        jnp.where(found.inside, inner, outer)
+        for inner, outer in zip(within, _side_weights(found), strict=True)
+    )
+    return first, second, third
+
+
+def _weight_slopes(corner: int, sides: Sides, parameter: Any, x: Any, y: Any) -> Six:
+    found = nearest(sides, x, y)
+    weights = _weights(found, sides)
+    opposite = sides.edges[(corner + 1) % 3]
+    rise = jnp.minimum(opposite.per_height, 1.0)
+    inside = found.inside.astype(x.dtype)
+    gx, gy = -opposite.across * rise * inside, -opposite.down * rise * inside
+    # Outside, only what moves the point along its side tells.
+    beside = jnp.where(~found.inside & (found.excess == 0), 1.0, 0.0).astype(x.dtype)
+    begins, ends = found.side == corner, found.side == (corner + 2) % 3
+    sign = jnp.where(ends, beside, jnp.where(begins, -beside, 0.0))
+    held = jnp.minimum(found.per_length, 1.0)
+    per_length, turned = held * sign, found.offset * held * held * sign
+    slopes = []
+    for k in range(3):
+        towards = jnp.where(found.side == k, -1.0, jnp.where(found.side == (k + 2) % 3, 1.0, 0.0))
+        rotation = (turned * towards).astype(x.dtype)
+        own = weights[k]
+        slopes.append(own * (gx - per_length * found.down) + rotation * found.across)
+        slopes.append(own * (gy + per_length * found.across) + rotation * found.down)
+    first, second, third, fourth, fifth, sixth = slopes
+    return first, second, third, fourth, fifth, sixth
