@@ -37,8 +37,10 @@ def mix(
     @one_pass
     def weigh(opacity, colors, depth, temperature, nearest, chunks):
         # From the nearest that shows on: the common factor cancels, and no weight is infinite.
-        behind = depth - nearest[chunks.tile][:, None]
-        weight = opacity * jnp.exp(jnp.clip(-behind / temperature, _LEAST, 0.0))
+        power = (nearest[chunks.tile][:, None] - depth) / temperature
+        # Not by a clip, which halves the slope of the nearest itself.
+        power = jnp.where((opacity > 0) & (power > _LEAST), power, _LEAST)
+        weight = opacity * jnp.exp(power)
         parts = [weight * colors[:, :, channel] for channel in range(3)] + [weight]
         return [sum(part[:, k] for k in range(part.shape[1])) for part in parts]
 

@@ -12,6 +12,8 @@ chunks of the tile as if they were layers.
 """
 
 import functools
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -44,93 +46,152 @@ def composite(
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _composite(depth: int, opacity: Array, colors: Array, chunks: Chunks) -> Array:
-    return _forward(depth, opacity, colors, chunks, 1.0)
+    return _join(depth, _blend(opacity, colors), _cover(opacity), chunks)
 
 
 @functools.partial(_composite.defjvp, symbolic_zeros=True)
 def _composite_jvp(depth, primals, tangents):
     opacity, colors, chunks = primals
-    out = _composite(depth, opacity, colors, chunks)
+    sums, covered = _blend(opacity, colors), _cover(opacity)
+    out = _join(depth, sums, covered, chunks)
     change = jnp.zeros_like(out)
+    fixed = opacity, colors, chunks, sums, covered
     if not isinstance(tangents[0], SymbolicZero):
 
         def by_opacity(fixed, moved):
-            opacity, colors, chunks = fixed
-
-            def of(opacity):
-                return _forward(depth, opacity, colors, chunks, 1.0)
-
-            return jax.jvp(of, (opacity,), (moved,))[1]
+            opacity, colors, chunks, sums, covered = fixed
+            changes = _blend_change(opacity, moved, colors)
+            return _join_change(
+                depth, sums, covered, changes, _cover_change(opacity, moved), chunks
+            )
 
         def to_opacity(fixed, weight):
-            opacity, colors, chunks = fixed
-            return _opacity_weights(depth, opacity, colors, chunks, weight)
+            opacity, colors, chunks, _, covered = fixed
+            return _opacity_weights(depth, opacity, colors, covered, chunks, weight)
 
-        change = linear_map(by_opacity, to_opacity)(primals, tangents[0])
+        change = linear_map(by_opacity, to_opacity)(fixed, tangents[0])
     if not isinstance(tangents[1], SymbolicZero):
 
         def by_color(fixed, moved):
-            opacity, _, chunks = fixed
-            return _forward(depth, opacity, moved, chunks, 0.0)
+            opacity, _, chunks, _, covered = fixed
+            shown = _join(depth, _blend(opacity, moved), covered, chunks)
+            return shown.at[3].set(0.0)
 
         def to_color(fixed, weight):
-            opacity, colors, chunks = fixed
-            return _color_weights(depth, opacity, colors, chunks, weight)
+            opacity, colors, chunks, _, covered = fixed
+            return _color_weights(depth, opacity, colors, covered, chunks, weight)
 
-        change = change + linear_map(by_color, to_color)(primals, tangents[1])
+        change = change + linear_map(by_color, to_color)(fixed, tangents[1])
     return out, change
 
 
-def _forward(
-    depth: int, opacity: Array, colors: Array, chunks: Chunks, solid: float
-) -> Float[Array, "4 tiles pixels"]:
-    """The composite; `solid` stands for the alpha of a layer, 1, or 0 for a change of colours."""
-    layers = opacity.shape[1]
+@one_pass
+def _blend(opacity: Array, colors: Array) -> list[Array]:
+    """The colour of each chunk by itself, channel by channel."""
+    through = jnp.ones_like(opacity[:, 0])
+    sums = [jnp.zeros_like(through)] * 3
+    for k in range(opacity.shape[1]):
+        seen = through * opacity[:, k]
+        sums = [total + seen * colors[:, k, channel] for channel, total in enumerate(sums)]
+        through = through * (1.0 - opacity[:, k])
+    return sums
 
-    @one_pass
-    def blend(opacity, colors):
-        through = jnp.ones_like(opacity[:, 0])
-        sums = [jnp.zeros_like(through)] * 4
-        for k in range(layers):
-            seen = through * opacity[:, k]
-            shown = [*(colors[:, k, channel] for channel in range(3)), solid]
-            sums = [total + seen * color for total, color in zip(sums, shown, strict=True)]
-            through = through * (1.0 - opacity[:, k])
-        return sums, 1.0 - through
+
+@one_pass
+def _blend_change(opacity: Array, moved: Array, colors: Array) -> list[Array]:
+    """What `moved` opacities do to it."""
+    through, drop = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
+    sums = [drop] * 3
+    for k in range(opacity.shape[1]):
+        seen = drop * opacity[:, k] + through * moved[:, k]
+        sums = [total + seen * colors[:, k, channel] for channel, total in enumerate(sums)]
+        clear = 1.0 - opacity[:, k]
+        drop, through = drop * clear - through * moved[:, k], through * clear
+    return sums
+
+
+@one_pass
+def _cover(opacity: Array) -> Array:
+    """What each chunk covers."""
+    through = 1.0 - opacity[:, 0]
+    for k in range(1, opacity.shape[1]):
+        through = through * (1.0 - opacity[:, k])
+    return 1.0 - through
+
+
+@one_pass
+def _cover_change(opacity: Array, moved: Array) -> Array:
+    through, gain = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
+    for k in range(opacity.shape[1]):
+        clear = 1.0 - opacity[:, k]
+        gain, through = gain * clear + through * moved[:, k], through * clear
+    return gain
+
+
+def _join(
+    depth: int, sums: list[Array], covered: Array, chunks: Chunks
+) -> Float[Array, "4 tiles pixels"]:
+    """The chunks of each tile as layers."""
 
     @one_pass
     def join(sums, covered, chunks):
         def add(k, state):
             through, total = state
-            there = (k < chunks.count)[:, None]
-            place = chunks.first + k
-            part = [jnp.where(there, s.at[place].get(mode="clip"), 0.0) for s in sums]
-            rest = jnp.where(there, 1.0 - covered.at[place].get(mode="clip"), 1.0)
-            return through * rest, [t + through * p for t, p in zip(total, part, strict=True)]
+            (*part, own) = _of_chunk(k, [*sums, covered], chunks)
+            total = [t + through * p for t, p in zip(total, part, strict=True)]
+            return through * (1.0 - own), total
 
-        shape = (chunks.count.shape[0], opacity.shape[2])
-        state = jnp.ones(shape, opacity.dtype), [jnp.zeros(shape, opacity.dtype)] * 4
-        if depth <= _UNROLLED:
-            for k in range(depth):
-                state = add(k, state)
-        else:
-            state = jax.lax.fori_loop(0, jnp.max(chunks.count), add, state)
-        return jnp.stack(state[1])
+        shape = (chunks.count.shape[0], covered.shape[1])
+        start = jnp.ones(shape, covered.dtype), [jnp.zeros(shape, covered.dtype)] * 3
+        through, total = _through_tile(depth, chunks, add, start)
+        return jnp.stack([*total, 1.0 - through])
 
-    sums, covered = blend(opacity, colors)
     return join(sums, covered, chunks)
 
 
-def _in_front(depth: int, opacity: Array, chunks: Chunks) -> tuple[Array, Array]:
-    """What each chunk covers, and the transmittance of the chunks in front of it."""
-    layers = opacity.shape[1]
-
+def _join_change(
+    depth: int,
+    sums: list[Array],
+    covered: Array,
+    changes: list[Array],
+    gained: Array,
+    chunks: Chunks,
+) -> Float[Array, "4 tiles pixels"]:
     @one_pass
-    def cover(opacity):
-        through = 1.0 - opacity[:, 0]
-        for k in range(1, layers):
-            through = through * (1.0 - opacity[:, k])
-        return 1.0 - through
+    def join(sums, covered, changes, gained, chunks):
+        def add(k, state):
+            through, drop, total = state
+            held = _of_chunk(k, [*sums, covered, *changes, gained], chunks)
+            part, own, moved, gain = held[:3], held[3], held[4:7], held[7]
+            total = [t + drop * p + through * m for t, p, m in zip(total, part, moved, strict=True)]
+            return through * (1.0 - own), drop * (1.0 - own) - through * gain, total
+
+        zero = jnp.zeros((chunks.count.shape[0], covered.shape[1]), covered.dtype)
+        start = jnp.ones_like(zero), zero, [zero] * 3
+        _, drop, total = _through_tile(depth, chunks, add, start)
+        return jnp.stack([*total, -drop])
+
+    return join(sums, covered, changes, gained, chunks)
+
+
+def _of_chunk(k: Any, entries: list[Array], chunks: Chunks) -> list[Array]:
+    """The entries of chunk k of each tile, 0 where there is none."""
+    there = (k < chunks.count)[:, None]
+    place = chunks.first + k
+    return [jnp.where(there, entry.at[place].get(mode="clip"), 0.0) for entry in entries]
+
+
+def _through_tile(depth: int, chunks: Chunks, add: Callable[[Any, Any], Any], state: Any) -> Any:
+    """`add(k, state)` for each chunk k of a tile."""
+    if depth <= _UNROLLED:
+        for k in range(depth):
+            state = add(k, state)
+        return state
+    return jax.lax.fori_loop(0, jnp.max(chunks.count), add, state)
+
+
+def _in_front(depth: int, covered: Array, chunks: Chunks) -> Array:
+    """The transmittance of the chunks in front of each chunk."""
 
     @one_pass
     def look(covered, chunks):
@@ -140,8 +201,7 @@ def _in_front(depth: int, opacity: Array, chunks: Chunks) -> tuple[Array, Array]
 
         return _through_chunks(depth, chunks, add, jnp.ones_like(covered))
 
-    covered = cover(opacity)
-    return covered, look(covered, chunks)
+    return look(covered, chunks)
 
 
 def _through_chunks(depth: int, chunks: Chunks, add, state):
@@ -159,7 +219,7 @@ def _shift(x: Array, j) -> Array:
 
 
 def _opacity_weights(
-    depth: int, opacity: Array, colors: Array, chunks: Chunks, weight: Array
+    depth: int, opacity: Array, colors: Array, covered: Array, chunks: Chunks, weight: Array
 ) -> Float[Array, "chunks layers pixels"]:
     """The transpose of the change by opacities."""
     layers = opacity.shape[1]
@@ -206,13 +266,13 @@ def _opacity_weights(
         )
 
     met = meet(colors, weight, chunks)
-    covered, through = _in_front(depth, opacity, chunks)
+    through = _in_front(depth, covered, chunks)
     behind = look_behind(covered, blend(opacity, met), chunks)
     return differ(opacity, met, through, behind, chunks)
 
 
 def _color_weights(
-    depth: int, opacity: Array, colors: Array, chunks: Chunks, weight: Array
+    depth: int, opacity: Array, colors: Array, covered: Array, chunks: Chunks, weight: Array
 ) -> Float[Array, "chunks layers 3 #pixels"]:
     """The transpose of the change by colours."""
     layers, flat = opacity.shape[1], colors.shape[3] == 1
@@ -233,5 +293,5 @@ def _color_weights(
         rows = [part.reshape(-1, part.shape[2]) for part in parts]
         return jnp.stack(sum_pixels(*rows), -1).reshape(colors.shape)
 
-    _, through = _in_front(depth, opacity, chunks)
+    through = _in_front(depth, covered, chunks)
     return gather(see(opacity, through), weight, chunks)

@@ -17,17 +17,24 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from .pixels import SIDE, Measure, Six
+from .. import safe
+from ..staging import one_pass
+from .pixels import SIDE, Measure, Six, sum_fields
 from .sides import Side, Sides
 
 REACH = 0.7072
 """Pixels from a pixel's centre beyond which an edge does not cut it: half its diagonal."""
 
 
+_STEEP = 2.0**60
+"""One over the shortest way along x or y that is told from none."""
+
+
 class Edge(NamedTuple):
     """The part of an edge in a slot's rows of pixels, `[slots]`, in pixels of the tile.
 
     - `x`, `y`: where it begins; `way_x`, `way_y`: to where it ends.
+    - `per_x`, `per_y`: one over these, 0 for none; `run`: the way along x for one along y.
     - `whole_x`, `whole_y`: the way of the whole edge; `start`, `part`: where on it, 0..1, the part
       begins, and how much of it that is.
     """
@@ -36,6 +43,9 @@ class Edge(NamedTuple):
     y: Any
     way_x: Any
     way_y: Any
+    per_x: Any
+    per_y: Any
+    run: Any
     whole_x: Any
     whole_y: Any
     start: Any
@@ -68,7 +78,12 @@ def _cut(side: Side, px: Any, py: Any, qx: Any, qy: Any) -> Edge:
         ends.append((cut, held, jnp.where(rises, (held - py) / jnp.where(rises, dy, 1.0), 0.0)))
     (ax, ay, start), (bx, by, end) = ends
     part = jnp.where(rises, end - start, 1.0)
-    return Edge(ax, ay, bx - ax, by - ay, dx, dy, start, part)
+    way_x, way_y = bx - ax, by - ay
+    # Once for a slot: the compiler would divide again for each pixel.
+    per_x, per_y = (
+        jnp.clip(safe.divide(jnp.ones_like(way), way), -_STEEP, _STEEP) for way in (way_x, way_y)
+    )
+    return Edge(ax, ay, way_x, way_y, per_x, per_y, way_x * per_y, dx, dy, start, part)
 
 
 @functools.cache
@@ -77,7 +92,8 @@ def measure() -> Measure:
     # An edge on the side of a pixel moves into a pixel that is empty or full.
     return Measure(
         _value,
-        _slopes,
+        _push,
+        _pull,
         lambda outline, parameter, x, y: jnp.zeros_like(x + y),
         lambda value: jnp.zeros(value.shape, bool),
     )
@@ -91,10 +107,8 @@ def spans(edge: Edge, x: Any, y: Any) -> tuple[Any, Any, Any, Any]:
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
     qx, qy = px + edge.way_x, py + edge.way_y
     top, bottom = jnp.clip(py, 0.0, 1.0), jnp.clip(qy, 0.0, 1.0)
-    rises = edge.way_y != 0
-    run_per_rise = jnp.where(rises, edge.way_x / jnp.where(rises, edge.way_y, 1.0), 0.0)
     # From the nearer end point each: where the edge ends in the pixel, nothing is rounded.
-    return top, bottom, px + (top - py) * run_per_rise, qx + (bottom - qy) * run_per_rise
+    return top, bottom, px + (top - py) * edge.run, qx + (bottom - qy) * edge.run
 
 
 def _value(outline: Outline, parameter: Any, x: Any, y: Any) -> Any:
@@ -118,9 +132,8 @@ def within(edge: Edge, x: Any, y: Any) -> tuple[Any, Any]:
     """From where to where along the part it lies in each pixel, 0..1; empty if not before."""
     a, b = 0.0, 1.0
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
-    for begin, way in ((px, edge.way_x), (py, edge.way_y)):
-        moves = way != 0
-        per_way = 1.0 / jnp.where(moves, way, 1.0)
+    for begin, per_way in ((px, edge.per_x), (py, edge.per_y)):
+        moves = per_way != 0
         enter, leave = -begin * per_way, (1.0 - begin) * per_way
         never = jnp.where((begin >= 0) & (begin < 1), 0.0, 2.0)
         a = jnp.maximum(a, jnp.where(moves, jnp.minimum(enter, leave), never))
@@ -128,14 +141,38 @@ def within(edge: Edge, x: Any, y: Any) -> tuple[Any, Any]:
     return a, b
 
 
-def _slopes(outline: Outline, parameter: Any, x: Any, y: Any) -> Six:
-    slopes = [jnp.zeros_like(x + y)] * 6
-    for k, edge in enumerate(outline):
+def _swept(outline: Outline, parameter: Any, x: Any, y: Any) -> list[Any]:
+    """Of each edge, the integrals over t of 1 and of t along what lies in the pixel."""
+    found = []
+    for edge in outline:
         a, b = within(edge, x, y)
         length = jnp.maximum(b - a, 0.0) * edge.part
-        towards_end = length * (edge.start + edge.part * (0.5 * (a + b)))
-        add_share(slopes, k, edge, length, towards_end)
-    first, second, third, fourth, fifth, sixth = slopes
+        found += [length, length * (edge.start + edge.part * (0.5 * (a + b)))]
+    return found
+
+
+def _push(outline: Outline, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
+    swept, total = _swept(outline, parameter, x, y), jnp.zeros_like(x + y)
+    for k, edge in enumerate(outline):
+        begin, end = (
+            edge.whole_y * velocity[2 * c] - edge.whole_x * velocity[2 * c + 1]
+            for c in (k, (k + 1) % 3)
+        )
+        total = total + swept[2 * k] * begin + swept[2 * k + 1] * (end - begin)
+    return total
+
+
+def _pull(outline: Outline, parameter: Any, weight: Any) -> Six:
+    swept = sum_fields(_swept, outline, parameter, weight)
+
+    @one_pass
+    def combine(outline, swept):
+        slopes = [jnp.zeros_like(swept[0])] * 6
+        for k, edge in enumerate(outline):
+            add_share(slopes, k, edge, swept[2 * k], swept[2 * k + 1])
+        return slopes
+
+    first, second, third, fourth, fifth, sixth = combine(outline, swept)
     return first, second, third, fourth, fifth, sixth
 
 

@@ -38,11 +38,9 @@ def weight(corner: int) -> Measure:
 
     Where none of it is in the pixel, the weight at the centre, held to 0..1, with slope 0.
     """
-    return Measure(
+    return Measure.of(
         lambda shape, parameter, x, y: _weights(shape, _centroid(shape, x, y), x, y)[corner],
         functools.partial(_weight_slopes, corner),
-        lambda shape, parameter, x, y: jnp.zeros_like(x + y),
-        lambda value: jnp.zeros(value.shape, bool),
     )
 
 

@@ -1,20 +1,21 @@
 """Coverage of pixels that has a slope: what soft coverage and exact area have in common.
 
 A slot is a triangle in a tile of 8 x 8 pixels. Its coverage of each pixel depends on the six
-coordinates of its corners alone, and a rule gives the six partial derivatives in closed form. The
-tangent is their sum times six velocities; the cotangent, six sums over the pixels of a slot, is
-taken in one pass that computes the partial derivatives again instead of keeping them. What a slot's
-pixels share, such as the directions of its edges, is computed once: the shape of the slot.
+coordinates of its corners alone, and a rule gives the six partial derivatives in closed form: the
+tangent is their sum times six velocities, the cotangent six sums over the pixels of a slot, which
+computes the partial derivatives again instead of keeping them. What a slot's pixels share, such as
+the directions of its edges, is computed once: the shape of the slot.
 """
 
 import functools
+import operator
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..linear import linear_map
 from ..prefix import cumulative_sum
@@ -30,15 +31,36 @@ Six = tuple[Any, Any, Any, Any, Any, Any]
 class Measure(NamedTuple):
     """Something to measure, as functions of a slot's shape, a parameter, and pixel centres.
 
-    Everything broadcasts. `value` is 0..1; `slopes` are its derivatives by the six coordinates of
-    the corners; `by_parameter` that by the parameter, a number. Slopes are zero wherever `level`
-    says so of a value.
+    Everything broadcasts.
+
+    - `value` is 0..1.
+    - `push(shape, parameter, velocity, x, y)`: how fast it changes as the corners move.
+    - `pull(shape, parameter, weight)`: the transpose, from weights `[slots, pixels]` to six sums
+      `[slots]`.
+    - `by_parameter`: the derivative by the parameter, a number.
+    - `level`: of a value, whether it has no slope.
     """
 
     value: Callable[[Any, Any, Any, Any], Any]
-    slopes: Callable[[Any, Any, Any, Any], Six]
+    push: Callable[[Any, Any, Six, Any, Any], Any]
+    pull: Callable[[Any, Any, Array], Six]
     by_parameter: Callable[[Any, Any, Any, Any], Any]
     level: Callable[[Any], Any]
+
+    @classmethod
+    def of(
+        cls,
+        value: Callable[[Any, Any, Any, Any], Any],
+        slopes: Callable[[Any, Any, Any, Any], Six],
+    ) -> "Measure":
+        """Of a value without parameter and its derivatives by the six coordinates."""
+        return cls(
+            value,
+            functools.partial(_push_slopes, slopes),
+            functools.partial(_pull_slopes, slopes),
+            lambda shape, parameter, x, y: jnp.zeros_like(x + y),
+            lambda value: jnp.zeros(value.shape, bool),
+        )
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -49,7 +71,7 @@ def cover(
 
     `shape`: of the corners, a tree of `[slots]`. Its own derivative counts in second ones alone.
     """
-    return one_pass(lambda shape, parameter: measure.value(*_spread(shape, parameter)))(
+    return one_pass(lambda shape, parameter: measure.value(*spread(shape, parameter)))(
         shape, parameter
     )
 
@@ -62,18 +84,17 @@ def _cover_jvp(measure, primals, tangents):
     change = jnp.zeros_like(value)
     if not isinstance(moved, SymbolicZero):
 
-        @one_pass
         def forward(fixed, velocity):
-            slopes = measure.slopes(*_spread(*fixed[:2]))
-            return _sum([slope * v[:, None] for slope, v in zip(slopes, velocity, strict=True)])
+            shape, parameter, value = fixed
+            return _push_live(measure, shape, parameter, value, velocity)
 
         def backward(fixed, weight):
             shape, parameter, value = fixed
-            return _weigh_slopes(measure, shape, parameter, value, weight)
+            return _pull_live(measure, shape, parameter, value, weight)
 
         change = linear_map(forward, backward)((shape, parameter, value), moved)
     if not isinstance(changed, SymbolicZero):
-        slope = measure.by_parameter(*_spread(shape, parameter))
+        slope = measure.by_parameter(*spread(shape, parameter))
         change = change + slope * changed
     return value, change
 
@@ -82,31 +103,97 @@ _BLOCK = 2048
 """Slots that are worked on together."""
 
 
-def _weigh_slopes(
+def _pull_live(
     measure: Measure,
     shape: Any,
     parameter: Any,
     value: Float[Array, "slots pixels"],
     weight: Float[Array, "slots pixels"],
 ) -> Float[Array, "6 slots"]:
-    """Sums over pixels of weights times slopes, of the slots where there is anything to sum.
+    """`Measure.pull` of the slots where there is anything to sum."""
+    slots = value.shape[0]
+    live = one_pass(lambda value, weight: (weight != 0) & ~measure.level(value))(value, weight)
+
+    @one_pass
+    def put(total, sums, own):
+        return total.at[:, own].set(jnp.stack(sums), mode="drop")
+
+    def visit(own, total):
+        near, weigh = _pick((shape, weight), own)
+        return put(total, measure.pull(near, parameter, weigh), own)
+
+    return _visit_live(live, visit, jnp.zeros((6, slots), value.dtype))
+
+
+def _push_live(
+    measure: Measure,
+    shape: Any,
+    parameter: Any,
+    value: Float[Array, "slots pixels"],
+    velocity: Float[Array, "6 slots"],
+) -> Float[Array, "slots pixels"]:
+    """`Measure.push` of the slots where anything changes."""
+    live = one_pass(lambda value: ~measure.level(value))(value)
+
+    @one_pass
+    def push(near, parameter, moved):
+        near, parameter, x, y = spread(near, parameter)
+        return measure.push(near, parameter, tuple(entry[:, None] for entry in moved), x, y)
+
+    @one_pass
+    def put(total, change, own):
+        return total.at[own].set(change, mode="drop")
+
+    def visit(own, total):
+        near, moved = _pick((shape, tuple(velocity)), own)
+        return put(total, push(near, parameter, moved), own)
+
+    return _visit_live(live, visit, jnp.zeros_like(value))
+
+
+@one_pass
+def _pick(held: Any, own: Array) -> Any:
+    return jax.tree.map(lambda entry: entry.at[own].get(mode="clip"), held)
+
+
+def _visit_live(
+    live: Bool[Array, "slots pixels"], visit: Callable[[Array, Array], Array], total: Array
+) -> Array:
+    """`visit(own, total)` for block after block of the slots with a live pixel.
 
     Most slots are hidden, or whole.
     """
-    slots = value.shape[0]
+    slots = live.shape[0]
     spare = -slots % _BLOCK
 
     @one_pass
-    def find(value, weight):
-        live = jnp.any((weight != 0) & ~measure.level(value), 1)
-        place = jnp.where(live, cumulative_sum(live.astype(jnp.int32)) - 1, slots + spare)
+    def find(live):
+        some = jnp.any(live, 1)
+        place = jnp.where(some, cumulative_sum(some.astype(jnp.int32)) - 1, slots + spare)
         number = jnp.arange(slots, dtype=jnp.int32)
         listed = jnp.full(slots + spare, slots, jnp.int32).at[place].set(number, mode="drop")
-        return listed, jnp.sum(live, dtype=jnp.int32)
+        return listed, jnp.sum(some, dtype=jnp.int32)
 
-    @one_pass
-    def pick(held, own):
-        return jax.tree.map(lambda entry: entry.at[own].get(mode="clip"), held)
+    listed, number = find(live)
+
+    def step(block, total):
+        return visit(jax.lax.dynamic_slice_in_dim(listed, block * _BLOCK, _BLOCK), total)
+
+    return jax.lax.fori_loop(0, -(-number // _BLOCK), step, total)
+
+
+def _push_slopes(slopes: Any, shape: Any, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
+    terms = [s * v for s, v in zip(slopes(shape, parameter, x, y), velocity, strict=True)]
+    return functools.reduce(operator.add, terms)
+
+
+def _pull_slopes(slopes: Any, shape: Any, parameter: Any, weight: Array) -> Six:
+    first, second, third, fourth, fifth, sixth = sum_fields(slopes, shape, parameter, weight)
+    return first, second, third, fourth, fifth, sixth
+
+
+def sum_fields(fields: Any, shape: Any, parameter: Any, weight: Array) -> tuple[Array, ...]:
+    """Sums over the pixels of each slot of `fields(shape, parameter, x, y)` times the weights."""
 
     @one_pass
     def add_rows(shape, parameter, weight):
@@ -114,23 +201,11 @@ def _weigh_slopes(
         sums = None
         for row in range(SIDE):
             place = slice(row * SIDE, (row + 1) * SIDE)
-            slopes = measure.slopes(*_spread(shape, parameter, place))
-            parts = [slope * weight[:, place] for slope in slopes]
+            parts = [f * weight[:, place] for f in fields(*spread(shape, parameter, place))]
             sums = parts if sums is None else [a + b for a, b in zip(sums, parts, strict=True)]
         return sums
 
-    @one_pass
-    def put(total, rows, own):
-        return total.at[:, own].set(jnp.stack(sum_pixels(*rows)), mode="drop")
-
-    listed, number = find(value, weight)
-
-    def visit(block, total):
-        own = jax.lax.dynamic_slice_in_dim(listed, block * _BLOCK, _BLOCK)
-        near, weigh = pick((shape, weight), own)
-        return put(total, add_rows(near, parameter, weigh), own)
-
-    return jax.lax.fori_loop(0, -(-number // _BLOCK), visit, jnp.zeros((6, slots), value.dtype))
+    return one_pass(sum_pixels)(*add_rows(shape, parameter, weight))
 
 
 @jax.custom_jvp
@@ -149,7 +224,7 @@ def _(weights, changes):
     return sum_pixels(*weights), tuple(jnp.sum(change, 1) for change in changes)
 
 
-def _spread(
+def spread(
     shape: Any, parameter: Array, pixels: slice = slice(SIDE * SIDE)
 ) -> tuple[Any, Array, Array, Array]:
     """Arguments of a measure, `[slots, 1]` and `[1, pixels]`, for some of the pixels."""
@@ -161,10 +236,3 @@ def centres(dtype: Any) -> tuple[Float[Array, "1 pixels"], Float[Array, "1 pixel
     """x and y of the centres of a tile's pixels, rows from the top."""
     number = jnp.arange(SIDE * SIDE, dtype=jnp.int32)[None]
     return (number % SIDE).astype(dtype) + 0.5, (number // SIDE).astype(dtype) + 0.5
-
-
-def _sum(terms: list[Array]) -> Array:
-    total = terms[0]
-    for term in terms[1:]:
-        total = total + term
-    return total

@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from .pixels import Measure, Six
+from ..staging import one_pass
+from .pixels import Measure, Six, centres, spread
 from .profile import SUPPORT, slope, step
 from .sides import Sides
 
@@ -30,7 +31,8 @@ def measure(profile: str) -> Measure:
     """The measure of soft coverage; its parameter is the width in pixels."""
     return Measure(
         functools.partial(_value, profile),
-        functools.partial(_slopes, profile),
+        functools.partial(_push, profile),
+        functools.partial(_pull, profile),
         functools.partial(_by_width, profile),
         lambda value: (value <= 0) | (value >= 1),
     )
@@ -43,11 +45,9 @@ def weight(corner: int) -> Measure:
     Without area, at the nearest point of its sides. Of triangles thinner than a pixel the slope is
     held at one per pixel: the place stands for more area than the triangle has.
     """
-    return Measure(
+    return Measure.of(
         lambda sides, parameter, x, y: _weights(nearest(sides, x, y), sides)[corner],
         functools.partial(_weight_slopes, corner),
-        lambda sides, parameter, x, y: jnp.zeros_like(x + y),
-        lambda value: jnp.zeros(value.shape, bool),
     )
 
 
@@ -132,20 +132,100 @@ def _by_width(profile: str, sides: Sides, width: Any, x: Any, y: Any) -> Any:
     return -slope(profile, q) * jnp.clip(q, -bound, bound) / width
 
 
-def _slopes(profile: str, sides: Sides, width: Any, x: Any, y: Any) -> Six:
-    found = nearest(sides, x, y)
+def _is_around(found: Nearest) -> Any:
+    """Whether x is outside and nearest to a corner, or in front of a triangle without area."""
+    return ~found.inside & ((found.excess != 0) | (found.offset > 0))
+
+
+def _rate(profile: str, found: Nearest, width: Any) -> tuple[Any, Any]:
+    """The slope of coverage by distance; and that over the distance itself."""
     rate = slope(profile, _distance(found) / width) / width
-    # Without area it may be in front of the edge and outside.
-    around = ~found.inside & ((found.excess != 0) | (found.offset > 0))
     length = _length(found)
-    per_length = jnp.where(length > 0, 1.0 / jnp.where(length > 0, length, 1.0), 0.0)
-    # Minus the direction in which the distance grows: towards x at a corner, outwards at an edge.
-    # Where the two meet so do both choices, as rounding may choose differently for each.
-    along = jnp.where(around, found.excess * per_length, 0.0) * rate
-    out = jnp.where(around, -found.offset * per_length, 1.0) * rate
-    nx, ny = found.down * along - found.across * out, -found.across * along - found.down * out
-    a, b, c = _side_weights(found)
-    return nx * a, ny * a, nx * b, ny * b, nx * c, ny * c
+    return rate, jnp.where(length > 0, rate / jnp.where(length > 0, length, 1.0), 0.0)
+
+
+def _push(profile: str, sides: Sides, width: Any, velocity: Six, x: Any, y: Any) -> Any:
+    found = nearest(sides, x, y)
+    rate, per_length = _rate(profile, found, width)
+    corners = [(velocity[2 * k], velocity[2 * k + 1]) for k in range(3)]
+    # Outwards at both ends of each side, and then at the point.
+    begins, ends = (
+        [
+            -(edge.across * vx + edge.down * vy)
+            for edge, (vx, vy) in zip(sides.edges, moved, strict=True)
+        ]
+        for moved in (corners, corners[1:] + corners[:1])
+    )
+    begin, end = _of_side(found, begins), _of_side(found, ends)
+    beside = begin + found.t * (end - begin)
+    along_x = found.down * found.excess + found.across * found.offset
+    along_y = found.down * found.offset - found.across * found.excess
+    weights = _side_weights(found)
+    vx, vy = (sum(w * v[axis] for w, v in zip(weights, corners, strict=True)) for axis in (0, 1))
+    # One choice: where the two meet so do both, and rounding may choose differently for each.
+    return jnp.where(_is_around(found), (along_x * vx + along_y * vy) * per_length, beside * rate)
+
+
+def _of_side(found: Nearest, entries: list[Any]) -> Any:
+    """The entry of the nearest side."""
+    first, second, third = entries
+    return jnp.where(found.side == 0, first, jnp.where(found.side == 1, second, third))
+
+
+_CASES = 6
+"""The point is beside side 0, 1, 2, or around corner 0, 1, 2."""
+
+
+def _pull(profile: str, sides: Sides, width: Any, weight: Any) -> Six:
+    """By cases: what is beside a side has its direction, and along it t is linear in x and y; what
+    is around a corner, the direction from there. So three moments of each case tell all."""
+
+    @one_pass
+    def choose(sides, width):
+        sides, _, x, y = spread(sides, width)
+        found = nearest(sides, x, y)
+        corner = jnp.where(found.t > 0.5, found.side + 1, found.side)
+        corner = jnp.where(corner == 3, 0, corner)
+        return jnp.where(_is_around(found), 3 + corner, found.side)
+
+    @one_pass
+    def weigh(sides, width, case, weight):
+        sides, width, x, y = spread(sides, width)
+        rate, per_length = _rate(profile, nearest(sides, x, y), width)
+        return weight * jnp.where(case >= 3, per_length, rate)
+
+    @one_pass
+    def part(case, strength):
+        number = jnp.arange(_CASES, dtype=case.dtype)[None, :, None]
+        return jnp.where(case[:, None] == number, strength[:, None], 0.0)
+
+    @one_pass
+    def add(parts):
+        x, y = centres(parts.dtype)
+        moments = jnp.concatenate([jnp.ones_like(x), x, y]).T
+        flat = parts.reshape(-1, parts.shape[2])
+        return jnp.matmul(flat, moments, precision="highest").reshape(-1, _CASES, 3)
+
+    @one_pass
+    def combine(sides, sums):
+        slopes = [jnp.zeros_like(sides.first.distance)] * 6
+        for k, edge in enumerate(sides.edges):
+            mass, x, y = sums[:, k, 0], sums[:, k, 1], sums[:, k, 2]
+            along = edge.after_start * mass + edge.down * x - edge.across * y
+            towards_end = along * edge.per_length
+            for corner, share in ((k, mass - towards_end), ((k + 1) % 3, towards_end)):
+                slopes[2 * corner] = slopes[2 * corner] - edge.across * share
+                slopes[2 * corner + 1] = slopes[2 * corner + 1] - edge.down * share
+            mass, x, y = sums[:, 3 + k, 0], sums[:, 3 + k, 1], sums[:, 3 + k, 2]
+            far_x = edge.down * edge.after_start + edge.across * edge.distance
+            far_y = edge.down * edge.distance - edge.across * edge.after_start
+            slopes[2 * k] = slopes[2 * k] + far_x * mass + x
+            slopes[2 * k + 1] = slopes[2 * k + 1] + far_y * mass + y
+        first, second, third, fourth, fifth, sixth = slopes
+        return first, second, third, fourth, fifth, sixth
+
+    case = choose(sides, width)
+    return combine(sides, add(part(case, weigh(sides, width, case, weight))))
 
 
 def _weights(found: Nearest, sides: Sides) -> tuple[Any, Any, Any]:

@@ -1,6 +1,7 @@
 """Soft coverage and exact area: values and slopes of single triangles, in float64."""
 
 import functools
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -252,7 +253,7 @@ def centroid_in_pixel(corners, column, row):
         points = clip_polygon(points, axis, low, False)
         points = clip_polygon(points, axis, low + 1, True)
     total, moment = 0.0, np.zeros(2)
-    for b, c in zip(points[1:], points[2:], strict=False):
+    for b, c in itertools.pairwise(points[1:]):
         part = np.cross(np.append(b - points[0], 0), np.append(c - points[0], 0))[2]
         total, moment = total + part, moment + part * (points[0] + b + c) / 3
     return moment / total
