@@ -202,8 +202,7 @@ def test_vmap_of_everything():
     ],
 )
 @pytest.mark.slow
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_slopes_are_finite_on_hard_scenes(options, sampler, shading, dtype, float64):
+def test_slopes_are_finite_on_hard_scenes(options, sampler, shading):
     """Zero area, slivers, constant uv, one texel, clear colours, far corners."""
     soup = soup_of(28, **options)
     corners, uv = np.array(soup.corners), np.array(soup.uv)
@@ -224,7 +223,7 @@ def test_slopes_are_finite_on_hard_scenes(options, sampler, shading, dtype, floa
         inverse_w = np.array(soup.inverse_w)
         inverse_w[::4, 0] = 1e-6
         changed["inverse_w"] = inverse_w
-    scene, plan = _drawn(replace(soup, **changed), sampler, shading, dtype)
+    scene, plan = _drawn(replace(soup, **changed), sampler, shading, np.float32)
     image, tangent = forward(scene, plan, direction_of(scene, plan, bias=1))
     back = backward(scene, plan, weight_of(image))
     assert is_finite(image)

@@ -93,10 +93,9 @@ def test_slopes_are_finite():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("channels", [3, 4])
-def test_where_the_map_has_its_horizon(channels):
+def test_where_the_map_has_its_horizon():
     """1/w falls to zero on a sample beside the triangle: nothing of that sample may show."""
-    soup = soup_of(6, perspective=True, colors=(3, channels), texels=channels)
+    soup = soup_of(6, perspective=True, colors=(3, 4), texels=4)
     corners, inverse_w = np.full_like(soup.corners, -1.0), np.ones_like(soup.corners[..., 0])
     for index, x in enumerate((8.75, 9.25, 10.25, 11.25)):
         corners[index] = [(0, 6 * index), (8, 6 * index), (0, 6 * index + 6)]
