@@ -1,0 +1,68 @@
+"""Meshes to start a fit from: even ones, and ones whose vertices lie where the error was."""
+
+import numpy as np
+
+from .edge_flips import flip_edges, flip_to_delaunay
+from .insertion import insert
+from .mesh_colors import Colors, Image, PixelMap
+from .triangulation import Mesh, delaunay_mesh
+
+COARSE = 60
+"""Vertices of the even mesh into which the others are inserted."""
+
+GROWTH = 0.25
+"""Vertices that a round adds, for each that is there."""
+
+
+def uniform_start(
+    height: int, width: int, vertices: int, *, jitter: float = 0.0, seed: int = 0
+) -> Mesh:
+    """A Delaunay mesh of exactly `vertices` points in even rows, the border's among them.
+
+    Those inside are moved at random by up to `jitter` (below 0.5) of the spacing. Raises
+    `ValueError` for fewer than four vertices or an empty canvas.
+    """
+    if vertices < 4 or min(height, width) < 1:
+        raise ValueError(
+            "a mesh needs four vertices and a canvas of at least 1 x 1 pixels; got "
+            f"`vertices={vertices}`, `height={height}`, `width={width}`."
+        )
+    rows = int(np.clip(round((vertices * height / width) ** 0.5), 2, vertices // 2))
+    share = np.diff(np.linspace(0, vertices, rows + 1).round().astype(int))
+    x = np.concatenate([np.linspace(0, width, count) for count in share])
+    y = np.repeat(np.linspace(0, height, rows), share)
+    points = np.stack([x, y], 1)
+    spacing = np.array([width * rows / vertices, height / rows])
+    moved = np.random.default_rng(seed).uniform(-jitter, jitter, points.shape) * spacing
+    inside = (points > 0) & (points < [width, height])
+    points += np.where(inside.all(1, keepdims=True), moved, 0.0)
+    return delaunay_mesh(points, height=height, width=width)
+
+
+def error_start(
+    target: Image,
+    vertices: int,
+    *,
+    colors: Colors = "vertex",
+    weights: PixelMap | None = None,
+    seed: int = 0,
+    flips: int = 4,
+) -> Mesh:
+    """A mesh of `vertices` points, inserted round by round where they lower the error most.
+
+    `colors` is the model whose squared error counts, `weights` scales it for each pixel. After each
+    round the mesh is made Delaunay, which keeps its triangles from degenerating, and then edges are
+    flipped to lower the error; `flips` such rounds come at the end. `seed` moves the coarse mesh
+    that comes first. Fewer vertices come out if there is nothing left to gain.
+    """
+    height, width = target.shape[:2]
+    first = min(vertices, COARSE, max(4, height * width // 16))
+    mesh = uniform_start(height, width, first, jitter=0.1, seed=seed)
+    while (have := len(mesh.positions)) < vertices:
+        more = min(max(1, int(have * GROWTH)), vertices - have)
+        mesh = insert(mesh, target, more, colors=colors, weights=weights)
+        if len(mesh.positions) == have:
+            break
+        mesh = flip_to_delaunay(mesh)
+        mesh = flip_edges(mesh, target, colors=colors, weights=weights, rounds=1)
+    return flip_edges(mesh, target, colors=colors, weights=weights, rounds=flips)
