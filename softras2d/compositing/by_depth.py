@@ -8,6 +8,8 @@ the paper the background has a weight of its own among the others, and a depth.)
 **Source:** Liu, Li, Chen and Li, *Soft Rasterizer* (ICCV 2019), section 3.3, equations 2 to 5.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -42,7 +44,9 @@ def mix(
         power = jnp.where((opacity > 0) & (power > _LEAST), power, _LEAST)
         weight = opacity * jnp.exp(power)
         parts = [weight * colors[:, :, channel] for channel in range(3)] + [weight]
-        return [sum(part[:, k] for k in range(part.shape[1])) for part in parts]
+        return [
+            functools.reduce(jnp.add, [part[:, k] for k in range(part.shape[1])]) for part in parts
+        ]
 
     parts = weigh(opacity, colors, depth, temperature, nearest, chunks)
     sums = [sum_chunks(part[:, None, None], chunks, depth=most)[:, 0, 0] for part in parts]
@@ -56,7 +60,7 @@ def mix(
 
 
 def _nearest(opacity: Array, depth: Array, chunks: Chunks) -> Float[Array, "tiles pixels"]:
-    """Depth of the nearest triangle that shows, infinite for none."""
+    """Depth of the nearest triangle that shows, 0 for none."""
 
     @one_pass
     def look(opacity, depth):
@@ -67,6 +71,8 @@ def _nearest(opacity: Array, depth: Array, chunks: Chunks) -> Float[Array, "tile
         number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
         tile = jnp.where(number < chunks.needed, chunks.tile, chunks.count.shape[0])
         none = jnp.full((chunks.count.shape[0], found.shape[1]), jnp.inf, found.dtype)
-        return none.at[tile].min(found, mode="drop")
+        least = none.at[tile].min(found, mode="drop")
+        # An infinity would meet a zero backwards.
+        return jnp.where(least < jnp.inf, least, 0.0)
 
     return join(look(opacity, depth), chunks)

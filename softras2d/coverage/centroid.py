@@ -75,8 +75,10 @@ def _centroid(shape: Shape, x: Any, y: Any) -> _Centroid:
         down = down + rise * (inside * middle + past * beyond)
     exists = area > _LEAST
     per_area = jnp.where(exists, 1.0 / jnp.where(exists, area, 1.0), 0.0)
-    held = (jnp.where(exists, jnp.clip(m * per_area, 0.0, 1.0), 0.5) for m in (across, down))
-    return _Centroid(area, *held, exists)
+    held_x, held_y = (
+        jnp.where(exists, jnp.clip(m * per_area, 0.0, 1.0), 0.5) for m in (across, down)
+    )
+    return _Centroid(area, held_x, held_y, exists)
 
 
 def _weights(shape: Shape, centroid: _Centroid, x: Any, y: Any) -> tuple[Any, Any, Any]:

@@ -198,11 +198,11 @@ def sum_fields(fields: Any, shape: Any, parameter: Any, weight: Array) -> tuple[
     @one_pass
     def add_rows(shape, parameter, weight):
         # Row after row in one expression, as the compiler vectorises no reduction.
-        sums = None
+        sums: list[Array] = []
         for row in range(SIDE):
             place = slice(row * SIDE, (row + 1) * SIDE)
             parts = [f * weight[:, place] for f in fields(*spread(shape, parameter, place))]
-            sums = parts if sums is None else [a + b for a, b in zip(sums, parts, strict=True)]
+            sums = [a + b for a, b in zip(sums, parts, strict=True)] if sums else parts
         return sums
 
     return one_pass(sum_pixels)(*add_rows(shape, parameter, weight))
