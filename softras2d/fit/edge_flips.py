@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from .mesh_colors import Colors, Image, Moments, PixelMap, gather, moments, normal_matrix, solve
+from .mesh_colors import Colors, Image, Moments, PixelMap, gather, moments, normal_matrix
 from .pixel_weights import pixel_weights
 from .splits import evaluate, plane_error
 from .triangulation import Edges, Mesh, cross, disjoint, find_edges
@@ -104,8 +104,7 @@ def _gains(
     if colors != "vertex":
         both = plane_error(after, colors).reshape(2, -1).sum(0)
         return plane_error(state.sums, colors)[edges.sides].sum(1) - both, least
-    solved = solve(mesh, target, state.sums, colors)
-    return _corner_gains(mesh, edges, state.sums, after, solved), least
+    return _corner_gains(mesh, edges, state.sums, after, state.solved), least
 
 
 def _corner_gains(

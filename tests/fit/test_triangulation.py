@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from softras2d.fit.collapse import collapse
 from softras2d.fit.edge_flips import flip_edges, flip_to_delaunay
 from softras2d.fit.insertion import insert
 from softras2d.fit.mesh_colors import mesh_pixels
@@ -116,6 +117,10 @@ def test_any_sequence_of_changes_keeps_a_tiling(seed, colors, reach):
         check_tiling(mesh)
         mesh = flip_edges(mesh, target, colors=colors, rounds=2)
         check_tiling(mesh)
+        before = len(mesh.positions)
+        mesh = collapse(mesh, target, 5, colors=colors)
+        check_tiling(mesh)
+        assert before - 5 <= len(mesh.positions) <= before
 
 
 @given(seed=SEEDS)
@@ -132,3 +137,13 @@ def test_small_moves_arrive_and_large_ones_go_part_of_the_way(seed):
     assert np.isfinite(moved.positions).all()
     bad = np.full_like(far, np.nan)
     np.testing.assert_array_equal(untangle(mesh, bad).positions, mesh.positions)
+
+
+def test_a_mesh_collapses_to_its_corners():
+    target = np.random.default_rng(0).random((HEIGHT, WIDTH, 3))
+    mesh = _mesh(0)
+    for _ in range(60):
+        mesh = collapse(mesh, target, 10, least_area=0.0)
+        check_tiling(mesh)
+    assert len(mesh.positions) == 4
+    assert collapse(mesh, target, 10) is mesh
