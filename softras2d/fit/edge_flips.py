@@ -5,14 +5,14 @@ from jaxtyping import Float, Int
 
 from .mesh_colors import Colors, Image, Moments, PixelMap, gather, moments, normal_matrix
 from .pixel_weights import pixel_weights
-from .splits import evaluate, plane_error
+from .splits import State, evaluate, plane_error
 from .triangulation import Edges, Mesh, cross, disjoint, find_edges
 
 LEAST_AREA = 0.5
 """Of a triangle that a flip makes, in square pixels."""
 
 _RELATIVE_GAIN = 1e-6
-"""Of the mean error of a triangle: less is rounding, and flips could go in circles."""
+"""Of the mean squared error of a pixel: less is rounding, and flips could go in circles."""
 
 
 def flip_to_delaunay(mesh: Mesh, *, rounds: int = 1000) -> Mesh:
@@ -21,13 +21,13 @@ def flip_to_delaunay(mesh: Mesh, *, rounds: int = 1000) -> Mesh:
     **Source:** Lawson, *Software for C1 surface interpolation* (1977); Delaunay (1934).
     """
     for _ in range(rounds):
-        edges = _flippable(mesh, 0.0)
+        edges = flippable_edges(mesh, 0.0)
         excess = _angle_excess(mesh, edges)
         chosen = np.flatnonzero(excess > 1e-9)
         if not len(chosen):
             return mesh
         chosen = chosen[disjoint(excess[chosen], edges.sides[chosen], len(mesh.triangles))]
-        mesh = _flip(mesh, edges, chosen)
+        mesh = flip(mesh, edges, chosen)
     return mesh
 
 
@@ -45,19 +45,20 @@ def flip_edges(
     A round flips edges that share no triangle, the best first, and solves all colours again.
     """
     for _ in range(rounds):
-        edges = _flippable(mesh, least_area)
+        edges = flippable_edges(mesh, least_area)
         if not len(edges.ends):
             return mesh
-        gain, least = _gains(mesh, target, edges, colors, weights)
-        chosen = np.flatnonzero(gain > least)
+        state = evaluate(mesh, target, colors, weights)
+        gain = flip_gains(mesh, target, state, edges, weights)
+        chosen = np.flatnonzero(gain > _RELATIVE_GAIN * state.error.mean())
         if not len(chosen):
             return mesh
         chosen = chosen[disjoint(gain[chosen], edges.sides[chosen], len(mesh.triangles))]
-        mesh = _flip(mesh, edges, chosen)
+        mesh = flip(mesh, edges, chosen)
     return mesh
 
 
-def _flippable(mesh: Mesh, least_area: float) -> Edges:
+def flippable_edges(mesh: Mesh, least_area: float) -> Edges:
     """The edges whose flip leaves both triangles more than `least_area`."""
     edges = find_edges(mesh.triangles)
     edges = Edges(*(field[edges.sides[:, 1] >= 0] for field in edges))
@@ -75,7 +76,8 @@ def _diagonal(edges: Edges) -> tuple[Int[np.ndarray, "edges 3"], Int[np.ndarray,
     return np.stack([c, a, d], 1), np.stack([d, b, c], 1)
 
 
-def _flip(mesh: Mesh, edges: Edges, chosen: np.ndarray) -> Mesh:
+def flip(mesh: Mesh, edges: Edges, chosen: np.ndarray) -> Mesh:
+    """The mesh with the chosen edges flipped; no two of them may share a triangle."""
     triangles = mesh.triangles.copy()
     for side, pieces in enumerate(_diagonal(edges)):
         triangles[edges.sides[chosen, side]] = pieces[chosen]
@@ -91,20 +93,18 @@ def _angle_excess(mesh: Mesh, edges: Edges) -> Float[np.ndarray, " edges"]:
     return np.asarray(total)
 
 
-def _gains(
-    mesh: Mesh, target: Image, edges: Edges, colors: Colors, weights: PixelMap | None
-) -> tuple[np.ndarray, float]:
-    """The drop in squared error of each flip, and what is too small to count."""
-    state = evaluate(mesh, target, colors, weights)
-    least = _RELATIVE_GAIN * state.error.mean()
+def flip_gains(
+    mesh: Mesh, target: Image, state: State, edges: Edges, weights: PixelMap | None
+) -> Float[np.ndarray, " edges"]:
+    """The drop in squared error of each flip on its own."""
     pieces = np.concatenate(_diagonal(edges))
     pairs = pixel_weights(mesh.positions, pieces, height=mesh.height, width=mesh.width)
     values, scale = gather(pairs, target, weights)
     after = moments(pairs, values, scale)
-    if colors != "vertex":
-        both = plane_error(after, colors).reshape(2, -1).sum(0)
-        return plane_error(state.sums, colors)[edges.sides].sum(1) - both, least
-    return _corner_gains(mesh, edges, state.sums, after, state.solved), least
+    if state.colors == "vertex":
+        return _corner_gains(mesh, edges, state.sums, after, state.solved)
+    both = plane_error(after, state.colors).reshape(2, -1).sum(0)
+    return plane_error(state.sums, state.colors)[edges.sides].sum(1) - both
 
 
 def _corner_gains(

@@ -40,6 +40,10 @@ INNER_PLACES = {
 """Besides the centre and the peak of the error."""
 
 
+_FEWEST_PIXELS = 0.1
+"""Added to a hat's squares, so that one that meets no pixel centre promises nothing."""
+
+
 class Splits(NamedTuple):
     """Candidates for new vertices, one per triangle and then one per edge.
 
@@ -178,7 +182,7 @@ def _value(statistics: np.ndarray, colors: Colors) -> np.ndarray:
     """The drop in squared error, from statistics summed over the triangles of a split."""
     if colors != "vertex":
         return statistics[:, 0]
-    return (statistics[:, 1:] ** 2).sum(1) / (statistics[:, 0] + 0.1)
+    return (statistics[:, 1:] ** 2).sum(1) / (statistics[:, 0] + _FEWEST_PIXELS)
 
 
 def _hat_products(state: State, hat: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from softras2d.fit.collapse import collapse
-from softras2d.fit.edge_flips import flip_edges
+from softras2d.fit.edge_flips import flip, flip_edges, flip_gains, flippable_edges
 from softras2d.fit.insertion import insert, split
 from softras2d.fit.mesh_colors import Colors, draw, mesh_pixels, solve_colors
 from softras2d.fit.mesh_start import error_start, exchange, uniform_start
@@ -117,6 +117,23 @@ def test_predicted_gain_is_the_drop_where_triangles_are_on_their_own(colors):
     close = np.isclose(splits.gain, drops, atol=2e-3)
     assert close.mean() > 0.7
     np.testing.assert_allclose(splits.gain, drops, atol=1.0)
+
+
+def test_predicted_gain_of_a_flip_is_the_drop_with_four_colours_free():
+    target, mesh = _noise(6), uniform_start(HEIGHT, WIDTH, 20, jitter=0.3)
+    state = evaluate(mesh, target, "vertex", None)
+    edges = flippable_edges(mesh, 0.5)
+    gains = flip_gains(mesh, target, state, edges, None)
+    before = ((draw(mesh, state.solved) - target) ** 2).sum()
+    assert len(gains) > 20
+    for number, gain in enumerate(gains):
+        flipped = flip(mesh, edges, np.array([number]))
+        check_tiling(flipped)
+        quad = np.concatenate([edges.ends[number], edges.apexes[number]])
+        hats = draw(flipped, np.eye(20)[:, quad]).reshape(-1, 4)
+        left = (target - draw(flipped, state.solved)).reshape(-1, 3)
+        after = left - hats @ np.linalg.lstsq(hats, left)[0]
+        np.testing.assert_allclose(gain, before - (after**2).sum(), atol=1e-3)
 
 
 @pytest.mark.parametrize("colors", MODELS)
