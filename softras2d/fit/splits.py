@@ -172,9 +172,14 @@ def _statistics(state: State, place: np.ndarray) -> Float[np.ndarray, "triangles
         return _hat_products(state, functools.reduce(np.minimum, quotients))
     after = np.zeros(pairs.count)
     piece = np.argmin(quotients, axis=0)
-    for i in range(len(corners)):
+    rest = state.sums
+    # The last piece is what the others leave.
+    for i in range(len(corners) - 1):
         mine = (piece == i) if state.scale is None else (piece == i) * state.scale
-        after += plane_error(moments(pairs, state.values, mine), state.colors)
+        part = moments(pairs, state.values, mine)
+        after += plane_error(part, state.colors)
+        rest = Moments(*(whole - gone for whole, gone in zip(rest, part, strict=True)))
+    after += plane_error(rest, state.colors)
     return (plane_error(state.sums, state.colors) - after)[:, None]
 
 
