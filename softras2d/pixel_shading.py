@@ -55,13 +55,13 @@ class Shaded(NamedTuple):
 def shade_slots(
     carried: Carried,
     covered: Float[Array, "slots pixels"],
-    weigh: tuple[Measure, Measure],
+    weights: Measure,
     corners: Float[Array, "6 slots"],
     shape: Any,
     sides: Sides,
     chunks: Chunks,
 ) -> Shaded:
-    """Opacity, colour and depth; `weigh` measures the weights of corners 1 and 2 of a `shape`."""
+    """Opacity, colour and depth; `weights` measures those of corners 1 and 2, of a `shape`."""
     triangle = chunks.triangle.reshape(-1)
 
     @one_pass
@@ -73,7 +73,7 @@ def shade_slots(
     at = None
     if carried.varies:
         none = jnp.zeros((), covered.dtype)
-        second, third = (cover(measure, corners, shape, none) for measure in weigh)
+        second, third = cover(weights, corners, shape, none)
         at = (1.0 - second - third, second, third)
     if at is not None and depth is not None:
         depth = one_pass(lambda at, d: d[0] + at[1] * (d[1] - d[0]) + at[2] * (d[2] - d[0]))(

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 from .capacity import Capacity
 from .compositing import by_depth, fading
 from .compositing.opaque import sum_chunks
-from .coverage import area, centroid, soft
-from .coverage.pixels import SIDE, Measure, cover
+from .coverage import area, centroid, nearest_weights, soft
+from .coverage.pixels import SIDE, cover
 from .coverage.profile import SUPPORT
 from .coverage.sides import Sides, sides_of
 from .effects import hiding, varies
@@ -63,15 +63,14 @@ def draw(scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Dra
     placed = _place(corners, found, chunks, plan)
     if isinstance(coverage, Area):
         measure, shape = area.measure(), placed.outline
-        weigh: Any = centroid.weight
-        weighed: Any = centroid.Shape(shape, placed.sides) if shape is not None else None
+        assert shape is not None
+        weights, weighed = centroid.weights, centroid.Shape(shape, placed.sides)
     else:
         measure, shape = soft.measure(coverage.profile), placed.sides
-        weigh, weighed = soft.weight, shape
+        weights, weighed = nearest_weights.weights, shape
     covered = cover(measure, placed.corners, shape, parameter)
-    measures: tuple[Measure, Measure] = (weigh(1), weigh(2))
     carried = _carried(scene, found, plan)
-    shaded = shade_slots(carried, covered, measures, placed.corners, weighed, placed.sides, chunks)
+    shaded = shade_slots(carried, covered, weights, placed.corners, weighed, placed.sides, chunks)
     layers = _composite(shaded, found, chunks, plan)
 
     @one_pass

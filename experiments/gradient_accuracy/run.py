@@ -33,31 +33,41 @@ MODES: dict[str, sr.Hard | sr.Soft | sr.Area] = {
 }
 
 
+FEW = ("hard, 4", "hard, 16", "soft, 0.8 px", "area")
+"""Modes that are measured on scenes that are not flat and opaque."""
+
+
 class Own:
     """One mode: the loss, its gradient, and a tangent, compiled."""
 
-    def __init__(self, soup: Soup, coverage: Any, target: np.ndarray):
-        colors = soup.colors[:, 0, : 3 if soup.opaque else 4]
-        scene = sr.Scene.from_soup(soup.corners, colors)
+    def __init__(self, soup: Soup, coverage: Any):
+        scene = scene_of(soup)
         plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage)
         self.arguments = scene.positions, scene.colors
-        held = jnp.asarray(target)
 
-        def loss(positions, colors):
+        def loss(positions, colors, target):
             drawn = replace(scene, positions=positions, colors=colors)
-            return jnp.mean((sr.render_checked(drawn, plan)[0] - held) ** 2)
+            return jnp.mean((sr.render_checked(drawn, plan)[0] - target) ** 2)
 
         rng = np.random.default_rng(0)
         direction = jnp.asarray(rng.normal(size=scene.positions.shape), jnp.float32)
         self.forward = jax.jit(loss)
         self.gradient = jax.jit(jax.grad(loss, (0, 1)))
-        self.tangent = jax.jit(lambda p, c: jax.jvp(lambda p: loss(p, c), (p,), (direction,))[1])
+        self.tangent = jax.jit(
+            lambda p, c, t: jax.jvp(lambda p: loss(p, c, t), (p,), (direction,))[1]
+        )
         began = time.perf_counter()
-        jax.block_until_ready(self.gradient(*self.arguments))
+        blank = np.zeros((SIZE, SIZE, 3), np.float32)
+        jax.block_until_ready(self.gradient(*self.arguments, blank))
         self.first_call_s = time.perf_counter() - began
 
-    def call(self, function: Callable[..., Any]) -> Callable[[], Any]:
-        return lambda: jax.block_until_ready(function(*self.arguments))
+    def call(self, function: Callable[..., Any], target: jax.Array) -> Callable[[], Any]:
+        return lambda: jax.block_until_ready(function(*self.arguments, target))
+
+
+def scene_of(soup: Soup) -> sr.Scene:
+    colors = soup.colors[:, : 1 if soup.flat else 3, : 3 if soup.opaque else 4]
+    return sr.Scene.from_soup(soup.corners, colors)
 
 
 def cosine(a: Any, b: Any) -> float:
@@ -70,23 +80,32 @@ def error(a: Any, b: Any) -> float:
     return float(np.linalg.norm(a - b) / max(np.linalg.norm(b), 1e-300))
 
 
-def rows_of(soup: Soup, name: str, target: np.ndarray) -> Iterator[dict[str, Any]]:
-    """A row for every mode and peer on one scene, all timed in turn."""
-    fine = Own(soup, sr.Hard(256, edge_gradients=False), target)
-    scene = sr.Scene.from_soup(soup.corners, soup.colors[:, 0, : 3 if soup.opaque else 4])
+def rows_of(soup: Soup, targets: dict[str, np.ndarray]) -> Iterator[dict[str, Any]]:
+    """A row for every target, mode and peer on one scene; those of a target are timed in turn."""
+    fine = Own(soup, sr.Hard(256, edge_gradients=False))
+    scene = scene_of(soup)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(256))
     image = np.asarray(sr.render(scene, plan), np.float64)
+    modes = MODES if soup.flat and soup.opaque else {mode: MODES[mode] for mode in FEW}
+    own = {mode: Own(soup, coverage) for mode, coverage in modes.items()}
+    for name, target in targets.items():
+        yield from _rows_of(soup, name, target, image, fine, own)
+
+
+def _rows_of(
+    soup: Soup, name: str, target: np.ndarray, image: np.ndarray, fine: Own, own: dict[str, Own]
+) -> Iterator[dict[str, Any]]:
     truth = exact.position_gradient(soup, 2 * (image - target) / image.size)
-    by_color = fine.gradient(*fine.arguments)[1]
-    own = {mode: Own(soup, coverage, target) for mode, coverage in MODES.items()}
+    held = jnp.asarray(target)
+    by_color = fine.gradient(*fine.arguments, held)[1]
     calls: dict[str, Callable[[], Any]] = {}
     found: dict[str, tuple[Any, Any]] = {}
     for mode, one in own.items():
-        calls[f"{mode}/forward"] = one.call(one.forward)
-        calls[f"{mode}/gradient"] = one.call(one.gradient)
-        calls[f"{mode}/tangent"] = one.call(one.tangent)
-        found[mode] = one.gradient(*one.arguments)
-    if soup.opaque and importlib.util.find_spec("deodr"):
+        calls[f"{mode}/forward"] = one.call(one.forward, held)
+        calls[f"{mode}/gradient"] = one.call(one.gradient, held)
+        calls[f"{mode}/tangent"] = one.call(one.tangent, held)
+        found[mode] = one.gradient(*one.arguments, held)
+    if soup.opaque and soup.flat and importlib.util.find_spec("deodr"):
         from .with_deodr import Deodr
 
         for rate in (1, 4) if soup.count <= 1000 else (1,):
@@ -116,7 +135,7 @@ def rows_of(soup: Soup, name: str, target: np.ndarray) -> Iterator[dict[str, Any
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--counts", default="100,1000,10000")
-    parser.add_argument("--kinds", default="flat,flat_a50")
+    parser.add_argument("--kinds", default="flat,flat_a50,gouraud,gouraud_a50")
     parser.add_argument("--photograph", type=Path, help="a target beside white noise")
     options = parser.parse_args()
     rng = np.random.default_rng(SEED)
@@ -128,13 +147,13 @@ def main() -> None:
         targets["photograph"] = cut.mean((1, 3)).astype(np.float32)
     began, rows = time.perf_counter(), []
     cells = [
-        (kind, int(count), name)
+        (kind, int(count))
         for kind in options.kinds.split(",")
         for count in options.counts.split(",")
-        for name in targets
+        if kind == "flat" or int(count) == 1000
     ]
-    for kind, count, name in progress.steps(cells, "scenes"):
-        rows += rows_of(random_soup(count, SIZE, kind), name, targets[name])
+    for kind, count in progress.steps(cells, "scenes"):
+        rows += rows_of(random_soup(count, SIZE, kind), targets)
         report.write_csv(HERE / "results" / "gradients.csv", rows)
         about = machine.record(PACKAGES)
         seconds = round(time.perf_counter() - began)

@@ -163,7 +163,10 @@ def _push(outline: Outline, parameter: Any, velocity: Six, x: Any, y: Any) -> An
 
 
 def _pull(outline: Outline, parameter: Any, weight: Any) -> Six:
-    swept = sum_fields(_swept, outline, parameter, weight)
+    def weighed(outline, parameter, x, y, weight):
+        return [field * weight for field in _swept(outline, parameter, x, y)]
+
+    swept = sum_fields(weighed, outline, parameter, weight)
 
     @one_pass
     def combine(outline, swept):

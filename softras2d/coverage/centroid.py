@@ -12,13 +12,13 @@ that at the centroid c
     dw = g . (dM - c dA) / A - g . sum_j w_j(c) dv_j.
 """
 
-import functools
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from .area import Outline, add_share, spans, within
-from .pixels import Measure, Six
+from ..staging import one_pass
+from .area import Edge, Outline, add_share, spans, within
+from .pixels import Measure, Six, spread, sum_fields
 from .sides import Sides
 
 _LEAST = 1e-12
@@ -30,18 +30,6 @@ class Shape(NamedTuple):
 
     outline: Outline
     sides: Sides
-
-
-@functools.cache
-def weight(corner: int) -> Measure:
-    """The mean weight of corner 1 or 2 over the part of the triangle in a pixel.
-
-    Where none of it is in the pixel, the weight at the centre, held to 0..1, with slope 0.
-    """
-    return Measure.of(
-        lambda shape, parameter, x, y: _weights(shape, _centroid(shape, x, y), x, y)[corner],
-        functools.partial(_weight_slopes, corner),
-    )
 
 
 class _Centroid(NamedTuple):
@@ -93,35 +81,115 @@ def _weights(shape: Shape, centroid: _Centroid, x: Any, y: Any) -> tuple[Any, An
     return first, second, third
 
 
-def _weight_slopes(corner: int, shape: Shape, parameter: Any, x: Any, y: Any) -> Six:
-    centroid = _centroid(shape, x, y)
-    weights = _weights(shape, centroid, x, y)
+def _value(shape: Shape, parameter: Any, x: Any, y: Any) -> Any:
+    return _weights(shape, _centroid(shape, x, y), x, y)[1:]
+
+
+def _gradient(shape: Shape, corner: int) -> tuple[Any, Any]:
+    """Of a corner's weight on the triangle."""
     opposite = shape.sides.edges[(corner + 1) % 3]
-    there = centroid.exists
-    gx, gy = (
-        jnp.where(there, part * opposite.per_height, 0.0)
-        for part in (opposite.across, opposite.down)
+    return opposite.across * opposite.per_height, opposite.down * opposite.per_height
+
+
+def _per_area(centroid: _Centroid) -> Any:
+    return jnp.where(centroid.exists, 1.0 / jnp.where(centroid.exists, centroid.area, 1.0), 0.0)
+
+
+def _swept(edge: Edge, x: Any, y: Any, centre: tuple[Any, Any], gain: tuple[Any, Any]) -> Any:
+    """What an edge sweeps of a value that gains `gain` per pixel from 0 at the place `centre` in
+    the pixel: its integral over t along what lies there, and that of t times it."""
+    a, b = within(edge, x, y)
+    length = jnp.maximum(b - a, 0.0) * edge.part
+    left, up = edge.x - (x - 0.5), edge.y - (y - 0.5)
+    first, last = (
+        gain[0] * (jnp.clip(left + edge.way_x * t, 0.0, 1.0) - centre[0])
+        + gain[1] * (jnp.clip(up + edge.way_y * t, 0.0, 1.0) - centre[1])
+        for t in (a, b)
     )
-    slopes = []
-    for own in weights:
-        slopes += [-gx * own, -gy * own]
-    per_area = jnp.where(there, 1.0 / jnp.where(there, centroid.area, 1.0), 0.0)
-    left, up = x - 0.5, y - 0.5
-    for k, edge in enumerate(shape.outline):
-        a, b = within(edge, x, y)
-        length = jnp.maximum(b - a, 0.0) * edge.part
-        # Weights at both ends of what lies in the pixel, from the centroid's on.
-        ends = []
-        for t in (a, b):
-            across = jnp.clip(edge.x - left + edge.way_x * t, 0.0, 1.0) - centroid.x
-            down = jnp.clip(edge.y - up + edge.way_y * t, 0.0, 1.0) - centroid.y
-            ends.append((gx * across + gy * down) * per_area)
-        first, last = ends
-        start, end = edge.start + edge.part * a, edge.start + edge.part * b
-        whole = length * (0.5 * (first + last))
-        # Of a product of two linear functions: the mean of one at its middle, and a twelfth.
-        bend = (end - start) * (last - first) * (1 / 12)
-        towards_end = length * (0.25 * (first + last) * (start + end) + bend)
-        add_share(slopes, k, edge, whole, towards_end)
-    first, second, third, fourth, fifth, sixth = slopes
-    return first, second, third, fourth, fifth, sixth
+    start, end = edge.start + edge.part * a, edge.start + edge.part * b
+    # Of a product of two linear functions: the mean of one at its middle, and a twelfth.
+    bend = (end - start) * (last - first) * (1 / 12)
+    mean = 0.5 * (first + last)
+    return length * mean, length * (mean * (0.5 * (start + end)) + bend)
+
+
+def _push(shape: Shape, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
+    centroid = _centroid(shape, x, y)
+    weights, per_area = _weights(shape, centroid, x, y), _per_area(centroid)
+    vx, vy = (sum(w * velocity[2 * k + axis] for k, w in enumerate(weights)) for axis in (0, 1))
+    changes = []
+    for corner in (1, 2):
+        gx, gy = (jnp.where(centroid.exists, g, 0.0) for g in _gradient(shape, corner))
+        change = -(gx * vx + gy * vy)
+        for k, edge in enumerate(shape.outline):
+            begin, end = (
+                edge.whole_y * velocity[2 * c] - edge.whole_x * velocity[2 * c + 1]
+                for c in (k, (k + 1) % 3)
+            )
+            whole, towards_end = _swept(edge, x, y, (centroid.x, centroid.y), (gx, gy))
+            change = change + (whole * begin + towards_end * (end - begin)) * per_area
+        changes.append(change)
+    return changes[0], changes[1]
+
+
+def _pull(shape: Shape, parameter: Any, weight: Any) -> Six:
+    """Both weights at once: together they are one value that gains (qx, qy) per pixel."""
+
+    @one_pass
+    def locate(shape, parameter):
+        shape, _, x, y = spread(shape, parameter)
+        centroid = _centroid(shape, x, y)
+        return centroid.x, centroid.y, _per_area(centroid)
+
+    @one_pass
+    def gain(shape, per_area, weight):
+        gradients = [_gradient(shape, corner) for corner in (1, 2)]
+        return [
+            jnp.where(
+                per_area > 0,
+                sum(g[axis][:, None] * w for g, w in zip(gradients, weight, strict=True)),
+                0.0,
+            )
+            for axis in (0, 1)
+        ]
+
+    def inside(shape, parameter, x, y, cx, cy, qx, qy):
+        places = (1.0, x - 0.5 + cx, y - 0.5 + cy)
+        return [q * place for q in (qx, qy) for place in places]
+
+    def sides(shape, parameter, x, y, cx, cy, per_area, qx, qy):
+        own = (qx * per_area, qy * per_area)
+        swept = [_swept(edge, x, y, (cx, cy), own) for edge in shape.outline]
+        return [field for pair in swept for field in pair]
+
+    @one_pass
+    def combine(shape, moments, swept):
+        slopes = [jnp.zeros_like(moments[0])] * 6
+        for k, edge in enumerate(shape.outline):
+            add_share(slopes, k, edge, swept[2 * k], swept[2 * k + 1])
+        for corner in range(3):
+            edge = shape.sides.edges[(corner + 1) % 3]
+            for axis in (0, 1):
+                mass, x, y = moments[3 * axis : 3 * axis + 3]
+                share = edge.distance * mass + edge.across * x + edge.down * y
+                slopes[2 * corner + axis] = slopes[2 * corner + axis] - share * edge.per_height
+        first, second, third, fourth, fifth, sixth = slopes
+        return first, second, third, fourth, fifth, sixth
+
+    cx, cy, per_area = locate(shape, parameter)
+    qx, qy = gain(shape, per_area, weight)
+    moments = sum_fields(inside, shape, parameter, cx, cy, qx, qy)
+    return combine(shape, moments, sum_fields(sides, shape, parameter, cx, cy, per_area, qx, qy))
+
+
+weights = Measure(
+    _value,
+    _push,
+    _pull,
+    lambda shape, parameter, x, y: jnp.zeros((2, 1, 1), x.dtype),
+    lambda value: jnp.zeros(value.shape, bool),
+)
+"""The mean weights of corners 1 and 2 over the part of the triangle in a pixel.
+
+Where none of it is in the pixel, the weights at the centre, held to 0..1, with slope 0.
+"""

@@ -8,7 +8,6 @@ the directions of its edges, is computed once: the shape of the slot.
 """
 
 import functools
-import operator
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -31,11 +30,12 @@ Six = tuple[Any, Any, Any, Any, Any, Any]
 class Measure(NamedTuple):
     """Something to measure, as functions of a slot's shape, a parameter, and pixel centres.
 
-    Everything broadcasts.
+    Everything broadcasts. What is measured may be several values at once: a tuple, `[values, ...]`
+    where it comes out.
 
     - `value` is 0..1.
     - `push(shape, parameter, velocity, x, y)`: how fast it changes as the corners move.
-    - `pull(shape, parameter, weight)`: the transpose, from weights `[slots, pixels]` to six sums
+    - `pull(shape, parameter, weight)`: the transpose, from weights of what is measured to six sums
       `[slots]`.
     - `by_parameter`: the derivative by the parameter, a number.
     - `level`: of a value, whether it has no slope.
@@ -47,33 +47,17 @@ class Measure(NamedTuple):
     by_parameter: Callable[[Any, Any, Any, Any], Any]
     level: Callable[[Any], Any]
 
-    @classmethod
-    def of(
-        cls,
-        value: Callable[[Any, Any, Any, Any], Any],
-        slopes: Callable[[Any, Any, Any, Any], Six],
-    ) -> "Measure":
-        """Of a value without parameter and its derivatives by the six coordinates."""
-        return cls(
-            value,
-            functools.partial(_push_slopes, slopes),
-            functools.partial(_pull_slopes, slopes),
-            lambda shape, parameter, x, y: jnp.zeros_like(x + y),
-            lambda value: jnp.zeros(value.shape, bool),
-        )
-
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def cover(
     measure: Measure, corners: Float[Array, "6 slots"], shape: Any, parameter: Float[Array, ""]
-) -> Float[Array, "slots pixels"]:
+) -> Float[Array, "*values slots pixels"]:
     """The measure at the pixels of each slot's tile, rows from the top.
 
     `shape`: of the corners, a tree of `[slots]`. Its own derivative counts in second ones alone.
     """
-    return one_pass(lambda shape, parameter: measure.value(*spread(shape, parameter)))(
-        shape, parameter
-    )
+    value = one_pass(lambda shape, parameter: measure.value(*spread(shape, parameter)))
+    return _join_values(value(shape, parameter))
 
 
 @functools.partial(cover.defjvp, symbolic_zeros=True)
@@ -107,19 +91,25 @@ def _pull_live(
     measure: Measure,
     shape: Any,
     parameter: Any,
-    value: Float[Array, "slots pixels"],
-    weight: Float[Array, "slots pixels"],
+    value: Float[Array, "*values slots pixels"],
+    weight: Float[Array, "*values slots pixels"],
 ) -> Float[Array, "6 slots"]:
     """`Measure.pull` of the slots where there is anything to sum."""
-    slots = value.shape[0]
-    live = one_pass(lambda value, weight: (weight != 0) & ~measure.level(value))(value, weight)
+    slots = value.shape[-2]
+    live = one_pass(lambda value, weight: _any((weight != 0) & ~measure.level(value)))(
+        value, weight
+    )
 
     @one_pass
     def put(total, sums, own):
         return total.at[:, own].set(jnp.stack(sums), mode="drop")
 
+    @one_pass
+    def pick_weights(weight, own):
+        return weight.at[..., own, :].get(mode="clip")
+
     def visit(own, total):
-        near, weigh = _pick((shape, weight), own)
+        near, weigh = _pick(shape, own), pick_weights(weight, own)
         return put(total, measure.pull(near, parameter, weigh), own)
 
     return _visit_live(live, visit, jnp.zeros((6, slots), value.dtype))
@@ -129,11 +119,11 @@ def _push_live(
     measure: Measure,
     shape: Any,
     parameter: Any,
-    value: Float[Array, "slots pixels"],
+    value: Float[Array, "*values slots pixels"],
     velocity: Float[Array, "6 slots"],
-) -> Float[Array, "slots pixels"]:
+) -> Float[Array, "*values slots pixels"]:
     """`Measure.push` of the slots where anything changes."""
-    live = one_pass(lambda value: ~measure.level(value))(value)
+    live = one_pass(lambda value: _any(~measure.level(value)))(value)
 
     @one_pass
     def push(near, parameter, moved):
@@ -142,13 +132,23 @@ def _push_live(
 
     @one_pass
     def put(total, change, own):
-        return total.at[own].set(change, mode="drop")
+        return total.at[..., own, :].set(_join_values(change), mode="drop")
 
     def visit(own, total):
         near, moved = _pick((shape, tuple(velocity)), own)
         return put(total, push(near, parameter, moved), own)
 
     return _visit_live(live, visit, jnp.zeros_like(value))
+
+
+def _join_values(values: Any) -> Array:
+    """Apart from what computes them: the compiler vectorises no expression of several parts."""
+    return jnp.stack(values) if isinstance(values, tuple) else values
+
+
+def _any(live: Bool[Array, "*values slots pixels"]) -> Bool[Array, "slots pixels"]:
+    """Over the values."""
+    return jnp.any(live.reshape(-1, *live.shape[-2:]), 0)
 
 
 @one_pass
@@ -182,30 +182,53 @@ def _visit_live(
     return jax.lax.fori_loop(0, -(-number // _BLOCK), step, total)
 
 
-def _push_slopes(slopes: Any, shape: Any, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
-    terms = [s * v for s, v in zip(slopes(shape, parameter, x, y), velocity, strict=True)]
-    return functools.reduce(operator.add, terms)
+def sum_fields(
+    fields: Callable[..., list[Array]], shape: Any, parameter: Any, *held: Array
+) -> tuple[Array, ...]:
+    """Sums over the pixels of each slot of `fields(shape, parameter, x, y, *held)`.
 
-
-def _pull_slopes(slopes: Any, shape: Any, parameter: Any, weight: Array) -> Six:
-    first, second, third, fourth, fifth, sixth = sum_fields(slopes, shape, parameter, weight)
-    return first, second, third, fourth, fifth, sixth
-
-
-def sum_fields(fields: Any, shape: Any, parameter: Any, weight: Array) -> tuple[Array, ...]:
-    """Sums over the pixels of each slot of `fields(shape, parameter, x, y)` times the weights."""
+    `held` are `[slots, pixels]`.
+    """
 
     @one_pass
-    def add_rows(shape, parameter, weight):
+    def add_rows(shape, parameter, held):
         # Row after row in one expression, as the compiler vectorises no reduction.
         sums: list[Array] = []
         for row in range(SIDE):
             place = slice(row * SIDE, (row + 1) * SIDE)
-            parts = [f * weight[:, place] for f in fields(*spread(shape, parameter, place))]
+            parts = fields(*spread(shape, parameter, place), *(entry[:, place] for entry in held))
             sums = [a + b for a, b in zip(sums, parts, strict=True)] if sums else parts
         return sums
 
-    return one_pass(sum_pixels)(*add_rows(shape, parameter, weight))
+    return one_pass(sum_pixels)(*add_rows(shape, parameter, held))
+
+
+def sum_moments(
+    case: Float[Array, "slots pixels"], parts: list[tuple[int, Array]]
+) -> Float[Array, "slots parts 3"]:
+    """Sums over the pixels of each slot, times 1, x and y, of entries `[slots, pixels]`.
+
+    `parts`: the case in which its pixels count, and each entry.
+    """
+
+    @one_pass
+    def part(case, entries):
+        return jnp.stack(
+            [
+                jnp.where(case == which, entry, 0.0)
+                for (which, _), entry in zip(parts, entries, strict=True)
+            ],
+            1,
+        )
+
+    @one_pass
+    def add(held):
+        x, y = centres(held.dtype)
+        moments = jnp.concatenate([jnp.ones_like(x), x, y]).T
+        flat = held.reshape(-1, held.shape[2])
+        return jnp.matmul(flat, moments, precision="highest").reshape(-1, len(parts), 3)
+
+    return add(part(case, [entry for _, entry in parts]))
 
 
 @jax.custom_jvp

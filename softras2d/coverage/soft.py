@@ -5,14 +5,6 @@ the unit direction in which the signed distance d grows, moving the corners chan
 -n . sum_k w_k dv_k: to first order c moves with the boundary, and where along it no longer matters.
 Inside and beside an edge n is the edge's inward normal, well defined on the edge itself; around a
 corner it points from x to the corner, and is zero at the corner.
-
-Beyond the triangle, what it carries (colours, depth) is that of the nearest point. Beside an edge
-from p to q of length L and direction u, where x is d in front of it, that point lies the part
-t = (x - p) . u / L along, and
-
-    dt = -u . ((1 - t) dp + t dq) / L + (d / L^2) n . (dq - dp).
-
-Inside, weights at a place that stays put change by -grad w_k . sum_j w_j dv_j.
 """
 
 import functools
@@ -21,7 +13,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from ..staging import one_pass
-from .pixels import Measure, Six, centres, spread
+from .pixels import Measure, Six, spread, sum_moments
 from .profile import SUPPORT, slope, step
 from .sides import Sides
 
@@ -35,19 +27,6 @@ def measure(profile: str) -> Measure:
         functools.partial(_pull, profile),
         functools.partial(_by_width, profile),
         lambda value: (value <= 0) | (value >= 1),
-    )
-
-
-@functools.cache
-def weight(corner: int) -> Measure:
-    """The weight of corner 1 or 2 at a pixel's centre, or the triangle's point nearest to it.
-
-    Without area, at the nearest point of its sides. Of triangles thinner than a pixel the slope is
-    held at one per pixel: the place stands for more area than the triangle has.
-    """
-    return Measure.of(
-        lambda sides, parameter, x, y: _weights(nearest(sides, x, y), sides)[corner],
-        functools.partial(_weight_slopes, corner),
     )
 
 
@@ -101,7 +80,7 @@ def nearest(sides: Sides, x: Any, y: Any) -> Nearest:
     )
 
 
-def _side_weights(found: Nearest) -> tuple[Any, Any, Any]:
+def side_weights(found: Nearest) -> tuple[Any, Any, Any]:
     """Weights of the three corners at the nearest point of the boundary."""
     side, t = found.side, found.t
     return (
@@ -132,7 +111,7 @@ def _by_width(profile: str, sides: Sides, width: Any, x: Any, y: Any) -> Any:
     return -slope(profile, q) * jnp.clip(q, -bound, bound) / width
 
 
-def _is_around(found: Nearest) -> Any:
+def is_around(found: Nearest) -> Any:
     """Whether x is outside and nearest to a corner, or in front of a triangle without area."""
     return ~found.inside & ((found.excess != 0) | (found.offset > 0))
 
@@ -160,10 +139,10 @@ def _push(profile: str, sides: Sides, width: Any, velocity: Six, x: Any, y: Any)
     beside = begin + found.t * (end - begin)
     along_x = found.down * found.excess + found.across * found.offset
     along_y = found.down * found.offset - found.across * found.excess
-    weights = _side_weights(found)
+    weights = side_weights(found)
     vx, vy = (sum(w * v[axis] for w, v in zip(weights, corners, strict=True)) for axis in (0, 1))
     # One choice: where the two meet so do both, and rounding may choose differently for each.
-    return jnp.where(_is_around(found), (along_x * vx + along_y * vy) * per_length, beside * rate)
+    return jnp.where(is_around(found), (along_x * vx + along_y * vy) * per_length, beside * rate)
 
 
 def _of_side(found: Nearest, entries: list[Any]) -> Any:
@@ -172,13 +151,12 @@ def _of_side(found: Nearest, entries: list[Any]) -> Any:
     return jnp.where(found.side == 0, first, jnp.where(found.side == 1, second, third))
 
 
-_CASES = 6
-"""The point is beside side 0, 1, 2, or around corner 0, 1, 2."""
-
-
 def _pull(profile: str, sides: Sides, width: Any, weight: Any) -> Six:
-    """By cases: what is beside a side has its direction, and along it t is linear in x and y; what
-    is around a corner, the direction from there. So three moments of each case tell all."""
+    """By cases: beside side 0, 1, 2, or around corner 0, 1, 2.
+
+    What is beside a side has its direction, and along it t is linear in x and y; what is around a
+    corner, the direction from there. So three moments of each case tell all.
+    """
 
     @one_pass
     def choose(sides, width):
@@ -186,25 +164,13 @@ def _pull(profile: str, sides: Sides, width: Any, weight: Any) -> Six:
         found = nearest(sides, x, y)
         corner = jnp.where(found.t > 0.5, found.side + 1, found.side)
         corner = jnp.where(corner == 3, 0, corner)
-        return jnp.where(_is_around(found), 3 + corner, found.side)
+        return jnp.where(is_around(found), 3 + corner, found.side)
 
     @one_pass
     def weigh(sides, width, case, weight):
         sides, width, x, y = spread(sides, width)
         rate, per_length = _rate(profile, nearest(sides, x, y), width)
         return weight * jnp.where(case >= 3, per_length, rate)
-
-    @one_pass
-    def part(case, strength):
-        number = jnp.arange(_CASES, dtype=case.dtype)[None, :, None]
-        return jnp.where(case[:, None] == number, strength[:, None], 0.0)
-
-    @one_pass
-    def add(parts):
-        x, y = centres(parts.dtype)
-        moments = jnp.concatenate([jnp.ones_like(x), x, y]).T
-        flat = parts.reshape(-1, parts.shape[2])
-        return jnp.matmul(flat, moments, precision="highest").reshape(-1, _CASES, 3)
 
     @one_pass
     def combine(sides, sums):
@@ -225,40 +191,5 @@ def _pull(profile: str, sides: Sides, width: Any, weight: Any) -> Six:
         return first, second, third, fourth, fifth, sixth
 
     case = choose(sides, width)
-    return combine(sides, add(part(case, weigh(sides, width, case, weight))))
-
-
-def _weights(found: Nearest, sides: Sides) -> tuple[Any, Any, Any]:
-    """Weights of the three corners at x, or at the nearest point of the triangle."""
-    # A corner is as far from the opposite edge as its weight says.
-    opposite = (1, 2, 0)
-    within = [jnp.clip(found.distances[k] * sides.edges[k].per_height, 0.0, 1.0) for k in opposite]
-    first, second, third = (
-        jnp.where(found.inside, inner, outer)
-        for inner, outer in zip(within, _side_weights(found), strict=True)
-    )
-    return first, second, third
-
-
-def _weight_slopes(corner: int, sides: Sides, parameter: Any, x: Any, y: Any) -> Six:
-    found = nearest(sides, x, y)
-    weights = _weights(found, sides)
-    opposite = sides.edges[(corner + 1) % 3]
-    rise = jnp.minimum(opposite.per_height, 1.0)
-    inside = found.inside.astype(x.dtype)
-    gx, gy = -opposite.across * rise * inside, -opposite.down * rise * inside
-    # Outside, only what moves the point along its side tells.
-    beside = jnp.where(~found.inside & (found.excess == 0), 1.0, 0.0).astype(x.dtype)
-    begins, ends = found.side == corner, found.side == (corner + 2) % 3
-    sign = jnp.where(ends, beside, jnp.where(begins, -beside, 0.0))
-    held = jnp.minimum(found.per_length, 1.0)
-    per_length, turned = held * sign, found.offset * held * held * sign
-    slopes = []
-    for k in range(3):
-        towards = jnp.where(found.side == k, -1.0, jnp.where(found.side == (k + 2) % 3, 1.0, 0.0))
-        rotation = (turned * towards).astype(x.dtype)
-        own = weights[k]
-        slopes.append(own * (gx - per_length * found.down) + rotation * found.across)
-        slopes.append(own * (gy + per_length * found.across) + rotation * found.down)
-    first, second, third, fourth, fifth, sixth = slopes
-    return first, second, third, fourth, fifth, sixth
+    strength = weigh(sides, width, case, weight)
+    return combine(sides, sum_moments(case, [(number, strength) for number in range(6)]))

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softras2d.coverage import area, centroid, pixels, profile, sides, soft
+from softras2d.coverage import area, centroid, nearest_weights, pixels, profile, sides, soft
 
 PROFILES = ("logistic", "softras", "window")
 
@@ -30,12 +30,12 @@ def shape_of(slots, kind: str, tile=ORIGIN):
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def cover(kind: str, name: str | int, slots, parameter, tile=ORIGIN):
     """Coverage by a profile or by area, or the weight of a corner."""
-    measure = {
-        "area": lambda name: area.measure(),
-        "soft": lambda name: soft.weight(name) if isinstance(name, int) else soft.measure(name),
-        "centroid": centroid.weight,
-    }[kind](name)
-    return pixels.cover(measure, slots, shape_of(slots, kind, tile), parameter)
+    shape = shape_of(slots, kind, tile)
+    if isinstance(name, int):
+        weights = centroid.weights if kind == "centroid" else nearest_weights.weights
+        return pixels.cover(weights, slots, shape, parameter)[name - 1]
+    measure = area.measure() if kind == "area" else soft.measure(name)
+    return pixels.cover(measure, slots, shape, parameter)
 
 
 def clip_polygon(points, axis, bound, keep_less):

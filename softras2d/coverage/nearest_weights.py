@@ -1,0 +1,130 @@
+"""What a triangle carries under soft coverage: its value at the nearest point of the triangle.
+
+Inside that is the place itself. Beside an edge from p to q of length L and direction u, where x is
+d in front of it, the nearest point lies the part t = (x - p) . u / L along, and
+
+    dt = -u . ((1 - t) dp + t dq) / L + (d / L^2) n . (dq - dp),
+
+while around a corner it is the corner. Inside, weights at a place that stays put change by
+-grad w_k . sum_j w_j dv_j. All is linear in x and y, or a product of two such: three moments of
+each case tell the sums over pixels.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from ..staging import one_pass
+from .pixels import Measure, Six, spread, sum_moments
+from .sides import Sides
+from .soft import Nearest, is_around, nearest, side_weights
+
+
+def _value(sides: Sides, parameter: Any, x: Any, y: Any) -> Any:
+    found = nearest(sides, x, y)
+    return _weights(found, sides)[1:]
+
+
+def _weights(found: Nearest, sides: Sides) -> tuple[Any, Any, Any]:
+    """Weights of the three corners at x, or at the nearest point of the triangle."""
+    # A corner is as far from the opposite edge as its weight says.
+    opposite = (1, 2, 0)
+    within = [jnp.clip(found.distances[k] * sides.edges[k].per_height, 0.0, 1.0) for k in opposite]
+    first, second, third = (
+        jnp.where(found.inside, inner, outer)
+        for inner, outer in zip(within, side_weights(found), strict=True)
+    )
+    return first, second, third
+
+
+def _gradient(sides: Sides, corner: int) -> tuple[Any, Any]:
+    """Of a corner's weight inside; held, see `weights`."""
+    opposite = sides.edges[(corner + 1) % 3]
+    rise = jnp.minimum(opposite.per_height, 1.0)
+    return opposite.across * rise, opposite.down * rise
+
+
+def _push(sides: Sides, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
+    found = nearest(sides, x, y)
+    weights = _weights(found, sides)
+    corners = [(velocity[2 * k], velocity[2 * k + 1]) for k in range(3)]
+    vx, vy = (sum(w * v[axis] for w, v in zip(weights, corners, strict=True)) for axis in (0, 1))
+    beside = jnp.where(is_around(found), 0.0, jnp.minimum(found.per_length, 1.0))
+    bends = [
+        edge.across * (end[0] - begin[0]) + edge.down * (end[1] - begin[1])
+        for edge, begin, end in zip(sides.edges, corners, corners[1:] + corners[:1], strict=True)
+    ]
+    bend = jnp.where(found.side == 0, bends[0], jnp.where(found.side == 1, bends[1], bends[2]))
+    slip = -(found.down * vx - found.across * vy) + found.offset * beside * bend
+    slip = slip * beside
+    changes = []
+    for corner in (1, 2):
+        gx, gy = _gradient(sides, corner)
+        ends, begins = found.side == corner - 1, found.side == corner
+        outside = jnp.where(ends, slip, jnp.where(begins, -slip, 0.0))
+        changes.append(jnp.where(found.inside, -(gx * vx + gy * vy), outside))
+    return changes[0], changes[1]
+
+
+_INSIDE, _AROUND = 3, 4
+"""Cases after those beside side 0, 1 and 2."""
+
+
+def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
+    @one_pass
+    def choose(sides, parameter):
+        sides, _, x, y = spread(sides, parameter)
+        found = nearest(sides, x, y)
+        outside = jnp.where(is_around(found), float(_AROUND), found.side)
+        return jnp.where(found.inside, float(_INSIDE), outside)
+
+    @one_pass
+    def combine(sides, sums):
+        slopes = [jnp.zeros_like(sides.first.distance)] * 6
+
+        def add(corner: int, x: Any, y: Any) -> None:
+            slopes[2 * corner] = slopes[2 * corner] + x
+            slopes[2 * corner + 1] = slopes[2 * corner + 1] + y
+
+        for k, edge in enumerate(sides.edges):
+            mass, x, y = sums[:, k, 0], sums[:, k, 1], sums[:, k, 2]
+            towards_end = (edge.after_start * mass + edge.down * x - edge.across * y) * (
+                edge.per_length
+            )
+            held = jnp.minimum(edge.per_length, 1.0)
+            bend = (edge.distance * mass + edge.across * x + edge.down * y) * held * held
+            for corner, share, sign in ((k, mass - towards_end, -1), ((k + 1) % 3, towards_end, 1)):
+                slip = share * held
+                add(
+                    corner,
+                    -edge.down * slip + sign * bend * edge.across,
+                    edge.across * slip + sign * bend * edge.down,
+                )
+        for which in (1, 2):
+            gx, gy = _gradient(sides, which)
+            mass, x, y = (sums[:, 2 + which, moment] for moment in range(3))
+            for corner in range(3):
+                edge = sides.edges[(corner + 1) % 3]
+                share = (edge.distance * mass + edge.across * x + edge.down * y) * edge.per_height
+                add(corner, -gx * share, -gy * share)
+        first, second, third, fourth, fifth, sixth = slopes
+        return first, second, third, fourth, fifth, sixth
+
+    second, third = weight
+    # Along a side the weight of its end grows as much as that of its start falls.
+    parts = [(0, second), (1, third - second), (2, -third), (_INSIDE, second), (_INSIDE, third)]
+    return combine(sides, sum_moments(choose(sides, parameter), parts))
+
+
+weights = Measure(
+    _value,
+    _push,
+    _pull,
+    lambda sides, parameter, x, y: jnp.zeros((2, 1, 1), x.dtype),
+    lambda value: jnp.zeros(value.shape, bool),
+)
+"""The weights of corners 1 and 2 at a pixel's centre, or the triangle's point nearest to it.
+
+Without area, at the nearest point of its sides. Of triangles thinner than a pixel the slope is held
+at one per pixel: the place stands for more area than the triangle has.
+"""
