@@ -1,0 +1,58 @@
+"""How like its target an image is: PSNR and SSIM, of values 0..1.
+
+**Source:** Wang, Bovik, Sheikh and Simoncelli, *Image Quality Assessment: From Error Visibility to
+Structural Similarity* (IEEE TIP 13(4), 2004), section III-B, for SSIM and its constants.
+"""
+
+import math
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+_SIGMA, _RADIUS = 1.5, 5
+"""The window: a Gaussian in pixels, cut to 11 x 11."""
+
+_LUMINANCE, _CONTRAST = 0.01**2, 0.03**2
+"""Constants that keep the quotients finite, for a range of values of 1."""
+
+
+def psnr(
+    image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
+) -> Float[Array, ""]:
+    """Peak signal-to-noise ratio in dB over all channels, for a peak of 1; infinite where equal."""
+    return -10.0 * jnp.log10(jnp.mean((image - target) ** 2))
+
+
+def ssim(
+    image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
+) -> Float[Array, ""]:
+    """Structural similarity, the mean over channels and over windows that lie in the image; 1 where
+    equal.
+
+    An image of less than 11 pixels along a side has smaller windows along it.
+    """
+
+    def blur(x):
+        for axis in (0, 1):
+            x = _blur_along(x, axis)
+        return x
+
+    mean_a, mean_b = blur(image), blur(target)
+    variance_a = blur(image * image) - mean_a * mean_a
+    variance_b = blur(target * target) - mean_b * mean_b
+    covariance = blur(image * target) - mean_a * mean_b
+    likeness = (2 * mean_a * mean_b + _LUMINANCE) * (2 * covariance + _CONTRAST)
+    bound = (mean_a**2 + mean_b**2 + _LUMINANCE) * (variance_a + variance_b + _CONTRAST)
+    return jnp.mean(likeness / bound)
+
+
+def _blur_along(x: Float[Array, "height width channels"], axis: int) -> Array:
+    radius = min(_RADIUS, (x.shape[axis] - 1) // 2)
+    taps = [math.exp(-0.5 * (k / _SIGMA) ** 2) for k in range(-radius, radius + 1)]
+    length = x.shape[axis] - 2 * radius
+    total = jnp.zeros(())
+    for k, tap in enumerate(taps):
+        part = jax.lax.slice_in_dim(x, k, k + length, axis=axis)
+        total = part * (tap / sum(taps)) if k == 0 else total + part * (tap / sum(taps))
+    return total

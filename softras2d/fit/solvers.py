@@ -1,0 +1,90 @@
+"""Solvers from optimistix by name, set up for residuals that are known by products alone.
+
+**Source:** Levenberg (1944) and Marquardt (1963) for the damping, Powell (1970) for the dogleg,
+Kingma and Ba, *Adam* (ICLR 2015); Fong and Saunders, *LSMR* (SIAM J. Sci. Comput. 33(5), 2011), for
+the linear systems.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import lineax as lx
+import optax
+import optimistix as optx
+
+Solver = optx.AbstractLeastSquaresSolver | optx.AbstractMinimiser
+
+_TRUST = 0.6
+"""Share of the predicted fall above which the damping falls.
+
+The 0.99 of optimistix is hardly ever reached where edges meet pixels, and damping never falls."""
+
+
+class LevenbergMarquardt(optx.AbstractGaussNewton):
+    """Levenberg-Marquardt with products of the Jacobian alone: `products` of them a step."""
+
+    rtol: float
+    atol: float
+    norm: Callable[[Any], Any] = eqx.field(static=True)
+    descent: optx.DampedNewtonDescent
+    search: optx.ClassicalTrustRegion
+    verbose: Callable[..., None] = eqx.field(static=True)
+
+    def __init__(self, products: int = 20, *, trust: float = _TRUST):
+        self.rtol = self.atol = 0.0
+        self.norm = optx.max_norm
+        # LSMR is safe in float32 where CG on the normal equations is not.
+        inner = lx.LSMR(rtol=1e-6, atol=1e-6, max_steps=products)
+        self.descent = optx.DampedNewtonDescent(linear_solver=inner)
+        self.search = optx.ClassicalTrustRegion(high_cutoff=trust)
+        self.verbose = _silent
+
+
+class Dogleg(optx.AbstractGaussNewton):
+    """Powell's dogleg with products of the Jacobian alone."""
+
+    rtol: float
+    atol: float
+    norm: Callable[[Any], Any] = eqx.field(static=True)
+    descent: optx.DoglegDescent
+    search: optx.ClassicalTrustRegion
+    verbose: Callable[..., None] = eqx.field(static=True)
+
+    def __init__(self, products: int = 20, *, trust: float = _TRUST):
+        self.rtol = self.atol = 0.0
+        self.norm = optx.max_norm
+        inner = lx.LSMR(rtol=1e-6, atol=1e-6, max_steps=products)
+        self.descent = optx.DoglegDescent(linear_solver=inner)
+        self.search = optx.ClassicalTrustRegion(high_cutoff=trust)
+        self.verbose = _silent
+
+
+def _silent(**_: Any) -> None:
+    return None
+
+
+def _adam(rate: float) -> optx.OptaxMinimiser:
+    return optx.OptaxMinimiser(optax.adam(rate, b2=0.99), rtol=0.0, atol=0.0)
+
+
+SOLVERS: dict[str, Callable[[float], Solver]] = {
+    "adam": _adam,
+    "lm": lambda rate: LevenbergMarquardt(),
+    "dogleg": lambda rate: Dogleg(),
+    "bfgs": lambda rate: optx.BFGS(rtol=0.0, atol=0.0),
+    "lbfgs": lambda rate: optx.LBFGS(rtol=0.0, atol=0.0),
+}
+"""Solvers by name, for a rate that those of first order take as the length of a step."""
+
+
+def solver_of(solver: str | Solver, *, rate: float = 0.02) -> Solver:
+    """A solver by name, or the one given; `ValueError` for anything else."""
+    if isinstance(solver, optx.AbstractLeastSquaresSolver | optx.AbstractMinimiser):
+        return solver
+    if solver not in SOLVERS:
+        names = ", ".join(map(repr, SOLVERS))
+        raise ValueError(
+            f"`solver` must be an optimistix solver or one of {names}; got {solver!r}."
+        )
+    return SOLVERS[solver](rate)

@@ -1,0 +1,93 @@
+"""Solvers in chunks, on problems whose answers are known."""
+
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+
+from softras2d.fit.solve import advance, begin, forget_best
+from softras2d.fit.solvers import SOLVERS, LevenbergMarquardt, solver_of
+
+ANSWER = np.array([0.3, -1.2, 0.8, 2.0], np.float32)
+RNG = np.random.default_rng(0)
+MATRIX = RNG.normal(size=(9, 4)).astype(np.float32)
+
+
+def residual(y, args):
+    """A bent least-squares problem with the residual 0 at the answer; `args` scales it."""
+    off = y - ANSWER
+    return args * (MATRIX @ (off + 0.1 * off**3)), jnp.sum(y)
+
+
+STEPS = {"adam": 600, "lm": 12, "dogleg": 20, "bfgs": 60, "lbfgs": 60}
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_every_solver_finds_the_answer_in_chunks(name):
+    solver = solver_of(name, rate=0.05)
+    progress = begin(solver, residual, jnp.zeros(4), jnp.float32(1.0))
+    assert np.isinf(progress.least)
+    losses = []
+    for _ in range(4):
+        progress, found, seen = advance(
+            solver, residual, progress, jnp.float32(1.0), steps=STEPS[name] // 4
+        )
+        losses += found.tolist()
+        assert seen.shape == found.shape
+    assert progress.steps == STEPS[name]
+    assert losses[-1] < 1e-3 * losses[0]
+    np.testing.assert_allclose(progress.best, ANSWER, atol=2e-2)
+    assert float(progress.least) == pytest.approx(min(losses), rel=1e-6)
+
+
+def test_chunks_are_as_one():
+    solver = LevenbergMarquardt(products=3)
+    start = begin(solver, residual, jnp.zeros(4), jnp.float32(1.0))
+    whole, _, _ = advance(solver, residual, start, jnp.float32(1.0), steps=6)
+    parts = start
+    for _ in range(3):
+        parts, _, _ = advance(solver, residual, parts, jnp.float32(1.0), steps=2)
+    np.testing.assert_allclose(whole.y, parts.y, atol=1e-6)
+
+
+def test_other_arguments_compile_nothing(count_compilations):
+    solver = solver_of("adam", rate=0.05)
+    progress = begin(solver, residual, jnp.zeros(4), jnp.float32(1.0))
+    progress, _, _ = advance(solver, residual, progress, jnp.float32(1.0), steps=5)
+    with count_compilations() as compiled:
+        advance(solver, residual, progress, jnp.float32(2.0), steps=5)
+    assert not compiled.names
+
+
+def test_the_best_is_kept_where_the_solver_wanders():
+    def wild(y, args):
+        return jnp.where(y[0] > 0.5, jnp.nan, (y[0] - 1.0) ** 2), None
+
+    solver = solver_of("adam", rate=0.2)
+    progress = begin(solver, wild, jnp.zeros(1), None)
+    progress, losses, _ = advance(solver, wild, progress, None, steps=12)
+    assert np.isnan(losses[-1])
+    assert np.isfinite(progress.best).all()
+    assert np.isfinite(progress.least)
+
+
+def test_a_changed_loss_starts_a_new_best():
+    solver = solver_of("adam", rate=0.05)
+    progress = begin(solver, residual, jnp.zeros(4), jnp.float32(0.1))
+    progress, _, _ = advance(solver, residual, progress, jnp.float32(0.1), steps=5)
+    progress = forget_best(progress)
+    progress, losses, _ = advance(solver, residual, progress, jnp.float32(1.0), steps=5)
+    assert float(progress.least) == pytest.approx(float(losses.min()), rel=1e-6)
+
+
+def test_any_solver_of_optimistix_is_taken():
+    solver = optx.GaussNewton(rtol=0.0, atol=0.0)
+    assert solver_of(solver) is solver
+    progress = begin(solver, residual, jnp.zeros(4), jnp.float32(1.0))
+    progress, _, _ = advance(solver, residual, progress, jnp.float32(1.0), steps=12)
+    np.testing.assert_allclose(progress.best, ANSWER, atol=1e-2)
+
+
+def test_an_unknown_solver_is_named():
+    with pytest.raises(ValueError, match="`solver` must be an optimistix solver or one of 'adam'"):
+        solver_of("newton")
