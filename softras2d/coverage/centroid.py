@@ -24,6 +24,13 @@ from .sides import Sides
 _LEAST = 1e-12
 """Area in a pixel below which there is no centroid."""
 
+_STEEP = 64.0
+"""Per pixel: what a weight gains counts in full up to here, and beyond the less the steeper it is.
+
+Of a triangle of height h the area is about h and known to a rounding e, so that the centroid is
+known to e / h, and the slope of area times weight to e / h^2. Held so, that is never above 64^2 e.
+"""
+
 
 class Shape(NamedTuple):
     """What is known of a slot: its edges in the tile's rows, and their lines."""
@@ -86,9 +93,10 @@ def _value(shape: Shape, parameter: Any, x: Any, y: Any) -> Any:
 
 
 def _gradient(shape: Shape, corner: int) -> tuple[Any, Any]:
-    """Of a corner's weight on the triangle."""
+    """Of a corner's weight on the triangle; held, see `_STEEP`."""
     opposite = shape.sides.edges[(corner + 1) % 3]
-    return opposite.across * opposite.per_height, opposite.down * opposite.per_height
+    rise = jnp.minimum(opposite.per_height, _STEEP**2 / jnp.maximum(opposite.per_height, _STEEP))
+    return opposite.across * rise, opposite.down * rise
 
 
 def _per_area(centroid: _Centroid) -> Any:
