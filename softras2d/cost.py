@@ -80,6 +80,8 @@ def without(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
             scene = replace(scene, depth=None)
         case "pixel shading":
             coverage = replace(coverage, shading="sample")
+        case "soft coverage" | "exact area":
+            coverage = Hard(samples=1)
         case "guard band":
             corners = corners_of(
                 np.asarray(scene.positions), np.asarray(scene.triangles), np.asarray(plan.origin)

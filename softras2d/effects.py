@@ -16,6 +16,8 @@ EFFECTS = {
     "perspective": "`inverse_w`, which bends colours or texture coordinates",
     "depth test": "`depth`",
     "pixel shading": "`coverage.shading` is 'pixel', and colours vary within a triangle",
+    "soft coverage": "`coverage` is `Soft`",
+    "exact area": "`coverage` is `Area`",
     "guard band": "triangles reach past half the longer side around the canvas",
 }
 """Each effect of a program, and the reason that it is there."""
@@ -58,6 +60,8 @@ def structural_effects(scene: Scene, coverage: Hard | Soft | Area, filter: Filte
         "pixel shading": isinstance(coverage, Hard)
         and coverage.shading == "pixel"
         and varies(scene),
+        "soft coverage": isinstance(coverage, Soft),
+        "exact area": isinstance(coverage, Area),
     }
     return {name for name, here in present.items() if here}
 

@@ -75,21 +75,37 @@ class Plan(eqx.Module):
     def __str__(self) -> str:
         if isinstance(self.origin, Tracer):
             return f"Plan({self.width} x {self.height} px, traced)"
-        grid, tiling, room = self.grid, self.tiling, self.capacity
+        tiling, room = self.tiling, self.capacity
         effects = [f"  {name}: {EFFECTS[name]}" for name in self.effects] or ["  none"]
-        fragments = [f"          {room.fragments:,} fragments"] if room.fragments else []
+        sloped = isinstance(self.coverage, Hard) and self.coverage.edge_gradients
+        some = {"fragments": room.fragments, "crossings": room.crossings if sloped else 0}
+        counts = [f"{count:,} {name}" for name, count in some.items() if count]
+        more = [f"          {', '.join(counts)}"] if counts else []
         return "\n".join(
             [
                 f"canvas    {self.width} x {self.height} px, origin {tuple(self.origin.tolist())}",
-                f"coverage  {_describe(self.coverage, grid)}",
+                f"coverage  {self._describe_coverage()}",
                 "effects",
                 *effects,
                 f"tiles     {tiling.columns} x {tiling.rows} of {tiling.width} x {tiling.height}",
                 f"capacity  {room.strips:,} strips, {room.pairs:,} pairs, {room.steps:,} steps",
                 f"          {room.chunks:,} chunks of {room.layers}, {room.depth} of one tile",
-                *fragments,
+                *more,
                 f"memory    {self.memory / 2**20:,.0f} MiB",
             ]
+        )
+
+    def _describe_coverage(self) -> str:
+        coverage = self.coverage
+        if isinstance(coverage, Soft):
+            soft = f"soft, {coverage.profile}, {float(coverage.width):g} px wide"
+            mixed = "depth test" in self.effects
+            return f"{soft}, temperature {float(coverage.temperature):g}" if mixed else soft
+        if isinstance(coverage, Area):
+            return f"exact area, composited by {coverage.compositing!r}"
+        return (
+            f"hard, {coverage.samples} samples a pixel, {coverage.fill_rule}, "
+            f"shaded by {coverage.shading}; grid 2^-{self.grid.bits} px"
         )
 
 
@@ -202,17 +218,6 @@ def _with_arrays(coverage: Hard | Soft | Area) -> Hard | Soft | Area:
         return coverage
     numbers = [jnp.asarray(n, jnp.float32) for n in (coverage.width, coverage.temperature)]
     return eqx.tree_at(lambda c: (c.width, c.temperature), coverage, numbers)
-
-
-def _describe(coverage: Hard | Soft | Area, grid: Grid) -> str:
-    if isinstance(coverage, Soft):
-        return f"soft, {coverage.profile}, {float(coverage.width):g} px wide"
-    if isinstance(coverage, Area):
-        return f"exact area, composited by {coverage.compositing!r}"
-    return (
-        f"hard, {coverage.samples} samples a pixel, {coverage.fill_rule}, "
-        f"shaded by {coverage.shading}; grid 2^-{grid.bits} px"
-    )
 
 
 def _pixel(origin: Any) -> np.ndarray:

@@ -1,5 +1,7 @@
 """What effects cost: taking one out takes out that one, and prices are told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,11 +37,14 @@ def _plan(scene: sr.Scene) -> sr.Plan:
     )
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+SLOPED = {"soft coverage": sr.Soft(), "exact area": sr.Area()}
+
+
+@pytest.mark.parametrize("effect", [name for name in EFFECTS if name not in SLOPED])
 def test_less_one_effect(effect):
     scene = _scene()
     plan = _plan(scene)
-    assert set(plan.effects) == set(EFFECTS)
+    assert set(plan.effects) == set(EFFECTS) - set(SLOPED)
     _, less = without(scene, plan, effect)
     gone = set(plan.effects) - set(less.effects)
     # Without textures there are no levels to choose from.
@@ -49,6 +54,15 @@ def test_less_one_effect(effect):
     assert (less.height, less.width, less.hard.samples) == (9, 9, 4)
     np.testing.assert_array_equal(less.origin, [0, 1])
     assert float(less.filter.lod_bias) == 0.5
+
+
+@pytest.mark.parametrize("effect", SLOPED)
+def test_less_a_coverage_with_slopes(effect):
+    scene = replace(_scene(), depth=None)
+    plan = sr.plan(scene, height=9, width=9, coverage=SLOPED[effect])
+    _, less = without(scene, plan, effect)
+    assert less.hard.samples == 1
+    assert set(plan.effects) - set(less.effects) == {effect}
 
 
 def test_no_such_effect():

@@ -273,13 +273,19 @@ def test_effects_are_listed_with_their_reasons():
         coverage=sr.Hard(shading="pixel"),
         filter=sr.Filter(anisotropy=2),
     )
-    assert set(plan.effects) == set(EFFECTS) - {"guard band"}
+    others = {"soft coverage", "exact area", "guard band"}
+    assert set(plan.effects) == set(EFFECTS) - others
     for name in plan.effects:
         assert f"{name}: {EFFECTS[name]}" in str(plan)
     bare = sr.plan(
         sr.Scene.from_soup(scene.positions.reshape(1, 3, 2), np.ones((1, 3))), height=9, width=9
     )
     assert bare.effects == ()
+    assert "crossings" in str(bare)
+    soft = sr.plan(scene, height=9, width=9, coverage=sr.Soft(0.5, temperature=0.25))
+    assert "soft coverage: `coverage` is `Soft`" in str(soft)
+    assert "0.5 px wide, temperature 0.25" in str(soft)
+    assert "crossings" not in str(soft)
 
 
 @pytest.mark.parametrize("bias", [float("nan"), [0.0, 1.0]], ids=str)
