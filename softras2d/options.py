@@ -68,8 +68,8 @@ class Soft(eqx.Module):
 class Area(eqx.Module):
     """Exact area of the intersection of triangle and pixel, in closed form.
 
-    `compositing`: `"over"` blends in draw order; `"sum"` adds signed areas, which is the exact
-    image of a tiling.
+    `compositing`: `"over"` blends in draw order, and lets what lies behind show through the seams
+    of triangles that abut; `"sum"` adds signed areas, which is the exact image of a tiling.
     """
 
     compositing: Literal["over", "sum"] = eqx.field(static=True, default="over")
