@@ -190,17 +190,26 @@ def sum_fields(
     `held` are `[slots, pixels]`.
     """
 
+    # Slots on the minor axis, and pixel after pixel: the compiler vectorises no reduction.
+    rows = [one_pass(jnp.transpose)(entry).reshape(SIDE, SIDE, -1) for entry in held]
+
     @one_pass
-    def add_rows(shape, parameter, held):
-        # Row after row in one expression, as the compiler vectorises no reduction.
-        sums: list[Array] = []
-        for row in range(SIDE):
-            place = slice(row * SIDE, (row + 1) * SIDE)
-            parts = fields(*spread(shape, parameter, place), *(entry[:, place] for entry in held))
-            sums = [a + b for a, b in zip(sums, parts, strict=True)] if sums else parts
+    def add_row(row, sums, shape, parameter, rows):
+        y = row.astype(parameter.dtype) + 0.5
+        own = [jax.lax.dynamic_index_in_dim(entry, row, keepdims=False) for entry in rows]
+        for column in range(SIDE):
+            x = jnp.asarray(column + 0.5, parameter.dtype)
+            parts = fields(shape, parameter, x, y, *(entry[column] for entry in own))
+            sums = [a + b for a, b in zip(sums, parts, strict=True)]
         return sums
 
-    return one_pass(sum_pixels)(*add_rows(shape, parameter, held))
+    number = len(jax.eval_shape(fields, *spread(shape, parameter), *held))
+    start = [jnp.zeros(held[0].shape[0], held[0].dtype)] * number
+
+    def visit(row, sums):
+        return add_row(jnp.asarray(row), sums, shape, parameter, rows)
+
+    return tuple(jax.lax.fori_loop(0, SIDE, visit, start))
 
 
 def sum_moments(
