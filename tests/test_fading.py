@@ -257,6 +257,7 @@ def grid_mesh(cells: int = 4) -> sr.Scene:
     )
 
 
+@SLOW
 def test_the_sum_of_a_tiling_is_its_supersampled_limit():
     scene = grid_mesh()
     fine = image_of(scene, plan_of(scene, sr.Hard(256)))

@@ -203,7 +203,7 @@ def distances_by_hand(slots, x, y):
     return jnp.where(inside, length, -length)
 
 
-@pytest.mark.parametrize("shape", ["large", "sliver"])
+@pytest.mark.parametrize("shape", [pytest.param("large", marks=pytest.mark.slow), "sliver"])
 def test_slopes_are_those_of_plain_autodiff(shape, float64):
     slot, width = six(SHAPES[shape]), 1.3
     x, y = jnp.meshgrid(jnp.arange(8.0) + 0.5, jnp.arange(8.0) + 0.5)

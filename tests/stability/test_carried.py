@@ -21,7 +21,8 @@ def test_within_stated_errors(mode, name):
     assert found.within(case.limits), found
 
 
-@pytest.mark.parametrize("mode", ["soft", pytest.param("area", marks=SLOW)])
+@SLOW
+@pytest.mark.parametrize("mode", ["soft", "area"])
 def test_a_wild_triangle_harms_no_other(mode):
     """No bit of its gradient changes from the scene in which the wild one lies off the canvas."""
     away = carrying()
