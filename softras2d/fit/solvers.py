@@ -21,43 +21,37 @@ _TRUST = 0.6
 The 0.99 of optimistix is hardly ever reached where edges meet pixels, and damping never falls."""
 
 
-class LevenbergMarquardt(optx.AbstractGaussNewton):
-    """Levenberg-Marquardt with products of the Jacobian alone: `products` of them a step."""
+class ByProducts(optx.AbstractGaussNewton):
+    """A method of Gauss-Newton type that knows the Jacobian by its products alone."""
 
     rtol: float
     atol: float
     norm: Callable[[Any], Any] = eqx.field(static=True)
-    descent: optx.DampedNewtonDescent
+    descent: optx.AbstractDescent
     search: optx.ClassicalTrustRegion
     verbose: Callable[..., None] = eqx.field(static=True)
 
-    def __init__(self, products: int = 20, *, trust: float = _TRUST):
+    def __init__(self, descent: optx.AbstractDescent, *, trust: float = _TRUST):
         self.rtol = self.atol = 0.0
         self.norm = optx.max_norm
-        # LSMR is safe in float32 where CG on the normal equations is not.
-        inner = lx.LSMR(rtol=1e-6, atol=1e-6, max_steps=products)
-        self.descent = optx.DampedNewtonDescent(linear_solver=inner)
+        self.descent = descent
         self.search = optx.ClassicalTrustRegion(high_cutoff=trust)
         self.verbose = _silent
 
 
-class Dogleg(optx.AbstractGaussNewton):
-    """Powell's dogleg with products of the Jacobian alone."""
+def levenberg_marquardt(products: int = 20, *, trust: float = _TRUST) -> ByProducts:
+    """Levenberg-Marquardt with that many products of the Jacobian, and of its transpose, a step."""
+    return ByProducts(optx.DampedNewtonDescent(linear_solver=_inner(products)), trust=trust)
 
-    rtol: float
-    atol: float
-    norm: Callable[[Any], Any] = eqx.field(static=True)
-    descent: optx.DoglegDescent
-    search: optx.ClassicalTrustRegion
-    verbose: Callable[..., None] = eqx.field(static=True)
 
-    def __init__(self, products: int = 20, *, trust: float = _TRUST):
-        self.rtol = self.atol = 0.0
-        self.norm = optx.max_norm
-        inner = lx.LSMR(rtol=1e-6, atol=1e-6, max_steps=products)
-        self.descent = optx.DoglegDescent(linear_solver=inner)
-        self.search = optx.ClassicalTrustRegion(high_cutoff=trust)
-        self.verbose = _silent
+def dogleg(products: int = 20, *, trust: float = _TRUST) -> ByProducts:
+    """Powell's dogleg, likewise."""
+    return ByProducts(optx.DoglegDescent(linear_solver=_inner(products)), trust=trust)
+
+
+def _inner(products: int) -> lx.LSMR:
+    # LSMR is safe in float32 where CG on the normal equations is not.
+    return lx.LSMR(rtol=1e-6, atol=1e-6, max_steps=products)
 
 
 def _silent(**_: Any) -> None:
@@ -70,8 +64,8 @@ def _adam(rate: float) -> optx.OptaxMinimiser:
 
 SOLVERS: dict[str, Callable[[float], Solver]] = {
     "adam": _adam,
-    "lm": lambda rate: LevenbergMarquardt(),
-    "dogleg": lambda rate: Dogleg(),
+    "lm": lambda rate: levenberg_marquardt(),
+    "dogleg": lambda rate: dogleg(),
     "bfgs": lambda rate: optx.BFGS(rtol=0.0, atol=0.0),
     "lbfgs": lambda rate: optx.LBFGS(rtol=0.0, atol=0.0),
 }

@@ -6,7 +6,7 @@ import optimistix as optx
 import pytest
 
 from softras2d.fit.solve import advance, begin, forget_best
-from softras2d.fit.solvers import SOLVERS, LevenbergMarquardt, solver_of
+from softras2d.fit.solvers import SOLVERS, levenberg_marquardt, solver_of
 
 ANSWER = np.array([0.3, -1.2, 0.8, 2.0], np.float32)
 RNG = np.random.default_rng(0)
@@ -41,7 +41,7 @@ def test_every_solver_finds_the_answer_in_chunks(name):
 
 
 def test_chunks_are_as_one():
-    solver = LevenbergMarquardt(products=3)
+    solver = levenberg_marquardt(products=3)
     start = begin(solver, residual, jnp.zeros(4), jnp.float32(1.0))
     whole, _, _ = advance(solver, residual, start, jnp.float32(1.0), steps=6)
     parts = start
