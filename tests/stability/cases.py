@@ -183,6 +183,3 @@ CASES: dict[str, Callable[[], Case]] = {
     ),
     "1000 layers": layers,
 }
-
-KNOWN: dict[tuple[str, str], str] = {}
-"""Faults of the package, by mode and case, with their reasons."""

@@ -12,7 +12,7 @@ import pytest
 import softras2d as sr
 
 from ..products import moving, products, stack
-from .cases import CASES, KNOWN, MODES
+from .cases import CASES, MODES
 from .measure import LONG_MODES, long_sum, measure, moved
 
 QUICK = ("soft", "area")
@@ -24,8 +24,6 @@ LONG = ("one pixel", "1000 layers")
 
 def row(mode: str, case: str) -> Any:
     marks = [] if mode in QUICK and case not in LONG else [pytest.mark.slow]
-    if (mode, case) in KNOWN:
-        marks.append(pytest.mark.xfail(strict=True, reason=KNOWN[mode, case]))
     return pytest.param(mode, case, marks=marks, id=f"{mode}-{case}")
 
 
