@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from .coverage.pixels import Measure, cover
 from .coverage.sides import Sides
 from .lists import Chunks
-from .shading import Corner3, Corners, Skin, add_color, count_channels, in_space, read_texture
+from .shading import Corner3, Corners, Skin, add_color, count_channels, in_space, mix, read_texture
 from .staging import one_pass
 
 _CLEAR = 2.0**-24
@@ -76,14 +76,14 @@ def shade_slots(
         second, third = cover(weights, corners, shape, none)
         at = (1.0 - second - third, second, third)
     if at is not None and depth is not None:
-        depth = one_pass(lambda at, d: d[0] + at[1] * (d[1] - d[0]) + at[2] * (d[2] - d[0]))(
-            at, depth
-        )
+        depth = one_pass(lambda at, depth: mix(at, depth[:, None])[0])(at, depth)
     if carried.skin is not None and at is not None:
         color = _shade_texture(own, texture, carried.skin, at, sides)
         opacity, color = one_pass(_part)(covered, color)
     else:
-        color = own.color[0] if at is None else one_pass(_mix)(in_space(at, own.inverse_w), own)
+        color = (
+            own.color[0] if at is None else one_pass(mix)(in_space(at, own.inverse_w), own.color)
+        )
         opacity = covered
         if color.shape[0] == 4:
             opacity = one_pass(jnp.multiply)(covered, color[3])
@@ -94,16 +94,6 @@ def shade_slots(
         color.reshape(*layers, 3, -1),
         None if depth is None else depth.reshape(*layers, -1),
     )
-
-
-def _mix(at: Corner3, own: Corners) -> Float[Array, "channels slots #pixels"]:
-    color = own.color
-    if color.shape[0] == 1:
-        return color[0]
-    mixed = color[0]
-    for k in (1, 2):
-        mixed = mixed + at[k][None] * (color[k] - color[0])
-    return mixed
 
 
 def _shade_texture(

@@ -219,12 +219,12 @@ def add_color(
 
     color = corners.color
     # A single corner is not copied.
-    color = color[0] if color.shape[0] == 1 else one_pass(_mix)(at, color)
+    color = color[0] if color.shape[0] == 1 else one_pass(mix)(at, color)
     if skin is None:
         return one_pass(lambda t, s, c: add(t, s, _premultiply(c)))(total, shown, color)
     assert corners.uv is not None and texture is not None
     with jax.named_scope("texture"):
-        uv = one_pass(_mix)(at, corners.uv)
+        uv = one_pass(mix)(at, corners.uv)
         reading = read(uv)
         assert reading is not None
         uv, share = _probe(uv, reading, jnp.asarray(probe))
@@ -278,7 +278,7 @@ def in_space(weights: Corner3, inverse_w: Array | None) -> Corner3:
     return safe.divide(first, total), safe.divide(second, total), safe.divide(third, total)
 
 
-def _mix(weights: Corner3, corners: Array) -> Float[Array, "channels *lanes"]:
+def mix(weights: Corner3, corners: Array) -> Float[Array, "channels *lanes"]:
     """Values of corners `[1 or 3, channels, lanes]` at points; a single corner as it is."""
     if corners.shape[0] == 1:
         return corners[0]

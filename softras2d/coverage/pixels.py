@@ -256,11 +256,9 @@ def _(weights, changes):
     return sum_pixels(*weights), tuple(jnp.sum(change, 1) for change in changes)
 
 
-def spread(
-    shape: Any, parameter: Array, pixels: slice = slice(SIDE * SIDE)
-) -> tuple[Any, Array, Array, Array]:
-    """Arguments of a measure, `[slots, 1]` and `[1, pixels]`, for some of the pixels."""
-    x, y = (places[:, pixels] for places in centres(parameter.dtype))
+def spread(shape: Any, parameter: Array) -> tuple[Any, Array, Array, Array]:
+    """Arguments of a measure, `[slots, 1]` and `[1, pixels]`."""
+    x, y = centres(parameter.dtype)
     return jax.tree.map(lambda entry: entry[:, None], shape), parameter, x, y
 
 
