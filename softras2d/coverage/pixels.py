@@ -256,8 +256,11 @@ def _(weights, changes):
     return sum_pixels(*weights), tuple(jnp.sum(change, 1) for change in changes)
 
 
-def spread(shape: Any, parameter: Array) -> tuple[Any, Array, Array, Array]:
-    """Arguments of a measure, `[slots, 1]` and `[1, pixels]`."""
+def spread(shape: Any, parameter: Any) -> tuple[Any, Any, Array, Array]:
+    """Arguments of a measure, `[slots, 1]` and `[1, pixels]`.
+
+    `parameter`: of an exact area it is a constant, which JAX's tracers keep as a literal, no array.
+    """
     x, y = centres(parameter.dtype)
     return jax.tree.map(lambda entry: entry[:, None], shape), parameter, x, y
 
