@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from . import camera
+    from .fit.fit import fit
+    from .fit.result import FitResult
     from .io.images import read_image, write_image
     from .io.svg import read_svg
     from .io.svg_writer import write_svg
@@ -27,12 +29,14 @@ __version__ = "0.1.0"
 _HOMES = {
     "Area": ".options",
     "Filter": ".options",
+    "FitResult": ".fit.result",
     "Hard": ".options",
     "Plan": ".plan",
     "Scene": ".scene",
     "Soft": ".options",
     "TexturePyramid": ".texture.pyramid",
     "check": ".scene",
+    "fit": ".fit.fit",
     "plan": ".plan",
     "read_image": ".io.images",
     "read_svg": ".io.svg",
@@ -49,6 +53,7 @@ _ROOMS = ("camera",)
 __all__ = [
     "Area",
     "Filter",
+    "FitResult",
     "Hard",
     "Plan",
     "Scene",
@@ -56,6 +61,7 @@ __all__ = [
     "TexturePyramid",
     "camera",
     "check",
+    "fit",
     "plan",
     "read_image",
     "read_svg",

@@ -162,9 +162,14 @@ class TestZero:
 
 
 @pytest.mark.parametrize(
-    "bad", [np.nan, *(pytest.param(far, marks=SLOW) for far in (np.inf, -np.inf, 1e30))]
+    "kind, bad",
+    [
+        ("g", np.nan),
+        pytest.param("g", 1e30, marks=SLOW),
+        pytest.param("g", -np.inf, marks=SLOW),
+        pytest.param("ga", np.inf, marks=SLOW),
+    ],
 )
-@pytest.mark.parametrize("kind", ["g", pytest.param("ga", marks=SLOW)])
 def test_a_wild_corner_harms_no_other_triangle(kind, bad):
     scene = random_scene(kind)
     plan = sr.plan(

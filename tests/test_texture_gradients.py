@@ -30,9 +30,7 @@ MOST = Sampler(anisotropy=4, border="repeat")
 EFFECTS = [
     ({}, Sampler(), "sample"),
     slowly(ALL, MOST, "sample"),
-    slowly({"perspective": True, "depth": True}, Sampler(), "pixel"),
     slowly({"colors": (3, 4), "texels": 4}, Sampler(level="zero", addressing="corners"), "pixel"),
-    slowly({"colors": (1, 4)}, Sampler("bilinear", "nearest"), "sample"),
     slowly({"perspective": True}, Sampler(anisotropy=16), "pixel"),
 ]
 """Scenes, filters and shading rates whose slopes are compared."""
@@ -198,7 +196,6 @@ def test_vmap_of_everything():
         ({}, Sampler(), "sample"),
         slowly(ALL, MOST, "sample"),
         slowly({"depth": True}, Sampler(anisotropy=16), "pixel"),
-        slowly({"colors": (3, 4), "texels": 4, "background": 4}, Sampler(), "pixel"),
     ],
 )
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The command line: `softras2d render`, `softras2d info`, `softras2d demo`.
+"""The command line: `softras2d render`, `softras2d fit`, `softras2d info`, `softras2d demo`.
 
 One file per command. Whatever is heavy (JAX, OpenImageIO) is imported inside the commands, so that
 `--help` answers at once.
@@ -11,6 +11,7 @@ import typer
 
 from .. import __version__
 from .demo import make_demo
+from .fit import fit_picture
 from .info import describe_scene
 from .render import render_scenes
 
@@ -22,6 +23,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("render")(render_scenes)
+app.command("fit")(fit_picture)
 app.command("info")(describe_scene)
 app.command("demo")(make_demo)
 
@@ -42,9 +44,9 @@ def _about(
         ),
     ] = False,
 ) -> None:
-    """Draw triangle scenes exactly: SVG in, supersampled image out.
+    """Draw triangle scenes exactly, and fit them to pictures.
 
-    Try it:  [bold]softras2d demo pictures/[/bold]
+    Try it:  [bold]softras2d demo pictures/[/bold]   [bold]softras2d fit[/bold]
 
     Compiled programs are kept in your cache folder, so the second run starts faster.
     SOFTRAS2D_DEBUG=1 shows the whole traceback of an error.

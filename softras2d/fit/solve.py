@@ -17,7 +17,10 @@ from jaxtyping import Array, Float
 from .solvers import Solver
 
 Residual = Callable[[Any, Any], tuple[Any, Any]]
-"""From what is sought and arguments: the residual, or a loss, and a tree of arrays beside it."""
+"""From what is sought and arguments: the residual, or a loss, and two trees of arrays beside it.
+
+Of the first tree only what the last step of a chunk gave is kept, of the second what each gave.
+"""
 
 
 class Progress(NamedTuple):
@@ -43,16 +46,61 @@ def begin(solver: Solver, fn: Residual, y: Any, args: Any) -> Progress:
     return Progress(y, _begin(solver, fn, y, args), 0)
 
 
+Found = tuple[Progress, Float[Array, " steps"], tuple[Any, Any]]
+"""Of a chunk: where it led, the loss at each step, and what the residual gave beside it."""
+
+
 def advance(
-    solver: Solver, fn: Residual, progress: Progress, args: Any, *, steps: int
-) -> tuple[Progress, Float[Array, " steps"], Any]:
-    """A chunk of steps: the loss that each found, and what `fn` gave beside it, `[steps, ...]`.
+    solver: Solver,
+    fn: Residual,
+    progress: Progress,
+    args: Any,
+    *,
+    steps: int,
+    room: int | None = None,
+) -> Found:
+    """A chunk of steps, at most `room` of them: chunks of one room share a program.
 
     A loss is that of the solver's last evaluation: where the step begins for solvers of first
     order, else where the last one would lead, if it is accepted.
     """
-    y, state, losses, seen = _advance(solver, fn, progress.y, progress.state, args, steps)
-    return Progress(y, state, progress.steps + steps), losses, seen
+    room = steps if room is None else room
+    y, state, losses, (latest, every) = _advance(
+        solver, fn, progress.y, progress.state, args, jnp.asarray(steps), room
+    )
+    every = jax.tree.map(lambda leaf: leaf[:steps], every)
+    return Progress(y, state, progress.steps + steps), losses[:steps], (latest, every)
+
+
+def advance_each(
+    solver: Solver, fn: Residual, many: list[Progress], args: list[Any], *, steps: int
+) -> list[Found]:
+    """`advance` of several solves of one shape, by one program."""
+    held = [(progress.y, progress.state, own) for progress, own in zip(many, args, strict=True)]
+    parts = [eqx.partition(one, eqx.is_array) for one in held]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(arrays for arrays, _ in parts))
+    still = parts[0][1]
+    found = _advance_stacked(solver, fn, stacked, still, steps)
+    results = []
+    for place, progress in enumerate(many):
+        y, state, losses, seen = jax.tree.map(lambda leaf, at=place: leaf[at], found)
+        _, whole, _ = still
+        state = eqx.combine(state, whole)
+        results.append((Progress(y, state, progress.steps + steps), losses, seen))
+    return results
+
+
+def set_rate(progress: Progress, rate: float) -> Progress:
+    """The same solve with another rate, if its solver has one (`adam`); else as it is."""
+
+    def rate_of(progress):
+        return progress.state.state.opt_state.hyperparams["learning_rate"]
+
+    try:
+        old = rate_of(progress)
+    except AttributeError:
+        return progress
+    return eqx.tree_at(rate_of, progress, jnp.asarray(rate, old.dtype))
 
 
 def forget_best(progress: Progress) -> Progress:
@@ -91,7 +139,7 @@ def _loss(out: Any) -> Float[Array, ""]:
 
 
 @contextlib.contextmanager
-def _as_libraries_expect() -> Iterator[None]:
+def as_libraries_expect() -> Iterator[None]:
     """Solvers mix dtypes and ranks, which a caller may have forbidden."""
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         yield
@@ -101,7 +149,7 @@ def _as_libraries_expect() -> Iterator[None]:
 def _begin(solver: Solver, fn: Residual, y: Any, args: Any) -> Any:
     best, given = _given(solver, fn)
     out, aux = eqx.filter_eval_shape(given, y, args)
-    with _as_libraries_expect():
+    with as_libraries_expect():
         state = best.init(given, y, args, {}, out, aux, frozenset())
     # Types that are to be decided yet would be decided by the first chunk, and the second compile.
     return jax.tree.map(
@@ -111,17 +159,50 @@ def _begin(solver: Solver, fn: Residual, y: Any, args: Any) -> Any:
 
 @eqx.filter_jit
 def _advance(
-    solver: Solver, fn: Residual, y: Any, state: Any, args: Any, steps: int
-) -> tuple[Any, Any, Array, Any]:
-    best, given = _given(solver, fn)
+    solver: Solver, fn: Residual, y: Any, state: Any, args: Any, steps: Array, room: int
+) -> tuple[Any, Any, Array, tuple[Any, Any]]:
     moving, still = eqx.partition(state, eqx.is_array)
-
-    def step(carry, _):
-        y, moving = carry
-        state = eqx.combine(moving, still)
-        with _as_libraries_expect():
-            y, state, (loss, aux) = best.step(given, y, args, {}, state, frozenset())
-        return (y, eqx.filter(state, eqx.is_array)), (loss, aux)
-
-    (y, moving), (losses, seen) = jax.lax.scan(step, (y, moving), None, length=steps)
+    y, moving, losses, seen = _take_steps(solver, fn, y, moving, still, args, steps, room)
     return y, eqx.combine(moving, still), losses, seen
+
+
+@eqx.filter_jit
+def _advance_stacked(solver: Solver, fn: Residual, stacked: Any, still: Any, steps: int) -> Any:
+    fixed_y, fixed_state, fixed_args = still
+
+    def one(y, moving, args):
+        y, args = eqx.combine(y, fixed_y), eqx.combine(args, fixed_args)
+        return _take_steps(solver, fn, y, moving, fixed_state, args, jnp.asarray(steps), steps)
+
+    return jax.vmap(one)(*stacked)
+
+
+def _take_steps(
+    solver: Solver,
+    fn: Residual,
+    y: Any,
+    moving: Any,
+    still: Any,
+    args: Any,
+    steps: Array,
+    room: int,
+) -> tuple[Any, Any, Array, tuple[Any, Any]]:
+    """`moving` and `still`: the solver's state, what is an array and what is not."""
+    best, given = _given(solver, fn)
+
+    def step(number, carry):
+        y, moving, _, found = carry
+        state = eqx.combine(moving, still)
+        with as_libraries_expect():
+            y, state, (loss, (latest, every)) = best.step(given, y, args, {}, state, frozenset())
+        found = jax.tree.map(lambda all, one: all.at[number].set(one), found, (loss, every))
+        return y, eqx.filter(state, eqx.is_array), latest, found
+
+    def none(leaf, *axes):
+        return jnp.zeros((*axes, *leaf.shape), leaf.dtype)
+
+    loss, (latest, every) = eqx.filter_eval_shape(given, y, args)[1]
+    found = jax.tree.map(lambda leaf: none(leaf, room), (loss, every))
+    start = (y, moving, jax.tree.map(none, latest), found)
+    y, moving, latest, (losses, every) = jax.lax.fori_loop(0, steps, step, start)
+    return y, moving, losses, (latest, every)

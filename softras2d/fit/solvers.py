@@ -59,7 +59,13 @@ def _silent(**_: Any) -> None:
 
 
 def _adam(rate: float) -> optx.OptaxMinimiser:
-    return optx.OptaxMinimiser(optax.adam(rate, b2=0.99), rtol=0.0, atol=0.0)
+    # The rate is held by the state, so that a host can let it fall.
+    adam = optax.inject_hyperparams(optax.adam, static_args=_NUMBERS)(rate, b2=0.99)
+    return optx.OptaxMinimiser(adam, rtol=0.0, atol=0.0)
+
+
+_NUMBERS = ("b1", "b2", "eps", "eps_root", "mu_dtype", "nesterov")
+"""Of Adam, but for its rate."""
 
 
 SOLVERS: dict[str, Callable[[float], Solver]] = {
@@ -82,3 +88,8 @@ def solver_of(solver: str | Solver, *, rate: float = 0.02) -> Solver:
             f"`solver` must be an optimistix solver or one of {names}; got {solver!r}."
         )
     return SOLVERS[solver](rate)
+
+
+def is_first_order(solver: Solver) -> bool:
+    """Whether its memory has the shape of the unknowns, entry by entry."""
+    return isinstance(solver, optx.OptaxMinimiser)

@@ -14,7 +14,6 @@ read back under the same `linear`. An EXR of an image without alpha, written and
 """
 
 import os
-import secrets
 import shutil
 import tempfile
 from pathlib import Path
@@ -22,7 +21,9 @@ from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
-from jaxtyping import Float32
+from jaxtyping import Float32, UInt8
+
+from .drafts import whole
 
 WRITABLE = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff")
 """Suffixes that `write_image` knows."""
@@ -77,15 +78,17 @@ def write_image(
         pixels = _premultiply(pixels)
     else:
         pixels = _on_colors(linear_to_srgb, pixels) if linear else pixels
-        scaled = np.clip(pixels, 0.0, 1.0) * np.float32(255.0)
-        pixels = np.floor(scaled if truncate else scaled + np.float32(0.5)).astype(np.uint8)
-    # Written beside the target and renamed, so that no reader sees half a file.
-    draft = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{suffix}")
-    try:
+        pixels = to_bytes(pixels, truncate=truncate)
+    with whole(path) as draft:
         _save(draft, path, pixels)
-        os.replace(draft, path)
-    finally:
-        draft.unlink(missing_ok=True)
+
+
+def to_bytes(
+    pixels: Float32[np.ndarray, "*shape"], *, truncate: bool = False
+) -> UInt8[np.ndarray, "*shape"]:
+    """Clipped to 0..1 and rounded to the nearest k/255, or down if `truncate`."""
+    scaled = np.clip(pixels, 0.0, 1.0) * np.float32(255.0)
+    return np.floor(scaled if truncate else scaled + np.float32(0.5)).astype(np.uint8)
 
 
 def srgb_to_linear(values: np.ndarray) -> np.ndarray:
@@ -214,21 +217,32 @@ def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
 
 def _writable(path: Path, image: np.ndarray) -> np.ndarray:
     """`image` as float32, after every check that needs no disk but the folder's."""
+    pixels = as_pixels(str(path), image)
+    if image.shape[-1] == 4 and path.suffix.lower() in (".jpg", ".jpeg"):
+        raise ValueError(f"{path}: JPEG holds no alpha; write PNG, TIFF or EXR.")
+    check_place(path)
+    return pixels
+
+
+def as_pixels(where: str, image: np.ndarray) -> Float32[np.ndarray, "height width channels"]:
+    """`image` as float32. Raises `ValueError`, which begins with `where`, if it is no image."""
     if image.ndim != 3 or image.shape[-1] not in (1, 3, 4) or 0 in image.shape:
-        raise ValueError(f"{path}: an image is [height, width, 1, 3 or 4]; got {image.shape}.")
+        raise ValueError(f"{where}: an image is [height, width, 1, 3 or 4]; got {image.shape}.")
     if image.dtype not in (np.float16, np.float32, np.float64):
-        raise ValueError(f"{path}: an image holds floats, 0..1; got {image.dtype}.")
+        raise ValueError(f"{where}: an image holds floats, 0..1; got {image.dtype}.")
     if not np.isfinite(image).all():
         row, column, channel = (int(i) for i in np.argwhere(~np.isfinite(image))[0])
         value = image[row, column, channel]
-        raise ValueError(f"{path}: row {row}, column {column}, channel {channel} is {value}.")
-    if image.shape[-1] == 4 and path.suffix.lower() in (".jpg", ".jpeg"):
-        raise ValueError(f"{path}: JPEG holds no alpha; write PNG, TIFF or EXR.")
+        raise ValueError(f"{where}: row {row}, column {column}, channel {channel} is {value}.")
+    return image.astype(np.float32)
+
+
+def check_place(path: Path) -> None:
+    """Raise `ValueError` if no file can be at `path`."""
     if path.is_dir():
         raise ValueError(f"{path}: a folder, not a file to write.")
     if not path.parent.is_dir():
         raise ValueError(f"{path}: there is no folder {path.parent}.")
-    return image.astype(np.float32)
 
 
 def _save(draft: Path, path: Path, pixels: np.ndarray) -> None:

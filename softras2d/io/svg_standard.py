@@ -102,7 +102,9 @@ class StandardReader:
         self._states.pop()
 
     def _local(self, tag: str, attributes: dict[str, str]) -> str:
-        """The name without its prefix; empty for elements of other vocabularies."""
+        """The name without its prefix; empty for other vocabularies and `write_svg`'s fallbacks."""
+        if self._states and "data-fallback" in attributes:
+            return ""
         prefix, colon, name = tag.rpartition(":")
         if not colon:
             return name

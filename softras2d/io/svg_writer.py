@@ -4,9 +4,6 @@ Numbers are the shortest decimals that give back the same float32.
 """
 
 import os
-import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -14,13 +11,29 @@ import numpy as np
 
 from ..scene import Scene, check
 from ..texture.pyramid import TexturePyramid
+from .drafts import whole
 
 _POLYGON = '<polygon points="{},{} {},{} {},{}" {}/>'
 _COLORTRI = '<colortri points="{} {} {} {} {} {}" colors="{}"/>'
 _TEXTRI = '<textri points="{} {} {} {} {} {}" uvs="{}" texid="{}"/>'
 
+# Without antialiasing: browsers blend each polygon alone, so that along an edge that two share the
+# page would show through, a bright hairline around every triangle of a mesh. Without, each pixel
+# centre is in just one of them, translucent ones too, where a stroke that hides the hairlines would
+# be seen. The price is stairs on the outline of what is only a stand-in.
+_FALLBACK = (
+    '<polygon data-fallback="1" shape-rendering="crispEdges" points="{},{} {},{} {},{}" {}/>'
+)
 
-def write_svg(path: str | os.PathLike[str], scene: Scene, *, height: int, width: int) -> None:
+
+def write_svg(
+    path: str | os.PathLike[str],
+    scene: Scene,
+    *,
+    height: int,
+    width: int,
+    fallback: bool = False,
+) -> None:
     """Write `scene` as an SVG file of `width` x `height` pixels that `read_svg` takes back.
 
     A triangle whose corners agree becomes a `<polygon>` without stroke: `fill="rgb(p% p% p%)"`,
@@ -29,6 +42,9 @@ def write_svg(path: str | os.PathLike[str], scene: Scene, *, height: int, width:
     textures are written beside the file as `STEM_texture0.png`, ...: 8 bits where that is exact,
     16 otherwise. A background other than white is a first `<rect>` over the whole canvas, with
     `fill-opacity` if it is translucent.
+
+    `fallback=True` puts a `<polygon data-fallback="1">` of the mean corner colour and alpha before
+    each `<colortri>`, so that browsers show a flat triangle; `read_svg`, dialect "svg", skips it.
 
     `read_svg` gives back the same triangles in the same order and every float32 of them, with the
     smallest structure that holds them: vertices are not shared, colours are flat if all triangles
@@ -51,13 +67,13 @@ def write_svg(path: str | os.PathLike[str], scene: Scene, *, height: int, width:
             f'<texture texid="{index}" filename={quoteattr(name)}/>'
             for index, name in enumerate(images)
         ),
-        *_triangles(scene),
+        *_triangles(scene, fallback),
         "</svg>\n",
     ]
     # The pictures first: a file that is there has all that it names.
     for name, image in images.items():
         _write_png(path.with_name(name), image)
-    with _whole(path) as temporary:
+    with whole(path) as temporary:
         temporary.write_text("\n".join(lines), encoding="utf-8")
 
 
@@ -108,8 +124,8 @@ def _background(scene: Scene, height: int, width: int) -> list[str]:
     return [f'<rect x="0" y="0" width="{width}" height="{height}" {paint}/>']
 
 
-def _triangles(scene: Scene) -> list[str]:
-    """One element per triangle, in draw order."""
+def _triangles(scene: Scene, fallback: bool) -> list[str]:
+    """One element per triangle, in draw order, or two, with its fallback."""
     colors = _float32(scene.colors)
     points = _float32(scene.positions)[np.asarray(scene.triangles)].reshape(-1, 6)
     flat = (colors == colors[:, :1]).all(axis=(1, 2))
@@ -121,11 +137,20 @@ def _triangles(scene: Scene) -> list[str]:
     lines[plain] = _rows(_POLYGON, points[plain], _paint(colors[plain, 0]))
     shaded = ~flat & ~textured
     lines[shaded] = _rows(_COLORTRI, points[shaded], _lists(_with_alpha(colors[shaded])))
+    if fallback:
+        lines[shaded] = _fallbacks(points[shaded], colors[shaded]) + "\n" + lines[shaded]
     if scene.uv is not None and scene.texture_index is not None:
         uvs = _lists(_float32(scene.uv)[textured])
         indices = np.asarray(scene.texture_index)[textured].tolist()
         lines[textured] = _rows(_TEXTRI, points[textured], uvs, indices)
     return lines.tolist()
+
+
+def _fallbacks(points: np.ndarray, colors: np.ndarray) -> np.ndarray:
+    """A flat triangle for each `[n, 3, 3 or 4]` corner colours."""
+    # Nobody computes with these, and three decimals are finer than the bytes of a display.
+    means = colors.astype(np.float64).mean(axis=1).round(3).astype(np.float32)
+    return np.array(_rows(_FALLBACK, points, _paint(means)), object)
 
 
 def _rows(element: str, points: np.ndarray, *attributes: list) -> list[str]:
@@ -216,22 +241,9 @@ def _write_png(path: Path, image: np.ndarray) -> None:
     spec = oiio.ImageSpec(width, height, channels, "uint8" if exact else "uint16")
     # PNG holds straight alpha.
     spec.attribute("oiio:UnassociatedAlpha", 1)
-    with _whole(path) as temporary:
+    with whole(path) as temporary:
         output = oiio.ImageOutput.create("png")
         assert output is not None, "OpenImageIO without PNG"
         done = output.open(str(temporary), spec) and output.write_image(pixels)
         if not (output.close() and done):
             raise ValueError(f"{path}: cannot be written: {output.geterror()}")
-
-
-@contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """A temporary name beside `path`, moved onto it once it is written."""
-    temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be written: {error.strerror}.") from error
-    finally:
-        temporary.unlink(missing_ok=True)

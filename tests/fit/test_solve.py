@@ -5,7 +5,7 @@ import numpy as np
 import optimistix as optx
 import pytest
 
-from softras2d.fit.solve import advance, begin, forget_best
+from softras2d.fit.solve import advance, advance_each, begin, forget_best, set_rate
 from softras2d.fit.solvers import SOLVERS, levenberg_marquardt, solver_of
 
 ANSWER = np.array([0.3, -1.2, 0.8, 2.0], np.float32)
@@ -16,7 +16,7 @@ MATRIX = RNG.normal(size=(9, 4)).astype(np.float32)
 def residual(y, args):
     """A bent least-squares problem with the residual 0 at the answer; `args` scales it."""
     off = y - ANSWER
-    return args * (MATRIX @ (off + 0.1 * off**3)), jnp.sum(y)
+    return args * (MATRIX @ (off + 0.1 * off**3)), (off, jnp.sum(y))
 
 
 STEPS = {"adam": 600, "lm": 12, "dogleg": 20, "bfgs": 60, "lbfgs": 60}
@@ -29,11 +29,12 @@ def test_every_solver_finds_the_answer_in_chunks(name):
     assert np.isinf(progress.least)
     losses = []
     for _ in range(4):
-        progress, found, seen = advance(
+        progress, found, (off, sums) = advance(
             solver, residual, progress, jnp.float32(1.0), steps=STEPS[name] // 4
         )
         losses += found.tolist()
-        assert seen.shape == found.shape
+        assert sums.shape == found.shape
+        assert off.shape == (4,)
     assert progress.steps == STEPS[name]
     assert losses[-1] < 1e-3 * losses[0]
     np.testing.assert_allclose(progress.best, ANSWER, atol=2e-2)
@@ -61,7 +62,7 @@ def test_other_arguments_compile_nothing(count_compilations):
 
 def test_the_best_is_kept_where_the_solver_wanders():
     def wild(y, args):
-        return jnp.where(y[0] > 0.5, jnp.nan, (y[0] - 1.0) ** 2), None
+        return jnp.where(y[0] > 0.5, jnp.nan, (y[0] - 1.0) ** 2), (None, None)
 
     solver = solver_of("adam", rate=0.2)
     progress = begin(solver, wild, jnp.zeros(1), None)
@@ -91,3 +92,32 @@ def test_any_solver_of_optimistix_is_taken():
 def test_an_unknown_solver_is_named():
     with pytest.raises(ValueError, match="`solver` must be an optimistix solver or one of 'adam'"):
         solver_of("newton")
+
+
+def test_several_at_once_are_as_each_alone():
+    for name in ("adam", "lm"):
+        solver = solver_of(name, rate=0.05)
+        scales = [jnp.float32(1.0), jnp.float32(3.0)]
+        starts = [jnp.zeros(4), jnp.ones(4)]
+        many = [begin(solver, residual, y, s) for y, s in zip(starts, scales, strict=True)]
+        both = advance_each(solver, residual, many, scales, steps=4)
+        for start, scale, found in zip(many, scales, both, strict=True):
+            alone = advance(solver, residual, start, scale, steps=4)
+            np.testing.assert_allclose(found[0].y, alone[0].y, atol=1e-5)
+            np.testing.assert_allclose(found[1], alone[1], rtol=1e-4)
+            assert found[0].steps == 4
+            assert np.isfinite(found[0].least)
+
+
+def test_a_rate_can_be_set_without_compiling(count_compilations):
+    solver = solver_of("adam", rate=0.05)
+    scale = jnp.float32(1.0)
+    progress = begin(solver, residual, jnp.zeros(4), scale)
+    progress, _, _ = advance(solver, residual, progress, scale, steps=2)
+    still = set_rate(progress, 0.0)
+    with count_compilations() as compiled:
+        after, _, _ = advance(solver, residual, still, scale, steps=2)
+    assert not compiled.names
+    np.testing.assert_array_equal(after.y, progress.y)
+    other = begin(solver_of("bfgs"), residual, jnp.zeros(4), scale)
+    assert set_rate(other, 0.1) is other

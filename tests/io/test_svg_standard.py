@@ -41,6 +41,19 @@ def test_structure_is_the_smallest():
     assert read(flat).uv is None
 
 
+def test_fallbacks_are_skipped_with_what_they_hold():
+    shaded = '<colortri points="0 0 9 0 0 9" colors="1 0 0 1 0 1 0 1 0 0 1 1"/>'
+    for fallback in (
+        '<polygon data-fallback="1" points="0,0 9,0 0,9"/>',
+        '<g data-fallback=""><rect width="5" height="5"/><circle r="1"/></g>',
+        '<style data-fallback="1">rect { fill: red }</style>',
+    ):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            scene = read(fallback + shaded + fallback)
+        assert corners(scene).tolist() == [[[0, 0], [9, 0], [0, 9]]]
+
+
 def test_rect_polygon_polyline_line():
     assert shape(read('<rect x="1" y="2" width="3" height="4"/>')).equals(shapely.box(1, 2, 4, 6))
     assert shape(read('<polygon points="0,0 9,0 9,9"/>')).area == 40.5

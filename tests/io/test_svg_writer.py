@@ -127,6 +127,38 @@ def test_corners_that_agree_are_a_polygon_in_draw_order(tmp_path):
     assert_same(sr.read_svg(tmp_path / "scene.svg"), scene)
 
 
+@pytest.mark.parametrize("shape", [(3,), (3, 3), (3, 4)], ids=str)
+def test_fallbacks_are_not_read(tmp_path, shape):
+    scene = soup(20, *shape, background=floats([0.25, 0.5, 1]))
+    sr.write_svg(tmp_path / "a.svg", scene, height=64, width=64)
+    sr.write_svg(tmp_path / "b.svg", scene, height=64, width=64, fallback=True)
+    plain, marked = sr.read_svg(tmp_path / "a.svg"), sr.read_svg(tmp_path / "b.svg")
+    assert jax.tree.structure(plain) == jax.tree.structure(marked)
+    jax.tree.map(np.testing.assert_array_equal, plain, marked)
+    count = sum("data-fallback" in e.attrib for e in elements(tmp_path / "b.svg"))
+    assert count == (0 if shape == (3,) else 20)
+
+
+def test_fallback_is_the_mean_before_what_it_stands_for(tmp_path):
+    corners = floats([[[0, 0], [9, 0], [0, 9]], [[9, 0], [9, 9], [0, 9]]])
+    shaded = [[1, 0, 0, 1], [0.5, 0, 0, 0.25], [0, 0.3, 0, 0.25]]
+    scene = sr.Scene.from_soup(corners, floats([shaded, [[1, 1, 0, 1]] * 3]))
+    sr.write_svg(tmp_path / "scene.svg", scene, height=9, width=9, fallback=True)
+    flat, colortri, polygon = elements(tmp_path / "scene.svg")
+    assert [e.tag for e in (flat, colortri, polygon)] == ["polygon", "colortri", "polygon"]
+    assert flat.attrib == {
+        "data-fallback": "1",
+        "shape-rendering": "crispEdges",
+        "points": "0,0 9,0 0,9",
+        "fill": "rgb(50% 10% 0%)",
+        "fill-opacity": "0.5",
+    }
+    assert "data-fallback" not in polygon.attrib
+    opaque = replace(scene, colors=scene.colors[..., :3])
+    sr.write_svg(tmp_path / "scene.svg", opaque, height=9, width=9, fallback=True)
+    assert "fill-opacity" not in elements(tmp_path / "scene.svg")[0].attrib
+
+
 @pytest.mark.parametrize("alpha", [0.0, 0.5, 1.0])
 def test_translucent_background_is_a_rect_over_white(tmp_path, alpha):
     scene = soup(1, 3, background=floats([0.2, 0.4, 0.6, alpha]))

@@ -1,0 +1,83 @@
+"""The files that `softras2d fit` writes. Imports JAX: for use within a command."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..fit.loop import Moment
+from ..fit.result import FitResult
+from ..io.animation import write_animation
+from ..io.images import WRITABLE, write_image
+from ..io.svg_writer import write_svg
+from ..options import Hard
+from ..plan import plan
+from ..render import render
+from ..scene import Scene
+
+_KNOWN = (".svg", *WRITABLE, ".gif", ".npz", ".json")
+
+_FRAMES, _SIDE = 40, 320
+"""Pictures of a film at most, and their longer side in pixels."""
+
+
+def check_outputs(paths: list[Path]) -> None:
+    """Raise `ValueError` for a file that could not be written, before the work of a fit."""
+    for path in paths:
+        if path.suffix.lower() not in _KNOWN:
+            raise ValueError(f"{path}: the suffix must be one of {', '.join(_KNOWN)}.")
+        if not path.parent.is_dir():
+            raise ValueError(f"{path}: the folder to write to does not exist.")
+        if path.is_dir():
+            raise ValueError(f"{path}: a folder is there.")
+    if len(set(paths)) < len(paths):
+        raise ValueError("the same --output is given twice.")
+
+
+def write(path: Path, result: FitResult, film: "Film | None") -> None:
+    """One file of a fit, by its suffix."""
+    suffix = path.suffix.lower()
+    if suffix == ".svg":
+        scene, height, width = result.scene, result.height, result.width
+        write_svg(path, scene, height=height, width=width, fallback=True)
+    elif suffix == ".npz":
+        result.save(path)
+    elif suffix == ".json":
+        result.write_report(path)
+    elif suffix == ".gif":
+        assert film is not None
+        film.write(path, result.scene)
+    else:
+        write_image(path, result.image)
+
+
+class Film:
+    """Scenes of a fit, some of them kept, to be drawn at the end."""
+
+    def __init__(self, size: tuple[int, int]):
+        self._height, self._width = size
+        self._scenes: list[tuple[float, Scene]] = []
+
+    def add(self, moment: Moment) -> None:
+        """Keep the scene if enough has happened since the last one kept."""
+        if not self._scenes or moment.share - self._scenes[-1][0] >= 1 / _FRAMES:
+            self._scenes.append((moment.share, moment.scene()))
+
+    def write(self, path: Path, last: Scene) -> None:
+        """The film; it ends with the last scene."""
+        scale = min(1.0, _SIDE / max(self._height, self._width))
+        height, width = (max(1, round(side * scale)) for side in (self._height, self._width))
+        scenes = [_shrunk(scene, scale) for _, scene in self._scenes]
+        hard = Hard(samples=4, edge_gradients=False)
+        # One plan for those of one size: one program.
+        frames = []
+        if scenes:
+            shared = plan(scenes, height=height, width=width, coverage=hard)
+            frames = [np.asarray(render(scene, shared))[..., :3] for scene in scenes]
+        end = _shrunk(last, scale)
+        final = render(end, plan(end, height=height, width=width, coverage=hard))
+        write_animation(path, [*frames, np.asarray(final)[..., :3]])
+
+
+def _shrunk(scene: Scene, scale: float) -> Scene:
+    return replace(scene, positions=scene.positions * scale)

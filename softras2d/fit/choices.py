@@ -1,0 +1,87 @@
+"""What a user may ask of a fit: each thing that makes no sense is refused in one line."""
+
+from typing import Any, get_args
+
+import numpy as np
+import optimistix as optx
+from jaxtyping import Float
+
+from .loss import Kind, Light, Loss
+from .solvers import Solver
+
+_SHADINGS = {"layers": ("flat", "gouraud"), "mesh": ("flat", "gouraud", "linear")}
+_COLORS = ("together", "solve", "polish")
+
+
+def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
+    """Raise `ValueError` unless the arguments of `fit` make sense together.
+
+    Where no shading is given, that of the family is put in.
+    """
+    family = settings["family"]
+    _one_of("family", family, tuple(_SHADINGS))
+    if settings["shading"] is None:
+        settings["shading"] = "flat" if family == "layers" else "gouraud"
+    _one_of("shading", settings["shading"], _SHADINGS[family], f" of a {family} fit")
+    _one_of("colors", settings["colors"], _COLORS)
+    _one_of("loss", settings["loss"], get_args(Kind))
+    _one_of("light", settings["light"], get_args(Light))
+    _whole("triangles", settings["triangles"], 1 if family == "layers" else 2)
+    _whole("seed", settings["seed"], 0)
+    if settings["size"] is not None:
+        _whole("size", settings["size"], 1)
+    if steps is not None and seconds is not None:
+        raise ValueError("give one of `steps` and `seconds`.")
+    if steps is not None:
+        _whole("steps", steps, 0)
+    if seconds is not None and not (_is_number(seconds) and seconds > 0):
+        raise ValueError(f"`seconds` must be a number above 0; got {seconds!r}.")
+    softness = settings["softness"]
+    if not (_is_number(softness) and 0 < softness <= 64):
+        raise ValueError(f"`softness` must be pixels above 0, 64 at most; got {softness!r}.")
+    if settings["translucent"] and family == "mesh":
+        raise ValueError("a mesh covers the canvas: `translucent` is for layers.")
+    if settings["colors"] != "together" and settings["loss"] != "squared":
+        raise ValueError("colours in closed form are those of `loss='squared'`.")
+
+
+def check_loss(solver: Solver, loss: Loss) -> None:
+    """Raise `ValueError` where a solver of least squares is given another loss."""
+    if isinstance(solver, optx.AbstractLeastSquaresSolver) and loss.kind != "squared":
+        raise ValueError(
+            f"solvers of least squares take `loss='squared'`; got {loss.kind!r}: use 'adam'."
+        )
+
+
+def prepare_weights(
+    weights: Any, target: Float[np.ndarray, "height width channels"]
+) -> Float[np.ndarray, "height width"] | None:
+    """`weights` as float32 with a mean of 1, or None; `ValueError` for others than a weight for
+    each pixel."""
+    if weights is None:
+        return None
+    array = np.asarray(weights)
+    if array.shape != target.shape[:2] or array.dtype.kind not in "uif":
+        raise ValueError(
+            f"`weights` must be numbers [height, width] = {target.shape[:2]}; got {array.dtype} "
+            f"{array.shape}."
+        )
+    if not (np.isfinite(array).all() and (array >= 0).all() and array.any()):
+        raise ValueError("`weights` must be finite, none below 0, and some above.")
+    return (array / array.mean(dtype=np.float64)).astype(np.float32)
+
+
+def _one_of(name: str, value: Any, choices: tuple[str, ...], where: str = "") -> None:
+    if value not in choices:
+        names = ", ".join(map(repr, choices))
+        raise ValueError(f"`{name}`{where} must be one of {names}; got {value!r:.60}.")
+
+
+def _whole(name: str, value: Any, least: int) -> None:
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or not least <= value < 2**31:
+        raise ValueError(f"`{name}` must be a whole number from {least} on; got {value!r:.60}.")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.number) and bool(np.isfinite(value))

@@ -1,0 +1,268 @@
+"""A fit of layers between chunks of steps: triangles placed, put to use again, plans renewed."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..options import Soft
+from ..plan import Plan, plan
+from ..scene import Scene
+from .closed_form import best_colors
+from .layers import UNIT, Layers, LayersData, LayersResidual, layers_scene
+from .loss import Loss
+from .mesh_colors import Image, PixelMap
+from .placing import place, random_triangles, removal_costs
+from .solve import advance, begin, forget_best, set_rate
+from .solvers import Solver, is_first_order
+
+_GROWTH = 0.4
+"""Share of the fit after which all triangles are there."""
+
+_EXCHANGE = 0.3
+"""Share of the triangles that the first exchange puts to use again; it falls to zero at the end."""
+
+_PAUSE, _LAST = 0.02, 0.85
+"""Share of the fit between two exchanges, and after which there is none."""
+
+_SIZE, _FINER = 0.9, 0.5
+"""Circumradius of a new triangle, in sides of the square that each has on average; and how much
+smaller those are that replace others."""
+
+_HOPE = 10.0
+
+_RATE = 0.025
+"""Of steps that have one: half a pixel, and half that of colour at its start. It falls at the end
+in a straight line."""
+
+_FALL, _LEAST = 0.3, 0.02
+
+_ASIDE = -1e3
+"""Where triangles wait that are not drawn yet, in pixels."""
+
+
+@dataclass(frozen=True)
+class LayersChoice:
+    """How the triangles are to be: their number, `gouraud` colours, opacity as an unknown, the
+    width of soft edges in pixels, whether colours are solved for between chunks, and where they
+    start: `"error"`, `"uniform"`, or a scene; `exchange`: whether triangles are placed where the
+    error is, first or anew.
+    """
+
+    triangles: int
+    gouraud: bool
+    translucent: bool
+    softness: float
+    solve: bool
+    start: str | Scene
+    exchange: bool
+
+
+class LayersFit:
+    """The state of a fit: what `advance` and `refine` change."""
+
+    def __init__(
+        self,
+        target: Image,
+        weights: PixelMap | None,
+        choice: LayersChoice,
+        loss: Loss,
+        solver: Solver,
+        seed: int,
+    ):
+        self.choice, self.loss, self.solver = choice, loss, solver
+        self.target, self.weights = target, weights
+        self.height, self.width = target.shape[:2]
+        self.rng = np.random.default_rng(seed)
+        self.background = _background(target, weights, choice.start)
+        self.data = LayersData(
+            loss.prepare(jnp.asarray(target)),
+            None if weights is None else jnp.asarray(weights, jnp.float32),
+            jnp.asarray(self.background),
+            jnp.float32(choice.softness),
+        )
+        y, self.active = self._start()
+        self.residual = LayersResidual(self._plan([self.likely()]), loss)
+        self.progress = begin(solver, self.residual, y, self.data)
+        self.image = np.broadcast_to(self.background[:3], (*target.shape[:2], 3))
+        self.exchanged = 0.0
+
+    def _start(self) -> tuple[Layers, int]:
+        choice = self.choice
+        count, corners = choice.triangles, 3 if choice.gouraud else 1
+        places = np.full((count, 3, 2), _ASIDE, np.float32)
+        colors = np.full((count, corners, 3), 0.5, np.float32)
+        opacity = np.full(count, 0.8, np.float32) if choice.translucent else None
+        active = 0
+        if isinstance(choice.start, Scene):
+            active = self._take(choice.start, places, colors, opacity)
+        elif choice.start == "uniform":
+            active = count
+            middle = self.rng.random((count, 2)) * [self.width, self.height]
+            places[:] = random_triangles(self.rng, middle, _SIZE * self._spacing(count))
+            pixel = np.clip(middle.astype(int), 0, [self.width - 1, self.height - 1])
+            colors[:] = self.target[pixel[:, 1], pixel[:, 0], :3][:, None]
+        elif choice.start != "error":
+            raise ValueError(
+                f"`start` must be 'error', 'uniform' or a Scene; got {choice.start!r:.60}."
+            )
+        held = None if opacity is None else jnp.asarray(opacity)
+        return Layers(jnp.asarray(places / UNIT), jnp.asarray(colors), held), active
+
+    def _take(self, scene: Scene, places: Any, colors: Any, opacity: Any) -> int:
+        """Fill the arrays with a scene's triangles; how many there are."""
+        count = scene.triangles.shape[0]
+        if count > len(places):
+            raise ValueError(f"`start` has {count} triangles; `triangles` is {len(places)}.")
+        places[:count] = np.asarray(scene.positions)[np.asarray(scene.triangles)]
+        own = np.asarray(scene.colors)
+        rgb = own[..., :3]
+        colors[:count] = rgb if colors.shape[1] == 3 else rgb.mean(1, keepdims=True)
+        if opacity is not None:
+            opacity[:count] = own[..., 3].mean(1) if own.shape[-1] == 4 else 1.0
+        return count
+
+    def _spacing(self, count: int) -> float:
+        """Side of the square that each of so many triangles has, in pixels."""
+        return float(np.sqrt(self.height * self.width / max(count, 1)))
+
+    def likely(self) -> Scene:
+        """A scene like those that the fit will go through, to plan for."""
+        count = self.choice.triangles
+        rng = np.random.default_rng(0)
+        middle = rng.random((count, 2)) * [self.width, self.height]
+        corners = random_triangles(rng, middle, 1.6 * self._spacing(count))
+        colors = np.zeros((count, 3 if self.choice.gouraud else 1, 3), np.float32)
+        opacity = np.full(count, 0.5, np.float32) if self.choice.translucent else None
+        held = None if opacity is None else jnp.asarray(opacity)
+        y = Layers(jnp.asarray(corners / UNIT, jnp.float32), jnp.asarray(colors), held)
+        return layers_scene(y, self.data.background)
+
+    def _plan(self, scenes: list[Scene]) -> Plan:
+        return plan(
+            scenes,
+            height=self.height,
+            width=self.width,
+            coverage=Soft(self.choice.softness),
+        )
+
+    @property
+    def y(self) -> Layers:
+        """The best unknowns so far."""
+        known = bool(jnp.isfinite(self.progress.least))
+        return self.progress.best if known else self.progress.y
+
+    def scene(self, *, padded: bool = False) -> Scene:
+        """The best scene so far, in pixels of the fit; `padded` by triangles that wait outside."""
+        drawn = slice(None if padded else self.active)
+        y = jax.tree.map(lambda leaf: leaf[drawn], self.y)
+        return layers_scene(y, self.data.background)
+
+    def polish(self) -> None:
+        """The best unknowns so far, with the colours of least squared error."""
+        y = best_colors(self.residual, self.y, self.data)
+        self.progress = forget_best(self.progress._replace(y=y))
+
+    def advance(self, steps: int, room: int) -> np.ndarray:
+        """Losses of so many steps; those that outgrew the plan are taken again under a new one."""
+        if self.choice.solve:
+            y = best_colors(self.residual, self.progress.y, self.data)
+            self.progress = self.progress._replace(y=y)
+        while True:
+            progress, losses, (image, outgrown) = advance(
+                self.solver, self.residual, self.progress, self.data, steps=steps, room=room
+            )
+            if not bool(jnp.any(outgrown)):
+                self.progress, self.image = progress, np.asarray(image)[..., :3]
+                return np.asarray(losses)
+            seen = [layers_scene(y, self.data.background) for y in (self.progress.y, progress.y)]
+            self.residual = LayersResidual(self._plan([self.likely(), *seen]), self.loss)
+
+    def refine(self, share: float) -> None:
+        """What the host does between chunks, `share` of the way through the fit."""
+        total = self.choice.triangles
+        rate = _RATE * max(_LEAST, min(1.0, (1 - share) / _FALL))
+        self.progress = set_rate(self.progress, rate)
+        if not self.choice.exchange:
+            return
+        wanted = int(min(total, max(8, total * min(1.0, share / _GROWTH) ** 1.5)))
+        missing = max(0, wanted - self.active)
+        if missing >= max(1, self.active // 20) or (missing and wanted == total):
+            self._place(missing, _SIZE)
+        elif self.active == total and share < _LAST and share - self.exchanged >= _PAUSE:
+            self.exchanged = share
+            self._exchange(max(1, int(total * _EXCHANGE * (1 - share))))
+
+    def _place(self, count: int, size: float) -> None:
+        found = place(
+            self.rng, self.image, self.target[..., :3], count,
+            size=size * self._spacing(self.active + count), weights=self.weights,
+        )  # fmt: skip
+        number = len(found.corners)
+        if number == 0:
+            return
+        order = np.arange(self.choice.triangles)
+        self._change(order, self.active, found.corners, found.colors)
+        self.active += number
+
+    def _exchange(self, count: int) -> None:
+        """The triangles that matter least are drawn last instead, where they matter more."""
+        y = jax.tree.map(np.asarray, self.progress.y)
+        opacity = None if y.opacity is None else np.clip(y.opacity, 0, 1)
+        costs = removal_costs(
+            y.corners * UNIT, np.clip(y.colors, 0, 1), opacity, self.target,
+            self.background, self.weights,
+        )  # fmt: skip
+        found = place(
+            self.rng, self.image, self.target[..., :3], count,
+            size=_SIZE * _FINER * self._spacing(self.choice.triangles), weights=self.weights,
+        )  # fmt: skip
+        best = np.argsort(-found.gains)
+        least = np.argsort(costs)[: len(best)]
+        useful = int(np.sum(_HOPE * found.gains[best] > costs[least]))
+        if useful == 0:
+            return
+        dropped, best = least[:useful], best[:useful]
+        order = np.concatenate([np.setdiff1d(np.arange(len(costs)), dropped), dropped])
+        first = len(costs) - useful
+        self._change(order, first, found.corners[best], found.colors[best])
+
+    def _change(self, order: np.ndarray, first: int, corners: Any, colors: Any) -> None:
+        """Triangles in another order, and from `first` on new ones."""
+        stop, total = first + len(corners), len(order)
+
+        def put(values: Any, new: Any) -> Any:
+            host = np.asarray(values)[order]
+            host[first:stop] = new
+            return jnp.asarray(host)
+
+        def forget(leaf: Any) -> Any:
+            follows = isinstance(leaf, jax.Array) and leaf.ndim and leaf.shape[0] == total
+            return put(leaf, 0) if follows else leaf
+
+        y = self.progress.y
+        opacity = None if y.opacity is None else put(y.opacity, 0.9)
+        y = Layers(put(y.corners, corners / UNIT), put(y.colors, colors[:, None]), opacity)
+        if is_first_order(self.solver):
+            # Its memory is one number for each unknown.
+            state = jax.tree.map(forget, self.progress.state)
+            self.progress = forget_best(self.progress._replace(y=y, state=state))
+        else:
+            fresh = begin(self.solver, self.residual, y, self.data)
+            self.progress = fresh._replace(steps=self.progress.steps)
+
+
+def _background(target: Image, weights: PixelMap | None, start: str | Scene) -> np.ndarray:
+    """That of a scene to start from; else the mean colour, and nothing behind a target with
+    alpha."""
+    if isinstance(start, Scene):
+        own = np.asarray(start.background, np.float32)
+        channels = target.shape[-1]
+        return np.append(own[:3], np.float32(1))[:channels] if len(own) != channels else own
+    if target.shape[-1] == 4:
+        return np.zeros(4, np.float32)
+    flat = target.reshape(-1, 3).astype(np.float64)
+    share = None if weights is None else weights.ravel()
+    return np.average(flat, axis=0, weights=share).astype(np.float32)

@@ -1,0 +1,170 @@
+"""What comes out of a fit, and its files."""
+
+import json
+import os
+import platform
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import __version__
+from ..io.drafts import whole
+from ..scene import Scene
+
+
+class Record(NamedTuple):
+    """A fit at one moment.
+
+    - `steps`, `seconds`: since it began.
+    - `psnr` (dB), `ssim`: of the image that the last step saw, at the size and with the coverage of
+      the fit.
+    - `accepted`: steps that found a lower loss than any before; `active`: triangles in use.
+    """
+
+    steps: int
+    seconds: float
+    psnr: float
+    ssim: float
+    accepted: int
+    active: int
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """A fitted scene, and how it came about.
+
+    - `scene`: in pixels of the target, which has `height` and `width`.
+    - `image`: the scene in hard mode with 16 samples, `[height, width, channels]`; `psnr` (dB) and
+      `ssim` are its.
+    - `history`: a record for each chunk of steps.
+    - `settings`: the arguments of the fit.
+    - `interrupted`: whether Ctrl-C ended it.
+    - `state`: arrays by name, from which `fit(..., resume=)` goes on.
+    """
+
+    scene: Scene
+    image: np.ndarray = field(repr=False)
+    psnr: float
+    ssim: float
+    history: tuple[Record, ...]
+    settings: dict[str, Any]
+    interrupted: bool = False
+    state: dict[str, np.ndarray] = field(default_factory=dict, repr=False)
+
+    @property
+    def height(self) -> int:
+        """Of the target, in pixels."""
+        return self.image.shape[0]
+
+    @property
+    def width(self) -> int:
+        """Of the target, in pixels."""
+        return self.image.shape[1]
+
+    def report(self) -> dict[str, Any]:
+        """What a JSON file can hold of it: settings, versions, machine, scores and history."""
+        import equinox
+        import optimistix
+
+        last = self.history[-1] if self.history else Record(0, 0.0, -np.inf, 0.0, 0, 0)
+        return {
+            "settings": self.settings,
+            "height": self.height,
+            "width": self.width,
+            "triangles": self.scene.triangles.shape[0],
+            "psnr": _plain(self.psnr),
+            "ssim": _plain(self.ssim),
+            "steps": last.steps,
+            "seconds": last.seconds,
+            "interrupted": self.interrupted,
+            "versions": {
+                "softras2d": __version__,
+                "python": platform.python_version(),
+                "jax": jax.__version__,
+                "equinox": equinox.__version__,
+                "optimistix": optimistix.__version__,
+                "numpy": np.__version__,
+            },
+            "machine": {
+                "system": platform.system(),
+                "processor": platform.machine(),
+                "cores": os.cpu_count(),
+                "device": jax.devices()[0].device_kind,
+            },
+            "history": [{k: _plain(v) for k, v in one._asdict().items()} for one in self.history],
+        }
+
+    def write_report(self, path: str | os.PathLike[str]) -> None:
+        """`report` as a JSON file, which appears whole or not at all."""
+        text = json.dumps(self.report(), indent=1) + "\n"
+        path = Path(path)
+        with whole(path) as draft:
+            draft.write_text(text, encoding="utf-8")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """An `.npz` that `load` gives back exactly; it appears whole or not at all."""
+        path = Path(path)
+        if path.suffix.lower() != ".npz":
+            raise ValueError(f"{path}: the suffix must be .npz.")
+        facts = {
+            "format": _FORMAT,
+            "settings": self.settings,
+            "interrupted": self.interrupted,
+        }
+        arrays = {
+            "image": self.image,
+            "facts": np.frombuffer(json.dumps(facts).encode(), np.uint8),
+            "scores": np.array([self.psnr, self.ssim]),
+            "history": np.array([tuple(map(float, one)) for one in self.history]).reshape(-1, 6),
+        }
+        for entry in _SCENE:
+            arrays[f"scene.{entry}"] = np.asarray(getattr(self.scene, entry))
+        for name, value in self.state.items():
+            arrays[f"state.{name}"] = np.asarray(value)
+        with whole(path) as draft, draft.open("wb") as file:
+            np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> "FitResult":
+        """What `save` wrote; a one-line `ValueError` for any other file."""
+        path = Path(path)
+        if not path.is_file():
+            raise ValueError(f"{path}: no such file.")
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
+            facts = json.loads(arrays.pop("facts").tobytes().decode())
+            if facts["format"] != _FORMAT:
+                raise ValueError(f"format {facts['format']}")
+            parts = {entry: jnp.asarray(arrays.pop(f"scene.{entry}")) for entry in _SCENE}
+            scene = Scene(**parts)  # pyright: ignore[reportArgumentType]
+            psnr, ssim = map(float, arrays.pop("scores"))
+            image = arrays.pop("image")
+            history = tuple(_record(row) for row in arrays.pop("history"))
+            state = {name.removeprefix("state."): value for name, value in arrays.items()}
+        except Exception as error:
+            raise ValueError(f"{path}: not a fit saved by this version of softras2d.") from error
+        return FitResult(
+            scene, image, psnr, ssim, history, facts["settings"], facts["interrupted"], state
+        )  # fmt: skip
+
+
+_FORMAT = 1
+
+_SCENE = ("positions", "triangles", "colors", "background")
+
+assert set(_SCENE) < {one.name for one in fields(Scene)}
+
+
+def _record(row: np.ndarray) -> Record:
+    steps, seconds, psnr, ssim, accepted, active = map(float, row)
+    return Record(int(steps), seconds, psnr, ssim, int(accepted), int(active))
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no infinities: an exact image has a PSNR of null."""
+    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -1,0 +1,12 @@
+"""Small targets for tests of the fit."""
+
+import numpy as np
+
+
+def blobs(height: int = 40, width: int = 48) -> np.ndarray:
+    """A smooth ground with a disc and a box upon it."""
+    y, x = np.mgrid[:height, :width] + 0.5
+    image = np.stack([x / width, y / height, 0.5 + 0 * x], -1)
+    image[(x - 15) ** 2 + (y - 14) ** 2 < 81] = [0.9, 0.2, 0.1]
+    image[(np.abs(x - 34) < 7) & (np.abs(y - 27) < 9)] = [0.1, 0.3, 0.8]
+    return image.astype(np.float32)

@@ -1,0 +1,267 @@
+"""The fit as a whole: it lowers the error, can be stopped and resumed, and never shows a NaN."""
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softras2d as sr
+from softras2d.fit.triangulation import check_tiling, delaunay_mesh
+from tests.fit.pictures import blobs
+
+TARGET = blobs()
+
+
+def mean_psnr(target):
+    return -10 * np.log10(((target - target.mean((0, 1))) ** 2).mean())
+
+
+@pytest.mark.parametrize(
+    ("family", "shading"),
+    [
+        ("layers", "flat"),
+        pytest.param("layers", "gouraud", marks=pytest.mark.slow),
+        pytest.param("mesh", "gouraud", marks=pytest.mark.slow),
+    ],
+)
+def test_a_fit_looks_like_its_target(family, shading):
+    seen = []
+    result = sr.fit(
+        TARGET, triangles=24, family=family, shading=shading, steps=125, report=seen.append
+    )
+    assert result.psnr > mean_psnr(TARGET) + 6
+    assert (result.height, result.width) == TARGET.shape[:2]
+    assert result.scene.triangles.shape[0] <= 24
+    assert result.history[-1].steps == 125
+    assert len(seen) == len(result.history) == 5
+    assert seen[-1].share == 1
+    assert not result.interrupted
+    # The score is that of an image which anyone can draw.
+    plan = sr.plan(result.scene, height=40, width=48, coverage=sr.Hard(16))
+    np.testing.assert_allclose(sr.render(result.scene, plan), result.image, atol=1e-6)
+    assert result.psnr == pytest.approx(-10 * np.log10(np.mean((result.image - TARGET) ** 2)), 1e-4)
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_result():
+    one, two = (sr.fit(TARGET, triangles=12, steps=50, seed=3) for _ in range(2))
+    np.testing.assert_array_equal(one.scene.positions, two.scene.positions)
+    np.testing.assert_array_equal(one.image, two.image)
+
+
+@pytest.mark.parametrize("family", ["layers", pytest.param("mesh", marks=pytest.mark.slow)])
+def test_an_interrupted_fit_resumes_where_it_was(family, tmp_path):
+    def interrupt(moment):
+        if moment.record.steps == 50:
+            raise KeyboardInterrupt
+
+    settings: dict[str, Any] = {"triangles": 14, "family": family, "seed": 1}
+    whole = sr.fit(TARGET, steps=100, **settings)
+    first = sr.fit(TARGET, steps=100, report=interrupt, **settings)
+    assert first.interrupted
+    assert first.history[-1].steps == 50
+    assert np.isfinite(first.image).all()
+    first.save(tmp_path / "fit.npz")
+    second = sr.fit(TARGET, steps=100, resume=sr.FitResult.load(tmp_path / "fit.npz"))
+    assert not second.interrupted
+    assert second.history[-1].steps == 100
+    np.testing.assert_allclose(second.scene.positions, whole.scene.positions, atol=1e-3)
+    assert second.psnr == pytest.approx(whole.psnr, abs=1e-3)
+    assert second.settings == first.settings
+
+
+@pytest.mark.slow
+def test_a_fitted_mesh_tiles_the_canvas():
+    result = sr.fit(TARGET, triangles=40, family="mesh", steps=50)
+    scene = result.scene
+    area = np.asarray(scene.positions)[np.asarray(scene.triangles)].astype(np.float64)
+    ab, ac = area[:, 1] - area[:, 0], area[:, 2] - area[:, 0]
+    double = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
+    assert (double > 0).all()
+    assert double.sum() / 2 == pytest.approx(40 * 48, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_seconds_are_kept():
+
+    began = time.perf_counter()
+    result = sr.fit(TARGET, triangles=12, seconds=12.0)
+    assert result.history
+    # A machine may be busy: only that it ends. Figures are those of `experiments/fit_kodak`.
+    assert time.perf_counter() - began < 60
+
+
+def known(number: int, seed: int) -> tuple[sr.Scene, np.ndarray, sr.Scene]:
+    """A scene, its image at the centre of pixels' areas, and the scene moved by up to 5 px."""
+    rng = np.random.default_rng(seed)
+    middle = rng.uniform([14, 14], [50, 50], (number, 1, 2))
+    angle = rng.uniform(0, 6.28, (number, 1)) + np.array([0, 2.09, 4.19])
+    radius = rng.uniform(11, 16, (number, 1, 1))
+    corners = middle + radius * np.stack([np.cos(angle), np.sin(angle)], -1)
+    colors = rng.uniform(0.1, 0.9, (number, 3))
+    background = np.array([0.5, 0.5, 0.5])
+    scene = sr.Scene.from_soup(corners.astype(np.float32), colors, background=background)
+    moved = corners + rng.uniform(-5, 5, corners.shape) / 2**0.5
+    start = sr.Scene.from_soup(moved.astype(np.float32), colors, background=background)
+    plan = sr.plan(scene, height=64, width=64, coverage=sr.Soft(0.8))
+    return scene, np.asarray(sr.render(scene, plan)), start
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10))
+def test_levenberg_marquardt_recovers_a_known_scene(seed):
+    scene, image, start = known(3, seed)
+    result = sr.fit(
+        np.clip(image, 0, 1), triangles=3, solver="lm", steps=30, start=start, softness=0.8
+    )
+    off = np.abs(np.asarray(result.scene.positions) - np.asarray(scene.positions))
+    assert off.max() < 0.05
+
+
+NOISE = np.random.default_rng(0).random((24, 24, 3)).astype(np.float32)
+EXTREME_TARGETS = {
+    "one-pixel": NOISE[:1, :1],
+    "row": NOISE[:1],
+    "constant": np.full((24, 24, 3), 0.25, np.float32),
+    "black": np.zeros((24, 24, 3), np.float32),
+    "noise": NOISE,
+}
+POINTS = {
+    "one-point": np.full((8, 3, 2), 12.0),
+    "off-canvas": np.full((8, 3, 2), -500.0) + np.eye(3, 2) * 9,
+    "slivers": np.stack([np.array([[0, i], [24, i + 1e-4], [12, i]]) for i in range(8)]),
+    "huge": 1e5 * np.array([[-1, -1], [1, -1], [0, 1]]) * np.ones((8, 1, 1)),
+    "on-centres": np.array([[0.5, 0.5], [8.5, 0.5], [0.5, 8.5]]) * np.ones((8, 1, 1)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["adam", "lm", "dogleg", "bfgs", "lbfgs"])
+@pytest.mark.parametrize("target", EXTREME_TARGETS)
+def test_extreme_starts_give_no_nan(target, solver):
+    """25 pairs of target and solver; with the starts below some 100 fits."""
+    image = EXTREME_TARGETS[target]
+    starts = POINTS.values() if image.shape[:2] == (24, 24) else [None]
+    for corners in starts:
+        start = "uniform"
+        if corners is not None:
+            start = sr.Scene.from_soup(corners.astype(np.float32), np.full((8, 3), 0.5))
+        result = sr.fit(image, triangles=8, solver=solver, steps=4, start=start)
+        assert np.isfinite(result.image).all()
+        assert np.isfinite(np.asarray(result.scene.positions)).all()
+        assert not np.isnan(result.psnr)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loss", ["l1", "ssim"])
+@pytest.mark.parametrize("light", ["display", "linear"])
+def test_other_losses(loss, light):
+    result = sr.fit(TARGET, triangles=12, steps=75, loss=loss, light=light)
+    assert result.psnr > mean_psnr(TARGET) + 3
+
+
+@pytest.mark.slow
+def test_a_target_with_alpha():
+    alpha = np.zeros((40, 48, 1), np.float32)
+    alpha[8:30, 10:36] = 1
+    target = np.concatenate([TARGET, alpha], -1)
+    result = sr.fit(target, triangles=16, steps=100)
+    assert result.image.shape == target.shape
+    assert np.mean((result.image[..., 3] - alpha[..., 0]) ** 2) < 0.02
+
+
+@pytest.mark.slow
+def test_translucent_layers_and_colors_in_closed_form():
+    tried: list[dict[str, Any]] = [{"translucent": True}, {"colors": "solve"}, {"colors": "polish"}]
+    for settings in tried:
+        result = sr.fit(TARGET, triangles=12, steps=75, **settings)
+        assert result.psnr > mean_psnr(TARGET) + 5
+
+
+@pytest.mark.slow
+def test_weights_draw_triangles_to_where_they_count():
+    left = np.zeros((40, 48))
+    left[:, :24] = 1
+    result = sr.fit(TARGET, triangles=6, steps=75, weights=left)
+    error = ((result.image - TARGET) ** 2).mean(-1)
+    assert error[:, :24].mean() < error[:, 24:].mean()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shading", ["flat", "linear"])
+def test_other_colors_of_a_mesh(shading):
+    result = sr.fit(TARGET, triangles=40, family="mesh", shading=shading, steps=50)
+    assert result.psnr > mean_psnr(TARGET) + 6
+
+
+@pytest.mark.slow
+def test_a_mesh_may_start_anywhere():
+    points = np.array([[0, 0], [48, 0], [0, 40], [48, 40], [20, 20.0]])
+    mesh = delaunay_mesh(points, height=40, width=48)
+    check_tiling(mesh)
+    for start in (mesh, "uniform"):
+        result = sr.fit(TARGET, triangles=12, family="mesh", steps=25, start=start)
+        assert np.isfinite(result.psnr)
+
+
+BAD: dict[str, dict[str, Any]] = {
+    "`target` must be \\[height": dict(target=np.zeros((4, 4), np.float32)),
+    "`target` must hold numbers in 0..1": dict(target=np.full((4, 4, 3), np.nan, np.float32)),
+    "`family` must be one of 'layers', 'mesh'": dict(family="sphere"),
+    "`shading` of a layers fit": dict(shading="linear"),
+    "`solver` must be": dict(solver="newton"),
+    "`triangles` must be a whole number": dict(triangles=0),
+    "`steps` must be": dict(steps=-1),
+    "give one of `steps` and `seconds`": dict(steps=1, seconds=1.0),
+    "`seconds` must be": dict(seconds=-1.0),
+    "`softness` must be": dict(softness=0),
+    "`colors` must be one of": dict(colors="guess"),
+    "`loss` must be one of": dict(loss="huber"),
+    "solvers of least squares": dict(solver="lm", loss="l1"),
+    "`weights` must be numbers": dict(weights=np.ones((3, 3))),
+    "`weights` must be finite": dict(weights=np.zeros((40, 48))),
+    "`start` must be 'error'": dict(start="middle"),
+    "`translucent` is for layers": dict(family="mesh", translucent=True),
+    "fit targets with alpha by layers": dict(target=np.ones((4, 4, 4), np.float32), family="mesh"),
+}
+
+
+@pytest.mark.parametrize("told", BAD)
+def test_what_makes_no_sense_is_refused_in_one_line(told):
+    with pytest.raises(ValueError, match=told) as caught:
+        arguments: dict[str, Any] = {"target": TARGET} | BAD[told]
+        sr.fit(**arguments)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_come_back_exactly(tmp_path):
+    result = sr.fit(TARGET, triangles=8, steps=25)
+    result.save(tmp_path / "fit.npz")
+    back = sr.FitResult.load(tmp_path / "fit.npz")
+    assert back.history == result.history
+    assert back.settings == result.settings
+    assert (back.psnr, back.ssim) == (result.psnr, result.ssim)
+    for name in ("positions", "triangles", "colors", "background"):
+        np.testing.assert_array_equal(getattr(back.scene, name), getattr(result.scene, name))
+    np.testing.assert_array_equal(back.image, result.image)
+    assert back.state.keys() == result.state.keys()
+    report = result.report()
+    assert report["settings"]["seed"] == 0
+    assert report["versions"]["jax"]
+    (tmp_path / "bad.npz").write_bytes(b"PK nothing")
+    with pytest.raises(ValueError, match="not a fit saved"):
+        sr.FitResult.load(tmp_path / "bad.npz")
+    with pytest.raises(ValueError, match="no such file"):
+        sr.FitResult.load(tmp_path / "none.npz")
+    with pytest.raises(ValueError, match="`resume` is of 48 x 40"):
+        sr.fit(TARGET[:20], resume=replace(back, history=()))
+
+
+def test_no_steps_is_a_valid_fit():
+    result = sr.fit(TARGET, triangles=8, steps=0)
+    assert result.history == ()
+    assert np.isfinite(result.psnr)
+    assert jnp.isfinite(result.scene.positions).all()
