@@ -27,7 +27,7 @@ _EXCHANGE = 0.3
 _PAUSE, _LAST = 0.02, 0.85
 """Share of the fit between two exchanges, and after which there is none."""
 
-_SIZE, _FINER = 0.9, 0.5
+_SIZE, _FINER = 0.9, 0.35
 """Circumradius of a new triangle, in sides of the square that each has on average; and how much
 smaller those are that replace others."""
 
@@ -39,8 +39,11 @@ in a straight line."""
 
 _FALL, _LEAST = 0.3, 0.02
 
-_ASIDE = -1e3
+_ASIDE = -16.0
 """Where triangles wait that are not drawn yet, in pixels."""
+
+_BEYOND = 1.0
+"""Canvas sides that a corner may go beyond the canvas: farther, hard mode would have to clip."""
 
 
 @dataclass(frozen=True)
@@ -185,6 +188,8 @@ class LayersFit:
         total = self.choice.triangles
         rate = _RATE * max(_LEAST, min(1.0, (1 - share) / _FALL))
         self.progress = set_rate(self.progress, rate)
+        if is_first_order(self.solver):
+            self._stay()
         if not self.choice.exchange:
             return
         wanted = int(min(total, max(8, total * min(1.0, share / _GROWTH) ** 1.5)))
@@ -194,6 +199,14 @@ class LayersFit:
         elif self.active == total and share < _LAST and share - self.exchanged >= _PAUSE:
             self.exchanged = share
             self._exchange(max(1, int(total * _EXCHANGE * (1 - share))))
+
+    def _stay(self) -> None:
+        """Corners held near the canvas."""
+        side = max(self.height, self.width)
+        low, high = -_BEYOND * side / UNIT, (1 + _BEYOND) * side / UNIT
+        y = self.progress.y
+        kept = y._replace(corners=jnp.clip(y.corners, low, high))
+        self.progress = self.progress._replace(y=kept)
 
     def _place(self, count: int, size: float) -> None:
         found = place(

@@ -1,0 +1,59 @@
+"""The tables of all runs: `python -m experiments.fit_kodak.figure`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ..common import machine, report
+
+HERE = Path(__file__).parent
+
+
+def publish(results: Path, readme: Path) -> None:
+    """Write the table of every folder of results that the README has a place for."""
+    text = readme.read_text()
+    for folder in sorted(path for path in results.iterdir() if (path / "run.json").exists()):
+        if f"<!-- {folder.name} -->" not in text:
+            continue
+        rows = report.read_csv(folder / "fits.csv")
+        run = json.loads((folder / "run.json").read_text())
+        about = machine.describe(run, seed="seed 0")
+        told = f"{_table(rows)}\n\n{about}; {run['seconds'] / 60:.0f} minutes."
+        report.fill_markers(readme, folder.name, told)
+
+
+def _table(rows: list[dict[str, Any]]) -> str:
+    header = ["picture", "fit", "parameters", "triangles", "PSNR, dB", "SSIM", "seconds", "steps",
+              "static mesh, dB", "gain"]  # fmt: skip
+    lines = [_line(row) for row in rows]
+    kinds = dict.fromkeys((row["family"], row["shading"], row["parameters"]) for row in rows)
+    for kind in kinds:
+        alike = [r for r in rows if (r["family"], r["shading"], r["parameters"]) == kind]
+        if len(alike) > 1:
+            keys = ("triangles", "psnr", "ssim", "seconds", "steps", "static_psnr")
+            mean = {
+                key: sum(float(r[key]) for r in alike) / len(alike) if alike[0][key] else ""
+                for key in keys
+            }
+            lines.append(_line({**alike[0], **mean, "picture": f"mean of {len(alike)}"}))
+    return report.table(header, lines)
+
+
+def _line(row: dict[str, Any]) -> list[str]:
+    static = row["static_psnr"]
+    return [
+        row["picture"],
+        f"{row['family']}, {row['shading']}",
+        f"{int(row['parameters']):,}",
+        f"{float(row['triangles']):,.0f}",
+        f"{float(row['psnr']):.2f}",
+        f"{float(row['ssim']):.3f}",
+        f"{float(row['seconds']):.0f}",
+        f"{float(row['steps']):,.0f}",
+        f"{float(static):.2f}" if static else "",
+        f"{float(row['psnr']) - float(static):+.2f}" if static else "",
+    ]
+
+
+if __name__ == "__main__":
+    publish(HERE / "results", HERE / "README.md")

@@ -1,0 +1,151 @@
+"""How good do pictures become, with how many parameters, in how many seconds?
+
+python -m experiments.fit_kodak.run [FOLDER] [--astronaut] [--mesh 12300,24600] [--linear 98000]
+    [--layers 200:30,1000:60] [--seconds 240] [--into results/NAME]
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+import softras2d as sr
+from softras2d import pictures
+from softras2d.fit.mesh_colors import at_corners, solve_colors
+from softras2d.fit.mesh_start import error_start
+from softras2d.fit.score import Scorer
+
+from ..common import machine, progress, report
+from . import figure
+
+HERE = Path(__file__).parent
+PACKAGES = ("softras2d", "jax", "jaxlib", "optimistix", "numpy", "scipy", "scikit-image")
+
+SEED = 0
+
+
+class Case(NamedTuple):
+    """One fit of one picture: parameters are 5 a vertex that triangles share, 10 a triangle with
+    colours of its own, 9 a flat layer."""
+
+    family: str
+    shading: str
+    parameters: int
+    seconds: float
+
+    @property
+    def vertices(self) -> int:
+        """Of a mesh with as many triangles as that can have."""
+        return self.parameters // 5 if self.shading == "gouraud" else self.parameters // 20
+
+    @property
+    def triangles(self) -> int:
+        return self.parameters // 9 if self.family == "layers" else 2 * self.vertices - 6
+
+
+def fit_row(name: str, target: np.ndarray, case: Case) -> dict[str, Any]:
+    """A fit, and what a static mesh of as many vertices reaches."""
+    began = time.perf_counter()
+    result = sr.fit(
+        target,
+        triangles=case.triangles,
+        family=case.family,
+        shading=case.shading,
+        seconds=case.seconds,
+        seed=SEED,
+    )
+    seconds = time.perf_counter() - began
+    row = {
+        "picture": name,
+        "family": case.family,
+        "shading": case.shading,
+        "parameters": case.parameters,
+        "triangles": result.scene.triangles.shape[0],
+        "psnr": result.psnr,
+        "ssim": result.ssim,
+        "seconds": seconds,
+        "steps": result.history[-1].steps,
+        "static_psnr": "",
+        "static_seconds": "",
+    }
+    return row if case.family == "layers" else row | static_row(target, case)
+
+
+def static_row(target: np.ndarray, case: Case) -> dict[str, float]:
+    """Greedy insertion and colours of least squares, nothing moved."""
+    began = time.perf_counter()
+    colors = "vertex" if case.shading == "gouraud" else "linear"
+    mesh = error_start(target, case.vertices, colors=colors, seed=SEED, exchanges=0)
+    found = solve_colors(mesh, target, colors=colors)
+    corners = np.clip(at_corners(mesh, found, colors), 0, 1)
+    seconds = time.perf_counter() - began
+    scene = sr.Scene.from_mesh(
+        jnp.asarray(mesh.positions, jnp.float32), mesh.triangles, triangle_colors=corners
+    )
+    return {"static_psnr": Scorer(target).score(scene).psnr, "static_seconds": seconds}
+
+
+def targets(folder: Path | None, astronaut: bool) -> dict[str, np.ndarray]:
+    """Pictures by name: those of a folder, or the bundled ones."""
+    if astronaut:
+        from skimage import data
+
+        return {"astronaut": data.astronaut().astype(np.float32) / 255}
+    if folder is None:
+        return {name: sr.read_image(pictures.path(name)) for name in pictures.names()}
+    files = sorted(p for p in folder.iterdir() if p.suffix.lower() in (".png", ".jpg", ".jpeg"))
+    if not files:
+        raise SystemExit(f"{folder}: no .png or .jpg there.")
+    return {path.stem: sr.read_image(path)[..., :3] for path in files}
+
+
+def cases(chosen: argparse.Namespace) -> list[Case]:
+    found = [Case("mesh", "gouraud", count, chosen.seconds) for count in chosen.mesh]
+    found += [Case("mesh", "linear", count, chosen.seconds) for count in chosen.linear]
+    for entry in chosen.layers:
+        count, seconds = entry.split(":")
+        found.append(Case("layers", "flat", 9 * int(count), float(seconds)))
+    return found
+
+
+def main() -> None:
+    numbers = lambda text: [int(part) for part in text.split(",") if part]  # noqa: E731
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", nargs="?", type=Path)
+    parser.add_argument("--astronaut", action="store_true")
+    parser.add_argument("--only", default="", help="names of pictures, with commas")
+    parser.add_argument("--mesh", type=numbers, default=[1500])
+    parser.add_argument("--linear", type=numbers, default=[])
+    parser.add_argument(
+        "--layers", type=lambda t: [p for p in t.split(",") if p], default=["100:20"]
+    )
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--into", type=Path, default=HERE / "results" / "bundled")
+    chosen = parser.parse_args()
+    began = time.perf_counter()
+    wanted = [name for name in chosen.only.split(",") if name]
+    found = targets(chosen.folder, chosen.astronaut)
+    work = [
+        (name, case) for name in found if not wanted or name in wanted for case in cases(chosen)
+    ]
+    chosen.into.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for name, case in progress.steps(work, "fits"):
+        rows.append(fit_row(name, found[name], case))
+        # Whatever ends the run: what is known stays.
+        report.write_csv(chosen.into / "fits.csv", rows)
+    run = {
+        "machine": machine.record(PACKAGES),
+        "precision": "float32",
+        "seconds": time.perf_counter() - began,
+    }
+    (chosen.into / "run.json").write_text(json.dumps(run, indent=1) + "\n")
+    figure.publish(HERE / "results", HERE / "README.md")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""The table and the figure: `python -m experiments.fit_solvers.figure`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ..common import machine, report
+
+HERE = Path(__file__).parent
+
+
+def publish(results: Path, readme: Path) -> None:
+    """Write the table into `readme`, and the figure beside the results."""
+    rows = report.read_csv(results / "solvers.csv")
+    run = json.loads((results / "run.json").read_text())
+    report.fill_markers(readme, "solvers", _table(rows))
+    about = machine.describe(run, seed="seed 0")
+    report.fill_markers(readme, "machine", f"{about}; {run['seconds'] / 60:.0f} minutes.")
+    _draw(rows, results / "solvers.png")
+
+
+def _runs(rows: list[dict[str, Any]]) -> dict[tuple[int, str], list[dict[str, Any]]]:
+    found: dict[tuple[int, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        found.setdefault((int(row["triangles"]), row["solver"]), []).append(row)
+    return found
+
+
+def _table(rows: list[dict[str, Any]]) -> str:
+    header = ["triangles", "solver", "steps", "seconds a step", "start, dB", "end, dB"]
+    lines = []
+    for (count, solver), run in _runs(rows).items():
+        first, last = run[0], run[-1]
+        steps = int(last["steps"]) - int(first["steps"])
+        pace = float(last["seconds"]) / max(steps, 1)
+        lines.append(
+            [f"{count:,}", f"`{solver}`", last["steps"], f"{pace:.3f}"]
+            + [f"{float(one['psnr']):.2f}" for one in (first, last)]
+        )
+    return report.table(header, lines)
+
+
+def _draw(rows: list[dict[str, Any]], path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    runs = _runs(rows)
+    counts = list(dict.fromkeys(count for count, _ in runs))
+    figure, axes = plt.subplots(
+        2, len(counts), figsize=(4 * len(counts), 6.4), squeeze=False, layout="constrained"
+    )
+    for (count, solver), run in runs.items():
+        column = counts.index(count)
+        decibels = [float(row["psnr"]) for row in run]
+        for line, axis in enumerate(("seconds", "steps")):
+            x = [float(row[axis]) for row in run]
+            axes[line][column].plot(x, decibels, label=solver)
+        axes[0][column].set_title(f"{count:,} triangles")
+    for line, axis in enumerate(("seconds, without compiling", "steps")):
+        for place in axes[line]:
+            place.set_xlabel(axis)
+            place.set_ylabel("PSNR, dB")
+            place.grid(alpha=0.3)
+            if line == 1:
+                place.set_xscale("log")
+    axes[0][0].legend()
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    publish(HERE / "results", HERE / "README.md")

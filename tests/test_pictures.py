@@ -1,0 +1,22 @@
+"""The bundled pictures are what their script makes."""
+
+import numpy as np
+import pytest
+
+from experiments.pictures.make import make
+from softras2d import pictures
+from softras2d.io.images import read_image
+
+
+@pytest.mark.parametrize("name", pictures.names())
+def test_pictures_are_as_made(name):
+    image = read_image(pictures.path(name))
+    assert image.shape == (*pictures.size(name), 3)
+    assert image.std() > 0.1
+    # Sines may differ in their last bit from machine to machine.
+    assert np.abs(image - make(name)).max() < 1.6 / 255
+
+
+def test_an_unknown_picture_is_named():
+    with pytest.raises(ValueError, match="no bundled picture 'sea'"):
+        pictures.path("sea")
