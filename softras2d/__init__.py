@@ -11,7 +11,8 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from . import camera
+    from . import camera, pictures
+    from .fit.batch import fit_batch
     from .fit.fit import fit
     from .fit.result import FitResult
     from .io.images import read_image, write_image
@@ -37,6 +38,7 @@ _HOMES = {
     "TexturePyramid": ".texture.pyramid",
     "check": ".scene",
     "fit": ".fit.fit",
+    "fit_batch": ".fit.batch",
     "plan": ".plan",
     "read_image": ".io.images",
     "read_svg": ".io.svg",
@@ -47,7 +49,7 @@ _HOMES = {
     "write_svg": ".io.svg_writer",
 }
 
-_ROOMS = ("camera",)
+_ROOMS = ("camera", "pictures")
 """Modules that are public as a whole."""
 
 __all__ = [
@@ -62,6 +64,8 @@ __all__ = [
     "camera",
     "check",
     "fit",
+    "fit_batch",
+    "pictures",
     "plan",
     "read_image",
     "read_svg",

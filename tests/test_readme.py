@@ -28,7 +28,12 @@ def test_python_blocks_run(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     "line",
-    [line for block in _blocks("sh") for line in block.splitlines() if "softras2d r" in line],
+    [
+        line
+        for block in _blocks("sh")
+        for line in block.splitlines()
+        if line.startswith("softras2d ")
+    ],
 )
 def test_shell_lines_name_options_that_exist(line):
     words = line.split()

@@ -28,7 +28,7 @@ ALL = {"colors": (3, 4), "texels": 4, "background": 4, "depth": True, "perspecti
 MOST = Sampler(anisotropy=4, border="repeat")
 
 EFFECTS = [
-    ({}, Sampler(), "sample"),
+    slowly({}, Sampler(), "sample"),
     slowly(ALL, MOST, "sample"),
     slowly({"colors": (3, 4), "texels": 4}, Sampler(level="zero", addressing="corners"), "pixel"),
     slowly({"perspective": True}, Sampler(anisotropy=16), "pixel"),

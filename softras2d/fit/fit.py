@@ -3,33 +3,14 @@
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
-import jax.numpy as jnp
-import numpy as np
-import optimistix as optx
-from jaxtyping import Float
-
-from ..scene import Scene
 from . import choices, snapshot
-from .layers_fit import LayersChoice, LayersFit
 from .loop import Budget, Moment, run
-from .loss import Loss
-from .mesh_colors import Colors
-from .resample import shrink
+from .prepare import STEPS, Frame, check_image, kept, make_course, room_of
 from .result import FitResult
 from .score import Scorer
-from .solvers import Solver, solver_of
-from .tiling_fit import TilingChoice, TilingFit
-
-_LAYERS_SIZE = 256
-"""Pixels along the longer side at which layers are fitted unless told."""
-
-_STEPS = 1000
-
-_GIVEN = "given"
-"""A start that was handed over: the settings name it so, and the state holds where it led."""
+from .solvers import Solver
 
 
 def fit(
@@ -86,7 +67,7 @@ def fit(
     one line, for arguments that make no sense.
     """
     began = time.perf_counter()
-    target = _image(target)
+    target = check_image(target)
     settings: dict[str, Any] = {
         "triangles": triangles, "family": family, "solver": solver, "seed": seed, "size": size,
         "shading": shading, "translucent": translucent, "softness": softness, "colors": colors,
@@ -101,10 +82,10 @@ def fit(
         settings |= resume.settings
     choices.check(settings, steps, seconds)
     if steps is None and seconds is None:
-        steps = _STEPS
+        steps = STEPS
     frame = Frame.of(target.shape[0], target.shape[1], settings)
     weights = choices.prepare_weights(weights, target)
-    course = _course(target, weights, settings, frame, resume)
+    course = make_course(target, weights, settings, frame, resume)
     records = [] if resume is None else list(resume.history)
     done = 0 if resume is None else snapshot.restore(course, resume.state)
     scorer = Scorer(target)
@@ -115,7 +96,7 @@ def fit(
         spent = records[-1].seconds if records else 0.0
         budget = Budget(steps, deadline, ready, began, spent)
         interrupted = run(
-            course, budget, records, steps=done, room=_room(course.solver, frame), report=report,
+            course, budget, records, steps=done, room=room_of(course.solver, frame), report=report,
             enlarge=frame.enlarge,
         )  # fmt: skip
     if settings["colors"] != "together" and not interrupted:
@@ -123,84 +104,4 @@ def fit(
     scene = frame.enlarge(course.scene())
     score = scorer.score(scene)
     state = snapshot.take(course, records[-1].steps if records else 0)
-    if not isinstance(settings["start"], str):
-        settings["start"] = _GIVEN
-    kept = {k: v for k, v in settings.items() if isinstance(v, str | int | float | bool | None)}
-    return FitResult(scene, *score, tuple(records), kept, interrupted, state)
-
-
-class Frame(NamedTuple):
-    """The size of the fit, and how many pixels of the target one of its pixels is."""
-
-    height: int
-    width: int
-    across: float
-    down: float
-
-    @staticmethod
-    def of(height: int, width: int, settings: dict[str, Any]) -> "Frame":
-        """For a target of that size."""
-        longer = max(height, width)
-        wanted = settings["size"]
-        if wanted is None:
-            wanted = _LAYERS_SIZE if settings["family"] == "layers" else longer
-        scale = min(1.0, wanted / longer)
-        rows, columns = (max(1, round(side * scale)) for side in (height, width))
-        return Frame(rows, columns, width / columns, height / rows)
-
-    def enlarge(self, scene: Scene) -> Scene:
-        """The scene in pixels of the target."""
-        factors = jnp.asarray([[self.across, self.down]], scene.positions.dtype)
-        return replace(scene, positions=scene.positions * factors)
-
-
-def _course(
-    target: np.ndarray,
-    weights: np.ndarray | None,
-    settings: dict[str, Any],
-    frame: Frame,
-    resume: FitResult | None,
-) -> LayersFit | TilingFit:
-    small = shrink(target, frame.height, frame.width)
-    if weights is not None:
-        weights = shrink(weights[..., None], frame.height, frame.width)[..., 0]
-    solver = solver_of(settings["solver"])
-    loss = Loss(settings["loss"], settings["light"])
-    choices.check_loss(solver, loss)
-    solve, exchange = settings["colors"] == "solve", settings["start"] == "error"
-    if settings["family"] == "layers":
-        choice = LayersChoice(
-            settings["triangles"], settings["shading"] == "gouraud", settings["translucent"],
-            float(settings["softness"]), solve,
-            settings["start"] if resume is None else "uniform", exchange,
-        )  # fmt: skip
-        return LayersFit(small, weights, choice, loss, solver, settings["seed"])
-    models: dict[str, Colors] = {"flat": "triangle", "gouraud": "vertex", "linear": "linear"}
-    colors = models[settings["shading"]]
-    begin = settings["start"] if resume is None else snapshot.mesh_of(resume.state)
-    # With four vertices on the border; with more, so many have fewer triangles.
-    vertices = max(4, (settings["triangles"] + 6) // 2)
-    return TilingFit(
-        small, weights, TilingChoice(vertices, colors, solve, begin, exchange), loss, solver,
-        settings["seed"],
-    )  # fmt: skip
-
-
-def _room(solver: Solver, frame: Frame) -> int:
-    """Steps of a chunk at most."""
-    if isinstance(solver, optx.AbstractLeastSquaresSolver):
-        return 2
-    return 25 if frame.height * frame.width <= 2**17 else 8
-
-
-def _image(target: Any) -> Float[np.ndarray, "height width channels"]:
-    image = np.asarray(target)
-    fits = image.ndim == 3 and image.shape[-1] in (3, 4) and image.size > 0
-    if not fits or image.dtype.kind != "f":
-        raise ValueError(
-            "`target` must be [height, width, 3 or 4] floats, as `read_image` gives; got "
-            f"{image.dtype} {image.shape}."
-        )
-    if not (np.isfinite(image).all() and (image >= 0).all() and (image <= 1).all()):
-        raise ValueError("`target` must hold numbers in 0..1.")
-    return image.astype(np.float32)
+    return FitResult(scene, *score, tuple(records), kept(settings), interrupted, state)

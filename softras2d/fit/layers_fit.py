@@ -42,8 +42,8 @@ _FALL, _LEAST = 0.3, 0.02
 _ASIDE = -16.0
 """Where triangles wait that are not drawn yet, in pixels."""
 
-_BEYOND = 1.0
-"""Canvas sides that a corner may go beyond the canvas: farther, hard mode would have to clip."""
+_BEYOND = 0.4
+"""Canvas sides that a corner may go beyond the canvas: hard mode clips what is half a side out."""
 
 
 @dataclass(frozen=True)

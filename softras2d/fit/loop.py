@@ -127,7 +127,7 @@ def run(
             for loss in losses[np.isfinite(losses)]:
                 accepted += bool(loss < least)
                 least = min(least, loss)
-            found = _measure(course)
+            found = measure(course)
             records.append(Record(steps, budget.seconds(), *found, accepted, course.active))
             if report is not None:
                 report(
@@ -145,7 +145,7 @@ def run(
 _ssim = jax.jit(ssim)
 
 
-def _measure(course: Course) -> tuple[float, float]:
+def measure(course: Course) -> tuple[float, float]:
     """PSNR and SSIM of the image that the last step saw; of both lights the one that is shown."""
     image, target = course.image[..., :3], course.target[..., :3]
     error = float(np.mean((image.astype(np.float64) - target) ** 2))

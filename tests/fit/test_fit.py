@@ -265,3 +265,16 @@ def test_no_steps_is_a_valid_fit():
     assert result.history == ()
     assert np.isfinite(result.psnr)
     assert jnp.isfinite(result.scene.positions).all()
+
+
+@pytest.mark.slow
+def test_a_batch_is_as_each_alone():
+    targets = [TARGET, TARGET[::-1, ::-1]]
+    both = sr.fit_batch(targets, triangles=10, steps=50, seed=4)
+    for k, (target, found) in enumerate(zip(targets, both, strict=True)):
+        alone = sr.fit(target, triangles=10, steps=50, seed=4 + k)
+        assert found.psnr == pytest.approx(alone.psnr, abs=0.3)
+        assert found.history[-1].steps == 50
+        assert found.psnr > mean_psnr(target) + 4
+    with pytest.raises(ValueError, match="images of one shape"):
+        sr.fit_batch([TARGET, TARGET[1:]])

@@ -119,6 +119,7 @@ def test_one_texel_and_no_texture_have_no_slope(dtype, float64):
             np.testing.assert_array_equal(part, 0)
 
 
+@pytest.mark.slow
 @DTYPES
 def test_constant_uv_slope_is_that_of_level_zero(dtype, float64):
     """The level has slope zero there, the place in the texture has not."""

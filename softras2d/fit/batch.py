@@ -1,0 +1,109 @@
+"""Many images of one size fitted together: one program takes a step of each."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..plan import plan
+from . import choices, snapshot
+from .layers import LayersResidual, layers_scene
+from .layers_fit import LayersFit
+from .loop import measure
+from .prepare import STEPS, Frame, check_image, kept, make_course, room_of
+from .result import FitResult, Record
+from .score import Scorer
+from .solve import advance_each
+
+
+def fit_batch(
+    targets: Sequence[Any],
+    *,
+    triangles: int = 500,
+    solver: str = "adam",
+    seed: int = 0,
+    steps: int = STEPS,
+    size: int | None = None,
+    shading: str = "flat",
+    translucent: bool = False,
+    softness: int | float = 0.8,
+    loss: str = "squared",
+    light: str = "display",
+) -> list[FitResult]:
+    """`fit` by layers of several targets of one shape, their steps batched by `jax.vmap`.
+
+    Arguments are those of `fit`; image k has the seed `seed` + k, and its result is that of a fit
+    alone up to rounding. Histories tell no seconds. Raises
+    `ValueError`, one line, as `fit` does, and for targets of different shapes or none.
+    """
+    images = [check_image(target) for target in targets]
+    shapes = {image.shape for image in images}
+    if len(shapes) != 1:
+        raise ValueError(f"`targets` must be images of one shape; got {sorted(shapes)}.")
+    settings: dict[str, Any] = {
+        "triangles": triangles, "family": "layers", "solver": solver, "seed": seed, "size": size,
+        "shading": shading, "translucent": translucent, "softness": softness,
+        "colors": "together", "loss": loss, "light": light, "start": "error",
+    }  # fmt: skip
+    choices.check(settings, steps, None)
+    height, width = images[0].shape[:2]
+    frame = Frame.of(height, width, settings)
+    own = [settings | {"seed": seed + k} for k in range(len(images))]
+    courses = [
+        make_course(image, None, each, frame, None) for image, each in zip(images, own, strict=True)
+    ]
+    layers = [course for course in courses if isinstance(course, LayersFit)]
+    histories = _run(layers, steps, room_of(layers[0].solver, frame))
+    results = []
+    for course, image, each, records in zip(layers, images, own, histories, strict=True):
+        scene = frame.enlarge(course.scene())
+        state = snapshot.take(course, steps)
+        score = Scorer(image).score(scene)
+        results.append(FitResult(scene, *score, tuple(records), kept(each), False, state))
+    return results
+
+
+def _run(courses: list[LayersFit], steps: int, room: int) -> list[list[Record]]:
+    """All of them to the end, and a record of each chunk."""
+    histories: list[list[Record]] = [[] for _ in courses]
+    least = np.full(len(courses), np.inf)
+    accepted = np.zeros(len(courses), int)
+    done = 0
+    while done < steps:
+        number = min(room, steps - done)
+        for course in courses:
+            course.refine(done / steps)
+        losses = _advance(courses, number)
+        done += number
+        for k, course in enumerate(courses):
+            for one in losses[k]:
+                accepted[k] += one < least[k]
+                least[k] = min(least[k], one)
+            found = measure(course)
+            histories[k].append(Record(done, 0.0, *found, int(accepted[k]), course.active))
+    return histories
+
+
+def _advance(courses: list[LayersFit], steps: int) -> list[np.ndarray]:
+    """Losses of so many steps of each; all again under another plan if one outgrows theirs."""
+    first = courses[0]
+    while True:
+        found = advance_each(
+            first.solver,
+            first.residual,
+            [course.progress for course in courses],
+            [course.data for course in courses],
+            steps=steps,
+        )
+        if not any(bool(jnp.any(outgrown)) for _, _, (_, outgrown) in found):
+            break
+        seen = [first.likely()]
+        for course, (after, _, _) in zip(courses, found, strict=True):
+            seen += [layers_scene(y, course.data.background) for y in (course.progress.y, after.y)]
+        old = first.residual.plan
+        room = plan(seen, height=old.height, width=old.width, coverage=old.coverage)
+        first.residual = LayersResidual(room, first.loss)
+    for course, (after, _, (image, _)) in zip(courses, found, strict=True):
+        course.progress, course.image = after, np.asarray(image)[..., :3]
+    return [np.asarray(losses) for _, losses, _ in found]

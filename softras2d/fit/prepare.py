@@ -1,0 +1,114 @@
+"""From a target and settings to a fit that is ready for its first step."""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Float
+
+from ..scene import Scene
+from . import choices, snapshot
+from .layers_fit import LayersChoice, LayersFit
+from .loss import Loss
+from .mesh_colors import Colors
+from .resample import shrink
+from .result import FitResult
+from .solvers import Solver, solver_of
+from .tiling_fit import TilingChoice, TilingFit
+
+_LAYERS_SIZE = 256
+"""Pixels along the longer side at which layers are fitted unless told."""
+
+STEPS = 1000
+"""Of a fit that is not told how long."""
+
+_GIVEN = "given"
+"""A start that was handed over: the settings name it so, and the state holds where it led."""
+
+
+class Frame(NamedTuple):
+    """The size of the fit, and how many pixels of the target one of its pixels is."""
+
+    height: int
+    width: int
+    across: float
+    down: float
+
+    @staticmethod
+    def of(height: int, width: int, settings: dict[str, Any]) -> "Frame":
+        """For a target of that size."""
+        longer = max(height, width)
+        wanted = settings["size"]
+        if wanted is None:
+            wanted = _LAYERS_SIZE if settings["family"] == "layers" else longer
+        scale = min(1.0, wanted / longer)
+        rows, columns = (max(1, round(side * scale)) for side in (height, width))
+        return Frame(rows, columns, width / columns, height / rows)
+
+    def enlarge(self, scene: Scene) -> Scene:
+        """The scene in pixels of the target."""
+        factors = jnp.asarray([[self.across, self.down]], scene.positions.dtype)
+        return replace(scene, positions=scene.positions * factors)
+
+
+def make_course(
+    target: np.ndarray,
+    weights: np.ndarray | None,
+    settings: dict[str, Any],
+    frame: Frame,
+    resume: FitResult | None,
+) -> LayersFit | TilingFit:
+    """The fit of either family, before its first step or where an earlier one ended."""
+    small = shrink(target, frame.height, frame.width)
+    if weights is not None:
+        weights = shrink(weights[..., None], frame.height, frame.width)[..., 0]
+    solver = solver_of(settings["solver"])
+    loss = Loss(settings["loss"], settings["light"])
+    choices.check_loss(solver, loss)
+    solve, exchange = settings["colors"] == "solve", settings["start"] == "error"
+    if settings["family"] == "layers":
+        choice = LayersChoice(
+            settings["triangles"], settings["shading"] == "gouraud", settings["translucent"],
+            float(settings["softness"]), solve,
+            settings["start"] if resume is None else "uniform", exchange,
+        )  # fmt: skip
+        return LayersFit(small, weights, choice, loss, solver, settings["seed"])
+    models: dict[str, Colors] = {"flat": "triangle", "gouraud": "vertex", "linear": "linear"}
+    colors = models[settings["shading"]]
+    begin = settings["start"] if resume is None else snapshot.mesh_of(resume.state)
+    # With four vertices on the border; with more, so many have fewer triangles.
+    vertices = max(4, (settings["triangles"] + 6) // 2)
+    return TilingFit(
+        small, weights, TilingChoice(vertices, colors, solve, begin, exchange), loss, solver,
+        settings["seed"],
+    )  # fmt: skip
+
+
+def room_of(solver: Solver, frame: Frame) -> int:
+    """Steps of a chunk at most."""
+    if isinstance(solver, optx.AbstractLeastSquaresSolver):
+        return 2
+    return 25 if frame.height * frame.width <= 2**17 else 8
+
+
+def check_image(target: Any) -> Float[np.ndarray, "height width channels"]:
+    """A target as float32; `ValueError` for what is no image."""
+    image = np.asarray(target)
+    fits = image.ndim == 3 and image.shape[-1] in (3, 4) and image.size > 0
+    if not fits or image.dtype.kind != "f":
+        raise ValueError(
+            "`target` must be [height, width, 3 or 4] floats, as `read_image` gives; got "
+            f"{image.dtype} {image.shape}."
+        )
+    if not (np.isfinite(image).all() and (image >= 0).all() and (image <= 1).all()):
+        raise ValueError("`target` must hold numbers in 0..1.")
+    return image.astype(np.float32)
+
+
+def kept(settings: dict[str, Any]) -> dict[str, Any]:
+    """What a file can hold of the settings."""
+    start = settings["start"]
+    named = settings | {"start": start if isinstance(start, str) else _GIVEN}
+    return {k: v for k, v in named.items() if isinstance(v, str | int | float | bool | None)}
