@@ -79,6 +79,10 @@ class LayersFit:
         self.target, self.weights = target, weights
         self.height, self.width = target.shape[:2]
         self.rng = np.random.default_rng(seed)
+        # What is clear in the target asks for no triangle.
+        self.seen = weights
+        if target.shape[-1] == 4:
+            self.seen = target[..., 3] if weights is None else weights * target[..., 3]
         self.background = _background(target, weights, choice.start)
         self.data = LayersData(
             loss.prepare(jnp.asarray(target)),
@@ -211,7 +215,7 @@ class LayersFit:
     def _place(self, count: int, size: float) -> None:
         found = place(
             self.rng, self.image, self.target[..., :3], count,
-            size=size * self._spacing(self.active + count), weights=self.weights,
+            size=size * self._spacing(self.active + count), weights=self.seen,
         )  # fmt: skip
         number = len(found.corners)
         if number == 0:
@@ -226,11 +230,11 @@ class LayersFit:
         opacity = None if y.opacity is None else np.clip(y.opacity, 0, 1)
         costs = removal_costs(
             y.corners * UNIT, np.clip(y.colors, 0, 1), opacity, self.target,
-            self.background, self.weights,
+            self.background, self.seen,
         )  # fmt: skip
         found = place(
             self.rng, self.image, self.target[..., :3], count,
-            size=_SIZE * _FINER * self._spacing(self.choice.triangles), weights=self.weights,
+            size=_SIZE * _FINER * self._spacing(self.choice.triangles), weights=self.seen,
         )  # fmt: skip
         best = np.argsort(-found.gains)
         least = np.argsort(costs)[: len(best)]

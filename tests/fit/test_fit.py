@@ -170,7 +170,8 @@ def test_a_target_with_alpha():
     target = np.concatenate([TARGET, alpha], -1)
     result = sr.fit(target, triangles=16, steps=100)
     assert result.image.shape == target.shape
-    assert np.mean((result.image[..., 3] - alpha[..., 0]) ** 2) < 0.02
+    # All clear would be 0.3, all opaque 0.7.
+    assert np.mean((result.image[..., 3] - alpha[..., 0]) ** 2) < 0.05
 
 
 @pytest.mark.slow
