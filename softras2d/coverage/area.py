@@ -19,7 +19,7 @@ import jax.numpy as jnp
 
 from .. import safe
 from ..staging import one_pass
-from .pixels import SIDE, Measure, Six, sum_fields
+from .pixels import SIDE, Measure, Six, sum_along_edges
 from .sides import Side, Sides
 
 REACH = 0.7072
@@ -141,42 +141,54 @@ def within(edge: Edge, x: Any, y: Any) -> tuple[Any, Any]:
     return a, b
 
 
-def _swept(outline: Outline, parameter: Any, x: Any, y: Any) -> list[Any]:
-    """Of each edge, the integrals over t of 1 and of t along what lies in the pixel."""
-    found = []
-    for edge in outline:
-        a, b = within(edge, x, y)
-        length = jnp.maximum(b - a, 0.0) * edge.part
-        found += [length, length * (edge.start + edge.part * (0.5 * (a + b)))]
-    return found
+def _swept(edge: Edge, x: Any, y: Any) -> tuple[Any, Any]:
+    """The integrals over t of 1 and of t along what lies in the pixel."""
+    a, b = within(edge, x, y)
+    length = jnp.maximum(b - a, 0.0) * edge.part
+    return length, length * (edge.start + edge.part * (0.5 * (a + b)))
 
 
 def _push(outline: Outline, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
-    swept, total = _swept(outline, parameter, x, y), jnp.zeros_like(x + y)
+    total = jnp.zeros_like(x + y)
     for k, edge in enumerate(outline):
         begin, end = (
             edge.whole_y * velocity[2 * c] - edge.whole_x * velocity[2 * c + 1]
             for c in (k, (k + 1) % 3)
         )
-        total = total + swept[2 * k] * begin + swept[2 * k + 1] * (end - begin)
+        whole, towards_end = _swept(edge, x, y)
+        total = total + whole * begin + towards_end * (end - begin)
     return total
 
 
 def _pull(outline: Outline, parameter: Any, weight: Any) -> Six:
-    def weighed(outline, parameter, x, y, weight):
-        return [field * weight for field in _swept(outline, parameter, x, y)]
+    def weighed(edge, x, y, weight):
+        return [field * weight for field in _swept(edge, x, y)]
 
-    swept = sum_fields(weighed, outline, parameter, weight)
+    near = one_pass(passes_tile)(outline)
+    swept = sum_along_edges(weighed, outline, near, weight)
 
     @one_pass
     def combine(outline, swept):
-        slopes = [jnp.zeros_like(swept[0])] * 6
+        slopes = [jnp.zeros_like(swept[0][0])] * 6
         for k, edge in enumerate(outline):
-            add_share(slopes, k, edge, swept[2 * k], swept[2 * k + 1])
+            add_share(slopes, k, edge, *swept[k])
         return slopes
 
     first, second, third, fourth, fifth, sixth = combine(outline, swept)
     return first, second, third, fourth, fifth, sixth
+
+
+def passes_tile(outline: Outline) -> tuple[Any, Any, Any]:
+    """Of each edge, whether the part in the tile's rows may come into the tile itself."""
+
+    def meets(begin: Any, way: Any) -> Any:
+        end = begin + way
+        return (jnp.minimum(begin, end) <= SIDE) & (jnp.maximum(begin, end) >= 0)
+
+    first, second, third = (
+        meets(edge.x, edge.way_x) & meets(edge.y, edge.way_y) for edge in outline
+    )
+    return first, second, third
 
 
 def add_share(slopes: list[Any], k: int, edge: Edge, whole: Any, towards_end: Any) -> None:

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from ..staging import one_pass
-from .area import Edge, Outline, add_share, spans, within
-from .pixels import Measure, Six, spread, sum_fields
+from .area import Edge, Outline, add_share, passes_tile, spans, within
+from .pixels import Measure, Six, spread, sum_along_edges, sum_fields
 from .sides import Sides
 
 _LEAST = 1e-12
@@ -165,16 +165,14 @@ def _pull(shape: Shape, parameter: Any, weight: Any) -> Six:
         places = (1.0, x - 0.5 + cx, y - 0.5 + cy)
         return [q * place for q in (qx, qy) for place in places]
 
-    def sides(shape, parameter, x, y, cx, cy, per_area, qx, qy):
-        own = (qx * per_area, qy * per_area)
-        swept = [_swept(edge, x, y, (cx, cy), own) for edge in shape.outline]
-        return [field for pair in swept for field in pair]
+    def along(edge, x, y, cx, cy, per_area, qx, qy):
+        return list(_swept(edge, x, y, (cx, cy), (qx * per_area, qy * per_area)))
 
     @one_pass
     def combine(shape, moments, swept):
         slopes = [jnp.zeros_like(moments[0])] * 6
         for k, edge in enumerate(shape.outline):
-            add_share(slopes, k, edge, swept[2 * k], swept[2 * k + 1])
+            add_share(slopes, k, edge, *swept[k])
         for corner in range(3):
             edge = shape.sides.edges[(corner + 1) % 3]
             for axis in (0, 1):
@@ -187,7 +185,9 @@ def _pull(shape: Shape, parameter: Any, weight: Any) -> Six:
     cx, cy, per_area = locate(shape, parameter)
     qx, qy = gain(shape, per_area, weight)
     moments = sum_fields(inside, shape, parameter, cx, cy, qx, qy)
-    return combine(shape, moments, sum_fields(sides, shape, parameter, cx, cy, per_area, qx, qy))
+    near = one_pass(passes_tile)(shape.outline)
+    swept = sum_along_edges(along, shape.outline, near, cx, cy, per_area, qx, qy)
+    return combine(shape, moments, swept)
 
 
 weights = Measure(

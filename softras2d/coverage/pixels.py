@@ -84,7 +84,7 @@ def _cover_jvp(measure, primals, tangents):
 
 
 _BLOCK = 2048
-"""Slots that are worked on together."""
+"""Slots, or edges of slots, that are worked on together."""
 
 
 def _pull_live(
@@ -157,8 +157,8 @@ def _pick(held: Any, own: Array) -> Any:
 
 
 def _visit_live(
-    live: Bool[Array, "slots pixels"], visit: Callable[[Array, Array], Array], total: Array
-) -> Array:
+    live: Bool[Array, "slots pixels"], visit: Callable[[Array, Any], Any], total: Any
+) -> Any:
     """`visit(own, total)` for block after block of the slots with a live pixel.
 
     Most slots are hidden, or whole.
@@ -210,6 +210,38 @@ def sum_fields(
         return add_row(jnp.asarray(row), sums, shape, parameter, rows)
 
     return tuple(jax.lax.fori_loop(0, SIDE, visit, start))
+
+
+def sum_along_edges(
+    fields: Callable[..., list[Array]], outline: tuple[Any, Any, Any], near: Any, *held: Array
+) -> tuple[tuple[Array, ...], ...]:
+    """`sum_fields` of each edge of an outline: sums `[3][fields]` of `[slots]`.
+
+    `near`: of each edge, whether its fields can differ from 0 in the tile, `[slots]`: of most slots
+    one edge passes through the tile, and only that one is looked at.
+    """
+    slots, dtype = held[0].shape[0], held[0].dtype
+    unused = jnp.zeros((), dtype)
+
+    @one_pass
+    def join(outline, near):
+        return jax.tree.map(lambda *edges: jnp.concatenate(edges), *outline), jnp.concatenate(near)
+
+    @one_pass
+    def put(total, sums, own):
+        return [a.at[own].set(b, mode="drop") for a, b in zip(total, sums, strict=True)]
+
+    def plain(edge, parameter, x, y, *held):
+        return fields(edge, x, y, *held)
+
+    def visit(own, total):
+        edge, rows = _pick(edges, own), _pick(held, own % slots)
+        return put(total, sum_fields(plain, edge, unused, *rows), own)
+
+    edges, passes = join(outline, near)
+    number = len(jax.eval_shape(plain, *spread(outline[0], unused), *held))
+    total = _visit_live(passes[:, None], visit, [jnp.zeros(3 * slots, dtype)] * number)
+    return tuple(tuple(entry[k * slots : (k + 1) * slots] for entry in total) for k in range(3))
 
 
 def sum_moments(
