@@ -32,7 +32,14 @@ def photo(tmp_path, monkeypatch):
     [
         (["none.png"], "none.png: no such file"),
         (["PHOTO", "-o", "a.txt"], "a.txt: the suffix must be one of .svg"),
-        (["PHOTO", "-o", "none/a.svg"], "the folder to write to does not exist"),
+        (["PHOTO", "-o", "none/a.svg"], "there is no folder none"),
+        (["PHOTO", "-o", "PHOTO"], "that is the picture to fit"),
+        (["PHOTO", "--seconds", "-5"], "--seconds must be a number above 0; got -5.0"),
+        (["PHOTO", "--seconds", "nan"], "--seconds must be a number above 0; got nan"),
+        (
+            ["PHOTO", "--softness", "wide"],
+            "--softness must be pixels, or PIXELS:PIXELS; got 'wide'",
+        ),
         (["PHOTO", "-o", "a.svg", "-o", "a.svg"], "given twice"),
         (["PHOTO", "-n", "0"], "`triangles` must be a whole number from 1"),
         (["PHOTO", "--steps", "5", "--seconds", "1"], "give one of --steps and --seconds"),
@@ -103,8 +110,11 @@ def test_ctrl_c_keeps_the_best_so_far(photo, tmp_path):
     output = tmp_path / "a.npz"
     command = [*COMMAND, str(photo), "-n", "8", "--steps", "100000", "-o", str(output)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    # Compiling takes most of it; the steps would take many minutes.
-    time.sleep(45)
+    # The steps would take many minutes; half a minute after they begin there is a checkpoint.
+    limit = time.monotonic() + 300
+    while not output.exists():
+        assert process.poll() is None and time.monotonic() < limit
+        time.sleep(0.2)
     process.send_signal(signal.SIGINT)
     told, errors = process.communicate(timeout=120)
     assert process.returncode == 130, errors

@@ -87,7 +87,7 @@ def _rectangle(left, top, right, bottom) -> list:
     return [(a, b, c), (a, c, d)]
 
 
-@pytest.mark.parametrize("channels", [3, 4])
+@pytest.mark.parametrize("channels", [pytest.param(3, marks=pytest.mark.slow), 4])
 def test_equal_depth_the_later_wins_exactly(channels):
     """Constant depths that no binary fraction holds, under rectangles cut in different ways."""
     soup = soup_of(0, texels=None, depth=True, colors=(3, channels))

@@ -22,9 +22,6 @@ def slowly(*names: str) -> list:
     return [pytest.param(name, marks=SLOW) for name in names]
 
 
-EXTRA = slowly("softras", "window")
-
-
 def random_scene(
     kind: str = "", *, triangles: int = 7, seed: int = 0, dtype: type = np.float32
 ) -> sr.Scene:
@@ -196,8 +193,14 @@ def test_area_averages_corner_colors():
     np.testing.assert_allclose(image_of(scene, plan_of(scene, sr.Area())), truth, atol=1e-5)
 
 
-@pytest.mark.parametrize("profile", ["logistic", *EXTRA])
-@pytest.mark.parametrize("kind", ["gat", *slowly("", "ga", "gauq", "gdtq")])
+NEARING = [("", "logistic"), ("", "window"), ("ga", "softras"), ("gauq", "window")]
+NEARING += [("gdtq", "logistic"), ("gdtq", "softras")]
+
+
+@pytest.mark.parametrize(
+    ("kind", "profile"),
+    [("gat", "logistic"), *(pytest.param(*each, marks=pytest.mark.slow) for each in NEARING)],
+)
 def test_soft_nears_one_hard_sample(kind, profile):
     scene = random_scene(kind)
     hard = image_of(scene, plan_of(scene, sr.Hard(1)))

@@ -18,6 +18,9 @@ from .oracle import Canvas, draw
 REFERENCES = Path(__file__).parent / "references"
 FAILURES = Path(__file__).parent / "failures"
 SIZE = 300
+SHADED = ("minified", "zone_plate", "stretched", "magnified", "ground", "overlap", "crossing")
+"""Scenes with further effects than colour."""
+
 BOTH_RATES = pytest.mark.parametrize("samples", [1, 16])
 
 
@@ -93,8 +96,9 @@ def test_textured_scene(name):
 
 
 @pytest.mark.slow
-@BOTH_RATES
-@pytest.mark.parametrize("name", scenes.names())
+@pytest.mark.parametrize(
+    ("name", "samples"), [*((name, 16) for name in scenes.names()), *((name, 1) for name in SHADED)]
+)
 def test_bundled_scene(name, samples, request):
     """Each in the structure that its file has, against its reference and against the oracle."""
     scene = _read(name)

@@ -92,7 +92,7 @@ def static_row(target: np.ndarray, case: Case) -> dict[str, float]:
 def targets(folder: Path | None, astronaut: bool) -> dict[str, np.ndarray]:
     """Pictures by name: those of a folder, or the bundled ones."""
     if astronaut:
-        from skimage import data
+        from skimage import data  # pyright: ignore[reportMissingImports]
 
         return {"astronaut": data.astronaut().astype(np.float32) / 255}
     if folder is None:

@@ -4,6 +4,7 @@ python -m experiments.fit_solvers.run [--seconds 8] [--counts 50,200,1000] [--si
 """
 
 import argparse
+import itertools
 import json
 import time
 from pathlib import Path
@@ -24,33 +25,52 @@ PACKAGES = ("softras2d", "jax", "jaxlib", "optimistix", "lineax", "optax", "nump
 SEED = 0
 
 
+ENDLESS = 100_000
+"""Steps, of a fit that is stopped by its time."""
+
+
 def rows_of(target: np.ndarray, count: int, solver: str, seconds: float) -> list[dict[str, Any]]:
-    """The error after each chunk of steps, and what steps take: compilation is not among it."""
-    moments = []
-    began = [0.0]
+    """The error of the start, and after each chunk of steps; compilation is not among the time."""
+    start = sr.fit(target, triangles=count, start="uniform", seed=SEED, steps=0)
+    records, compiled = _fitted(target, count, solver, seconds, ENDLESS)
+    if solver == "adam":
+        # Its rate falls towards the end, which is to be where the time ends.
+        records, compiled = _fitted(target, count, solver, np.inf, records[-1].steps)
+    own = {"triangles": count, "solver": solver}
+    first = own | {"steps": 0, "seconds": 0.0, "psnr": start.psnr}
+    return [first] + [
+        own | {"steps": one.steps, "seconds": one.seconds - compiled, "psnr": one.psnr}
+        for one in records
+    ]
+
+
+def _fitted(
+    target: np.ndarray, count: int, solver: str, seconds: float, steps: int
+) -> tuple[list[Any], float]:
+    """Records of so many steps, or of so many seconds; and what the first chunk took to compile."""
+    records: list[Any] = []
 
     def note(moment: Any) -> None:
-        record = moment.record
-        if not moments:
-            began[0] = record.seconds
-        moments.append(record)
-        if record.seconds - began[0] >= seconds:
+        records.append(moment.record)
+        if len(records) > 2 and _compiling(records) + seconds < records[-1].seconds:
             raise KeyboardInterrupt
 
     sr.fit(
-        target, triangles=count, solver=solver, start="uniform", seed=SEED, steps=100_000,
+        target, triangles=count, solver=solver, start="uniform", seed=SEED, steps=steps,
         report=note,
     )  # fmt: skip
-    return [
-        {
-            "triangles": count,
-            "solver": solver,
-            "steps": record.steps,
-            "seconds": record.seconds - began[0],
-            "psnr": record.psnr,
-        }
-        for record in moments
+    return records, _compiling(records)
+
+
+def _compiling(records: list[Any]) -> float:
+    """Seconds of the first chunk beyond those that its steps take later."""
+    if len(records) < 3:
+        return records[0].seconds
+    paces = [
+        (b.seconds - a.seconds) / (b.steps - a.steps)
+        for a, b in itertools.pairwise(records)
     ]
+    return records[0].seconds - records[0].steps * float(np.median(paces))
 
 
 def main() -> None:

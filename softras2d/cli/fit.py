@@ -89,8 +89,13 @@ def fit_picture(
     ] = None,
     seed: Annotated[int, typer.Option(help="Of what is random.", rich_help_panel=_SEARCH)] = 0,
     softness: Annotated[
-        float, typer.Option(help="Soft edges of layers, pixels.", rich_help_panel=_SEARCH)
-    ] = 0.8,
+        str,
+        typer.Option(
+            metavar="PIXELS[:PIXELS]",
+            help="Width of the soft edges of layers; at the start, and later.",
+            rich_help_panel=_SEARCH,
+        ),
+    ] = "0.8",
     colors: Annotated[
         Literal["together", "solve", "polish"],
         typer.Option(
@@ -130,14 +135,17 @@ def fit_picture(
         from ..fit.fit import fit
         from ..fit.result import FitResult
         from ..io.images import read_image
-        from .fit_files import Film, check_outputs, write
+        from .fit_files import Film, check_outputs, write_all
 
         picture, name = _target(target)
         outputs = output or [Path(f"{name}.fit.svg")]
-        check_outputs(outputs)
+        check_outputs(outputs, target)
         films = any(path.suffix.lower() == ".gif" for path in outputs)
+        kept = next((path for path in outputs if path.suffix.lower() == ".npz"), None)
         if steps is not None and seconds is not None:
             raise ValueError("give one of --steps and --seconds.")
+        if seconds is not None and not 0 < seconds < float("inf"):
+            raise ValueError(f"--seconds must be a number above 0; got {seconds}.")
         if steps is None:
             elapsed = time.perf_counter() - began
             seconds = _SECONDS if seconds is None else seconds
@@ -145,15 +153,14 @@ def fit_picture(
         earlier = None if resume is None else FitResult.load(resume)
         film = Film(picture.shape[:2]) if films else None
         mask = None if weights is None else read_image(weights)[..., :3].mean(-1)
-        with _progress(console, triangles, film) as report:
+        with _progress(console, film) as report:
             result = fit(
                 picture, triangles=triangles, family=family, shading=shading,
                 translucent=translucent, seconds=seconds, steps=steps, solver=solver, size=size,
-                seed=seed, softness=softness, colors=colors, loss=loss, light=light,
-                weights=mask, resume=earlier, report=report,
+                seed=seed, softness=_softness(softness), colors=colors, loss=loss, light=light,
+                weights=mask, resume=earlier, report=report, checkpoint=kept,
             )  # fmt: skip
-        for path in outputs:
-            write(path, result, film)
+        write_all(outputs, result, film)
         taken = time.perf_counter() - began
         Console(soft_wrap=True, highlight=False).print(
             f"{', '.join(map(str, outputs))}: {result.scene.triangles.shape[0]} triangles, "
@@ -175,8 +182,17 @@ def _target(target: Path | None) -> tuple[Any, str]:
     return read_image(pictures.path(_BUNDLED)), _BUNDLED
 
 
+def _softness(text: str) -> Any:
+    """A width, or two."""
+    try:
+        widths = [float(part) for part in text.split(":")]
+    except ValueError:
+        raise ValueError(f"--softness must be pixels, or PIXELS:PIXELS; got {text!r}.") from None
+    return widths[0] if len(widths) == 1 else widths
+
+
 @contextmanager
-def _progress(console: Console, triangles: int, film: Any) -> Iterator[Callable[[Any], None]]:
+def _progress(console: Console, film: Any) -> Iterator[Callable[[Any], None]]:
     """A bar with what matters; the function to call after each chunk."""
     columns = (
         TextColumn("fitting"),
@@ -184,21 +200,18 @@ def _progress(console: Console, triangles: int, film: Any) -> Iterator[Callable[
         TextColumn("{task.percentage:>3.0f} %"),
         TextColumn("{task.fields[told]}"),
     )
-    started = time.perf_counter()
     # Elsewhere than on a terminal, rich would still print an empty line.
     shown = console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=not shown) as progress:
         task = progress.add_task("", total=1.0, told="starting")
 
         def report(moment: Any) -> None:
-            record, share = moment.record, moment.share
-            passed = time.perf_counter() - started
-            left = passed * (1 - share) / share if share > 0 else 0.0
+            record = moment.record
             told = (
-                f"PSNR {record.psnr:.2f} dB, {record.active} of {triangles} triangles, "
-                f"step {record.steps}, {left:.0f} s left"
+                f"PSNR {record.psnr:.2f} dB, {record.active} of {moment.triangles} triangles, "
+                f"step {record.steps}, {moment.seconds_left:.0f} s left"
             )
-            progress.update(task, completed=share, told=told)
+            progress.update(task, completed=moment.share, told=told)
             if film is not None:
                 film.add(moment)
 

@@ -1,5 +1,6 @@
 """The files that `softras2d fit` writes. Imports JAX: for use within a command."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 from ..fit.loop import Moment
 from ..fit.result import FitResult
 from ..io.animation import write_animation
-from ..io.images import WRITABLE, write_image
+from ..io.images import WRITABLE, check_place, write_image
 from ..io.svg_writer import write_svg
 from ..options import Hard
 from ..plan import plan
@@ -21,17 +22,31 @@ _FRAMES, _SIDE = 40, 320
 """Pictures of a film at most, and their longer side in pixels."""
 
 
-def check_outputs(paths: list[Path]) -> None:
+def check_outputs(paths: list[Path], target: Path | None) -> None:
     """Raise `ValueError` for a file that could not be written, before the work of a fit."""
     for path in paths:
         if path.suffix.lower() not in _KNOWN:
             raise ValueError(f"{path}: the suffix must be one of {', '.join(_KNOWN)}.")
-        if not path.parent.is_dir():
-            raise ValueError(f"{path}: the folder to write to does not exist.")
-        if path.is_dir():
-            raise ValueError(f"{path}: a folder is there.")
+        check_place(path)
+        if not os.access(path.parent, os.W_OK):
+            raise ValueError(f"{path}: the folder {path.parent} cannot be written to.")
+        if target is not None and path.exists() and path.samefile(target):
+            raise ValueError(f"{path}: that is the picture to fit.")
     if len(set(paths)) < len(paths):
         raise ValueError("the same --output is given twice.")
+
+
+def write_all(paths: list[Path], result: FitResult, film: "Film | None") -> None:
+    """Every file; one that fails keeps no other from being written. Raises `ValueError`."""
+    failed = []
+    for path in paths:
+        try:
+            write(path, result, film)
+        except (ValueError, OSError, MemoryError) as error:
+            told = " ".join(str(error).split())
+            failed.append(told if str(path) in told else f"{path}: {told}")
+    if failed:
+        raise ValueError("; ".join(failed))
 
 
 def write(path: Path, result: FitResult, film: "Film | None") -> None:

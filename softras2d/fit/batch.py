@@ -27,7 +27,7 @@ def fit_batch(
     size: int | None = None,
     shading: str = "flat",
     translucent: bool = False,
-    softness: int | float = 0.8,
+    softness: Any = 0.8,
     loss: str = "squared",
     light: str = "display",
 ) -> list[FitResult]:
@@ -46,6 +46,7 @@ def fit_batch(
         "shading": shading, "translucent": translucent, "softness": softness,
         "colors": "together", "loss": loss, "light": light, "start": "error",
     }  # fmt: skip
+    settings = choices.settle(settings)
     choices.check(settings, steps, None)
     height, width = images[0].shape[:2]
     frame = Frame.of(height, width, settings)
@@ -102,8 +103,9 @@ def _advance(courses: list[LayersFit], steps: int) -> list[np.ndarray]:
         for course, (after, _, _) in zip(courses, found, strict=True):
             seen += [layers_scene(y, course.data.background) for y in (course.progress.y, after.y)]
         old = first.residual.plan
-        room = plan(seen, height=old.height, width=old.width, coverage=old.coverage)
+        most = max(first.choice.softness)
+        room = plan(seen, height=old.height, width=old.width, coverage=old.coverage, max_width=most)
         first.residual = LayersResidual(room, first.loss)
     for course, (after, _, (image, _)) in zip(courses, found, strict=True):
-        course.progress, course.image = after, np.asarray(image)[..., :3]
+        course.progress, course.image = after, np.asarray(image)
     return [np.asarray(losses) for _, losses, _ in found]

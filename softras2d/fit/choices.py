@@ -13,15 +13,23 @@ _SHADINGS = {"layers": ("flat", "gouraud"), "mesh": ("flat", "gouraud", "linear"
 _COLORS = ("together", "solve", "polish")
 
 
-def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
-    """Raise `ValueError` unless the arguments of `fit` make sense together.
+def settle(settings: dict[str, Any]) -> dict[str, Any]:
+    """The settings in plain types: numbers of Python, the first and last softness, a shading."""
+    plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
+    if plain["shading"] is None:
+        plain["shading"] = "gouraud" if plain["family"] == "mesh" else "flat"
+    softness = plain["softness"]
+    if _is_number(softness):
+        softness = (softness, softness)
+    if isinstance(softness, tuple | list) and all(map(_is_number, softness)):
+        plain["softness"] = tuple(map(float, softness))
+    return plain
 
-    Where no shading is given, that of the family is put in.
-    """
+
+def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
+    """Raise `ValueError` unless the arguments of `fit`, settled, make sense together."""
     family = settings["family"]
     _one_of("family", family, tuple(_SHADINGS))
-    if settings["shading"] is None:
-        settings["shading"] = "flat" if family == "layers" else "gouraud"
     _one_of("shading", settings["shading"], _SHADINGS[family], f" of a {family} fit")
     _one_of("colors", settings["colors"], _COLORS)
     _one_of("loss", settings["loss"], get_args(Kind))
@@ -37,12 +45,18 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
     if seconds is not None and not (_is_number(seconds) and seconds > 0):
         raise ValueError(f"`seconds` must be a number above 0; got {seconds!r}.")
     softness = settings["softness"]
-    if not (_is_number(softness) and 0 < softness <= 64):
-        raise ValueError(f"`softness` must be pixels above 0, 64 at most; got {softness!r}.")
+    pair = isinstance(softness, tuple) and len(softness) == 2 and all(map(_is_number, softness))
+    if not pair or not all(0 < width <= 64 for width in softness):
+        raise ValueError(
+            "`softness` must be pixels above 0, 64 at most, or the first and the last of them; got "
+            f"{softness!r:.60}."
+        )
     if settings["translucent"] and family == "mesh":
         raise ValueError("a mesh covers the canvas: `translucent` is for layers.")
     if settings["colors"] != "together" and settings["loss"] != "squared":
         raise ValueError("colours in closed form are those of `loss='squared'`.")
+    if settings["colors"] != "together" and settings["light"] != "display":
+        raise ValueError("colours in closed form are those of `light='display'`.")
 
 
 def check_loss(solver: Solver, loss: Loss) -> None:
@@ -84,4 +98,5 @@ def _whole(name: str, value: Any, least: int) -> None:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.number) and bool(np.isfinite(value))
+    plain = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    return plain and bool(np.isfinite(value))

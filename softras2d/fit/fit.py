@@ -1,13 +1,19 @@
 """Fit triangles to an image: the public face of this room."""
 
+import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
 from . import choices, snapshot
+from .interrupt import Interrupt, held_interrupt
 from .loop import Budget, Moment, run
-from .prepare import STEPS, Frame, check_image, kept, make_course, room_of
+from .prepare import STEPS, Frame, check_image, kept, make_course, resumed, room_of
 from .result import FitResult
 from .score import Scorer
 from .solvers import Solver
@@ -25,7 +31,7 @@ def fit(
     size: int | None = None,
     shading: str | None = None,
     translucent: bool = False,
-    softness: int | float = 0.8,
+    softness: Any = 0.8,
     colors: str = "together",
     loss: str = "squared",
     light: str = "display",
@@ -33,6 +39,7 @@ def fit(
     start: Any = "error",
     report: Callable[[Moment], None] | None = None,
     resume: FitResult | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
 ) -> FitResult:
     """Find the triangles that together look most like an image.
 
@@ -50,20 +57,24 @@ def fit(
       a mesh's vertices; of a mesh also `"linear"`, interpolated between corners of their own.
       Layers are flat unless told, a mesh is `"gouraud"`.
     - `translucent`: whether the opacity of layers is sought too.
-    - `softness`: width of the soft edges of layers, in pixels of the fit.
+    - `softness`: width of the soft edges of layers, in pixels of the fit; or a pair, the width at
+      the start and that from the middle on.
     - `colors`: found `"together"` with the geometry; or in closed form: `"solve"` after each chunk
       and at the end, `"polish"` at the end.
     - `loss`, `light`: `"squared"`, `"l1"` or `"ssim"` (with squared error), in `"display"` or
-      `"linear"` light. Solvers of least squares take `"squared"` alone.
+      `"linear"` light. Solvers of least squares take `"squared"` alone; where triangles are placed
+      is decided by squared error in display light.
     - `weights`: `[height, width]`, how much the error of each pixel counts.
     - `start`: `"error"`, triangles placed where the error is largest as the fit goes on, and those
       that matter least put to use elsewhere; or they are only moved, from a `"uniform"` start, a
-      scene (layers) or a `Mesh`, in pixels of the fit.
+      scene (layers) in pixels of the target, or a `Mesh` in pixels of the fit.
     - `report`: called with a `Moment` after each chunk.
     - `resume`: the result of an earlier fit of this target: goes on where that ended, under its
-      settings; of these only `steps`, `seconds` and `report` count.
+      settings and weights; of these only `steps`, `seconds`, `report` and `checkpoint` count.
+    - `checkpoint`: an `.npz` to write every half minute, from which to resume.
 
-    Ctrl-C ends the fit, which returns the best so far with `interrupted` set. Raises `ValueError`,
+    The first Ctrl-C ends the fit, which returns the best so far with `interrupted` set; a second
+    one is raised. Raises `ValueError`,
     one line, for arguments that make no sense.
     """
     began = time.perf_counter()
@@ -79,29 +90,72 @@ def fit(
                 f"`resume` is of {resume.width} x {resume.height} pixels; `target` has "
                 f"{target.shape[1]} x {target.shape[0]}."
             )
-        settings |= resume.settings
+        settings = resumed(settings, resume)
+        weights = resume.state.get("weights.given")
+    settings = choices.settle(settings)
     choices.check(settings, steps, seconds)
     if steps is None and seconds is None:
         steps = STEPS
-    frame = Frame.of(target.shape[0], target.shape[1], settings)
-    weights = choices.prepare_weights(weights, target)
-    course = make_course(target, weights, settings, frame, resume)
-    records = [] if resume is None else list(resume.history)
-    done = 0 if resume is None else snapshot.restore(course, resume.state)
-    scorer = Scorer(target)
-    # Scoring compiles beside the first steps; what it takes is set aside.
-    with ThreadPoolExecutor(1) as pool:
-        ready = pool.submit(scorer.prepare, frame.enlarge(course.likely()))
+    with held_interrupt() as interrupt:
+        task = _Task(target, choices.prepare_weights(weights, target), settings, resume)
         deadline = None if seconds is None else began + seconds
-        spent = records[-1].seconds if records else 0.0
-        budget = Budget(steps, deadline, ready, began, spent)
-        interrupted = run(
-            course, budget, records, steps=done, room=room_of(course.solver, frame), report=report,
-            enlarge=frame.enlarge,
-        )  # fmt: skip
-    if settings["colors"] != "together" and not interrupted:
-        course.polish()
-    scene = frame.enlarge(course.scene())
-    score = scorer.score(scene)
-    state = snapshot.take(course, records[-1].steps if records else 0)
-    return FitResult(scene, *score, tuple(records), kept(settings), interrupted, state)
+        interrupted = task.run(began, steps, deadline, report, checkpoint, interrupt)
+        if settings["colors"] != "together" and not interrupted:
+            task.course.polish()
+        result = task.result(interrupted)
+    return replace(result, interrupted=True) if interrupt.asked else result
+
+
+class _Task:
+    """A fit on its way from arguments to a result."""
+
+    def __init__(
+        self,
+        target: Float[np.ndarray, "height width channels"],
+        weights: Float[np.ndarray, "height width"] | None,
+        settings: dict[str, Any],
+        resume: FitResult | None,
+    ):
+        self.settings, self.weights = settings, weights
+        self.frame = Frame.of(target.shape[0], target.shape[1], settings)
+        self.course = make_course(target, weights, settings, self.frame, resume)
+        self.records = [] if resume is None else list(resume.history)
+        self.done = 0 if resume is None else snapshot.restore(self.course, resume.state)
+        self.scorer = Scorer(target)
+
+    def run(
+        self,
+        began: float,
+        steps: int | None,
+        deadline: float | None,
+        report: Callable[[Moment], None] | None,
+        checkpoint: str | os.PathLike[str] | None,
+        interrupt: Interrupt,
+    ) -> bool:
+        """To the end of the budget; whether Ctrl-C came first."""
+        enlarge, course = self.frame.enlarge, self.course
+
+        def save() -> None:
+            if checkpoint is not None:
+                self.result(True).save(checkpoint)
+
+        # Scoring compiles beside the first steps; what it takes is set aside.
+        with ThreadPoolExecutor(1) as pool:
+            ready = pool.submit(self.scorer.prepare, enlarge(course.likely()))
+            spent = self.records[-1].seconds if self.records else 0.0
+            return run(
+                course, Budget(steps, deadline, ready, began, spent), self.records,
+                steps=self.done, room=room_of(course.solver, self.frame), report=report,
+                enlarge=enlarge, stop=lambda: interrupt.asked, save=save,
+            )  # fmt: skip
+
+    def result(self, interrupted: bool) -> FitResult:
+        """The best so far. Scored with its spare triangles, which do not show: one program."""
+        score = self.scorer.score(self.frame.enlarge(self.course.scene(padded=True)))
+        scene = self.frame.enlarge(self.course.scene())
+        state = snapshot.take(self.course, self.records[-1].steps if self.records else 0)
+        if self.weights is not None:
+            state["weights.given"] = self.weights
+        return FitResult(
+            scene, *score, tuple(self.records), kept(self.settings), interrupted, state
+        )

@@ -1,7 +1,7 @@
 """A fit of layers between chunks of steps: triangles placed, put to use again, plans renewed."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +15,8 @@ from .layers import UNIT, Layers, LayersData, LayersResidual, layers_scene
 from .loss import Loss
 from .mesh_colors import Image, PixelMap
 from .placing import place, random_triangles, removal_costs
-from .solve import advance, begin, forget_best, set_rate
-from .solvers import Solver, is_first_order
+from .solve import advance_within_plan, begin, forget_best, move, set_rate
+from .solvers import Solver
 
 _GROWTH = 0.4
 """Share of the fit after which all triangles are there."""
@@ -32,6 +32,7 @@ _SIZE, _FINER = 0.9, 0.35
 smaller those are that replace others."""
 
 _HOPE = 10.0
+"""How many times what a new triangle gains at once is what it will have gained at the end."""
 
 _RATE = 0.025
 """Of steps that have one: half a pixel, and half that of colour at its start. It falls at the end
@@ -39,28 +40,44 @@ in a straight line."""
 
 _FALL, _LEAST = 0.3, 0.02
 
-_ASIDE = -16.0
-"""Where triangles wait that are not drawn yet, in pixels."""
+_ASIDE, _PER_WIDTH = -16.0, -4.0
+"""Where triangles wait that are not drawn yet: pixels, and widths of the softest edge."""
 
 _BEYOND = 0.4
 """Canvas sides that a corner may go beyond the canvas: hard mode clips what is half a side out."""
 
+_ANNEALED = 0.5
+"""Share of the fit after which soft edges have their last width."""
+
 
 @dataclass(frozen=True)
 class LayersChoice:
-    """How the triangles are to be: their number, `gouraud` colours, opacity as an unknown, the
-    width of soft edges in pixels, whether colours are solved for between chunks, and where they
-    start: `"error"`, `"uniform"`, or a scene; `exchange`: whether triangles are placed where the
-    error is, first or anew.
+    """How the triangles are to be.
+
+    - `triangles`: how many; `gouraud`: whether they have corner colours; `translucent`: whether
+      opacity is an unknown; `softness`: the first and last width of soft edges in pixels.
+    - `solve`: whether colours are solved for between chunks.
+    - `start`: `"error"`, `"uniform"`, or a scene in pixels of the fit; `exchange`: whether
+      triangles are placed where the error is, and anew.
+    - `tuned`: whether the solver is our own `"adam"`, whose rate and memory, one number for each
+      unknown, this fit knows.
     """
 
     triangles: int
     gouraud: bool
     translucent: bool
-    softness: float
+    softness: tuple[float, float]
     solve: bool
     start: str | Scene
     exchange: bool
+    tuned: bool
+
+
+class Kept(NamedTuple):
+    """The best there was before triangles were put to use elsewhere."""
+
+    least: float
+    y: Layers
 
 
 class LayersFit:
@@ -88,18 +105,25 @@ class LayersFit:
             loss.prepare(jnp.asarray(target)),
             None if weights is None else jnp.asarray(weights, jnp.float32),
             jnp.asarray(self.background),
-            jnp.float32(choice.softness),
+            jnp.float32(choice.softness[0]),
         )
         y, self.active = self._start()
         self.residual = LayersResidual(self._plan([self.likely()]), loss)
         self.progress = begin(solver, self.residual, y, self.data)
-        self.image = np.broadcast_to(self.background[:3], (*target.shape[:2], 3))
+        self.kept: Kept | None = None
+        self.image = np.broadcast_to(self.background, target.shape)
         self.exchanged = 0.0
+
+    @property
+    def most(self) -> int:
+        """Triangles that there may be."""
+        return self.choice.triangles
 
     def _start(self) -> tuple[Layers, int]:
         choice = self.choice
         count, corners = choice.triangles, 3 if choice.gouraud else 1
-        places = np.full((count, 3, 2), _ASIDE, np.float32)
+        aside = _ASIDE + _PER_WIDTH * max(choice.softness)
+        places = np.full((count, 3, 2), aside, np.float32)
         colors = np.full((count, corners, 3), 0.5, np.float32)
         opacity = np.full(count, 0.8, np.float32) if choice.translucent else None
         active = 0
@@ -123,6 +147,9 @@ class LayersFit:
         count = scene.triangles.shape[0]
         if count > len(places):
             raise ValueError(f"`start` has {count} triangles; `triangles` is {len(places)}.")
+        carried = [k for k in ("textures", "depth", "inverse_w") if getattr(scene, k) is not None]
+        if carried:
+            raise ValueError(f"`start` must be free of what is not fitted; it has {carried[0]}.")
         places[:count] = np.asarray(scene.positions)[np.asarray(scene.triangles)]
         own = np.asarray(scene.colors)
         rgb = own[..., :3]
@@ -152,48 +179,58 @@ class LayersFit:
             scenes,
             height=self.height,
             width=self.width,
-            coverage=Soft(self.choice.softness),
+            coverage=Soft(self.choice.softness[1]),
+            max_width=max(self.choice.softness),
         )
 
     @property
     def y(self) -> Layers:
         """The best unknowns so far."""
-        known = bool(jnp.isfinite(self.progress.least))
-        return self.progress.best if known else self.progress.y
+        least = float(self.progress.least)
+        if self.kept is not None and not self.kept.least > least:
+            return self.kept.y
+        return self.progress.best if np.isfinite(least) else self.progress.y
 
     def scene(self, *, padded: bool = False) -> Scene:
         """The best scene so far, in pixels of the fit; `padded` by triangles that wait outside."""
         drawn = slice(None if padded else self.active)
         y = jax.tree.map(lambda leaf: leaf[drawn], self.y)
-        return layers_scene(y, self.data.background)
+        return layers_scene(self._near(y), self.data.background)
 
     def polish(self) -> None:
         """The best unknowns so far, with the colours of least squared error."""
         y = best_colors(self.residual, self.y, self.data)
-        self.progress = forget_best(self.progress._replace(y=y))
+        self.kept = None
+        self.progress = forget_best(move(self.solver, self.residual, self.progress, y, self.data))
 
     def advance(self, steps: int, room: int) -> np.ndarray:
-        """Losses of so many steps; those that outgrew the plan are taken again under a new one."""
+        """Losses of so many steps, of fewer where they outgrew the plan and it was renewed."""
         if self.choice.solve:
             y = best_colors(self.residual, self.progress.y, self.data)
-            self.progress = self.progress._replace(y=y)
-        while True:
-            progress, losses, (image, outgrown) = advance(
-                self.solver, self.residual, self.progress, self.data, steps=steps, room=room
-            )
-            if not bool(jnp.any(outgrown)):
-                self.progress, self.image = progress, np.asarray(image)[..., :3]
-                return np.asarray(losses)
-            seen = [layers_scene(y, self.data.background) for y in (self.progress.y, progress.y)]
-            self.residual = LayersResidual(self._plan([self.likely(), *seen]), self.loss)
+            self.progress = move(self.solver, self.residual, self.progress, y, self.data)
+
+        def replan(led: list[Layers]) -> LayersResidual:
+            seen = [layers_scene(y, self.data.background) for y in led]
+            return LayersResidual(self._plan([self.likely(), *seen]), self.loss)
+
+        self.residual, (self.progress, losses, (image, _)) = advance_within_plan(
+            self.solver, self.residual, self.progress, self.data,
+            steps=steps, room=room, replan=replan,
+        )  # fmt: skip
+        self.image = np.asarray(image)
+        return np.asarray(losses)
 
     def refine(self, share: float) -> None:
         """What the host does between chunks, `share` of the way through the fit."""
         total = self.choice.triangles
-        rate = _RATE * max(_LEAST, min(1.0, (1 - share) / _FALL))
-        self.progress = set_rate(self.progress, rate)
-        if is_first_order(self.solver):
-            self._stay()
+        self._sharpen(share)
+        if self.choice.tuned:
+            rate = _RATE * max(_LEAST, min(1.0, (1 - share) / _FALL))
+            self.progress = set_rate(self.progress, rate)
+            y = self.progress.y
+            waits = jnp.arange(total)[:, None, None] >= self.active
+            corners = jnp.where(waits, y.corners, self._near(y).corners)
+            self.progress = self.progress._replace(y=y._replace(corners=corners))
         if not self.choice.exchange:
             return
         wanted = int(min(total, max(8, total * min(1.0, share / _GROWTH) ** 1.5)))
@@ -204,17 +241,23 @@ class LayersFit:
             self.exchanged = share
             self._exchange(max(1, int(total * _EXCHANGE * (1 - share))))
 
-    def _stay(self) -> None:
-        """Corners held near the canvas."""
+    def _sharpen(self, share: float) -> None:
+        """Soft edges as wide as they are to be by now; losses at other widths do not compare."""
+        first, last = self.choice.softness
+        width = np.float32(first * (last / first) ** min(1.0, share / _ANNEALED))
+        if width != np.float32(self.data.width):
+            self.data = self.data._replace(width=jnp.asarray(width))
+            self.kept, self.progress = None, forget_best(self.progress)
+
+    def _near(self, y: Layers) -> Layers:
+        """With corners held near the canvas."""
         side = max(self.height, self.width)
         low, high = -_BEYOND * side / UNIT, (1 + _BEYOND) * side / UNIT
-        y = self.progress.y
-        kept = y._replace(corners=jnp.clip(y.corners, low, high))
-        self.progress = self.progress._replace(y=kept)
+        return y._replace(corners=jnp.clip(y.corners, low, high))
 
     def _place(self, count: int, size: float) -> None:
         found = place(
-            self.rng, self.image, self.target[..., :3], count,
+            self.rng, self.image[..., :3], self.target[..., :3], count,
             size=size * self._spacing(self.active + count), weights=self.seen,
         )  # fmt: skip
         number = len(found.corners)
@@ -233,7 +276,7 @@ class LayersFit:
             self.background, self.seen,
         )  # fmt: skip
         found = place(
-            self.rng, self.image, self.target[..., :3], count,
+            self.rng, self.image[..., :3], self.target[..., :3], count,
             size=_SIZE * _FINER * self._spacing(self.choice.triangles), weights=self.seen,
         )  # fmt: skip
         best = np.argsort(-found.gains)
@@ -249,6 +292,8 @@ class LayersFit:
     def _change(self, order: np.ndarray, first: int, corners: Any, colors: Any) -> None:
         """Triangles in another order, and from `first` on new ones."""
         stop, total = first + len(corners), len(order)
+        if np.isfinite(self.progress.least):
+            self.kept = Kept(min(float(self.progress.least), _least(self.kept)), self.y)
 
         def put(values: Any, new: Any) -> Any:
             host = np.asarray(values)[order]
@@ -262,13 +307,16 @@ class LayersFit:
         y = self.progress.y
         opacity = None if y.opacity is None else put(y.opacity, 0.9)
         y = Layers(put(y.corners, corners / UNIT), put(y.colors, colors[:, None]), opacity)
-        if is_first_order(self.solver):
-            # Its memory is one number for each unknown.
+        if self.choice.tuned:
             state = jax.tree.map(forget, self.progress.state)
             self.progress = forget_best(self.progress._replace(y=y, state=state))
         else:
             fresh = begin(self.solver, self.residual, y, self.data)
             self.progress = fresh._replace(steps=self.progress.steps)
+
+
+def _least(kept: Kept | None) -> float:
+    return np.inf if kept is None else kept.least
 
 
 def _background(target: Image, weights: PixelMap | None, start: str | Scene) -> np.ndarray:

@@ -5,18 +5,19 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import NamedTuple, Protocol, runtime_checkable
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..scene import Scene
-from .loss import Loss
 from .mesh_colors import Image
 from .result import Record
-from .score import ssim
+from .score import compare, premultiplied
 
 _AIM = 0.5
 """Seconds that a chunk is to take: what a user waits for Ctrl-C, and sees between two figures."""
+
+_BETWEEN = 30.0
+"""Seconds between two checkpoints at least."""
 
 _SCORING = 3.0
 """Seconds set aside for the score while it is not known what it takes."""
@@ -28,11 +29,15 @@ class Course(Protocol):
 
     target: Image
     image: Image
-    loss: Loss
     active: int
 
+    @property
+    def most(self) -> int:
+        """Triangles that there may be."""
+        ...
+
     def advance(self, steps: int, room: int) -> np.ndarray:
-        """The losses of so many steps."""
+        """The losses of so many steps, or of fewer."""
         ...
 
     def refine(self, share: float) -> None:
@@ -45,14 +50,18 @@ class Course(Protocol):
 
 
 class Moment(NamedTuple):
-    """What a user is shown of a fit: the last record, how far it is, and the scene on demand.
+    """What a user is shown of a fit.
 
-    `scene()` is in pixels of the target; triangles that wait for their use lie outside or have no
-    area, so that all scenes of a fit have one size.
+    - `record`: the last one; `share`: how far the fit is, 0..1; `seconds_left`: for steps, as they
+      go now; `triangles`: how many there may be.
+    - `scene()`: the best at the time of asking, in pixels of the target; triangles that wait for
+      their use lie outside or have no area, so that all scenes of a fit have one size.
     """
 
     record: Record
     share: float
+    seconds_left: float
+    triangles: int
     scene: Callable[[], Scene]
 
 
@@ -83,6 +92,10 @@ class Budget(NamedTuple):
         scoring = self.scoring.result() if self.scoring.done() else _SCORING
         return max(0.0, self.deadline - scoring - time.perf_counter())
 
+    def remaining(self, steps: int, pace: float) -> float:
+        """Seconds to the end, after so many steps of which each takes `pace`."""
+        return self.left() if self.steps is None else max(0, self.steps - steps) * pace
+
     def seconds(self) -> float:
         """Of the fit so far."""
         return self.spent + time.perf_counter() - self.start
@@ -105,50 +118,54 @@ def run(
     room: int,
     report: Callable[[Moment], None] | None,
     enlarge: Callable[[Scene], Scene],
+    stop: Callable[[], bool],
+    save: Callable[[], None] | None = None,
 ) -> bool:
-    """Go on from `steps` to the end of the budget; whether Ctrl-C came first.
+    """Go on from `steps` to the end of the budget; whether `stop()` or Ctrl-C came first.
 
-    `room`: the most steps of a chunk. Appends to `records`. Whatever else `report` raises passes.
+    `room`: the most steps of a chunk. Appends to `records`. `save` is called now and then. Whatever
+    else than `KeyboardInterrupt` `report` raises passes.
     """
     least, first = np.inf, None
     accepted = records[-1].accepted if records else 0
-    pace = None
+    pace, saved = None, time.perf_counter()
     try:
         while budget.share(steps, first) < 1:
+            if stop():
+                return True
             number = budget.next_steps(steps, room, pace)
             began = time.perf_counter()
             course.refine(budget.share(steps, first))
             losses = course.advance(number, room)
             now = time.perf_counter()
-            # The first chunk compiles.
-            pace = (now - began) / number if first else 0.02
+            # The first chunk compiles: what a step takes is not known after it.
+            pace = (now - began) / len(losses) if first else None
             first = first or now
-            steps += number
+            steps += len(losses)
             for loss in losses[np.isfinite(losses)]:
                 accepted += bool(loss < least)
                 least = min(least, loss)
             found = measure(course)
             records.append(Record(steps, budget.seconds(), *found, accepted, course.active))
             if report is not None:
+                share, left = budget.share(steps, first), budget.remaining(steps, pace or 0.0)
                 report(
                     Moment(
-                        records[-1],
-                        budget.share(steps, first),
+                        records[-1], share, left, course.most,
                         lambda: enlarge(course.scene(padded=True)),
                     )
-                )
+                )  # fmt: skip
+            if save is not None and time.perf_counter() - saved > _BETWEEN:
+                save()
+                saved = time.perf_counter()
     except KeyboardInterrupt:
         return True
     return False
 
 
-_ssim = jax.jit(ssim)
-
-
 def measure(course: Course) -> tuple[float, float]:
     """PSNR and SSIM of the image that the last step saw; of both lights the one that is shown."""
-    image, target = course.image[..., :3], course.target[..., :3]
-    error = float(np.mean((image.astype(np.float64) - target) ** 2))
-    decibels = -10 * np.log10(error) if error > 0 else np.inf
-    alike = _ssim(jnp.asarray(image, jnp.float32), jnp.asarray(target, jnp.float32))
-    return float(decibels), float(alike)
+    image, target = (
+        premultiplied(jnp.asarray(one, jnp.float32)) for one in (course.image, course.target)
+    )
+    return compare(image, target)

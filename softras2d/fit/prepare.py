@@ -15,7 +15,7 @@ from .loss import Loss
 from .mesh_colors import Colors
 from .resample import shrink
 from .result import FitResult
-from .solvers import Solver, solver_of
+from .solvers import SOLVERS, Solver, solver_of
 from .tiling_fit import TilingChoice, TilingFit
 
 _LAYERS_SIZE = 256
@@ -48,9 +48,14 @@ class Frame(NamedTuple):
         return Frame(rows, columns, width / columns, height / rows)
 
     def enlarge(self, scene: Scene) -> Scene:
-        """The scene in pixels of the target."""
+        """A scene in pixels of the fit, in those of the target."""
         factors = jnp.asarray([[self.across, self.down]], scene.positions.dtype)
         return replace(scene, positions=scene.positions * factors)
+
+    def shrink(self, scene: Scene) -> Scene:
+        """A scene in pixels of the target, in those of the fit."""
+        factors = jnp.asarray([[self.across, self.down]], scene.positions.dtype)
+        return replace(scene, positions=scene.positions / factors)
 
 
 def make_course(
@@ -68,11 +73,13 @@ def make_course(
     loss = Loss(settings["loss"], settings["light"])
     choices.check_loss(solver, loss)
     solve, exchange = settings["colors"] == "solve", settings["start"] == "error"
+    tuned = settings["solver"] == "adam"
     if settings["family"] == "layers":
+        begin = settings["start"] if resume is None else "uniform"
         choice = LayersChoice(
             settings["triangles"], settings["shading"] == "gouraud", settings["translucent"],
-            float(settings["softness"]), solve,
-            settings["start"] if resume is None else "uniform", exchange,
+            settings["softness"], solve,
+            frame.shrink(begin) if isinstance(begin, Scene) else begin, exchange, tuned,
         )  # fmt: skip
         return LayersFit(small, weights, choice, loss, solver, settings["seed"])
     models: dict[str, Colors] = {"flat": "triangle", "gouraud": "vertex", "linear": "linear"}
@@ -81,8 +88,8 @@ def make_course(
     # With four vertices on the border; with more, so many have fewer triangles.
     vertices = max(4, (settings["triangles"] + 6) // 2)
     return TilingFit(
-        small, weights, TilingChoice(vertices, colors, solve, begin, exchange), loss, solver,
-        settings["seed"],
+        small, weights, TilingChoice(vertices, colors, solve, begin, exchange, tuned), loss,
+        solver, settings["seed"],
     )  # fmt: skip
 
 
@@ -108,7 +115,21 @@ def check_image(target: Any) -> Float[np.ndarray, "height width channels"]:
 
 
 def kept(settings: dict[str, Any]) -> dict[str, Any]:
-    """What a file can hold of the settings."""
-    start = settings["start"]
-    named = settings | {"start": start if isinstance(start, str) else _GIVEN}
-    return {k: v for k, v in named.items() if isinstance(v, str | int | float | bool | None)}
+    """What a file can hold of the settings: a solver that was handed over by its name alone."""
+    start, solver = settings["start"], settings["solver"]
+    first, last = settings["softness"]
+    return settings | {
+        "softness": last if first == last else [first, last],
+        "start": start if isinstance(start, str) else _GIVEN,
+        "solver": solver if isinstance(solver, str) else type(solver).__name__,
+    }
+
+
+def resumed(settings: dict[str, Any], earlier: FitResult) -> dict[str, Any]:
+    """Those of the earlier fit, and the solver object now given where it had one."""
+    solver, given = earlier.settings["solver"], settings["solver"]
+    if solver not in SOLVERS:
+        if type(given).__name__ != solver:
+            raise ValueError(f"`resume` was fitted by a {solver}: hand one over as `solver`.")
+        return earlier.settings | {"solver": given}
+    return dict(earlier.settings)

@@ -4,6 +4,7 @@ import json
 import os
 import platform
 from dataclasses import dataclass, field, fields
+from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import __version__
-from ..io.drafts import whole
+from ..drafts import whole
 from ..scene import Scene
 
 
@@ -22,7 +23,8 @@ class Record(NamedTuple):
     - `steps`, `seconds`: since it began.
     - `psnr` (dB), `ssim`: of the image that the last step saw, at the size and with the coverage of
       the fit.
-    - `accepted`: steps that found a lower loss than any before; `active`: triangles in use.
+    - `accepted`: steps that found a lower loss than any before them in this call; `active`:
+      triangles in use.
     """
 
     steps: int
@@ -67,9 +69,6 @@ class FitResult:
 
     def report(self) -> dict[str, Any]:
         """What a JSON file can hold of it: settings, versions, machine, scores and history."""
-        import equinox
-        import optimistix
-
         last = self.history[-1] if self.history else Record(0, 0.0, -np.inf, 0.0, 0, 0)
         return {
             "settings": self.settings,
@@ -84,10 +83,7 @@ class FitResult:
             "versions": {
                 "softras2d": __version__,
                 "python": platform.python_version(),
-                "jax": jax.__version__,
-                "equinox": equinox.__version__,
-                "optimistix": optimistix.__version__,
-                "numpy": np.__version__,
+                **{name: metadata.version(name) for name in _LIBRARIES},
             },
             "machine": {
                 "system": platform.system(),
@@ -153,7 +149,9 @@ class FitResult:
         )  # fmt: skip
 
 
-_FORMAT = 1
+_FORMAT = 2
+
+_LIBRARIES = ("jax", "jaxlib", "equinox", "lineax", "optax", "optimistix", "numpy", "scipy")
 
 _SCENE = ("positions", "triangles", "colors", "background")
 

@@ -81,7 +81,7 @@ class Scorer:
     """
 
     def __init__(self, target: Float[np.ndarray, "height width channels"]):
-        self._target = _premultiplied(jnp.asarray(target))
+        self._target = premultiplied(jnp.asarray(target))
         self._plan: Plan | None = None
 
     def prepare(self, likely: Scene) -> float:
@@ -94,9 +94,8 @@ class Scorer:
     def score(self, scene: Scene) -> Score:
         """The image, its PSNR in dB (infinite where equal) and SSIM."""
         drawn = self.draw(scene)
-        image = _premultiplied(drawn)
-        decibels, alike = psnr(image, self._target), _ssim(image, self._target)
-        return Score(np.asarray(drawn), float(decibels), float(alike))
+        image = premultiplied(drawn)
+        return Score(np.asarray(drawn), *compare(image, self._target))
 
     def draw(self, scene: Scene) -> Float[Array, "height width channels"]:
         """The hard image; under the last plan if there is room, which saves compiling."""
@@ -110,10 +109,18 @@ class Scorer:
         return render(scene, self._plan)
 
 
+def compare(
+    image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
+) -> tuple[float, float]:
+    """PSNR in dB (infinite where equal) and SSIM, of images as `premultiplied` gives them."""
+    return float(psnr(image, target)), float(_ssim(image, target))
+
+
 _ssim = jax.jit(ssim)
 
 
-def _premultiplied(image: Array) -> Array:
+def premultiplied(image: Array) -> Array:
+    """As images are compared: colours times alpha, and alpha as a fourth."""
     if image.shape[-1] == 3:
         return image
     alpha = image[..., 3:]

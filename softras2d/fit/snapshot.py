@@ -1,5 +1,6 @@
 """The state of a fit as arrays by name: enough to go on as if it had never stopped."""
 
+import hashlib
 import json
 from typing import Any
 
@@ -7,8 +8,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 
-from .layers_fit import LayersFit
+from .layers_fit import Kept, LayersFit
+from .solve import begin
+from .tiling_fit import Kept as KeptTiling
 from .tiling_fit import TilingFit
 from .triangulation import Mesh
 
@@ -17,16 +21,26 @@ Course = LayersFit | TilingFit
 
 def take(course: Course, steps: int) -> dict[str, np.ndarray]:
     """Of a fit after so many steps: the solver's arrays, and what the host knows."""
-    solve = (course.progress.y, course.progress.state)
-    leaves = [leaf for leaf in jax.tree.leaves(solve) if eqx.is_array(leaf)]
+    leaves = [leaf for leaf in jax.tree.leaves(_solve(course)) if eqx.is_array(leaf)]
     held = {f"solve.{place}": np.asarray(leaf) for place, leaf in enumerate(leaves)}
     held["steps"] = np.array(steps)
     held["image"] = np.asarray(course.image)
     held["host"] = np.array([course.active, course.exchanged])
+    held["target"] = _digest(course.target)
+    if course.weights is not None:
+        held["weights"] = np.asarray(course.weights)
+    if course.kept is not None:
+        held["kept"] = np.array(course.kept.least)
+        for place, leaf in enumerate(jax.tree.leaves(course.kept.y)):
+            held[f"kept.{place}"] = np.asarray(leaf)
     if isinstance(course, TilingFit):
         # With the units of its positions, which are those of an earlier mesh.
         held["scale"] = np.asarray(course.data.scale)
-        return held | {f"mesh.{name}": value for name, value in course.mesh._asdict().items()}
+        if course.kept is not None:
+            held |= _named("kept.mesh", course.kept.mesh)
+            held["kept.scale"] = np.asarray(course.kept.data.scale)
+        return held | _named("mesh", course.mesh)
+    held["width"] = np.asarray(course.data.width)
     held["background"] = np.asarray(course.background)
     drawn = json.dumps(course.rng.bit_generator.state).encode()
     held["random"] = np.frombuffer(drawn, np.uint8)
@@ -34,30 +48,73 @@ def take(course: Course, steps: int) -> dict[str, np.ndarray]:
 
 
 def restore(course: Course, held: dict[str, np.ndarray]) -> int:
-    """Put a fresh fit with the same settings where `take` was; how many steps those are."""
-    progress = course.progress
-    leaves, structure = jax.tree.flatten((progress.y, progress.state))
-    places = [place for place, leaf in enumerate(leaves) if eqx.is_array(leaf)]
-    for number, place in enumerate(places):
-        saved = held.get(f"solve.{number}")
-        if saved is None or saved.shape != leaves[place].shape:
-            raise ValueError("`resume` holds no state of a fit with these settings.")
-        leaves[place] = jnp.asarray(saved)
-    y, state = jax.tree.unflatten(structure, leaves)
-    steps = int(held["steps"])
+    """Put a fresh fit with the same settings where `take` was; how many steps those are.
+
+    Raises `ValueError` for the state of another fit.
+    """
+    if not np.array_equal(held.get("target", []), _digest(course.target)):
+        raise ValueError("`resume` is of another `target`.")
+    progress, steps = course.progress, int(held["steps"])
+    found = _filled(_solve(course), "solve", held)
+    if isinstance(course.solver, optx.AbstractLeastSquaresSolver):
+        y, best = found
+        fresh = begin(course.solver, course.residual, y, course.data)
+        state = eqx.tree_at(lambda state: (state.best_y, state.best_loss), fresh.state, best)
+    else:
+        y, state = found
     course.progress = progress._replace(y=y, state=state, steps=steps)
     course.image = held["image"]
     active, course.exchanged = held["host"].tolist()
     course.active = int(active)
     if isinstance(course, LayersFit):
         course.background = held["background"]
-        course.data = course.data._replace(background=jnp.asarray(course.background))
+        course.data = course.data._replace(
+            background=jnp.asarray(course.background), width=jnp.asarray(held["width"])
+        )
         course.rng.bit_generator.state = json.loads(held["random"].tobytes().decode())
+        if "kept" in held:
+            course.kept = Kept(float(held["kept"]), _filled(y, "kept", held))
     else:
         course.data = course.data._replace(scale=jnp.asarray(held["scale"]))
+        if "kept" in held:
+            mesh = mesh_of(held, "kept.mesh")
+            data, y = course.prepare(mesh, held["kept.scale"])
+            own = _filled(y, "kept", held)
+            course.kept = KeptTiling(float(held["kept"]), own, mesh, data)
     return steps
 
 
-def mesh_of(held: dict[str, Any]) -> Mesh:
+def mesh_of(held: dict[str, Any], name: str = "mesh") -> Mesh:
     """The mesh of a fit of one."""
-    return Mesh(*(held[f"mesh.{name}"] for name in Mesh._fields))
+    return Mesh(*(held[f"{name}.{entry}"] for entry in Mesh._fields))
+
+
+def _solve(course: Course) -> Any:
+    """What is kept of a solve. A solver of least squares holds a derivative, a program of its own,
+    and begins anew."""
+    progress = course.progress
+    if isinstance(course.solver, optx.AbstractLeastSquaresSolver):
+        return progress.y, (progress.best, progress.least)
+    return progress.y, progress.state
+
+
+def _filled(tree: Any, name: str, held: dict[str, np.ndarray]) -> Any:
+    """The tree with saved arrays in the places of its own."""
+    leaves, structure = jax.tree.flatten(tree)
+    places = [place for place, leaf in enumerate(leaves) if eqx.is_array(leaf)]
+    for number, place in enumerate(places):
+        saved = held.get(f"{name}.{number}")
+        if saved is None or saved.shape != leaves[place].shape:
+            raise ValueError("`resume` holds no state of a fit with these settings.")
+        leaves[place] = jnp.asarray(saved)
+    return jax.tree.unflatten(structure, leaves)
+
+
+def _named(name: str, mesh: Mesh) -> dict[str, np.ndarray]:
+    return {f"{name}.{entry}": value for entry, value in mesh._asdict().items()}
+
+
+def _digest(image: np.ndarray) -> np.ndarray:
+    """What tells images apart."""
+    told = hashlib.blake2b(np.ascontiguousarray(image, np.float32).tobytes(), digest_size=16)
+    return np.frombuffer(told.digest(), np.uint8)

@@ -72,6 +72,55 @@ def advance(
     return Progress(y, state, progress.steps + steps), losses[:steps], (latest, every)
 
 
+def advance_within_plan(
+    solver: Solver,
+    fn: Residual,
+    progress: Progress,
+    args: Any,
+    *,
+    steps: int,
+    room: int,
+    replan: Callable[[list[Any]], Residual],
+) -> tuple[Residual, Found]:
+    """`advance` of a residual that gives an image and, for each step, whether it outgrew its plan.
+
+    Such steps are taken again by `replan(ys)`, a residual with room for where they led; the one
+    that served is returned too. Each time they are half as many: the last one looks where there is
+    room for certain.
+    """
+    led = [progress.y]
+    while True:
+        found = advance(solver, fn, progress, args, steps=steps, room=room)
+        after, _, (_, outgrown) = found
+        if steps == 0 or not bool(jnp.any(outgrown)):
+            return fn, found
+        led.append(after.y)
+        fn, steps = replan(led), max(1, steps // 2)
+        # Solvers of least squares hold the old derivative, whose arrays have the old plan's sizes.
+        progress = move(solver, fn, progress, progress.y, args)
+        if len(led) > _RENEWALS:
+            raise RuntimeError("a plan stays too small for the scene that it was made for.")
+
+
+_RENEWALS = 12
+"""Of a plan before a fault is supposed."""
+
+
+def move(solver: Solver, fn: Residual, progress: Progress, y: Any, args: Any) -> Progress:
+    """The same solve from another point, with the best so far.
+
+    Solvers other than those of optax hold what they know of the old one: they begin anew.
+    """
+    if isinstance(solver, optx.OptaxMinimiser):
+        return progress._replace(y=y)
+    fresh = begin(solver, fn, y, args)
+    old = progress.state
+    state = eqx.tree_at(
+        lambda state: (state.best_y, state.best_loss), fresh.state, (old.best_y, old.best_loss)
+    )
+    return Progress(y, state, progress.steps)
+
+
 def advance_each(
     solver: Solver, fn: Residual, many: list[Progress], args: list[Any], *, steps: int
 ) -> list[Found]:

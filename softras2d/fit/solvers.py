@@ -82,14 +82,9 @@ def solver_of(solver: str | Solver, *, rate: float = 0.02) -> Solver:
     """A solver by name, or the one given; `ValueError` for anything else."""
     if isinstance(solver, optx.AbstractLeastSquaresSolver | optx.AbstractMinimiser):
         return solver
-    if solver not in SOLVERS:
+    if not isinstance(solver, str) or solver not in SOLVERS:
         names = ", ".join(map(repr, SOLVERS))
         raise ValueError(
-            f"`solver` must be an optimistix solver or one of {names}; got {solver!r}."
+            f"`solver` must be an optimistix solver or one of {names}; got {solver!r:.60}."
         )
     return SOLVERS[solver](rate)
-
-
-def is_first_order(solver: Solver) -> bool:
-    """Whether its memory has the shape of the unknowns, entry by entry."""
-    return isinstance(solver, optx.OptaxMinimiser)

@@ -1,6 +1,7 @@
 """A fit of a mesh between chunks of steps: no triangle flipped, vertices put to use again."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,10 +15,10 @@ from .layers import UNIT
 from .loss import Loss
 from .mesh_colors import Colors, Image, PixelMap, solve_colors
 from .mesh_start import error_start, exchange, uniform_start
-from .solve import advance, begin, forget_best, set_rate
-from .solvers import Solver, is_first_order
+from .solve import advance_within_plan, begin, forget_best, move, set_rate
+from .solvers import Solver
 from .tiling import Tiling, TilingData, TilingResidual, tiling_scene, vertices_of
-from .triangulation import Mesh, signed_areas
+from .triangulation import Mesh, check_tiling, signed_areas
 from .untangle import untangle
 
 _RATE = 0.015
@@ -37,7 +38,7 @@ _EXCHANGES = ((0.2, 0.1), (0.35, 0.07), (0.5, 0.05))
 class TilingChoice:
     """How the mesh is to be: the number of vertices, the model of its colours, whether they are
     solved for between chunks, where it starts: `"error"`, `"uniform"`, or a mesh; `exchange`:
-    whether vertices are put to use elsewhere.
+    whether vertices are put to use elsewhere; `tuned`: whether the solver is our own `"adam"`.
     """
 
     vertices: int
@@ -45,6 +46,16 @@ class TilingChoice:
     solve: bool
     start: str | Mesh
     exchange: bool
+    tuned: bool
+
+
+class Kept(NamedTuple):
+    """The best there was before vertices were put to use elsewhere."""
+
+    least: float
+    y: Tiling
+    mesh: Mesh
+    data: TilingData
 
 
 class TilingFit:
@@ -66,12 +77,21 @@ class TilingFit:
         self.height, self.width = target.shape[:2]
         self.image = target
         self.exchanged = 0.0
-        self._adopt(self._start(seed))
+        self.kept: Kept | None = None
+        mesh = self._start(seed)
+        data, y = self.prepare(mesh)
+        self.residual = TilingResidual(self._plan([tiling_scene(y, data)]), loss)
+        self._begin(mesh, data, y)
+
+    @property
+    def most(self) -> int:
+        """Triangles that there may be."""
+        return self.active
 
     def _start(self, seed: int) -> Mesh:
         choice = self.choice
         if isinstance(choice.start, Mesh):
-            return choice.start
+            return self._checked(choice.start)
         if choice.start == "uniform":
             return uniform_start(self.height, self.width, choice.vertices, seed=seed)
         if choice.start != "error":
@@ -82,15 +102,32 @@ class TilingFit:
             self.target, choice.vertices, colors=choice.colors, weights=self.weights, seed=seed
         )
 
-    def _adopt(self, mesh: Mesh) -> None:
-        """A solve that begins with this mesh, and the colours of least squared error."""
-        self.mesh, self.active = mesh, len(mesh.triangles)
+    def _checked(self, mesh: Mesh) -> Mesh:
+        if (mesh.height, mesh.width) != (self.height, self.width):
+            raise ValueError(
+                f"`start` is a mesh of {mesh.width} x {mesh.height} pixels; the fit has "
+                f"{self.width} x {self.height}."
+            )
+        if len(mesh.positions) > self.choice.vertices:
+            raise ValueError(
+                f"`start` has {len(mesh.positions)} vertices; `triangles` allows "
+                f"{self.choice.vertices}."
+            )
+        check_tiling(mesh)
+        return mesh
+
+    def prepare(self, mesh: Mesh, scale: np.ndarray | None = None) -> tuple[TilingData, Tiling]:
+        """Arguments and unknowns of a mesh, with the colours of least squared error.
+
+        `scale`: that of `TilingData`, if the mesh is not to tell it.
+        """
         # As many as a mesh of so many vertices can have: with four on the border.
-        room = 2 * len(mesh.positions) - 6
+        room, active = 2 * len(mesh.positions) - 6, len(mesh.triangles)
         triangles = np.zeros((room, 3), np.int32)
-        triangles[: self.active] = mesh.triangles
-        scale = UNIT * np.clip(_THIN * _altitudes(mesh)[:, None], _LEAST_SCALE, 1.0)
-        self.data = TilingData(
+        triangles[:active] = mesh.triangles
+        if scale is None:
+            scale = UNIT * np.clip(_THIN * _altitudes(mesh)[:, None], _LEAST_SCALE, 1.0)
+        data = TilingData(
             self.loss.prepare(jnp.asarray(self.target, jnp.float32)),
             None if self.weights is None else jnp.asarray(self.weights, jnp.float32),
             jnp.zeros(3, jnp.float32),
@@ -103,13 +140,13 @@ class TilingFit:
         found = np.clip(found, 0, 1)
         if self.choice.colors != "vertex":
             found = found[:, None] if found.ndim == 2 else found
-            found = np.concatenate([found, np.zeros((room - self.active, *found.shape[1:]))])
+            found = np.concatenate([found, np.zeros((room - active, *found.shape[1:]))])
         positions = jnp.asarray(mesh.positions / scale, jnp.float32)
-        y = Tiling(positions, jnp.asarray(found, jnp.float32))
-        scene = tiling_scene(y, self.data)
-        if not hasattr(self, "residual"):
-            self.residual = TilingResidual(self._plan([scene]), self.loss)
-        self.progress = begin(self.solver, self.residual, y, self.data)
+        return data, Tiling(positions, jnp.asarray(found, jnp.float32))
+
+    def _begin(self, mesh: Mesh, data: TilingData, y: Tiling) -> None:
+        self.progress = begin(self.solver, self.residual, y, data)
+        self.mesh, self.data, self.active = mesh, data, len(mesh.triangles)
 
     def likely(self) -> Scene:
         """A scene like those that the fit will go through, to plan for."""
@@ -118,43 +155,44 @@ class TilingFit:
     def _plan(self, scenes: list[Scene]) -> Plan:
         return plan(scenes, height=self.height, width=self.width, coverage=Area("sum"))
 
-    @property
-    def y(self) -> Tiling:
-        """The best unknowns so far, their mesh untangled."""
-        known = bool(jnp.isfinite(self.progress.least))
-        return self._mend(self.progress.best if known else self.progress.y)[1]
-
-    def _mend(self, y: Tiling) -> tuple[Mesh, Tiling]:
-        moved = np.asarray(vertices_of(y, self.data), np.float64)
-        mesh = untangle(self.mesh, moved)
-        positions = jnp.asarray(mesh.positions, jnp.float32) / self.data.scale
-        return mesh, y._replace(positions=positions)
+    def best(self) -> Kept:
+        """The best so far, its mesh untangled."""
+        least = float(self.progress.least)
+        if self.kept is not None and not self.kept.least > least:
+            return self.kept
+        y = self.progress.best if np.isfinite(least) else self.progress.y
+        mesh, y = _mended(y, self.mesh, self.data)
+        return Kept(least, y, mesh, self.data)
 
     def scene(self, *, padded: bool = False) -> Scene:
         """The best scene so far, in pixels of the fit; `padded` by triangles without area."""
-        scene = tiling_scene(self.y, self.data)
-        drawn = slice(None if padded else self.active)
+        best = self.best()
+        scene = tiling_scene(best.y, best.data)
+        drawn = slice(None if padded else len(best.mesh.triangles))
         return replace(scene, triangles=scene.triangles[drawn], colors=scene.colors[drawn])
 
     def polish(self) -> None:
         """The best unknowns so far, with the colours of least squared error."""
-        y = best_colors(self.residual, self.y, self.data)
-        self.progress = forget_best(self.progress._replace(y=y))
+        _, y, self.mesh, self.data = self.best()
+        self.active, self.kept = len(self.mesh.triangles), None
+        y = best_colors(self.residual, y, self.data)
+        self.progress = forget_best(move(self.solver, self.residual, self.progress, y, self.data))
 
     def advance(self, steps: int, room: int) -> np.ndarray:
-        """Losses of so many steps; those that outgrew the plan are taken again under a new one."""
+        """Losses of so many steps, of fewer where they outgrew the plan and it was renewed."""
         if self.choice.solve:
             y = best_colors(self.residual, self.progress.y, self.data)
-            self.progress = self.progress._replace(y=y)
-        while True:
-            progress, losses, (image, outgrown) = advance(
-                self.solver, self.residual, self.progress, self.data, steps=steps, room=room
-            )
-            if not bool(jnp.any(outgrown)):
-                self.progress, self.image = progress, np.asarray(image)
-                return np.asarray(losses)
-            seen = [tiling_scene(y, self.data) for y in (self.progress.y, progress.y)]
-            self.residual = TilingResidual(self._plan(seen), self.loss)
+            self.progress = move(self.solver, self.residual, self.progress, y, self.data)
+
+        def replan(led: list[Tiling]) -> TilingResidual:
+            return TilingResidual(self._plan([tiling_scene(y, self.data) for y in led]), self.loss)
+
+        self.residual, (self.progress, losses, (image, _)) = advance_within_plan(
+            self.solver, self.residual, self.progress, self.data,
+            steps=steps, room=room, replan=replan,
+        )  # fmt: skip
+        self.image = np.asarray(image)
+        return np.asarray(losses)
 
     def refine(self, share: float) -> None:
         """What the host does between chunks, `share` of the way through the fit."""
@@ -164,13 +202,14 @@ class TilingFit:
         if due and self.choice.exchange:
             self.exchanged = share
             self._exchange(max(1, int(due[-1] * len(self.mesh.positions))))
-        rate = _RATE * max(_LEAST_RATE, 0.5 + 0.5 * np.cos(np.pi * share))
-        self.progress = set_rate(self.progress, float(rate))
+        if self.choice.tuned:
+            rate = _RATE * max(_LEAST_RATE, 0.5 + 0.5 * np.cos(np.pi * share))
+            self.progress = set_rate(self.progress, float(rate))
 
     def _untangle(self) -> None:
-        """Solvers of second order keep what they know of a point, and go on from it."""
-        self.mesh, y = self._mend(self.progress.y)
-        if is_first_order(self.solver):
+        """Other solvers keep what they know of a point, and go on from it."""
+        self.mesh, y = _mended(self.progress.y, self.mesh, self.data)
+        if self.choice.tuned:
             self.progress = self.progress._replace(y=y)
 
     def _exchange(self, count: int) -> None:
@@ -181,8 +220,17 @@ class TilingFit:
             self.mesh, self.target, count, colors=self.choice.colors, weights=self.weights
         )
         if len(mesh.positions) == vertices:
-            self._adopt(mesh)
+            if np.isfinite(self.progress.least):
+                self.kept = self.best()
+            self._begin(mesh, *self.prepare(mesh))
             self.progress = self.progress._replace(steps=steps)
+
+
+def _mended(y: Tiling, mesh: Mesh, data: TilingData) -> tuple[Mesh, Tiling]:
+    """The mesh where the unknowns are, without triangles turned over."""
+    mesh = untangle(mesh, np.asarray(vertices_of(y, data), np.float64))
+    positions = jnp.asarray(mesh.positions, jnp.float32) / data.scale
+    return mesh, y._replace(positions=positions)
 
 
 def _altitudes(mesh: Mesh) -> Float[np.ndarray, " vertices"]:

@@ -9,9 +9,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from ..drafts import whole
 from ..scene import Scene, check
 from ..texture.pyramid import TexturePyramid
-from .drafts import whole
 
 _POLYGON = '<polygon points="{},{} {},{} {},{}" {}/>'
 _COLORTRI = '<colortri points="{} {} {} {} {} {}" colors="{}"/>'

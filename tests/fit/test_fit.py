@@ -52,7 +52,8 @@ def test_the_same_seed_gives_the_same_result():
     np.testing.assert_array_equal(one.image, two.image)
 
 
-@pytest.mark.parametrize("family", ["layers", pytest.param("mesh", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("family", ["layers", "mesh"])
 def test_an_interrupted_fit_resumes_where_it_was(family, tmp_path):
     def interrupt(moment):
         if moment.record.steps == 50:
@@ -85,8 +86,7 @@ def test_a_fitted_mesh_tiles_the_canvas():
 
 
 @pytest.mark.slow
-def test_seconds_are_kept():
-
+def test_a_fit_for_seconds_ends():
     began = time.perf_counter()
     result = sr.fit(TARGET, triangles=12, seconds=12.0)
     assert result.history
@@ -149,10 +149,24 @@ def test_extreme_starts_give_no_nan(target, solver):
         start = "uniform"
         if corners is not None:
             start = sr.Scene.from_soup(corners.astype(np.float32), np.full((8, 3), 0.5))
-        result = sr.fit(image, triangles=8, solver=solver, steps=4, start=start)
-        assert np.isfinite(result.image).all()
-        assert np.isfinite(np.asarray(result.scene.positions)).all()
-        assert not np.isnan(result.psnr)
+        assert_sound(sr.fit(image, triangles=8, solver=solver, steps=4, start=start))
+
+
+def assert_sound(result):
+    assert np.isfinite(result.image).all()
+    assert np.isfinite(np.asarray(result.scene.positions)).all()
+    assert np.isfinite(np.asarray(result.scene.colors)).all()
+    assert not np.isnan(result.psnr)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", EXTREME_TARGETS)
+def test_extreme_targets_are_fitted_to_the_end(target):
+    """With triangles placed and exchanged, translucent ones, other losses, and meshes."""
+    image = EXTREME_TARGETS[target]
+    tried: list[dict[str, Any]] = [{"translucent": True}, {"loss": "ssim"}, {"family": "mesh"}]
+    for settings in tried:
+        assert_sound(sr.fit(image, triangles=8, steps=50, **settings))
 
 
 @pytest.mark.slow
@@ -170,6 +184,8 @@ def test_a_target_with_alpha():
     target = np.concatenate([TARGET, alpha], -1)
     result = sr.fit(target, triangles=16, steps=100)
     assert result.image.shape == target.shape
+    # What was told while it fitted is of the same kind as the score.
+    assert result.history[-1].psnr == pytest.approx(result.psnr, abs=1.5)
     # All clear would be 0.3, all opaque 0.7.
     assert np.mean((result.image[..., 3] - alpha[..., 0]) ** 2) < 0.05
 
@@ -198,15 +214,22 @@ def test_other_colors_of_a_mesh(shading):
     assert result.psnr > mean_psnr(TARGET) + 6
 
 
+def mesh_of_corners(height, width):
+    points = [[0, 0], [width, 0], [0, height], [width, height], [height / 2, height / 2]]
+    mesh = delaunay_mesh(np.array(points, float), height=height, width=width)
+    check_tiling(mesh)
+    return mesh
+
+
 @pytest.mark.slow
 def test_a_mesh_may_start_anywhere():
-    points = np.array([[0, 0], [48, 0], [0, 40], [48, 40], [20, 20.0]])
-    mesh = delaunay_mesh(points, height=40, width=48)
-    check_tiling(mesh)
-    for start in (mesh, "uniform"):
+    for start in (mesh_of_corners(40, 48), "uniform"):
         result = sr.fit(TARGET, triangles=12, family="mesh", steps=25, start=start)
         assert np.isfinite(result.psnr)
 
+
+TWO = sr.Scene.from_soup(np.arange(12.0).reshape(2, 3, 2) ** 2 / 8, np.full((2, 3), 0.5))
+DEEP = replace(TWO, depth=jnp.zeros(6))
 
 BAD: dict[str, dict[str, Any]] = {
     "`target` must be \\[height": dict(target=np.zeros((4, 4), np.float32)),
@@ -214,17 +237,28 @@ BAD: dict[str, dict[str, Any]] = {
     "`family` must be one of 'layers', 'mesh'": dict(family="sphere"),
     "`shading` of a layers fit": dict(shading="linear"),
     "`solver` must be": dict(solver="newton"),
+    "`solver` must be an optimistix": dict(solver=["adam"]),
     "`triangles` must be a whole number": dict(triangles=0),
     "`steps` must be": dict(steps=-1),
     "give one of `steps` and `seconds`": dict(steps=1, seconds=1.0),
     "`seconds` must be": dict(seconds=-1.0),
     "`softness` must be": dict(softness=0),
+    "`softness` must be pixels": dict(softness=(1, 2, 3)),
     "`colors` must be one of": dict(colors="guess"),
     "`loss` must be one of": dict(loss="huber"),
     "solvers of least squares": dict(solver="lm", loss="l1"),
     "`weights` must be numbers": dict(weights=np.ones((3, 3))),
     "`weights` must be finite": dict(weights=np.zeros((40, 48))),
     "`start` must be 'error'": dict(start="middle"),
+    "`start` has 2 triangles; `triangles` is 1": dict(start=TWO, triangles=1),
+    "it has depth": dict(start=DEEP),
+    "`start` is a mesh of 20 x 20 pixels; the fit has 48 x 40": dict(
+        family="mesh", start=mesh_of_corners(20, 20)
+    ),
+    "`start` has 5 vertices; `triangles` allows 4": dict(
+        family="mesh", start=mesh_of_corners(40, 48), triangles=2
+    ),
+    "those of `light='display'`": dict(colors="solve", light="linear"),
     "`translucent` is for layers": dict(family="mesh", translucent=True),
     "fit targets with alpha by layers": dict(target=np.ones((4, 4, 4), np.float32), family="mesh"),
 }

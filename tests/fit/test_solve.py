@@ -94,6 +94,7 @@ def test_an_unknown_solver_is_named():
         solver_of("newton")
 
 
+@pytest.mark.slow
 def test_several_at_once_are_as_each_alone():
     for name in ("adam", "lm"):
         solver = solver_of(name, rate=0.05)
