@@ -5,6 +5,7 @@ python -m experiments.fit_kodak.run [FOLDER] [--astronaut] [--mesh 12300,24600] 
 """
 
 import argparse
+import importlib.util
 import json
 import time
 from pathlib import Path
@@ -23,7 +24,7 @@ from ..common import machine, progress, report
 from . import figure
 
 HERE = Path(__file__).parent
-PACKAGES = ("softras2d", "jax", "jaxlib", "optimistix", "numpy", "scipy", "scikit-image")
+PACKAGES = ("softras2d", "jax", "jaxlib", "optimistix", "numpy", "scipy", "scikit-image", "deodr")
 
 SEED = 0
 
@@ -73,6 +74,29 @@ def fit_row(name: str, target: np.ndarray, case: Case) -> dict[str, Any]:
         "static_seconds": "",
     }
     return row if case.family == "layers" else row | static_row(target, case)
+
+
+def deodr_row(name: str, target: np.ndarray, case: Case) -> dict[str, Any]:
+    """The same by DEODR, for a square picture."""
+    from .with_deodr import fit
+
+    began = time.perf_counter()
+    scene, steps = fit(target, case.triangles, case.seconds, SEED)
+    seconds = time.perf_counter() - began
+    score = Scorer(target).score(scene)
+    return {
+        "picture": name,
+        "family": case.family,
+        "shading": "flat, by DEODR",
+        "parameters": case.parameters,
+        "triangles": case.triangles,
+        "psnr": score.psnr,
+        "ssim": score.ssim,
+        "seconds": seconds,
+        "steps": steps,
+        "static_psnr": "",
+        "static_seconds": "",
+    }
 
 
 def static_row(target: np.ndarray, case: Case) -> dict[str, float]:
@@ -136,9 +160,13 @@ def main() -> None:
     rows = []
     for name, case in progress.steps(work, "fits"):
         rows.append(fit_row(name, found[name], case))
+        square = found[name].shape[0] == found[name].shape[1]
+        if case.family == "layers" and square and importlib.util.find_spec("deodr"):
+            rows.append(deodr_row(name, found[name], case))
         # Whatever ends the run: what is known stays.
         report.write_csv(chosen.into / "fits.csv", rows)
     run = {
+        "arguments": {k: str(v) for k, v in vars(chosen).items() if k not in ("folder", "into")},
         "machine": machine.record(PACKAGES),
         "precision": "float32",
         "seconds": time.perf_counter() - began,
