@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from . import camera, pictures
+    from . import camera, pictures, plot
     from .fit.batch import fit_batch
     from .fit.fit import fit
     from .fit.result import FitResult
@@ -49,7 +49,7 @@ _HOMES = {
     "write_svg": ".io.svg_writer",
 }
 
-_ROOMS = ("camera", "pictures")
+_ROOMS = ("camera", "pictures", "plot")
 """Modules that are public as a whole."""
 
 __all__ = [
@@ -67,6 +67,7 @@ __all__ = [
     "fit_batch",
     "pictures",
     "plan",
+    "plot",
     "read_image",
     "read_svg",
     "render",

@@ -1,0 +1,1 @@
+"""How time and memory grow with a scene, and what it costs to find the samples it covers."""

@@ -1,0 +1,123 @@
+"""Triangles and arrows over an image, in its pixels."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .library import COLORS, Axes, import_pyplot
+from .picture import INSET
+
+if TYPE_CHECKING:
+    from ..scene import Scene
+else:
+    # The type alone would import JAX.
+    Scene = Any
+
+
+def triangles(
+    scene: Scene,
+    *,
+    axes: Axes,
+    color: str = "black",
+    width: int | float = 0.8,
+    vertices: bool = False,
+) -> Axes:
+    """Draw the outlines of the triangles of `scene`, in pixels, over what `axes` shows.
+
+    `width` is that of the lines, in points; `vertices` marks the vertices that triangles use.
+    Insets that `show` made are drawn on too. Empty axes get the limits of the triangles, y down.
+    Raises `ValueError` for a batch of scenes and for vertices that are not finite.
+    """
+    import_pyplot()
+    from matplotlib.collections import PolyCollection
+
+    indices = np.asarray(scene.triangles)
+    if indices.ndim != 2:
+        raise ValueError(f"`scene` must be one scene, not a batch; got triangles {indices.shape}.")
+    corners = _points("the positions of `scene`", scene.positions)[indices]
+    used = corners.reshape(-1, 2)
+    for one in _with_insets(axes, used):
+        outlines = PolyCollection(
+            list(corners), closed=True, facecolors="none", edgecolors=color, linewidths=width
+        )
+        one.add_collection(outlines, autolim=False)
+        if vertices:
+            one.plot(
+                *np.unique(used, axis=0).T,
+                linestyle="none",
+                marker="o",
+                markersize=3 + width,
+                color=color,
+                scalex=False,
+                scaley=False,
+            )
+    return axes
+
+
+def arrows(
+    positions: Any,
+    vectors: Any,
+    *,
+    axes: Axes,
+    color: str = COLORS[1],
+    length: int | float | None = None,
+    label: str = "",
+) -> Axes:
+    """Draw an arrow for each vector, `vectors` `[n, 2]` at `positions` `[n, 2]`, both (x, y).
+
+    `length` scales all by one factor so that the longest has so many pixels; None draws vectors in
+    pixels as they are. A gradient points to where the loss grows: negate it to show the way down.
+    `label` is for the legend. Insets that `show` made are drawn on too. Raises `ValueError` for
+    other shapes, for values that are not finite, and for a `length` that is not positive.
+    """
+    import_pyplot()
+    tails, vectors = _points("`positions`", positions), _points("`vectors`", vectors)
+    if tails.shape != vectors.shape:
+        raise ValueError(
+            f"`vectors` must have the shape of `positions`, {tails.shape}; got {vectors.shape}."
+        )
+    if length is not None:
+        if not 0 < length < np.inf:
+            raise ValueError(f"`length` must be positive, in pixels; got {length}.")
+        longest = np.hypot(*vectors.T).max(initial=0)
+        vectors = vectors * (length / longest if longest > 0 else 0)
+    for one in _with_insets(axes, np.concatenate([tails, tails + vectors])):
+        one.quiver(
+            *tails.T,
+            *vectors.T,
+            angles="xy",
+            scale_units="xy",
+            scale=1,
+            color=color,
+            label=label,
+            width=0.006,
+            zorder=3,
+        )
+    if label:
+        axes.legend(loc="best")
+    return axes
+
+
+def _points(name: str, points: Any) -> np.ndarray:
+    """`points` in float64. Raises `ValueError` unless they are `[n, 2]` and finite."""
+    points = np.asarray(points)
+    if points.ndim != 2 or points.shape[1] != 2 or points.dtype.kind not in "fiu":
+        raise ValueError(f"{name} must be numbers [n, 2]; got {points.shape} {points.dtype}.")
+    bad = ~np.isfinite(points).all(axis=1)
+    if bad.any():
+        index = int(np.argmax(bad))
+        raise ValueError(f"{name} must be finite; number {index} is {points[index].tolist()}.")
+    return points.astype(np.float64)
+
+
+def _with_insets(axes: Axes, points: np.ndarray) -> list[Axes]:
+    """`axes` and the insets in it. Gives empty axes the limits of `points` `[n, 2]`, y down."""
+    if not axes.has_data() and len(points):
+        low, high = points.min(axis=0), points.max(axis=0)
+        margin = 0.05 * max(float((high - low).max()), 1e-6)
+        axes.set_aspect("equal")
+        axes.set_xlim(low[0] - margin, high[0] + margin)
+        axes.set_ylim(high[1] + margin, low[1] - margin)
+        axes.set(xlabel="x (pixels)", ylabel="y (pixels)")
+    children: list[Any] = axes.child_axes
+    return [axes, *(child for child in children if child.get_label() == INSET)]

@@ -1,0 +1,114 @@
+"""Several images: beside each other, as the levels of a pyramid, or one after the other."""
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .cells import columns_for, new_cells
+from .library import AnyFigure
+from .picture import checked_image, show
+
+if TYPE_CHECKING:
+    from ..texture.pyramid import TexturePyramid
+else:
+    # The type alone would import JAX.
+    TexturePyramid = Any
+
+
+def film_strip(
+    frames: Iterable[Any],
+    *,
+    titles: Sequence[str] = (),
+    columns: int | None = None,
+    figure: AnyFigure | None = None,
+) -> AnyFigure:
+    """Show images `[height, width, 1, 3 or 4]` beside each other, in the order of reading.
+
+    Each fills a cell of one size, whatever its own. `titles` has one for each, or none; `columns`
+    is how many stand in a row, by default as many as fit, six at most. Raises `ValueError`, one
+    line, for no frames, what is no image, another number of titles, and `columns` below one.
+    """
+    images = [checked_image(f"frame {number}", frame) for number, frame in enumerate(frames)]
+    if not images:
+        raise ValueError("`frames` must hold at least one image; got none.")
+    if len(titles) not in (0, len(images)):
+        raise ValueError(f"`titles` must be none or {len(images)}; got {len(titles)}.")
+    if columns is not None and columns < 1:
+        raise ValueError(f"`columns` must be positive; got {columns}.")
+    height, width = np.max([image.shape[:2] for image in images], axis=0).tolist()
+    columns = columns_for(len(images), width) if columns is None else min(columns, len(images))
+    if figure is None:
+        lines = max((title.count("\n") + 1 for title in titles if title), default=0)
+        figure, cells = new_cells(len(images), columns, height, width, lines=lines)
+    else:
+        grid = figure.subplots(-(-len(images) // columns), columns, squeeze=False).ravel()
+        cells = grid[: len(images)]
+        for unused in grid[len(images) :]:
+            unused.remove()
+    for cell, image, title in zip(cells, images, titles or [""] * len(images), strict=True):
+        show(image, axes=cell)
+        cell.set_title(title, fontsize="medium")
+    return figure
+
+
+def pyramid(
+    textures: TexturePyramid, index: int = 0, *, figure: AnyFigure | None = None
+) -> AnyFigure:
+    """Show the levels of texture `index`, each enlarged to one size; titles say width x height.
+
+    Raises `ValueError` for a texture that is not there.
+    """
+    if not 0 <= index < textures.count:
+        raise ValueError(f"`index` must be 0 to {textures.count - 1}; got {index}.")
+    # A texture with fewer levels than the largest repeats its last.
+    table = np.unique(np.asarray(textures.levels)[index], axis=0)
+    texels = np.asarray(textures.texels)
+    levels = [
+        _straight(texels[offset : offset + height * width]).reshape(height, width, -1)
+        for offset, height, width in table.tolist()
+    ]
+    titles = [
+        f"level {number}: {level.shape[1]} x {level.shape[0]}"
+        for number, level in enumerate(levels)
+    ]
+    return film_strip(levels, titles=titles, figure=figure)
+
+
+def animate(
+    path: str | os.PathLike[str], frames: Iterable[Any], *, seconds_each: int | float = 0.1
+) -> Path:
+    """Write images `[height, width, 1, 3 or 4]` of one size as a GIF, endlessly repeated; its path.
+
+    Values are sRGB and clipped to 0..1; alpha is laid over white; time is rounded to 1/100 s.
+    Frames may come from a generator. Raises `ValueError`, one line, as
+    `softras2d.io.animation.write_animation` does: another suffix than `.gif`, no frames, frames of
+    several shapes, NaN and infinity, a time that GIF cannot say.
+    """
+    from ..io.animation import write_animation
+
+    path = Path(path)
+    write_animation(
+        path, _opaque(path, frames), seconds_per_frame=float(seconds_each), hold_seconds=0.0
+    )
+    return path
+
+
+def _opaque(path: Path, frames: Iterable[Any]) -> Iterator[np.ndarray]:
+    """Frames as RGB: grey repeated, alpha over white."""
+    for number, frame in enumerate(frames):
+        pixels = checked_image(f"{path}: frame {number}", frame)
+        if pixels.shape[-1] == 4:
+            colors, alpha = np.clip(pixels[..., :3], 0, 1), np.clip(pixels[..., 3:], 0, 1)
+            pixels = colors * alpha + (1 - alpha)
+        yield np.repeat(pixels, 3, axis=-1) if pixels.shape[-1] == 1 else pixels
+
+
+def _straight(texels: np.ndarray) -> np.ndarray:
+    """Texels `[n, 3 or 4]`, premultiplied, with straight alpha; black where nothing is."""
+    if texels.shape[-1] == 3:
+        return texels
+    alpha = texels[:, 3:]
+    return np.concatenate([texels[:, :3] / np.where(alpha > 0, alpha, 1), alpha], axis=-1)
