@@ -66,10 +66,7 @@ def _compiling(records: list[Any]) -> float:
     """Seconds of the first chunk beyond those that its steps take later."""
     if len(records) < 3:
         return records[0].seconds
-    paces = [
-        (b.seconds - a.seconds) / (b.steps - a.steps)
-        for a, b in itertools.pairwise(records)
-    ]
+    paces = [(b.seconds - a.seconds) / (b.steps - a.steps) for a, b in itertools.pairwise(records)]
     return records[0].seconds - records[0].steps * float(np.median(paces))
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..common import machine, report
+from ..common.labels import Label, place
 
 HERE = Path(__file__).parent
 
@@ -43,29 +44,50 @@ def _short(value: str) -> str:
     return f"{float(value):.3g}" if value else ""
 
 
+COLORS = {"hard": "#0072B2", "soft": "#E69F00", "area": "#009E73", "DEODR": "#000000"}
+"""Okabe and Ito's: told apart by the colour-blind too."""
+
+
 def _draw(rows: list[dict[str, Any]], path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
     import matplotlib.pyplot as plt
     from matplotlib.ticker import NullFormatter
 
     counts = list(dict.fromkeys(r["triangles"] for r in rows))
-    figure, axes = plt.subplots(1, len(counts), figsize=(5 * len(counts), 4.5), squeeze=False)
-    colors = {"hard": "tab:blue", "soft": "tab:orange", "area": "tab:green", "DEODR": "black"}
+    figure, axes = plt.subplots(
+        1, len(counts), figsize=(5.4 * len(counts), 5), squeeze=False, layout="constrained"
+    )
+    found: list[list[Label]] = []
     for axis, count in zip(axes[0], counts, strict=True):
-        for r in rows:
-            if (r["triangles"], r["scene"], r["target"]) != (count, "flat", "white noise"):
-                continue
-            color = colors[r["mode"].split(",")[0]]
-            x, y = float(r["gradient_ms"]), 1 - float(r["cosine"])
-            axis.scatter(x, y, color=color, s=25)
-            axis.annotate(r["mode"], (x, y), xytext=(4, 3), textcoords="offset points", fontsize=7)
-        axis.set(xscale="log", yscale="log", xlabel="forward + backward, ms",
-                 title=f"{int(count):,} flat triangles")  # fmt: skip
+        points = [
+            Label(
+                float(r["gradient_ms"]),
+                1 - float(r["cosine"]),
+                r["mode"],
+                COLORS[r["mode"].split(",")[0]],
+            )
+            for r in rows
+            if (r["triangles"], r["scene"], r["target"]) == (count, "flat", "white noise")
+        ]
+        axis.scatter(
+            [p.x for p in points], [p.y for p in points], color=[p.color for p in points], s=25
+        )
+        axis.set(xscale="log", yscale="log", xlabel="forward + backward (ms)",
+                 title=f"{int(count):,} flat triangles, white noise")  # fmt: skip
+        axis.margins(0.25)
         # Labels of decades alone would be too few, and those between them overlap.
         axis.xaxis.set_minor_formatter(NullFormatter())
-        axis.set_xticks(ticks := [20, 50, 100, 200, 500, 1000, 2000], [str(ms) for ms in ticks])
+        low, high = axis.get_xlim()
+        ticks = [ms for ms in (5, 10, 20, 50, 100, 200, 500, 1000, 2000) if low < ms < high]
+        axis.set_xticks(ticks, [str(ms) for ms in ticks])
         axis.grid(alpha=0.3)
+        found.append(points)
     axes[0][0].set_ylabel("1 - cosine to the exact position gradient")
-    figure.tight_layout()
+    figure.canvas.draw()
+    for axis, points in zip(axes[0], found, strict=True):
+        place(axis, points, fontsize=8)
     report.save_figure(figure, path)
     plt.close(figure)
 

@@ -112,7 +112,7 @@ def _rows_of(
             peer = Deodr(soup, rate)
             found[f"DEODR, {rate} x {rate}"] = peer.loss(target)[1:]
             calls[f"DEODR, {rate} x {rate}/gradient"] = lambda peer=peer: peer.loss(target)
-    times = interleave(calls, rounds=9, budget_s=60)
+    times = interleave(calls, rounds=9, budget_s=30)
     yardstick = times.get("DEODR, 1 x 1/gradient")
     for mode, (moved, tinted) in found.items():
         took = {kind: times.get(f"{mode}/{kind}") for kind in ("forward", "gradient", "tangent")}

@@ -13,11 +13,13 @@ HERE = Path(__file__).parent
 
 def publish(results: Path, readme: Path) -> None:
     """Write the tables into `readme`, and the figure beside the results."""
-    cases, shifts, sums = (
-        report.read_csv(results / f"{name}.csv") for name in ("cases", "shifts", "long_sums")
+    cases, carried, shifts, sums = (
+        report.read_csv(results / f"{name}.csv")
+        for name in ("cases", "carried", "shifts", "long_sums")
     )
     run = json.loads((results / "run.json").read_text())
     report.fill_markers(readme, "cases", report.table(*case_table(cases)))
+    report.fill_markers(readme, "carried", report.table(*case_table(carried)))
     report.fill_markers(readme, "shifts", report.table(*_shift_table(shifts)))
     long = [[r["mode"], _short(r["by_color"]), _short(r["by_positions"])] for r in sums]
     report.fill_markers(readme, "sums", report.table(["mode", "by colour", "by positions"], long))

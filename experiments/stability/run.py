@@ -5,6 +5,7 @@ python -m experiments.stability.run [--modes hard,glass,soft,area,sum]
 
 import argparse
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import jax
 from rich.console import Console
 from rich.table import Table
 
+from tests.stability import carried
 from tests.stability.cases import CASES, MODES
 from tests.stability.measure import LONG_MODES, long_sum, measure, moved
 
@@ -25,10 +27,21 @@ SHIFTS = tuple(10**power for power in range(7))
 
 def case_rows(modes: list[str]) -> list[dict[str, Any]]:
     """Each case under each mode."""
-    pairs = [(mode, name) for mode in modes for name in CASES if mode in CASES[name]().modes]
+    return _measured(CASES, modes, measure, "cases")
+
+
+def carried_rows() -> list[dict[str, Any]]:
+    """Triangles that carry corner colours, textures, perspective and depth."""
+    return _measured(carried.CASES, list(carried.MODES), carried.measure, "what triangles carry")
+
+
+def _measured(
+    cases: dict[str, Any], modes: list[str], measure: Callable[[Any, str], Any], title: str
+) -> list[dict[str, Any]]:
+    pairs = [(mode, name) for mode in modes for name in cases if mode in cases[name]().modes]
     rows = []
-    for mode, name in progress.steps(pairs, "cases"):
-        case = CASES[name]()
+    for mode, name in progress.steps(pairs, title):
+        case = cases[name]()
         found = measure(case, mode)
         stated = dict(zip(("stated_value", "stated_product"), case.limits, strict=True))
         verdict = "yes" if found.within(case.limits) else "NO"
@@ -77,6 +90,7 @@ def main() -> None:
     if modes != list(MODES):
         return
     report.write_csv(results / "cases.csv", rows)
+    report.write_csv(results / "carried.csv", carried_rows())
     report.write_csv(results / "shifts.csv", shift_rows(modes))
     report.write_csv(results / "long_sums.csv", sum_rows(modes))
     seconds = round(time.perf_counter() - began)

@@ -1,5 +1,7 @@
 """A picture that depends on a value: a strip for every page, a slider where someone can move it."""
 
+# pyright: reportMissingImports=false
+
 import io
 import os
 import sys
