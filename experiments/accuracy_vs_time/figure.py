@@ -1,0 +1,148 @@
+"""Error against time: a panel for each class of scene, every point labelled."""
+
+# pyright: reportMissingImports=false
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+from matplotlib import pyplot
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter, StrMethodFormatter
+
+
+from .points import Point, front
+
+# Colours that differ to colour-blind readers too: Okabe and Ito, *Color Universal Design* (2008).
+# Soft and Cairo, and DEODR and the loop, are told apart by their markers as well.
+STYLES: dict[str, tuple[str, str, Any]] = {
+    "Hard": ("#D55E00", "o", "-"),
+    "Hard, pixel shading": ("#D55E00", "d", "none"),
+    "Soft": ("#B07800", "s", "-"),
+    "Area": ("#0072B2", "D", "none"),
+    "compiled scanline": ("#000000", "h", "-"),
+    "Skia": ("#009E73", "^", "none"),
+    "Blend2D": ("#CC79A7", "v", "none"),
+    "Cairo": ("#3A8FC0", "P", "none"),
+    "OpenCV": ("#777777", "X", "none"),
+    "DEODR": ("#000000", "*", "none"),
+}
+_FONT = 8.5
+
+
+def draw(
+    points: Sequence[Point], titles: dict[str, str], took: str, error: str, note: str
+) -> Figure:
+    """One panel for each scene of `titles`, the legend in a panel of its own.
+
+    `took` and `error` name the axes; `note` stands below the legend.
+    """
+    columns = 3
+    lines = -(-(len(titles) + 1) // columns)
+    figure, grid = pyplot.subplots(
+        lines, columns, figsize=(6.2 * columns, 5.4 * lines), squeeze=False, layout="constrained"
+    )
+    panels = list(grid.flat)
+    for axes, (scene, title) in zip(panels, titles.items(), strict=False):
+        _panel(axes, [point for point in points if point.scene == scene])
+        axes.set_title(title)
+        axes.set(xlabel=took, ylabel=error)
+    for axes in panels[len(titles) :]:
+        axes.axis("off")
+    _key(panels[len(titles)], points, note)
+    # Labels are placed in pixels: the layout must not change after.
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes, scene in zip(panels, titles, strict=False):
+        mine = [point for point in points if point.scene == scene]
+        texts = [labels.Label(p.ms, p.error, _text(p), STYLES[p.family][0]) for p in mine]
+        clashes = labels.place(axes, texts, _FONT, _joined(mine))
+        if clashes:
+            print(f"{scene}: {clashes} labels found no free place")
+    return figure
+
+
+def _panel(axes: Any, points: Sequence[Point]) -> None:
+    best = front(points)
+    axes.plot(
+        [point.ms for point in best],
+        [point.error for point in best],
+        drawstyle="steps-post", color="#F0E442", linewidth=6, alpha=0.8, zorder=0,
+    )  # fmt: skip
+    for family, (color, marker, line) in STYLES.items():
+        for filtered in (False, True):
+            mine = [p for p in points if p.family == family and ("mip" in p.label) == filtered]
+            joined = line != "none" and len(mine) > 1 and not filtered
+            axes.plot(
+                [point.ms for point in mine],
+                [point.error for point in mine],
+                color=color, marker=marker, linestyle=line if joined else "none",
+                linewidth=0.8, markersize=6, zorder=3,
+                markerfacecolor="white" if filtered else color,
+            )  # fmt: skip
+    axes.set(xscale="log", yscale="log")
+    axes.margins(x=0.12, y=0.12)
+    axes.grid(alpha=0.25)
+    axes.xaxis.set_major_locator(LogLocator(10, subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    low, high = axes.get_ylim()
+    few = high / low < 30
+    axes.yaxis.set_major_locator(LogLocator(10, subs=(1, 2, 5) if few else (1,)))
+    axes.yaxis.set_major_formatter(
+        StrMethodFormatter("{x:g}") if few else LogFormatterSciNotation()
+    )
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _joined(points: Sequence[Point]) -> list[list[tuple[float, float]]]:
+    """The lines that join a family's points."""
+    return [
+        [(p.ms, p.error) for p in points if p.family == family and "mip" not in p.label]
+        for family, (_, _, line) in STYLES.items()
+        if line != "none" and any(p.family == family and "mip" not in p.label for p in points)
+    ]
+
+
+def _text(point: Point) -> str:
+    """Joined families are told by colour; the others say their name at the point too."""
+    joined = STYLES[point.family][2] == "-"
+    if point.family == "Hard, pixel shading":
+        return f"{point.label}, pixel"
+    return point.label if joined else f"{point.family} {point.label}"
+
+
+def _key(axes: Any, points: Sequence[Point], note: str) -> None:
+    there = {point.family for point in points}
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=color,
+            marker=marker,
+            linestyle=line,
+            label=_family(family),
+            markerfacecolor="white" if family == "Hard, pixel shading" else color,
+        )
+        for family, (color, marker, line) in STYLES.items()
+        if family in there
+    ]
+    handles.append(Line2D([], [], color="#F0E442", linewidth=6, alpha=0.8, label="Pareto front"))
+    axes.legend(handles=handles, loc="upper left", fontsize=10, frameon=False)
+    axes.text(0.02, 0.02, note, transform=axes.transAxes, fontsize=10, va="bottom", wrap=False)
+
+
+def _family(family: str) -> str:
+    about = {
+        "Hard": "softras2d Hard: samples a pixel",
+        "Hard, pixel shading": "softras2d Hard, pixel shading: samples",
+        "Soft": "softras2d Soft: width",
+        "Area": "softras2d Area: compositing",
+        "compiled scanline": "compiled scanline (numba): samples a pixel",
+        "DEODR": "DEODR: canvas a side",
+    }
+    return about.get(family, family)

@@ -1,0 +1,136 @@
+"""The five classes of scene, and the image of 1024 samples a pixel that each is compared with."""
+
+import hashlib
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+import softras2d as sr
+from softras2d import scenes
+
+from ..common.scenes import Soup, random_soup
+
+SEED = 0
+SLIVERS = 1000
+CELLS = 22
+"""Cells along a side of the mesh; each is two triangles."""
+
+IDEAL = sr.Filter(pixel="bilinear", level="zero")
+"""What a texture is before any filter: texels joined by ramps, and no mip level."""
+MIPMAPPED = sr.Filter(pixel="bilinear", level="linear")
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One scene on a canvas of `size` x `size` pixels.
+
+    - `soup`: the same as free triangles, for the peers; None for the textured scene.
+    - `tiling`: whether its triangles abut and fill the canvas.
+    """
+
+    name: str
+    title: str
+    size: int
+    scene: sr.Scene
+    soup: Soup | None = None
+    tiling: bool = False
+
+    @property
+    def textured(self) -> bool:
+        return self.scene.textures is not None
+
+
+def load(size: int) -> list[Subject]:
+    """All scenes; those of random triangles scale with the canvas, the width of slivers not."""
+    flat, glass = random_soup(1000, size, seed=SEED), random_soup(1000, size, "flat_a50", seed=SEED)
+    thin = sliver_soup(size)
+    textured = scenes.read("minified", height=size, width=size)
+    return [
+        Subject("flat", "flat soup, 1,000 triangles", size, _scene(flat), flat),
+        mesh(size),
+        Subject("translucent", "translucent, 1,000 at alpha 0.5", size, _scene(glass), glass),
+        Subject("minified", "textured minification, 174 images", size, textured),
+        Subject("slivers", "slivers, 1,000 of 0.2 to 1.5 px", size, _scene(thin), thin),
+    ]
+
+
+def mesh(size: int) -> Subject:
+    """A jittered grid in the colours of a photograph; its outermost vertices are off the canvas.
+
+    So no edge lies on the border of the canvas, where a move inwards and one outwards differ.
+    """
+    rng = np.random.default_rng(SEED)
+    cell = size / (CELLS - 1)
+    side = (np.arange(CELLS + 1) - 0.5) * cell
+    positions = np.stack(np.meshgrid(side, side), -1)
+    inner = positions[1:-1, 1:-1]
+    inner += rng.uniform(-0.3, 0.3, inner.shape) * cell
+    positions = positions.reshape(-1, 2).astype(np.float32)
+    corner = np.arange(CELLS * (CELLS + 1)).reshape(CELLS, CELLS + 1)[:, :-1].ravel()
+    a, b, c, d = corner, corner + 1, corner + CELLS + 2, corner + CELLS + 1
+    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
+    photograph = np.asarray(sr.read_image(sr.pictures.path("fruit")))[..., :3]
+    place = positions[triangles].mean(1) / size * photograph.shape[0]
+    x, y = np.clip(place, 0, photograph.shape[0] - 1).astype(int).T
+    colors = (np.rint(photograph[y, x] * 255) / 255).astype(np.float32)
+    scene = sr.Scene.from_mesh(positions, triangles, triangle_colors=colors)
+    soup = _soup(size, positions[triangles], colors)
+    title = f"abutting mesh, {len(triangles):,} triangles"
+    return Subject("mesh", title, size, scene, soup, tiling=True)
+
+
+def sliver_soup(size: int) -> Soup:
+    """Long triangles, 0.2 to 1.5 pixels wide at one end, of a tenth to 0.4 of the canvas."""
+    rng = np.random.default_rng(SEED)
+    middle = rng.random((SLIVERS, 1, 2)) * size
+    angle = rng.random(SLIVERS) * (2 * np.pi)
+    length = rng.uniform(0.1, 0.4, SLIVERS) * size
+    width = rng.uniform(0.2, 1.5, SLIVERS)
+    along = np.stack([np.cos(angle), np.sin(angle)], -1)
+    across = along[:, ::-1] * (-1.0, 1.0) * width[:, None] / 2
+    half = along * length[:, None] / 2
+    corners = middle + np.stack([half, across - half, -across - half], 1)
+    colors = rng.integers(0, 256, (SLIVERS, 3)) / 255
+    return _soup(size, corners, colors)
+
+
+def reference(subject: Subject, cache: Path) -> NDArray[np.float64]:
+    """The mean of 1024 samples a pixel: 256 on a canvas of twice the size, which is halved.
+
+    Textures are read at each sample, without mip levels. Kept under `cache`, by the content.
+    """
+    content = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(subject.scene))
+    key = hashlib.sha256(content + str(subject.size).encode()).hexdigest()[:16]
+    path = cache / f"{key}.npy"
+    if not path.exists():
+        image = _draw_reference(subject)
+        cache.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_suffix(".tmp.npy")
+        np.save(temporary, image)
+        os.replace(temporary, path)
+    return np.load(path)
+
+
+def _draw_reference(subject: Subject) -> NDArray[np.float64]:
+    size = subject.size
+    large = replace(subject.scene, positions=2 * subject.scene.positions)
+    plan = sr.plan(large, height=2 * size, width=2 * size, coverage=sr.Hard(256), filter=IDEAL)
+    image = np.asarray(sr.render(large, plan), np.float64)
+    return image.reshape(size, 2, size, 2, 3).mean(axis=(1, 3))
+
+
+def _soup(size: int, corners: np.ndarray, colors: np.ndarray) -> Soup:
+    """Flat, opaque and over white; `colors` is `[triangles, 3]`."""
+    corner_colors = np.ones((len(corners), 3, 4), np.float32)
+    corner_colors[..., :3] = colors[:, None]
+    white = np.ones(3, np.float32)
+    return Soup("flat", size, SEED, corners.astype(np.float32), corner_colors, white)
+
+
+def _scene(soup: Soup) -> sr.Scene:
+    """One colour a triangle; three channels where opaque."""
+    return sr.Scene.from_soup(soup.corners, soup.colors[:, 0, : 3 if soup.opaque else 4])

@@ -1,0 +1,163 @@
+"""The tables and the figures, made from the stored results.
+
+python -m experiments.accuracy_vs_time.tables
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..common import machine, report
+from . import figure
+from .points import Point, ahead, front, quickest, read
+
+HERE = Path(__file__).parent
+IMAGE_BOUNDS = (0.02, 0.01, 0.005, 0.002, 0.001)
+FLIP_BOUNDS = (0.05, 0.02, 0.01, 0.005)
+GRADIENT_BOUNDS = (0.5, 0.2, 0.1, 0.05)
+_MARKS = (
+    "16, 4x4: samples a pixel, or a canvas 4 times as wide, averaged.\n"
+    "AA: anti-aliased by coverage.\n"
+)
+_TEXTURES = (
+    "Textured panel: without `mip`, bilinear and no mip level; `mip`, hollow:\n"
+    "trilinear; `mip -2`: level lowered by 2. Cairo best: its best filter.\n"
+)
+_SLOPES = (
+    "Of the mean squared difference to white noise.\n"
+    "softras2d: all cores; DEODR: one thread; 4x4: on a canvas 4 times as wide.\n"
+)
+
+
+def publish(results: Path, readme: Path | None) -> None:
+    """Draw the figures, and put the tables into `readme` (None: print them)."""
+    images = report.read_csv(results / "images.csv")
+    path = results / "gradients.csv"
+    slopes = report.read_csv(path) if path.exists() else []
+    run = json.loads((results / "run.json").read_text())
+    titles, size = run["titles"], run["size_px"]
+    by_rmse, by_flip = read(images, "rmse"), read(images, "flip")
+    by_slope = read(slopes, "relative_error")
+    threads = f"softras2d and the scanline: {run['threads']} threads, others one.\n"
+    square = f"{size} x {size} px."
+    about = _MARKS + _TEXTURES + threads + square
+    for name, points, what, note in (
+        ("rmse", by_rmse, "RMSE to 1024 samples", about),
+        ("flip", by_flip, "mean FLIP to 1024 samples", about),
+        ("gradients", by_slope, "relative error of the position gradient", _SLOPES + square),
+    ):
+        if not points:
+            continue
+        shown = {scene: titles[scene] for scene in dict.fromkeys(p.scene for p in points)}
+        took = (
+            "median time of forward and backward, ms" if points is by_slope else "median time, ms"
+        )
+        drawn = figure.draw(points, shown, took, what, note)
+        for suffix in ("png", "svg"):
+            report.save_figure(drawn, results / f"{name}.{suffix}")
+        figure.pyplot.close(drawn)
+    texts = {
+        "quickest-image": _quickest_table(by_rmse, titles, IMAGE_BOUNDS, "RMSE"),
+        "quickest-flip": _quickest_table(by_flip, titles, FLIP_BOUNDS, "FLIP"),
+        "quickest-gradient": _quickest_table(by_slope, titles, GRADIENT_BOUNDS, "relative error"),
+        "ahead-image": _ahead(by_rmse, titles, "RMSE"),
+        "ahead-gradient": _ahead(by_slope, titles, "relative error"),
+        "images": _images(images, titles),
+        "gradients": _gradients(slopes, titles),
+        "left-out": _left_out(run["left_out"]),
+        "machine": _machine(run),
+    }
+    for name, text in texts.items():
+        if readme is None:
+            print(f"\n{text}")
+        else:
+            report.fill_markers(readme, name, text)
+
+
+def _quickest_table(
+    points: Sequence[Point], titles: dict[str, str], bounds: Sequence[float], what: str
+) -> str:
+    """Who is quickest below each error, and softras2d's quickest beside it."""
+    header = ["scene", f"{what} at most", "quickest of all", "ms", "softras2d's quickest", "ms",
+              "over the quickest"]  # fmt: skip
+    lines = []
+    for scene in dict.fromkeys(point.scene for point in points):
+        mine = [point for point in points if point.scene == scene]
+        for bound in bounds:
+            best = quickest(mine, bound)
+            own = quickest([point for point in mine if point.own], bound)
+            ratio = f"{own.ms / best.ms:.2f}" if own and best else ""
+            lines.append([titles[scene], f"{bound:g}", *_cells(best), *_cells(own), ratio])
+    return report.table(header, lines)
+
+
+def _cells(point: Point | None) -> tuple[str, str]:
+    return (point.name, f"{point.ms:.1f}") if point else ("none", "")
+
+
+def _ahead(points: Sequence[Point], titles: dict[str, str], what: str) -> str:
+    """Each peer that is quicker than all of ours whose error is as low."""
+    header = ["scene", "peer", "ms", what, "softras2d's quickest with as low an error", "ms", what,
+              "over the peer"]  # fmt: skip
+    lines = []
+    for scene in dict.fromkeys(point.scene for point in points):
+        for peer, match in ahead([point for point in points if point.scene == scene]):
+            ratio = f"{match.ms / peer.ms:.2f}" if match else ""
+            error = f"{match.error:.2g}" if match else ""
+            row = [*_cells(peer), f"{peer.error:.2g}", *_cells(match), error, ratio]
+            lines.append([titles[scene], *row])
+    return report.table(header, lines) if lines else "None in this run."
+
+
+def _images(rows: Sequence[dict[str, Any]], titles: dict[str, str]) -> str:
+    header = ["way", "threads", "median ms", "least ms", "RMSE", "FLIP", "on the front of"]
+    return _by_scene(rows, titles, {"RMSE": "rmse", "FLIP": "flip"}, header)
+
+
+def _gradients(rows: Sequence[dict[str, Any]], titles: dict[str, str]) -> str:
+    errors = {"relative error": "relative_error", "1 - cosine": "one_minus_cosine"}
+    header = ["way", "threads", "median ms", "least ms", *errors, "on the front of"]
+    return _by_scene(rows, titles, errors, header)
+
+
+def _by_scene(
+    rows: Sequence[dict[str, Any]],
+    titles: dict[str, str],
+    errors: dict[str, str],
+    header: list[str],
+) -> str:
+    """A table for each scene, the quickest way first."""
+    parts = []
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        mine = [row for row in rows if row["scene"] == scene]
+        fronts = {what: {p.name for p in front(read(mine, key))} for what, key in errors.items()}
+        lines = []
+        for row in sorted(mine, key=lambda one: float(one["median_ms"])):
+            name = f"{row['family']}, {row['label']}"
+            on = ", ".join(what for what, names in fronts.items() if name in names)
+            times = [f"{float(row[key]):.1f}" for key in ("median_ms", "least_ms")]
+            found = [f"{float(row[key]):.2g}" for key in errors.values()]
+            lines.append([name, row["threads"], *times, *found, on])
+        parts.append(f"**{titles[scene]}**\n\n{report.table(header, lines)}")
+    return "\n\n".join(parts)
+
+
+def _left_out(names: Sequence[str]) -> str:
+    if not names:
+        return "All peers were installed in this run."
+    return f"Not installed in this run, and left out: {', '.join(names)}."
+
+
+def _machine(run: dict[str, Any]) -> str:
+    seeds = f"seed {run['seed']} of the scenes, {run['target_seed']} of the noise"
+    about = machine.describe(run, seed=seeds)
+    load = run["machine"]["load_average_1min"]
+    return (
+        f"{about}; {run['size_px']} x {run['size_px']} px; load average at the start {load:.1f}; "
+        f"{run['seconds'] / 60:.1f} minutes, compilation included."
+    )
+
+
+if __name__ == "__main__":
+    publish(HERE / "results", HERE / "README.md")
