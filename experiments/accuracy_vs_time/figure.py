@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter, StrMethodFormatter
 
-
+from ..common import labels
 from .points import Point, front
 
 # Colours that differ to colour-blind readers too: Okabe and Ito, *Color Universal Design* (2008).

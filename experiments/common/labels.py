@@ -6,7 +6,9 @@ one that is further off gets a line to it.
 
 # pyright: reportMissingImports=false
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -30,9 +32,15 @@ class Label:
     color: str
 
 
-def place(axes: Any, labels: list[Label], fontsize: float) -> int:
+def place(
+    axes: Any,
+    labels: list[Label],
+    fontsize: float,
+    paths: Sequence[list[tuple[float, float]]] = (),
+) -> int:
     """Draw the labels; the axes must have their final place and limits.
 
+    `paths` are lines already there, as points in data coordinates, which labels shun if they can.
     Returns how many labels still meet another label or a point.
     """
     renderer = axes.figure.canvas.get_renderer()
@@ -42,7 +50,7 @@ def place(axes: Any, labels: list[Label], fontsize: float) -> int:
     markers = np.concatenate([points - MARKER_PX, points + MARKER_PX], 1)
     gaps = np.linalg.norm(points[:, None] - points[None], axis=2)
     taken = np.zeros((0, 4))
-    lines = np.zeros((0, 2))
+    lines = np.concatenate([np.zeros((0, 2)), *(_sampled(axes, path) for path in paths)])
     clashes = 0
     for number in np.argsort(-(gaps < 60).sum(1), kind="stable"):
         one, point = labels[number], points[number]
@@ -62,6 +70,16 @@ def place(axes: Any, labels: list[Label], fontsize: float) -> int:
         if _length(leader) > LEADER_FROM_PX:
             lines = np.vstack([lines, leader])
     return clashes
+
+
+def _sampled(axes: Any, path: list[tuple[float, float]]) -> NDArray[np.float64]:
+    """A broken line in display pixels, a point every four or so."""
+    ends = axes.transData.transform(path)
+    pieces = [
+        a + np.linspace(0, 1, 2 + int(np.linalg.norm(b - a) / 4))[:, None] * (b - a)
+        for a, b in pairwise(ends)
+    ]
+    return np.concatenate([np.zeros((0, 2)), *pieces])
 
 
 def _size(axes: Any, text: str, fontsize: float, renderer: Any) -> NDArray[np.float64]:
@@ -97,7 +115,7 @@ def _cost(
     """Places are ranked by what they cover first, then by how far off they are."""
     outside = np.any(box[:2] < limits[:2] + 2) or np.any(box[2:] > limits[2:] - 2)
     cost = 1e6 * outside + 1e4 * _hits(box, taken).sum() + 3e3 * _hits(box, others).sum()
-    cost += 200.0 * _inside(lines, box[None]).any(1).sum()
+    cost += 30.0 * _inside(lines, box[None]).any()
     if taken.size:
         cost += 1e3 * _inside(leader, taken).any(0).sum()
     far = leader[6:]
