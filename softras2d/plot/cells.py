@@ -46,7 +46,7 @@ def new_cells(
     figure_width = columns * (cell_width + beside) + _GAP
     figure_height = rows * (cell_height + above + (_TICKS if ticks else 0)) + _GAP
     dpi = pyplot.rcParams["figure.dpi"]
-    figure = pyplot.figure(figsize=(figure_width / dpi, figure_height / dpi))
+    figure = pyplot.figure(figsize=(figure_width / dpi, figure_height / dpi), layout="none")
     made = []
     for index in range(count):
         row, column = divmod(index, columns)
