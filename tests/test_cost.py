@@ -71,6 +71,7 @@ def test_no_such_effect():
         without(scene, _plan(scene), "glow")
 
 
+@pytest.mark.slow
 def test_prices():
     scene = sr.Scene.from_soup(
         [[(0, 0), (9, 0), (0, 9)]], np.eye(3, dtype=np.float32)[None], background=[1, 1, 1, 0]

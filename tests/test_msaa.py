@@ -16,10 +16,10 @@ from .texture_oracle import Sampler
     "options",
     [
         {},
-        {"texels": None, "colors": (3, 4), "depth": True},
         *(
             slowly(options)
             for options in (
+                {"texels": None, "colors": (3, 4), "depth": True},
                 {"texels": None},
                 {"texels": None, "depth": True, "perspective": True},
                 {"texels": None, "colors": (3, 4)},

@@ -146,6 +146,7 @@ def test_overflow_stops_a_traced_render():
         jax.jit(sr.render)(_crowded(), plan).block_until_ready()
 
 
+@pytest.mark.slow
 def test_overflow_is_per_scene_in_a_batch():
     scenes = [_scene(0), _crowded(), _scene(1)]
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes)

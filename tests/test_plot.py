@@ -4,8 +4,10 @@
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportCallIssue=false
 # pyright: reportOperatorIssue=false, reportOptionalOperand=false
 
+import subprocess
 import sys
 
+import jax
 import matplotlib
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ import pytest
 matplotlib.use("Agg")
 
 from matplotlib import pyplot
+from PIL import Image, ImageSequence
 
 import softras2d as sr
 from softras2d import plot
@@ -66,6 +69,29 @@ class TestShow:
         clear = np.concatenate([IMAGE, np.full((20, 30, 1), 0.5, np.float32)], -1)
         assert len(plot.show(clear).get_images()) == 2
 
+    @pytest.mark.parametrize(("side", "lines"), [(64, 65), (65, 33)])
+    def test_a_grid_has_lines_between_pixels(self, side, lines):
+        axes = plot.show(np.zeros((3, side, 3)), grid=True)
+        (drawn_lines,) = axes.collections
+        upright = [line for line in drawn_lines.get_segments() if line[0, 0] == line[1, 0]]
+        assert len(upright) == lines
+        assert axes.get_xlabel() == "x (pixels)"
+
+    def test_an_inset_has_a_grid_of_its_own(self):
+        axes = plot.show(np.zeros((200, 200, 3)), grid=True, inset=(7, 11, 5, 3))
+        (grid,) = axes.child_axes[0].collections
+        ends = np.concatenate(grid.get_segments())
+        assert len(grid.get_segments()) == (5 + 1) + (3 + 1)
+        np.testing.assert_array_equal(ends.min(axis=0), [11, 7])
+        np.testing.assert_array_equal(ends.max(axis=0), [14, 12])
+
+    def test_a_large_image_on_few_dots_is_smoothed(self):
+        _, axes = pyplot.subplots(figsize=(1, 1))
+        fine = (np.indices((400, 400)).sum(0) % 2)[..., None].astype(float)
+        plot.show(fine, axes=axes)
+        middle = drawn(axes.figure)[40:60, 40:60, 0]
+        assert np.ptp(middle.astype(int)) < 30
+
     def test_beyond_the_range_is_clipped(self):
         (picture,) = plot.show(2 * IMAGE - 0.5).get_images()
         assert (picture.get_array().min(), picture.get_array().max()) == (0, 1)
@@ -87,6 +113,9 @@ class TestShow:
         [
             (IMAGE[0], {}, "height, width"),
             (np.full((2, 2, 3), np.nan), {}, "row 0, column 0, channel 0 is nan"),
+            (np.zeros((2, 2, 3), np.uint8), {}, "holds floats"),
+            (IMAGE, {"inset": (0, 0, 0, 2)}, "`inset` must lie inside"),
+            (IMAGE, {"inset": (0, 0, 2, 2), "inset_zoom": 1}, "`inset_zoom` must be more than 1"),
             (IMAGE, {"inset": (0, 0, 30, 3)}, "`inset` must lie inside"),
             (IMAGE, {"inset": (0, 0, 19, 29)}, "`inset` must be smaller"),
         ],
@@ -116,6 +145,16 @@ class TestOverlays:
         assert low < 3
         assert high > 18
         assert axes.yaxis_inverted()
+
+    def test_a_batch_is_not_one_scene(self):
+        batch = jax.tree.map(lambda leaf: np.stack([leaf, leaf]), SCENE)
+        with pytest.raises(ValueError, match="one scene, not a batch"):
+            plot.triangles(batch, axes=plot.show(IMAGE))
+
+    def test_tiny_gradients_are_scaled_too(self):
+        axes = plot.show(IMAGE)
+        plot.arrows([[5.0, 5]], [[1e-310, 0]], axes=axes, length=4)
+        np.testing.assert_allclose(axes.collections[-1].U, [4])
 
     def test_the_longest_arrow_has_its_length(self):
         axes = plot.show(IMAGE)
@@ -149,6 +188,11 @@ class TestComparison:
         expected = np.sqrt(((brighter - IMAGE) ** 2).mean(-1))
         np.testing.assert_allclose(off.get_array(), expected, atol=1e-6)
         assert (off.norm.vmin, off.norm.vmax) == (0, 0.3)
+
+    def test_the_colour_of_what_is_clear_does_not_count(self):
+        clear, other = np.zeros((2, 2, 4)), np.ones((2, 2, 4))
+        other[..., 3] = 0
+        assert not plot.error(clear, other).get_images()[0].get_array().any()
 
     def test_equal_images_have_limits_still(self):
         assert plot.difference(IMAGE, IMAGE).get_images()[0].norm.vmax > 0
@@ -204,12 +248,30 @@ class TestStrips:
 
     def test_an_animation(self, tmp_path):
         path = plot.animate(tmp_path / "a.gif", (IMAGE[..., :1] * k for k in (0.2, 0.9)))
-        assert path.read_bytes()[:6] == b"GIF89a"
+        with Image.open(path) as film:
+            frames = [np.asarray(one.convert("RGB")) for one in ImageSequence.Iterator(film)]
+        for frame, light in zip(frames, (0.2, 0.9), strict=True):
+            expected = np.repeat(IMAGE[..., :1] * light * 255, 3, axis=-1)
+            np.testing.assert_allclose(frame, expected, atol=2)
+
+    def test_alpha_is_laid_over_white(self, tmp_path):
+        path = plot.animate(tmp_path / "a.gif", [np.array([[[1, 0, 0, 0.5], [0, 0, 0, 0]]])])
+        with Image.open(path) as film:
+            frame = np.asarray(film.convert("RGB"))
+        np.testing.assert_array_equal(frame, [[[255, 128, 128], [255, 255, 255]]])
+
+    def test_what_is_no_animation(self, tmp_path):
+        with pytest.raises(ValueError, match="there are no frames"):
+            plot.animate(tmp_path / "a.gif", [])
         with pytest.raises(ValueError, match="suffix"):
             plot.animate(tmp_path / "a.png", [IMAGE])
 
 
 class TestExplore:
+    def test_no_values(self):
+        with pytest.raises(ValueError, match="at least one value"):
+            plot.explore(lambda v: IMAGE, [1], name="light", static=[])
+
     def test_without_a_front_end_the_strip_alone(self, capsys):
         figure = plot.explore(lambda v: IMAGE * v, [0.1, 0.5], name="light", static=[0.25, 1.0])
         assert [axes.get_title() for axes in figure.axes] == ["light: 0.25", "light: 1"]
@@ -235,3 +297,16 @@ def test_without_matplotlib_one_line_says_what_to_install(monkeypatch):
     monkeypatch.delitem(sys.modules, "matplotlib.pyplot", raising=False)
     with pytest.raises(ImportError, match=r"pip install .softras2d\[plot\]"):
         plot.show(IMAGE)
+
+
+def test_the_room_alone_is_light():
+    script = """
+import sys
+import softras2d
+softras2d.plot.show
+print([name for name in ("matplotlib", "jax", "ipywidgets") if name in sys.modules])
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.strip() == "[]"

@@ -88,9 +88,9 @@ def test_bundled_scenes_together(samples, request):
         _compare(image, name, samples)
 
 
-@pytest.mark.parametrize("name", ["ground", "minified"])
+@pytest.mark.parametrize("name", ["ground"])
 def test_textured_scene(name):
-    """Two of those with further effects, whose programs nothing else can share."""
+    """One of those with further effects; the others are left to the slow run."""
     scene = _read(name)
     _compare(np.asarray(sr.render(scene, _plan(scene, 1))), name, 1)
 

@@ -5,6 +5,7 @@ import functools
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -152,6 +153,7 @@ def test_the_last_triangle_is_in_front(corners, fill_rule):
     np.testing.assert_array_equal(image[inside], front[inside])
 
 
+@pytest.mark.slow
 @given(_soup(2), st.integers(0, SHOWN - 1), RULES)
 def test_alpha_zero_shows_nothing(corners, index, fill_rule):
     plan = _plan(fill_rule, channels=4)

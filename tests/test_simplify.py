@@ -228,7 +228,8 @@ def _assert_the_same_image(seed: int) -> None:
     np.testing.assert_allclose(draw_scene(small, after), draw_scene(scene, before), atol=4e-6)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
 def test_random_effects_keep_their_image(seed):
     _assert_the_same_image(seed)
 

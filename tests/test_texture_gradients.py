@@ -65,6 +65,7 @@ def test_slopes_are_the_differences(options, sampler, shading, float64):
         np.testing.assert_allclose(inner(weight, tangent), inner(back, direction), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_bias_has_a_slope(float64):
     """Levels are blended: the bias moves the image where they are not clipped."""
     scene, plan = _drawn(soup_of(22, reach=2))
@@ -78,6 +79,7 @@ def test_bias_has_a_slope(float64):
     assert (np.abs(tangent - wanted).max(axis=-1) < 1e-6).mean() > 0.97
 
 
+@pytest.mark.slow
 def test_texels_of_every_level_receive_slope(float64):
     """The image is linear in the texels: their slopes, times the texels, are the image."""
     soup = soup_of(23, reach=3)

@@ -144,13 +144,12 @@ SHAPES = {
 }
 
 
-SLOW = [("soft", "softras"), ("soft", "window"), ("soft", 2), ("centroid", 2)]
+SLOW = [("soft", "softras"), ("soft", "window"), ("soft", 2), ("centroid", 1), ("centroid", 2)]
 
 MEASURES = [
     ("area", ""),
     ("soft", "logistic"),
     ("soft", 1),
-    ("centroid", 1),
     *(pytest.param(*which, marks=pytest.mark.slow) for which in SLOW),
 ]
 
@@ -203,7 +202,8 @@ def distances_by_hand(slots, x, y):
     return jnp.where(inside, length, -length)
 
 
-@pytest.mark.parametrize("shape", [pytest.param("large", marks=pytest.mark.slow), "sliver"])
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", ["large", "sliver"])
 def test_slopes_are_those_of_plain_autodiff(shape, float64):
     slot, width = six(SHAPES[shape]), 1.3
     x, y = jnp.meshgrid(jnp.arange(8.0) + 0.5, jnp.arange(8.0) + 0.5)
