@@ -80,7 +80,8 @@ def arrows(
         if not 0 < length < np.inf:
             raise ValueError(f"`length` must be positive, in pixels; got {length}.")
         longest = np.hypot(*vectors.T).max(initial=0)
-        vectors = vectors * (length / longest if longest > 0 else 0)
+        # Divided first: a gradient may be so small that its inverse overflows.
+        vectors = vectors / (longest if longest > 0 else 1) * length
     for one in _with_insets(axes, np.concatenate([tails, tails + vectors])):
         one.quiver(
             *tails.T,

@@ -32,7 +32,7 @@ def show(
     """Show `image` `[height, width, 1, 3 or 4]`, its pixels as squares.
 
     - `grid`: lines between the pixels and axes in pixels; beyond 64 pixels a side, lines between
-      every 2nd, 4th, ... of them.
+      every 2nd, 4th, ... of them. An inset has lines of its own.
     - `inset`: `(top, left, height, width)` in pixels: that part, enlarged `inset_zoom` times or as
       often as fits 0.6 of a side, in the corner that is farthest from it. It is
       `axes.child_axes[0]`; overlays are drawn there too.
@@ -50,7 +50,7 @@ def show(
         _, (axes,) = new_cells(1, 1, height, width, lines=1 if title else 0, ticks=grid)
     _draw(axes, pixels, (0, width, height, 0))
     if grid:
-        _pixel_grid(axes, height, width)
+        _pixel_grid(axes, 0, 0, height, width)
         axes.set(xlabel="x (pixels)", ylabel="y (pixels)")
     else:
         axes.set(xticks=[], yticks=[])
@@ -108,15 +108,16 @@ def _checkerboard(height: int, width: int) -> np.ndarray:
     return np.asarray(_PAPER)[np.indices((rows, columns)).sum(0) % 2]
 
 
-def _pixel_grid(axes: Axes, height: int, width: int) -> None:
+def _pixel_grid(axes: Axes, top: int, left: int, height: int, width: int) -> None:
     import_pyplot()
     from matplotlib.collections import LineCollection
 
     step = 1
     while max(height, width) / step > _MOST_LINES:
         step *= 2
-    across = [[(0, y), (width, y)] for y in range(0, height + 1, step)]
-    down = [[(x, 0), (x, height)] for x in range(0, width + 1, step)]
+    right, bottom = left + width, top + height
+    across = [[(left, y), (right, y)] for y in range(top, bottom + 1, step)]
+    down = [[(x, top), (x, bottom)] for x in range(left, right + 1, step)]
     lines = LineCollection(across + down, colors="0.5", linewidths=0.4)
     axes.add_collection(lines, autolim=False)
 
@@ -154,7 +155,7 @@ def _inset(
     child = axes.inset_axes((float(x), float(y), across, up), label=INSET)
     _draw(child, pixels[top : top + tall, left : left + wide], (left, left + wide, top + tall, top))
     if grid:
-        _pixel_grid(child, height, width)
+        _pixel_grid(child, *part)
     child.set(xticks=[], yticks=[])
     child.spines[:].set(color=COLORS[1], linewidth=1.5)
     axes.indicate_inset(inset_ax=child, edgecolor=COLORS[1], linewidth=1.5, alpha=1)
