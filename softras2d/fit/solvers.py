@@ -5,6 +5,7 @@ Kingma and Ba, *Adam* (ICLR 2015); Fong and Saunders, *LSMR* (SIAM J. Sci. Compu
 the linear systems.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -87,4 +88,10 @@ def solver_of(solver: str | Solver, *, rate: float = 0.02) -> Solver:
         raise ValueError(
             f"`solver` must be an optimistix solver or one of {names}; got {solver!r:.60}."
         )
+    return _by_name(solver, rate)
+
+
+@functools.cache
+def _by_name(solver: str, rate: float) -> Solver:
+    # One object: optax makes new functions each time, for which programs would be compiled anew.
     return SOLVERS[solver](rate)
