@@ -46,10 +46,10 @@ def _soup(corners: int = 1, channels: int = 3) -> Soup:
     [
         (4, "inclusive", 1, 3),
         slowly(2, "inclusive", 1, 4),
-        *(slowly(rate, "inclusive", 1, 3) for rate in (1, 2, 3, 8)),
-        *(slowly(rate, "top_left", 1, 3) for rate in (1, 2, 4, 8)),
-        *(slowly(rate, "inclusive", 3, 3) for rate in (1, 3, 4)),
-        *(slowly(rate, "top_left", 3, 4) for rate in (1, 3, 4, 8)),
+        *(slowly(rate, "inclusive", 1, 3) for rate in (1, 8)),
+        *(slowly(rate, "top_left", 1, 3) for rate in (2, 4)),
+        slowly(3, "inclusive", 3, 3),
+        *(slowly(rate, "top_left", 3, 4) for rate in (1, 8)),
     ],
 )
 def test_hard_cases(rate, fill_rule, corners, channels):

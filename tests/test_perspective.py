@@ -22,7 +22,6 @@ EVERYTHING: dict[str, Any] = {"perspective": True, "depth": True}
         *(
             slowly({"perspective": True, **options}, PLAIN)
             for options in (
-                {"texels": None},
                 {"texels": None, "colors": (3, 4), "background": 4},
                 {"colors": (1, 3)},
                 {"depth": True, "colors": (3, 4), "texels": 4},
@@ -32,7 +31,6 @@ EVERYTHING: dict[str, Any] = {"perspective": True, "depth": True}
             slowly(EVERYTHING, sampler)
             for sampler in (
                 Sampler("nearest", "nearest"),
-                Sampler("bilinear", "nearest", border="repeat"),
                 Sampler("bilinear", "linear", border="repeat", addressing="corners"),
             )
         ),

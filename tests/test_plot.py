@@ -265,6 +265,8 @@ class TestStrips:
             plot.animate(tmp_path / "a.gif", [])
         with pytest.raises(ValueError, match="suffix"):
             plot.animate(tmp_path / "a.png", [IMAGE])
+        with pytest.raises(ValueError, match="`seconds_per_frame` must be"):
+            plot.animate(tmp_path / "a.gif", [IMAGE], seconds_per_frame=0)
 
 
 class TestExplore:

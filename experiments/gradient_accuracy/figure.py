@@ -19,7 +19,7 @@ def publish(results: Path, readme: Path) -> None:
     cells = list(dict.fromkeys((r["scene"], r["triangles"], r["target"]) for r in rows))
     report.fill_markers(readme, "gradients", "\n\n".join(_table(rows, cell) for cell in cells))
     about = machine.describe(run, seed=f"seed {run['seed']}")
-    report.fill_markers(readme, "machine", f"{about}; {run['seconds'] / 60:.0f} minutes.")
+    report.fill_markers(readme, "machine", f"{about}.")
     _draw(rows, results / "gradients.png")
 
 

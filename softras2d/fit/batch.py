@@ -1,6 +1,8 @@
 """Many images of one size fitted together: one program takes a step of each."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
@@ -8,6 +10,7 @@ import numpy as np
 
 from ..plan import plan
 from . import choices, snapshot
+from .interrupt import Interrupt, held_interrupt
 from .layers import LayersResidual, layers_scene
 from .layers_fit import LayersFit
 from .loop import measure
@@ -30,13 +33,16 @@ def fit_batch(
     softness: Any = 0.8,
     loss: str = "squared",
     light: str = "display",
+    report: Callable[[list[Record]], None] | None = None,
 ) -> list[FitResult]:
     """`fit` by layers of several targets of one shape, their steps batched by `jax.vmap`.
 
     Arguments are those of `fit`; image k has the seed `seed` + k, and its result is that of a fit
-    alone up to rounding. Histories tell no seconds. Raises
-    `ValueError`, one line, as `fit` does, and for targets of different shapes or none.
+    alone up to rounding. `report` is called after each chunk with the last record of each image;
+    the seconds there are those of all together. Ctrl-C acts as in `fit`. Raises `ValueError`, one
+    line, as `fit` does, and for targets of different shapes or none.
     """
+    began = time.perf_counter()
     images = [check_image(target) for target in targets]
     shapes = {image.shape for image in images}
     if len(shapes) != 1:
@@ -55,34 +61,46 @@ def fit_batch(
         make_course(image, None, each, frame, None) for image, each in zip(images, own, strict=True)
     ]
     layers = [course for course in courses if isinstance(course, LayersFit)]
-    histories = _run(layers, steps, room_of(layers[0].solver, frame))
-    results = []
-    for course, image, each, records in zip(layers, images, own, histories, strict=True):
-        scene = frame.enlarge(course.scene())
-        state = snapshot.take(course, steps)
-        score = Scorer(image).score(scene)
-        results.append(FitResult(scene, *score, tuple(records), kept(each), False, state))
-    return results
+    room = room_of(layers[0].solver, frame)
+    with held_interrupt() as interrupt:
+        histories = _run(layers, steps, room, began, report, interrupt)
+        results = []
+        for course, image, each, records in zip(layers, images, own, histories, strict=True):
+            scene = frame.enlarge(course.scene())
+            state = snapshot.take(course, records[-1].steps if records else 0)
+            score = Scorer(image).score(scene)
+            results.append(FitResult(scene, *score, tuple(records), kept(each), False, state))
+    return [replace(result, interrupted=interrupt.asked) for result in results]
 
 
-def _run(courses: list[LayersFit], steps: int, room: int) -> list[list[Record]]:
-    """All of them to the end, and a record of each chunk."""
+def _run(
+    courses: list[LayersFit],
+    steps: int,
+    room: int,
+    began: float,
+    report: Callable[[list[Record]], None] | None,
+    interrupt: Interrupt,
+) -> list[list[Record]]:
+    """All of them to the end or to Ctrl-C, and a record of each chunk."""
     histories: list[list[Record]] = [[] for _ in courses]
     least = np.full(len(courses), np.inf)
     accepted = np.zeros(len(courses), int)
     done = 0
-    while done < steps:
+    while done < steps and not interrupt.asked:
         number = min(room, steps - done)
         for course in courses:
             course.refine(done / steps)
         losses = _advance(courses, number)
         done += number
+        seconds = time.perf_counter() - began
         for k, course in enumerate(courses):
             for one in losses[k]:
                 accepted[k] += one < least[k]
                 least[k] = min(least[k], one)
             found = measure(course)
-            histories[k].append(Record(done, 0.0, *found, int(accepted[k]), course.active))
+            histories[k].append(Record(done, seconds, *found, int(accepted[k]), course.active))
+        if report is not None:
+            report([records[-1] for records in histories])
     return histories
 
 

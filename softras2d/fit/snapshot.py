@@ -16,10 +16,10 @@ from .tiling_fit import Kept as KeptTiling
 from .tiling_fit import TilingFit
 from .triangulation import Mesh
 
-Course = LayersFit | TilingFit
+Either = LayersFit | TilingFit
 
 
-def take(course: Course, steps: int) -> dict[str, np.ndarray]:
+def take(course: Either, steps: int) -> dict[str, np.ndarray]:
     """Of a fit after so many steps: the solver's arrays, and what the host knows."""
     leaves = [leaf for leaf in jax.tree.leaves(_solve(course)) if eqx.is_array(leaf)]
     held = {f"solve.{place}": np.asarray(leaf) for place, leaf in enumerate(leaves)}
@@ -47,7 +47,7 @@ def take(course: Course, steps: int) -> dict[str, np.ndarray]:
     return held
 
 
-def restore(course: Course, held: dict[str, np.ndarray]) -> int:
+def restore(course: Either, held: dict[str, np.ndarray]) -> int:
     """Put a fresh fit with the same settings where `take` was; how many steps those are.
 
     Raises `ValueError` for the state of another fit.
@@ -89,7 +89,7 @@ def mesh_of(held: dict[str, Any], name: str = "mesh") -> Mesh:
     return Mesh(*(held[f"{name}.{entry}"] for entry in Mesh._fields))
 
 
-def _solve(course: Course) -> Any:
+def _solve(course: Either) -> Any:
     """What is kept of a solve. A solver of least squares holds a derivative, a program of its own,
     and begins anew."""
     progress = course.progress

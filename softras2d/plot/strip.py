@@ -78,7 +78,7 @@ def pyramid(
 
 
 def animate(
-    path: str | os.PathLike[str], frames: Iterable[Any], *, seconds_each: int | float = 0.1
+    path: str | os.PathLike[str], frames: Iterable[Any], *, seconds_per_frame: int | float = 0.1
 ) -> Path:
     """Write images `[height, width, 1, 3 or 4]` of one size as a GIF, endlessly repeated; its path.
 
@@ -91,7 +91,7 @@ def animate(
 
     path = Path(path)
     write_animation(
-        path, _opaque(path, frames), seconds_per_frame=float(seconds_each), hold_seconds=0.0
+        path, _opaque(path, frames), seconds_per_frame=float(seconds_per_frame), hold_seconds=0.0
     )
     return path
 

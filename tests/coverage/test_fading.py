@@ -144,7 +144,7 @@ SHAPES = {
 }
 
 
-SLOW = [("soft", "softras"), ("soft", "window"), ("soft", 2), ("centroid", 1), ("centroid", 2)]
+SLOW = [("soft", "softras"), ("soft", "window"), ("centroid", 2)]
 
 MEASURES = [
     ("area", ""),

@@ -103,11 +103,11 @@ def test_full_extent_of_the_grid(side, rate):
 @pytest.mark.parametrize(
     "height, width, rate",
     [
-        *((37, 1, rate) for rate in (2, 16)),
-        *((64, 64, rate) for rate in (1, 3)),
+        (37, 1, 16),
+        (64, 64, 3),
         *((31, 129, rate) for rate in (4, 8)),
-        *((5, 6, rate) for rate in (1, 3)),
-        *((3, 1500, rate) for rate in (2, 16)),
+        (5, 6, 1),
+        (3, 1500, 2),
     ],
 )
 def test_more_sizes(height, width, rate):
@@ -189,7 +189,7 @@ def test_interpolated_translucent_at_other_rates(rate):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rate, fill_rule", [(1, "inclusive"), (3, "top_left"), (8, "inclusive")])
+@pytest.mark.parametrize("rate, fill_rule", [(1, "inclusive"), (8, "top_left")])
 @pytest.mark.parametrize("channels, corners", [(3, 3), (4, 1), (4, 3)])
 def test_colors_at_all_rates(rate, fill_rule, channels, corners):
     _check_colors(canvas(rate, fill_rule), channels, corners, background=3)

@@ -1,5 +1,6 @@
 """The fit as a whole: it lowers the error, can be stopped and resumed, and never shows a NaN."""
 
+import signal
 import time
 from dataclasses import replace
 from typing import Any
@@ -164,14 +165,13 @@ def assert_sound(result):
 def test_extreme_targets_are_fitted_to_the_end(target):
     """With triangles placed and exchanged, translucent ones, other losses, and meshes."""
     image = EXTREME_TARGETS[target]
-    tried: list[dict[str, Any]] = [{"translucent": True}, {"loss": "ssim"}, {"family": "mesh"}]
+    tried: list[dict[str, Any]] = [{"translucent": True, "loss": "ssim"}, {"family": "mesh"}]
     for settings in tried:
-        assert_sound(sr.fit(image, triangles=8, steps=50, **settings))
+        assert_sound(sr.fit(image, triangles=8, steps=30, **settings))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("loss", ["l1", "ssim"])
-@pytest.mark.parametrize("light", ["display", "linear"])
+@pytest.mark.parametrize("loss, light", [("l1", "linear"), ("ssim", "display")])
 def test_other_losses(loss, light):
     result = sr.fit(TARGET, triangles=12, steps=75, loss=loss, light=light)
     assert result.psnr > mean_psnr(TARGET) + 3
@@ -305,7 +305,9 @@ def test_no_steps_is_a_valid_fit():
 @pytest.mark.slow
 def test_a_batch_is_as_each_alone():
     targets = [TARGET, TARGET[::-1, ::-1]]
-    both = sr.fit_batch(targets, triangles=10, steps=50, seed=4)
+    seen = []
+    both = sr.fit_batch(targets, triangles=10, steps=50, seed=4, report=seen.append)
+    assert [records[1] for records in seen] == list(both[1].history)
     for k, (target, found) in enumerate(zip(targets, both, strict=True)):
         alone = sr.fit(target, triangles=10, steps=50, seed=4 + k)
         assert found.psnr == pytest.approx(alone.psnr, abs=0.3)
@@ -313,3 +315,13 @@ def test_a_batch_is_as_each_alone():
         assert found.psnr > mean_psnr(target) + 4
     with pytest.raises(ValueError, match="images of one shape"):
         sr.fit_batch([TARGET, TARGET[1:]])
+
+
+def test_a_batch_ends_with_ctrl_c():
+    def press(records):
+        signal.raise_signal(signal.SIGINT)
+
+    results = sr.fit_batch([TARGET, TARGET], triangles=4, steps=500, report=press)
+    assert all(result.interrupted and len(result.history) == 1 for result in results)
+    longer = sr.fit(TARGET, resume=results[0], steps=results[0].history[0].steps + 5)
+    assert longer.history[-1].steps == results[0].history[0].steps + 5
