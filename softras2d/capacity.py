@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from .coverage.pixels import SIDE
 from .crossings import lines_crossed, runs_of
 from .effects import hiding, is_shaded, is_translucent
 from .fixed_point import (
@@ -108,17 +107,17 @@ def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) ->
 
 
 def count_fading(
-    scene: Scene, grid: Grid, reach: float, origin: np.ndarray, *, summed: bool
+    scene: Scene, tiling: Tiling, reach: float, origin: np.ndarray, *, summed: bool
 ) -> Counts:
-    """The same for coverage that fades out `reach` pixels beyond the edges.
+    """The same for coverage that fades out `reach` pixels beyond the edges, in square tiles.
 
     `summed`: whether nothing hides another.
     """
     scene = jax.tree.map(np.asarray, scene)
     corners = corners_of(scene.positions, scene.triangles, origin)
-    found = reaches(corners, grid, np.float32(reach))
+    found = reaches(corners, tiling.grid, np.float32(reach))
     hides = hiding(scene, found.orientation) & (not summed)
-    pairs = _list_pairs(found.lines, found.bounds, hides, Tiling.square(grid, SIDE))
+    pairs = _list_pairs(found.lines, found.bounds, hides, tiling)
     return Counts(pairs.strips, pairs.pairs, pairs.listed, 0, 0)
 
 

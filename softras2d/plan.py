@@ -12,13 +12,13 @@ from jaxtyping import Array, Int
 
 from .capacity import FADING_LAYERS, HARD_LAYERS, Capacity, count_fading, count_lists, make_room
 from .coverage import area
-from .coverage.pixels import SIDE
 from .coverage.profile import SUPPORT
 from .effects import EFFECTS, is_translucent, structural_effects
 from .fixed_point import Grid, corners_of, within_guard
 from .lists import BLOCK
 from .options import Area, Filter, Hard, Soft
 from .scene import Scene, check
+from .tile_side import choose_side
 from .tiles import Tiling
 
 
@@ -30,7 +30,8 @@ class Plan(eqx.Module):
 
     - `height`, `width`: of the canvas in pixels; `coverage`, `filter`: as chosen.
     - `origin`: the pixel (x, y) of the scene at the canvas's upper left.
-    - `capacity`: room for lists; `effects`: names of `EFFECTS` that some scene calls for.
+    - `capacity`: room for lists; `side`: pixels along a tile where coverage fades out, 0 for hard
+      mode; `effects`: names of `EFFECTS` that some scene calls for.
     """
 
     height: int = eqx.field(static=True)
@@ -39,6 +40,7 @@ class Plan(eqx.Module):
     filter: Filter
     origin: Int[Array, "2"]
     capacity: Capacity = eqx.field(static=True)
+    side: int = eqx.field(static=True)
     effects: tuple[str, ...] = eqx.field(static=True)
 
     @property
@@ -55,8 +57,7 @@ class Plan(eqx.Module):
     @property
     def tiling(self) -> Tiling:
         """How the canvas is cut into tiles."""
-        hard = isinstance(self.coverage, Hard)
-        return Tiling.of(self.grid) if hard else Tiling.square(self.grid, SIDE)
+        return Tiling.square(self.grid, self.side) if self.side else Tiling.of(self.grid)
 
     @property
     def memory(self) -> int:
@@ -151,14 +152,18 @@ def plan(
     if not isinstance(filter, Filter):
         raise ValueError(f"`filter` must be Filter(...); got {filter!r}.")
     used = {name for one in scenes for name in structural_effects(one, coverage, filter)}
-    layers = HARD_LAYERS if isinstance(coverage, Hard) else FADING_LAYERS
+    side = 0
     if isinstance(coverage, Hard):
+        layers = HARD_LAYERS
         counts = [count_lists(one, grid, coverage, origin) for one in scenes]
         if not all(_within_guard(one, grid, origin) for one in scenes):
             used.add("guard band")
     else:
+        layers = FADING_LAYERS
         summed = isinstance(coverage, Area) and coverage.compositing == "sum"
-        counts = [count_fading(one, grid, reach, origin, summed=summed) for one in scenes]
+        side = choose_side([_host_corners(one, origin) for one in scenes], grid, reach)
+        tiling = Tiling.square(grid, side)
+        counts = [count_fading(one, tiling, reach, origin, summed=summed) for one in scenes]
     in_order = isinstance(coverage, Hard) and any(
         is_translucent(one) or one.depth is not None for one in scenes
     )
@@ -169,6 +174,7 @@ def plan(
         filter=_with_array_bias(filter),
         origin=jnp.asarray(origin),
         capacity=make_room(counts, in_order=in_order, pixels=height * width, layers=layers),
+        side=side,
         effects=tuple(name for name in EFFECTS if name in used),
     )
 
@@ -248,5 +254,8 @@ def _unstack(scene: Scene) -> list[Scene]:
 
 
 def _within_guard(scene: Scene, grid: Grid, origin: np.ndarray) -> bool:
-    corners = corners_of(np.asarray(scene.positions), np.asarray(scene.triangles), origin)
-    return bool(within_guard(corners, grid).all())
+    return bool(within_guard(_host_corners(scene, origin), grid).all())
+
+
+def _host_corners(scene: Scene, origin: np.ndarray) -> np.ndarray:
+    return corners_of(np.asarray(scene.positions), np.asarray(scene.triangles), origin)

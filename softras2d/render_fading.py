@@ -11,7 +11,7 @@ from .capacity import Capacity
 from .compositing import by_depth, fading
 from .compositing.opaque import sum_chunks
 from .coverage import area, centroid, nearest_weights, soft
-from .coverage.pixels import SIDE, cover
+from .coverage.pixels import cover
 from .coverage.profile import SUPPORT
 from .coverage.sides import Sides, sides_of
 from .effects import hiding, varies
@@ -62,12 +62,12 @@ def draw(scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Dra
     chunks = cut_chunks(lists, layers=room.layers, capacity=room.chunks)
     placed = _place(corners, found, chunks, plan)
     if isinstance(coverage, Area):
-        measure, shape = area.measure(), placed.outline
+        measure, shape = area.measure(tiling.width), placed.outline
         assert shape is not None
-        weights, weighed = centroid.weights, centroid.Shape(shape, placed.sides)
+        weights, weighed = centroid.weights(tiling.width), centroid.Shape(shape, placed.sides)
     else:
-        measure, shape = soft.measure(coverage.profile), placed.sides
-        weights, weighed = nearest_weights.weights, shape
+        measure, shape = soft.measure(coverage.profile, tiling.width), placed.sides
+        weights, weighed = nearest_weights.weights(tiling.width), shape
     covered = cover(measure, placed.corners, shape, parameter)
     carried = _carried(scene, found, plan)
     shaded = shade_slots(carried, covered, weights, placed.corners, weighed, placed.sides, chunks)
@@ -79,7 +79,8 @@ def draw(scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Dra
         # Channel by channel: the transpose then has no sum over an axis.
         clear = 1.0 - layers[3]
         over = jnp.stack([layers[c] + clear * background[c] for c in range(channels)])
-        split = over.reshape(channels, tiling.rows, tiling.columns, SIDE, SIDE)
+        tiles = tiling.rows, tiling.columns, tiling.height, tiling.width
+        split = over.reshape(channels, *tiles)
         image = split.transpose(1, 3, 2, 4, 0).reshape((*tiling.padded_shape, channels))
         return tiling.crop(image)
 
@@ -125,7 +126,8 @@ def _place(
     sides = one_pass(sides_of)(slots, tile)
     outline = None
     if isinstance(plan.coverage, Area):
-        outline = one_pass(area.outline_of)(slots, tile, sides)
+        cut = functools.partial(area.outline_of, side=tiling.width)
+        outline = one_pass(cut)(slots, tile, sides)
     return Placed(slots, sides, outline)
 
 

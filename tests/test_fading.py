@@ -1,5 +1,6 @@
 """Images under `Soft` and `Area`, against loops over triangles and pixels, and their slopes."""
 
+import importlib
 from dataclasses import replace
 
 import equinox as eqx
@@ -359,3 +360,56 @@ def test_one_line_for_what_is_not_drawn(message):
         plan_of(scene, coverage)
     assert str(error.value).startswith(message)
     assert "\n" not in str(error.value)
+
+
+def drawn_with_side(side, monkeypatch, scene, coverage, goal):
+    """Image, the slopes of its squared distance to a goal, and a tangent, in tiles of a side."""
+    monkeypatch.setattr(importlib.import_module("softras2d.tile_side"), "SIDES", (side,))
+    planned = plan_of(scene, coverage)
+    assert planned.tiling.width == side
+
+    def draw(positions, colors):
+        return sr.render_checked(replace(scene, positions=positions, colors=colors), planned)[0]
+
+    both = scene.positions, scene.colors
+    ways = (np.sin(np.arange(entry.size)).reshape(entry.shape) for entry in both)
+    ways = tuple(jnp.asarray(way, entry.dtype) for way, entry in zip(ways, both, strict=True))
+
+    @jax.jit
+    def look(both, ways, goal):
+        image, pull = jax.vjp(draw, *both)
+        return image, pull(image - goal), jax.jvp(draw, both, ways)[1]
+
+    return look(both, ways, goal)
+
+
+@pytest.mark.parametrize(
+    ("kind", "coverage"),
+    [
+        ("ga", sr.Area()),
+        pytest.param("g", sr.Area("sum"), marks=SLOW),
+        pytest.param("ga", sr.Soft(1.2), marks=SLOW),
+        pytest.param("gd", sr.Soft(1.0, "window"), marks=SLOW),
+        pytest.param("u", sr.Area(), marks=SLOW),
+    ],
+)
+def test_small_tiles_draw_what_large_ones_do(kind, coverage, monkeypatch, float64):
+    with jax.enable_x64(True):
+        scene = random_scene(kind, dtype=np.float64)
+        goal = np.random.default_rng(1).random((SIZE, SIZE, 3))
+        small, large = (
+            drawn_with_side(side, monkeypatch, scene, coverage, goal) for side in (4, 8)
+        )
+    for a, b in zip(jax.tree.leaves(small), jax.tree.leaves(large), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
+
+
+def test_tiles_are_small_where_triangles_are():
+    rng = np.random.default_rng(0)
+    sides = {}
+    for count, size in ((4_000, 4), (400, 60), (7, 4)):
+        corners = rng.random((count, 1, 2)) * 256 + rng.normal(size=(count, 3, 2)) * size
+        scene = sr.Scene.from_soup(corners.astype(np.float32), rng.random((count, 1, 3)))
+        sides[count] = sr.plan(scene, height=256, width=256, coverage=sr.Area()).side
+    # Seven triangles are not worth a program of their own.
+    assert sides == {4_000: 4, 400: 8, 7: 8}

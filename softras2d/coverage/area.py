@@ -19,7 +19,7 @@ import jax.numpy as jnp
 
 from .. import safe
 from ..staging import one_pass
-from .pixels import SIDE, Measure, Six, sum_along_edges
+from .pixels import Measure, Six, side_of, sum_along_edges
 from .sides import Side, Sides
 
 REACH = 0.7072
@@ -56,24 +56,25 @@ Outline = tuple[Edge, Edge, Edge]
 """The edges of each slot in order."""
 
 
-def outline_of(corners: Any, tile: Any, sides: Sides) -> Outline:
-    """Of corners `[6, slots]`, the tile's upper left pixel `[2, slots]`, and their lines."""
+def outline_of(corners: Any, tile: Any, sides: Sides, side: int) -> Outline:
+    """Of corners `[6, slots]`, the tile's upper left pixel `[2, slots]` and side, and the lines."""
     x, y = ([corners[2 * k + axis] - tile[axis] for k in range(3)] for axis in (0, 1))
     first, second, third = (
-        _cut(side, x[k], y[k], x[(k + 1) % 3], y[(k + 1) % 3]) for k, side in enumerate(sides.edges)
+        _cut(line, x[k], y[k], x[(k + 1) % 3], y[(k + 1) % 3], side)
+        for k, line in enumerate(sides.edges)
     )
     return first, second, third
 
 
-def _cut(side: Side, px: Any, py: Any, qx: Any, qy: Any) -> Edge:
+def _cut(line: Side, px: Any, py: Any, qx: Any, qy: Any, side: int) -> Edge:
     """What is above and below the tile covers nothing in it; far corners are inexact in floats."""
     dx, dy = qx - px, qy - py
-    rises, leans = dy != 0, side.across != 0
+    rises, leans = dy != 0, line.across != 0
     low, high = jnp.minimum(px, qx), jnp.maximum(px, qx)
     ends = []
     for x, y in ((px, py), (qx, qy)):
-        held = jnp.clip(y, -1.0, SIDE + 1.0)
-        on_line = -(side.distance + side.down * held) / jnp.where(leans, side.across, 1.0)
+        held = jnp.clip(y, -1.0, side + 1.0)
+        on_line = -(line.distance + line.down * held) / jnp.where(leans, line.across, 1.0)
         cut = jnp.where((held != y) & leans, jnp.clip(on_line, low, high), x)
         ends.append((cut, held, jnp.where(rises, (held - py) / jnp.where(rises, dy, 1.0), 0.0)))
     (ax, ay, start), (bx, by, end) = ends
@@ -87,7 +88,7 @@ def _cut(side: Side, px: Any, py: Any, qx: Any, qy: Any) -> Edge:
 
 
 @functools.cache
-def measure() -> Measure:
+def measure(side: int) -> Measure:
     """The measure of exact area of an `Outline`; it has no parameter."""
     # An edge on the side of a pixel moves into a pixel that is empty or full.
     return Measure(
@@ -96,6 +97,7 @@ def measure() -> Measure:
         _pull,
         lambda outline, parameter, x, y: jnp.zeros_like(x + y),
         lambda value: jnp.zeros(value.shape, bool),
+        side,
     )
 
 
@@ -164,7 +166,7 @@ def _pull(outline: Outline, parameter: Any, weight: Any) -> Six:
     def weighed(edge, x, y, weight):
         return [field * weight for field in _swept(edge, x, y)]
 
-    near = one_pass(passes_tile)(outline)
+    near = passes_tile(outline, side_of(weight))
     swept = sum_along_edges(weighed, outline, near, weight)
 
     @one_pass
@@ -178,17 +180,21 @@ def _pull(outline: Outline, parameter: Any, weight: Any) -> Six:
     return first, second, third, fourth, fifth, sixth
 
 
-def passes_tile(outline: Outline) -> tuple[Any, Any, Any]:
+def passes_tile(outline: Outline, side: int) -> tuple[Any, Any, Any]:
     """Of each edge, whether the part in the tile's rows may come into the tile itself."""
 
-    def meets(begin: Any, way: Any) -> Any:
-        end = begin + way
-        return (jnp.minimum(begin, end) <= SIDE) & (jnp.maximum(begin, end) >= 0)
+    @one_pass
+    def look(outline):
+        def meets(begin: Any, way: Any) -> Any:
+            end = begin + way
+            return (jnp.minimum(begin, end) <= side) & (jnp.maximum(begin, end) >= 0)
 
-    first, second, third = (
-        meets(edge.x, edge.way_x) & meets(edge.y, edge.way_y) for edge in outline
-    )
-    return first, second, third
+        first, second, third = (
+            meets(edge.x, edge.way_x) & meets(edge.y, edge.way_y) for edge in outline
+        )
+        return first, second, third
+
+    return look(outline)
 
 
 def add_share(slopes: list[Any], k: int, edge: Edge, whole: Any, towards_end: Any) -> None:

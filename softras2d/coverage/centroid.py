@@ -12,13 +12,14 @@ that at the centroid c
     dw = g . (dM - c dA) / A - g . sum_j w_j(c) dv_j.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
 from ..staging import one_pass
 from .area import Edge, Outline, add_share, passes_tile, spans, within
-from .pixels import Measure, Six, spread, sum_along_edges, sum_fields
+from .pixels import Measure, Six, side_of, spread, sum_along_edges, sum_fields
 from .sides import Sides
 
 _LEAST = 1e-12
@@ -145,7 +146,7 @@ def _pull(shape: Shape, parameter: Any, weight: Any) -> Six:
 
     @one_pass
     def locate(shape, parameter):
-        shape, _, x, y = spread(shape, parameter)
+        shape, _, x, y = spread(shape, parameter, side_of(weight[0]))
         centroid = _centroid(shape, x, y)
         return centroid.x, centroid.y, _per_area(centroid)
 
@@ -185,19 +186,22 @@ def _pull(shape: Shape, parameter: Any, weight: Any) -> Six:
     cx, cy, per_area = locate(shape, parameter)
     qx, qy = gain(shape, per_area, weight)
     moments = sum_fields(inside, shape, parameter, cx, cy, qx, qy)
-    near = one_pass(passes_tile)(shape.outline)
+    near = passes_tile(shape.outline, side_of(cx))
     swept = sum_along_edges(along, shape.outline, near, cx, cy, per_area, qx, qy)
     return combine(shape, moments, swept)
 
 
-weights = Measure(
-    _value,
-    _push,
-    _pull,
-    lambda shape, parameter, x, y: jnp.zeros((2, 1, 1), x.dtype),
-    lambda value: jnp.zeros(value.shape, bool),
-)
-"""The mean weights of corners 1 and 2 over the part of the triangle in a pixel.
+@functools.cache
+def weights(side: int) -> Measure:
+    """The mean weights of corners 1 and 2 over the part of the triangle in a pixel.
 
-Where none of it is in the pixel, the weights at the centre, held to 0..1, with slope 0.
-"""
+    Where none of it is in the pixel, the weights at the centre, held to 0..1, with slope 0.
+    """
+    return Measure(
+        _value,
+        _push,
+        _pull,
+        lambda shape, parameter, x, y: jnp.zeros((2, 1, 1), x.dtype),
+        lambda value: jnp.zeros(value.shape, bool),
+        side,
+    )

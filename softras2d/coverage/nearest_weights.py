@@ -10,12 +10,13 @@ while around a corner it is the corner. Inside, weights at a place that stays pu
 each case tell the sums over pixels.
 """
 
+import functools
 from typing import Any
 
 import jax.numpy as jnp
 
 from ..staging import one_pass
-from .pixels import Measure, Six, spread, sum_moments
+from .pixels import Measure, Six, side_of, spread, sum_moments
 from .sides import Sides
 from .soft import Nearest, is_around, nearest, side_weights
 
@@ -73,7 +74,7 @@ _INSIDE, _AROUND = 3, 4
 def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
     @one_pass
     def choose(sides, parameter):
-        sides, _, x, y = spread(sides, parameter)
+        sides, _, x, y = spread(sides, parameter, side_of(weight[0]))
         found = nearest(sides, x, y)
         outside = jnp.where(is_around(found), float(_AROUND), found.side)
         return jnp.where(found.inside, float(_INSIDE), outside)
@@ -116,15 +117,18 @@ def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
     return combine(sides, sum_moments(choose(sides, parameter), parts))
 
 
-weights = Measure(
-    _value,
-    _push,
-    _pull,
-    lambda sides, parameter, x, y: jnp.zeros((2, 1, 1), x.dtype),
-    lambda value: jnp.zeros(value.shape, bool),
-)
-"""The weights of corners 1 and 2 at a pixel's centre, or the triangle's point nearest to it.
+@functools.cache
+def weights(side: int) -> Measure:
+    """The weights of corners 1 and 2 at a pixel's centre, or the triangle's point nearest to it.
 
-Without area, at the nearest point of its sides. Of triangles thinner than a pixel the slope is held
-at one per pixel: the place stands for more area than the triangle has.
-"""
+    Without area, at the nearest point of its sides. Of triangles thinner than a pixel the slope is
+    held at one per pixel: the place stands for more area than the triangle has.
+    """
+    return Measure(
+        _value,
+        _push,
+        _pull,
+        lambda sides, parameter, x, y: jnp.zeros((2, 1, 1), x.dtype),
+        lambda value: jnp.zeros(value.shape, bool),
+        side,
+    )

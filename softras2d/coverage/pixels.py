@@ -1,6 +1,6 @@
 """Coverage of pixels that has a slope: what soft coverage and exact area have in common.
 
-A slot is a triangle in a tile of 8 x 8 pixels. Its coverage of each pixel depends on the six
+A slot is a triangle in a square tile of pixels. Its coverage of each pixel depends on the six
 coordinates of its corners alone, and a rule gives the six partial derivatives in closed form: the
 tangent is their sum times six velocities, the cotangent six sums over the pixels of a slot, which
 computes the partial derivatives again instead of keeping them. What a slot's pixels share, such as
@@ -8,6 +8,7 @@ the directions of its edges, is computed once: the shape of the slot.
 """
 
 import functools
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -19,9 +20,6 @@ from jaxtyping import Array, Bool, Float
 from ..linear import linear_map
 from ..prefix import cumulative_sum
 from ..staging import one_pass
-
-SIDE = 8
-"""Pixels along a tile."""
 
 Six = tuple[Any, Any, Any, Any, Any, Any]
 """x and y of corners 0, 1 and 2; or what goes with each."""
@@ -39,6 +37,7 @@ class Measure(NamedTuple):
       `[slots]`.
     - `by_parameter`: the derivative by the parameter, a number.
     - `level`: of a value, whether it has no slope.
+    - `side`: pixels along a tile.
     """
 
     value: Callable[[Any, Any, Any, Any], Any]
@@ -46,6 +45,7 @@ class Measure(NamedTuple):
     pull: Callable[[Any, Any, Array], Six]
     by_parameter: Callable[[Any, Any, Any, Any], Any]
     level: Callable[[Any], Any]
+    side: int
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -56,8 +56,12 @@ def cover(
 
     `shape`: of the corners, a tree of `[slots]`. Its own derivative counts in second ones alone.
     """
-    value = one_pass(lambda shape, parameter: measure.value(*spread(shape, parameter)))
-    return _join_values(value(shape, parameter))
+
+    @one_pass
+    def look(shape, parameter):
+        return measure.value(*spread(shape, parameter, measure.side))
+
+    return _join_values(look(shape, parameter))
 
 
 @functools.partial(cover.defjvp, symbolic_zeros=True)
@@ -78,7 +82,7 @@ def _cover_jvp(measure, primals, tangents):
 
         change = linear_map(forward, backward)((shape, parameter, value), moved)
     if not isinstance(changed, SymbolicZero):
-        slope = measure.by_parameter(*spread(shape, parameter))
+        slope = measure.by_parameter(*spread(shape, parameter, measure.side))
         change = change + slope * changed
     return value, change
 
@@ -127,7 +131,7 @@ def _push_live(
 
     @one_pass
     def push(near, parameter, moved):
-        near, parameter, x, y = spread(near, parameter)
+        near, parameter, x, y = spread(near, parameter, measure.side)
         return measure.push(near, parameter, tuple(entry[:, None] for entry in moved), x, y)
 
     @one_pass
@@ -190,26 +194,27 @@ def sum_fields(
     `held` are `[slots, pixels]`.
     """
 
+    side = side_of(held[0])
     # Slots on the minor axis, and pixel after pixel: the compiler vectorises no reduction.
-    rows = [one_pass(jnp.transpose)(entry).reshape(SIDE, SIDE, -1) for entry in held]
+    rows = [one_pass(jnp.transpose)(entry).reshape(side, side, -1) for entry in held]
 
     @one_pass
     def add_row(row, sums, shape, parameter, rows):
         y = row.astype(parameter.dtype) + 0.5
         own = [jax.lax.dynamic_index_in_dim(entry, row, keepdims=False) for entry in rows]
-        for column in range(SIDE):
+        for column in range(side):
             x = jnp.asarray(column + 0.5, parameter.dtype)
             parts = fields(shape, parameter, x, y, *(entry[column] for entry in own))
             sums = [a + b for a, b in zip(sums, parts, strict=True)]
         return sums
 
-    number = len(jax.eval_shape(fields, *spread(shape, parameter), *held))
+    number = len(jax.eval_shape(fields, *spread(shape, parameter, side), *held))
     start = [jnp.zeros(held[0].shape[0], held[0].dtype)] * number
 
     def visit(row, sums):
         return add_row(jnp.asarray(row), sums, shape, parameter, rows)
 
-    return tuple(jax.lax.fori_loop(0, SIDE, visit, start))
+    return tuple(jax.lax.fori_loop(0, side, visit, start))
 
 
 def sum_along_edges(
@@ -239,7 +244,7 @@ def sum_along_edges(
         return put(total, sum_fields(plain, edge, unused, *rows), own)
 
     edges, passes = join(outline, near)
-    number = len(jax.eval_shape(plain, *spread(outline[0], unused), *held))
+    number = len(jax.eval_shape(plain, *spread(outline[0], unused, side_of(held[0])), *held))
     total = _visit_live(passes[:, None], visit, [jnp.zeros(3 * slots, dtype)] * number)
     return tuple(tuple(entry[k * slots : (k + 1) * slots] for entry in total) for k in range(3))
 
@@ -264,7 +269,7 @@ def sum_moments(
 
     @one_pass
     def add(held):
-        x, y = centres(held.dtype)
+        x, y = centres(side_of(held), held.dtype)
         moments = jnp.concatenate([jnp.ones_like(x), x, y]).T
         flat = held.reshape(-1, held.shape[2])
         return jnp.matmul(flat, moments, precision="highest").reshape(-1, len(parts), 3)
@@ -288,16 +293,21 @@ def _(weights, changes):
     return sum_pixels(*weights), tuple(jnp.sum(change, 1) for change in changes)
 
 
-def spread(shape: Any, parameter: Any) -> tuple[Any, Any, Array, Array]:
+def spread(shape: Any, parameter: Any, side: int) -> tuple[Any, Any, Array, Array]:
     """Arguments of a measure, `[slots, 1]` and `[1, pixels]`.
 
     `parameter`: of an exact area it is a constant, which JAX's tracers keep as a literal, no array.
     """
-    x, y = centres(parameter.dtype)
+    x, y = centres(side, parameter.dtype)
     return jax.tree.map(lambda entry: entry[:, None], shape), parameter, x, y
 
 
-def centres(dtype: Any) -> tuple[Float[Array, "1 pixels"], Float[Array, "1 pixels"]]:
+def centres(side: int, dtype: Any) -> tuple[Float[Array, "1 pixels"], Float[Array, "1 pixels"]]:
     """x and y of the centres of a tile's pixels, rows from the top."""
-    number = jnp.arange(SIDE * SIDE, dtype=jnp.int32)[None]
-    return (number % SIDE).astype(dtype) + 0.5, (number // SIDE).astype(dtype) + 0.5
+    number = jnp.arange(side * side, dtype=jnp.int32)[None]
+    return (number % side).astype(dtype) + 0.5, (number // side).astype(dtype) + 0.5
+
+
+def side_of(held: Array) -> int:
+    """Pixels along a tile, of values `[..., pixels]`."""
+    return math.isqrt(held.shape[-1])

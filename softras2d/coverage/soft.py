@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from ..staging import one_pass
-from .pixels import Measure, Six, spread, sum_moments
+from .pixels import Measure, Six, side_of, spread, sum_moments
 from .profile import SUPPORT, slope, step
 from .sides import Sides
 
 
 @functools.cache
-def measure(profile: str) -> Measure:
+def measure(profile: str, side: int) -> Measure:
     """The measure of soft coverage; its parameter is the width in pixels."""
     return Measure(
         functools.partial(_value, profile),
@@ -27,6 +27,7 @@ def measure(profile: str) -> Measure:
         functools.partial(_pull, profile),
         functools.partial(_by_width, profile),
         lambda value: (value <= 0) | (value >= 1),
+        side,
     )
 
 
@@ -160,7 +161,7 @@ def _pull(profile: str, sides: Sides, width: Any, weight: Any) -> Six:
 
     @one_pass
     def choose(sides, width):
-        sides, _, x, y = spread(sides, width)
+        sides, _, x, y = spread(sides, width, side_of(weight))
         found = nearest(sides, x, y)
         corner = jnp.where(found.t > 0.5, found.side + 1, found.side)
         corner = jnp.where(corner == 3, 0, corner)
@@ -168,7 +169,7 @@ def _pull(profile: str, sides: Sides, width: Any, weight: Any) -> Six:
 
     @one_pass
     def weigh(sides, width, case, weight):
-        sides, width, x, y = spread(sides, width)
+        sides, width, x, y = spread(sides, width, side_of(weight))
         rate, per_length = _rate(profile, nearest(sides, x, y), width)
         return weight * jnp.where(case >= 3, per_length, rate)
 

@@ -14,6 +14,9 @@ from softras2d.coverage import area, centroid, nearest_weights, pixels, profile,
 
 PROFILES = ("logistic", "softras", "window")
 
+SIDE = 8
+"""Pixels along a tile."""
+
 ORIGIN = np.zeros((2, 1))
 
 
@@ -23,7 +26,7 @@ def shape_of(slots, kind: str, tile=ORIGIN):
     lines = sides.sides_of(slots, tile)
     if kind == "soft":
         return lines
-    outline = area.outline_of(slots, tile, lines)
+    outline = area.outline_of(slots, tile, lines, SIDE)
     return outline if kind == "area" else centroid.Shape(outline, lines)
 
 
@@ -33,8 +36,8 @@ def cover(kind: str, name: str | int, slots, parameter, tile=ORIGIN):
     shape = shape_of(slots, kind, tile)
     if isinstance(name, int):
         weights = centroid.weights if kind == "centroid" else nearest_weights.weights
-        return pixels.cover(weights, slots, shape, parameter)[name - 1]
-    measure = area.measure() if kind == "area" else soft.measure(name)
+        return pixels.cover(weights(SIDE), slots, shape, parameter)[name - 1]
+    measure = area.measure(SIDE) if kind == "area" else soft.measure(name, SIDE)
     return pixels.cover(measure, slots, shape, parameter)
 
 
