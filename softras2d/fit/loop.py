@@ -16,6 +16,9 @@ from .score import compare, premultiplied
 _AIM = 0.5
 """Seconds that a chunk is to take: what a user waits for Ctrl-C, and sees between two figures."""
 
+_WATCHED = 10.0
+"""How many times as long as its figures take a chunk is to be at least."""
+
 _BETWEEN = 30.0
 """Seconds between two checkpoints at least."""
 
@@ -100,13 +103,14 @@ class Budget(NamedTuple):
         """Of the fit so far."""
         return self.spent + time.perf_counter() - self.start
 
-    def next_steps(self, steps: int, room: int, pace: float | None) -> int:
-        """Of the chunk that comes next; `pace` is the seconds that a step takes, once known."""
+    def next_steps(self, steps: int, room: int, pace: float | None, figures: float) -> int:
+        """Of the chunk that comes next; `pace` is the seconds that a step takes, once known, and
+        `figures` those that it takes to tell how good the picture has become."""
         if self.steps is not None:
             return min(room, self.steps - steps)
         if pace is None:
             return 1
-        return int(np.clip(min(_AIM, self.left()) / pace, 1, room))
+        return int(np.clip(min(max(_AIM, _WATCHED * figures), self.left()) / pace, 1, room))
 
 
 def run(
@@ -128,24 +132,26 @@ def run(
     """
     least, first = np.inf, None
     accepted = records[-1].accepted if records else 0
-    pace, saved = None, time.perf_counter()
+    pace, figures, saved = None, 0.0, time.perf_counter()
     try:
         while budget.share(steps, first) < 1:
             if stop():
                 return True
-            number = budget.next_steps(steps, room, pace)
+            number = budget.next_steps(steps, room, pace, figures)
             began = time.perf_counter()
             course.refine(budget.share(steps, first))
             losses = course.advance(number, room)
             now = time.perf_counter()
             # The first chunk compiles: what a step takes is not known after it.
             pace = (now - began) / len(losses) if first else None
-            first = first or now
             steps += len(losses)
             for loss in losses[np.isfinite(losses)]:
                 accepted += bool(loss < least)
                 least = min(least, loss)
             found = measure(course)
+            if first:
+                figures = time.perf_counter() - now
+            first = first or now
             records.append(Record(steps, budget.seconds(), *found, accepted, course.active))
             if report is not None:
                 share, left = budget.share(steps, first), budget.remaining(steps, pace or 0.0)

@@ -21,8 +21,8 @@ from .tiling import Tiling, TilingData, TilingResidual, tiling_scene, vertices_o
 from .triangulation import Mesh, check_tiling, signed_areas
 from .untangle import untangle
 
-_RATE = 0.015
-"""Of steps that have one: a third of a pixel, and as much of colour. It falls as a cosine."""
+_RATE = 0.03
+"""Of steps that have one: two thirds of a pixel, and as much of colour. It falls as a cosine."""
 
 _LEAST_RATE = 0.02
 """Of it, at the end."""
@@ -30,7 +30,9 @@ _LEAST_RATE = 0.02
 _THIN, _LEAST_SCALE = 0.3, 0.02
 """Units of position per pixel of altitude, up to one; and the least."""
 
-_EXCHANGES = ((0.2, 0.1), (0.35, 0.07), (0.5, 0.05))
+_EXCHANGES = (
+    (0.1, 0.15), (0.2, 0.12), (0.3, 0.1), (0.4, 0.08), (0.5, 0.06), (0.6, 0.05), (0.7, 0.04),
+)  # fmt: skip
 """How far the fit is, and which share of the vertices is then put to use elsewhere."""
 
 

@@ -179,19 +179,21 @@ class TestBudget:
         assert budget.share(5, 100.0) == 0.5
         clock[0] = 128.0
         assert budget.share(9, 100.0) == 1.0
-        assert budget.next_steps(9, 25, 0.1) == 1
+        assert budget.next_steps(9, 25, 0.1, 0.0) == 1
 
     def test_chunks_are_as_long_as_a_user_waits(self, clock):
         budget = self.budget(2.0)
-        assert budget.next_steps(0, 25, None) == 1
-        assert budget.next_steps(0, 25, 0.05) == 10
-        assert budget.next_steps(0, 25, 0.001) == 25
+        assert budget.next_steps(0, 25, None, 0.0) == 1
+        assert budget.next_steps(0, 25, 0.05, 0.0) == 10
+        assert budget.next_steps(0, 25, 0.001, 0.0) == 25
+        # Large pictures take long to judge: that is to be a tenth of the time.
+        assert budget.next_steps(0, 25, 0.05, 0.1) == 20
         clock[0] = 127.88
-        assert budget.next_steps(0, 25, 0.05) == 2
+        assert budget.next_steps(0, 25, 0.05, 0.0) == 2
 
     def test_steps_are_as_many_as_asked(self, clock):
         budget = replace_steps(self.budget(None), 30)
-        assert [budget.next_steps(done, 25, None) for done in (0, 25)] == [25, 5]
+        assert [budget.next_steps(done, 25, None, 0.0) for done in (0, 25)] == [25, 5]
         assert budget.share(15, None) == 0.5
         assert budget.remaining(20, 0.5) == 5.0
 
