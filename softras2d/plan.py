@@ -59,6 +59,12 @@ class Plan(eqx.Module):
         """How the canvas is cut into tiles."""
         return Tiling.square(self.grid, self.side) if self.side else Tiling.of(self.grid)
 
+    def holds(self, other: "Plan") -> bool:
+        """Whether there is room for all that `other`, of the same canvas, has room for."""
+        own, asked = self.capacity, other.capacity
+        alike = (self.side, own.layers) == (other.side, asked.layers)
+        return alike and all(a <= b for a, b in zip(asked, own, strict=True))
+
     @property
     def memory(self) -> int:
         """Bytes of the largest arrays that live together in one render, roughly."""

@@ -19,7 +19,7 @@ _SECONDS = 30.0
 """Of a fit that is not told how long."""
 
 _FILM_SECONDS = 5.0
-"""Set aside for drawing an animation."""
+"""Set aside for drawing an animation, and at most three tenths of the time."""
 
 _BUNDLED = "valley"
 """The picture that is fitted where none is named."""
@@ -118,7 +118,11 @@ def fit_picture(
     ] = None,
     resume: Annotated[
         Path | None,
-        typer.Option(metavar="FIT.npz", help="Go on from there.", rich_help_panel=_SEARCH),
+        typer.Option(
+            metavar="FIT.npz",
+            help="Go on from there, by its options: of these, time and files count.",
+            rich_help_panel=_SEARCH,
+        ),
     ] = None,
 ) -> None:
     """Fit triangles to a picture; without one, to a bundled one.
@@ -139,7 +143,7 @@ def fit_picture(
 
         picture, name = _target(target)
         outputs = output or [Path(f"{name}.fit.svg")]
-        check_outputs(outputs, target)
+        check_outputs(outputs, (target, weights), picture)
         films = any(path.suffix.lower() == ".gif" for path in outputs)
         kept = next((path for path in outputs if path.suffix.lower() == ".npz"), None)
         if steps is not None and seconds is not None:
@@ -149,7 +153,7 @@ def fit_picture(
         if steps is None:
             elapsed = time.perf_counter() - began
             seconds = _SECONDS if seconds is None else seconds
-            seconds = max(1e-3, seconds - elapsed - films * _FILM_SECONDS)
+            seconds = max(1e-3, seconds - elapsed - films * min(_FILM_SECONDS, 0.3 * seconds))
         earlier = None if resume is None else FitResult.load(resume)
         film = Film(picture.shape[:2]) if films else None
         mask = None if weights is None else read_image(weights)[..., :3].mean(-1)
@@ -209,8 +213,10 @@ def _progress(console: Console, film: Any) -> Iterator[Callable[[Any], None]]:
             record = moment.record
             told = (
                 f"PSNR {record.psnr:.2f} dB, {record.active} of {moment.triangles} triangles, "
-                f"step {record.steps}, {moment.seconds_left:.0f} s left"
+                f"step {record.steps}"
             )
+            if moment.seconds_left == moment.seconds_left:
+                told += f", {moment.seconds_left:.0f} s left"
             progress.update(task, completed=moment.share, told=told)
             if film is not None:
                 film.add(moment)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..fit.loop import Moment
+from ..fit.mesh_colors import Image
 from ..fit.result import FitResult
 from ..io.animation import write_animation
 from ..io.images import WRITABLE, check_place, write_image
@@ -22,16 +23,22 @@ _FRAMES, _SIDE = 40, 320
 """Pictures of a film at most, and their longer side in pixels."""
 
 
-def check_outputs(paths: list[Path], target: Path | None) -> None:
-    """Raise `ValueError` for a file that could not be written, before the work of a fit."""
+def check_outputs(paths: list[Path], given: tuple[Path | None, ...], picture: Image) -> None:
+    """Raise `ValueError` for a file that could not be written, before the work of a fit.
+
+    `given`: files that are read, and are to stay; `picture`: what is fitted.
+    """
+    clear = picture.shape[-1] == 4 and bool((picture[..., 3] < 1).any())
     for path in paths:
         if path.suffix.lower() not in _KNOWN:
             raise ValueError(f"{path}: the suffix must be one of {', '.join(_KNOWN)}.")
         check_place(path)
         if not os.access(path.parent, os.W_OK):
             raise ValueError(f"{path}: the folder {path.parent} cannot be written to.")
-        if target is not None and path.exists() and path.samefile(target):
-            raise ValueError(f"{path}: that is the picture to fit.")
+        if clear and path.suffix.lower() in (".jpg", ".jpeg"):
+            raise ValueError(f"{path}: JPEG holds no alpha, and the picture to fit has it.")
+        if path.exists() and any(own and own.exists() and path.samefile(own) for own in given):
+            raise ValueError(f"{path}: that is a picture that is read.")
     if len(set(paths)) < len(paths):
         raise ValueError("the same --output is given twice.")
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -13,11 +14,11 @@ from . import choices, snapshot
 from .interrupt import Interrupt, held_interrupt
 from .layers import LayersResidual, layers_scene
 from .layers_fit import LayersFit
-from .loop import measure
-from .prepare import STEPS, Frame, check_image, kept, make_course, room_of
+from .loop import chunk_of, measure
+from .prepare import STEPS, Frame, check_images, kept, make_course, room_of
 from .result import FitResult, Record
 from .score import Scorer
-from .solve import advance_each
+from .solve import RENEWALS, advance_each, move
 
 
 def fit_batch(
@@ -43,7 +44,7 @@ def fit_batch(
     line, as `fit` does, and for targets of different shapes or none.
     """
     began = time.perf_counter()
-    images = [check_image(target) for target in targets]
+    images = check_images(targets)
     shapes = {image.shape for image in images}
     if len(shapes) != 1:
         raise ValueError(f"`targets` must be images of one shape; got {sorted(shapes)}.")
@@ -62,7 +63,7 @@ def fit_batch(
     ]
     layers = [course for course in courses if isinstance(course, LayersFit)]
     room = room_of(layers[0].solver, frame)
-    with held_interrupt() as interrupt:
+    with jax.enable_x64(False), held_interrupt() as interrupt:
         histories = _run(layers, steps, room, began, report, interrupt)
         results = []
         for course, image, each, records in zip(layers, images, own, histories, strict=True):
@@ -87,14 +88,13 @@ def _run(
     accepted = np.zeros(len(courses), int)
     done = 0
     while done < steps and not interrupt.asked:
-        number = min(room, steps - done)
         for course in courses:
             course.refine(done / steps)
-        losses = _advance(courses, number)
-        done += number
+        losses = _advance(courses, chunk_of(steps, done, room))
+        done += len(losses[0])
         seconds = time.perf_counter() - began
         for k, course in enumerate(courses):
-            for one in losses[k]:
+            for one in losses[k][np.isfinite(losses[k])]:
                 accepted[k] += one < least[k]
                 least[k] = min(least[k], one)
             found = measure(course)
@@ -105,9 +105,13 @@ def _run(
 
 
 def _advance(courses: list[LayersFit], steps: int) -> list[np.ndarray]:
-    """Losses of so many steps of each; all again under another plan if one outgrows theirs."""
+    """Losses of so many steps of each; of half as many under another plan if one outgrows theirs,
+    as in `solve.advance_within_plan`."""
     first = courses[0]
-    while True:
+    old, most = first.residual.plan, max(first.choice.softness)
+    seen = [first.likely()]
+    seen += [layers_scene(course.progress.y, course.data.background) for course in courses]
+    for _ in range(RENEWALS):
         found = advance_each(
             first.solver,
             first.residual,
@@ -116,14 +120,16 @@ def _advance(courses: list[LayersFit], steps: int) -> list[np.ndarray]:
             steps=steps,
         )
         if not any(bool(jnp.any(outgrown)) for _, _, (_, outgrown) in found):
-            break
-        seen = [first.likely()]
+            for course, (after, _, (image, _)) in zip(courses, found, strict=True):
+                course.progress, course.image = after, np.asarray(image)
+            return [np.asarray(losses) for _, losses, _ in found]
         for course, (after, _, _) in zip(courses, found, strict=True):
-            seen += [layers_scene(y, course.data.background) for y in (course.progress.y, after.y)]
-        old = first.residual.plan
-        most = max(first.choice.softness)
+            seen.append(layers_scene(after.y, course.data.background))
         room = plan(seen, height=old.height, width=old.width, coverage=old.coverage, max_width=most)
-        first.residual = LayersResidual(room, first.loss)
-    for course, (after, _, (image, _)) in zip(courses, found, strict=True):
-        course.progress, course.image = after, np.asarray(image)
-    return [np.asarray(losses) for _, losses, _ in found]
+        steps = max(1, steps // 2)
+        for course in courses:
+            course.residual = LayersResidual(room, first.loss)
+            course.progress = move(
+                course.solver, course.residual, course.progress, course.progress.y, course.data
+            )
+    raise RuntimeError("a plan stays too small for the scenes that it was made for.")

@@ -2,18 +2,23 @@
 
 import os
 import time
+import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
+from ..io.images import check_place
 from . import choices, snapshot
+from .closed_form import time_colors
 from .interrupt import Interrupt, held_interrupt
 from .loop import Budget, Moment, run
-from .prepare import STEPS, Frame, check_image, kept, make_course, resumed, room_of
+from .prepare import STEPS, Frame, check_images, kept, make_course, resumed, room_of
 from .result import FitResult
 from .score import Scorer
 from .solvers import Solver
@@ -71,14 +76,15 @@ def fit(
     - `report`: called with a `Moment` after each chunk.
     - `resume`: the result of an earlier fit of this target: goes on where that ended, under its
       settings and weights; of these only `steps`, `seconds`, `report` and `checkpoint` count.
-    - `checkpoint`: an `.npz` to write every half minute, from which to resume.
+    - `checkpoint`: an `.npz` to write every half minute, from which to resume; one that fails is a
+      warning.
 
     The first Ctrl-C ends the fit, which returns the best so far with `interrupted` set; a second
-    one is raised. Raises `ValueError`,
-    one line, for arguments that make no sense.
+    one is raised. A fit is of float32, whatever JAX is set to. Raises `ValueError`, one line, for
+    arguments that make no sense.
     """
     began = time.perf_counter()
-    target = check_image(target)
+    (target,) = check_images([target])
     settings: dict[str, Any] = {
         "triangles": triangles, "family": family, "solver": solver, "seed": seed, "size": size,
         "shading": shading, "translucent": translucent, "softness": softness, "colors": colors,
@@ -94,16 +100,33 @@ def fit(
         weights = resume.state.get("weights.given")
     settings = choices.settle(settings)
     choices.check(settings, steps, seconds)
+    if checkpoint is not None:
+        _check_checkpoint(Path(checkpoint))
     if steps is None and seconds is None:
         steps = STEPS
-    with held_interrupt() as interrupt:
-        task = _Task(target, choices.prepare_weights(weights, target), settings, resume)
-        deadline = None if seconds is None else began + seconds
+    deadline = None if seconds is None else began + seconds
+    with jax.enable_x64(False), held_interrupt() as interrupt:
+
+        def hurry() -> bool:
+            late = seconds is not None and time.perf_counter() - began > _STARTING * seconds
+            return late or interrupt.asked
+
+        task = _Task(target, choices.prepare_weights(weights, target), settings, resume, hurry)
         interrupted = task.run(began, steps, deadline, report, checkpoint, interrupt)
         if settings["colors"] != "together" and not interrupted:
             task.course.polish()
         result = task.result(interrupted)
     return replace(result, interrupted=True) if interrupt.asked else result
+
+
+_STARTING = 0.35
+"""Of the seconds of a fit, after which a start that is still sought is taken as it is."""
+
+
+def _check_checkpoint(path: Path) -> None:
+    if path.suffix.lower() != ".npz":
+        raise ValueError(f"{path}: the suffix of a checkpoint must be .npz.")
+    check_place(path)
 
 
 class _Task:
@@ -115,10 +138,11 @@ class _Task:
         weights: Float[np.ndarray, "height width"] | None,
         settings: dict[str, Any],
         resume: FitResult | None,
+        hurry: Callable[[], bool],
     ):
         self.settings, self.weights = settings, weights
         self.frame = Frame.of(target.shape[0], target.shape[1], settings)
-        self.course = make_course(target, weights, settings, self.frame, resume)
+        self.course = make_course(target, weights, settings, self.frame, resume, hurry)
         self.records = [] if resume is None else list(resume.history)
         self.done = 0 if resume is None else snapshot.restore(self.course, resume.state)
         self.scorer = Scorer(target)
@@ -136,12 +160,26 @@ class _Task:
         enlarge, course = self.frame.enlarge, self.course
 
         def save() -> None:
-            if checkpoint is not None:
+            if checkpoint is None:
+                return
+            try:
                 self.result(True).save(checkpoint)
+            except (ValueError, OSError) as error:
+                warnings.warn(f"the checkpoint was not written: {error}", stacklevel=2)
 
-        # Scoring compiles beside the first steps; what it takes is set aside.
+        likely = enlarge(course.likely())
+        polished = None
+        if deadline is not None and self.settings["colors"] != "together":
+            polished = course.residual, course.progress.y, course.data
+
+        def rehearse() -> float:
+            with jax.enable_x64(False):
+                polishing = 0.0 if polished is None else time_colors(*polished)
+                return self.scorer.prepare(likely) + polishing
+
+        # What comes last compiles beside the first steps; what it takes is set aside.
         with ThreadPoolExecutor(1) as pool:
-            ready = pool.submit(self.scorer.prepare, enlarge(course.likely()))
+            ready = pool.submit(rehearse)
             spent = self.records[-1].seconds if self.records else 0.0
             return run(
                 course, Budget(steps, deadline, ready, began, spent), self.records,

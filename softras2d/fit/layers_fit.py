@@ -96,10 +96,6 @@ class LayersFit:
         self.target, self.weights = target, weights
         self.height, self.width = target.shape[:2]
         self.rng = np.random.default_rng(seed)
-        # What is clear in the target asks for no triangle.
-        self.seen = weights
-        if target.shape[-1] == 4:
-            self.seen = target[..., 3] if weights is None else weights * target[..., 3]
         self.background = _background(target, weights, choice.start)
         self.data = LayersData(
             loss.prepare(jnp.asarray(target)),
@@ -152,6 +148,8 @@ class LayersFit:
             raise ValueError(f"`start` must be free of what is not fitted; it has {carried[0]}.")
         places[:count] = np.asarray(scene.positions)[np.asarray(scene.triangles)]
         own = np.asarray(scene.colors)
+        if opacity is None and own.shape[-1] == 4 and (own[..., 3] < 1).any():
+            raise ValueError("triangles of `start` let through: fit with `translucent=True`.")
         rgb = own[..., :3]
         colors[:count] = rgb if colors.shape[1] == 3 else rgb.mean(1, keepdims=True)
         if opacity is not None:
@@ -199,7 +197,12 @@ class LayersFit:
 
     def polish(self) -> None:
         """The best unknowns so far, with the colours of least squared error."""
-        y = best_colors(self.residual, self.y, self.data)
+        y = self.y
+        # Of before an exchange it may not fit the plan of now.
+        room = self._plan([self.likely(), layers_scene(y, self.data.background)])
+        if not self.residual.plan.holds(room):
+            self.residual = LayersResidual(room, self.loss)
+        y = best_colors(self.residual, y, self.data)
         self.kept = None
         self.progress = forget_best(move(self.solver, self.residual, self.progress, y, self.data))
 
@@ -257,8 +260,8 @@ class LayersFit:
 
     def _place(self, count: int, size: float) -> None:
         found = place(
-            self.rng, self.image[..., :3], self.target[..., :3], count,
-            size=size * self._spacing(self.active + count), weights=self.seen,
+            self.rng, premultiplied(self.image), premultiplied(self.target), count,
+            size=size * self._spacing(self.active + count), weights=self.weights,
         )  # fmt: skip
         number = len(found.corners)
         if number == 0:
@@ -272,12 +275,12 @@ class LayersFit:
         y = jax.tree.map(np.asarray, self.progress.y)
         opacity = None if y.opacity is None else np.clip(y.opacity, 0, 1)
         costs = removal_costs(
-            y.corners * UNIT, np.clip(y.colors, 0, 1), opacity, self.target,
-            self.background, self.seen,
+            y.corners * UNIT, np.clip(y.colors, 0, 1), opacity, premultiplied(self.target),
+            self.background, self.weights,
         )  # fmt: skip
         found = place(
-            self.rng, self.image[..., :3], self.target[..., :3], count,
-            size=_SIZE * _FINER * self._spacing(self.choice.triangles), weights=self.seen,
+            self.rng, premultiplied(self.image), premultiplied(self.target), count,
+            size=_SIZE * _FINER * self._spacing(self.choice.triangles), weights=self.weights,
         )  # fmt: skip
         best = np.argsort(-found.gains)
         least = np.argsort(costs)[: len(best)]
@@ -313,6 +316,14 @@ class LayersFit:
         else:
             fresh = begin(self.solver, self.residual, y, self.data)
             self.progress = fresh._replace(steps=self.progress.steps)
+
+
+def premultiplied(image: Image) -> Image:
+    """Colours times alpha, and alpha; an image without alpha as it is."""
+    if image.shape[-1] == 3:
+        return image
+    alpha = image[..., 3:]
+    return np.concatenate([image[..., :3] * alpha, alpha], -1)
 
 
 def _least(kept: Kept | None) -> float:

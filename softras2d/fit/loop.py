@@ -19,6 +19,9 @@ _AIM = 0.5
 _WATCHED = 10.0
 """How many times as long as its figures take a chunk is to be at least."""
 
+_CHUNKS = 8
+"""Into which a fit of few steps is cut at least: triangles are placed between them."""
+
 _BETWEEN = 30.0
 """Seconds between two checkpoints at least."""
 
@@ -56,7 +59,7 @@ class Moment(NamedTuple):
     """What a user is shown of a fit.
 
     - `record`: the last one; `share`: how far the fit is, 0..1; `seconds_left`: for steps, as they
-      go now; `triangles`: how many there may be.
+      go now, NaN while that is not known; `triangles`: how many there may be.
     - `scene()`: the best at the time of asking, in pixels of the target; triangles that wait for
       their use lie outside or have no area, so that all scenes of a fit have one size.
     """
@@ -107,10 +110,15 @@ class Budget(NamedTuple):
         """Of the chunk that comes next; `pace` is the seconds that a step takes, once known, and
         `figures` those that it takes to tell how good the picture has become."""
         if self.steps is not None:
-            return min(room, self.steps - steps)
+            return chunk_of(self.steps, steps, room)
         if pace is None:
             return 1
         return int(np.clip(min(max(_AIM, _WATCHED * figures), self.left()) / pace, 1, room))
+
+
+def chunk_of(steps: int, done: int, room: int) -> int:
+    """How many of so many steps come next, at most `room`, for a fit that is not told seconds."""
+    return min(room, -(-steps // _CHUNKS), steps - done)
 
 
 def run(
@@ -127,45 +135,41 @@ def run(
 ) -> bool:
     """Go on from `steps` to the end of the budget; whether `stop()` or Ctrl-C came first.
 
-    `room`: the most steps of a chunk. Appends to `records`. `save` is called now and then. Whatever
-    else than `KeyboardInterrupt` `report` raises passes.
+    `room`: the most steps of a chunk. Appends to `records`. `save` is called now and then. A
+    `KeyboardInterrupt` of `report` is a Ctrl-C; whatever else it raises passes.
     """
     least, first = np.inf, None
     accepted = records[-1].accepted if records else 0
     pace, figures, saved = None, 0.0, time.perf_counter()
-    try:
-        while budget.share(steps, first) < 1:
-            if stop():
+    while budget.share(steps, first) < 1:
+        if stop():
+            return True
+        number = budget.next_steps(steps, room, pace, figures)
+        began = time.perf_counter()
+        course.refine(budget.share(steps, first))
+        losses = course.advance(number, room)
+        now = time.perf_counter()
+        # The first chunk compiles: what a step takes is not known after it.
+        pace = (now - began) / len(losses) if first else None
+        steps += len(losses)
+        for loss in losses[np.isfinite(losses)]:
+            accepted += bool(loss < least)
+            least = min(least, loss)
+        found = measure(course)
+        if first:
+            figures = time.perf_counter() - now
+        first = first or now
+        records.append(Record(steps, budget.seconds(), *found, accepted, course.active))
+        if report is not None:
+            share, left = budget.share(steps, first), budget.remaining(steps, pace or np.nan)
+            scene = lambda: enlarge(course.scene(padded=True))  # noqa: E731
+            try:
+                report(Moment(records[-1], share, left, course.most, scene))
+            except KeyboardInterrupt:
                 return True
-            number = budget.next_steps(steps, room, pace, figures)
-            began = time.perf_counter()
-            course.refine(budget.share(steps, first))
-            losses = course.advance(number, room)
-            now = time.perf_counter()
-            # The first chunk compiles: what a step takes is not known after it.
-            pace = (now - began) / len(losses) if first else None
-            steps += len(losses)
-            for loss in losses[np.isfinite(losses)]:
-                accepted += bool(loss < least)
-                least = min(least, loss)
-            found = measure(course)
-            if first:
-                figures = time.perf_counter() - now
-            first = first or now
-            records.append(Record(steps, budget.seconds(), *found, accepted, course.active))
-            if report is not None:
-                share, left = budget.share(steps, first), budget.remaining(steps, pace or 0.0)
-                report(
-                    Moment(
-                        records[-1], share, left, course.most,
-                        lambda: enlarge(course.scene(padded=True)),
-                    )
-                )  # fmt: skip
-            if save is not None and time.perf_counter() - saved > _BETWEEN:
-                save()
-                saved = time.perf_counter()
-    except KeyboardInterrupt:
-        return True
+        if save is not None and time.perf_counter() - saved > _BETWEEN:
+            save()
+            saved = time.perf_counter()
     return False
 
 

@@ -1,5 +1,7 @@
 """Meshes to start a fit from: even ones, and ones whose vertices lie where the error was."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from .collapse import collapse
@@ -51,6 +53,7 @@ def error_start(
     weights: PixelMap | None = None,
     seed: int = 0,
     exchanges: int = 16,
+    hurry: Callable[[], bool] = lambda: False,
 ) -> Mesh:
     """A mesh of `vertices` points, inserted round by round where they lower the error most.
 
@@ -58,13 +61,13 @@ def error_start(
     round the mesh is made Delaunay, which keeps its triangles from degenerating, and then edges are
     flipped to lower the error. Then `exchanges` rounds move the vertices that matter least to where
     they matter most: worth 2 dB on photographs. `seed` moves the coarse mesh that comes first.
-    Fewer vertices come out if there is nothing left to gain. Raises `ValueError` as
-    `uniform_start` does.
+    Fewer vertices come out if there is nothing left to gain. As soon as `hurry()` says so, the mesh
+    is taken as it is. Raises `ValueError` as `uniform_start` does.
     """
     height, width = target.shape[:2]
     first = min(vertices, COARSE, max(4, height * width // 16))
     mesh = uniform_start(height, width, first, jitter=0.1, seed=seed)
-    while (have := len(mesh.positions)) < vertices:
+    while (have := len(mesh.positions)) < vertices and not hurry():
         more = min(max(1, int(have * GROWTH)), vertices - have)
         mesh = insert(mesh, target, more, colors=colors, weights=weights)
         if len(mesh.positions) == have:
@@ -72,6 +75,8 @@ def error_start(
         mesh = flip_to_delaunay(mesh)
         mesh = flip_edges(mesh, target, colors=colors, weights=weights, rounds=1)
     for share in np.linspace(EXCHANGED, 0.0, exchanges, endpoint=False):
+        if hurry():
+            return mesh
         mesh = exchange(mesh, target, int(share * vertices), colors=colors, weights=weights)
     return flip_edges(mesh, target, colors=colors, weights=weights)
 

@@ -20,6 +20,9 @@ _TRIES = 24
 """Candidates for each triangle that is placed."""
 
 
+_PAIRS = 2.0**21
+"""Of a candidate and a pixel that are looked at together: some 100 bytes each."""
+
 _ROUNDING = 1e-9
 """Of a squared colour, for each pixel: a gain of less is none."""
 
@@ -43,6 +46,7 @@ def place(
 ) -> Placed:
     """At most `count` opaque triangles over `image`, the best of many that lie where it errs.
 
+    Of four channels, premultiplied, the last is alpha, which is 1 in a triangle.
     `size`: their typical circumradius in pixels. Each has the mean of the target beneath it as its
     colour. They hardly overlap, so that their gains add up. Fewer come out, or none, where nothing
     is gained.
@@ -55,7 +59,8 @@ def place(
     pick = rng.choice(chance.size, _TRIES * count, p=chance / chance.sum())
     middle = np.stack([pick % width, pick // width], 1) + rng.random((len(pick), 2))
     corners = random_triangles(rng, middle, size)
-    color, gains = _gains(corners, image, target, error, scale)
+    parts = [_gains(corners[own], target, error, scale) for own in _blocks(corners, height * width)]
+    color, gains = (np.concatenate(held) for held in zip(*parts, strict=True))
     # One to a square as wide as a triangle.
     square = (middle // max(size, 1.0)).astype(np.int64)
     across = int(width // max(size, 1.0)) + 1
@@ -83,8 +88,16 @@ def random_triangles(
     return middle[:, None] + shape / longer + part * (longer - 1 / longer)
 
 
+def _blocks(corners: Corners, pixels: int) -> list[slice]:
+    """Candidates cut so that those of one block cover about `_PAIRS` of the pixels."""
+    area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+    before = np.cumsum(np.minimum(area, pixels)) // _PAIRS
+    starts = np.flatnonzero(np.diff(before, prepend=-1))
+    return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(corners)], strict=True)]
+
+
 def _gains(
-    corners: Corners, image: Image, target: Image, error: PixelMap, scale: PixelMap
+    corners: Corners, target: Image, error: PixelMap, scale: PixelMap
 ) -> tuple[np.ndarray, np.ndarray]:
     """Of each triangle: its colour, and by how much it lowers the error if it is drawn."""
     height, width = error.shape
@@ -94,8 +107,10 @@ def _gains(
     total = pairs.total(weight)
     sums = pairs.total(values * weight)
     mean = sums / np.maximum(total, 1e-12)
-    left = pairs.total((values * values).sum(0) * weight) - (sums * mean).sum(0)
-    return mean.T, pairs.total(error.ravel()[pairs.pixel]) - left
+    mean[3:] = 1.0
+    left = pairs.total((values * values).sum(0) * weight)
+    left = left + (mean * (mean * total - 2 * sums)).sum(0)
+    return mean[:3].T, pairs.total(error.ravel()[pairs.pixel]) - left
 
 
 def removal_costs(
@@ -109,7 +124,7 @@ def removal_costs(
     """By how much the error rises without each triangle; 0 where it is not seen, below 0 where it
     does harm.
 
-    Triangles lie over each other in their order; of four channels the three colours count.
+    Triangles lie over each other in their order. `target` and `background` are premultiplied.
     """
     height, width = target.shape[:2]
     pairs = soup_pixels(corners, height=height, width=width)
@@ -118,11 +133,14 @@ def removal_costs(
     triangle, pixel = pairs.triangle[order], pairs.pixel[order]
     share = np.ones(len(order)) if opacity is None else opacity[triangle]
     at_corners = np.broadcast_to(colors, (len(colors), 3, 3))
+    channels = target.shape[-1]
+    if channels == 4:
+        at_corners = np.concatenate([at_corners, np.ones((len(colors), 3, 1))], -1)
     color = np.einsum("cp,pck->pk", pairs.weights[:, order], at_corners[triangle])
     depth = np.arange(len(order)) - np.searchsorted(pixel, pixel)
     ranks = [np.flatnonzero(depth == rank) for rank in range(int(depth.max(initial=-1)) + 1)]
     behind = np.empty_like(color)
-    drawn = np.tile(background[:3].astype(np.float64), (height * width, 1))
+    drawn = np.tile(background.astype(np.float64), (height * width, 1))
     for rank in reversed(ranks):
         behind[rank] = below = drawn[pixel[rank]]
         drawn[pixel[rank]] = below + share[rank, None] * (color[rank] - below)
@@ -133,7 +151,7 @@ def removal_costs(
         clear[pixel[rank]] *= 1 - share[rank]
     # Without it the image is lower by `part`.
     part = (seen * share)[:, None] * (color - behind)
-    off = (drawn - target.reshape(-1, target.shape[-1])[:, :3])[pixel]
+    off = (drawn - target.reshape(-1, channels))[pixel]
     rise = (part * (part - 2 * off)).sum(-1)
     if weights is not None:
         rise = rise * weights.ravel()[pixel]

@@ -1,5 +1,6 @@
 """From a target and settings to a fit that is ready for its first step."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -64,8 +65,12 @@ def make_course(
     settings: dict[str, Any],
     frame: Frame,
     resume: FitResult | None,
+    hurry: Callable[[], bool] = lambda: False,
 ) -> LayersFit | TilingFit:
-    """The fit of either family, before its first step or where an earlier one ended."""
+    """The fit of either family, before its first step or where an earlier one ended.
+
+    `hurry()`: whether a start that is still sought is to be taken as it is.
+    """
     small = shrink(target, frame.height, frame.width)
     if weights is not None:
         weights = shrink(weights[..., None], frame.height, frame.width)[..., 0]
@@ -89,7 +94,7 @@ def make_course(
     vertices = max(4, (settings["triangles"] + 6) // 2)
     return TilingFit(
         small, weights, TilingChoice(vertices, colors, solve, begin, exchange, tuned), loss,
-        solver, settings["seed"],
+        solver, settings["seed"], hurry,
     )  # fmt: skip
 
 
@@ -112,6 +117,14 @@ def check_image(target: Any) -> Float[np.ndarray, "height width channels"]:
     if not (np.isfinite(image).all() and (image >= 0).all() and (image <= 1).all()):
         raise ValueError("`target` must hold numbers in 0..1.")
     return image.astype(np.float32)
+
+
+def check_images(targets: Sequence[Any]) -> list[Float[np.ndarray, "height width channels"]]:
+    """Targets as float32, without an alpha that is 1 in all of them; `ValueError` as above."""
+    images = [check_image(target) for target in targets]
+    if all(image.shape[-1] == 4 and (image[..., 3] == 1).all() for image in images):
+        return [image[..., :3] for image in images]
+    return images
 
 
 def kept(settings: dict[str, Any]) -> dict[str, Any]:

@@ -98,11 +98,11 @@ def advance_within_plan(
         fn, steps = replan(led), max(1, steps // 2)
         # Solvers of least squares hold the old derivative, whose arrays have the old plan's sizes.
         progress = move(solver, fn, progress, progress.y, args)
-        if len(led) > _RENEWALS:
+        if len(led) > RENEWALS:
             raise RuntimeError("a plan stays too small for the scene that it was made for.")
 
 
-_RENEWALS = 12
+RENEWALS = 12
 """Of a plan before a fault is supposed."""
 
 

@@ -1,5 +1,6 @@
 """A fit of a mesh between chunks of steps: no triangle flipped, vertices put to use again."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -71,6 +72,7 @@ class TilingFit:
         loss: Loss,
         solver: Solver,
         seed: int,
+        hurry: Callable[[], bool] = lambda: False,
     ):
         if target.shape[-1] == 4:
             raise ValueError("a mesh covers the canvas: fit targets with alpha by layers.")
@@ -80,7 +82,7 @@ class TilingFit:
         self.image = target
         self.exchanged = 0.0
         self.kept: Kept | None = None
-        mesh = self._start(seed)
+        mesh = self._start(seed, hurry)
         data, y = self.prepare(mesh)
         self.residual = TilingResidual(self._plan([tiling_scene(y, data)]), loss)
         self._begin(mesh, data, y)
@@ -90,7 +92,7 @@ class TilingFit:
         """Triangles that there may be."""
         return self.active
 
-    def _start(self, seed: int) -> Mesh:
+    def _start(self, seed: int, hurry: Callable[[], bool]) -> Mesh:
         choice = self.choice
         if isinstance(choice.start, Mesh):
             return self._checked(choice.start)
@@ -101,8 +103,9 @@ class TilingFit:
                 f"`start` must be 'error', 'uniform' or a Mesh; got {choice.start!r:.60}."
             )
         return error_start(
-            self.target, choice.vertices, colors=choice.colors, weights=self.weights, seed=seed
-        )
+            self.target, choice.vertices, colors=choice.colors, weights=self.weights, seed=seed,
+            hurry=hurry,
+        )  # fmt: skip
 
     def _checked(self, mesh: Mesh) -> Mesh:
         if (mesh.height, mesh.width) != (self.height, self.width):
@@ -177,6 +180,10 @@ class TilingFit:
         """The best unknowns so far, with the colours of least squared error."""
         _, y, self.mesh, self.data = self.best()
         self.active, self.kept = len(self.mesh.triangles), None
+        # Of before an exchange it may not fit the plan of now.
+        room = self._plan([tiling_scene(y, self.data)])
+        if not self.residual.plan.holds(room):
+            self.residual = TilingResidual(room, self.loss)
         y = best_colors(self.residual, y, self.data)
         self.progress = forget_best(move(self.solver, self.residual, self.progress, y, self.data))
 

@@ -5,11 +5,13 @@ import time
 from dataclasses import replace
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import softras2d as sr
+from softras2d.fit.prepare import check_images
 from softras2d.fit.triangulation import check_tiling, delaunay_mesh
 from tests.fit.pictures import blobs
 
@@ -257,9 +259,14 @@ BAD: dict[str, dict[str, Any]] = {
     "`start` has 5 vertices; `triangles` allows 4": dict(
         family="mesh", start=mesh_of_corners(40, 48), triangles=2
     ),
+    "let through": dict(start=replace(TWO, colors=jnp.full((2, 1, 4), 0.5))),
+    "suffix of a checkpoint must be .npz": dict(checkpoint="fit.ckpt"),
+    "no folder": dict(checkpoint="nowhere/fit.npz"),
     "those of `light='display'`": dict(colors="solve", light="linear"),
     "`translucent` is for layers": dict(family="mesh", translucent=True),
-    "fit targets with alpha by layers": dict(target=np.ones((4, 4, 4), np.float32), family="mesh"),
+    "fit targets with alpha by layers": dict(
+        target=np.full((4, 4, 4), 0.5, np.float32), family="mesh"
+    ),
 }
 
 
@@ -269,6 +276,24 @@ def test_what_makes_no_sense_is_refused_in_one_line(told):
         arguments: dict[str, Any] = {"target": TARGET} | BAD[told]
         sr.fit(**arguments)
     assert "\n" not in str(caught.value)
+
+
+def test_an_alpha_that_is_one_everywhere_is_none():
+    """Pictures of screens often have it."""
+    opaque = np.concatenate([TARGET, np.ones_like(TARGET[..., :1])], -1)
+    (alone,) = check_images([opaque])
+    np.testing.assert_array_equal(alone, TARGET)
+    half = opaque * np.float32(0.5)
+    assert [image.shape[-1] for image in check_images([opaque, half])] == [4, 4]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["adam", "lm", "lbfgs"])
+def test_a_fit_is_of_float32_whatever_jax_is_set_to(solver, float64):
+    with jax.enable_x64(True):
+        result = sr.fit(TARGET, triangles=8, steps=4, solver=solver, colors="polish")
+    assert result.scene.positions.dtype == np.float32
+    assert result.scene.triangles.shape[0] == 8
 
 
 @pytest.mark.slow

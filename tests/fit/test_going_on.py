@@ -49,6 +49,21 @@ def test_a_plan_that_is_outgrown_is_renewed(solver, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("solver", ["adam", "lm"])
+def test_plans_of_a_batch_that_are_outgrown_are_renewed(solver, monkeypatch):
+    own = LayersFit._plan
+
+    def tight(self, scenes):
+        return own(self, [sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)))])
+
+    monkeypatch.setattr(LayersFit, "_plan", tight)
+    many = sr.fit_batch([TARGET, TARGET[::-1]], triangles=600, solver=solver, steps=6)
+    for result in many:
+        assert result.history[-1].steps == 6
+        assert result.psnr > 10
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["lm", "lbfgs"])
 def test_solvers_of_second_order_resume(solver):
     settings: dict[str, Any] = {"triangles": 10, "start": "uniform", "solver": solver}
@@ -193,7 +208,7 @@ class TestBudget:
 
     def test_steps_are_as_many_as_asked(self, clock):
         budget = replace_steps(self.budget(None), 30)
-        assert [budget.next_steps(done, 25, None, 0.0) for done in (0, 25)] == [25, 5]
+        assert [budget.next_steps(done, 25, None, 0.0) for done in (0, 28)] == [4, 2]
         assert budget.share(15, None) == 0.5
         assert budget.remaining(20, 0.5) == 5.0
 

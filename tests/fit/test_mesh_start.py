@@ -216,3 +216,11 @@ def test_tiny_targets(size):
     mesh = error_start(target, 50)
     check_tiling(mesh)
     check_tiling(insert(mesh, target, 5, least_area=0.01))
+
+
+def test_a_start_in_a_hurry_is_taken_as_it_is():
+    target = _noise(0)
+    looks = iter([False, True, True, True])
+    mesh = error_start(target, 200, hurry=lambda: next(looks))
+    assert 60 <= len(mesh.positions) < 200
+    check_tiling(mesh)

@@ -1,5 +1,7 @@
 """What triangles are worth, against error sums of pictures drawn one triangle at a time."""
 
+import importlib
+
 import numpy as np
 import pytest
 
@@ -101,3 +103,30 @@ def test_pixels_of_either_orientation_have_the_weights_of_their_corners():
         assert set(pairs.pixel[mine]) == set(np.flatnonzero(held))
         wanted = weights.reshape(-1, 3)[pairs.pixel[mine]].T
         np.testing.assert_allclose(pairs.weights[:, mine], wanted, atol=1e-9)
+
+
+def test_a_dark_shape_on_clear_ground_is_an_error_like_any_other():
+    """What is drawn premultiplied differs from clear ground in its alpha alone."""
+    target = np.zeros((HEIGHT, WIDTH, 4))
+    target[10:30, 12:36, 3] = 1
+    found = place(np.random.default_rng(0), np.zeros_like(target), target, 4, size=8.0)
+    assert len(found.corners) > 0
+    assert found.colors.max() == 0
+    for one, gain in zip(found.corners, found.gains, strict=True):
+        covered = inside(one)[0]
+        drawn = np.where(covered[..., None], [0.0, 0.0, 0.0, 1.0], 0.0)
+        expected = (target**2).sum() - ((drawn - target) ** 2).sum()
+        assert gain == pytest.approx(expected)
+    costs = removal_costs(
+        found.corners[:1], np.zeros((1, 1, 3)), None, target, np.zeros(4, np.float32)
+    )
+    assert costs == pytest.approx(found.gains[:1])
+
+
+def test_candidates_in_blocks_are_those_of_one_block(monkeypatch):
+    whole, blocks = [], []
+    for pairs, found in ((2.0**40, whole), (50.0, blocks)):
+        monkeypatch.setattr(importlib.import_module("softras2d.fit.placing"), "_PAIRS", pairs)
+        found += place(np.random.default_rng(0), np.zeros_like(TARGET), TARGET, 6, size=7.0)
+    for a, b in zip(whole, blocks, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12)
