@@ -143,7 +143,8 @@ def fit_picture(
 
         picture, name = _target(target)
         outputs = output or [Path(f"{name}.fit.svg")]
-        check_outputs(outputs, (target, weights), picture)
+        read = {target: "to fit", weights: "of weights"}
+        check_outputs(outputs, {path: what for path, what in read.items() if path}, picture)
         films = any(path.suffix.lower() == ".gif" for path in outputs)
         kept = next((path for path in outputs if path.suffix.lower() == ".npz"), None)
         if steps is not None and seconds is not None:

@@ -23,10 +23,10 @@ _FRAMES, _SIDE = 40, 320
 """Pictures of a film at most, and their longer side in pixels."""
 
 
-def check_outputs(paths: list[Path], given: tuple[Path | None, ...], picture: Image) -> None:
+def check_outputs(paths: list[Path], given: dict[Path, str], picture: Image) -> None:
     """Raise `ValueError` for a file that could not be written, before the work of a fit.
 
-    `given`: files that are read, and are to stay; `picture`: what is fitted.
+    `given`: files that are read and are to stay, and what for; `picture`: what is fitted.
     """
     clear = picture.shape[-1] == 4 and bool((picture[..., 3] < 1).any())
     for path in paths:
@@ -37,8 +37,9 @@ def check_outputs(paths: list[Path], given: tuple[Path | None, ...], picture: Im
             raise ValueError(f"{path}: the folder {path.parent} cannot be written to.")
         if clear and path.suffix.lower() in (".jpg", ".jpeg"):
             raise ValueError(f"{path}: JPEG holds no alpha, and the picture to fit has it.")
-        if path.exists() and any(own and own.exists() and path.samefile(own) for own in given):
-            raise ValueError(f"{path}: that is a picture that is read.")
+        for own, name in given.items():
+            if path.exists() and own.exists() and path.samefile(own):
+                raise ValueError(f"{path}: that is the picture {name}.")
     if len(set(paths)) < len(paths):
         raise ValueError("the same --output is given twice.")
 
