@@ -64,7 +64,7 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
             place.set_ylabel("PSNR, dB")
             place.grid(alpha=0.3)
             if line == 1:
-                place.set_xscale("log")
+                place.set_xscale("symlog", linthresh=1)
     axes[0][0].legend()
     figure.savefig(path, dpi=110)
     plt.close(figure)
