@@ -105,7 +105,9 @@ def test_stopped_after_an_exchange_the_best_before_it_is_returned(family, monkey
     def exchange(self, count):
         own(self, count)
         if len(records) > 8:
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
+            # One step makes up for no exchange.
+            self.advance = lambda steps, room: family.advance(self, 1, room)
 
     monkeypatch.setattr(family, "_exchange", exchange)
     name = "layers" if family is LayersFit else "mesh"
