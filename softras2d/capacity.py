@@ -59,9 +59,30 @@ class Capacity(NamedTuple):
     crossings: Any
 
 
-HARD_LAYERS = (2, 4, 8)
-FADING_LAYERS = (4, 8)
-"""Coverage that fades passes more on from chunk to chunk than bits."""
+class Slack(NamedTuple):
+    """How capacities are chosen.
+
+    - `passed`: what a chunk passes on, in slots that cost as much.
+    - `part`: one over the part of the need that is added to it; `steps`: those of an octave to
+      which it is rounded up. Room that is not used is computed all the same; but with little of
+      it scenes that are alike have programs of their own sooner, and triangles that move outgrow
+      it.
+    """
+
+    passed: int
+    part: int
+    steps: int
+
+
+HARD_SLACK = Slack(passed=1, part=4, steps=4)
+FADING_SLACK = Slack(passed=2, part=8, steps=8)
+"""A slot of a gradient costs more than that of a picture."""
+
+VARYING_SLACK = Slack(passed=1, part=8, steps=8)
+"""And one whose colours vary in a pixel costs more than what a chunk passes on."""
+
+_LAYERS = (2, 4, 8)
+"""Slots that a chunk may have."""
 
 _LEAST = Capacity(
     strips=512, pairs=2048, layers=2, chunks=512, depth=4, steps=32, fragments=0, crossings=1024
@@ -161,20 +182,18 @@ def _refuse_many(pairs: int) -> None:
         )
 
 
-def make_room(
-    counts: Sequence[Counts], *, in_order: bool, pixels: int, layers: Sequence[int]
-) -> Capacity:
-    """Capacities for any of the scenes counted: the largest need, a quarter more, a ladder step.
+def make_room(counts: Sequence[Counts], *, in_order: bool, pixels: int, slack: Slack) -> Capacity:
+    """Capacities for any of the scenes counted: the largest need, some more, a ladder step.
 
-    `in_order`: whether lists are gone through in order; `pixels`: of the canvas; `layers`: choices.
+    `in_order`: whether lists are gone through in order; `pixels`: of the canvas.
     """
-    cut = {number: [-(-one.listed // number) for one in counts] for number in layers}
+    cut = {number: [-(-one.listed // number) for one in counts] for number in _LAYERS}
 
     def work(layers: int) -> int:
         """Slots, and the state that each chunk passes on."""
-        return (layers + 1) * sum(int(chunks.sum()) for chunks in cut[layers])
+        return (layers + slack.passed) * sum(int(chunks.sum()) for chunks in cut[layers])
 
-    best = min(layers, key=work)
+    best = min(_LAYERS, key=work)
     needs = Capacity(
         strips=max(one.strips for one in counts),
         pairs=max(one.pairs for one in counts),
@@ -185,20 +204,19 @@ def make_room(
         fragments=max(one.fragments for one in counts),
         crossings=max(one.crossings for one in counts),
     )
-    steps = [_ladder(need, least) for need, least in zip(needs, _LEAST, strict=True)]
+    steps = [_ladder(need, least, slack) for need, least in zip(needs, _LEAST, strict=True)]
     room = Capacity(*steps)
     # The fullest tile varies most from scene to scene and costs least: whole octaves.
     room = room._replace(layers=best, depth=1 << (room.depth - 1).bit_length())
-    return room._replace(fragments=_fragment_room(needs.fragments, pixels))
+    return room._replace(fragments=_fragment_room(needs.fragments, pixels, slack))
 
 
-def _fragment_room(need: int, pixels: int) -> int:
+def _fragment_room(need: int, pixels: int, slack: Slack) -> int:
     """Every place costs a shading, and a full canvas needs a place for each pixel and few more."""
     if need == 0:
         return 0
-    return min(
-        _ladder(need, _LEAST_FRAGMENTS), pixels + _ladder(max(need - pixels, 0), pixels // 16)
-    )
+    beyond = _ladder(max(need - pixels, 0), pixels // 16, slack)
+    return min(_ladder(need, _LEAST_FRAGMENTS, slack), pixels + beyond)
 
 
 def _expand(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -208,8 +226,8 @@ def _expand(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return owner, (np.arange(len(owner)) - start[owner]).astype(np.int32)
 
 
-def _ladder(need: int, least: int) -> int:
-    """A quarter more than `need`, rounded up to four steps an octave."""
-    need = max(-(-5 * need // 4), least)
-    step = 1 << max(need.bit_length() - 3, 0)
+def _ladder(need: int, least: int, slack: Slack) -> int:
+    """Some more than `need`, rounded up to so many steps an octave."""
+    need = max(need - -need // slack.part, least)
+    step = 1 << max(need.bit_length() - slack.steps.bit_length(), 0)
     return -(-need // step) * step

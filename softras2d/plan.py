@@ -10,10 +10,18 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Int
 
-from .capacity import FADING_LAYERS, HARD_LAYERS, Capacity, count_fading, count_lists, make_room
+from .capacity import (
+    FADING_SLACK,
+    HARD_SLACK,
+    VARYING_SLACK,
+    Capacity,
+    count_fading,
+    count_lists,
+    make_room,
+)
 from .coverage import area
 from .coverage.profile import SUPPORT
-from .effects import EFFECTS, is_translucent, structural_effects
+from .effects import EFFECTS, is_translucent, structural_effects, varies
 from .fixed_point import Grid, corners_of, within_guard
 from .lists import BLOCK
 from .options import Area, Filter, Hard, Soft
@@ -160,12 +168,12 @@ def plan(
     used = {name for one in scenes for name in structural_effects(one, coverage, filter)}
     side = 0
     if isinstance(coverage, Hard):
-        layers = HARD_LAYERS
+        slack = HARD_SLACK
         counts = [count_lists(one, grid, coverage, origin) for one in scenes]
         if not all(_within_guard(one, grid, origin) for one in scenes):
             used.add("guard band")
     else:
-        layers = FADING_LAYERS
+        slack = VARYING_SLACK if any(map(varies, scenes)) else FADING_SLACK
         summed = isinstance(coverage, Area) and coverage.compositing == "sum"
         side = choose_side([_host_corners(one, origin) for one in scenes], grid, reach)
         tiling = Tiling.square(grid, side)
@@ -179,7 +187,7 @@ def plan(
         coverage=coverage,
         filter=_with_array_bias(filter),
         origin=jnp.asarray(origin),
-        capacity=make_room(counts, in_order=in_order, pixels=height * width, layers=layers),
+        capacity=make_room(counts, in_order=in_order, pixels=height * width, slack=slack),
         side=side,
         effects=tuple(name for name in EFFECTS if name in used),
     )

@@ -45,6 +45,9 @@ def photo(tmp_path, monkeypatch):
         (["PHOTO", "--steps", "5", "--seconds", "1"], "give one of --steps and --seconds"),
         (["PHOTO", "--resume", "none.npz"], "none.npz: no such file"),
         (["PHOTO", "--shading", "linear"], "`shading` of a layers fit"),
+        (["PHOTO", "--start", "even"], "error, uniform, delaunay, or an .svg or .npz; got 'even'"),
+        (["PHOTO", "--start", "none.svg"], "none.svg: cannot be read: No such file"),
+        (["PHOTO", "--start", "a.svg", "--family", "mesh"], "or an .npz; got 'a.svg'"),
     ],
 )
 def test_errors_are_one_line(photo, tmp_path, arguments, told):
@@ -94,6 +97,33 @@ def test_every_kind_of_file(photo, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert sr.FitResult.load(tmp_path / "b.npz").history[-1].steps == 75
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", ["layers", "mesh"])
+def test_a_fit_starts_from_a_file(photo, tmp_path, family):
+    first = [*COMMAND, str(photo), "-n", "8", "--steps", "25", "--family", family]
+    names = [str(tmp_path / name) for name in ("a.npz", "a.svg")]
+    done = subprocess.run(
+        [*first, "-o", names[0], "-o", names[1]], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    found = sr.FitResult.load(names[0])
+    for name in names if family == "layers" else names[:1]:
+        again = [*COMMAND, str(photo), "-n", "8", "--steps", "0", "--family", family]
+        done = subprocess.run(
+            [*again, "--start", name, "-o", str(tmp_path / "b.npz")],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        result = sr.FitResult.load(tmp_path / "b.npz")
+        np.testing.assert_allclose(result.scene.positions, found.scene.positions, atol=1e-3)
+        assert result.psnr > found.psnr - (0.2 if family == "layers" else 1.0)
+    over = subprocess.run(
+        [*first, "--start", names[0], "-o", names[0]], capture_output=True, text=True, check=False
+    )
+    assert over.returncode == 1
+    assert "that is what the fit starts from" in over.stderr
 
 
 @pytest.mark.slow

@@ -68,11 +68,7 @@ def publish(results: Path, readme: Path | None) -> None:
         "left-out": _left_out(run["left_out"]),
         "machine": _machine(run),
     }
-    for name, text in texts.items():
-        if readme is None:
-            print(f"\n{text}")
-        else:
-            report.fill_markers(readme, name, text)
+    report.fill_or_print(readme, texts)
 
 
 def _quickest_table(

@@ -49,6 +49,15 @@ def fill_markers(path: Path, name: str, text: str) -> None:
     _replace(path, lambda temporary: temporary.write_text(filled))
 
 
+def fill_or_print(path: Path | None, texts: Mapping[str, str]) -> None:
+    """Texts by the names of their markers, into a file; without one, onto the screen."""
+    for name, text in texts.items():
+        if path is None:
+            print(f"\n{text}")
+        else:
+            fill_markers(path, name, text)
+
+
 def save_figure(figure: Any, path: Path) -> None:
     """Write a matplotlib figure; the format follows the suffix."""
     _replace(path, lambda temporary: figure.savefig(temporary, dpi=150))

@@ -20,11 +20,7 @@ def publish(results: Path, readme: Path | None) -> None:
         "times": times_table(report.read_csv(results / "times.csv")),
         "machine": machine_line(run),
     }
-    for name, text in texts.items():
-        if readme is None:
-            print(f"\n{text}")
-        else:
-            report.fill_markers(readme, name, text)
+    report.fill_or_print(readme, texts)
 
 
 def methods_table(rows: list[dict[str, Any]]) -> str:

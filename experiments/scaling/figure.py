@@ -49,11 +49,7 @@ def publish(results: Path, readme: Path | None) -> None:
         "traversal": ways_tables(ways),
         "machine": f"{about}; {run['seconds'] / 60:.0f} minutes.",
     }
-    for name, text in texts.items():
-        if readme is None:
-            print(f"\n{text}")
-        else:
-            report.fill_markers(readme, name, text)
+    report.fill_or_print(readme, texts)
 
 
 def series(rows: list[Row], axis: str, what: str, cost: str) -> tuple[list[float], list[float]]:

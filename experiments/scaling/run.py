@@ -43,14 +43,18 @@ def growth_rows(axes: tuple[Axis, ...], path: Path, budget_s: float) -> list[dic
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="small sizes, into cache/quick")
-    parser.add_argument("--only", default="", help="axes, by comma; results go to cache/quick")
-    parser.add_argument("--parts", default=",".join(PARTS), help="of the run, by comma")
+    parser.add_argument("--only", default="", help="axes, by comma, into cache/part")
+    parser.add_argument(
+        "--parts", default=",".join(PARTS), help="of the run, by comma, into cache/part"
+    )
     options = parser.parse_args()
     only = {name for name in options.only.split(",") if name}
     parts = [part for part in PARTS if part in options.parts.split(",")]
     axes = tuple(one for one in (QUICK if options.quick else AXES) if not only or one.name in only)
     partial = options.quick or bool(only) or parts != list(PARTS)
-    results = HERE / "cache" / "quick" if partial else HERE / "results"
+    results = HERE / "results"
+    if partial:
+        results = HERE / "cache" / ("quick" if options.quick else "part")
 
     began = time.perf_counter()
     if "growth" in parts:

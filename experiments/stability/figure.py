@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from softras2d.plot.library import COLORS
+
 from ..common import machine, report
 
 HERE = Path(__file__).parent
@@ -63,19 +65,28 @@ def _short(value: Any) -> str:
     return f"{float(value):.0e}".replace("e-0", "e-").replace("e+00", "")
 
 
+_MARKERS = "osD^v"
+
+
 def _draw(rows: list[dict[str, Any]], path: Path) -> None:
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(1, 2, figsize=(10, 4), sharex=True)
     shifts = list(dict.fromkeys(int(r["shift_px"]) for r in rows))
+    modes = list(dict.fromkeys(r["mode"] for r in rows))
     for axis, key in zip(axes, ("value", "gradient"), strict=True):
-        for mode in dict.fromkeys(r["mode"] for r in rows):
-            found = [max(float(r[key]), 1e-9) for r in rows if r["mode"] == mode]
-            axis.plot(shifts, found, marker="o", label=mode)
-        axis.plot(shifts, [shift * 2.0**-23 for shift in shifts], "k:", label="one rounding")
-        axis.set(xscale="log", yscale="log", xlabel="moved by, px", title=f"error of the {key}")
+        # Open markers, so that modes that agree show through each other.
+        for mode, marker, color in zip(modes, _MARKERS, COLORS, strict=False):
+            found = [float(r[key]) for r in rows if r["mode"] == mode]
+            axis.plot(shifts, found, marker=marker, color=color, fillstyle="none", label=mode)
+        rounding = [shift * 2.0**-23 for shift in shifts]
+        axis.plot(shifts, rounding, "k:", label="one rounding of a coordinate")
+        axis.set_xscale("symlog", linthresh=1.0)
+        axis.set_yscale("symlog", linthresh=1e-9)
+        axis.set(xlabel="scene and origin moved by (px)", ylim=(-2e-10, None))
+        axis.set(title=f"the {key}", ylabel="error over the greatest true number")
         axis.grid(alpha=0.3)
-    axes[0].legend()
+    axes[0].legend(fontsize=8, loc="center right")
     figure.tight_layout()
     report.save_figure(figure, path)
     plt.close(figure)

@@ -36,11 +36,7 @@ def publish(results: Path, readme: Path | None) -> None:
         "bytes": bytes_table(run["pyramids"]),
         "machine": machine_line(run),
     }
-    for name, text in texts.items():
-        if readme is None:
-            print(f"\n{text}")
-        else:
-            report.fill_markers(readme, name, text)
+    report.fill_or_print(readme, texts)
 
 
 def filters_table(rows: list[dict[str, Any]]) -> str:

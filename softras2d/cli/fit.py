@@ -116,6 +116,14 @@ def fit_picture(
             metavar="IMAGE", help="Bright where the error counts more.", rich_help_panel=_SEARCH
         ),
     ] = None,
+    start: Annotated[
+        str,
+        typer.Option(
+            metavar="error|uniform|delaunay|FILE",
+            help="Triangles placed where the error is; or only moved from there: SVG or NPZ.",
+            rich_help_panel=_SEARCH,
+        ),
+    ] = "error",
     resume: Annotated[
         Path | None,
         typer.Option(
@@ -135,15 +143,17 @@ def fit_picture(
     """
     # What was imported before is time of the user's too.
     began = time.perf_counter() - time.process_time()
-    with session() as console:
+    with session(lasting=True) as console:
         from ..fit.fit import fit
         from ..fit.result import FitResult
         from ..io.images import read_image
         from .fit_files import Film, check_outputs, write_all
+        from .fit_start import read_start
 
         picture, name = _target(target)
         outputs = output or [Path(f"{name}.fit.svg")]
-        read = {target: "to fit", weights: "of weights"}
+        read = {target: "the picture to fit", weights: "the picture of weights"}
+        read[Path(start)] = "what the fit starts from"
         check_outputs(outputs, {path: what for path, what in read.items() if path}, picture)
         films = any(path.suffix.lower() == ".gif" for path in outputs)
         kept = next((path for path in outputs if path.suffix.lower() == ".npz"), None)
@@ -157,13 +167,14 @@ def fit_picture(
             seconds = max(1e-3, seconds - elapsed - films * min(_FILM_SECONDS, 0.3 * seconds))
         earlier = None if resume is None else FitResult.load(resume)
         film = Film(picture.shape[:2]) if films else None
+        begin = read_start(start, family, size, *picture.shape[:2])
         mask = None if weights is None else read_image(weights)[..., :3].mean(-1)
         with _progress(console, film) as report:
             result = fit(
                 picture, triangles=triangles, family=family, shading=shading,
                 translucent=translucent, seconds=seconds, steps=steps, solver=solver, size=size,
                 seed=seed, softness=_softness(softness), colors=colors, loss=loss, light=light,
-                weights=mask, resume=earlier, report=report, checkpoint=kept,
+                weights=mask, start=begin, resume=earlier, report=report, checkpoint=kept,
             )  # fmt: skip
         write_all(outputs, result, film)
         taken = time.perf_counter() - began

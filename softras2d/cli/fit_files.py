@@ -26,7 +26,7 @@ _FRAMES, _SIDE = 40, 320
 def check_outputs(paths: list[Path], given: dict[Path, str], picture: Image) -> None:
     """Raise `ValueError` for a file that could not be written, before the work of a fit.
 
-    `given`: files that are read and are to stay, and what for; `picture`: what is fitted.
+    `given`: files that are read and are to stay, and what they are; `picture`: what is fitted.
     """
     clear = picture.shape[-1] == 4 and bool((picture[..., 3] < 1).any())
     for path in paths:
@@ -39,7 +39,7 @@ def check_outputs(paths: list[Path], given: dict[Path, str], picture: Image) -> 
             raise ValueError(f"{path}: JPEG holds no alpha, and the picture to fit has it.")
         for own, name in given.items():
             if path.exists() and own.exists() and path.samefile(own):
-                raise ValueError(f"{path}: that is the picture {name}.")
+                raise ValueError(f"{path}: that is {name}.")
     if len(set(paths)) < len(paths):
         raise ValueError("the same --output is given twice.")
 

@@ -14,8 +14,10 @@ from .compilation_cache import keep_compiled_programs
 
 
 @contextmanager
-def session() -> Iterator[Console]:
+def session(*, lasting: bool = False) -> Iterator[Console]:
     """The body of a command, given the console for stderr.
+
+    `lasting`: whether it runs its programs for longer than it compiles them.
 
     Errors of the user's making end it with one red line and exit code 1, Ctrl-C with one line and
     130. Warnings are one yellow line each. SOFTRAS2D_DEBUG keeps the traceback.
@@ -28,7 +30,7 @@ def session() -> Iterator[Console]:
     # A command draws little and compiles much. XLA's older CPU emitters took 20 to 35 % less
     # processor time to compile a render, and what they emitted took 15 to 30 % more to run.
     flags = os.environ.get("XLA_FLAGS", "")
-    if "xla_cpu_use_fusion_emitters" not in flags:
+    if not lasting and "xla_cpu_use_fusion_emitters" not in flags:
         os.environ["XLA_FLAGS"] = f"{flags} --xla_cpu_use_fusion_emitters=false".strip()
     try:
         with _shown_in_one_line(console):

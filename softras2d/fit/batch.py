@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -10,15 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..plan import plan
-from . import choices, snapshot
+from ..scene import Scene
+from . import choices
+from .chunk import solve_between
 from .interrupt import Interrupt, held_interrupt
 from .layers import LayersResidual, layers_scene
 from .layers_fit import LayersFit
-from .loop import chunk_of, measure
-from .prepare import STEPS, Frame, check_images, kept, make_course, room_of
+from .loop import Budget, measure
+from .prepare import STEPS, check_images, resumed
 from .result import FitResult, Record
-from .score import Scorer
 from .solve import RENEWALS, advance_each, move
+from .task import Task
 
 
 def fit_batch(
@@ -27,88 +30,145 @@ def fit_batch(
     triangles: int = 500,
     solver: str = "adam",
     seed: int = 0,
-    steps: int = STEPS,
+    steps: int | None = None,
+    seconds: int | float | None = None,
     size: int | None = None,
     shading: str = "flat",
     translucent: bool = False,
     softness: Any = 0.8,
+    colors: str = "together",
     loss: str = "squared",
     light: str = "display",
+    weights: Any = None,
+    start: Any = "error",
     report: Callable[[list[Record]], None] | None = None,
+    resume: Sequence[FitResult] | None = None,
 ) -> list[FitResult]:
     """`fit` by layers of several targets of one shape, their steps batched by `jax.vmap`.
 
     Arguments are those of `fit`; image k has the seed `seed` + k, and its result is that of a fit
-    alone up to rounding. `report` is called after each chunk with the last record of each image;
-    the seconds there are those of all together. Ctrl-C acts as in `fit`. Raises `ValueError`, one
-    line, as `fit` does, and for targets of different shapes or none.
+    alone up to rounding. `weights` (`[height, width]` or `[images, height, width]`) and `start`
+    serve for all or are one for each target; `resume` are the results of an earlier batch. `report`
+    is called after each chunk with the last record of each image; the seconds there are those of
+    all together. Ctrl-C acts as in `fit`. Raises `ValueError`, one line, as `fit` does, and for
+    targets of different shapes or none.
     """
     began = time.perf_counter()
     images = check_images(targets)
     shapes = {image.shape for image in images}
     if len(shapes) != 1:
         raise ValueError(f"`targets` must be images of one shape; got {sorted(shapes)}.")
-    settings: dict[str, Any] = {
+    given: dict[str, Any] = {
         "triangles": triangles, "family": "layers", "solver": solver, "seed": seed, "size": size,
         "shading": shading, "translucent": translucent, "softness": softness,
-        "colors": "together", "loss": loss, "light": light, "start": "error",
+        "colors": colors, "loss": loss, "light": light,
     }  # fmt: skip
-    settings = choices.settle(settings)
-    choices.check(settings, steps, None)
-    height, width = images[0].shape[:2]
-    frame = Frame.of(height, width, settings)
-    own = [settings | {"seed": seed + k} for k in range(len(images))]
-    courses = [
-        make_course(image, None, each, frame, None) for image, each in zip(images, own, strict=True)
-    ]
-    layers = [course for course in courses if isinstance(course, LayersFit)]
-    room = room_of(layers[0].solver, frame)
+    count = len(images)
+    earlier = _each("resume", resume, count)
+    own = _settings(given, _each("start", start, count), earlier, steps, seconds)
+    maps = _each("weights", np.asarray(weights), count) if np.ndim(weights) == 3 else None
+    if resume is not None:
+        maps = [one.state.get("weights.given") for one in earlier]
+    if steps is None and seconds is None:
+        steps = STEPS
+    deadline = None if seconds is None else began + seconds
     with jax.enable_x64(False), held_interrupt() as interrupt:
-        histories = _run(layers, steps, room, began, report, interrupt)
+        tasks = [
+            Task(image, choices.prepare_weights(one, image), each, before)
+            for image, one, each, before in zip(
+                images, maps or [weights] * count, own, earlier, strict=True
+            )
+        ]
+        interrupted = _run(tasks, began, steps, deadline, report, interrupt)
         results = []
-        for course, image, each, records in zip(layers, images, own, histories, strict=True):
-            scene = frame.enlarge(course.scene())
-            state = snapshot.take(course, records[-1].steps if records else 0)
-            score = Scorer(image).score(scene)
-            results.append(FitResult(scene, *score, tuple(records), kept(each), False, state))
-    return [replace(result, interrupted=interrupt.asked) for result in results]
+        for task in tasks:
+            if task.polishes and not interrupted:
+                task.course.polish()
+            results.append(task.result(interrupted))
+    return [replace(result, interrupted=True) if interrupt.asked else result for result in results]
+
+
+def _settings(
+    given: dict[str, Any],
+    starts: list[Any],
+    earlier: list[FitResult | None],
+    steps: Any,
+    seconds: Any,
+) -> list[dict[str, Any]]:
+    """Those of each fit, settled; `ValueError` where they make no sense, or not together."""
+    every = choices.settle(given | {"start": None})
+    choices.check(every, steps, seconds)
+    own = []
+    for k, (start, before) in enumerate(zip(starts, earlier, strict=True)):
+        each = every | {"seed": every["seed"] + k, "start": start}
+        own.append(each if before is None else choices.settle(resumed(each, before)))
+    alike = {"seed": 0, "start": None}
+    if any(each | alike != own[0] | alike for each in own):
+        raise ValueError("`resume` must be fits with the same settings.")
+    return own
+
+
+def _each(name: str, value: Any, count: int) -> list[Any]:
+    """One for each target: the entries of a sequence, or the one that serves for all."""
+    if value is None or isinstance(value, str | Scene):
+        return [value] * count
+    if not isinstance(value, Sequence | np.ndarray) or len(value) != count:
+        told = f"{len(value)}" if isinstance(value, Sequence | np.ndarray) else f"{value!r:.60}"
+        raise ValueError(f"`{name}` must be one for each of {count} targets; got {told}.")
+    return list(value)
 
 
 def _run(
-    courses: list[LayersFit],
-    steps: int,
-    room: int,
+    tasks: list[Task],
     began: float,
+    steps: int | None,
+    deadline: float | None,
     report: Callable[[list[Record]], None] | None,
     interrupt: Interrupt,
-) -> list[list[Record]]:
-    """All of them to the end or to Ctrl-C, and a record of each chunk."""
-    histories: list[list[Record]] = [[] for _ in courses]
-    least = np.full(len(courses), np.inf)
-    accepted = np.zeros(len(courses), int)
-    done = 0
-    while done < steps and not interrupt.asked:
-        for course in courses:
-            course.refine(done / steps)
-        losses = _advance(courses, chunk_of(steps, done, room))
-        done += len(losses[0])
-        seconds = time.perf_counter() - began
-        for k, course in enumerate(courses):
-            for one in losses[k][np.isfinite(losses[k])]:
-                accepted[k] += one < least[k]
-                least[k] = min(least[k], one)
-            found = measure(course)
-            histories[k].append(Record(done, seconds, *found, int(accepted[k]), course.active))
-        if report is not None:
-            report([records[-1] for records in histories])
-    return histories
+) -> bool:
+    """All of them to the end of the budget, a record of each chunk; whether Ctrl-C came first."""
+    courses = [task.course for task in tasks if isinstance(task.course, LayersFit)]
+    room = tasks[0].room if steps is None else min(tasks[0].room, max(1, steps))
+    least = np.full(len(tasks), np.inf)
+    accepted = np.array([task.records[-1].accepted if task.records else 0 for task in tasks])
+    done, first, pace = tasks[0].done, None, None
+    rehearse = tasks[0].rehearsal(deadline is not None)
+    with ThreadPoolExecutor(1) as pool:
+        ending = pool.submit(lambda: len(tasks) * rehearse())
+        budget = Budget(steps, deadline, ending, began, tasks[0].spent)
+        while budget.share(done, first) < 1:
+            if interrupt.asked:
+                return True
+            start = time.perf_counter()
+            for course in courses:
+                course.refine(budget.share(done, first))
+            losses = _advance(courses, budget.next_steps(done, room, pace, 0.0), room)
+            # The first chunk compiles: what a step takes is not known after it.
+            pace = (time.perf_counter() - start) / len(losses[0]) if first else None
+            first = first or time.perf_counter()
+            done += len(losses[0])
+            for k, task in enumerate(tasks):
+                for one in losses[k][np.isfinite(losses[k])]:
+                    accepted[k] += one < least[k]
+                    least[k] = min(least[k], one)
+                found = measure(task.course)
+                own = Record(done, budget.seconds(), *found, int(accepted[k]), task.course.active)
+                task.records.append(own)
+            if report is not None:
+                try:
+                    report([task.records[-1] for task in tasks])
+                except KeyboardInterrupt:
+                    return True
+    return False
 
 
-def _advance(courses: list[LayersFit], steps: int) -> list[np.ndarray]:
+def _advance(courses: list[LayersFit], steps: int, room: int) -> list[np.ndarray]:
     """Losses of so many steps of each; of half as many under another plan if one outgrows theirs,
     as in `solve.advance_within_plan`."""
     first = courses[0]
     old, most = first.residual.plan, max(first.choice.softness)
+    for course in courses:
+        solve_between(course)
     seen = [first.likely()]
     seen += [layers_scene(course.progress.y, course.data.background) for course in courses]
     for _ in range(RENEWALS):
@@ -118,6 +178,7 @@ def _advance(courses: list[LayersFit], steps: int) -> list[np.ndarray]:
             [course.progress for course in courses],
             [course.data for course in courses],
             steps=steps,
+            room=room,
         )
         if not any(bool(jnp.any(outgrown)) for _, _, (_, outgrown) in found):
             for course, (after, _, (image, _)) in zip(courses, found, strict=True):
@@ -125,10 +186,10 @@ def _advance(courses: list[LayersFit], steps: int) -> list[np.ndarray]:
             return [np.asarray(losses) for _, losses, _ in found]
         for course, (after, _, _) in zip(courses, found, strict=True):
             seen.append(layers_scene(after.y, course.data.background))
-        room = plan(seen, height=old.height, width=old.width, coverage=old.coverage, max_width=most)
+        held = plan(seen, height=old.height, width=old.width, coverage=old.coverage, max_width=most)
         steps = max(1, steps // 2)
         for course in courses:
-            course.residual = LayersResidual(room, first.loss)
+            course.residual = LayersResidual(held, first.loss)
             course.progress = move(
                 course.solver, course.residual, course.progress, course.progress.y, course.data
             )

@@ -10,6 +10,9 @@ from .loss import Kind, Light, Loss
 from .solvers import Solver
 
 _SHADINGS = {"layers": ("flat", "gouraud"), "mesh": ("flat", "gouraud", "linear")}
+STARTS = ("error", "uniform", "delaunay")
+"""What a start may be but a scene or a mesh."""
+
 _COLORS = ("together", "solve", "polish")
 
 

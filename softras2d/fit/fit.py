@@ -10,18 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
-from jaxtyping import Float
 
 from ..io.images import check_place
-from . import choices, snapshot
-from .closed_form import time_colors
+from . import choices
 from .interrupt import Interrupt, held_interrupt
 from .loop import Budget, Moment, run
-from .prepare import STEPS, Frame, check_images, kept, make_course, resumed, room_of
+from .prepare import STEPS, check_images, resumed
 from .result import FitResult
-from .score import Scorer
 from .solvers import Solver
+from .task import Task
 
 
 def fit(
@@ -71,8 +68,9 @@ def fit(
       is decided by squared error in display light.
     - `weights`: `[height, width]`, how much the error of each pixel counts.
     - `start`: `"error"`, triangles placed where the error is largest as the fit goes on, and those
-      that matter least put to use elsewhere; or they are only moved, from a `"uniform"` start, a
-      scene (layers) in pixels of the target, or a `Mesh` in pixels of the fit.
+      that matter least put to use elsewhere; or they are only moved, from a `"uniform"` start, from
+      the `"delaunay"` mesh of random points that are denser where the image changes, from a scene
+      (layers) in pixels of the target, or from a `Mesh` in pixels of the fit.
     - `report`: called with a `Moment` after each chunk.
     - `resume`: the result of an earlier fit of this target: goes on where that ended, under its
       settings and weights; of these only `steps`, `seconds`, `report` and `checkpoint` count.
@@ -111,9 +109,9 @@ def fit(
             late = seconds is not None and time.perf_counter() - began > _STARTING * seconds
             return late or interrupt.asked
 
-        task = _Task(target, choices.prepare_weights(weights, target), settings, resume, hurry)
-        interrupted = task.run(began, steps, deadline, report, checkpoint, interrupt)
-        if settings["colors"] != "together" and not interrupted:
+        task = Task(target, choices.prepare_weights(weights, target), settings, resume, hurry)
+        interrupted = _run(task, began, steps, deadline, report, checkpoint, interrupt)
+        if task.polishes and not interrupted:
             task.course.polish()
         result = task.result(interrupted)
     return replace(result, interrupted=True) if interrupt.asked else result
@@ -129,71 +127,30 @@ def _check_checkpoint(path: Path) -> None:
     check_place(path)
 
 
-class _Task:
-    """A fit on its way from arguments to a result."""
+def _run(
+    task: Task,
+    began: float,
+    steps: int | None,
+    deadline: float | None,
+    report: Callable[[Moment], None] | None,
+    checkpoint: str | os.PathLike[str] | None,
+    interrupt: Interrupt,
+) -> bool:
+    """To the end of the budget; whether Ctrl-C came first."""
 
-    def __init__(
-        self,
-        target: Float[np.ndarray, "height width channels"],
-        weights: Float[np.ndarray, "height width"] | None,
-        settings: dict[str, Any],
-        resume: FitResult | None,
-        hurry: Callable[[], bool],
-    ):
-        self.settings, self.weights = settings, weights
-        self.frame = Frame.of(target.shape[0], target.shape[1], settings)
-        self.course = make_course(target, weights, settings, self.frame, resume, hurry)
-        self.records = [] if resume is None else list(resume.history)
-        self.done = 0 if resume is None else snapshot.restore(self.course, resume.state)
-        self.scorer = Scorer(target)
+    def save() -> None:
+        if checkpoint is None:
+            return
+        try:
+            task.result(True).save(checkpoint)
+        except (ValueError, OSError) as error:
+            warnings.warn(f"the checkpoint was not written: {error}", stacklevel=2)
 
-    def run(
-        self,
-        began: float,
-        steps: int | None,
-        deadline: float | None,
-        report: Callable[[Moment], None] | None,
-        checkpoint: str | os.PathLike[str] | None,
-        interrupt: Interrupt,
-    ) -> bool:
-        """To the end of the budget; whether Ctrl-C came first."""
-        enlarge, course = self.frame.enlarge, self.course
-
-        def save() -> None:
-            if checkpoint is None:
-                return
-            try:
-                self.result(True).save(checkpoint)
-            except (ValueError, OSError) as error:
-                warnings.warn(f"the checkpoint was not written: {error}", stacklevel=2)
-
-        likely = enlarge(course.likely())
-        polished = None
-        if deadline is not None and self.settings["colors"] != "together":
-            polished = course.residual, course.progress.y, course.data
-
-        def rehearse() -> float:
-            with jax.enable_x64(False):
-                polishing = 0.0 if polished is None else time_colors(*polished)
-                return self.scorer.prepare(likely) + polishing
-
-        # What comes last compiles beside the first steps; what it takes is set aside.
-        with ThreadPoolExecutor(1) as pool:
-            ready = pool.submit(rehearse)
-            spent = self.records[-1].seconds if self.records else 0.0
-            return run(
-                course, Budget(steps, deadline, ready, began, spent), self.records,
-                steps=self.done, room=room_of(course.solver, self.frame), report=report,
-                enlarge=enlarge, stop=lambda: interrupt.asked, save=save,
-            )  # fmt: skip
-
-    def result(self, interrupted: bool) -> FitResult:
-        """The best so far. Scored with its spare triangles, which do not show: one program."""
-        score = self.scorer.score(self.frame.enlarge(self.course.scene(padded=True)))
-        scene = self.frame.enlarge(self.course.scene())
-        state = snapshot.take(self.course, self.records[-1].steps if self.records else 0)
-        if self.weights is not None:
-            state["weights.given"] = self.weights
-        return FitResult(
-            scene, *score, tuple(self.records), kept(self.settings), interrupted, state
-        )
+    rehearse = task.rehearsal(deadline is not None)
+    # What comes last compiles beside the first steps; what it takes is set aside.
+    with ThreadPoolExecutor(1) as pool:
+        budget = Budget(steps, deadline, pool.submit(rehearse), began, task.spent)
+        return run(
+            task.course, budget, task.records, steps=task.done, room=task.room, report=report,
+            enlarge=task.frame.enlarge, stop=lambda: interrupt.asked, save=save,
+        )  # fmt: skip

@@ -10,12 +10,14 @@ import numpy as np
 from ..options import Soft
 from ..plan import Plan, plan
 from ..scene import Scene
+from .chunk import take_steps
 from .closed_form import best_colors
 from .layers import UNIT, Layers, LayersData, LayersResidual, layers_scene
+from .layers_start import background_of, start_of
 from .loss import Loss
 from .mesh_colors import Image, PixelMap
 from .placing import place, random_triangles, removal_costs
-from .solve import advance_within_plan, begin, forget_best, move, set_rate
+from .solve import begin, forget_best, move, set_rate
 from .solvers import Solver
 
 _GROWTH = 0.4
@@ -44,7 +46,8 @@ _ASIDE, _PER_WIDTH = -16.0, -4.0
 """Where triangles wait that are not drawn yet: pixels, and widths of the softest edge."""
 
 _BEYOND = 0.4
-"""Canvas sides that a corner may go beyond the canvas: hard mode clips what is half a side out."""
+"""Canvas sides that a corner may go beyond the canvas, or as many as a scene to start from does:
+hard mode clips what is half a side out."""
 
 _ANNEALED = 0.5
 """Share of the fit after which soft edges have their last width."""
@@ -57,8 +60,8 @@ class LayersChoice:
     - `triangles`: how many; `gouraud`: whether they have corner colours; `translucent`: whether
       opacity is an unknown; `softness`: the first and last width of soft edges in pixels.
     - `solve`: whether colours are solved for between chunks.
-    - `start`: `"error"`, `"uniform"`, or a scene in pixels of the fit; `exchange`: whether
-      triangles are placed where the error is, and anew.
+    - `start`: `"error"`, `"uniform"`, `"delaunay"`, or a scene in pixels of the fit; `exchange`:
+      whether triangles are placed where the error is, and anew.
     - `tuned`: whether the solver is our own `"adam"`, whose rate and memory, one number for each
       unknown, this fit knows.
     """
@@ -96,7 +99,7 @@ class LayersFit:
         self.target, self.weights = target, weights
         self.height, self.width = target.shape[:2]
         self.rng = np.random.default_rng(seed)
-        self.background = _background(target, weights, choice.start)
+        self.background = background_of(choice.start, target, weights)
         self.data = LayersData(
             loss.prepare(jnp.asarray(target)),
             None if weights is None else jnp.asarray(weights, jnp.float32),
@@ -104,6 +107,7 @@ class LayersFit:
             jnp.float32(choice.softness[0]),
         )
         y, self.active = self._start()
+        self.beyond = max(_BEYOND, self._reach(y))
         self.residual = LayersResidual(self._plan([self.likely()]), loss)
         self.progress = begin(solver, self.residual, y, self.data)
         self.kept: Kept | None = None
@@ -116,45 +120,22 @@ class LayersFit:
         return self.choice.triangles
 
     def _start(self) -> tuple[Layers, int]:
+        """The unknowns, and how many triangles are in use."""
         choice = self.choice
         count, corners = choice.triangles, 3 if choice.gouraud else 1
+        found = start_of(
+            choice.start, self.target, self.weights, self.rng, triangles=count,
+            gouraud=choice.gouraud, translucent=choice.translucent,
+            size=_SIZE * self._spacing(count),
+        )  # fmt: skip
+        active = len(found.corners)
         aside = _ASIDE + _PER_WIDTH * max(choice.softness)
         places = np.full((count, 3, 2), aside, np.float32)
         colors = np.full((count, corners, 3), 0.5, np.float32)
-        opacity = np.full(count, 0.8, np.float32) if choice.translucent else None
-        active = 0
-        if isinstance(choice.start, Scene):
-            active = self._take(choice.start, places, colors, opacity)
-        elif choice.start == "uniform":
-            active = count
-            middle = self.rng.random((count, 2)) * [self.width, self.height]
-            places[:] = random_triangles(self.rng, middle, _SIZE * self._spacing(count))
-            pixel = np.clip(middle.astype(int), 0, [self.width - 1, self.height - 1])
-            colors[:] = self.target[pixel[:, 1], pixel[:, 0], :3][:, None]
-        elif choice.start != "error":
-            raise ValueError(
-                f"`start` must be 'error', 'uniform' or a Scene; got {choice.start!r:.60}."
-            )
-        held = None if opacity is None else jnp.asarray(opacity)
+        opacity = np.ones(count, np.float32)
+        places[:active], colors[:active], opacity[:active] = found
+        held = jnp.asarray(opacity) if choice.translucent else None
         return Layers(jnp.asarray(places / UNIT), jnp.asarray(colors), held), active
-
-    def _take(self, scene: Scene, places: Any, colors: Any, opacity: Any) -> int:
-        """Fill the arrays with a scene's triangles; how many there are."""
-        count = scene.triangles.shape[0]
-        if count > len(places):
-            raise ValueError(f"`start` has {count} triangles; `triangles` is {len(places)}.")
-        carried = [k for k in ("textures", "depth", "inverse_w") if getattr(scene, k) is not None]
-        if carried:
-            raise ValueError(f"`start` must be free of what is not fitted; it has {carried[0]}.")
-        places[:count] = np.asarray(scene.positions)[np.asarray(scene.triangles)]
-        own = np.asarray(scene.colors)
-        if opacity is None and own.shape[-1] == 4 and (own[..., 3] < 1).any():
-            raise ValueError("triangles of `start` let through: fit with `translucent=True`.")
-        rgb = own[..., :3]
-        colors[:count] = rgb if colors.shape[1] == 3 else rgb.mean(1, keepdims=True)
-        if opacity is not None:
-            opacity[:count] = own[..., 3].mean(1) if own.shape[-1] == 4 else 1.0
-        return count
 
     def _spacing(self, count: int) -> float:
         """Side of the square that each of so many triangles has, in pixels."""
@@ -206,22 +187,19 @@ class LayersFit:
         self.kept = None
         self.progress = forget_best(move(self.solver, self.residual, self.progress, y, self.data))
 
+    @property
+    def solves(self) -> bool:
+        """Whether colours are solved for between chunks."""
+        return self.choice.solve
+
+    def replan(self, led: list[Layers]) -> LayersResidual:
+        """A residual with room for where the unknowns led."""
+        seen = [layers_scene(y, self.data.background) for y in led]
+        return LayersResidual(self._plan([self.likely(), *seen]), self.loss)
+
     def advance(self, steps: int, room: int) -> np.ndarray:
-        """Losses of so many steps, of fewer where they outgrew the plan and it was renewed."""
-        if self.choice.solve:
-            y = best_colors(self.residual, self.progress.y, self.data)
-            self.progress = move(self.solver, self.residual, self.progress, y, self.data)
-
-        def replan(led: list[Layers]) -> LayersResidual:
-            seen = [layers_scene(y, self.data.background) for y in led]
-            return LayersResidual(self._plan([self.likely(), *seen]), self.loss)
-
-        self.residual, (self.progress, losses, (image, _)) = advance_within_plan(
-            self.solver, self.residual, self.progress, self.data,
-            steps=steps, room=room, replan=replan,
-        )  # fmt: skip
-        self.image = np.asarray(image)
-        return np.asarray(losses)
+        """Losses of so many steps, or of fewer."""
+        return take_steps(self, steps, room)
 
     def refine(self, share: float) -> None:
         """What the host does between chunks, `share` of the way through the fit."""
@@ -252,10 +230,16 @@ class LayersFit:
             self.data = self.data._replace(width=jnp.asarray(width))
             self.kept, self.progress = None, forget_best(self.progress)
 
+    def _reach(self, y: Layers) -> float:
+        """Canvas sides that triangles in use go beyond the canvas."""
+        side = max(self.height, self.width)
+        far = np.abs(np.asarray(y.corners[: self.active]) * UNIT / side - 0.5) - 0.5
+        return float(far.max(initial=0.0))
+
     def _near(self, y: Layers) -> Layers:
         """With corners held near the canvas."""
         side = max(self.height, self.width)
-        low, high = -_BEYOND * side / UNIT, (1 + _BEYOND) * side / UNIT
+        low, high = -self.beyond * side / UNIT, (1 + self.beyond) * side / UNIT
         return y._replace(corners=jnp.clip(y.corners, low, high))
 
     def _place(self, count: int, size: float) -> None:
@@ -328,17 +312,3 @@ def premultiplied(image: Image) -> Image:
 
 def _least(kept: Kept | None) -> float:
     return np.inf if kept is None else kept.least
-
-
-def _background(target: Image, weights: PixelMap | None, start: str | Scene) -> np.ndarray:
-    """That of a scene to start from; else the mean colour, and nothing behind a target with
-    alpha."""
-    if isinstance(start, Scene):
-        own = np.asarray(start.background, np.float32)
-        channels = target.shape[-1]
-        return np.append(own[:3], np.float32(1))[:channels] if len(own) != channels else own
-    if target.shape[-1] == 4:
-        return np.zeros(4, np.float32)
-    flat = target.reshape(-1, 3).astype(np.float64)
-    share = None if weights is None else weights.ravel()
-    return np.average(flat, axis=0, weights=share).astype(np.float32)

@@ -129,15 +129,6 @@ def predict(pairs: PixelWeights, corners: np.ndarray) -> np.ndarray:
     return sum(w[i] * by_corner[i][:, triangle] for i in range(3))  # pyright: ignore
 
 
-def draw(mesh: Mesh, solved: Float[np.ndarray, "..."], *, colors: Colors = "vertex") -> Image:
-    """The picture at the pixel centres, `[height, width, channels]` float64."""
-    pairs = mesh_pixels(mesh)
-    values = predict(pairs, at_corners(mesh, solved, colors))
-    image = np.empty((mesh.height * mesh.width, len(values)))
-    image[pairs.pixel] = values.T
-    return image.reshape(mesh.height, mesh.width, -1)
-
-
 def _at(target: Image, points: np.ndarray) -> np.ndarray:
     """The pixel under each point, `[points, channels]`."""
     height, width = target.shape[:2]

@@ -1,8 +1,10 @@
-"""Meshes to start a fit from: even ones, and ones whose vertices lie where the error was."""
+"""Meshes to start a fit from: even ones, ones whose vertices lie where the image changes, and ones
+where they lie where the error was."""
 
 from collections.abc import Callable
 
 import numpy as np
+from scipy.ndimage import gaussian_gradient_magnitude
 
 from .collapse import collapse
 from .edge_flips import flip_edges, flip_to_delaunay
@@ -18,6 +20,10 @@ GROWTH = 0.5
 
 EXCHANGED = 0.3
 """Share of the vertices that the first exchange moves elsewhere; it falls to zero at the last."""
+
+
+_EVEN = 0.2
+"""Of the mean change of an image: what draws points of a Delaunay start to where there is none."""
 
 
 def uniform_start(
@@ -43,6 +49,33 @@ def uniform_start(
     inside = (points > 0) & (points < [width, height])
     points += np.where(inside.all(1, keepdims=True), moved, 0.0)
     return delaunay_mesh(points, height=height, width=width)
+
+
+def delaunay_start(
+    target: Image, vertices: int, *, weights: PixelMap | None = None, seed: int = 0
+) -> Mesh:
+    """A Delaunay mesh of points drawn at random, the more of them the more the image changes there.
+
+    `vertices` points, those on the border in even steps, or as many as the image has pixels. What
+    low-polygon filters do, and nothing of it is sought: to compare with, or to move.
+    """
+    height, width = target.shape[:2]
+    rng = np.random.default_rng(seed)
+    around = max(0, vertices - 4) ** 0.5
+    across, down = (int(around * side / (height + width)) for side in (width, height))
+    x, y = (np.linspace(0, side, n + 2) for side, n in ((width, across), (height, down)))
+    border = [
+        np.stack(np.broadcast_arrays(*both), -1).reshape(-1, 2)
+        for both in ((x, 0.0), (x, height), (0.0, y[1:-1]), (width, y[1:-1]))
+    ]
+    change = gaussian_gradient_magnitude(target.astype(np.float64), 1.0, axes=(0, 1)).sum(-1)
+    change = change if weights is None else change * weights
+    chance = (change + _EVEN * change.mean() + 1e-12).ravel()
+    inner = min(max(0, vertices - sum(map(len, border))), chance.size)
+    pick = rng.choice(chance.size, inner, replace=False, p=chance / chance.sum())
+    # Never quite on the border of the canvas, as a pixel's own may be.
+    inside = np.stack([pick % width, pick // width], 1) + rng.uniform(0.05, 0.95, (inner, 2))
+    return delaunay_mesh(np.concatenate([*border, inside]), height=height, width=width)
 
 
 def error_start(

@@ -149,7 +149,7 @@ class FitResult:
         )  # fmt: skip
 
 
-_FORMAT = 2
+_FORMAT = 3
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "lineax", "optax", "optimistix", "numpy", "scipy")
 

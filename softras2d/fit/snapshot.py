@@ -40,6 +40,7 @@ def take(course: Either, steps: int) -> dict[str, np.ndarray]:
             held |= _named("kept.mesh", course.kept.mesh)
             held["kept.scale"] = np.asarray(course.kept.data.scale)
         return held | _named("mesh", course.mesh)
+    held["beyond"] = np.array(course.beyond)
     held["width"] = np.asarray(course.data.width)
     held["background"] = np.asarray(course.background)
     drawn = json.dumps(course.rng.bit_generator.state).encode()
@@ -67,7 +68,7 @@ def restore(course: Either, held: dict[str, np.ndarray]) -> int:
     active, course.exchanged = held["host"].tolist()
     course.active = int(active)
     if isinstance(course, LayersFit):
-        course.background = held["background"]
+        course.background, course.beyond = held["background"], float(held["beyond"])
         course.data = course.data._replace(
             background=jnp.asarray(course.background), width=jnp.asarray(held["width"])
         )

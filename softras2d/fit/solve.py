@@ -122,20 +122,29 @@ def move(solver: Solver, fn: Residual, progress: Progress, y: Any, args: Any) ->
 
 
 def advance_each(
-    solver: Solver, fn: Residual, many: list[Progress], args: list[Any], *, steps: int
+    solver: Solver,
+    fn: Residual,
+    many: list[Progress],
+    args: list[Any],
+    *,
+    steps: int,
+    room: int | None = None,
 ) -> list[Found]:
     """`advance` of several solves of one shape, by one program."""
+    room = steps if room is None else room
     held = [(progress.y, progress.state, own) for progress, own in zip(many, args, strict=True)]
     parts = [eqx.partition(one, eqx.is_array) for one in held]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(arrays for arrays, _ in parts))
     still = parts[0][1]
-    found = _advance_stacked(solver, fn, stacked, still, steps)
+    found = _advance_stacked(solver, fn, stacked, still, jnp.asarray(steps), room)
     results = []
     for place, progress in enumerate(many):
-        y, state, losses, seen = jax.tree.map(lambda leaf, at=place: leaf[at], found)
+        y, state, losses, (latest, every) = jax.tree.map(lambda leaf, at=place: leaf[at], found)
         _, whole, _ = still
         state = eqx.combine(state, whole)
-        results.append((Progress(y, state, progress.steps + steps), losses, seen))
+        every = jax.tree.map(lambda leaf: leaf[:steps], every)
+        after = Progress(y, state, progress.steps + steps)
+        results.append((after, losses[:steps], (latest, every)))
     return results
 
 
@@ -216,12 +225,14 @@ def _advance(
 
 
 @eqx.filter_jit
-def _advance_stacked(solver: Solver, fn: Residual, stacked: Any, still: Any, steps: int) -> Any:
+def _advance_stacked(
+    solver: Solver, fn: Residual, stacked: Any, still: Any, steps: Array, room: int
+) -> Any:
     fixed_y, fixed_state, fixed_args = still
 
     def one(y, moving, args):
         y, args = eqx.combine(y, fixed_y), eqx.combine(args, fixed_args)
-        return _take_steps(solver, fn, y, moving, fixed_state, args, jnp.asarray(steps), steps)
+        return _take_steps(solver, fn, y, moving, fixed_state, args, steps, room)
 
     return jax.vmap(one)(*stacked)
 

@@ -11,12 +11,13 @@ from jaxtyping import Float
 from ..options import Area
 from ..plan import Plan, plan
 from ..scene import Scene
+from .chunk import take_steps
 from .closed_form import best_colors
 from .layers import UNIT
 from .loss import Loss
 from .mesh_colors import Colors, Image, PixelMap, solve_colors
-from .mesh_start import error_start, exchange, uniform_start
-from .solve import advance_within_plan, begin, forget_best, move, set_rate
+from .mesh_start import delaunay_start, error_start, exchange, uniform_start
+from .solve import begin, forget_best, move, set_rate
 from .solvers import Solver
 from .tiling import Tiling, TilingData, TilingResidual, tiling_scene, vertices_of
 from .triangulation import Mesh, check_tiling, signed_areas
@@ -39,9 +40,13 @@ _EXCHANGES = (
 
 @dataclass(frozen=True)
 class TilingChoice:
-    """How the mesh is to be: the number of vertices, the model of its colours, whether they are
-    solved for between chunks, where it starts: `"error"`, `"uniform"`, or a mesh; `exchange`:
-    whether vertices are put to use elsewhere; `tuned`: whether the solver is our own `"adam"`.
+    """How the mesh is to be.
+
+    - `vertices`: how many; `colors`: the model; `solve`: whether they are solved for between
+      chunks.
+    - `start`: `"error"`, `"uniform"`, `"delaunay"`, or a mesh; `exchange`: whether vertices are put
+      to use elsewhere.
+    - `tuned`: whether the solver is our own `"adam"`.
     """
 
     vertices: int
@@ -98,9 +103,12 @@ class TilingFit:
             return self._checked(choice.start)
         if choice.start == "uniform":
             return uniform_start(self.height, self.width, choice.vertices, seed=seed)
+        if choice.start == "delaunay":
+            return delaunay_start(self.target, choice.vertices, weights=self.weights, seed=seed)
         if choice.start != "error":
             raise ValueError(
-                f"`start` must be 'error', 'uniform' or a Mesh; got {choice.start!r:.60}."
+                "`start` must be 'error', 'uniform', 'delaunay' or a Mesh; got "
+                f"{choice.start!r:.60}."
             )
         return error_start(
             self.target, choice.vertices, colors=choice.colors, weights=self.weights, seed=seed,
@@ -187,21 +195,18 @@ class TilingFit:
         y = best_colors(self.residual, y, self.data)
         self.progress = forget_best(move(self.solver, self.residual, self.progress, y, self.data))
 
+    @property
+    def solves(self) -> bool:
+        """Whether colours are solved for between chunks."""
+        return self.choice.solve
+
+    def replan(self, led: list[Tiling]) -> TilingResidual:
+        """A residual with room for where the unknowns led."""
+        return TilingResidual(self._plan([tiling_scene(y, self.data) for y in led]), self.loss)
+
     def advance(self, steps: int, room: int) -> np.ndarray:
-        """Losses of so many steps, of fewer where they outgrew the plan and it was renewed."""
-        if self.choice.solve:
-            y = best_colors(self.residual, self.progress.y, self.data)
-            self.progress = move(self.solver, self.residual, self.progress, y, self.data)
-
-        def replan(led: list[Tiling]) -> TilingResidual:
-            return TilingResidual(self._plan([tiling_scene(y, self.data) for y in led]), self.loss)
-
-        self.residual, (self.progress, losses, (image, _)) = advance_within_plan(
-            self.solver, self.residual, self.progress, self.data,
-            steps=steps, room=room, replan=replan,
-        )  # fmt: skip
-        self.image = np.asarray(image)
-        return np.asarray(losses)
+        """Losses of so many steps, or of fewer."""
+        return take_steps(self, steps, room)
 
     def refine(self, share: float) -> None:
         """What the host does between chunks, `share` of the way through the fit."""

@@ -1,5 +1,6 @@
 """The fit as a whole: it lowers the error, can be stopped and resumed, and never shows a NaN."""
 
+import re
 import signal
 import time
 from dataclasses import replace
@@ -339,8 +340,91 @@ def test_a_batch_is_as_each_alone():
         assert found.psnr == pytest.approx(alone.psnr, abs=0.3)
         assert found.history[-1].steps == 50
         assert found.psnr > mean_psnr(target) + 4
-    with pytest.raises(ValueError, match="images of one shape"):
-        sr.fit_batch([TARGET, TARGET[1:]])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"targets": [TARGET, TARGET[1:]]}, "images of one shape"),
+        ({"targets": []}, "images of one shape"),
+        ({"start": ["uniform"]}, "`start` must be one for each of 2 targets; got 1"),
+        (
+            {"start": "here"},
+            "`start` must be 'error', 'uniform', 'delaunay' or a Scene; got 'here'",
+        ),
+        ({"weights": np.ones((3, 40, 48))}, "`weights` must be one for each of 2 targets; got 3"),
+        ({"weights": np.ones(48)}, "`weights` must be numbers"),
+        ({"seconds": -1.0}, "`seconds` must be a number above 0"),
+        ({"seconds": 1, "steps": 1}, "give one of"),
+        ({"resume": []}, "`resume` must be one for each of 2 targets; got 0"),
+    ],
+)
+def test_a_batch_that_makes_no_sense_is_refused(arguments, told):
+    with pytest.raises(ValueError, match=re.escape(told)):
+        sr.fit_batch(**{"targets": [TARGET, TARGET], **arguments})
+
+
+@pytest.mark.slow
+def test_a_batch_has_starts_and_weights_of_its_own_and_goes_on():
+    targets = [TARGET, TARGET[::-1, ::-1]]
+    left = np.zeros((40, 48))
+    left[:, :24] = 1
+    scene = sr.fit(targets[1], triangles=10, steps=25).scene
+    settings: dict[str, Any] = {"triangles": 10, "start": ["delaunay", scene], "colors": "polish"}
+    whole = sr.fit_batch(targets, weights=np.stack([left, 1 - left]), steps=25, **settings)
+    for k, (target, found) in enumerate(zip(targets, whole, strict=True)):
+        side = np.s_[:, :24] if k == 0 else np.s_[:, 24:]
+        other = np.s_[:, 24:] if k == 0 else np.s_[:, :24]
+        off = (found.image - target) ** 2
+        assert off[side].mean() < off[other].mean()
+    on = sr.fit_batch(targets, steps=50, resume=whole)
+    for k, (target, first, found) in enumerate(zip(targets, whole, on, strict=True)):
+        assert found.history[: len(first.history)] == first.history
+        assert found.history[-1].steps == 50
+        alone = sr.fit(target, steps=50, resume=first)
+        assert found.psnr == pytest.approx(alone.psnr, abs=0.3), k
+    with pytest.raises(ValueError, match="fits with the same settings"):
+        sr.fit_batch(targets, resume=[on[0], sr.fit(targets[1], triangles=3, steps=1)])
+
+
+@pytest.mark.slow
+def test_a_batch_for_seconds_ends():
+    results = sr.fit_batch([TARGET, TARGET[::-1]], triangles=10, seconds=8.0)
+    assert all(result.history[-1].steps > 1 for result in results)
+    assert all(record.seconds < 60 for record in results[0].history)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shading", ["flat", "gouraud"])
+def test_layers_start_from_a_delaunay_mesh(shading):
+    """Abutting triangles of least squares look like the image from the first step on."""
+    result = sr.fit(TARGET, triangles=60, shading=shading, start="delaunay", steps=0)
+    assert 40 < result.scene.triangles.shape[0] <= 60
+    assert result.psnr > mean_psnr(TARGET) + 4
+    moved = sr.fit(TARGET, triangles=60, shading=shading, start="delaunay", steps=50)
+    assert moved.psnr > result.psnr + 1
+
+
+@pytest.mark.slow
+def test_a_mesh_starts_from_a_delaunay_mesh():
+    even = sr.fit(TARGET, triangles=60, family="mesh", start="delaunay", steps=0)
+    moved = sr.fit(TARGET, triangles=60, family="mesh", start="delaunay", steps=50)
+    assert moved.psnr > even.psnr + 1
+
+
+@pytest.mark.slow
+def test_corners_far_out_stay_where_a_start_has_them(tmp_path):
+    far = [[[-900.0, 20.0], [900.0, -300.0], [900.0, 340.0]]]
+    scene = sr.Scene.from_soup(far, [[0.2, 0.4, 0.6]], background=[0.5, 0.5, 0.5])
+    result = sr.fit(TARGET, triangles=3, start=scene, steps=0)
+    np.testing.assert_allclose(result.scene.positions, scene.positions, rtol=1e-6)
+    moved = sr.fit(TARGET, triangles=3, start=scene, steps=5)
+    assert np.abs(np.asarray(moved.scene.positions) - scene.positions).max() < 10
+    moved.save(tmp_path / "fit.npz")
+    longer = sr.fit(TARGET, resume=sr.FitResult.load(tmp_path / "fit.npz"), steps=8)
+    assert np.abs(np.asarray(longer.scene.positions) - scene.positions).max() < 10
+    with pytest.raises(ValueError, match="of `start` must be finite"):
+        sr.fit(TARGET, start=replace(scene, positions=scene.positions * np.nan), steps=0)
 
 
 def test_a_batch_ends_with_ctrl_c():

@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 from softras2d.fit.collapse import collapse
 from softras2d.fit.edge_flips import flip, flip_edges, flip_gains, flippable_edges
 from softras2d.fit.insertion import insert, split
-from softras2d.fit.mesh_colors import Colors, draw, mesh_pixels, solve_colors
-from softras2d.fit.mesh_start import error_start, exchange, uniform_start
+from softras2d.fit.mesh_colors import Colors, mesh_pixels, solve_colors
+from softras2d.fit.mesh_start import delaunay_start, error_start, exchange, uniform_start
 from softras2d.fit.splits import best_splits, evaluate
 from softras2d.fit.triangulation import check_tiling, find_edges, make_mesh
+from tests.fit.pictures import draw
 
 HEIGHT, WIDTH = 32, 48
 MODELS = ["vertex", "triangle", "linear"]
@@ -208,6 +209,29 @@ def test_nothing_to_gain_ends_the_start():
     mesh = error_start(np.zeros((HEIGHT, WIDTH, 3)), 500)
     check_tiling(mesh)
     assert len(mesh.positions) < 500
+
+
+def test_a_delaunay_start_is_denser_where_the_image_changes():
+    target = _noise(7)
+    target[:, : WIDTH // 2] = 0.5
+    mesh = delaunay_start(target, 200)
+    check_tiling(mesh)
+    assert len(mesh.positions) == 200
+    inside = mesh.positions[mesh.free_x & mesh.free_y]
+    assert (inside[:, 0] > WIDTH / 2 - 3).mean() > 0.8
+    np.testing.assert_array_equal(delaunay_start(target, 200).positions, mesh.positions)
+    assert (delaunay_start(target, 200, seed=1).positions != mesh.positions).any()
+    left = np.where(np.arange(WIDTH) < WIDTH // 2, 1.0, 0.0) * np.ones((HEIGHT, 1))
+    weighed = delaunay_start(_noise(7), 200, weights=left).positions
+    assert (weighed[:, 0] < WIDTH / 2).mean() > 0.7
+
+
+@pytest.mark.parametrize("vertices", [4, 5, 9, 5000])
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (16, 16)])
+def test_a_delaunay_start_of_any_size_tiles(size, vertices):
+    mesh = delaunay_start(np.full((*size, 3), 0.3), vertices)
+    check_tiling(mesh)
+    assert len(mesh.positions) <= vertices
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2)])
