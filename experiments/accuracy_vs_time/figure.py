@@ -41,10 +41,10 @@ def draw(
 
     `took` and `error` name the axes; `note` stands below the legend.
     """
-    columns = 3
+    columns = 2
     lines = -(-(len(titles) + 1) // columns)
     figure, grid = pyplot.subplots(
-        lines, columns, figsize=(6.2 * columns, 5.4 * lines), squeeze=False, layout="constrained"
+        lines, columns, figsize=(6.2 * columns, 4.8 * lines), squeeze=False, layout="constrained"
     )
     panels = list(grid.flat)
     for axes, (scene, title) in zip(panels, titles.items(), strict=False):

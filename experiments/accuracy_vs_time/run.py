@@ -98,7 +98,7 @@ def mean_flip(truth: NDArray[np.float64], image: NDArray[Any]) -> float:
 
 
 def _timed(calls: dict[str, Callable[[], object]], quick: bool) -> dict[str, Times]:
-    rounds, budget_s = (3, 3.0) if quick else (9, 12.0)
+    rounds, budget_s = (3, 3.0) if quick else (9, 8.0)
     return interleave(calls, rounds=rounds, budget_s=budget_s)
 
 
