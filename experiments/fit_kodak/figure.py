@@ -32,7 +32,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
         if len(alike) > 1:
             keys = ("triangles", "psnr", "ssim", "seconds", "steps", "greedy_psnr", "static_psnr")
             mean = {
-                key: sum(float(r[key]) for r in alike) / len(alike) if alike[0][key] else ""
+                key: sum(float(r[key]) for r in alike) / len(alike) if alike[0].get(key) else ""
                 for key in keys
             }
             lines.append(_line({**alike[0], **mean, "picture": f"mean of {len(alike)}"}))
@@ -41,7 +41,8 @@ def _table(rows: list[dict[str, Any]]) -> str:
 
 def _line(row: dict[str, Any]) -> list[str]:
     own = float(row["psnr"])
-    static = [float(row[key]) if row[key] else None for key in ("greedy_psnr", "static_psnr")]
+    # Earlier runs know the second alone.
+    static = [float(row[key]) if row.get(key) else None for key in ("greedy_psnr", "static_psnr")]
     return [
         row["picture"],
         f"{row['family']}, {row['shading']}",

@@ -58,8 +58,6 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
         raise ValueError("a mesh covers the canvas: `translucent` is for layers.")
     if settings["colors"] != "together" and settings["loss"] != "squared":
         raise ValueError("colours in closed form are those of `loss='squared'`.")
-    if settings["colors"] != "together" and settings["light"] != "display":
-        raise ValueError("colours in closed form are those of `light='display'`.")
 
 
 def check_loss(solver: Solver, loss: Loss) -> None:

@@ -5,6 +5,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from .closed_form import best_colors
+from .loss import Loss
 from .mesh_colors import Image
 from .solve import Progress, Residual, advance_within_plan, move
 from .solvers import Solver
@@ -14,6 +15,7 @@ from .solvers import Solver
 class Steps(Protocol):
     """What a chunk reads and changes of a fit; `solves`: whether colours are in closed form."""
 
+    loss: Loss
     solver: Solver
     residual: Any
     progress: Progress
@@ -31,7 +33,7 @@ class Steps(Protocol):
 def solve_between(fit: Steps) -> None:
     """The colours of least squared error, where the fit is of such."""
     if fit.solves:
-        y = best_colors(fit.residual, fit.progress.y, fit.data)
+        y = best_colors(fit.residual, fit.progress.y, fit.data, fit.loss.light)
         fit.progress = move(fit.solver, fit.residual, fit.progress, y, fit.data)
 
 

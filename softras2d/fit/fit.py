@@ -61,8 +61,8 @@ def fit(
     - `translucent`: whether the opacity of layers is sought too.
     - `softness`: width of the soft edges of layers, in pixels of the fit; or a pair, the width at
       the start and that from the middle on.
-    - `colors`: found `"together"` with the geometry; or in closed form: `"solve"` after each chunk
-      and at the end, `"polish"` at the end.
+    - `colors`: found `"together"` with the geometry; or, for squared error, in closed form:
+      `"solve"` after each chunk and at the end, `"polish"` at the end.
     - `loss`, `light`: `"squared"`, `"l1"` or `"ssim"` (with squared error), in `"display"` or
       `"linear"` light. Solvers of least squares take `"squared"` alone; where triangles are placed
       is decided by squared error in display light.

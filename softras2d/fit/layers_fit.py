@@ -183,7 +183,7 @@ class LayersFit:
         room = self._plan([self.likely(), layers_scene(y, self.data.background)])
         if not self.residual.plan.holds(room):
             self.residual = LayersResidual(room, self.loss)
-        y = best_colors(self.residual, y, self.data)
+        y = best_colors(self.residual, y, self.data, self.loss.light)
         self.kept = None
         self.progress = forget_best(move(self.solver, self.residual, self.progress, y, self.data))
 

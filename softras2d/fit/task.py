@@ -52,7 +52,8 @@ class Task:
         likely = self.frame.enlarge(self.course.likely())
         polished = None
         if timed and self.polishes:
-            polished = self.course.residual, self.course.progress.y, self.course.data
+            course = self.course
+            polished = course.residual, course.progress.y, course.data, course.loss.light
 
         def rehearse() -> float:
             with jax.enable_x64(False):

@@ -192,7 +192,7 @@ class TilingFit:
         room = self._plan([tiling_scene(y, self.data)])
         if not self.residual.plan.holds(room):
             self.residual = TilingResidual(room, self.loss)
-        y = best_colors(self.residual, y, self.data)
+        y = best_colors(self.residual, y, self.data, self.loss.light)
         self.progress = forget_best(move(self.solver, self.residual, self.progress, y, self.data))
 
     @property

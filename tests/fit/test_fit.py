@@ -264,7 +264,6 @@ BAD: dict[str, dict[str, Any]] = {
     "let through": dict(start=replace(TWO, colors=jnp.full((2, 1, 4), 0.5))),
     "suffix of a checkpoint must be .npz": dict(checkpoint="fit.ckpt"),
     "no folder": dict(checkpoint="nowhere/fit.npz"),
-    "those of `light='display'`": dict(colors="solve", light="linear"),
     "`translucent` is for layers": dict(family="mesh", translucent=True),
     "fit targets with alpha by layers": dict(
         target=np.full((4, 4, 4), 0.5, np.float32), family="mesh"

@@ -75,20 +75,22 @@ def test_colors_in_closed_form_are_those_of_least_squares():
 
 
 @pytest.mark.slow
-def test_colors_of_layers_in_closed_form():
+@pytest.mark.parametrize("light", ["display", "linear"])
+def test_colors_of_layers_in_closed_form(light):
     """The slope of the squared error by each colour is zero, for colours that need no holding."""
     target = 0.5 + 0.3 * (blobs() - 0.5)
     corners = np.array([[[4, 4], [30, 6], [8, 34]], [[20, 10], [44, 12], [30, 38]]], np.float32)
     y = Layers(jnp.asarray(corners / UNIT), jnp.full((2, 3, 3), 0.5), None)
     background = jnp.asarray([0.5, 0.5, 0.5])
     plan = sr.plan(layers_scene(y, background), height=40, width=48, coverage=sr.Soft(0.8))
-    residual = LayersResidual(plan, Loss())
-    data = LayersData(jnp.asarray(target), None, background, jnp.float32(0.8))
+    loss = Loss(light=light)
+    residual = LayersResidual(plan, loss)
+    data = LayersData(loss.prepare(jnp.asarray(target)), None, background, jnp.float32(0.8))
 
     def error(colors):
         return jnp.sum(residual(y._replace(colors=colors), data)[0] ** 2)
 
-    found = best_colors(residual, y, data).colors
+    found = best_colors(residual, y, data, light).colors
     slope = jax.grad(error)(found)
     assert bool(((found > 0) & (found < 1)).all())
     assert float(jnp.abs(slope).max()) < 0.001 * float(jnp.abs(jax.grad(error)(y.colors)).max())
