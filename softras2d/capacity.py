@@ -1,7 +1,7 @@
 """Room for the lists of a render, counted on the host from concrete scenes.
 
 Arrays of a compiled program have fixed lengths. What a scene needs is counted in numpy by the same
-functions that list it on the device, and given a quarter more.
+functions that list it on the device, and given some more (`Slack`).
 """
 
 from collections.abc import Sequence
@@ -62,24 +62,24 @@ class Capacity(NamedTuple):
 class Slack(NamedTuple):
     """How capacities are chosen.
 
-    - `passed`: what a chunk passes on, in slots that cost as much.
-    - `part`: one over the part of the need that is added to it; `steps`: those of an octave to
-      which it is rounded up. Room that is not used is computed all the same; but with little of
+    - `chunk_cost`: of what a chunk passes on to the next, in slots of it.
+    - `part`: one over the part of the need that is added to it; `octave_steps`: those of an octave
+      to which it is rounded up. Room that is not used is computed all the same; but with little of
       it scenes that are alike have programs of their own sooner, and triangles that move outgrow
       it.
     """
 
-    passed: int
+    chunk_cost: int
     part: int
-    steps: int
+    octave_steps: int
 
 
-HARD_SLACK = Slack(passed=1, part=4, steps=4)
-FADING_SLACK = Slack(passed=2, part=8, steps=8)
-"""A slot of a gradient costs more than that of a picture."""
+HARD_SLACK = Slack(chunk_cost=1, part=4, octave_steps=4)
+FADING_SLACK = Slack(chunk_cost=2, part=8, octave_steps=8)
+"""Less room than for pictures, as a gradient computes several times as much for each slot."""
 
-VARYING_SLACK = Slack(passed=1, part=8, steps=8)
-"""And one whose colours vary in a pixel costs more than what a chunk passes on."""
+VARYING_SLACK = Slack(chunk_cost=1, part=8, octave_steps=8)
+"""Where colours vary within a triangle a slot costs more, and a chunk by comparison less."""
 
 _LAYERS = (2, 4, 8)
 """Slots that a chunk may have."""
@@ -191,7 +191,7 @@ def make_room(counts: Sequence[Counts], *, in_order: bool, pixels: int, slack: S
 
     def work(layers: int) -> int:
         """Slots, and the state that each chunk passes on."""
-        return (layers + slack.passed) * sum(int(chunks.sum()) for chunks in cut[layers])
+        return (layers + slack.chunk_cost) * sum(int(chunks.sum()) for chunks in cut[layers])
 
     best = min(_LAYERS, key=work)
     needs = Capacity(
@@ -229,5 +229,5 @@ def _expand(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _ladder(need: int, least: int, slack: Slack) -> int:
     """Some more than `need`, rounded up to so many steps an octave."""
     need = max(need - -need // slack.part, least)
-    step = 1 << max(need.bit_length() - slack.steps.bit_length(), 0)
+    step = 1 << max(need.bit_length() - slack.octave_steps.bit_length(), 0)
     return -(-need // step) * step

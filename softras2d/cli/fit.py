@@ -161,14 +161,14 @@ def fit_picture(
             raise ValueError("give one of --steps and --seconds.")
         if seconds is not None and not 0 < seconds < float("inf"):
             raise ValueError(f"--seconds must be a number above 0; got {seconds}.")
+        earlier = None if resume is None else FitResult.load(resume)
+        film = Film(picture.shape[:2]) if films else None
+        begin = "error" if earlier else read_start(start, family, size, *picture.shape[:2])
+        mask = None if weights is None else read_image(weights)[..., :3].mean(-1)
         if steps is None:
             elapsed = time.perf_counter() - began
             seconds = _SECONDS if seconds is None else seconds
             seconds = max(1e-3, seconds - elapsed - films * min(_FILM_SECONDS, 0.3 * seconds))
-        earlier = None if resume is None else FitResult.load(resume)
-        film = Film(picture.shape[:2]) if films else None
-        begin = read_start(start, family, size, *picture.shape[:2])
-        mask = None if weights is None else read_image(weights)[..., :3].mean(-1)
         with _progress(console, film) as report:
             result = fit(
                 picture, triangles=triangles, family=family, shading=shading,

@@ -40,9 +40,11 @@ def read_start(text: str, family: str, size: int | None, height: int, width: int
 
 
 def _mesh(earlier: FitResult, frame: Frame) -> Mesh:
-    """In pixels of the fit. In this order, what is on the border stays on it."""
-    positions = np.asarray(earlier.scene.positions, np.float64)
-    positions = positions * [frame.width, frame.height] / [earlier.width, earlier.height]
+    """In pixels of the fit; what is on the border but for a rounding of float32 is put there."""
+    whole = np.array([earlier.width, earlier.height], np.float64)
+    share = np.asarray(earlier.scene.positions, np.float64) / whole
+    share = np.where(np.abs(share - 1) < 1e-6, 1.0, share)
+    positions = share * [frame.width, frame.height]
     triangles = np.asarray(earlier.scene.triangles)
     return make_mesh(positions, triangles, height=frame.height, width=frame.width)
 

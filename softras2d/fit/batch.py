@@ -17,11 +17,12 @@ from .chunk import solve_between
 from .interrupt import Interrupt, held_interrupt
 from .layers import LayersResidual, layers_scene
 from .layers_fit import LayersFit
-from .loop import Budget, measure
-from .prepare import STEPS, check_images, resumed
+from .loop import SCORING, Budget, measure
+from .prepare import STEPS, check_images, check_resume, resumed
 from .result import FitResult, Record
 from .solve import RENEWALS, advance_each, move
 from .task import Task
+from .triangulation import Mesh
 
 
 def fit_batch(
@@ -47,11 +48,11 @@ def fit_batch(
     """`fit` by layers of several targets of one shape, their steps batched by `jax.vmap`.
 
     Arguments are those of `fit`; image k has the seed `seed` + k, and its result is that of a fit
-    alone up to rounding. `weights` (`[height, width]` or `[images, height, width]`) and `start`
-    serve for all or are one for each target; `resume` are the results of an earlier batch. `report`
-    is called after each chunk with the last record of each image; the seconds there are those of
-    all together. Ctrl-C acts as in `fit`. Raises `ValueError`, one line, as `fit` does, and for
-    targets of different shapes or none.
+    alone up to rounding and to where chunks end. `weights` (`[height, width]` or `[images, height,
+    width]`) and `start` serve for all or are one for each target; `resume` are the results of an
+    earlier batch, whose settings and weights count. `report` is called after each chunk with the
+    last record of each image; the seconds there are those of all together. Ctrl-C acts as in `fit`.
+    Raises `ValueError`, one line, as `fit` does, and for targets of different shapes or none.
     """
     began = time.perf_counter()
     images = check_images(targets)
@@ -65,24 +66,29 @@ def fit_batch(
     }  # fmt: skip
     count = len(images)
     earlier = _each("resume", resume, count)
+    if resume is not None:
+        for one in earlier:
+            check_resume(one, images[0])
     own = _settings(given, _each("start", start, count), earlier, steps, seconds)
-    maps = _each("weights", np.asarray(weights), count) if np.ndim(weights) == 3 else None
+    maps = _maps(weights, count)
     if resume is not None:
         maps = [one.state.get("weights.given") for one in earlier]
+    if len({one is None for one in maps}) > 1:
+        raise ValueError("`weights` must be given for every target or for none.")
     if steps is None and seconds is None:
         steps = STEPS
     deadline = None if seconds is None else began + seconds
     with jax.enable_x64(False), held_interrupt() as interrupt:
         tasks = [
             Task(image, choices.prepare_weights(one, image), each, before)
-            for image, one, each, before in zip(
-                images, maps or [weights] * count, own, earlier, strict=True
-            )
+            for image, one, each, before in zip(images, maps, own, earlier, strict=True)
         ]
         interrupted = _run(tasks, began, steps, deadline, report, interrupt)
         results = []
         for task in tasks:
-            if task.polishes and not interrupted:
+            # Prepared in `_run`.
+            task.scorer.adopt(tasks[0].scorer)
+            if task.polishes and not (interrupted or interrupt.asked):
                 task.course.polish()
             results.append(task.result(interrupted))
     return [replace(result, interrupted=True) if interrupt.asked else result for result in results]
@@ -105,17 +111,30 @@ def _settings(
     alike = {"seed": 0, "start": None}
     if any(each | alike != own[0] | alike for each in own):
         raise ValueError("`resume` must be fits with the same settings.")
+    if own[0]["family"] != "layers":
+        raise ValueError(f"`resume` must be fits of layers; got those of a {own[0]['family']}.")
+    if len({one.history[-1:] and one.history[-1].steps for one in earlier if one}) > 1:
+        raise ValueError("`resume` must be fits of as many steps each.")
     return own
 
 
 def _each(name: str, value: Any, count: int) -> list[Any]:
     """One for each target: the entries of a sequence, or the one that serves for all."""
-    if value is None or isinstance(value, str | Scene):
+    if value is None or isinstance(value, str | Scene | Mesh):
         return [value] * count
-    if not isinstance(value, Sequence | np.ndarray) or len(value) != count:
-        told = f"{len(value)}" if isinstance(value, Sequence | np.ndarray) else f"{value!r:.60}"
+    several = isinstance(value, Sequence | np.ndarray | jax.Array)
+    if not several or len(value) != count:
+        told = f"{len(value)}" if several else f"{value!r:.60}"
         raise ValueError(f"`{name}` must be one for each of {count} targets; got {told}.")
     return list(value)
+
+
+def _maps(weights: Any, count: int) -> list[Any]:
+    """Weights of each target: one map for all, or as many as targets."""
+    several = isinstance(weights, list | tuple) and len(weights) > 0 and np.ndim(weights[0]) != 1
+    if several or (isinstance(weights, np.ndarray | jax.Array) and weights.ndim == 3):
+        return _each("weights", weights, count)
+    return [weights] * count
 
 
 def _run(
@@ -131,21 +150,22 @@ def _run(
     room = tasks[0].room if steps is None else min(tasks[0].room, max(1, steps))
     least = np.full(len(tasks), np.inf)
     accepted = np.array([task.records[-1].accepted if task.records else 0 for task in tasks])
-    done, first, pace = tasks[0].done, None, None
+    done, first, pace, figures = tasks[0].done, None, None, 0.0
     rehearse = tasks[0].rehearsal(deadline is not None)
     with ThreadPoolExecutor(1) as pool:
         ending = pool.submit(lambda: len(tasks) * rehearse())
-        budget = Budget(steps, deadline, ending, began, tasks[0].spent)
+        guess = SCORING * len(tasks)
+        budget = Budget(steps, deadline, ending, began, tasks[0].spent, guess)
         while budget.share(done, first) < 1:
             if interrupt.asked:
                 return True
             start = time.perf_counter()
             for course in courses:
                 course.refine(budget.share(done, first))
-            losses = _advance(courses, budget.next_steps(done, room, pace, 0.0), room)
+            losses = _advance(courses, budget.next_steps(done, room, pace, figures), room)
             # The first chunk compiles: what a step takes is not known after it.
-            pace = (time.perf_counter() - start) / len(losses[0]) if first else None
-            first = first or time.perf_counter()
+            now = time.perf_counter()
+            pace = (now - start) / len(losses[0]) if first else None
             done += len(losses[0])
             for k, task in enumerate(tasks):
                 for one in losses[k][np.isfinite(losses[k])]:
@@ -154,6 +174,9 @@ def _run(
                 found = measure(task.course)
                 own = Record(done, budget.seconds(), *found, int(accepted[k]), task.course.active)
                 task.records.append(own)
+            if first:
+                figures = time.perf_counter() - now
+            first = first or now
             if report is not None:
                 try:
                     report([task.records[-1] for task in tasks])

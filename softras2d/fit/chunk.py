@@ -12,7 +12,7 @@ from .solvers import Solver
 
 
 @runtime_checkable
-class Steps(Protocol):
+class Moving(Protocol):
     """What a chunk reads and changes of a fit; `solves`: whether colours are in closed form."""
 
     loss: Loss
@@ -30,14 +30,14 @@ class Steps(Protocol):
         ...
 
 
-def solve_between(fit: Steps) -> None:
+def solve_between(fit: Moving) -> None:
     """The colours of least squared error, where the fit is of such."""
     if fit.solves:
         y = best_colors(fit.residual, fit.progress.y, fit.data, fit.loss.light)
         fit.progress = move(fit.solver, fit.residual, fit.progress, y, fit.data)
 
 
-def take_steps(fit: Steps, steps: int, room: int) -> np.ndarray:
+def take_steps(fit: Moving, steps: int, room: int) -> np.ndarray:
     """Losses of so many steps, of fewer where they outgrew the plan and it was renewed."""
     solve_between(fit)
     fit.residual, (fit.progress, losses, (image, _)) = advance_within_plan(

@@ -15,7 +15,7 @@ from ..io.images import check_place
 from . import choices
 from .interrupt import Interrupt, held_interrupt
 from .loop import Budget, Moment, run
-from .prepare import STEPS, check_images, resumed
+from .prepare import STEPS, check_images, check_resume, resumed
 from .result import FitResult
 from .solvers import Solver
 from .task import Task
@@ -89,11 +89,7 @@ def fit(
         "loss": loss, "light": light, "start": start,
     }  # fmt: skip
     if resume is not None:
-        if (resume.height, resume.width) != target.shape[:2]:
-            raise ValueError(
-                f"`resume` is of {resume.width} x {resume.height} pixels; `target` has "
-                f"{target.shape[1]} x {target.shape[0]}."
-            )
+        check_resume(resume, target)
         settings = resumed(settings, resume)
         weights = resume.state.get("weights.given")
     settings = choices.settle(settings)
@@ -111,7 +107,7 @@ def fit(
 
         task = Task(target, choices.prepare_weights(weights, target), settings, resume, hurry)
         interrupted = _run(task, began, steps, deadline, report, checkpoint, interrupt)
-        if task.polishes and not interrupted:
+        if task.polishes and not (interrupted or interrupt.asked):
             task.course.polish()
         result = task.result(interrupted)
     return replace(result, interrupted=True) if interrupt.asked else result

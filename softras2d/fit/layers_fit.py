@@ -107,7 +107,9 @@ class LayersFit:
             jnp.float32(choice.softness[0]),
         )
         y, self.active = self._start()
-        self.beyond = max(_BEYOND, self._reach(y))
+        self.beyond = _BEYOND
+        if isinstance(choice.start, Scene):
+            self.beyond = max(_BEYOND, self._reach(y))
         self.residual = LayersResidual(self._plan([self.likely()]), loss)
         self.progress = begin(solver, self.residual, y, self.data)
         self.kept: Kept | None = None
@@ -126,7 +128,7 @@ class LayersFit:
         found = start_of(
             choice.start, self.target, self.weights, self.rng, triangles=count,
             gouraud=choice.gouraud, translucent=choice.translucent,
-            size=_SIZE * self._spacing(count),
+            circumradius=_SIZE * self._spacing(count),
         )  # fmt: skip
         active = len(found.corners)
         aside = _ASIDE + _PER_WIDTH * max(choice.softness)

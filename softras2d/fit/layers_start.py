@@ -34,16 +34,16 @@ def start_of(
     triangles: int,
     gouraud: bool,
     translucent: bool,
-    size: float,
+    circumradius: float,
 ) -> LayersStart:
     """At most so many triangles; `ValueError` for a start that is none, or does not fit.
 
-    `size`: circumradius in pixels of those of a `"uniform"` start.
+    `circumradius`: in pixels, of those of a `"uniform"` start.
     """
     if isinstance(start, Scene):
         return _taken(start, triangles, gouraud, translucent)
     if start == "uniform":
-        corners, colors = _even(target, rng, triangles, size)
+        corners, colors = _even(target, rng, triangles, circumradius)
     elif start == "delaunay":
         corners, colors = _abutting(target, weights, rng, triangles, gouraud)
     elif start == "error":
@@ -71,12 +71,12 @@ def background_of(
 
 
 def _even(
-    target: Image, rng: np.random.Generator, triangles: int, size: float
+    target: Image, rng: np.random.Generator, triangles: int, circumradius: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Triangles anywhere, of the colour that is seen in their middle."""
     height, width = target.shape[:2]
     middle = rng.random((triangles, 2)) * [width, height]
-    corners = random_triangles(rng, middle, size)
+    corners = random_triangles(rng, middle, circumradius)
     pixel = np.clip(middle.astype(int), 0, [width - 1, height - 1])
     return corners, target[pixel[:, 1], pixel[:, 0], :3][:, None]
 
@@ -109,8 +109,9 @@ def _taken(scene: Scene, triangles: int, gouraud: bool, translucent: bool) -> La
         raise ValueError(f"`start` must be free of what is not fitted; it has {carried[0]}.")
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     own = np.asarray(scene.colors)
-    if not (np.isfinite(corners).all() and np.isfinite(own).all()):
-        raise ValueError("positions and colours of `start` must be finite.")
+    held = corners, own, np.asarray(scene.background)
+    if not all(np.isfinite(one).all() for one in held):
+        raise ValueError("positions, colours and background of `start` must be finite.")
     if not translucent and own.shape[-1] == 4 and (own[..., 3] < 1).any():
         raise ValueError("triangles of `start` let through: fit with `translucent=True`.")
     opacity = own[..., 3].mean(1) if own.shape[-1] == 4 else np.ones(count)

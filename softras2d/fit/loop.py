@@ -25,8 +25,8 @@ _CHUNKS = 8
 _BETWEEN = 30.0
 """Seconds between two checkpoints at least."""
 
-_SCORING = 3.0
-"""Seconds set aside for the score while it is not known what it takes."""
+SCORING = 3.0
+"""Seconds set aside for the score of an image while it is not known what it takes."""
 
 
 @runtime_checkable
@@ -74,8 +74,8 @@ class Moment(NamedTuple):
 class Budget(NamedTuple):
     """How long a fit may take: `steps` in all, or until `deadline`, as `time.perf_counter` has it.
 
-    `scoring`: the seconds that come after the last step, as soon as they are known; `start`: when
-    this call began; `spent`: seconds of the fit before that.
+    `scoring`: the seconds that come after the last step, as soon as they are known, and `guess`
+    before that; `start`: when this call began; `spent`: seconds of the fit before that.
     """
 
     steps: int | None
@@ -83,6 +83,7 @@ class Budget(NamedTuple):
     scoring: Future[float]
     start: float
     spent: float
+    guess: float = SCORING
 
     def share(self, steps: int, began: float | None) -> float:
         """How far a fit is after so many steps, from 0 to 1; `began`: when the first was done."""
@@ -95,7 +96,7 @@ class Budget(NamedTuple):
     def left(self) -> float:
         """Seconds for steps."""
         assert self.deadline is not None
-        scoring = self.scoring.result() if self.scoring.done() else _SCORING
+        scoring = self.scoring.result() if self.scoring.done() else self.guess
         return max(0.0, self.deadline - scoring - time.perf_counter())
 
     def remaining(self, steps: int, pace: float) -> float:

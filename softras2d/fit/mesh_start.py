@@ -56,8 +56,9 @@ def delaunay_start(
 ) -> Mesh:
     """A Delaunay mesh of points drawn at random, the more of them the more the image changes there.
 
-    `vertices` points, those on the border in even steps, or as many as the image has pixels. What
-    low-polygon filters do, and nothing of it is sought: to compare with, or to move.
+    `vertices` points, at least the four corners, those on the border in even steps; fewer, where
+    the image has not as many pixels. Where `weights` are 0 hardly any lie. What low-polygon filters
+    do, and nothing of it is sought: to compare with, or to move.
     """
     height, width = target.shape[:2]
     rng = np.random.default_rng(seed)

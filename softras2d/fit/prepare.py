@@ -127,6 +127,17 @@ def check_images(targets: Sequence[Any]) -> list[Float[np.ndarray, "height width
     return images
 
 
+def check_resume(resume: Any, target: Float[np.ndarray, "height width channels"]) -> None:
+    """`ValueError` for what is no earlier fit, or one of another size."""
+    if not isinstance(resume, FitResult):
+        raise ValueError(f"`resume` must be what an earlier fit gave; got {resume!r:.60}.")
+    if (resume.height, resume.width) != target.shape[:2]:
+        raise ValueError(
+            f"`resume` is of {resume.width} x {resume.height} pixels; `target` has "
+            f"{target.shape[1]} x {target.shape[0]}."
+        )
+
+
 def kept(settings: dict[str, Any]) -> dict[str, Any]:
     """What a file can hold of the settings: a solver that was handed over by its name alone."""
     start, solver = settings["start"], settings["solver"]

@@ -91,6 +91,10 @@ class Scorer:
         self.score(likely)
         return time.perf_counter() - began
 
+    def adopt(self, other: "Scorer") -> None:
+        """Draw as another does, whose target has the same size: one program for both."""
+        self._plan = other._plan
+
     def score(self, scene: Scene) -> Score:
         """The image, its PSNR in dB (infinite where equal) and SSIM."""
         drawn = self.draw(scene)

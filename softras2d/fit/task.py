@@ -46,8 +46,8 @@ class Task:
     def rehearsal(self, timed: bool) -> Callable[[], float]:
         """A function that compiles what comes after the last step; the seconds that it will take.
 
-        `timed`: whether those of colours are asked for. It is of now, whatever the course does
-        while it runs.
+        `timed`: whether those of colours are asked for. It holds the scene and the colours of this
+        moment, so that it may run in another thread while the fit goes on.
         """
         likely = self.frame.enlarge(self.course.likely())
         polished = None

@@ -356,6 +356,7 @@ def test_a_batch_is_as_each_alone():
         ({"seconds": -1.0}, "`seconds` must be a number above 0"),
         ({"seconds": 1, "steps": 1}, "give one of"),
         ({"resume": []}, "`resume` must be one for each of 2 targets; got 0"),
+        ({"weights": [None, np.ones((40, 48))]}, "for every target or for none"),
     ],
 )
 def test_a_batch_that_makes_no_sense_is_refused(arguments, told):
@@ -384,13 +385,35 @@ def test_a_batch_has_starts_and_weights_of_its_own_and_goes_on():
         assert found.psnr == pytest.approx(alone.psnr, abs=0.3), k
     with pytest.raises(ValueError, match="fits with the same settings"):
         sr.fit_batch(targets, resume=[on[0], sr.fit(targets[1], triangles=3, steps=1)])
+    with pytest.raises(ValueError, match="fits of as many steps"):
+        sr.fit_batch(targets, resume=[whole[0], on[1]])
+    with pytest.raises(ValueError, match="is of 48 x 40 pixels"):
+        sr.fit_batch([image[:20] for image in targets], resume=on)
+    mesh = sr.fit(TARGET, triangles=10, family="mesh", steps=1)
+    with pytest.raises(ValueError, match="fits of layers; got those of a mesh"):
+        sr.fit_batch([TARGET, TARGET], resume=[mesh, mesh])
 
 
 @pytest.mark.slow
 def test_a_batch_for_seconds_ends():
+    began = time.perf_counter()
     results = sr.fit_batch([TARGET, TARGET[::-1]], triangles=10, seconds=8.0)
-    assert all(result.history[-1].steps > 1 for result in results)
-    assert all(record.seconds < 60 for record in results[0].history)
+    assert all(result.history[-1].steps >= 1 for result in results)
+    # A machine may be busy: only that it ends.
+    assert time.perf_counter() - began < 60
+    np.testing.assert_array_equal(
+        [record.steps for record in results[0].history],
+        [record.steps for record in results[1].history],
+    )
+
+
+@pytest.mark.slow
+def test_scores_of_a_batch_share_a_program(count_compilations):
+    """The seconds that are set aside for them are those of programs that are there."""
+    with count_compilations() as compiled:
+        sr.fit_batch([TARGET, TARGET[::-1], TARGET[:, ::-1]], triangles=10, steps=10)
+    drawn = [name for name in compiled.names if "render" in name]
+    assert len(drawn) <= 2, compiled.names
 
 
 @pytest.mark.slow
