@@ -4,19 +4,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
+from . import fit_options
+from .fit_options import SECONDS
 from .session import session
-
-_RESULT = "The result"
-_SEARCH = "The search"
-
-_SECONDS = 30.0
-"""Of a fit that is not told how long."""
 
 _FILM_SECONDS = 5.0
 """Set aside for drawing an animation, and at most three tenths of the time."""
@@ -26,112 +21,24 @@ _BUNDLED = "valley"
 
 
 def fit_picture(
-    target: Annotated[
-        Path | None,
-        typer.Argument(metavar="[PHOTO]", show_default=False, help="An image file."),
-    ] = None,
-    triangles: Annotated[
-        int, typer.Option("-n", "--triangles", help="At most so many.", rich_help_panel=_RESULT)
-    ] = 500,
-    family: Annotated[
-        Literal["layers", "mesh"],
-        typer.Option(
-            help="Free triangles over each other, or a tiling that shares vertices.",
-            rich_help_panel=_RESULT,
-        ),
-    ] = "layers",
-    shading: Annotated[
-        Literal["flat", "gouraud", "linear"] | None,
-        typer.Option(
-            help="Colours: flat, shared at the corners, or (mesh) of each corner alone.",
-            show_default="flat layers, gouraud meshes",
-            rich_help_panel=_RESULT,
-        ),
-    ] = None,
-    translucent: Annotated[
-        bool, typer.Option("--translucent", help="Layers may let through.", rich_help_panel=_RESULT)
-    ] = False,
-    output: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="OUT.svg|png|gif|npz|json",
-            show_default="PHOTO.fit.svg",
-            help="Several may be given: vector file, image, film of the fit, all of it, report.",
-            rich_help_panel=_RESULT,
-        ),
-    ] = None,
-    seconds: Annotated[
-        float | None,
-        typer.Option(
-            help="From the start of the command to its end.",
-            show_default=f"{_SECONDS:.0f}",
-            rich_help_panel=_SEARCH,
-        ),
-    ] = None,
-    steps: Annotated[
-        int | None,
-        typer.Option(help="Of the solver, instead of seconds.", rich_help_panel=_SEARCH),
-    ] = None,
-    solver: Annotated[
-        Literal["adam", "lm", "dogleg", "bfgs", "lbfgs"],
-        typer.Option(help="Of optimistix.", rich_help_panel=_SEARCH),
-    ] = "adam",
-    size: Annotated[
-        int | None,
-        typer.Option(
-            metavar="PIXELS",
-            help="Longer side at which to fit.",
-            show_default="256 for layers, its own for meshes",
-            rich_help_panel=_SEARCH,
-        ),
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Of what is random.", rich_help_panel=_SEARCH)] = 0,
-    softness: Annotated[
-        str,
-        typer.Option(
-            metavar="PIXELS[:PIXELS]",
-            help="Width of the soft edges of layers; at the start, and later.",
-            rich_help_panel=_SEARCH,
-        ),
-    ] = "0.8",
-    colors: Annotated[
-        Literal["together", "solve", "polish"],
-        typer.Option(
-            help="With the geometry; or in closed form, always or at the end.",
-            rich_help_panel=_SEARCH,
-        ),
-    ] = "together",
-    loss: Annotated[
-        Literal["squared", "l1", "ssim"], typer.Option(help="The error.", rich_help_panel=_SEARCH)
-    ] = "squared",
-    light: Annotated[
-        Literal["display", "linear"],
-        typer.Option(help="In which it is measured.", rich_help_panel=_SEARCH),
-    ] = "display",
-    weights: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="IMAGE", help="Bright where the error counts more.", rich_help_panel=_SEARCH
-        ),
-    ] = None,
-    start: Annotated[
-        str,
-        typer.Option(
-            metavar="error|uniform|delaunay|FILE",
-            help="Triangles placed where the error is; or only moved from there: SVG or NPZ.",
-            rich_help_panel=_SEARCH,
-        ),
-    ] = "error",
-    resume: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FIT.npz",
-            help="Go on from there, by its options: of these, time and files count.",
-            rich_help_panel=_SEARCH,
-        ),
-    ] = None,
+    target: fit_options.Target = None,
+    triangles: fit_options.Triangles = 500,
+    family: fit_options.Family = "layers",
+    shading: fit_options.Shading = None,
+    translucent: fit_options.Translucent = False,
+    output: fit_options.Output = None,
+    seconds: fit_options.Seconds = None,
+    steps: fit_options.Steps = None,
+    solver: fit_options.Solver = "adam",
+    size: fit_options.Size = None,
+    seed: fit_options.Seed = 0,
+    softness: fit_options.Softness = "0.8",
+    colors: fit_options.Colors = "together",
+    loss: fit_options.Loss = "squared",
+    light: fit_options.Light = "display",
+    weights: fit_options.Weights = None,
+    start: fit_options.Start = "error",
+    resume: fit_options.Resume = None,
 ) -> None:
     """Fit triangles to a picture; without one, to a bundled one.
 
@@ -157,17 +64,14 @@ def fit_picture(
         check_outputs(outputs, {path: what for path, what in read.items() if path}, picture)
         films = any(path.suffix.lower() == ".gif" for path in outputs)
         kept = next((path for path in outputs if path.suffix.lower() == ".npz"), None)
-        if steps is not None and seconds is not None:
-            raise ValueError("give one of --steps and --seconds.")
-        if seconds is not None and not 0 < seconds < float("inf"):
-            raise ValueError(f"--seconds must be a number above 0; got {seconds}.")
+        _check_time(steps, seconds)
         earlier = None if resume is None else FitResult.load(resume)
         film = Film(picture.shape[:2]) if films else None
         begin = "error" if earlier else read_start(start, family, size, *picture.shape[:2])
         mask = None if weights is None else read_image(weights)[..., :3].mean(-1)
         if steps is None:
             elapsed = time.perf_counter() - began
-            seconds = _SECONDS if seconds is None else seconds
+            seconds = SECONDS if seconds is None else seconds
             seconds = max(1e-3, seconds - elapsed - films * min(_FILM_SECONDS, 0.3 * seconds))
         with _progress(console, film) as report:
             result = fit(
@@ -177,14 +81,21 @@ def fit_picture(
                 weights=mask, start=begin, resume=earlier, report=report, checkpoint=kept,
             )  # fmt: skip
         write_all(outputs, result, film)
-        taken = time.perf_counter() - began
+        told = f"{result.scene.triangles.shape[0]} triangles, PSNR {result.psnr:.2f} dB, "
+        told += f"SSIM {result.ssim:.3f}, {time.perf_counter() - began:.1f} s"
         Console(soft_wrap=True, highlight=False).print(
-            f"{', '.join(map(str, outputs))}: {result.scene.triangles.shape[0]} triangles, "
-            f"PSNR {result.psnr:.2f} dB, SSIM {result.ssim:.3f}, {taken:.1f} s",
-            markup=False,
+            f"{', '.join(map(str, outputs))}: {told}", markup=False
         )
         if result.interrupted:
             raise KeyboardInterrupt
+
+
+def _check_time(steps: int | None, seconds: float | None) -> None:
+    """Raise `ValueError` for a budget that is none."""
+    if steps is not None and seconds is not None:
+        raise ValueError("give one of --steps and --seconds.")
+    if seconds is not None and not 0 < seconds < float("inf"):
+        raise ValueError(f"--seconds must be a number above 0; got {seconds}.")
 
 
 def _target(target: Path | None) -> tuple[Any, str]:
