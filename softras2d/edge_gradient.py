@@ -138,7 +138,11 @@ def slopes(
     The derivative does not depend on anything further: second derivatives are zero.
     """
     grid = shape.tiling.grid
-    return jnp.zeros((grid.height, grid.width, shape.channels), positions.dtype)
+    # A zero that depends on the positions: JAX 0.10 cannot differentiate a batched call of a
+    # `custom_jvp` whose tangent is batched and whose value is not ("broadcast_in_dim"). The
+    # compiler would fold `0 * positions`.
+    zero = jnp.where(jnp.isnan(positions[:1, 0]), 0.0, 0.0).astype(positions.dtype)
+    return jnp.broadcast_to(zero, (grid.height, grid.width, shape.channels))
 
 
 @functools.partial(slopes.defjvp, symbolic_zeros=True)

@@ -39,6 +39,7 @@ from .guard_band import Planes, clip, planes
 from .interior_gradient import ride, weight_gradients
 from .lists import Chunks, Steps, cut_chunks, cut_steps
 from .options import Hard
+from .overflow import refuse_overflow
 from .plan import Plan
 from .render_fading import draw as draw_fading
 from .scene import Scene
@@ -81,13 +82,14 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     (`edge_gradient`, `interior_gradient`), unless `Hard.edge_gradients` is off; lines along which
     triangles interpenetrate are left out. Those to depth are zero.
 
-    Raises `ValueError` when the scene outgrows the plan; under a trace, an `eqx.error_if` does it
-    when the program runs (JAX keeps no persistent cache entry for such a program).
+    Raises `ValueError` when the scene outgrows the plan. Under a trace an `eqx.error_if` does it
+    when the program runs (JAX keeps no persistent cache entry for such a program), also where only
+    derivatives are computed; image and derivatives are then NaN.
     """
     image, needs, astray = _render(scene, plan)
     overflow = _exceeds(needs, plan.capacity) | astray
     if isinstance(overflow, Tracer):
-        return eqx.error_if(image, overflow, _OUTGROWN)
+        return refuse_overflow(image, scene, overflow, _OUTGROWN)
     if overflow:
         raise ValueError(_complaint(needs, plan))
     return image

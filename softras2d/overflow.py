@@ -1,0 +1,67 @@
+"""What happens to an image, and to its derivatives, when a scene outgrows its plan under a trace.
+
+Where values are known, `render` raises an error. Under a trace the program has to raise it when it
+runs. An error that hangs on the image alone is lost where only derivatives are asked for: the
+gradient of a loss that is linear in the image needs no pixel of it, and the compiler drops the
+image with its check. So the check hangs on derivatives too, in both directions.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
+from jaxtyping import Array, Bool, Float
+
+from .linear import linear_map
+
+
+def refuse_overflow(
+    image: Float[Array, "height width channels"],
+    scene: Any,
+    overflow: Bool[Array, ""],
+    message: str,
+) -> Float[Array, "height width channels"]:
+    """The image; where `overflow` is true, an error when the program runs, and NaN everywhere.
+
+    The image is NaN, and so is its derivative with respect to every float of `scene`, forwards and
+    backwards, whatever the loss is. Nothing else changes a bit of either.
+    """
+    floats = [leaf for leaf in jax.tree.leaves(scene) if eqx.is_inexact_array(leaf)]
+    return _poison_if(image, floats, eqx.error_if(overflow, overflow, message))
+
+
+@jax.custom_jvp
+def _poison_if(image: Array, floats: list[Array], overflow: Array) -> Array:
+    return jnp.where(overflow, jnp.nan, image)
+
+
+def _poison_if_jvp(primals, tangents):
+    image, floats, overflow = primals
+    out = _poison_if(image, floats, overflow)
+    change = jnp.zeros_like(image)
+    if not isinstance(tangents[0], SymbolicZero):
+        change = linear_map(_poison, _poison)(overflow, tangents[0])
+    for tangent in tangents[1]:
+        if not isinstance(tangent, SymbolicZero):
+            spread, collect = _between(image, tangent)
+            change = change + linear_map(spread, collect)(overflow, tangent)
+    return out, change
+
+
+_poison_if.defjvp(_poison_if_jvp, symbolic_zeros=True)
+
+
+def _poison(overflow: Array, x: Array) -> Array:
+    return jnp.where(overflow, jnp.nan, x)
+
+
+def _between(image: Array, leaf: Array) -> tuple[Any, Any]:
+    """NaN or 0 for every entry of the image, from a leaf's tangent; and the transpose."""
+    image, leaf = (jax.ShapeDtypeStruct(x.shape, x.dtype) for x in (image, leaf))
+
+    def fill(overflow: Array, like: jax.ShapeDtypeStruct) -> Array:
+        return jnp.broadcast_to(jnp.where(overflow, jnp.nan, 0.0).astype(like.dtype), like.shape)
+
+    return lambda overflow, _: fill(overflow, image), lambda overflow, _: fill(overflow, leaf)
