@@ -12,22 +12,11 @@ import numpy as np
 
 from .crossings import lines_crossed, runs_of
 from .effects import hiding, is_shaded, is_translucent
-from .fixed_point import (
-    Bounds,
-    Grid,
-    bounds,
-    corners_of,
-    directed,
-    edge_functions,
-    orient,
-    separate,
-    snap,
-    within_guard,
-)
+from .fixed_point import Bounds, Grid, corners_of
 from .fragment_count import Pairs, count_fragments, depth_planes
-from .guard_band import clip
 from .lists import BLOCK
 from .options import Hard
+from .projection import project
 from .reach import reaches
 from .scene import Scene
 from .tiles import Tiling, measure, narrow, strip_counts
@@ -109,17 +98,14 @@ def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) ->
     """Count, in numpy, what `tiles.list_tiles` will find; `ValueError` for too many pairs."""
     tiling = Tiling.of(grid)
     scene = jax.tree.map(np.asarray, scene)
-    corners = corners_of(scene.positions, scene.triangles, origin)
-    snapped = snap(corners, grid)
-    segments = directed(snapped, orient(snapped))
-    if not within_guard(corners, grid).all():
-        segments = clip(corners, segments, grid)
-    edges = separate(edge_functions(segments, grid, coverage.fill_rule))
-    boxes = bounds(segments, grid)
+    projection = project(
+        scene.positions, scene.triangles, origin, grid, coverage.fill_rule, cut=True
+    )
+    corners, segments, edges, boxes = projection[:4]
     found = _list_pairs(edges, boxes, hiding(scene, segments.orientation), tiling)
     fragments = 0
     if is_shaded(scene, coverage.shading) and not is_translucent(scene):
-        deep = None if scene.depth is None else depth_planes(corners, scene, grid)
+        deep = None if scene.depth is None else depth_planes(corners.high, scene, grid)
         fragments = count_fragments(edges, boxes, found.kept, deep, tiling)
     crossings = 0
     if coverage.edge_gradients:

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 from .effects import EFFECTS
-from .fixed_point import corners_of, within_guard
+from .fixed_point import snapped_corners, within_guard
 from .options import Area, Filter, Hard, Soft
 from .plan import Plan, plan
 from .render import compile_render
@@ -83,9 +83,8 @@ def without(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
         case "soft coverage" | "exact area":
             coverage = Hard(samples=1)
         case "guard band":
-            corners = corners_of(
-                np.asarray(scene.positions), np.asarray(scene.triangles), np.asarray(plan.origin)
-            )
+            positions, triangles = np.asarray(scene.positions), np.asarray(scene.triangles)
+            corners = snapped_corners(positions, triangles, np.asarray(plan.origin), plan.grid)
             scene = take_triangles(scene, within_guard(corners, plan.grid))
     return scene, _plan_again(scene, plan, coverage, filter)
 
@@ -94,6 +93,7 @@ def _plan_again(scene: Scene, old: Plan, coverage: Hard | Soft | Area, filter: F
     return plan(
         scene,
         height=old.height,
+        grid_bits=old.grid_bits,
         width=old.width,
         coverage=coverage,
         filter=filter,

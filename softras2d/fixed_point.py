@@ -22,6 +22,10 @@ counts on the host what a render does on the device.
 import operator
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from .double_float import sum_of
+
 MAX_GRID_BITS = 18
 """Finest grid, 2^-18 pixel: keeps the partial products of `edge_functions` inside 32 bits."""
 
@@ -40,24 +44,33 @@ class Grid(NamedTuple):
     bits: int
 
     @staticmethod
-    def of(height: int, width: int, rate: int) -> "Grid":
+    def of(height: int, width: int, rate: int, bits: int | None = None) -> "Grid":
         """The grid of a canvas: extents of it and its guard band stay within 2^23 units.
 
-        The guard band is half the longer side wide, all around. Raises `ValueError` where the grid
-        would be coarser than 2^-8 pixel.
+        The guard band is half the longer side wide, all around. `bits` asks for a coarser grid than
+        the finest that fits, such as that of a larger canvas which is drawn in pieces. Raises
+        `ValueError` where the grid would be coarser than 2^-8 pixel, or finer than what fits.
         """
         try:
             height, width = operator.index(height), operator.index(width)
         except TypeError:
             message = f"`height` and `width` must be integers; got {height!r} and {width!r}."
             raise ValueError(message) from None
-        bits = 23 - (2 * max(height, width, 1) - 1).bit_length()
-        if min(height, width) < 1 or bits < 8:
+        finest = 23 - (2 * max(height, width, 1) - 1).bit_length()
+        if min(height, width) < 1 or finest < 8:
             raise ValueError(
                 f"`height` and `width` must be in 1..16384; got {height} and {width} "
                 "(draw a larger image in pieces, with `origin`)."
             )
-        return Grid(height, width, rate, min(bits, MAX_GRID_BITS))
+        finest = min(finest, MAX_GRID_BITS)
+        bits = finest if bits is None else bits
+        if isinstance(bits, bool) or not isinstance(bits, int | np.integer):
+            raise ValueError(f"`grid_bits` must be an integer; got {bits!r}.")
+        if not 8 <= bits <= finest:
+            raise ValueError(
+                f"`grid_bits` must be in 8..{finest} for {width} x {height} pixels; got {bits}."
+            )
+        return Grid(height, width, rate, int(bits))
 
     @property
     def samples(self) -> int:
@@ -173,30 +186,58 @@ def sign_of_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
 def corners_of(positions: Any, triangles: Any, origin: Any) -> Any:
     """Corners `[triangles, 3, 2]` in pixels of the canvas whose upper left pixel is `origin`.
 
-    Subtracted in the dtype of the positions, on the host as on the device: both then snap alike.
+    Subtracted in the dtype of the positions.
     """
     return (positions - origin.astype(positions.dtype)[None])[triangles]
 
 
+class Corners(NamedTuple):
+    """Corners on the grid, in pixels of the canvas: each is the exact sum of both parts.
+
+    - `high`, `low`: `[triangles, 3, 2]`. Within the guard band `low` is zero.
+    - `finite`: `[triangles]`; a triangle with a corner that is not finite is put at (0, 0).
+    """
+
+    high: Any
+    low: Any
+    finite: Any
+
+
+def snapped_corners(positions: Any, triangles: Any, origin: Any, grid: Grid) -> Corners:
+    """Snap vertices `[vertices, 2]` to the grid, half to even; then subtract `origin`, exactly.
+
+    So canvases with equal grid bits see the same triangles whatever their origins are. Floats
+    beyond 2^30 pixels are multiples of the grid already.
+    """
+    xp = positions.__array_namespace__()
+    dtype = positions.dtype
+    finite = xp.all(xp.isfinite(positions), axis=1)
+    known = xp.where(finite[:, None], positions, xp.zeros_like(positions))
+    units = xp.round(xp.clip(known, -(2.0**30), 2.0**30) * 2.0**grid.bits)
+    snapped = xp.where(xp.abs(known) < 2.0**30, units * 2.0**-grid.bits, known)
+    # Two parts that float32 holds exactly.
+    coarse = origin & ~0xFFF
+    high, first_rest = sum_of(snapped, -coarse.astype(dtype)[None])
+    high, second_rest = sum_of(high, -(origin - coarse).astype(dtype)[None])
+    high, low = sum_of(high, first_rest + second_rest)
+    finite = xp.all(finite[triangles], axis=1)
+    nothing = xp.zeros((1, 1, 1), dtype)
+    high, low = (xp.where(finite[:, None, None], part[triangles], nothing) for part in (high, low))
+    return Corners(high, low, finite)
+
+
 class Snapped(NamedTuple):
-    """Corners on the grid, `[3, triangles]`, as drawn; `finite` as in `snap`."""
+    """Corners in grid units, `[3, triangles]`, as drawn; `finite` as in `Corners`."""
 
     x: Any
     y: Any
     finite: Any
 
 
-def snap(corners: Any, grid: Grid) -> Snapped:
-    """Snap `corners` `[triangles, 3, 2]`, in pixels, to the grid; half to even.
-
-    Coordinates are held within the guard band (`guard_band.clip` serves triangles that leave it);
-    a triangle with a corner that is not finite is put at the origin and marked.
-    """
-    xp = corners.__array_namespace__()
-    finite = xp.all(xp.isfinite(corners), axis=(1, 2))
-    held = xp.where(finite[:, None, None], corners, xp.zeros_like(corners))
-    x, y = (to_grid(held[:, :, axis].T, grid, axis) for axis in (0, 1))
-    return Snapped(x, y, finite)
+def snap(corners: Corners, grid: Grid) -> Snapped:
+    """Corners in grid units, clamped to the guard band (`guard_band.clip` serves what leaves it)."""
+    x, y = (to_grid(corners.high[:, :, axis].T, grid, axis) for axis in (0, 1))
+    return Snapped(x, y, corners.finite)
 
 
 def orient(snapped: Snapped) -> Any:
@@ -307,9 +348,9 @@ def bounds(segments: Segments, grid: Grid) -> Bounds:
     return Bounds(left, right, top, bottom)
 
 
-def within_guard(corners: Any, grid: Grid) -> Any:
-    """Whether each triangle `[triangles, 3, 2]` lies in the guard band, or is not finite."""
-    xp = corners.__array_namespace__()
-    low, high = (xp.asarray(limits, dtype=corners.dtype)[None, None] for limits in grid.guard)
-    inside = xp.all((corners >= low) & (corners <= high), axis=(1, 2))
-    return inside | ~xp.all(xp.isfinite(corners), axis=(1, 2))
+def within_guard(corners: Corners, grid: Grid) -> Any:
+    """Whether each triangle lies in the guard band, or is not finite."""
+    xp = corners.high.__array_namespace__()
+    dtype = corners.high.dtype
+    low, high = (xp.asarray(limits, dtype=dtype)[None, None] for limits in grid.guard)
+    return xp.all((corners.high >= low) & (corners.high <= high), axis=(1, 2))

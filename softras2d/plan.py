@@ -22,7 +22,7 @@ from .capacity import (
 from .coverage import area
 from .coverage.profile import SUPPORT
 from .effects import EFFECTS, is_translucent, structural_effects, varies
-from .fixed_point import Grid, corners_of, within_guard
+from .fixed_point import Grid, corners_of, snapped_corners, within_guard
 from .lists import BLOCK
 from .options import Area, Filter, Hard, Soft
 from .scene import Scene, check
@@ -40,6 +40,8 @@ class Plan(eqx.Module):
     - `origin`: the pixel (x, y) of the scene at the canvas's upper left.
     - `capacity`: room for lists; `side`: pixels along a tile where coverage fades out, 0 for hard
       mode; `effects`: names of `EFFECTS` that some scene calls for.
+    - `grid_bits`: vertices are snapped to multiples of 2^-grid_bits pixel in hard mode; None is
+      the finest grid that fits the canvas.
     """
 
     height: int = eqx.field(static=True)
@@ -50,6 +52,7 @@ class Plan(eqx.Module):
     capacity: Capacity = eqx.field(static=True)
     side: int = eqx.field(static=True)
     effects: tuple[str, ...] = eqx.field(static=True)
+    grid_bits: int | None = eqx.field(static=True, default=None)
 
     @property
     def hard(self) -> Hard:
@@ -60,7 +63,7 @@ class Plan(eqx.Module):
     @property
     def grid(self) -> Grid:
         """Canvas, samples and snapping grid."""
-        return Grid.of(self.height, self.width, _rate(self.coverage))
+        return Grid.of(self.height, self.width, _rate(self.coverage), self.grid_bits)
 
     @property
     def tiling(self) -> Tiling:
@@ -133,6 +136,7 @@ def plan(
     filter: Filter | None = None,
     origin: Any = (0, 0),
     max_width: float | None = None,
+    grid_bits: int | None = None,
 ) -> Plan:
     """Look at concrete scenes and decide what a render of any of them needs.
 
@@ -144,6 +148,10 @@ def plan(
       another one does not recompile.
     - `max_width`: the largest `Soft.width` that the plan is to be used with, that of `coverage`
       unless given. The width is an array leaf: another one does not recompile.
+    - `grid_bits`: vertices are snapped to multiples of 2^-grid_bits pixel in hard mode; by default
+      the finest grid that fits the canvas. For tiles of a large canvas, give that of the whole
+      (`plan.grid.bits`): all then have the same samples as the whole image, to the bit, except
+      within two grid units of an edge that was cut at the guard band.
 
     Raises `ValueError` for values that no picture has, and for effects that a coverage lacks.
     """
@@ -161,7 +169,7 @@ def plan(
         check(one)
         refuse_missing(one, coverage)
     origin = _pixel(origin)
-    grid = Grid.of(height, width, _rate(coverage))
+    grid = Grid.of(height, width, _rate(coverage), grid_bits)
     filter = Filter() if filter is None else filter
     if not isinstance(filter, Filter):
         raise ValueError(f"`filter` must be Filter(...); got {filter!r}.")
@@ -190,6 +198,7 @@ def plan(
         capacity=make_room(counts, in_order=in_order, pixels=height * width, slack=slack),
         side=side,
         effects=tuple(name for name in EFFECTS if name in used),
+        grid_bits=grid_bits,
     )
 
 
@@ -268,7 +277,8 @@ def _unstack(scene: Scene) -> list[Scene]:
 
 
 def _within_guard(scene: Scene, grid: Grid, origin: np.ndarray) -> bool:
-    return bool(within_guard(_host_corners(scene, origin), grid).all())
+    positions, triangles = np.asarray(scene.positions), np.asarray(scene.triangles)
+    return bool(within_guard(snapped_corners(positions, triangles, origin, grid), grid).all())
 
 
 def _host_corners(scene: Scene, origin: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from . import safe
+from . import fixed_point, safe
 from .barycentric import slot_weights
 from .capacity import Capacity
 from .compositing import deferred, opaque, over
@@ -21,26 +21,15 @@ from .coverage.hard import covered_rows, hide
 from .crossings import Sides, is_steep, lines_crossed, runs_of
 from .edge_gradient import Opaque, Outlines, Shape, slopes
 from .effects import hiding, is_shaded, is_translucent, varies
-from .fixed_point import (
-    Bounds,
-    Edges,
-    bounds,
-    corners_of,
-    directed,
-    edge_functions,
-    orient,
-    separate,
-    snap,
-    turn,
-    within_guard,
-)
+from .fixed_point import Bounds, Edges, turn
 from .fragments import cut_fragments
-from .guard_band import Planes, clip, planes
+from .guard_band import Planes
 from .interior_gradient import ride, weight_gradients
 from .lists import Chunks, Steps, cut_chunks, cut_steps
 from .options import Hard
 from .overflow import refuse_overflow
 from .plan import Plan
+from .projection import project
 from .render_fading import draw as draw_fading
 from .scene import Scene
 from .shading import Corners, Surface, surface_of
@@ -56,7 +45,7 @@ class Projected(NamedTuple):
     - `surface`: what their colours need, corners turned alike.
     - `depths`: what the depth test needs, if the scene has depth.
     - `hides`: triangles through which nothing shows.
-    - `astray`: whether one leaves a guard band that the plan did not expect to be left.
+    - `unforeseen`: whether one leaves a guard band that the plan did not expect to be left.
     """
 
     edges: Edges
@@ -65,7 +54,7 @@ class Projected(NamedTuple):
     surface: Surface
     depths: Depths | None
     hides: Bool[Array, " triangles"]
-    astray: Bool[Array, ""]
+    unforeseen: Bool[Array, ""]
 
 
 def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
@@ -86,8 +75,8 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     when the program runs (JAX keeps no persistent cache entry for such a program), also where only
     derivatives are computed; image and derivatives are then NaN.
     """
-    image, needs, astray = _render(scene, plan)
-    overflow = _exceeds(needs, plan.capacity) | astray
+    image, needs, unforeseen = _render(scene, plan)
+    overflow = _exceeds(needs, plan.capacity) | unforeseen
     if isinstance(overflow, Tracer):
         return refuse_overflow(image, scene, overflow, _OUTGROWN)
     if overflow:
@@ -99,8 +88,8 @@ def render_checked(
     scene: Scene, plan: Plan
 ) -> tuple[Float[Array, "height width channels"], Bool[Array, ""]]:
     """`render`, with a flag instead of an error: where true, triangles are missing; plan again."""
-    image, needs, astray = _render(scene, plan)
-    return image, _exceeds(needs, plan.capacity) | astray
+    image, needs, unforeseen = _render(scene, plan)
+    return image, _exceeds(needs, plan.capacity) | unforeseen
 
 
 _OUTGROWN = (
@@ -170,7 +159,7 @@ def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
             fragments,
             crossed,
         )
-    return _straight(image), needs, projected.astray
+    return _straight(image), needs, projected.unforeseen
 
 
 def compile_render(scene: Scene, plan: Plan) -> Any:
@@ -180,41 +169,36 @@ def compile_render(scene: Scene, plan: Plan) -> Any:
 
 def _project(scene: Scene, plan: Plan) -> Projected:
     grid = plan.grid
-
-    @one_pass
-    def place(positions, triangles, origin):
-        # Positions get the derivative of the box-filtered image apart, or none.
-        corners = jax.lax.stop_gradient(corners_of(positions, triangles, origin))
-        return corners, snap(corners, grid), ~jnp.all(within_guard(corners, grid))
-
-    corners, snapped, astray = place(scene.positions, scene.triangles, plan.origin)
-    segments = one_pass(directed)(snapped, one_pass(orient)(snapped))
+    cut = "guard band" in plan.effects
+    # Positions get the derivative of the box-filtered image apart, or none.
+    projection = project(
+        jax.lax.stop_gradient(scene.positions),
+        scene.triangles,
+        plan.origin,
+        grid,
+        plan.hard.fill_rule,
+        cut=cut,
+        weights=varies(scene) or scene.depth is not None,
+        apart=one_pass,
+    )
+    corners, segments, edges, box, weights, beyond = projection
     orientation = segments.orientation
-    weights = None
-    if "guard band" in plan.effects:
-        segments = one_pass(functools.partial(clip, grid=grid))(corners, segments)
-        astray = jnp.zeros_like(astray)
-        if varies(scene) or scene.depth is not None:
-            weights = one_pass(lambda corners: planes(corners, grid))(corners)
-    edges = one_pass(lambda of: edge_functions(of, grid, plan.hard.fill_rule))(segments)
-    box = one_pass(lambda of: bounds(of, grid))(segments)
-    edges = separate(edges)
+    unforeseen = jnp.zeros((), bool) if cut else jnp.any(beyond)
     outlines = None
     if plan.hard.edge_gradients:
-        outlines = _outlines(corners, snapped.finite, segments, edges, scene.triangles, grid)
+        outlines = _outlines(corners, segments, edges, scene.triangles, grid)
     surface = _surface(scene, edges, weights, outlines, orientation, plan)
     depths = None
     if scene.depth is not None:
         corner_depth = one_pass(_turned)(scene.depth, scene.triangles, orientation)
         depths = Depths(edges, weights, jax.lax.stop_gradient(corner_depth))
     hides = one_pass(hiding)(scene, orientation)
-    return Projected(edges, box, outlines, surface, depths, hides, astray)
+    return Projected(edges, box, outlines, surface, depths, hides, unforeseen)
 
 
-def _outlines(corners, finite, segments, edges: Edges, triangles, grid) -> Outlines:
+def _outlines(corners: fixed_point.Corners, segments, edges: Edges, triangles, grid) -> Outlines:
     @one_pass
-    def draw(corners, finite, segments, triangles):
-        corners = jnp.where(finite[:, None, None], corners, 0.0)
+    def draw(corners, segments, triangles):
         orientation = segments.orientation
         vertex = turn(triangles.T, orientation).T
         x, y = (turn(corners[:, :, axis].T, orientation).T for axis in (0, 1))
@@ -222,7 +206,7 @@ def _outlines(corners, finite, segments, edges: Edges, triangles, grid) -> Outli
         return Sides(start, jnp.roll(start, -1, 2), is_steep(segments).T), vertex
 
     # Apart: a picture needs none of the first, and how many there are for its room.
-    sides, vertex = draw(corners, finite, segments, triangles)
+    sides, vertex = draw(corners.high, segments, triangles)
     first, count = (
         one_pass(lambda segments, which=which: lines_crossed(segments, grid)[which])(segments)
         for which in (0, 1)

@@ -44,11 +44,11 @@ def snap(corners: Any, canvas: Canvas) -> np.ndarray:
     """`corners` `[triangles, 3, 2]` in units of the oracle, int64. Refuses what leaves the band."""
     corners = np.asarray(corners)
     assert corners.dtype in (np.float32, np.float64)
-    # Subtracted in the dtype of the scene; scaled in float64, where nothing is lost.
-    moved = (corners - np.asarray(canvas.origin).astype(corners.dtype)).astype(np.float64)
-    low, high = canvas.band()
-    assert (moved >= low).all() and (moved <= high).all(), "outside the band"
-    grid = np.rint(moved * 2.0**canvas.exponent)  # `rint` rounds half to even
+    # Snapped first (`rint` rounds half to even), then moved: all in float64, where nothing is lost.
+    grid = np.rint(corners.astype(np.float64) * 2.0**canvas.exponent)
+    grid = grid - np.asarray(canvas.origin, np.float64) * 2.0**canvas.exponent
+    low, high = (limit * 2.0**canvas.exponent for limit in canvas.band())
+    assert (grid >= low).all() and (grid <= high).all(), "outside the band"
     return grid.astype(np.int64) * (2 * canvas.rate)
 
 

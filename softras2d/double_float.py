@@ -1,0 +1,96 @@
+"""Arithmetic in twice the precision of the array's floats: each number is a pair (high, low).
+
+The value of a pair is the exact sum of both parts, and `low` is below half a unit in the last
+place of `high`. Relative errors are about 2^-44 for float32. Written for numpy and jax arrays alike.
+
+XLA may contract a product and a sum into one operation with one rounding. Every formula here stays
+correct to that precision with or without it.
+
+**Source:** Dekker, *A floating-point technique for extending the available precision* (Numerische
+Mathematik 18, 1971), sections 4 and 5.
+"""
+
+from typing import Any
+
+import numpy as np
+
+Pair = tuple[Any, Any]
+"""A number as the sum of a float and of what was rounded off it."""
+
+Point = tuple[Pair, Pair]
+"""Two coordinates, x and y."""
+
+
+def pair_of(x: Any) -> Pair:
+    """The pair that holds a float exactly."""
+    xp = x.__array_namespace__()
+    return x, xp.zeros_like(x)
+
+
+def sum_of(a: Any, b: Any) -> Pair:
+    """The exact sum of two floats."""
+    high = a + b
+    rounded_b = high - a
+    return high, (a - (high - rounded_b)) + (b - rounded_b)
+
+
+def product_of(a: Any, b: Any) -> Pair:
+    """The exact product of two floats, each below 2^100 in size so that no part overflows."""
+    high = a * b
+    (a_high, a_low), (b_high, b_low) = _halves(a), _halves(b)
+    low = ((a_high * b_high - high) + a_high * b_low + a_low * b_high) + a_low * b_low
+    return high, low
+
+
+def add(a: Pair, b: Pair) -> Pair:
+    """The sum of two pairs."""
+    high, low = sum_of(a[0], b[0])
+    return _normalized(high, low + (a[1] + b[1]))
+
+
+def subtract(a: Pair, b: Pair) -> Pair:
+    """The difference of two pairs."""
+    return add(a, (-b[0], -b[1]))
+
+
+def multiply(a: Pair, b: Pair) -> Pair:
+    """The product of two pairs."""
+    high, low = product_of(a[0], b[0])
+    return _normalized(high, low + (a[0] * b[1] + a[1] * b[0]))
+
+
+def divide(a: Pair, b: Pair) -> Pair:
+    """The quotient of two pairs; the divisor's `high` must not be zero."""
+    first = a[0] / b[0]
+    rest = subtract(a, multiply(pair_of(first), b))
+    return _normalized(first, rest[0] / b[0])
+
+
+def cross(a: Point, b: Point) -> Pair:
+    """The cross product a_x b_y - a_y b_x."""
+    return subtract(multiply(a[0], b[1]), multiply(a[1], b[0]))
+
+
+def scale(a: Pair, power_of_two: Any) -> Pair:
+    """A pair times a power of two, which is exact."""
+    return a[0] * power_of_two, a[1] * power_of_two
+
+
+def choose(condition: Any, a: Pair, b: Pair) -> Pair:
+    """The entries of `a` where the condition is true, else of `b`."""
+    xp = condition.__array_namespace__()
+    return xp.where(condition, a[0], b[0]), xp.where(condition, a[1], b[1])
+
+
+def _normalized(high: Any, low: Any) -> Pair:
+    """The same sum with `low` rounded off `high`; `low` must be smaller."""
+    total = high + low
+    return total, low - (total - high)
+
+
+def _halves(x: Any) -> Pair:
+    """Two numbers of half the digits that add up to x."""
+    digits = np.finfo(x.dtype).nmant + 1
+    spread = x * (2.0 ** (digits - digits // 2) + 1.0)
+    high = spread - (spread - x)
+    return high, x - high
