@@ -41,7 +41,7 @@ from .lists import Chunks, Steps, cut_chunks, cut_steps
 from .options import Hard
 from .plan import Plan
 from .render_fading import draw as draw_fading
-from .scene import Scene
+from .scene import Scene, check_types
 from .shading import Corners, Surface, surface_of
 from .staging import one_pass
 from .tiles import TileLists, Tiling, list_tiles, saturated_sum
@@ -125,6 +125,7 @@ def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
     """The image, what it needed, and whether triangles left the guard band unforeseen."""
     if scene.positions.ndim != 2:
         raise ValueError("`render` takes one scene: use jax.vmap for a batched one.")
+    check_types(scene)
     background = _premultiplied(scene.background)
     none = jnp.zeros((), jnp.int32)
     if scene.triangles.shape[0] == 0:

@@ -4,11 +4,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Float
 
+from ..device import to_device
 from ..scene import Scene
 from . import choices, snapshot
 from .layers_fit import LayersChoice, LayersFit
@@ -50,13 +50,13 @@ class Frame(NamedTuple):
 
     def enlarge(self, scene: Scene) -> Scene:
         """A scene in pixels of the fit, in those of the target."""
-        factors = jnp.asarray([[self.across, self.down]], scene.positions.dtype)
-        return replace(scene, positions=scene.positions * factors)
+        factors = np.array([[self.across, self.down]], np.float32)
+        return replace(scene, positions=to_device(np.asarray(scene.positions) * factors))
 
     def shrink(self, scene: Scene) -> Scene:
         """A scene in pixels of the target, in those of the fit."""
-        factors = jnp.asarray([[self.across, self.down]], scene.positions.dtype)
-        return replace(scene, positions=scene.positions / factors)
+        factors = np.array([[self.across, self.down]], np.float32)
+        return replace(scene, positions=to_device(np.asarray(scene.positions) / factors))
 
 
 def make_course(

@@ -6,10 +6,10 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
+from ..device import to_device
 from .layers_fit import Kept, LayersFit
 from .solve import begin
 from .tiling_fit import Kept as KeptTiling
@@ -70,13 +70,13 @@ def restore(course: Either, held: dict[str, np.ndarray]) -> int:
     if isinstance(course, LayersFit):
         course.background, course.beyond = held["background"], float(held["beyond"])
         course.data = course.data._replace(
-            background=jnp.asarray(course.background), width=jnp.asarray(held["width"])
+            background=to_device(course.background), width=to_device(held["width"])
         )
         course.rng.bit_generator.state = json.loads(held["random"].tobytes().decode())
         if "kept" in held:
             course.kept = Kept(float(held["kept"]), _filled(y, "kept", held))
     else:
-        course.data = course.data._replace(scale=jnp.asarray(held["scale"]))
+        course.data = course.data._replace(scale=to_device(held["scale"]))
         if "kept" in held:
             mesh = mesh_of(held, "kept.mesh")
             data, y = course.prepare(mesh, held["kept.scale"])
@@ -107,7 +107,7 @@ def _filled(tree: Any, name: str, held: dict[str, np.ndarray]) -> Any:
         saved = held.get(f"{name}.{number}")
         if saved is None or saved.shape != leaves[place].shape:
             raise ValueError("`resume` holds no state of a fit with these settings.")
-        leaves[place] = jnp.asarray(saved)
+        leaves[place] = to_device(saved)
     return jax.tree.unflatten(structure, leaves)
 
 
