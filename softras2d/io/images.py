@@ -41,7 +41,7 @@ def read_image(
 
     Integers become k/255 (k/65535) exactly rounded. `linear=True` gives linear light, else sRGB.
     The orientation that a camera noted is applied. Of several images in one file the first is read.
-    Raises `ValueError`, one line, for what is not a whole image file.
+    Raises `ValueError`, one line, for what is not a whole image file, and for NaN and infinity.
     """
     return _load(Path(path), str(path), linear)
 
@@ -74,8 +74,11 @@ def write_image(
         raise ValueError(f"{path}: the suffix must be one of {', '.join(WRITABLE)}.")
     pixels = _writable(path, np.asarray(image))
     if suffix == ".exr":
-        pixels = pixels if linear else _on_colors(srgb_to_linear, pixels)
-        pixels = _premultiply(pixels)
+        # What is finite in sRGB may be too bright for float32 in linear light.
+        with np.errstate(over="ignore"):
+            pixels = pixels if linear else _on_colors(srgb_to_linear, pixels)
+            pixels = _premultiply(pixels)
+        _check_finite(str(path), pixels)
     else:
         pixels = _on_colors(linear_to_srgb, pixels) if linear else pixels
         pixels = to_bytes(pixels, truncate=truncate)
@@ -113,11 +116,18 @@ def _load(path: Path, name: str, linear: bool) -> np.ndarray:
         raise ValueError(f"{name}: a folder, not an image.")
     if not path.exists():
         raise ValueError(f"{name}: no such file.")
-    pixels, spec = _pixels(path, name)
-    pixels = _channels(pixels, [channel.upper() for channel in spec.channelnames])
+    try:
+        pixels, spec = _pixels(path, name)
+        channels = [channel.upper() for channel in spec.channelnames]
+    except UnicodeDecodeError:
+        # Of OpenImageIO, which takes the names in a file, and what it says of them, for UTF-8.
+        raise ValueError(f"{name}: the image is damaged: a name in it is not UTF-8.") from None
+    pixels = _channels(pixels, channels)
     floats = np.dtype(str(spec.format).replace("half", "float16")).kind == "f"
     if _is_premultiplied(path, spec):
-        pixels = _unpremultiply(pixels)
+        with np.errstate(over="ignore", invalid="ignore"):
+            pixels = _unpremultiply(pixels)
+    _check_finite(name, pixels)
     if floats and not linear:
         pixels = _on_colors(linear_to_srgb, pixels)
     if linear and not floats:
@@ -230,11 +240,19 @@ def as_pixels(where: str, image: np.ndarray) -> Float32[np.ndarray, "height widt
         raise ValueError(f"{where}: an image is [height, width, 1, 3 or 4]; got {image.shape}.")
     if image.dtype not in (np.float16, np.float32, np.float64):
         raise ValueError(f"{where}: an image holds floats, 0..1; got {image.dtype}.")
-    if not np.isfinite(image).all():
-        row, column, channel = (int(i) for i in np.argwhere(~np.isfinite(image))[0])
-        value = image[row, column, channel]
+    with np.errstate(over="ignore"):
+        pixels = image.astype(np.float32)
+    _check_finite(where, pixels)
+    return pixels
+
+
+def _check_finite(where: str, pixels: np.ndarray) -> None:
+    """Raise `ValueError`, which begins with `where`, for the first value that is not finite."""
+    finite = np.isfinite(pixels)
+    if not finite.all():
+        row, column, channel = (int(i) for i in np.argwhere(~finite)[0])
+        value = pixels[row, column, channel]
         raise ValueError(f"{where}: row {row}, column {column}, channel {channel} is {value}.")
-    return image.astype(np.float32)
 
 
 def check_place(path: Path) -> None:
@@ -278,5 +296,9 @@ def _is_whole(draft: Path) -> bool:
 def _why(message: str, path: Path) -> str:
     """OpenImageIO's first line, without the name of a file that the user never named."""
     first = message.strip().splitlines()[0] if message.strip() else ""
-    first = first.replace(f' ("{path}")', "").replace(f'"{path}"', "it").rstrip(".")
+    for quoted in (f' ("{path}")', f" ({path})"):
+        first = first.replace(quoted, "")
+    for named in (f'"{path}"', str(path), path.name):
+        first = first.replace(named, "it")
+    first = "".join(c if c.isprintable() else "?" for c in first).rstrip(".")
     return f" ({first})" if first else ""
