@@ -8,7 +8,7 @@ import numpy as np
 
 from ..device import to_device
 from ..fit.choices import STARTS
-from ..fit.prepare import Frame
+from ..fit.frame import Frame
 from ..fit.result import FitResult
 from ..fit.triangulation import Mesh, make_mesh
 from ..io.svg import read_svg

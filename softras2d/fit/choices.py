@@ -13,6 +13,9 @@ _SHADINGS = {"layers": ("flat", "gouraud"), "mesh": ("flat", "gouraud", "linear"
 STARTS = ("error", "uniform", "delaunay")
 """What a start may be but a scene or a mesh."""
 
+GIVEN = "given"
+"""A start that was handed over: the settings name it so, and the state holds where it led."""
+
 _COLORS = ("together", "solve", "polish")
 
 

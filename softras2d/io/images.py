@@ -16,6 +16,7 @@ read back under the same `linear`. An EXR of an image without alpha, written and
 import os
 import shutil
 import tempfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -74,9 +75,10 @@ def write_image(
         raise ValueError(f"{path}: the suffix must be one of {', '.join(WRITABLE)}.")
     pixels = _writable(path, np.asarray(image))
     if suffix == ".exr":
+        pixels = pixels if linear else _on_colors(srgb_to_linear, pixels)
         # What is finite in sRGB may be too bright for float32 in linear light.
+        _check_finite(str(path), pixels)
         with np.errstate(over="ignore"):
-            pixels = pixels if linear else _on_colors(srgb_to_linear, pixels)
             pixels = _premultiply(pixels)
         _check_finite(str(path), pixels)
     else:
@@ -100,14 +102,17 @@ def srgb_to_linear(values: np.ndarray) -> np.ndarray:
     **Source:** IEC 61966-2-1.
     """
     size = np.abs(values)
-    light = np.where(size <= 0.04045, size / 12.92, ((size + 0.055) / 1.055) ** 2.4)
+    # What is too bright for the type becomes infinite; the branch that is not taken may overflow.
+    with np.errstate(over="ignore"):
+        light = np.where(size <= 0.04045, size / 12.92, ((size + 0.055) / 1.055) ** 2.4)
     return np.copysign(light, values).astype(values.dtype)
 
 
 def linear_to_srgb(values: np.ndarray) -> np.ndarray:
     """Linear light to sRGB: the inverse of `srgb_to_linear`."""
     size = np.abs(values)
-    code = np.where(size <= 0.04045 / 12.92, size * 12.92, 1.055 * size ** (1 / 2.4) - 0.055)
+    with np.errstate(over="ignore"):
+        code = np.where(size <= 0.04045 / 12.92, size * 12.92, 1.055 * size ** (1 / 2.4) - 0.055)
     return np.copysign(code, values).astype(values.dtype)
 
 
@@ -158,14 +163,26 @@ def _pixels(path: Path, name: str) -> tuple[np.ndarray, Any]:
         raise ValueError(f"{name}: the image is damaged or cut short{_why(error, path)}.")
     shape = (spec.height, spec.width, spec.nchannels)
     # Dividing rounds correctly; OpenImageIO multiplies by a rounded 1/255.
-    return np.asarray(pixels, np.float32).reshape(shape) / np.float32(step), spec
+    # A signalling NaN warns, and is refused later on by its place.
+    with np.errstate(invalid="ignore"):
+        return np.asarray(pixels, np.float32).reshape(shape) / np.float32(step), spec
 
 
 def _refuse_cut_png(path: Path, name: str) -> None:
-    """Raise for a PNG without its end, about which libpng itself would print to stderr."""
+    """Raise for a PNG whose chunks are not whole, about which libpng itself prints to stderr."""
     with path.open("rb") as file:
-        if file.read(8) == b"\x89PNG\r\n\x1a\n" and b"IEND" not in file.read():
+        if file.read(8) != b"\x89PNG\r\n\x1a\n":
+            return
+        data = file.read()
+    at, kind = 0, b""
+    while kind != b"IEND":
+        # Length, kind, data, and a checksum of the latter two.
+        length, kind = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
+        end = at + 8 + length
+        checksum = zlib.crc32(memoryview(data)[at + 4 : end]).to_bytes(4, "big")
+        if len(kind) < 4 or not kind.isalpha() or data[end : end + 4] != checksum:
             raise ValueError(f"{name}: the image is damaged or cut short.")
+        at = end + 4
 
 
 def _channels(pixels: np.ndarray, names: list[str]) -> np.ndarray:

@@ -2,8 +2,10 @@
 
 import warnings
 
+import numpy as np
 import pytest
 
+from softras2d.io.images import write_image
 from softras2d.io.svg import parse_svg
 
 HUGE = "1e39"
@@ -33,9 +35,6 @@ def test_a_color_beyond_float32_is_named_with_its_line(element):
 
 
 def test_texture_coordinates_beyond_float32_are_named_with_their_line(tmp_path):
-    import numpy as np
-
-    from softras2d.io.images import write_image
 
     write_image(tmp_path / "t.png", np.ones((2, 2, 3), np.float32))
     text = drawing(
@@ -43,7 +42,7 @@ def test_texture_coordinates_beyond_float32_are_named_with_their_line(tmp_path):
         f'<textri points="0 0 9 0 0 9" uvs="0 0 {HUGE} 0 0 1" texid="t"/>',
     )
     for dialect in ("svg", "course"):
-        with pytest.raises(ValueError, match=r"^a\.svg:3: a texture coordinate is not finite"):
+        with pytest.raises(ValueError, match=r"^a\.svg:3: .*not (a )?finite"):
             parse_svg(text, name="a.svg", dialect=dialect, assets=tmp_path)
 
 
