@@ -35,7 +35,8 @@ def write(path: Path, text: str = "whole") -> None:
 class TestAbandonedDrafts:
     def test_the_next_write_to_that_name_removes_them(self, tmp_path):
         path = tmp_path / "a [1]*.txt"
-        abandon(path), abandon(path)
+        abandon(path)
+        abandon(path)
         write(path)
         assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
 

@@ -1,9 +1,11 @@
 """Files of fits: what is saved comes back, and what is broken is named in one line."""
 
+import importlib
 import json
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,9 @@ import softras2d as sr
 from softras2d.fit import archive
 from softras2d.fit.archive import read_arrays
 from tests.fit.saved_fits import KINDS, TARGET, bomb, packed, saved, target_of
+
+RESULT = importlib.import_module("softras2d.fit.result")
+"""`softras2d.fit` is the function, so that no path through it finds a module."""
 
 
 def refused(path: Path) -> str:
@@ -44,9 +49,22 @@ def with_facts(**change) -> dict[str, np.ndarray]:
     return arrays
 
 
-@pytest.mark.parametrize("kind", KINDS)
+QUICK = ("layers", "mesh")
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS],
+)
 class TestEveryKind:
-    def test_it_comes_back_and_goes_on(self, kind, tmp_path):
+    @pytest.mark.slow
+    def test_it_goes_on(self, kind, tmp_path):
+        found = sr.FitResult.load(written(tmp_path, saved(kind)))
+        steps = found.history[-1].steps
+        longer = sr.fit(target_of(kind), resume=found, steps=steps + 1)
+        assert longer.history[-1].steps == steps + 1
+
+    def test_it_comes_back(self, kind, tmp_path):
         path = written(tmp_path, saved(kind))
         found = sr.FitResult.load(path)
         found.save(tmp_path / "again.npz")
@@ -55,9 +73,6 @@ class TestEveryKind:
         for name, value in saved(kind).items():
             assert again[name].dtype == value.dtype
             np.testing.assert_array_equal(again[name], value)
-        steps = found.history[-1].steps
-        longer = sr.fit(target_of(kind), resume=found, steps=steps + 1)
-        assert longer.history[-1].steps == steps + 1
 
     def test_an_entry_that_is_missing_is_named(self, kind, tmp_path):
         for name in saved(kind):
@@ -76,8 +91,10 @@ class TestEveryKind:
 
     def test_an_entry_of_another_shape_is_named(self, kind, tmp_path):
         for name, value in saved(kind).items():
-            others = [value[None], value.ravel()[:0]]
-            others += [value[:-1], np.concatenate([value, value[:1]])] if value.ndim else []
+            others = [value[None]]
+            # Of vertices and records there may be any number.
+            if value.ndim and name not in ("scene.positions", "history"):
+                others += [value[:0], value[:-1], np.concatenate([value, value[:1]])]
             for other in others:
                 message = refused(written(tmp_path, saved(kind) | {name: other}))
                 # Sizes are held against each other: another may be the one that does not fit.
@@ -167,7 +184,7 @@ class TestSize:
 
     def test_a_fit_that_could_not_be_read_is_not_written(self, tmp_path, monkeypatch):
         found = sr.FitResult.load(written(tmp_path, saved("layers")))
-        monkeypatch.setattr("softras2d.fit.result.MAX_BYTES", 1000)
+        monkeypatch.setattr(RESULT, "MAX_BYTES", 1000)
         with pytest.raises(ValueError, match=r"new\.npz: a fit of .* bytes is too large"):
             found.save(tmp_path / "new.npz")
         assert not (tmp_path / "new.npz").exists()
@@ -238,8 +255,6 @@ class TestResume:
 
 def loaded(kind: str) -> sr.FitResult:
     """A fresh copy."""
-    import tempfile
-
     with tempfile.TemporaryDirectory() as folder:
         return sr.FitResult.load(written(Path(folder), saved(kind)))
 

@@ -32,5 +32,5 @@ def flipped(data: bytes, rng: np.random.Generator, *, first: int = 0) -> bytes:
         at, end = np.sort(rng.integers(first, len(changed) + 1, 2))
         return bytes(changed[:end] + changed[at:end] + changed[end:])
     for at in rng.integers(first, len(changed), rng.integers(1, 9)):
-        changed[at] = rng.choice([0, 1, 0x7F, 0x80, 0xFF, rng.integers(256)])
+        changed[at] = (0, 1, 0x7F, 0x80, 0xFF, int(rng.integers(256)))[rng.integers(6)]
     return bytes(changed)
