@@ -49,13 +49,11 @@ def with_facts(**change) -> dict[str, np.ndarray]:
     return arrays
 
 
-QUICK = ("layers", "mesh")
+OTHERS = [pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS if kind != "layers"]
+"""To make a fit of another kind takes seconds."""
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS],
-)
+@pytest.mark.parametrize("kind", ["layers", *OTHERS])
 class TestEveryKind:
     @pytest.mark.slow
     def test_it_goes_on(self, kind, tmp_path):
@@ -143,6 +141,7 @@ def test_a_random_state_that_is_none(text, tmp_path):
     assert "`state.random` must be " in refused(written(tmp_path, arrays))
 
 
+@pytest.mark.slow
 def test_indices_and_meshes_are_looked_at(tmp_path):
     mesh = saved("mesh")
     for name in ("state.mesh.triangles", "scene.triangles"):
@@ -271,7 +270,7 @@ def test_hostile_files():
 
 
 def test_reading_compiles_nothing(count_compilations, tmp_path):
-    path = written(tmp_path, saved("mesh"))
+    path = written(tmp_path, saved("layers"))
     with count_compilations() as compiled:
         sr.FitResult.load(path)
     assert compiled.names == []
