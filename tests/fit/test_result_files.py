@@ -129,6 +129,13 @@ def test_settings_that_no_fit_has(name, tmp_path):
     assert name in message and ("`facts`" in message or "`settings`" in message)
 
 
+@pytest.mark.parametrize("softness", [10**30, 10**400, [1, 10**30], -1, 65])
+def test_numbers_beyond_all_types(softness, tmp_path):
+    """NumPy has no integers that large, and no opinion whether they are finite."""
+    message = refused(written(tmp_path, with_facts(softness=softness)))
+    assert "`settings`: `softness` must be" in message
+
+
 @pytest.mark.parametrize("text", [b"", b"[]", b"{", b"\xff", b"[" * 100_000, b"3"])
 def test_facts_that_are_no_object(text, tmp_path):
     arrays = saved("layers") | {"facts": np.frombuffer(text, np.uint8)}

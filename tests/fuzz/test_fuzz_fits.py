@@ -31,8 +31,10 @@ def changed_array(value: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         if kind == 0:
             return value.astype(str(rng.choice(_TYPES)))
         if kind == 1:
-            return value[None] if rng.random() < 0.5 or not value.ndim else value[0]
-        if kind == 2 and value.ndim:
+            return (
+                value[None] if rng.random() < 0.5 or not (value.ndim and value.size) else value[0]
+            )
+        if kind == 2 and value.ndim and value.size:
             axis = rng.integers(value.ndim)
             return np.take(value, rng.integers(0, value.shape[axis], rng.integers(0, 40)), axis)
         if kind == 3 and value.ndim > 1:
@@ -50,9 +52,9 @@ def changed_facts(packed_facts: np.ndarray, rng: np.random.Generator) -> np.ndar
     """Another setting, or none."""
     facts = json.loads(packed_facts.tobytes())
     place = facts["settings"] if rng.random() < 0.8 else facts
-    name = str(rng.choice(list(place)))
+    name = str(rng.choice([*place, "more"]))
     if rng.random() < 0.2:
-        del place[name]
+        place.pop(name, None)
     else:
         place[name] = _WORDS[rng.integers(len(_WORDS))]
     return np.frombuffer(json.dumps(facts).encode(), np.uint8)
