@@ -10,6 +10,7 @@ import struct
 import zipfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -93,8 +94,11 @@ def _read(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
     return array.reshape(shape, order="F" if fortran else "C")
 
 
-def _header(name: str, file: zipfile.ZipExtFile) -> tuple[np.dtype, tuple[int, ...], bool, int]:
-    """Type, shape, whether columns come first, and how many bytes the header takes."""
+def _header(name: str, file: Any) -> tuple[np.dtype, tuple[int, ...], bool, int]:
+    """Type, shape, whether columns come first, and how many bytes the header takes.
+
+    `file`: the entry, opened to read bytes.
+    """
     start = file.read(len(_MAGIC) + 2)
     length = int.from_bytes(start[len(_MAGIC) :], "little")
     found = _HEADER.fullmatch(file.read(length)) if start.startswith(_MAGIC) else None
