@@ -15,8 +15,9 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from .device import to_device
 from .near_plane import Cut, cut_near
-from .scene import Scene
+from .scene import Scene, check
 from .texture.pyramid import TexturePyramid
 
 
@@ -140,14 +141,19 @@ def project(
         colors = np.asarray(vertex_colors, np.float64)[triangles]
     else:
         colors = np.asarray(triangle_colors, np.float64).reshape(whole.colors.shape)
-    return Scene.from_mesh(
-        seen[:, :2],
-        cut.triangles,
-        triangle_colors=cut.carry(colors),
-        depth=seen[:, 2],
-        inverse_w=seen[:, 3],
-        **rest,
+    scene = Scene(
+        positions=to_device(seen[:, :2]),
+        triangles=to_device(cut.triangles, np.int32),
+        colors=to_device(cut.carry(colors), np.float32),
+        background=whole.background,
+        uv=to_device(rest["uv"], np.float32) if uv is not None else None,
+        texture_index=to_device(rest["texture_index"], np.int32) if uv is not None else None,
+        textures=whole.textures,
+        depth=to_device(seen[:, 2]),
+        inverse_w=to_device(seen[:, 3]),
     )
+    check(scene)
+    return scene
 
 
 def _on_screen(cut: Cut, height: int, width: int) -> np.ndarray:

@@ -1,10 +1,16 @@
 """Files that appear whole or not at all."""
 
 import os
+import platform
+import re
 import secrets
+import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+_STEM = 80
+"""Characters of a name that its draft repeats: a file system allows 255 bytes in all."""
 
 
 @contextmanager
@@ -12,13 +18,64 @@ def whole(path: Path) -> Iterator[Path]:
     """A temporary name beside `path`, with its suffix, moved onto it once it is written.
 
     Whatever is raised leaves no draft, and an old file as it was. `OSError` becomes `ValueError`,
-    one line that names `path`.
+    one line that names `path`, and no error names the draft. Drafts that a process killed while
+    it wrote this file has left are removed.
     """
-    draft = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
+    _remove_abandoned(path)
+    draft = path.with_name(f"{_prefix(path)}{os.getpid()}-{secrets.token_hex(4)}{path.suffix}")
     try:
         yield draft
         os.replace(draft, path)
     except OSError as error:
-        raise ValueError(f"{path}: cannot be written: {error.strerror or error}.") from error
+        why = error.strerror or _named(str(error), draft, path)
+        raise ValueError(f"{path}: cannot be written: {why}.") from error
+    except ValueError as error:
+        if draft.name not in str(error):
+            raise
+        raise ValueError(_named(str(error), draft, path)) from error
     finally:
-        draft.unlink(missing_ok=True)
+        # An error of its own here would hide the one that is raised.
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
+
+
+def _prefix(path: Path) -> str:
+    """What the drafts of `path` begin with on this machine, a folder being shared with others."""
+    told = f"{platform.node()}\0{path.name}".encode(errors="replace")
+    # Of characters of four bytes, a third as many fit.
+    stem = path.stem.encode(errors="replace")[:_STEM].decode(errors="ignore")
+    return f".{stem}-{zlib.crc32(told):08x}-"
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Remove the drafts of `path` whose processes are gone."""
+    # Elsewhere `os.kill` does what its name says.
+    if os.name != "posix":
+        return
+    pattern = re.compile(
+        re.escape(_prefix(path)) + r"(\d{1,9})-[0-9a-f]{8}" + re.escape(path.suffix)
+    )
+    # Where the folder cannot be listed, the write itself tells why.
+    with suppress(OSError), os.scandir(path.parent) as entries:
+        for entry in entries:
+            found = pattern.fullmatch(entry.name)
+            if found and not _is_running(int(found[1])):
+                with suppress(OSError):
+                    os.unlink(entry.path)
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        # Somebody else's.
+        return True
+    return True
+
+
+def _named(message: str, draft: Path, path: Path) -> str:
+    """One line that names the file instead of its draft."""
+    told = message.replace(str(draft), str(path)).replace(draft.name, path.name)
+    return " ".join(told.split())

@@ -5,7 +5,6 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Int
@@ -21,6 +20,7 @@ from .capacity import (
 )
 from .coverage import area
 from .coverage.profile import SUPPORT
+from .device import to_device
 from .effects import EFFECTS, is_translucent, structural_effects, varies
 from .fixed_point import Grid, corners_of, snapped_corners, within_guard
 from .lists import BLOCK
@@ -194,7 +194,7 @@ def plan(
         width=width,
         coverage=coverage,
         filter=_with_array_bias(filter),
-        origin=jnp.asarray(origin),
+        origin=to_device(origin),
         capacity=make_room(counts, in_order=in_order, pixels=height * width, slack=slack),
         side=side,
         effects=tuple(name for name in EFFECTS if name in used),
@@ -245,7 +245,7 @@ def _with_arrays(coverage: Hard | Soft | Area) -> Hard | Soft | Area:
     """Array leaves, so that another width or temperature does not recompile."""
     if not isinstance(coverage, Soft):
         return coverage
-    numbers = [jnp.asarray(n, jnp.float32) for n in (coverage.width, coverage.temperature)]
+    numbers = [to_device(n, np.float32) for n in (coverage.width, coverage.temperature)]
     return eqx.tree_at(lambda c: (c.width, c.temperature), coverage, numbers)
 
 
@@ -263,7 +263,7 @@ def _with_array_bias(filter: Filter) -> Filter:
     bias = np.asarray(filter.lod_bias)
     if bias.ndim or bias.dtype.kind not in "iuf" or not np.isfinite(bias):
         raise ValueError(f"`lod_bias` must be one finite number; got {filter.lod_bias!r}.")
-    return eqx.tree_at(lambda f: f.lod_bias, filter, jnp.asarray(filter.lod_bias, jnp.float32))
+    return eqx.tree_at(lambda f: f.lod_bias, filter, to_device(filter.lod_bias, np.float32))
 
 
 def _unstack(scene: Scene) -> list[Scene]:

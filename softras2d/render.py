@@ -31,7 +31,7 @@ from .overflow import refuse_overflow
 from .plan import Plan
 from .projection import project
 from .render_fading import draw as draw_fading
-from .scene import Scene
+from .scene import Scene, check_types
 from .shading import Corners, Surface, surface_of
 from .staging import one_pass
 from .tiles import TileLists, Tiling, list_tiles, saturated_sum
@@ -116,6 +116,7 @@ def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
     """The image, what it needed, and whether triangles left the guard band unforeseen."""
     if scene.positions.ndim != 2:
         raise ValueError("`render` takes one scene: use jax.vmap for a batched one.")
+    check_types(scene)
     background = _premultiplied(scene.background)
     none = jnp.zeros((), jnp.int32)
     if scene.triangles.shape[0] == 0:

@@ -5,6 +5,8 @@
 - **Images** are `[height, width, channels]` in 0..1: straight alpha at the edges of the package,
   premultiplied inside compositing. Colours are averaged as the scene holds them; they are
   converted only in `io` and only when asked.
+- **Colours outside 0..1** are drawn as they are: interpolation, blending and averaging are linear.
+  Writers of 8-bit pictures clip, EXR and SVG keep them. Alpha outside 0..1 is refused.
 - **Draw order**: later triangles in front. With `depth`, which grows away from the viewer, the
   nearest wins, and of equal depths the later; with depth and translucency together, draw order
   decides: what is drawn later and behind is hidden even by a translucent triangle.
@@ -23,6 +25,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from .colors_given import check_whole_colors, warn_of_bytes
+from .device import to_device, to_host
 from .texture.pyramid import TexturePyramid
 
 
@@ -31,8 +35,8 @@ class Scene(eqx.Module):
 
     - `positions`: `(x, y)` in pixels.
     - `triangles`: three vertex indices each, in draw order, either winding; vertices may be shared.
-    - `colors`: straight RGB or RGBA in 0..1; one corner is a flat triangle, three are interpolated;
-      three channels are opaque.
+    - `colors`: straight RGB or RGBA; one corner is a flat triangle, three are interpolated; three
+      channels are opaque. Black is 0 and white is 1; values outside 0..1 are drawn as they are.
     - `background`: RGB (opaque) or straight RGBA.
     - `uv`, `texture_index` (-1: none), `textures`: what each corner samples; all or none.
     - `depth`: per vertex, growing away from the viewer and interpolated affinely on the screen, as
@@ -84,27 +88,32 @@ class Scene(eqx.Module):
 
         Give `vertex_colors` `[vertices, channels]`, or `triangle_colors` `[triangles, channels]`
         (flat) or `[triangles, 3, channels]` (corners). `background` is white unless given. Dtype
-        follows `positions`. Raises `ValueError` for shapes, indices and values that no scene has.
+        follows `positions`, float32 or float64; integers become float32. Nothing compiles for
+        arrays on the host. Raises `ValueError` for shapes, dtypes, indices and values that no scene
+        has; warns of colours that look like bytes (0..255).
         """
-        positions = _floats("positions", positions, None)
+        given_positions, positions = positions, _floats("positions", positions, None)
         _expect("positions", positions, ("vertices", 2))
         vertices, dtype = positions.shape[0], positions.dtype
-        triangles = _integers("triangles", triangles)
+        given_triangles, triangles = triangles, _integers("triangles", triangles)
         # An empty list such as `[]` has no second axis.
         triangles = triangles.reshape(-1, 3) if triangles.size == 0 else triangles
         _expect("triangles", triangles, ("triangles", 3))
+        # Before they become int32, in which 2^32 + k is k.
         _check_indices(triangles, vertices)
         count = triangles.shape[0]
         if (vertex_colors is None) == (triangle_colors is None):
             raise ValueError("give one of `vertex_colors` and `triangle_colors`.")
         if vertex_colors is not None:
-            colors = _floats("vertex_colors", vertex_colors, dtype)
-            _expect("vertex_colors", colors, (vertices, "3 or 4 channels"))
-            colors = colors[triangles]
+            name, given = "vertex_colors", vertex_colors
+            colors = _colors(name, vertex_colors, dtype)
+            _expect(name, colors, (vertices, "3 or 4 channels"))
+            colors = _gather(colors, triangles)
         else:
-            colors = _floats("triangle_colors", triangle_colors, dtype)
+            name, given = "triangle_colors", triangle_colors
+            colors = _colors(name, triangle_colors, dtype)
             colors = colors[:, None] if colors.ndim == 2 else colors
-            _expect("triangle_colors", colors, (count, "1 or 3 corners", "3 or 4 channels"))
+            _expect(name, colors, (count, "1 or 3 corners", "3 or 4 channels"))
         if textures is not None:
             if not isinstance(textures, TexturePyramid):
                 kind = type(textures).__name__
@@ -112,12 +121,15 @@ class Scene(eqx.Module):
                     f"`textures` must come from TexturePyramid.build([image, ...]); got {kind}."
                 )
             if textures.texels.dtype != dtype:
-                textures = replace(textures, texels=textures.texels.astype(dtype))
+                textures = replace(textures, texels=to_device(textures.texels, dtype))
+        if texture_index is not None and textures is not None:
+            _check_texture_index(_integers("texture_index", texture_index), textures)
+        background = _background(background, dtype)
         scene = Scene(
-            positions=positions,
-            triangles=triangles,
-            colors=colors,
-            background=_background(background, dtype),
+            positions=_settled(given_positions, positions),
+            triangles=_settled(given_triangles, triangles, jnp.int32),
+            colors=_settled(given, colors),
+            background=to_device(background),
             uv=_optional("uv", uv, dtype, (count, 3, 2)),
             texture_index=_optional("texture_index", texture_index, None, (count,)),
             textures=textures,
@@ -125,6 +137,7 @@ class Scene(eqx.Module):
             inverse_w=_optional("inverse_w", inverse_w, dtype, (vertices,)),
         )
         check(scene)
+        warn_of_bytes({f"`{name}`": colors, "`background`": background})
         return scene
 
     @staticmethod
@@ -137,7 +150,7 @@ class Scene(eqx.Module):
         corners = corners.reshape(0, 3, 2) if corners.size == 0 else corners
         _expect("corners", corners, ("triangles", 3, 2))
         count = corners.shape[0]
-        colors = _floats("colors", colors, corners.dtype)
+        colors = _colors("colors", colors, corners.dtype)
         if count == 0:
             colors = colors.reshape(0, *(colors.shape[1:] if colors.ndim > 1 else (3,)))
         colors = colors[:, None] if colors.ndim == 2 else colors
@@ -154,11 +167,35 @@ class Scene(eqx.Module):
         )
 
 
+_FLOATING = ("positions", "colors", "background", "uv", "depth", "inverse_w")
+
+
+def check_types(scene: Scene) -> None:
+    """Raise `ValueError` for arrays of other types than a scene can be drawn in.
+
+    Types are known under a trace too. In half precision neither the sample grid nor the sums over
+    a triangle's pixels can be held; integer colours would be taken for 0..1.
+    """
+    arrays = {name: getattr(scene, name) for name in _FLOATING}
+    indices = {"triangles": scene.triangles, "texture_index": scene.texture_index}
+    if scene.textures is not None:
+        arrays["texels"] = scene.textures.texels
+        indices["levels"] = scene.textures.levels
+    for name, value in arrays.items():
+        if value is not None and value.dtype not in (np.float32, np.float64):
+            raise ValueError(f"`{name}` must be float32 or float64; got {value.dtype}.")
+    for name, value in indices.items():
+        if value is not None and not jnp.issubdtype(value.dtype, jnp.integer):
+            raise ValueError(f"`{name}` must be integers; got {value.dtype}.")
+
+
 def check(scene: Scene) -> None:
     """Raise `ValueError` for values that no picture has: one line that names what and where.
 
-    Looks at concrete values on the host; under a trace it sees none and passes. Accepts a batch.
+    Looks at types, and at concrete values on the host; under a trace there are none to look at.
+    Accepts a batch.
     """
+    check_types(scene)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
         return
     _check_indices(scene.triangles, scene.positions.shape[-2])
@@ -182,9 +219,7 @@ def check(scene: Scene) -> None:
             alpha = value[..., 3]
             _refuse((alpha < 0) | (alpha > 1), f"{name} alpha", axis, "in 0..1", alpha)
     if scene.textures is not None:
-        index = np.asarray(scene.texture_index)
-        last = scene.textures.count - 1
-        _refuse((index < -1) | (index > last), "texture_index", "triangle", f"in -1..{last}", index)
+        _check_texture_index(scene.texture_index, scene.textures)
         texels = scene.textures.texels
         _refuse(~np.isfinite(texels), "texels", "texel", "finite", texels)
         alpha = np.asarray(texels)[..., 3:]
@@ -210,6 +245,13 @@ def _check_indices(triangles: Any, vertices: int) -> None:
     )
 
 
+def _check_texture_index(texture_index: Any, textures: TexturePyramid) -> None:
+    if isinstance(texture_index, Tracer):
+        return
+    index, last = np.asarray(texture_index), textures.count - 1
+    _refuse((index < -1) | (index > last), "texture_index", "triangle", f"in -1..{last}", index)
+
+
 def _expect(name: str, value: Any, wanted: tuple[int | str, ...]) -> None:
     """Raise for another shape than `wanted`: numbers, choices such as "3 or 4", or free names."""
     choices = [[int(w) for w in str(size).split() if w.isdigit()] for size in wanted]
@@ -221,10 +263,24 @@ def _expect(name: str, value: Any, wanted: tuple[int | str, ...]) -> None:
         raise ValueError(f"`{name}` must be [{shape}]; got shape {tuple(value.shape)}.")
 
 
-def _background(value: Any, dtype: Any) -> Array:
+def _gather(colors: Any, triangles: Any) -> Any:
+    """The colours at the corners of triangles, `[triangles, 3, channels]`."""
+    if isinstance(triangles, Tracer):
+        colors = to_device(colors)
+    return colors[triangles]
+
+
+def _settled(given: Any, prepared: Any, dtype: Any = None) -> Array:
+    """`prepared` on the device; the array that was given, if that is a JAX array of its kind."""
+    if isinstance(given, jax.Array) and given.shape == prepared.shape:
+        return to_device(given, dtype or prepared.dtype)
+    return to_device(prepared, dtype)
+
+
+def _background(value: Any, dtype: Any) -> Any:
     if value is None:
-        return jnp.ones(3, dtype)
-    background = _floats("background", value, dtype)
+        return np.ones(3, dtype)
+    background = _colors("background", value, dtype)
     _expect("background", background, ("3 or 4 channels",))
     return background
 
@@ -235,24 +291,45 @@ def _optional(name: str, value: Any, dtype: Any, shape: tuple[int, ...]) -> Arra
         return None
     array = _integers(name, value) if dtype is None else _floats(name, value, dtype)
     _expect(name, array, shape)
+    return _settled(value, array, dtype or jnp.int32)
+
+
+def _integers(name: str, value: Any) -> Any:
+    """On the host, or traced, in the integer type that they have."""
+    array = _numbers(name, value)
+    if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
+        raise ValueError(f"`{name}` must be integers; got {array.dtype}.")
     return array
 
 
-def _integers(name: str, value: Any) -> Array:
-    array = jnp.asarray(value)
-    if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
-        raise ValueError(f"`{name}` must be integers; got {array.dtype}.")
-    return array.astype(jnp.int32)
+def _colors(name: str, value: Any, dtype: Any) -> Any:
+    """As `_floats`; `ValueError` for integers that can only be bytes."""
+    array = _numbers(name, value)
+    check_whole_colors(f"`{name}`", array)
+    return _floats(name, array, dtype)
 
 
-def _floats(name: str, value: Any, dtype: Any) -> Array:
-    """As floats of `dtype`; of its own float type, or float32, if that is None."""
+def _floats(name: str, value: Any, dtype: Any) -> Any:
+    """On the host, or traced, as floats of `dtype`; of their own type, or float32, if None."""
+    array = _numbers(name, value)
+    if dtype is None:
+        floating = jnp.issubdtype(array.dtype, jnp.floating)
+        dtype = jax.dtypes.canonicalize_dtype(array.dtype if floating else np.float32)
+        if dtype not in (np.float32, np.float64):
+            raise ValueError(f"`{name}` must be float32 or float64; got {dtype}.")
+    # What is too large for float32 becomes infinite, which is refused by name.
+    with np.errstate(over="ignore"):
+        return array.astype(dtype)
+
+
+def _numbers(name: str, value: Any) -> Any:
+    """A real array on the host, or a traced one."""
     try:
-        array = jnp.asarray(value)
+        array = to_host(value)
     except (TypeError, ValueError) as error:
         raise ValueError(f"`{name}` must be numbers in equal rows; got {value!r:.60}.") from error
     if jnp.issubdtype(array.dtype, jnp.complexfloating):
         raise ValueError(f"`{name}` must be real; got {array.dtype}.")
-    if dtype is None:
-        dtype = array.dtype if jnp.issubdtype(array.dtype, jnp.floating) else jnp.float32
-    return array.astype(dtype)
+    if array.dtype != bool and not jnp.issubdtype(array.dtype, jnp.number):
+        raise ValueError(f"`{name}` must be numbers in equal rows; got {value!r:.60}.")
+    return array

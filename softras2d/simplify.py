@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from .device import to_device
 from .effects import varies
 from .fixed_point import Grid
 from .options import Filter
@@ -45,8 +45,9 @@ def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = N
     if scene.inverse_w is not None and _is_affine(scene):
         scene = replace(scene, inverse_w=None)
     scene = _with_textures_used(scene, grid, filter)
-    if scene.colors.shape[2] == 4 and bool((np.asarray(scene.colors)[..., 3] == 1).all()):
-        scene = replace(scene, colors=scene.colors[..., :3])
+    colors = np.asarray(scene.colors)
+    if colors.shape[2] == 4 and bool((colors[..., 3] == 1).all()):
+        scene = replace(scene, colors=to_device(colors[..., :3]))
     if not varies(scene):
         scene = replace(scene, inverse_w=None)
     return scene
@@ -58,7 +59,7 @@ def take_triangles(scene: Scene, kept: np.ndarray) -> Scene:
         return scene
 
     def some(value: Array | None) -> Array | None:
-        return None if value is None else jnp.asarray(np.asarray(value)[kept])
+        return None if value is None else to_device(np.asarray(value)[kept])
 
     return replace(
         scene,
@@ -72,7 +73,7 @@ def take_triangles(scene: Scene, kept: np.ndarray) -> Scene:
 def _without_equal_corners(scene: Scene) -> Scene:
     colors = np.asarray(scene.colors)
     equal = colors.shape[1] == 3 and bool((colors == colors[:, :1]).all())
-    return replace(scene, colors=jnp.asarray(colors[:, :1])) if equal else scene
+    return replace(scene, colors=to_device(colors[:, :1])) if equal else scene
 
 
 def _with_textures_used(scene: Scene, grid: Grid, filter: Filter | None) -> Scene:
@@ -83,7 +84,7 @@ def _with_textures_used(scene: Scene, grid: Grid, filter: Filter | None) -> Scen
         return replace(scene, uv=None, texture_index=None, textures=None)
     base_only = base_is_enough(scene, grid, filter)
     textures, index = used_textures(scene.textures, index, base_only)
-    return replace(scene, texture_index=jnp.asarray(index), textures=textures)
+    return replace(scene, texture_index=to_device(index), textures=textures)
 
 
 def _reaches_canvas(scene: Scene, height: int, width: int) -> np.ndarray:

@@ -2,9 +2,9 @@
 
 import math
 
-import jax.numpy as jnp
 import numpy as np
 
+from .device import to_device
 from .fixed_point import Grid
 from .options import Filter
 from .scene import Scene
@@ -39,7 +39,7 @@ def used_textures(
         kept = kept[:, :3]
     levels = np.asarray([rows + rows[-1:] * (depth - len(rows)) for rows in chains], np.int32)
     pyramid = TexturePyramid(
-        jnp.asarray(kept), jnp.asarray(levels), textures.border, textures.addressing
+        to_device(kept), to_device(levels), textures.border, textures.addressing
     )
     return pyramid, np.where(index >= 0, np.searchsorted(used, index), -1).astype(np.int32)
 

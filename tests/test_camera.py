@@ -332,7 +332,7 @@ class TestErrors:
             ({"vertices": [(0, 0, -2), (1e308, 1e308, -1e308), (0, 1, -2)]}, "triangle 0"),
             ({"triangle_colors": None}, "one of `vertex_colors` and `triangle_colors`"),
             ({"triangle_colors": [(1, 1)]}, "`triangle_colors` must be "),
-            ({"triangle_colors": [(1, 1, 1, 2)]}, "`colors alpha` must be in 0..1"),
+            ({"triangle_colors": [(1.0, 1.0, 1.0, 2.0)]}, "`colors alpha` must be in 0..1"),
             ({"uv": np.zeros((1, 3, 2))}, "go together"),
             ({"size": (0, 80), "projection": np.eye(4)}, "`height` and `width` must be positive"),
         ],

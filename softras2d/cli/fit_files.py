@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..device import to_device
 from ..fit.loop import Moment
 from ..fit.mesh_colors import Image
 from ..fit.result import FitResult
@@ -103,4 +104,4 @@ class Film:
 
 
 def _shrunk(scene: Scene, scale: float) -> Scene:
-    return replace(scene, positions=scene.positions * scale)
+    return replace(scene, positions=to_device(np.asarray(scene.positions) * np.float32(scale)))

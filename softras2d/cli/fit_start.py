@@ -4,11 +4,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
+from ..device import to_device
 from ..fit.choices import STARTS
-from ..fit.prepare import Frame
+from ..fit.frame import Frame
 from ..fit.result import FitResult
 from ..fit.triangulation import Mesh, make_mesh
 from ..io.svg import read_svg
@@ -50,5 +50,5 @@ def _mesh(earlier: FitResult, frame: Frame) -> Mesh:
 
 
 def _stretched(scene: Scene, across: float, down: float) -> Scene:
-    factors = jnp.asarray([[across, down]], scene.positions.dtype)
-    return replace(scene, positions=scene.positions * factors)
+    positions = np.asarray(scene.positions) * np.array([[across, down]], np.float32)
+    return replace(scene, positions=to_device(positions))

@@ -7,11 +7,11 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import NamedTuple, overload
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from .. import scenes
+from ..device import to_device
 from ..options import Hard
 from ..plan import plan
 from ..scene import Scene
@@ -102,7 +102,7 @@ def _textures_as_long(pyramids: list[TexturePyramid | None]) -> list[TexturePyra
             dataclasses.replace(
                 pyramid,
                 texels=_lengthened(pyramid.texels, texels, 0.0),
-                levels=jnp.asarray(np.concatenate([table, last], axis=1)),
+                levels=to_device(np.concatenate([table, last], axis=1)),
             )
         )
     return longer
@@ -118,4 +118,4 @@ def _lengthened(array: Array | None, length: int, value: float | int) -> Array |
         return None
     host = np.asarray(array)
     more = np.full((length - len(host), *host.shape[1:]), value, host.dtype)
-    return jnp.asarray(np.concatenate([host, more]))
+    return to_device(np.concatenate([host, more]))

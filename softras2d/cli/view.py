@@ -3,9 +3,9 @@
 import dataclasses
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 
+from ..device import to_device
 from ..io.images import srgb_to_linear
 from ..io.svg import read_svg, svg_size
 from ..options import Filter, Hard
@@ -35,7 +35,7 @@ def read(path: Path, view: View) -> tuple[Scene, int, int]:
         color = np.asarray(view.background[:channels], np.float32)
         if view.linear:
             color[:3] = srgb_to_linear(color[:3])
-        scene = dataclasses.replace(scene, background=jnp.asarray(color))
+        scene = dataclasses.replace(scene, background=to_device(color))
     return scene, height, width
 
 

@@ -1,5 +1,6 @@
 """What a user may ask of a fit: each thing that makes no sense is refused in one line."""
 
+import math
 from typing import Any, get_args
 
 import numpy as np
@@ -12,6 +13,9 @@ from .solvers import Solver
 _SHADINGS = {"layers": ("flat", "gouraud"), "mesh": ("flat", "gouraud", "linear")}
 STARTS = ("error", "uniform", "delaunay")
 """What a start may be but a scene or a mesh."""
+
+GIVEN = "given"
+"""A start that was handed over: the settings name it so, and the state holds where it led."""
 
 _COLORS = ("together", "solve", "polish")
 
@@ -100,4 +104,8 @@ def _whole(name: str, value: Any, least: int) -> None:
 
 def _is_number(value: Any) -> bool:
     plain = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    return plain and bool(np.isfinite(value))
+    try:
+        return plain and math.isfinite(value)
+    except (OverflowError, TypeError):
+        # Integers beyond any float, and complex numbers.
+        return False

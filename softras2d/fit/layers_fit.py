@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..device import to_device
 from ..options import Soft
 from ..plan import Plan, plan
 from ..scene import Scene
@@ -101,10 +102,10 @@ class LayersFit:
         self.rng = np.random.default_rng(seed)
         self.background = background_of(choice.start, target, weights)
         self.data = LayersData(
-            loss.prepare(jnp.asarray(target)),
-            None if weights is None else jnp.asarray(weights, jnp.float32),
-            jnp.asarray(self.background),
-            jnp.float32(choice.softness[0]),
+            loss.prepare(to_device(target)),
+            None if weights is None else to_device(weights, np.float32),
+            to_device(self.background),
+            to_device(choice.softness[0], np.float32),
         )
         y, self.active = self._start()
         self.beyond = _BEYOND
@@ -136,8 +137,8 @@ class LayersFit:
         colors = np.full((count, corners, 3), 0.5, np.float32)
         opacity = np.ones(count, np.float32)
         places[:active], colors[:active], opacity[:active] = found
-        held = jnp.asarray(opacity) if choice.translucent else None
-        return Layers(jnp.asarray(places / UNIT), jnp.asarray(colors), held), active
+        held = to_device(opacity) if choice.translucent else None
+        return Layers(to_device(places / UNIT, np.float32), to_device(colors), held), active
 
     def _spacing(self, count: int) -> float:
         """Side of the square that each of so many triangles has, in pixels."""
@@ -151,8 +152,8 @@ class LayersFit:
         corners = random_triangles(rng, middle, 1.6 * self._spacing(count))
         colors = np.zeros((count, 3 if self.choice.gouraud else 1, 3), np.float32)
         opacity = np.full(count, 0.5, np.float32) if self.choice.translucent else None
-        held = None if opacity is None else jnp.asarray(opacity)
-        y = Layers(jnp.asarray(corners / UNIT, jnp.float32), jnp.asarray(colors), held)
+        held = None if opacity is None else to_device(opacity)
+        y = Layers(to_device(corners / UNIT, np.float32), to_device(colors), held)
         return layers_scene(y, self.data.background)
 
     def _plan(self, scenes: list[Scene]) -> Plan:
@@ -229,7 +230,7 @@ class LayersFit:
         first, last = self.choice.softness
         width = np.float32(first * (last / first) ** min(1.0, share / _ANNEALED))
         if width != np.float32(self.data.width):
-            self.data = self.data._replace(width=jnp.asarray(width))
+            self.data = self.data._replace(width=to_device(width))
             self.kept, self.progress = None, forget_best(self.progress)
 
     def _reach(self, y: Layers) -> float:
@@ -287,7 +288,7 @@ class LayersFit:
         def put(values: Any, new: Any) -> Any:
             host = np.asarray(values)[order]
             host[first:stop] = new
-            return jnp.asarray(host)
+            return to_device(host)
 
         def forget(leaf: Any) -> Any:
             follows = isinstance(leaf, jax.Array) and leaf.ndim and leaf.shape[0] == total

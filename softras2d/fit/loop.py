@@ -5,9 +5,9 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import NamedTuple, Protocol, runtime_checkable
 
-import jax.numpy as jnp
 import numpy as np
 
+from ..device import to_device
 from ..scene import Scene
 from .mesh_colors import Image
 from .result import Record
@@ -177,6 +177,6 @@ def run(
 def measure(course: Course) -> tuple[float, float]:
     """PSNR and SSIM of the image that the last step saw; of both lights the one that is shown."""
     image, target = (
-        premultiplied(jnp.asarray(one, jnp.float32)) for one in (course.image, course.target)
+        premultiplied(to_device(one, np.float32)) for one in (course.image, course.target)
     )
     return compare(image, target)

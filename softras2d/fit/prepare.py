@@ -1,16 +1,15 @@
 """From a target and settings to a fit that is ready for its first step."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Float
 
 from ..scene import Scene
-from . import choices, snapshot
+from . import choices, saved, snapshot
+from .frame import Frame
 from .layers_fit import LayersChoice, LayersFit
 from .loss import Loss
 from .mesh_colors import Colors
@@ -19,44 +18,8 @@ from .result import FitResult
 from .solvers import SOLVERS, Solver, solver_of
 from .tiling_fit import TilingChoice, TilingFit
 
-_LAYERS_SIZE = 256
-"""Pixels along the longer side at which layers are fitted unless told."""
-
 STEPS = 1000
 """Of a fit that is not told how long."""
-
-_GIVEN = "given"
-"""A start that was handed over: the settings name it so, and the state holds where it led."""
-
-
-class Frame(NamedTuple):
-    """The size of the fit, and how many pixels of the target one of its pixels is."""
-
-    height: int
-    width: int
-    across: float
-    down: float
-
-    @staticmethod
-    def of(height: int, width: int, settings: dict[str, Any]) -> "Frame":
-        """For a target of that size."""
-        longer = max(height, width)
-        wanted = settings["size"]
-        if wanted is None:
-            wanted = _LAYERS_SIZE if settings["family"] == "layers" else longer
-        scale = min(1.0, wanted / longer)
-        rows, columns = (max(1, round(side * scale)) for side in (height, width))
-        return Frame(rows, columns, width / columns, height / rows)
-
-    def enlarge(self, scene: Scene) -> Scene:
-        """A scene in pixels of the fit, in those of the target."""
-        factors = jnp.asarray([[self.across, self.down]], scene.positions.dtype)
-        return replace(scene, positions=scene.positions * factors)
-
-    def shrink(self, scene: Scene) -> Scene:
-        """A scene in pixels of the target, in those of the fit."""
-        factors = jnp.asarray([[self.across, self.down]], scene.positions.dtype)
-        return replace(scene, positions=scene.positions / factors)
 
 
 def make_course(
@@ -128,7 +91,7 @@ def check_images(targets: Sequence[Any]) -> list[Float[np.ndarray, "height width
 
 
 def check_resume(resume: Any, target: Float[np.ndarray, "height width channels"]) -> None:
-    """`ValueError` for what is no earlier fit, or one of another size."""
+    """`ValueError` for what is no earlier fit, one that cannot go on, or one of another size."""
     if not isinstance(resume, FitResult):
         raise ValueError(f"`resume` must be what an earlier fit gave; got {resume!r:.60}.")
     if (resume.height, resume.width) != target.shape[:2]:
@@ -136,6 +99,15 @@ def check_resume(resume: Any, target: Float[np.ndarray, "height width channels"]
             f"`resume` is of {resume.width} x {resume.height} pixels; `target` has "
             f"{target.shape[1]} x {target.shape[0]}."
         )
+    if not resume.state:
+        raise ValueError("`resume` has no state from which a fit could go on.")
+    try:
+        saved.check_settings(resume.settings)
+        size = saved.Size(*resume.image.shape)
+        steps = resume.history[-1].steps if resume.history else 0
+        saved.check_state(resume.state, resume.settings, size, steps)
+    except ValueError as error:
+        raise ValueError(f"`resume`: {error}") from None
 
 
 def kept(settings: dict[str, Any]) -> dict[str, Any]:
@@ -144,7 +116,7 @@ def kept(settings: dict[str, Any]) -> dict[str, Any]:
     first, last = settings["softness"]
     return settings | {
         "softness": last if first == last else [first, last],
-        "start": start if isinstance(start, str) else _GIVEN,
+        "start": start if isinstance(start, str) else choices.GIVEN,
         "solver": solver if isinstance(solver, str) else type(solver).__name__,
     }
 

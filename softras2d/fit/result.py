@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .. import __version__
 from ..drafts import whole
 from ..scene import Scene
+from . import saved
+from .archive import MAX_BYTES, read_arrays
 
 
 class Record(NamedTuple):
@@ -102,12 +103,15 @@ class FitResult:
             draft.write_text(text, encoding="utf-8")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """An `.npz` that `load` gives back exactly; it appears whole or not at all."""
+        """An `.npz` that `load` gives back exactly; it appears whole or not at all.
+
+        Raises `ValueError`, one line, for another suffix and for a fit of more than a GiB.
+        """
         path = Path(path)
         if path.suffix.lower() != ".npz":
             raise ValueError(f"{path}: the suffix must be .npz.")
         facts = {
-            "format": _FORMAT,
+            "format": saved.FORMAT,
             "settings": self.settings,
             "interrupted": self.interrupted,
         }
@@ -117,45 +121,59 @@ class FitResult:
             "scores": np.array([self.psnr, self.ssim]),
             "history": np.array([tuple(map(float, one)) for one in self.history]).reshape(-1, 6),
         }
-        for entry in _SCENE:
+        for entry in saved.SCENE:
             arrays[f"scene.{entry}"] = np.asarray(getattr(self.scene, entry))
         for name, value in self.state.items():
-            arrays[f"state.{name}"] = np.asarray(value)
+            arrays[f"{_STATE}{name}"] = np.asarray(value)
+        held = sum(array.nbytes for array in arrays.values())
+        if held > MAX_BYTES:
+            raise ValueError(f"{path}: a fit of {held} bytes is too large; {MAX_BYTES} at most.")
         with whole(path) as draft, draft.open("wb") as file:
             np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> "FitResult":
-        """What `save` wrote; a one-line `ValueError` for any other file."""
+        """What `save` wrote, looked at entry by entry before any of it is used.
+
+        Raises `ValueError`, one line that names the file, the entry and what was expected, for any
+        other file, and for one that unpacks to more than a GiB.
+        """
         path = Path(path)
         if not path.is_file():
             raise ValueError(f"{path}: no such file.")
+        arrays = read_arrays(path)
         try:
-            with np.load(path, allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files}
-            facts = json.loads(arrays.pop("facts").tobytes().decode())
-            if facts["format"] != _FORMAT:
-                raise ValueError(f"format {facts['format']}")
-            parts = {entry: jnp.asarray(arrays.pop(f"scene.{entry}")) for entry in _SCENE}
-            scene = Scene(**parts)  # pyright: ignore[reportArgumentType]
-            psnr, ssim = map(float, arrays.pop("scores"))
-            image = arrays.pop("image")
-            history = tuple(_record(row) for row in arrays.pop("history"))
-            state = {name.removeprefix("state."): value for name, value in arrays.items()}
-        except Exception as error:
-            raise ValueError(f"{path}: not a fit saved by this version of softras2d.") from error
-        return FitResult(
-            scene, image, psnr, ssim, history, facts["settings"], facts["interrupted"], state
-        )  # fmt: skip
+            return _result(arrays)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
 
-
-_FORMAT = 3
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "lineax", "optax", "optimistix", "numpy", "scipy")
 
-_SCENE = ("positions", "triangles", "colors", "background")
+assert set(saved.SCENE) < {one.name for one in fields(Scene)}
 
-assert set(_SCENE) < {one.name for one in fields(Scene)}
+
+def _result(arrays: dict[str, np.ndarray]) -> FitResult:
+    """The fit in the arrays of a file; `ValueError` names the entry that is not of one."""
+    state = {
+        name.removeprefix(_STATE): value
+        for name, value in arrays.items()
+        if name.startswith(_STATE)
+    }
+    entries = saved.Entries({k: v for k, v in arrays.items() if not k.startswith(_STATE)})
+    settings, interrupted = saved.read_facts(entries)
+    image = saved.read_image(entries)
+    psnr, ssim = saved.read_scores(entries)
+    history = tuple(_record(row) for row in saved.read_history(entries))
+    scene = saved.read_scene(entries, settings, image.shape[2])
+    entries.end()
+    if state:
+        steps = history[-1].steps if history else 0
+        saved.check_state(state, settings, saved.Size(*image.shape), steps)
+    return FitResult(scene, image, psnr, ssim, history, settings, interrupted, state)
+
+
+_STATE = "state."
 
 
 def _record(row: np.ndarray) -> Record:

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..device import to_device
 from ..options import Hard
 from ..plan import Plan, plan
 from ..render import render, render_checked
@@ -81,7 +82,7 @@ class Scorer:
     """
 
     def __init__(self, target: Float[np.ndarray, "height width channels"]):
-        self._target = premultiplied(jnp.asarray(target))
+        self._target = premultiplied(to_device(target))
         self._plan: Plan | None = None
 
     def prepare(self, likely: Scene) -> float:

@@ -6,10 +6,10 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
+from ..device import to_device
 from .layers_fit import Kept, LayersFit
 from .solve import begin
 from .tiling_fit import Kept as KeptTiling
@@ -57,6 +57,8 @@ def restore(course: Either, held: dict[str, np.ndarray]) -> int:
         raise ValueError("`resume` is of another `target`.")
     progress, steps = course.progress, int(held["steps"])
     found = _filled(_solve(course), "solve", held)
+    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found[0])):
+        raise ValueError("`resume`: `state.solve`: the unknowns must be finite.")
     if isinstance(course.solver, optx.AbstractLeastSquaresSolver):
         y, best = found
         fresh = begin(course.solver, course.residual, y, course.data)
@@ -70,13 +72,13 @@ def restore(course: Either, held: dict[str, np.ndarray]) -> int:
     if isinstance(course, LayersFit):
         course.background, course.beyond = held["background"], float(held["beyond"])
         course.data = course.data._replace(
-            background=jnp.asarray(course.background), width=jnp.asarray(held["width"])
+            background=to_device(course.background), width=to_device(held["width"])
         )
         course.rng.bit_generator.state = json.loads(held["random"].tobytes().decode())
         if "kept" in held:
             course.kept = Kept(float(held["kept"]), _filled(y, "kept", held))
     else:
-        course.data = course.data._replace(scale=jnp.asarray(held["scale"]))
+        course.data = course.data._replace(scale=to_device(held["scale"]))
         if "kept" in held:
             mesh = mesh_of(held, "kept.mesh")
             data, y = course.prepare(mesh, held["kept.scale"])
@@ -104,10 +106,15 @@ def _filled(tree: Any, name: str, held: dict[str, np.ndarray]) -> Any:
     leaves, structure = jax.tree.flatten(tree)
     places = [place for place, leaf in enumerate(leaves) if eqx.is_array(leaf)]
     for number, place in enumerate(places):
-        saved = held.get(f"{name}.{number}")
-        if saved is None or saved.shape != leaves[place].shape:
-            raise ValueError("`resume` holds no state of a fit with these settings.")
-        leaves[place] = jnp.asarray(saved)
+        entry, own = f"{name}.{number}", leaves[place]
+        saved = held.get(entry)
+        if saved is None or saved.shape != own.shape or saved.dtype != own.dtype:
+            got = "is missing" if saved is None else f"got {saved.dtype} {list(saved.shape)}"
+            raise ValueError(
+                f"`resume`: `state.{entry}` must be {own.dtype} {list(own.shape)}, of a fit with "
+                f"these settings and this solver; {got}."
+            )
+        leaves[place] = to_device(saved)
     return jax.tree.unflatten(structure, leaves)
 
 

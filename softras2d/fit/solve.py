@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
+from ..device import to_device
 from .solvers import Solver
 
 Residual = Callable[[Any, Any], tuple[Any, Any]]
@@ -66,7 +68,7 @@ def advance(
     """
     room = steps if room is None else room
     y, state, losses, (latest, every) = _advance(
-        solver, fn, progress.y, progress.state, args, jnp.asarray(steps), room
+        solver, fn, progress.y, progress.state, args, to_device(np.int32(steps)), room
     )
     every = jax.tree.map(lambda leaf: leaf[:steps], every)
     return Progress(y, state, progress.steps + steps), losses[:steps], (latest, every)
@@ -136,7 +138,7 @@ def advance_each(
     parts = [eqx.partition(one, eqx.is_array) for one in held]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(arrays for arrays, _ in parts))
     still = parts[0][1]
-    found = _advance_stacked(solver, fn, stacked, still, jnp.asarray(steps), room)
+    found = _advance_stacked(solver, fn, stacked, still, to_device(np.int32(steps)), room)
     results = []
     for place, progress in enumerate(many):
         y, state, losses, (latest, every) = jax.tree.map(lambda leaf, at=place: leaf[at], found)
@@ -158,7 +160,7 @@ def set_rate(progress: Progress, rate: float) -> Progress:
         old = rate_of(progress)
     except AttributeError:
         return progress
-    return eqx.tree_at(rate_of, progress, jnp.asarray(rate, old.dtype))
+    return eqx.tree_at(rate_of, progress, to_device(rate, old.dtype))
 
 
 def forget_best(progress: Progress) -> Progress:

@@ -9,7 +9,8 @@ from jaxtyping import Float
 
 from . import snapshot
 from .closed_form import time_colors
-from .prepare import Frame, kept, make_course, room_of
+from .frame import Frame
+from .prepare import kept, make_course, room_of
 from .result import FitResult
 from .score import Scorer
 

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..device import to_device
 from ..options import Area
 from ..plan import Plan, plan
 from ..scene import Scene
@@ -141,21 +141,21 @@ class TilingFit:
         if scale is None:
             scale = UNIT * np.clip(_THIN * _altitudes(mesh)[:, None], _LEAST_SCALE, 1.0)
         data = TilingData(
-            self.loss.prepare(jnp.asarray(self.target, jnp.float32)),
-            None if self.weights is None else jnp.asarray(self.weights, jnp.float32),
-            jnp.zeros(3, jnp.float32),
-            jnp.asarray(triangles),
-            jnp.asarray(np.stack([mesh.free_x, mesh.free_y], 1)),
-            jnp.asarray(mesh.positions, jnp.float32),
-            jnp.asarray(scale, jnp.float32),
+            self.loss.prepare(to_device(self.target, np.float32)),
+            None if self.weights is None else to_device(self.weights, np.float32),
+            to_device(np.zeros(3, np.float32)),
+            to_device(triangles),
+            to_device(np.stack([mesh.free_x, mesh.free_y], 1)),
+            to_device(mesh.positions, np.float32),
+            to_device(scale, np.float32),
         )
         found = solve_colors(mesh, self.target, colors=self.choice.colors, weights=self.weights)
         found = np.clip(found, 0, 1)
         if self.choice.colors != "vertex":
             found = found[:, None] if found.ndim == 2 else found
             found = np.concatenate([found, np.zeros((room - active, *found.shape[1:]))])
-        positions = jnp.asarray(mesh.positions / scale, jnp.float32)
-        return data, Tiling(positions, jnp.asarray(found, jnp.float32))
+        positions = to_device(mesh.positions / scale, np.float32)
+        return data, Tiling(positions, to_device(found, np.float32))
 
     def _begin(self, mesh: Mesh, data: TilingData, y: Tiling) -> None:
         self.progress = begin(self.solver, self.residual, y, data)
@@ -182,7 +182,10 @@ class TilingFit:
         best = self.best()
         scene = tiling_scene(best.y, best.data)
         drawn = slice(None if padded else len(best.mesh.triangles))
-        return replace(scene, triangles=scene.triangles[drawn], colors=scene.colors[drawn])
+        triangles, colors = (
+            to_device(np.asarray(whole)[drawn]) for whole in (scene.triangles, scene.colors)
+        )
+        return replace(scene, triangles=triangles, colors=colors)
 
     def polish(self) -> None:
         """The best unknowns so far, with the colours of least squared error."""
@@ -243,8 +246,8 @@ class TilingFit:
 def _mended(y: Tiling, mesh: Mesh, data: TilingData) -> tuple[Mesh, Tiling]:
     """The mesh where the unknowns are, without triangles turned over."""
     mesh = untangle(mesh, np.asarray(vertices_of(y, data), np.float64))
-    positions = jnp.asarray(mesh.positions, jnp.float32) / data.scale
-    return mesh, y._replace(positions=positions)
+    positions = mesh.positions.astype(np.float32) / np.asarray(data.scale)
+    return mesh, y._replace(positions=to_device(positions))
 
 
 def _altitudes(mesh: Mesh) -> Float[np.ndarray, " vertices"]:

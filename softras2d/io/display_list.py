@@ -124,15 +124,14 @@ class DisplayList:
         return Triangles(corners, self._color_table()[draw], uv, texture[draw])
 
     def _color_table(self) -> np.ndarray:
-        """The colours of each draw, `[draws, 1 or 3, 4]`."""
+        """The colours of each draw, `[draws, 1 or 3, 4]`; `ValueError` for one beyond float32."""
         colors = [np.reshape(color, (-1, 4)) for color in self._colors]
         if any(len(color) > 1 for color in colors):
             colors = [np.broadcast_to(color, (3, 4)) for color in colors]
-        return (
-            np.array(colors, np.float32).reshape(len(colors), -1, 4)
-            if colors
-            else np.ones((0, 1, 4), np.float32)
-        )
+        if not colors:
+            return np.ones((0, 1, 4), np.float32)
+        table = np.array(colors).reshape(len(colors), -1, 4)
+        return self._float32(table, np.arange(len(table)), "a colour")
 
     def _is_translucent(self, draws: np.ndarray) -> np.ndarray:
         """Which of these draws, all of one colour, are not opaque."""
@@ -141,13 +140,15 @@ class DisplayList:
     def _batch(self, draw: np.ndarray, corners: np.ndarray) -> _Batch:
         return _Batch(draw, self._float32(corners, draw))
 
-    def _float32(self, points: np.ndarray, draws: np.ndarray) -> np.ndarray:
-        """Coordinates `[k, ...]` of the given draws, rounded to float32."""
+    def _float32(
+        self, values: np.ndarray, draws: np.ndarray, what: str = "a coordinate"
+    ) -> np.ndarray:
+        """Numbers `[k, ...]` of the given draws, rounded to float32; `what`: what they are."""
         with np.errstate(over="ignore"):
-            rounded = points.astype(np.float32)
+            rounded = values.astype(np.float32)
         bad = ~np.isfinite(rounded).all(axis=tuple(range(1, rounded.ndim)))
         if bad.any():
-            raise self._error(int(draws[np.argmax(bad)]), "a coordinate is not finite in float32.")
+            raise self._error(int(draws[np.argmax(bad)]), f"{what} is not finite in float32.")
         return rounded
 
     def _error(self, draw: int, message: str) -> SvgError:
@@ -162,7 +163,9 @@ class DisplayList:
         if not self._textures:
             return batch
         parts = [np.zeros_like(c) if u is None else u for u, c in zip(uv, corners, strict=True)]
-        return batch._replace(uv=np.concatenate(parts).astype(np.float32))
+        return batch._replace(
+            uv=self._float32(np.concatenate(parts), batch.draw, "a texture coordinate")
+        )
 
     def _from_polygons(self) -> _Batch | None:
         if not self._polygons:

@@ -16,6 +16,7 @@ read back under the same `linear`. An EXR of an image without alpha, written and
 import os
 import shutil
 import tempfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ def read_image(
 
     Integers become k/255 (k/65535) exactly rounded. `linear=True` gives linear light, else sRGB.
     The orientation that a camera noted is applied. Of several images in one file the first is read.
-    Raises `ValueError`, one line, for what is not a whole image file.
+    Raises `ValueError`, one line, for what is not a whole image file, and for NaN and infinity.
     """
     return _load(Path(path), str(path), linear)
 
@@ -75,7 +76,11 @@ def write_image(
     pixels = _writable(path, np.asarray(image))
     if suffix == ".exr":
         pixels = pixels if linear else _on_colors(srgb_to_linear, pixels)
-        pixels = _premultiply(pixels)
+        # What is finite in sRGB may be too bright for float32 in linear light.
+        _check_finite(str(path), pixels)
+        with np.errstate(over="ignore"):
+            pixels = _premultiply(pixels)
+        _check_finite(str(path), pixels)
     else:
         pixels = _on_colors(linear_to_srgb, pixels) if linear else pixels
         pixels = to_bytes(pixels, truncate=truncate)
@@ -97,14 +102,17 @@ def srgb_to_linear(values: np.ndarray) -> np.ndarray:
     **Source:** IEC 61966-2-1.
     """
     size = np.abs(values)
-    light = np.where(size <= 0.04045, size / 12.92, ((size + 0.055) / 1.055) ** 2.4)
+    # What is too bright for the type becomes infinite; the branch that is not taken may overflow.
+    with np.errstate(over="ignore"):
+        light = np.where(size <= 0.04045, size / 12.92, ((size + 0.055) / 1.055) ** 2.4)
     return np.copysign(light, values).astype(values.dtype)
 
 
 def linear_to_srgb(values: np.ndarray) -> np.ndarray:
     """Linear light to sRGB: the inverse of `srgb_to_linear`."""
     size = np.abs(values)
-    code = np.where(size <= 0.04045 / 12.92, size * 12.92, 1.055 * size ** (1 / 2.4) - 0.055)
+    with np.errstate(over="ignore"):
+        code = np.where(size <= 0.04045 / 12.92, size * 12.92, 1.055 * size ** (1 / 2.4) - 0.055)
     return np.copysign(code, values).astype(values.dtype)
 
 
@@ -113,11 +121,18 @@ def _load(path: Path, name: str, linear: bool) -> np.ndarray:
         raise ValueError(f"{name}: a folder, not an image.")
     if not path.exists():
         raise ValueError(f"{name}: no such file.")
-    pixels, spec = _pixels(path, name)
-    pixels = _channels(pixels, [channel.upper() for channel in spec.channelnames])
+    try:
+        pixels, spec = _pixels(path, name)
+        channels = [channel.upper() for channel in spec.channelnames]
+    except UnicodeDecodeError:
+        # Of OpenImageIO, which takes the names in a file, and what it says of them, for UTF-8.
+        raise ValueError(f"{name}: the image is damaged: a name in it is not UTF-8.") from None
+    pixels = _channels(pixels, channels)
     floats = np.dtype(str(spec.format).replace("half", "float16")).kind == "f"
     if _is_premultiplied(path, spec):
-        pixels = _unpremultiply(pixels)
+        with np.errstate(over="ignore", invalid="ignore"):
+            pixels = _unpremultiply(pixels)
+    _check_finite(name, pixels)
     if floats and not linear:
         pixels = _on_colors(linear_to_srgb, pixels)
     if linear and not floats:
@@ -148,14 +163,26 @@ def _pixels(path: Path, name: str) -> tuple[np.ndarray, Any]:
         raise ValueError(f"{name}: the image is damaged or cut short{_why(error, path)}.")
     shape = (spec.height, spec.width, spec.nchannels)
     # Dividing rounds correctly; OpenImageIO multiplies by a rounded 1/255.
-    return np.asarray(pixels, np.float32).reshape(shape) / np.float32(step), spec
+    # A signalling NaN warns, and is refused later on by its place.
+    with np.errstate(invalid="ignore"):
+        return np.asarray(pixels, np.float32).reshape(shape) / np.float32(step), spec
 
 
 def _refuse_cut_png(path: Path, name: str) -> None:
-    """Raise for a PNG without its end, about which libpng itself would print to stderr."""
+    """Raise for a PNG whose chunks are not whole, about which libpng itself prints to stderr."""
     with path.open("rb") as file:
-        if file.read(8) == b"\x89PNG\r\n\x1a\n" and b"IEND" not in file.read():
+        if file.read(8) != b"\x89PNG\r\n\x1a\n":
+            return
+        data = file.read()
+    at, kind = 0, b""
+    while kind != b"IEND":
+        # Length, kind, data, and a checksum of the latter two.
+        length, kind = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
+        end = at + 8 + length
+        checksum = zlib.crc32(memoryview(data)[at + 4 : end]).to_bytes(4, "big")
+        if len(kind) < 4 or not kind.isalpha() or data[end : end + 4] != checksum:
             raise ValueError(f"{name}: the image is damaged or cut short.")
+        at = end + 4
 
 
 def _channels(pixels: np.ndarray, names: list[str]) -> np.ndarray:
@@ -230,11 +257,19 @@ def as_pixels(where: str, image: np.ndarray) -> Float32[np.ndarray, "height widt
         raise ValueError(f"{where}: an image is [height, width, 1, 3 or 4]; got {image.shape}.")
     if image.dtype not in (np.float16, np.float32, np.float64):
         raise ValueError(f"{where}: an image holds floats, 0..1; got {image.dtype}.")
-    if not np.isfinite(image).all():
-        row, column, channel = (int(i) for i in np.argwhere(~np.isfinite(image))[0])
-        value = image[row, column, channel]
+    with np.errstate(over="ignore"):
+        pixels = image.astype(np.float32)
+    _check_finite(where, pixels)
+    return pixels
+
+
+def _check_finite(where: str, pixels: np.ndarray) -> None:
+    """Raise `ValueError`, which begins with `where`, for the first value that is not finite."""
+    finite = np.isfinite(pixels)
+    if not finite.all():
+        row, column, channel = (int(i) for i in np.argwhere(~finite)[0])
+        value = pixels[row, column, channel]
         raise ValueError(f"{where}: row {row}, column {column}, channel {channel} is {value}.")
-    return image.astype(np.float32)
 
 
 def check_place(path: Path) -> None:
@@ -278,5 +313,9 @@ def _is_whole(draft: Path) -> bool:
 def _why(message: str, path: Path) -> str:
     """OpenImageIO's first line, without the name of a file that the user never named."""
     first = message.strip().splitlines()[0] if message.strip() else ""
-    first = first.replace(f' ("{path}")', "").replace(f'"{path}"', "it").rstrip(".")
+    for quoted in (f' ("{path}")', f" ({path})"):
+        first = first.replace(quoted, "")
+    for named in (f'"{path}"', str(path), path.name):
+        first = first.replace(named, "it")
+    first = "".join(c if c.isprintable() else "?" for c in first).rstrip(".")
     return f" ({first})" if first else ""

@@ -139,7 +139,10 @@ def _scene(
     if message := context.warning():
         warnings.warn(message, UserWarning, stacklevel=stacklevel)
     addressing = "corners" if dialect == "course" else "half_texel"
-    return _assembled(context, triangles, addressing, linear)
+    try:
+        return _assembled(context, triangles, addressing, linear)
+    except ValueError as error:
+        raise SvgError(f"{document.name}: {error}") from None
 
 
 def _canvas(

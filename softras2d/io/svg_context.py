@@ -7,6 +7,7 @@ import numpy as np
 
 from .display_list import DisplayList
 from .svg_assets import Assets
+from .svg_document import in_one_line
 
 SILENT = frozenset({"title", "desc", "metadata"})
 """Elements that draw nothing in any SVG, so that nothing is missed without them."""
@@ -43,7 +44,7 @@ class Context:
             parts.append(f"without effect: {_counts(self.ignored)}")
         if count := self.display.approximated:
             parts.append(f"self-crossing polygons too large to be clipped, filled nonzero: {count}")
-        return f"{self.name}: {'; '.join(parts)}." if parts else None
+        return in_one_line(f"{self.name}: {'; '.join(parts)}.") if parts else None
 
 
 def _counts(counter: Counter[str]) -> str:

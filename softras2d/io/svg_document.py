@@ -56,6 +56,14 @@ class Reader(Protocol):
 class SvgError(ValueError):
     """A fault of a document: one line with its name and the line number."""
 
+    def __init__(self, message: str):
+        super().__init__(in_one_line(message))
+
+
+def in_one_line(text: str) -> str:
+    """The text with a blank for each line break, of which a document's attributes may hold some."""
+    return " ".join(text.splitlines())
+
 
 def load(path: str | os.PathLike[str]) -> Document:
     """The document in a file. Raises `ValueError` if there is none, or too much of it."""

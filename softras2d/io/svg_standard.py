@@ -174,7 +174,13 @@ class StandardReader:
         The canvas too: where a viewBox leaves margins, they show the page and not the rect.
         """
         context = self._context
-        if len(context.display) or context.background or fill[3] < 1 or box != self._box:
+        if (
+            len(context.display)
+            or context.background
+            or fill[3] < 1
+            or not _fits_float32(fill)
+            or box != self._box
+        ):
             return False
         if state.style.stroke_rgba(context.opacity) is not None:
             return False
@@ -309,6 +315,11 @@ def _numbers(attributes: dict[str, str], name: str, count: int) -> np.ndarray:
     if len(numbers) != count:
         raise ValueError(f"{name}: expected {count} numbers, got {len(numbers)}.")
     return np.array(numbers)
+
+
+def _fits_float32(color: Rgba) -> bool:
+    """Whether a colour can be held; one that cannot is drawn, and refused with its line."""
+    return all(abs(value) <= np.finfo(np.float32).max for value in color)
 
 
 def _corners(box: Box) -> np.ndarray:

@@ -9,6 +9,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from ..colors_given import check_whole_colors, warn_of_bytes
+from ..device import to_device, to_host
+
 
 class TexturePyramid(eqx.Module):
     """Textures and their box-filtered halvings, down to one texel.
@@ -54,8 +57,9 @@ class TexturePyramid(eqx.Module):
         that a transparent texel lends its neighbours no colour.
         `linear=True` says that the images hold sRGB and that texels shall be linear light: colour
         channels are decoded once, before the levels are averaged. Images of three channels get
-        alpha one where others have four. Differentiable in the images. Raises `ValueError` for an
-        image without texels.
+        alpha one where others have four. Half-precision images become float32. Differentiable in
+        the images. Raises `ValueError` for an image without texels or of integers above 1, and
+        warns of images that look like bytes (0..255).
         """
         if border not in ("clamp", "repeat") or addressing not in ("half_texel", "corners"):
             raise ValueError(f"no such `border` or `addressing`: {border!r}, {addressing!r}.")
@@ -76,26 +80,28 @@ class TexturePyramid(eqx.Module):
                 flat.append(level.reshape(-1, channels))
                 offset += height * width
             table.append(rows + rows[-1:] * (depth - len(rows)))
-        texels = flat[0].__array_namespace__().concatenate(flat)
+        traced = any(isinstance(level, Tracer) for level in flat)
+        texels = (jnp if traced else np).concatenate(flat)
+        warn_of_bytes({f"texture {index}": base for index, base in enumerate(bases)})
         return TexturePyramid(
-            jnp.asarray(texels), jnp.asarray(np.asarray(table, np.int32)), border, addressing
+            to_device(texels), to_device(np.asarray(table, np.int32)), border, addressing
         )
 
 
 def _image(image: Any, index: int) -> Any:
     """A float image; concrete ones stay in numpy, where small steps cost no compilation."""
-    image = image if isinstance(image, Tracer) else np.asarray(image)
+    image = to_host(image)
     if image.ndim != 3 or image.shape[-1] not in (3, 4) or 0 in image.shape:
         raise ValueError(
             f"texture {index} must be [height, width, 3 or 4], not empty; got {image.shape}."
         )
-    if jnp.issubdtype(image.dtype, jnp.floating):
-        return image
-    if image.dtype.kind not in "biu" or (not isinstance(image, Tracer) and image.max() > 1):
-        raise ValueError(
-            f"texture {index} must hold floats in 0..1 (divide bytes by 255); got {image.dtype}."
-        )
-    return image.astype(np.float32)
+    if not jnp.issubdtype(image.dtype, jnp.floating):
+        if image.dtype.kind not in "biu":
+            raise ValueError(f"texture {index} must hold floats in 0..1; got {image.dtype}.")
+        check_whole_colors(f"texture {index}", image)
+        return image.astype(np.float32)
+    # Sums over levels do not fit half precision.
+    return image if image.dtype in (np.float32, np.float64) else image.astype(np.float32)
 
 
 def _decode(image: Any) -> Any:

@@ -1,6 +1,7 @@
 """Image files: what is written comes back, under each meaning that files and arrays have."""
 
 import os
+import pathlib
 import shutil
 import stat
 import struct
@@ -297,3 +298,62 @@ def test_a_file_that_claims_too_much_is_refused_unread(tmp_path):
     (tmp_path / "image.png").write_bytes(data)
     with pytest.raises(ValueError, match=r"too many|not an image"):
         read_image(tmp_path / "image.png")
+
+
+def _exr_with(tmp_path, old, new):
+    """An EXR whose bytes `old` are `new`."""
+    path = tmp_path / "broken.exr"
+    write_image(path, random_image(3), linear=True)
+    data = path.read_bytes()
+    assert old in data and len(old) == len(new)
+    path.write_bytes(data.replace(old, new))
+    return path
+
+
+@pytest.mark.parametrize(
+    "old, new",
+    [
+        (b"channels\0", b"\xfehannels\0"),
+        (b"channels\0chlist\0", b"channels\0chli\xffs\0"),
+        (b"dataWindow\0", b"data\xc3indow\0"),
+    ],
+)
+def test_names_that_are_not_utf8_are_one_line(tmp_path, old, new):
+    """OpenImageIO hands them over as they are, and Python could not decode them."""
+    path = _exr_with(tmp_path, old, new)
+    with pytest.raises(ValueError, match=r"broken\.exr: ") as caught:
+        read_image(path)
+    message = str(caught.value)
+    assert "\n" not in message and message.count("broken.exr") == 1 and message.isprintable()
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
+def test_values_that_are_not_finite_are_named_when_read(tmp_path, value):
+    pixels = random_image(3)
+    pixels[2, 3, 1] = value
+    save(tmp_path / "image.exr", pixels, "float")
+    with pytest.raises(ValueError, match=r"image\.exr: row 2, column 3, channel 1 is"):
+        read_image(tmp_path / "image.exr")
+
+
+def test_colors_that_overflow_are_named(tmp_path):
+    """Divided by an alpha of nearly nothing, or decoded to linear light."""
+    save(tmp_path / "thin.exr", np.full((1, 1, 4), [1e10, 0, 0, 1e-35], np.float32), "float")
+    with pytest.raises(ValueError, match=r"thin\.exr: row 0, column 0, channel 0 is inf"):
+        read_image(tmp_path / "thin.exr")
+    with pytest.raises(ValueError, match=r"a\.exr: row 0, column 0, channel 0 is inf"):
+        write_image(tmp_path / "a.exr", np.full((1, 1, 3), 1e30, np.float32))
+    with pytest.raises(ValueError, match=r"a\.png: row 0, column 0, channel 0 is inf"):
+        write_image(tmp_path / "a.png", np.full((1, 1, 3), 1e300))
+
+
+HOSTILE = os.environ.get("SOFTRAS2D_DATA")
+
+
+@pytest.mark.skipif(HOSTILE is None, reason="SOFTRAS2D_DATA is not set")
+def test_hostile_pictures_are_one_line():
+    for path in sorted(pathlib.Path(HOSTILE or "", "hostile").glob("*.exr")):
+        with pytest.raises(ValueError) as caught:
+            read_image(path)
+        assert str(caught.value).startswith(f"{path}: ")
+        assert len(str(caught.value).splitlines()) == 1
