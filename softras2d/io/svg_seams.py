@@ -76,14 +76,14 @@ def tiles_canvas(points: Float[np.ndarray, "triangles 3 2"], height: int, width:
     borders = np.array([[0.0, width], [0.0, height]])
     # [edges, ends, axis, border]
     is_on = np.abs(ends[..., None] - borders) <= _TOLERANCE
-    is_border = is_on.all(axis=1).any(axis=(1, 2)) & (edges.count[~is_inner] == 1)
+    is_border = is_on.all(axis=1).reshape(-1, 4).any(axis=1) & (edges.count[~is_inner] == 1)
     return bool(is_border.all())
 
 
 def shares_edge(points: Float[np.ndarray, "triangles 3 2"]) -> Bool[np.ndarray, " triangles"]:
     """Whether each triangle has an edge with another in common."""
     edges = find_edges(points)
-    return (edges.count[edges.edge_of_side] > 1).any(axis=1)
+    return np.asarray((edges.count[edges.edge_of_side] > 1).any(axis=1))
 
 
 def seams(
@@ -124,10 +124,7 @@ def seams(
     }
 
 
-_GROUP = (
-    '<g data-fallback="1" class="softras2d-seams" fill="none" stroke-width="{}" '
-    'stroke-linejoin="round">'
-)
+_GROUP = '<g data-fallback="1" fill="none" stroke-width="{}" stroke-linejoin="round">'
 
 _STARTS = (0, 0, 1, 0, 2, 2, 1, 0)
 """The corner at which a line along the sides of a bit mask begins."""
