@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .svg_context import FALLBACK
 from .svg_gradients import Gradients, Line, fit_gradients
 from .svg_seams import seams, shares_edge, tiles_canvas
 
-_FALLBACK = 'data-fallback="1"'
+_FALLBACK = f'{FALLBACK}="1"'
 
 _PATH = '<path {}d="M{} {} {} {} {} {}z" fill="{}"/>'
 

@@ -17,6 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .svg_context import FALLBACK
+
 SEAM_WIDTH = 1.4
 """Width of seam lines, in pixels: at least the diagonal of a pixel, so that a line covers each
 pixel that its edge halves. Of 1.0, 1.4, 2 and 3, Chromium's picture is the nearest with 1.4."""
@@ -118,13 +120,10 @@ def seams(
         line = _line(coordinates[index].tolist(), int(sides[index]))
         path = f'<path stroke="{colors[index]}" d="{line}"/>'
         groups.setdefault(int(first[part[index]]), []).append(path)
-    return {
-        start: "\n".join([_GROUP.format(SEAM_WIDTH), *paths, "</g>"])
-        for start, paths in groups.items()
-    }
+    return {start: "\n".join([_GROUP, *paths, "</g>"]) for start, paths in groups.items()}
 
 
-_GROUP = '<g data-fallback="1" fill="none" stroke-width="{}" stroke-linejoin="round">'
+_GROUP = f'<g {FALLBACK}="1" fill="none" stroke-width="{SEAM_WIDTH}" stroke-linejoin="round">'
 
 _STARTS = (0, 0, 1, 0, 2, 2, 1, 0)
 """The corner at which a line along the sides of a bit mask begins."""
