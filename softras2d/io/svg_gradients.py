@@ -92,7 +92,9 @@ def fit_gradients(points: np.ndarray, colors: np.ndarray) -> Gradients:
     mean = colors.mean(axis=1)
     # The deviations of three corners sum to zero, so they have two singular values at most.
     values, sizes, directions = np.linalg.svd(colors - mean[:, None], full_matrices=False)
-    parts = values * sizes[:, None]
+    # A singular vector has either sign; towards the lighter end, files are the same everywhere.
+    signs = np.where(directions.sum(axis=2) < 0, -1.0, 1.0)
+    directions, parts = directions * signs[:, :, None], values * (sizes * signs)[:, None]
     first, second = (_line(points, parts[:, :, k]) for k in (0, 1))
     first = first._replace(is_valid=first.is_valid & (sizes[:, 0] > _FLAT))
     ends = [np.clip(mean + t[:, None] * directions[:, 0], 0, 1) for t in (first.low, first.high)]
