@@ -20,8 +20,12 @@ from jaxtyping import Bool, Float, Int
 from .svg_context import FALLBACK
 
 SEAM_WIDTH = 1.4
-"""Width of seam lines, in pixels: at least the diagonal of a pixel, so that a line covers each
-pixel that its edge halves. Of 1.0, 1.4, 2 and 3, Chromium's picture is the nearest with 1.4."""
+"""Width of seam lines, in pixels: the diagonal of one.
+
+A line must cover the pixels that its edge halves, and what it covers beyond the outline of a mesh
+is seen. In Chromium, without sums, a flat mesh of 10,000 triangles has 37.9 dB with a width of 1.0
+and 39.0 with 1.4; one of 1,000 has 45.1 dB with 1.2, 46.3 with 1.4 and 44.7 with 3.
+"""
 
 _TOLERANCE = 1e-3
 """Distance, in pixels, within which an edge lies on the border of the canvas."""
@@ -123,7 +127,7 @@ def seams(
     return {start: "\n".join([_GROUP, *paths, "</g>"]) for start, paths in groups.items()}
 
 
-_GROUP = f'<g {FALLBACK}="1" fill="none" stroke-width="{SEAM_WIDTH}" stroke-linejoin="round">'
+_GROUP = f'<g {FALLBACK}="1" fill="none" stroke-width="{SEAM_WIDTH}" stroke-linejoin="bevel">'
 
 _STARTS = (0, 0, 1, 0, 2, 2, 1, 0)
 """The corner at which a line along the sides of a bit mask begins."""
