@@ -80,6 +80,7 @@ def test_every_kind_of_file(photo, tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "PSNR" in done.stdout
+    assert "a browser shows the SVG by linear gradients" in done.stdout
     result = sr.FitResult.load(tmp_path / "a.npz")
     np.testing.assert_allclose(read_image(tmp_path / "a.png"), result.image, atol=0.51 / 255)
     scene = sr.read_svg(tmp_path / "a.svg")

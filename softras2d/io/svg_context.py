@@ -12,6 +12,10 @@ from .svg_document import in_one_line
 SILENT = frozenset({"title", "desc", "metadata"})
 """Elements that draw nothing in any SVG, so that nothing is missed without them."""
 
+FALLBACK = "data-fallback"
+"""Attribute of elements that `write_svg` adds for browsers alone, such as a gradient below a
+`colortri`. Both dialects skip them, with all that they hold, and without a warning."""
+
 
 @dataclass
 class Context:

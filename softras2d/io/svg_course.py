@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from .. import transforms
-from .svg_context import SILENT, Context
+from .svg_context import FALLBACK, SILENT, Context
 from .svg_document import Children
 from .svg_numbers import blank_separated, leading_float, number_pairs
 from .svg_style import Rgba
@@ -42,6 +42,8 @@ class CourseReader:
         if not self._maps:
             self._root(tag, attributes)
             return Children.READ
+        if FALLBACK in attributes:
+            return Children.SKIPPED
         if tag == "texture":
             self._context.assets.declare(
                 attributes.get("texid", ""), attributes.get("filename", "")
@@ -63,7 +65,7 @@ class CourseReader:
 
     def inside(self, tag: str, attributes: dict[str, str], line: int) -> None:
         """A child of a shape, which is not looked at."""
-        if tag not in SILENT and ":" not in tag:
+        if tag not in SILENT and ":" not in tag and FALLBACK not in attributes:
             self._context.elements[tag] += 1
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from .. import transforms
 from . import svg_style
 from .strokes import Outline
-from .svg_context import SILENT, Context
+from .svg_context import FALLBACK, SILENT, Context
 from .svg_document import Children
 from .svg_numbers import length, number_list
 from .svg_style import Rgba, Style
@@ -103,7 +103,7 @@ class StandardReader:
 
     def _local(self, tag: str, attributes: dict[str, str]) -> str:
         """The name without its prefix; empty for other vocabularies and `write_svg`'s fallbacks."""
-        if self._states and "data-fallback" in attributes:
+        if self._states and FALLBACK in attributes:
             return ""
         prefix, colon, name = tag.rpartition(":")
         if not colon:

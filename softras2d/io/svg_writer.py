@@ -1,4 +1,4 @@
-"""Scenes to SVG: flat triangles as polygons that any browser shows, the rest as dialect elements.
+"""Writes scenes as SVG: flat triangles as polygons, which any browser shows, others in the dialect.
 
 Numbers are the shortest decimals that give back the same float32.
 """
@@ -12,18 +12,11 @@ import numpy as np
 from ..drafts import whole
 from ..scene import Scene, check
 from ..texture.pyramid import TexturePyramid
+from .svg_browsers import elements_for_browsers
 
 _POLYGON = '<polygon points="{},{} {},{} {},{}" {}/>'
 _COLORTRI = '<colortri points="{} {} {} {} {} {}" colors="{}"/>'
 _TEXTRI = '<textri points="{} {} {} {} {} {}" uvs="{}" texid="{}"/>'
-
-# Without antialiasing: browsers blend each polygon alone, so that along an edge that two share the
-# page would show through, a bright hairline around every triangle of a mesh. Without, each pixel
-# centre is in just one of them, translucent ones too, where a stroke that hides the hairlines would
-# be seen. The price is stairs on the outline of what is only a stand-in.
-_FALLBACK = (
-    '<polygon data-fallback="1" shape-rendering="crispEdges" points="{},{} {},{} {},{}" {}/>'
-)
 
 
 def write_svg(
@@ -43,8 +36,14 @@ def write_svg(
     16 otherwise. A background other than white is a first `<rect>` over the whole canvas, with
     `fill-opacity` if it is translucent.
 
-    `fallback=True` puts a `<polygon data-fallback="1">` of the mean corner colour and alpha before
-    each `<colortri>`, so that browsers show a flat triangle; `read_svg`, dialect "svg", skips it.
+    `fallback=True` puts what browsers can draw before each `<colortri>`: the linear gradient
+    nearest to its colours, and a second one where that lacks more than `svg_gradients.VISIBLE`;
+    `in_browsers` gives the scene that they show.
+
+    Browsers show the background through the edges of triangles that abut. Below opaque ones that
+    share an edge, lines of their colours hide it; triangles that tile the canvas are in a `<g>`
+    whose style adds what they cover, where the browser can (`svg_seams`). All that is there for
+    browsers alone is marked `data-fallback`, which `read_svg` skips in both dialects.
 
     `read_svg` gives back the same triangles in the same order and every float32 of them, with the
     smallest structure that holds them: vertices are not shared, colours are flat if all triangles
@@ -67,7 +66,7 @@ def write_svg(
             f'<texture texid="{index}" filename={quoteattr(name)}/>'
             for index, name in enumerate(images)
         ),
-        *_triangles(scene, fallback),
+        *_triangles(scene, fallback, height, width),
         "</svg>\n",
     ]
     # The pictures first: a file that is there has all that it names.
@@ -124,10 +123,11 @@ def _background(scene: Scene, height: int, width: int) -> list[str]:
     return [f'<rect x="0" y="0" width="{width}" height="{height}" {paint}/>']
 
 
-def _triangles(scene: Scene, fallback: bool) -> list[str]:
-    """One element per triangle, in draw order, or two, with its fallback."""
+def _triangles(scene: Scene, fallback: bool, height: int, width: int) -> list[str]:
+    """The elements of all triangles, in draw order, with what browsers are given beside them."""
     colors = _float32(scene.colors)
-    points = _float32(scene.positions)[np.asarray(scene.triangles)].reshape(-1, 6)
+    corners = _float32(scene.positions)[np.asarray(scene.triangles)]
+    points = corners.reshape(-1, 6)
     flat = (colors == colors[:, :1]).all(axis=(1, 2))
     textured = np.zeros(len(flat), bool)
     if scene.texture_index is not None:
@@ -137,20 +137,14 @@ def _triangles(scene: Scene, fallback: bool) -> list[str]:
     lines[plain] = _rows(_POLYGON, points[plain], _paint(colors[plain, 0]))
     shaded = ~flat & ~textured
     lines[shaded] = _rows(_COLORTRI, points[shaded], _lists(_with_alpha(colors[shaded])))
-    if fallback:
-        lines[shaded] = _fallbacks(points[shaded], colors[shaded]) + "\n" + lines[shaded]
     if scene.uv is not None and scene.texture_index is not None:
         uvs = _lists(_float32(scene.uv)[textured])
         indices = np.asarray(scene.texture_index)[textured].tolist()
         lines[textured] = _rows(_TEXTRI, points[textured], uvs, indices)
-    return lines.tolist()
-
-
-def _fallbacks(points: np.ndarray, colors: np.ndarray) -> np.ndarray:
-    """A flat triangle for each `[n, 3, 3 or 4]` corner colours."""
-    # Nobody computes with these, and three decimals are finer than the bytes of a display.
-    means = colors.astype(np.float64).mean(axis=1).round(3).astype(np.float32)
-    return np.array(_rows(_FALLBACK, points, _paint(means)), object)
+    beside = elements_for_browsers(corners, colors, plain, shaded & fallback, height, width)
+    for index, elements in beside.before.items():
+        lines[index] = elements + "\n" + lines[index]
+    return [*beside.head, *lines.tolist(), *beside.tail]
 
 
 def _rows(element: str, points: np.ndarray, *attributes: list) -> list[str]:

@@ -1,0 +1,124 @@
+"""Fits as SVG in Chromium, against the image that the package draws.
+
+python -m experiments.svg_in_browsers.run FOLDER
+"""
+
+import argparse
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import softras2d as sr
+from softras2d.io.svg_gradients import in_browsers
+from tests.browser import psnr, require_browser, screenshot
+
+from ..common import machine, report
+
+HERE = Path(__file__).parent
+CACHE = HERE / "cache"
+PACKAGES = ("softras2d", "jax", "jaxlib", "numpy")
+
+SECONDS = 15
+
+FLAT_MESH = {"family": "mesh", "shading": "flat", "colors": "solve"}
+
+FITS: dict[str, tuple[str, dict[str, Any]]] = {
+    "flat layers, 100": ("kodim23", {"triangles": 100}),
+    "flat layers, 1,000": ("kodim23", {"triangles": 1000}),
+    "translucent layers, 300": ("kodim23", {"triangles": 300, "translucent": True}),
+    "interpolated layers, 300": ("kodim23", {"triangles": 300, "shading": "gouraud", "steps": 400}),
+    "flat mesh, 1,000": ("kodim23", {"triangles": 1000, **FLAT_MESH}),
+    "flat mesh, 10,000": ("kodim05", {"triangles": 10000, **FLAT_MESH}),
+    "interpolated mesh, 1,000": ("kodim23", {"triangles": 1000, "family": "mesh"}),
+    "interpolated mesh, 10,000": ("kodim05", {"triangles": 10000, "family": "mesh"}),
+}
+
+
+def fitted(name: str, folder: Path) -> sr.FitResult:
+    """The fit of a row, from the cache if it was made before."""
+    kept = CACHE / f"{re.sub('[^a-z0-9]+', '_', name)}.npz"
+    if not kept.exists():
+        picture, options = FITS[name]
+        budget = {} if "steps" in options else {"seconds": SECONDS}
+        image = sr.read_image(folder / f"{picture}.png")
+        kept.parent.mkdir(exist_ok=True)
+        sr.fit(image, seed=0, **budget, **options).save(kept)
+    return sr.FitResult.load(kept)
+
+
+def polygons_alone(path: Path) -> str:
+    """A written file as it was before it had gradients and seams: flat polygons for browsers."""
+    text = re.sub(r"<(style|defs|g) data-fallback.*?</\1>\n", "", path.read_text(), flags=re.DOTALL)
+    text = re.sub(r"<path data-fallback.*\n", "", text)
+    text = re.sub(r'</?g( class="softras2d-tiling")?>\n', "", text)
+    return re.sub(r'<colortri points="(.*?)" colors="(.*?)"/>', _mean_polygon, text)
+
+
+def _mean_polygon(match: re.Match[str]) -> str:
+    colors = np.array(match[2].split(), float).reshape(3, 4)
+    red, green, blue, alpha = (100 * colors.mean(axis=0)).round(1)
+    # Without antialiasing, so that neighbours show no seam.
+    return (
+        f'<polygon data-fallback="1" shape-rendering="crispEdges" points="{match[1]}" '
+        f'fill="rgb({red}% {green}% {blue}%)" fill-opacity="{alpha / 100:g}"/>\n{match[0]}'
+    )
+
+
+def measure(name: str, folder: Path, browser: str) -> dict[str, Any]:
+    """A row: PSNR in dB between the browser's picture and the fit's image, and file sizes."""
+    result = fitted(name, folder)
+    height, width = result.height, result.width
+    reference = np.clip(result.image[..., :3], 0.0, 1.0)
+    path = CACHE / "scene.svg"
+    sr.write_svg(path, result.scene, height=height, width=width, fallback=True)
+    written = path.read_text()
+    files = {
+        "polygons": polygons_alone(path),
+        "no_blend_modes": written.replace("mix-blend-mode", "no-such-property"),
+        "written": written,
+    }
+    row: dict[str, Any] = {"scene": name, "triangles": result.scene.triangles.shape[0]}
+    for kind, text in files.items():
+        path.write_text(text)
+        row[f"{kind}_db"] = psnr(screenshot(browser, path, height=height, width=width), reference)
+    shown = in_browsers(result.scene)
+    row["estimate_db"] = float("inf")
+    if shown is not result.scene:
+        plan = sr.plan(shown, height=height, width=width, coverage=sr.Hard(samples=16))
+        image = np.asarray(sr.render(shown, plan))
+        row["estimate_db"] = psnr(np.clip(image[..., :3], 0.0, 1.0), reference)
+    row["polygons_kb"] = len(files["polygons"]) / 1000
+    row["written_kb"] = len(written) / 1000
+    return row
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Compare fits as SVG in Chromium to their images.")
+    parser.add_argument("folder", type=Path, help="holds kodim05.png and kodim23.png")
+    folder = parser.parse_args().folder
+    browser = require_browser()
+    rows = []
+    for name in FITS:
+        rows.append(measure(name, folder, browser))
+        print(rows[-1], flush=True)
+    report.write_csv(HERE / "results" / "svg_in_browsers.csv", rows)
+    header = [
+        "scene", "polygons alone, dB", "without blend modes, dB", "as written, dB",
+        "estimate, dB", "polygons alone, kB", "as written, kB",
+    ]  # fmt: skip
+    kinds = ("polygons_db", "no_blend_modes_db", "written_db", "estimate_db")
+    lines = [
+        [row["scene"]]
+        + [f"{row[kind]:.1f}" if np.isfinite(row[kind]) else "same colours" for kind in kinds]
+        + [f"{row[kind]:,.0f}" for kind in ("polygons_kb", "written_kb")]
+        for row in rows
+    ]
+    report.fill_markers(HERE / "README.md", "table", report.table(header, lines))
+    run = {"machine": machine.record(PACKAGES), "precision": "float32"}
+    report.fill_markers(HERE / "README.md", "machine", f"{machine.describe(run, seed='seed 0')}.")
+
+
+if __name__ == "__main__":
+    main()
