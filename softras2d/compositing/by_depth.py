@@ -34,33 +34,54 @@ def mix(
     most: int,
 ) -> Float[Array, "4 tiles pixels"]:
     """Premultiplied colour and alpha of each pixel; `most` bounds the chunks of a tile."""
-    nearest = _nearest(*jax.lax.stop_gradient((opacity, depth)), chunks)
+    nearest, reference = _nearest(*jax.lax.stop_gradient((opacity, depth, colors)), chunks)
 
     @one_pass
-    def weigh(opacity, colors, depth, temperature, nearest, chunks):
+    def weigh(opacity, colors, depth, temperature, nearest, reference, chunks):
         # From the nearest that shows on: the common factor cancels, and no weight is infinite.
-        power = (nearest[chunks.tile][:, None] - depth) / temperature
-        # Not by a clip, which halves the slope of the nearest itself.
-        power = jnp.where((opacity > 0) & (power > _LEAST), power, _LEAST)
+        gap = nearest[chunks.tile][:, None] - depth
+        # Not by a clip, which halves the slope of the nearest itself; and before the division,
+        # so that no infinity meets a zero backwards.
+        counts = (opacity > 0) & (gap > _LEAST * temperature)
+        power = jnp.where(counts, jnp.where(counts, gap, 0.0) / temperature, _LEAST)
         weight = opacity * jnp.exp(power)
-        parts = [weight * colors[:, :, channel] for channel in range(3)] + [weight]
+        # From a constant that cancels: where one triangle takes all, nothing else moves the mean,
+        # and a rounding of its own colour is not to be multiplied by the slope of a great depth.
+        parts = [
+            weight * (colors[:, :, channel] - reference[channel][chunks.tile][:, None])
+            for channel in range(3)
+        ]
+        parts.append(weight)
         return [
             functools.reduce(jnp.add, [part[:, k] for k in range(part.shape[1])]) for part in parts
         ]
 
-    parts = weigh(opacity, colors, depth, temperature, nearest, chunks)
+    parts = weigh(opacity, colors, depth, temperature, nearest, reference, chunks)
     sums = [sum_chunks(part[:, None, None], chunks, depth=most)[:, 0, 0] for part in parts]
     alpha = composite(opacity, jnp.zeros_like(colors), chunks, depth=most)[3]
 
     @one_pass
-    def divide(sums, alpha):
-        return jnp.stack([*(safe.divide(total, sums[3]) * alpha for total in sums[:3]), alpha])
+    def divide(sums, alpha, reference):
+        # A weight may be so small that its square, by which a quotient's derivative divides,
+        # underflows: over a constant that is as large, the quotient is of a number near 1.
+        scale = jax.lax.stop_gradient(safe.divide(jnp.ones_like(alpha), sums[3]))
+        total = sums[3] * scale
+        mean = [
+            part + safe.divide(rest * scale, total)
+            for part, rest in zip(reference, sums[:3], strict=True)
+        ]
+        return jnp.stack([*(part * alpha for part in mean), alpha])
 
-    return divide(sums, alpha)
+    return divide(sums, alpha, reference)
 
 
-def _nearest(opacity: Array, depth: Array, chunks: Chunks) -> Float[Array, "tiles pixels"]:
-    """Depth of the nearest triangle that shows, 0 for none."""
+def _nearest(
+    opacity: Array, depth: Array, colors: Array, chunks: Chunks
+) -> tuple[Float[Array, "tiles pixels"], list[Float[Array, "tiles pixels"]]]:
+    """Depth and colour of the nearest triangle that shows, 0 for none.
+
+    Of several at one depth, the greatest of each channel.
+    """
 
     @one_pass
     def look(opacity, depth):
@@ -75,4 +96,14 @@ def _nearest(opacity: Array, depth: Array, chunks: Chunks) -> Float[Array, "tile
         # An infinity would meet a zero backwards.
         return jnp.where(least < jnp.inf, least, 0.0)
 
-    return join(look(opacity, depth), chunks)
+    @one_pass
+    def look_up(opacity, depth, colors, nearest, chunks):
+        shows = (opacity > 0) & (depth == nearest[chunks.tile][:, None])
+        # Of the least of negatives, as `join` has it.
+        return [
+            jnp.min(jnp.where(shows, -colors[:, :, channel], jnp.inf), 1) for channel in range(3)
+        ]
+
+    nearest = join(look(opacity, depth), chunks)
+    channels = look_up(opacity, depth, colors, nearest, chunks)
+    return nearest, [-join(channel, chunks) for channel in channels]
