@@ -1,0 +1,184 @@
+"""Triangles without area, or hardly any, and what must hold of their derivatives.
+
+Each lies between two ordinary triangles on a canvas of 16 x 16 pixels. Unlike the truth of
+`measure`, which has to leave out pixels whose slope jumps within a rounding of the corners (and so
+every pixel that sees such a triangle), these checks leave out nothing.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import softras2d as sr
+
+SIZE = 16
+HARD = 1
+"""Which of the three triangles is the degenerate one."""
+
+WIDTHS = (1e-4, 0.1, 1.0, 100.0)
+
+
+def _on_line(start: np.ndarray, end: np.ndarray, part: float) -> list[np.ndarray]:
+    return [start, end, start + part * (end - start)]
+
+
+def _lifted(height: float) -> Callable[[np.ndarray, np.ndarray], list[np.ndarray]]:
+    """The third corner between the others, and off their line."""
+
+    def build(start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
+        way = end - start
+        normal = np.array([-way[1], way[0]]) / np.hypot(*way)
+        return [start, end, start + 0.4 * way + height * normal]
+
+    return build
+
+
+def _one_rounding(start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
+    start, end, third = np.asarray(_on_line(start, end, 0.5), np.float32)
+    third[1] = np.nextafter(third[1], np.float32(np.inf))
+    return [start, end, third]
+
+
+def _tiny(size: float) -> Callable[[np.ndarray, np.ndarray], list[np.ndarray]]:
+    return lambda start, end: [start, start + size * np.array([1.0, 0.2]), start + size * 0.7]
+
+
+KINDS: dict[str, Callable[[np.ndarray, np.ndarray], list[np.ndarray]]] = {
+    "two equal": lambda start, end: [start, start, end],
+    "three equal": lambda start, end: [start] * 3,
+    "third between": lambda start, end: _on_line(start, end, 0.4),
+    "third outside": lambda start, end: _on_line(start, end, 1.75),
+    "third at an end": lambda start, end: _on_line(start, end, 1.0),
+    "off by one rounding": _one_rounding,
+    **{f"off by {height:.0e} px": _lifted(height) for height in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)},
+    **{f"tiny, {size:.0e} px": _tiny(size) for size in (1e-6, 1e-5, 1e-4, 1e-2)},
+    "needle": _lifted(1e-2),
+    "far": lambda start, end: _on_line(start - 997 * (end - start), end + 1013 * (end - start), 0.6),
+}
+"""From two points of the canvas to three corners."""
+
+SEGMENTS = (
+    # Through centres of pixels: on the diagonal, upright, level; at a slope of a half.
+    ((0.0, 0.0), (10.0, 10.0)),
+    ((4.5, 1.5), (4.5, 13.5)),
+    ((2.5, 9.5), (12.5, 9.5)),
+    ((1.5, 2.5), (13.5, 8.5)),
+    # Along the sides of pixels.
+    ((3.0, 8.0), (11.0, 8.0)),
+)
+
+
+def draws(kind: str, *, random: int = 5) -> np.ndarray:
+    """Corners of a kind, `[draws, 3, 2]` in float32: structured ones first, then random ones."""
+    rng = np.random.default_rng(11)
+    ends = [*np.asarray(SEGMENTS), *rng.uniform(1, SIZE - 1, (random, 2, 2))]
+    return np.asarray([KINDS[kind](*pair) for pair in ends], np.float32)
+
+
+ORDINARY = np.array(
+    [[(1.2, 2.1), (14.3, 4.4), (5.2, 13.6)], [(9.1, 1.3), (15.2, 11.7), (6.4, 8.8)]], np.float32
+)
+
+
+def scene_of(corners: np.ndarray, effects: str, depth_range: float = 1.0) -> sr.Scene:
+    """Corner colours (g), alpha (a), depth (d), a texture (t)."""
+    rng = np.random.default_rng(3)
+    soup = np.stack([ORDINARY[0], corners, ORDINARY[1]])
+    shape = (3, 3 if "g" in effects else 1, 4 if "a" in effects else 3)
+    colors = 0.2 + 0.7 * rng.random(shape)
+    more: dict[str, Any] = {}
+    if "d" in effects:
+        more["depth"] = (depth_range * rng.random((3, 3))).astype(np.float32)
+    if "t" in effects:
+        more["uv"] = rng.uniform(0.1, 0.9, (3, 3, 2)).astype(np.float32)
+        more["texture_index"] = np.array([0, 0, -1], np.int32)
+        more["textures"] = sr.TexturePyramid.build([rng.random((8, 8, 3)).astype(np.float32)])
+    return sr.Scene.from_soup(
+        soup, colors.astype(np.float32), background=np.array([0.9, 0.6, 0.3], np.float32), **more
+    )
+
+
+def plan_of(coverage: sr.Hard | sr.Soft | sr.Area, effects: str) -> sr.Plan:
+    """One plan for all draws: of a scene whose triangles all cross the canvas."""
+    crossing = np.array([(-3.0, -2.0), (19.0, 18.0), (17.0, 19.0)])
+    scene = scene_of(crossing, effects)
+    crossings = np.tile(crossing, (3, 1)).astype(np.float32)
+    scene = eqx.tree_at(lambda s: s.positions, scene, jnp.asarray(crossings))
+    widest = max(WIDTHS) if isinstance(coverage, sr.Soft) else None
+    return sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage, max_width=widest)
+
+
+class Found(NamedTuple):
+    """The image, its tangent, and what the degenerate triangle's corners get: `[3, 2]`."""
+
+    image: np.ndarray
+    tangent: np.ndarray
+    gradient: np.ndarray
+
+
+VELOCITY = np.random.default_rng(5).normal(size=(3, 2)).astype(np.float32)
+WEIGHT = np.random.default_rng(6).normal(size=(SIZE, SIZE, 3)).astype(np.float32)
+
+
+@eqx.filter_jit
+def _derive(scene: sr.Scene, plan: sr.Plan, corners: Any, velocity: Any, weight: Any) -> Any:
+    def draw(corners):
+        positions = scene.positions.at[3 * HARD : 3 * HARD + 3].set(corners)
+        moved = eqx.tree_at(lambda s: s.positions, scene, positions)
+        return sr.render_checked(moved, plan)
+
+    image, push, overflow = jax.linearize(draw, corners, has_aux=True)
+    return image, push(velocity), jax.linear_transpose(push, corners)(weight)[0], overflow
+
+
+def derive(
+    scene: sr.Scene, plan: sr.Plan, corners: np.ndarray, velocity: np.ndarray = VELOCITY
+) -> Found:
+    """Image, jvp and vjp of one degenerate triangle."""
+    given = jnp.asarray(corners, jnp.float32)
+    *found, overflow = _derive(scene, plan, given, jnp.asarray(velocity), jnp.asarray(WEIGHT))
+    assert not overflow
+    return Found(*(np.asarray(entry, np.float64) for entry in found))
+
+
+def mismatch(found: Found, velocity: np.ndarray = VELOCITY) -> float:
+    """How far the jvp is from the vjp: of `w . J v` and `J^T w . v`, over the norms of both."""
+    forward = float((WEIGHT * found.tangent).sum())
+    backward = float((found.gradient * velocity).sum())
+    scale = np.linalg.norm(WEIGHT) * np.linalg.norm(found.tangent)
+    scale += np.linalg.norm(found.gradient) * np.linalg.norm(velocity)
+    return abs(forward - backward) / scale if scale > 0 else abs(forward - backward)
+
+
+def thickened(corners: np.ndarray) -> np.ndarray:
+    """Six triangles that are a pixel thick: over each edge, to either side, `[6, 3, 2]`.
+
+    An edge shorter than a pixel is made one long around its middle, along x if it has no direction.
+    The third corner lies a pixel from its middle.
+    """
+    found = []
+    for k in range(3):
+        start, end = corners[k].astype(np.float64), corners[(k + 1) % 3].astype(np.float64)
+        way, middle = end - start, 0.5 * (start + end)
+        length = float(np.hypot(*way))
+        along = way / length if length > 0 else np.array([1.0, 0.0])
+        if length < 1:
+            start, end = middle - 0.5 * along, middle + 0.5 * along
+        normal = np.array([-along[1], along[0]])
+        found += [[start, end, middle + sign * normal] for sign in (1, -1)]
+    return np.asarray(found, np.float32)
+
+
+def excess(scene: sr.Scene, plan: sr.Plan, corners: np.ndarray, found: Found) -> float:
+    """Greatest entry of the gradient over that of the triangle made a pixel thick."""
+    thick = max(np.abs(derive(scene, plan, own).gradient).max() for own in thickened(corners))
+    own = np.abs(found.gradient).max()
+    return float(own / thick) if thick > 0 else float(np.inf if own > 0 else 0)
+
+
+def with_width(plan: sr.Plan, width: float) -> sr.Plan:
+    return eqx.tree_at(lambda p: p.coverage.width, plan, jnp.float32(width))
