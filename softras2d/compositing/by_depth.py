@@ -80,30 +80,37 @@ def _nearest(
 ) -> tuple[Float[Array, "tiles pixels"], list[Float[Array, "tiles pixels"]]]:
     """Depth and colour of the nearest triangle that shows, 0 for none.
 
-    Of several at one depth, the greatest of each channel.
+    Of several at one depth, that of any, channel by channel.
     """
 
     @one_pass
-    def look(opacity, depth):
-        return jnp.min(jnp.where(opacity > 0, depth, jnp.inf), 1)
+    def look(opacity, depth, colors):
+        least = jnp.full_like(depth[:, 0], jnp.inf)
+        own = [jnp.zeros_like(least)] * 3
+        for k in range(depth.shape[1]):
+            nearer = (opacity[:, k] > 0) & (depth[:, k] < least)
+            least = jnp.where(nearer, depth[:, k], least)
+            own = [jnp.where(nearer, colors[:, k, c], kept) for c, kept in enumerate(own)]
+        return least, own
 
     @one_pass
-    def join(found, chunks):
+    def join(found, colors, chunks):
         number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
         tile = jnp.where(number < chunks.needed, chunks.tile, chunks.count.shape[0])
         none = jnp.full((chunks.count.shape[0], found.shape[1]), jnp.inf, found.dtype)
         least = none.at[tile].min(found, mode="drop")
+        shows = found == least[chunks.tile]
         # An infinity would meet a zero backwards.
-        return jnp.where(least < jnp.inf, least, 0.0)
-
-    @one_pass
-    def look_up(opacity, depth, colors, nearest, chunks):
-        shows = (opacity > 0) & (depth == nearest[chunks.tile][:, None])
-        # Of the least of negatives, as `join` has it.
         return [
-            jnp.min(jnp.where(shows, -colors[:, :, channel], jnp.inf), 1) for channel in range(3)
+            jnp.where(least < jnp.inf, entry, 0.0)
+            for entry in (
+                least,
+                *(
+                    none.at[tile].min(jnp.where(shows, color, jnp.inf), mode="drop")
+                    for color in colors
+                ),
+            )
         ]
 
-    nearest = join(look(opacity, depth), chunks)
-    channels = look_up(opacity, depth, colors, nearest, chunks)
-    return nearest, [-join(channel, chunks) for channel in channels]
+    nearest, *reference = join(*look(opacity, depth, colors), chunks)
+    return nearest, reference

@@ -26,9 +26,13 @@ from .soft import Nearest, is_around, nearest, side_weights
 
 def _value(sides: Sides, parameter: Any, x: Any, y: Any) -> Any:
     found = nearest(sides, x, y)
-    weights = _weights(found, sides)
+    _, second, third = _weights(found, sides)
+    # The weights add up to 1.
+    none, by_second, by_third = sides.shares
     return tuple(
-        sum(w * row[corner] for w, row in zip(weights, sides.shares, strict=True))
+        none[corner]
+        + second * (by_second[corner] - none[corner])
+        + third * (by_third[corner] - none[corner])
         for corner in (1, 2)
     )
 
@@ -79,8 +83,7 @@ def _push(sides: Sides, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
         changes.append(jnp.where(_is_inside(found, sides), -(gx * vx + gy * vy), outside))
     first, second, third = sides.shares
     return tuple(
-        changes[0] * (second[corner] - first[corner])
-        + changes[1] * (third[corner] - first[corner])
+        changes[0] * (second[corner] - first[corner]) + changes[1] * (third[corner] - first[corner])
         for corner in (1, 2)
     )
 

@@ -128,7 +128,11 @@ def _shares(
     merged = []
     for k in range(3):
         total = one + close[k] + close[(k + 2) % 3]
-        row = {k: one / total, (k + 1) % 3: close[k] / total, (k + 2) % 3: close[(k + 2) % 3] / total}
+        row = {
+            k: one / total,
+            (k + 1) % 3: close[k] / total,
+            (k + 2) % 3: close[(k + 2) % 3] / total,
+        }
         merged.append([row[j] for j in range(3)])
     is_longest = (lengths[0] >= lengths[1]) & (lengths[0] >= lengths[2])
     second_is_longest = ~is_longest & (lengths[1] >= lengths[2])
@@ -141,9 +145,7 @@ def _shares(
         foot = jnp.clip(safe.divide(dot, lengths[k] * lengths[k]), 0.0, 1.0)
         own = jnp.where(which[k], kept, 1.0)
         parts = {middle: own, k: (1.0 - own) * (1.0 - foot), end: (1.0 - own) * foot}
-        first, second, third = (
-            sum(parts[i] * merged[i][j] for i in range(3)) for j in range(3)
-        )
+        first, second, third = (sum(parts[i] * merged[i][j] for i in range(3)) for j in range(3))
         rows[middle] = (first, second, third)
     return rows[0], rows[1], rows[2]
 

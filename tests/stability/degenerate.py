@@ -16,10 +16,35 @@ import numpy as np
 import softras2d as sr
 
 SIZE = 16
+Coverage = sr.Hard | sr.Soft | sr.Area
+
 HARD = 1
 """Which of the three triangles is the degenerate one."""
 
 WIDTHS = (1e-4, 0.1, 1.0, 100.0)
+
+MODES: dict[str, tuple[Coverage, str]] = {
+    "hard": (sr.Hard(16), ""),
+    "hard, shaded": (sr.Hard(4), "gatd"),
+    "soft logistic": (sr.Soft(), ""),
+    "soft softras": (sr.Soft(profile="softras"), ""),
+    "soft window": (sr.Soft(profile="window"), ""),
+    "soft, shaded": (sr.Soft(temperature=0.3), "gatd"),
+    "area": (sr.Area(), ""),
+    "area, shaded": (sr.Area(), "gat"),
+    "sum, shaded": (sr.Area("sum"), "ga"),
+}
+"""Coverage, and the effects of `scene_of`."""
+
+LARGEST = 4.0
+"""Times the greatest entry of the gradient of the triangle made a pixel thick, at most."""
+
+AGREES = 2e-3
+"""Difference of jvp and vjp over the norms of both, at most.
+
+The worst is a triangle of a few roundings that lies on the centre of a pixel, whose direction from
+there is known to a rounding over a thousandth of a pixel.
+"""
 
 
 def _on_line(start: np.ndarray, end: np.ndarray, part: float) -> list[np.ndarray]:
@@ -57,7 +82,9 @@ KINDS: dict[str, Callable[[np.ndarray, np.ndarray], list[np.ndarray]]] = {
     **{f"off by {height:.0e} px": _lifted(height) for height in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)},
     **{f"tiny, {size:.0e} px": _tiny(size) for size in (1e-6, 1e-5, 1e-4, 1e-2)},
     "needle": _lifted(1e-2),
-    "far": lambda start, end: _on_line(start - 997 * (end - start), end + 1013 * (end - start), 0.6),
+    "far": lambda start, end: _on_line(
+        start - 997 * (end - start), end + 1013 * (end - start), 0.6
+    ),
 }
 """From two points of the canvas to three corners."""
 
@@ -79,20 +106,26 @@ def draws(kind: str, *, random: int = 5) -> np.ndarray:
     return np.asarray([KINDS[kind](*pair) for pair in ends], np.float32)
 
 
+CROSSING = np.array([(-3.0, -2.0), (19.0, 18.0), (17.0, 19.0)], np.float32)
+
 ORDINARY = np.array(
     [[(1.2, 2.1), (14.3, 4.4), (5.2, 13.6)], [(9.1, 1.3), (15.2, 11.7), (6.4, 8.8)]], np.float32
 )
 
 
-def scene_of(corners: np.ndarray, effects: str, depth_range: float = 1.0) -> sr.Scene:
-    """Corner colours (g), alpha (a), depth (d), a texture (t)."""
+def scene_of(effects: str, *, depth: float = 1.0, color: float = 1.0) -> sr.Scene:
+    """Corner colours (g), alpha (a), depth (d), a texture (t); depth and colours up to a greatest.
+
+    `derive` puts the degenerate triangle into it.
+    """
     rng = np.random.default_rng(3)
-    soup = np.stack([ORDINARY[0], corners, ORDINARY[1]])
+    soup = np.stack([ORDINARY[0], CROSSING, ORDINARY[1]])
     shape = (3, 3 if "g" in effects else 1, 4 if "a" in effects else 3)
     colors = 0.2 + 0.7 * rng.random(shape)
+    colors[..., :3] *= color
     more: dict[str, Any] = {}
     if "d" in effects:
-        more["depth"] = (depth_range * rng.random((3, 3))).astype(np.float32)
+        more["depth"] = (depth * rng.random((3, 3))).astype(np.float32)
     if "t" in effects:
         more["uv"] = rng.uniform(0.1, 0.9, (3, 3, 2)).astype(np.float32)
         more["texture_index"] = np.array([0, 0, -1], np.int32)
@@ -102,12 +135,10 @@ def scene_of(corners: np.ndarray, effects: str, depth_range: float = 1.0) -> sr.
     )
 
 
-def plan_of(coverage: sr.Hard | sr.Soft | sr.Area, effects: str) -> sr.Plan:
+def plan_of(coverage: Coverage, effects: str) -> sr.Plan:
     """One plan for all draws: of a scene whose triangles all cross the canvas."""
-    crossing = np.array([(-3.0, -2.0), (19.0, 18.0), (17.0, 19.0)])
-    scene = scene_of(crossing, effects)
-    crossings = np.tile(crossing, (3, 1)).astype(np.float32)
-    scene = eqx.tree_at(lambda s: s.positions, scene, jnp.asarray(crossings))
+    crossings = jnp.asarray(np.tile(CROSSING, (3, 1)), jnp.float32)
+    scene = eqx.tree_at(lambda s: s.positions, scene_of(effects), crossings)
     widest = max(WIDTHS) if isinstance(coverage, sr.Soft) else None
     return sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage, max_width=widest)
 
@@ -182,3 +213,72 @@ def excess(scene: sr.Scene, plan: sr.Plan, corners: np.ndarray, found: Found) ->
 
 def with_width(plan: sr.Plan, width: float) -> sr.Plan:
     return eqx.tree_at(lambda p: p.coverage.width, plan, jnp.float32(width))
+
+
+def measure(
+    mode: str, *, widths: tuple[float, ...] = WIDTHS, random: int = 5
+) -> list[dict[str, Any]]:
+    """The worst draw of each kind: `jvp_vjp` is `mismatch`, `largest` is `excess`."""
+    coverage, effects = MODES[mode]
+    scene, plan, rows = scene_of(effects), plan_of(coverage, effects), []
+    for width in widths if isinstance(coverage, sr.Soft) else (None,):
+        own = plan if width is None else with_width(plan, width)
+        for kind in KINDS:
+            pairs = [
+                (corners, derive(scene, own, corners)) for corners in draws(kind, random=random)
+            ]
+            finite = all(np.isfinite(entry).all() for _, found in pairs for entry in found)
+            worst = max(mismatch(found) for _, found in pairs)
+            largest = max(excess(scene, own, corners, found) for corners, found in pairs)
+            row = {"mode": mode, "width": width or "", "case": kind, "finite": finite}
+            rows.append({**row, "jvp_vjp": worst, "largest": largest})
+    return rows
+
+
+def within(row: dict[str, Any]) -> bool:
+    """Whether a row of `measure` keeps to what is stated."""
+    return row["finite"] and row["jvp_vjp"] <= AGREES and row["largest"] <= LARGEST
+
+
+HEIGHTS = tuple(sign * 10.0**-power for power in range(8) for sign in (1, -1))
+
+
+def collapse(mode: str, *, random: int = 3) -> list[dict[str, Any]]:
+    """How much changes between a height of 1e-7 pixels, of either sign, and none.
+
+    Of the image; of the gradient and the jvp over the greatest number that they have at a height
+    of one pixel. `largest`: the greatest gradient at any height, over the same.
+    """
+    coverage, effects = MODES[mode]
+    scene, plan, rows = scene_of(effects), plan_of(coverage, effects), []
+    for width in WIDTHS[1:] if isinstance(coverage, sr.Soft) else (None,):
+        own = plan if width is None else with_width(plan, width)
+        drawn = np.random.default_rng(12).uniform(3, SIZE - 3, (random, 2, 2))
+        for case, (start, end) in enumerate([*np.asarray(BY_THE_ORIGIN), *drawn]):
+            by_height = {
+                height: derive(scene, own, np.asarray(_lifted(height)(start, end), np.float32))
+                for height in (*HEIGHTS, 0.0)
+            }
+            flat, thick = by_height[0.0], (by_height[1.0], by_height[-1.0])
+
+            def change(name: str, flat: Found = flat, by_height: Any = by_height) -> float:
+                own = getattr(flat, name)
+                return max(float(np.abs(getattr(by_height[h], name) - own).max()) for h in LEAST)
+
+            size = max(np.abs(found.gradient).max() for found in thick)
+            speed = max(np.abs(found.tangent).max() for found in thick)
+            largest = max(np.abs(found.gradient).max() for found in by_height.values())
+            where = "by the origin" if case < len(BY_THE_ORIGIN) else "anywhere"
+            row = {"mode": mode, "width": width or "", "case": where, "value": change("image")}
+            ratios = {"gradient": change("gradient") / size, "jvp": change("tangent") / speed}
+            rows.append({**row, **ratios, "largest": float(largest / size)})
+    return rows
+
+
+LEAST = HEIGHTS[-2:]
+
+BY_THE_ORIGIN = (
+    ((2.2, 2.0**-6), (13.1, 2.0**-6)),
+    ((2.0**-6, 14.3), (2.0**-6, 3.4)),
+)
+"""Where float32 holds a height of 1e-7; elsewhere on the canvas it is one of up to 5e-7."""
