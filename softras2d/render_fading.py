@@ -126,7 +126,8 @@ def _place(
     sides = one_pass(sides_of)(slots, tile)
     outline = None
     if isinstance(plan.coverage, Area):
-        cut = functools.partial(area.outline_of, side=tiling.width)
+        signed = plan.coverage.compositing == "sum"
+        cut = functools.partial(area.outline_of, side=tiling.width, signed=signed)
         outline = one_pass(cut)(slots, tile, sides)
     return Placed(slots, sides, outline)
 
@@ -186,7 +187,9 @@ def _add(
         ]
 
     whole = jnp.sum(found.area)
-    sign = found.orientation.astype(opacity.dtype) * jnp.where(whole < 0, -1.0, 1.0)
+    # Without area either sign will do, but 0 would hide from a collapsed triangle how to open.
+    turned = (found.orientation < 0) == (whole < 0)
+    sign = jnp.where(turned, 1.0, -1.0).astype(opacity.dtype)
     parts = add(opacity, colors, sign, chunks)
     return jnp.stack(
         [sum_chunks(part[:, None, None], chunks, depth=depth)[:, 0, 0] for part in parts]

@@ -35,8 +35,8 @@ class Edge(NamedTuple):
 
     - `x`, `y`: where it begins; `way_x`, `way_y`: to where it ends.
     - `per_x`, `per_y`: one over these, 0 for none; `run`: the way along x for one along y.
-    - `whole_x`, `whole_y`: the way of the whole edge; `start`, `part`: where on it, 0..1, the part
-      begins, and how much of it that is.
+    - `whole_x`, `whole_y`: the way of the whole edge, as far as derivatives are concerned; `start`,
+      `part`: where on it, 0..1, the part begins, and how much of it that is.
     """
 
     x: Any
@@ -56,12 +56,24 @@ Outline = tuple[Edge, Edge, Edge]
 """The edges of each slot in order."""
 
 
-def outline_of(corners: Any, tile: Any, sides: Sides, side: int) -> Outline:
-    """Of corners `[6, slots]`, the tile's upper left pixel `[2, slots]` and side, and the lines."""
+def outline_of(
+    corners: Any, tile: Any, sides: Sides, side: int, *, signed: bool = False
+) -> Outline:
+    """Of corners `[6, slots]`, the tile's upper left pixel `[2, slots]` and side, and the lines.
+
+    An area without sign grows to whichever side a triangle opens that has collapsed: its slope
+    falls to zero over the last roundings of height (`Sides.kept`). A `signed` one has no kink.
+    """
     x, y = ([corners[2 * k + axis] - tile[axis] for k in range(3)] for axis in (0, 1))
     first, second, third = (
         _cut(line, x[k], y[k], x[(k + 1) % 3], y[(k + 1) % 3], side)
         for k, line in enumerate(sides.edges)
+    )
+    if signed:
+        return first, second, third
+    first, second, third = (
+        edge._replace(whole_x=edge.whole_x * sides.kept, whole_y=edge.whole_y * sides.kept)
+        for edge in (first, second, third)
     )
     return first, second, third
 

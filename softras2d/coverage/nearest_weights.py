@@ -8,6 +8,9 @@ d in front of it, the nearest point lies the part t = (x - p) . u / L along, and
 while around a corner it is the corner. Inside, weights at a place that stays put change by
 -grad w_k . sum_j w_j dv_j. All is linear in x and y, or a product of two such: three moments of
 each case tell the sums over pixels.
+
+Corners of a triangle thinner than a few roundings stand in for each other, see `sides`: what one
+holds there and what the others do would be chosen by a rounding.
 """
 
 import functools
@@ -17,13 +20,21 @@ import jax.numpy as jnp
 
 from ..staging import one_pass
 from .pixels import Measure, Six, side_of, spread, sum_moments
-from .sides import Sides
+from .sides import Sides, share_slopes, share_velocity
 from .soft import Nearest, is_around, nearest, side_weights
 
 
 def _value(sides: Sides, parameter: Any, x: Any, y: Any) -> Any:
     found = nearest(sides, x, y)
-    return _weights(found, sides)[1:]
+    _, second, third = _weights(found, sides)
+    # The weights add up to 1.
+    none, by_second, by_third = sides.shares
+    return tuple(
+        none[corner]
+        + second * (by_second[corner] - none[corner])
+        + third * (by_third[corner] - none[corner])
+        for corner in (1, 2)
+    )
 
 
 def _weights(found: Nearest, sides: Sides) -> tuple[Any, Any, Any]:
@@ -32,10 +43,15 @@ def _weights(found: Nearest, sides: Sides) -> tuple[Any, Any, Any]:
     opposite = (1, 2, 0)
     within = [jnp.clip(found.distances[k] * sides.edges[k].per_height, 0.0, 1.0) for k in opposite]
     first, second, third = (
-        jnp.where(found.inside, inner, outer)
+        jnp.where(_is_inside(found, sides), inner, outer)
         for inner, outer in zip(within, side_weights(found), strict=True)
     )
     return first, second, third
+
+
+def _is_inside(found: Nearest, sides: Sides) -> Any:
+    """Whether the place itself counts: across a thinner triangle it is not known to a rounding."""
+    return found.inside & (sides.kept >= 1)
 
 
 def _gradient(sides: Sides, corner: int) -> tuple[Any, Any]:
@@ -48,6 +64,7 @@ def _gradient(sides: Sides, corner: int) -> tuple[Any, Any]:
 def _push(sides: Sides, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
     found = nearest(sides, x, y)
     weights = _weights(found, sides)
+    velocity = share_velocity(sides.shares, velocity)
     corners = [(velocity[2 * k], velocity[2 * k + 1]) for k in range(3)]
     vx, vy = (sum(w * v[axis] for w, v in zip(weights, corners, strict=True)) for axis in (0, 1))
     beside = jnp.where(is_around(found), 0.0, jnp.minimum(found.per_length, 1.0))
@@ -63,8 +80,12 @@ def _push(sides: Sides, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
         gx, gy = _gradient(sides, corner)
         ends, begins = found.side == corner - 1, found.side == corner
         outside = jnp.where(ends, slip, jnp.where(begins, -slip, 0.0))
-        changes.append(jnp.where(found.inside, -(gx * vx + gy * vy), outside))
-    return changes[0], changes[1]
+        changes.append(jnp.where(_is_inside(found, sides), -(gx * vx + gy * vy), outside))
+    first, second, third = sides.shares
+    return tuple(
+        changes[0] * (second[corner] - first[corner]) + changes[1] * (third[corner] - first[corner])
+        for corner in (1, 2)
+    )
 
 
 _INSIDE, _AROUND = 3, 4
@@ -77,7 +98,7 @@ def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
         sides, _, x, y = spread(sides, parameter, side_of(weight[0]))
         found = nearest(sides, x, y)
         outside = jnp.where(is_around(found), float(_AROUND), found.side)
-        return jnp.where(found.inside, float(_INSIDE), outside)
+        return jnp.where(_is_inside(found, sides), float(_INSIDE), outside)
 
     @one_pass
     def combine(sides, sums):
@@ -108,10 +129,18 @@ def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
                 edge = sides.edges[(corner + 1) % 3]
                 share = (edge.distance * mass + edge.across * x + edge.down * y) * edge.per_height
                 add(corner, -gx * share, -gy * share)
-        first, second, third, fourth, fifth, sixth = slopes
+        first, second, third, fourth, fifth, sixth = share_slopes(sides.shares, tuple(slopes))
         return first, second, third, fourth, fifth, sixth
 
-    second, third = weight
+    @one_pass
+    def share(sides, weight):
+        rows = [[entry[:, None] for entry in row] for row in sides.shares]
+        return [
+            sum(w * (rows[which][c] - rows[0][c]) for w, c in zip(weight, (1, 2), strict=True))
+            for which in (1, 2)
+        ]
+
+    second, third = share(sides, weight)
     # Along a side the weight of its end grows as much as that of its start falls.
     parts = [(0, second), (1, third - second), (2, -third), (_INSIDE, second), (_INSIDE, third)]
     return combine(sides, sum_moments(choose(sides, parameter), parts))

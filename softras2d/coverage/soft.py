@@ -5,6 +5,11 @@ the unit direction in which the signed distance d grows, moving the corners chan
 -n . sum_k w_k dv_k: to first order c moves with the boundary, and where along it no longer matters.
 Inside and beside an edge n is the edge's inward normal, well defined on the edge itself; around a
 corner it points from x to the corner, and is zero at the corner.
+
+A triangle without area is the segment between its two farthest corners, whatever the third: n then
+points from x to the segment, and is zero on it. Triangles thinner than a few roundings lie between
+the two, see `sides`. The jvp and the vjp take each decision (edge or corner, which edge, which side
+of it) by the same function, and with a preference where roundings could decide.
 """
 
 import functools
@@ -15,7 +20,7 @@ import jax.numpy as jnp
 from ..staging import one_pass
 from .pixels import Measure, Six, side_of, spread, sum_moments
 from .profile import SUPPORT, slope, step
-from .sides import Sides
+from .sides import ROUNDING, Sides, share_slopes, share_velocity
 
 
 @functools.cache
@@ -37,7 +42,7 @@ class Nearest(NamedTuple):
     - `side`: the edge that it lies on; `t`: how far along that, 0..1; `across`, `down`, and
       `per_length`: of that edge, as in `Side`.
     - `offset`: the signed distance of x from the line of that edge; `excess`: how far along it x
-      lies past its ends, positive past the end; `square`: the squared distance.
+      lies past its ends, positive past the end; `square`: the squared distance from the nearest.
     - `inside`: whether x is in the triangle.
     - `distances`: from all three lines.
     """
@@ -56,7 +61,7 @@ class Nearest(NamedTuple):
 
 def nearest(sides: Sides, x: Any, y: Any) -> Nearest:
     """Of each pixel; a triangle without area has no inside."""
-    best, inside, distances = None, sides.solid, []
+    best, least, inside, distances = None, None, sides.solid, []
     for k, edge in enumerate(sides.edges):
         along = edge.down * x - edge.across * y
         offset = edge.distance + edge.across * x + edge.down * y
@@ -66,19 +71,26 @@ def nearest(sides: Sides, x: Any, y: Any) -> Nearest:
         t = jnp.clip(past_start * edge.per_length, 0.0, 1.0)
         own = (square, jnp.full_like(t, k), t, edge.across, edge.down, edge.per_length)
         own = (*own, offset, excess)
-        if best is None:
+        if best is None or least is None:
+            least = square
             best = tuple(jnp.broadcast_to(entry, t.shape) for entry in own)
         else:
-            nearer = square < best[0]
+            # Of edges that are equally near, the first: roundings of the jvp and of the vjp differ.
+            nearer = square * (1.0 + _TIE) < best[0]
+            least = jnp.minimum(least, square)
             best = tuple(jnp.where(nearer, a, b) for a, b in zip(own, best, strict=True))
         inside = inside & (offset >= 0)
         distances.append(offset)
-    assert best is not None
-    square, side, t, across, down, per_length, offset, excess = best
+    assert best is not None and least is not None
+    _, side, t, across, down, per_length, offset, excess = best
     first, second, third = distances
     return Nearest(
-        side, t, across, down, per_length, offset, excess, square, inside, (first, second, third)
+        side, t, across, down, per_length, offset, excess, least, inside, (first, second, third)
     )
+
+
+_TIE = 2.0**-18
+"""Relative difference of squared distances that is no more than their roundings."""
 
 
 def side_weights(found: Nearest) -> tuple[Any, Any, Any]:
@@ -113,25 +125,47 @@ def _by_width(profile: str, sides: Sides, width: Any, x: Any, y: Any) -> Any:
 
 
 def is_around(found: Nearest) -> Any:
-    """Whether x is outside and nearest to a corner, or in front of a triangle without area."""
-    return ~found.inside & ((found.excess != 0) | (found.offset > 0))
+    """Whether x is outside and nearest to a corner."""
+    return ~found.inside & (jnp.abs(found.excess) > ROUNDING)
 
 
-def _rate(profile: str, found: Nearest, width: Any) -> tuple[Any, Any]:
-    """The slope of coverage by distance; and that over the distance itself."""
+_DIRECTED = 2.0**-10
+"""Pixels from a corner, or from a segment, from which on the direction to it counts in full.
+
+Nearer it counts the less, and within `ROUNDING` not at all: it is known to a rounding over the
+distance, and at the corner itself there is none.
+"""
+
+
+def _directed(distance: Any) -> Any:
+    return jnp.clip((distance - ROUNDING) * (1.0 / (_DIRECTED - ROUNDING)), 0.0, 1.0)
+
+
+def _rates(profile: str, sides: Sides, found: Nearest, width: Any) -> tuple[Any, Any]:
+    """How fast coverage grows as the boundary moves.
+
+    The first, beside an edge, is per pixel along the inward normal; the second, around a corner, is
+    per pixel in the direction from the corner to x, over their distance.
+    """
     rate = slope(profile, _distance(found) / width) / width
     length = _length(found)
-    return rate, jnp.where(length > 0, rate / jnp.where(length > 0, length, 1.0), 0.0)
+    # In front of an edge and yet outside: what is seen is the back of a triangle without area.
+    outwards = jnp.where(found.inside | (found.offset <= 0), -1.0, 1.0)
+    segment = jnp.sign(found.offset) * _directed(jnp.abs(found.offset))
+    beside = sides.kept * outwards + (1.0 - sides.kept) * segment
+    around = _directed(length) / jnp.maximum(length, ROUNDING)
+    return rate * beside, rate * around
 
 
 def _push(profile: str, sides: Sides, width: Any, velocity: Six, x: Any, y: Any) -> Any:
     found = nearest(sides, x, y)
-    rate, per_length = _rate(profile, found, width)
+    rate, per_length = _rates(profile, sides, found, width)
+    velocity = share_velocity(sides.shares, velocity)
     corners = [(velocity[2 * k], velocity[2 * k + 1]) for k in range(3)]
-    # Outwards at both ends of each side, and then at the point.
+    # Inwards at both ends of each side, and then at the point.
     begins, ends = (
         [
-            -(edge.across * vx + edge.down * vy)
+            edge.across * vx + edge.down * vy
             for edge, (vx, vy) in zip(sides.edges, moved, strict=True)
         ]
         for moved in (corners, corners[1:] + corners[:1])
@@ -142,7 +176,6 @@ def _push(profile: str, sides: Sides, width: Any, velocity: Six, x: Any, y: Any)
     along_y = found.down * found.offset - found.across * found.excess
     weights = side_weights(found)
     vx, vy = (sum(w * v[axis] for w, v in zip(weights, corners, strict=True)) for axis in (0, 1))
-    # One choice: where the two meet so do both, and rounding may choose differently for each.
     return jnp.where(is_around(found), (along_x * vx + along_y * vy) * per_length, beside * rate)
 
 
@@ -170,7 +203,7 @@ def _pull(profile: str, sides: Sides, width: Any, weight: Any) -> Six:
     @one_pass
     def weigh(sides, width, case, weight):
         sides, width, x, y = spread(sides, width, side_of(weight))
-        rate, per_length = _rate(profile, nearest(sides, x, y), width)
+        rate, per_length = _rates(profile, sides, nearest(sides, x, y), width)
         return weight * jnp.where(case >= 3, per_length, rate)
 
     @one_pass
@@ -181,14 +214,14 @@ def _pull(profile: str, sides: Sides, width: Any, weight: Any) -> Six:
             along = edge.after_start * mass + edge.down * x - edge.across * y
             towards_end = along * edge.per_length
             for corner, share in ((k, mass - towards_end), ((k + 1) % 3, towards_end)):
-                slopes[2 * corner] = slopes[2 * corner] - edge.across * share
-                slopes[2 * corner + 1] = slopes[2 * corner + 1] - edge.down * share
+                slopes[2 * corner] = slopes[2 * corner] + edge.across * share
+                slopes[2 * corner + 1] = slopes[2 * corner + 1] + edge.down * share
             mass, x, y = sums[:, 3 + k, 0], sums[:, 3 + k, 1], sums[:, 3 + k, 2]
             far_x = edge.down * edge.after_start + edge.across * edge.distance
             far_y = edge.down * edge.distance - edge.across * edge.after_start
             slopes[2 * k] = slopes[2 * k] + far_x * mass + x
             slopes[2 * k + 1] = slopes[2 * k + 1] + far_y * mass + y
-        first, second, third, fourth, fifth, sixth = slopes
+        first, second, third, fourth, fifth, sixth = share_slopes(sides.shares, tuple(slopes))
         return first, second, third, fourth, fifth, sixth
 
     case = choose(sides, width)

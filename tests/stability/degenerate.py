@@ -1,0 +1,321 @@
+"""Triangles without area, or hardly any, and what must hold of their derivatives.
+
+Each lies between two ordinary triangles on a canvas of 16 x 16 pixels. Unlike the truth of
+`measure`, which has to leave out pixels whose slope jumps within a rounding of the corners (and so
+every pixel that sees such a triangle), these checks leave out nothing.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import softras2d as sr
+
+SIZE = 16
+Coverage = sr.Hard | sr.Soft | sr.Area
+
+HARD = 1
+"""Which of the three triangles is the degenerate one."""
+
+WIDTHS = (1e-4, 0.1, 1.0, 100.0)
+
+MODES: dict[str, tuple[Coverage, str]] = {
+    "hard": (sr.Hard(16), ""),
+    "hard, shaded": (sr.Hard(4), "gatd"),
+    "soft logistic": (sr.Soft(), ""),
+    "soft softras": (sr.Soft(profile="softras"), ""),
+    "soft window": (sr.Soft(profile="window"), ""),
+    "soft, shaded": (sr.Soft(temperature=0.3), "gatd"),
+    "area": (sr.Area(), ""),
+    "area, shaded": (sr.Area(), "gat"),
+    "sum, shaded": (sr.Area("sum"), "ga"),
+}
+"""Coverage, and the effects of `scene_of`."""
+
+LARGEST = 4.0
+"""Times the greatest entry of the gradient of the triangle made a pixel thick, at most."""
+
+AGREES = 2e-3
+"""Difference of jvp and vjp over the norms of both, at most.
+
+The worst is a triangle of a few roundings that lies on the centre of a pixel, whose direction from
+there is known to a rounding over a thousandth of a pixel.
+"""
+
+
+def _on_line(start: np.ndarray, end: np.ndarray, part: float) -> list[np.ndarray]:
+    return [start, end, start + part * (end - start)]
+
+
+def _lifted(height: float) -> Callable[[np.ndarray, np.ndarray], list[np.ndarray]]:
+    """The third corner between the others, and off their line."""
+
+    def build(start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
+        way = end - start
+        normal = np.array([-way[1], way[0]]) / np.hypot(*way)
+        return [start, end, start + 0.4 * way + height * normal]
+
+    return build
+
+
+def _one_rounding(start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
+    start, end, third = np.asarray(_on_line(start, end, 0.5), np.float32)
+    third[1] = np.nextafter(third[1], np.float32(np.inf))
+    return [start, end, third]
+
+
+def _tiny(size: float) -> Callable[[np.ndarray, np.ndarray], list[np.ndarray]]:
+    return lambda start, end: [start, start + size * np.array([1.0, 0.2]), start + size * 0.7]
+
+
+KINDS: dict[str, Callable[[np.ndarray, np.ndarray], list[np.ndarray]]] = {
+    "two equal": lambda start, end: [start, start, end],
+    "three equal": lambda start, end: [start] * 3,
+    "third between": lambda start, end: _on_line(start, end, 0.4),
+    "third outside": lambda start, end: _on_line(start, end, 1.75),
+    "third at an end": lambda start, end: _on_line(start, end, 1.0),
+    "off by one rounding": _one_rounding,
+    **{f"off by {height:.0e} px": _lifted(height) for height in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)},
+    **{f"tiny, {size:.0e} px": _tiny(size) for size in (1e-6, 1e-5, 1e-4, 1e-2)},
+    "needle": _lifted(1e-2),
+    "far": lambda start, end: _on_line(
+        start - 997 * (end - start), end + 1013 * (end - start), 0.6
+    ),
+}
+"""From two points of the canvas to three corners."""
+
+SEGMENTS = (
+    # Through centres of pixels: on the diagonal, upright, level; at a slope of a half.
+    ((0.0, 0.0), (10.0, 10.0)),
+    ((4.5, 1.5), (4.5, 13.5)),
+    ((2.5, 9.5), (12.5, 9.5)),
+    ((1.5, 2.5), (13.5, 8.5)),
+    # Along the sides of pixels.
+    ((3.0, 8.0), (11.0, 8.0)),
+)
+
+
+def draws(kind: str, *, random: int = 5) -> np.ndarray:
+    """Corners of a kind, `[draws, 3, 2]` in float32: structured ones first, then random ones."""
+    rng = np.random.default_rng(11)
+    ends = [*np.asarray(SEGMENTS), *rng.uniform(1, SIZE - 1, (random, 2, 2))]
+    return np.asarray([KINDS[kind](*pair) for pair in ends], np.float32)
+
+
+CROSSING = np.array([(-3.0, -2.0), (19.0, 18.0), (17.0, 19.0)], np.float32)
+
+ORDINARY = np.array(
+    [[(1.2, 2.1), (14.3, 4.4), (5.2, 13.6)], [(9.1, 1.3), (15.2, 11.7), (6.4, 8.8)]], np.float32
+)
+
+
+def scene_of(effects: str, *, depth: float = 1.0, color: float = 1.0) -> sr.Scene:
+    """Corner colours (g), alpha (a), depth (d), a texture (t); depth and colours up to a greatest.
+
+    `derive` puts the degenerate triangle into it.
+    """
+    rng = np.random.default_rng(3)
+    soup = np.stack([ORDINARY[0], CROSSING, ORDINARY[1]])
+    shape = (3, 3 if "g" in effects else 1, 4 if "a" in effects else 3)
+    colors = 0.2 + 0.7 * rng.random(shape)
+    colors[..., :3] *= color
+    more: dict[str, Any] = {}
+    if "d" in effects:
+        more["depth"] = (depth * rng.random((3, 3))).astype(np.float32)
+    if "t" in effects:
+        more["uv"] = rng.uniform(0.1, 0.9, (3, 3, 2)).astype(np.float32)
+        more["texture_index"] = np.array([0, 0, -1], np.int32)
+        more["textures"] = sr.TexturePyramid.build([rng.random((8, 8, 3)).astype(np.float32)])
+    return sr.Scene.from_soup(
+        soup, colors.astype(np.float32), background=np.array([0.9, 0.6, 0.3], np.float32), **more
+    )
+
+
+def plan_of(coverage: Coverage, effects: str) -> sr.Plan:
+    """One plan for all draws: of a scene whose triangles all cross the canvas."""
+    crossings = jnp.asarray(np.tile(CROSSING, (3, 1)), jnp.float32)
+    scene = eqx.tree_at(lambda s: s.positions, scene_of(effects), crossings)
+    widest = max(WIDTHS) if isinstance(coverage, sr.Soft) else None
+    return sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage, max_width=widest)
+
+
+class Found(NamedTuple):
+    """The image, its tangent, and what the degenerate triangle's corners get: `[3, 2]`."""
+
+    image: np.ndarray
+    tangent: np.ndarray
+    gradient: np.ndarray
+
+
+VELOCITY = np.random.default_rng(5).normal(size=(3, 2)).astype(np.float32)
+WEIGHT = np.random.default_rng(6).normal(size=(SIZE, SIZE, 3)).astype(np.float32)
+
+
+BATCH = 42
+"""Triangles that are looked at in one call, one after the other."""
+
+
+@eqx.filter_jit
+def _derive(scene: sr.Scene, plan: sr.Plan, batch: Any, velocity: Any, weight: Any) -> Any:
+    def draw(corners):
+        positions = scene.positions.at[3 * HARD : 3 * HARD + 3].set(corners)
+        moved = eqx.tree_at(lambda s: s.positions, scene, positions)
+        return sr.render_checked(moved, plan)
+
+    def look(corners):
+        image, push, overflow = jax.linearize(draw, corners, has_aux=True)
+        return image, push(velocity), jax.linear_transpose(push, corners)(weight)[0], overflow
+
+    return jax.lax.map(look, batch)
+
+
+def derive_each(scene: sr.Scene, plan: sr.Plan, corners: np.ndarray) -> list[Found]:
+    """Image, jvp and vjp of degenerate triangles `[n, 3, 2]`, each by itself."""
+    found = []
+    for first in range(0, len(corners), BATCH):
+        part = np.asarray(corners[first : first + BATCH], np.float32)
+        spare = np.repeat(part[:1], BATCH - len(part), axis=0)
+        batch = jnp.asarray(np.concatenate([part, spare]))
+        *numbers, overflow = _derive(scene, plan, batch, VELOCITY, WEIGHT)
+        assert not overflow.any()
+        images, tangents, gradients = (np.asarray(entry, np.float64) for entry in numbers)
+        found += [Found(images[k], tangents[k], gradients[k]) for k in range(len(part))]
+    return found
+
+
+def derive(scene: sr.Scene, plan: sr.Plan, corners: np.ndarray) -> Found:
+    """Image, jvp and vjp of one degenerate triangle."""
+    return derive_each(scene, plan, corners[None])[0]
+
+
+def mismatch(found: Found) -> float:
+    """How far the jvp is from the vjp: of `w . J v` and `J^T w . v`, over the norms of both."""
+    forward = float((WEIGHT * found.tangent).sum())
+    backward = float((found.gradient * VELOCITY).sum())
+    scale = np.linalg.norm(WEIGHT) * np.linalg.norm(found.tangent)
+    scale += np.linalg.norm(found.gradient) * np.linalg.norm(VELOCITY)
+    return abs(forward - backward) / scale if scale > 0 else abs(forward - backward)
+
+
+def thickened(corners: np.ndarray) -> np.ndarray:
+    """Six triangles that are a pixel thick: over each edge, to either side, `[6, 3, 2]`.
+
+    An edge shorter than a pixel is made one long around its middle, along x if it has no direction.
+    The third corner lies a pixel from its middle.
+    """
+    found = []
+    for k in range(3):
+        start, end = corners[k].astype(np.float64), corners[(k + 1) % 3].astype(np.float64)
+        way, middle = end - start, 0.5 * (start + end)
+        length = float(np.hypot(*way))
+        along = way / length if length > 0 else np.array([1.0, 0.0])
+        if length < 1:
+            start, end = middle - 0.5 * along, middle + 0.5 * along
+        normal = np.array([-along[1], along[0]])
+        found += [[start, end, middle + sign * normal] for sign in (1, -1)]
+    return np.asarray(found, np.float32)
+
+
+def excess(found: Found, thick: list[Found]) -> float:
+    """Greatest entry of the gradient over that of the triangle made a pixel thick."""
+    most = max(np.abs(other.gradient).max() for other in thick)
+    own = np.abs(found.gradient).max()
+    return float(own / most) if most > 0 else float(np.inf if own > 0 else 0)
+
+
+def with_width(plan: sr.Plan, width: float) -> sr.Plan:
+    return eqx.tree_at(lambda p: p.coverage.width, plan, jnp.float32(width))
+
+
+SHADED_KINDS = (
+    "two equal",
+    "three equal",
+    "third between",
+    "off by one rounding",
+    "off by 1e-06 px",
+    "tiny, 1e-05 px",
+    "needle",
+)
+"""Kinds for scenes with every effect, which take a hundred times as long as flat ones."""
+
+
+def measure(
+    mode: str, *, widths: tuple[float, ...] = WIDTHS, random: int = 1
+) -> list[dict[str, Any]]:
+    """The worst draw of each kind: `jvp_vjp` is `mismatch`, `largest` is `excess`.
+
+    Scenes with effects are measured at one width, and for `SHADED_KINDS`.
+    """
+    coverage, effects = MODES[mode]
+    scene, plan, rows = scene_of(effects), plan_of(coverage, effects), []
+    kinds = SHADED_KINDS if effects else tuple(KINDS)
+    if isinstance(coverage, sr.Hard):
+        # The plan holds what crosses the canvas, not what leaves the guard band.
+        kinds = tuple(kind for kind in kinds if kind != "far")
+    if effects:
+        widths = (1.0,)
+    for width in widths if isinstance(coverage, sr.Soft) else (None,):
+        own = plan if width is None else with_width(plan, width)
+        for kind in kinds:
+            corners = draws(kind, random=random)
+            every = np.concatenate([corners, *map(thickened, corners)])
+            every = derive_each(scene, own, every)
+            found, thick = every[: len(corners)], every[len(corners) :]
+            finite = all(np.isfinite(entry).all() for one in every for entry in one)
+            worst = max(map(mismatch, found))
+            largest = max(excess(one, thick[6 * k : 6 * k + 6]) for k, one in enumerate(found))
+            row = {"mode": mode, "width": width or "", "case": kind, "finite": finite}
+            rows.append({**row, "jvp_vjp": worst, "largest": largest})
+    return rows
+
+
+def within(row: dict[str, Any]) -> bool:
+    """Whether a row of `measure` keeps to what is stated."""
+    return row["finite"] and row["jvp_vjp"] <= AGREES and row["largest"] <= LARGEST
+
+
+HEIGHTS = tuple(sign * 10.0**-power for power in range(8) for sign in (1, -1))
+
+
+def collapse(mode: str, *, random: int = 3) -> list[dict[str, Any]]:
+    """How much changes between a height of 1e-7 pixels, of either sign, and none.
+
+    Of the image; of the gradient and the jvp over the greatest number that they have at a height
+    of one pixel. `largest`: the greatest gradient at any height, over the same.
+    """
+    coverage, effects = MODES[mode]
+    scene, plan, rows = scene_of(effects), plan_of(coverage, effects), []
+    for width in WIDTHS[1:] if isinstance(coverage, sr.Soft) else (None,):
+        own = plan if width is None else with_width(plan, width)
+        drawn = np.random.default_rng(12).uniform(3, SIZE - 3, (random, 2, 2))
+        for case, (start, end) in enumerate([*np.asarray(BY_THE_ORIGIN), *drawn]):
+            heights = (*HEIGHTS, 0.0)
+            corners = np.asarray([_lifted(height)(start, end) for height in heights])
+            by_height = dict(zip(heights, derive_each(scene, own, corners), strict=True))
+            flat, thick = by_height[0.0], (by_height[1.0], by_height[-1.0])
+
+            def change(name: str, flat: Found = flat, by_height: Any = by_height) -> float:
+                own = getattr(flat, name)
+                return max(float(np.abs(getattr(by_height[h], name) - own).max()) for h in LEAST)
+
+            size = max(np.abs(found.gradient).max() for found in thick)
+            speed = max(np.abs(found.tangent).max() for found in thick)
+            largest = max(np.abs(found.gradient).max() for found in by_height.values())
+            where = "by the origin" if case < len(BY_THE_ORIGIN) else "anywhere"
+            row = {"mode": mode, "width": width or "", "case": where, "value": change("image")}
+            ratios = {"gradient": change("gradient") / size, "jvp": change("tangent") / speed}
+            rows.append({**row, **ratios, "largest": float(largest / size)})
+    return rows
+
+
+LEAST = HEIGHTS[-2:]
+
+BY_THE_ORIGIN = (
+    ((2.2, 2.0**-6), (13.1, 2.0**-6)),
+    ((2.0**-6, 14.3), (2.0**-6, 3.4)),
+)
+"""Where float32 holds a height of 1e-7; elsewhere on the canvas it is one of up to 5e-7."""

@@ -1,0 +1,108 @@
+"""Derivatives of triangles without area: jvp = vjp, bounded, and continuous as one collapses."""
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softras2d as sr
+
+from ..products import moving, products, stack
+from .degenerate import (
+    MODES,
+    SIZE,
+    WIDTHS,
+    collapse,
+    derive,
+    draws,
+    measure,
+    plan_of,
+    scene_of,
+    within,
+)
+
+SLOW = pytest.mark.slow
+QUICK = ("soft logistic", "area")
+
+
+@pytest.mark.parametrize("mode", [m if m in QUICK else pytest.param(m, marks=SLOW) for m in MODES])
+def test_derivatives_agree_and_are_bounded(mode):
+    widths = (1.0,) if mode in QUICK else WIDTHS
+    for row in measure(mode, widths=widths, random=1):
+        assert within(row), row
+
+
+@pytest.mark.parametrize("mode", ["soft logistic", "area", pytest.param("sum, shaded", marks=SLOW)])
+def test_a_triangle_collapses_without_a_jump(mode):
+    """From both orientations, to one limit, which is what a triangle without area has."""
+    for row in collapse(mode):
+        assert row["value"] < 2e-5, row
+        close = 0.03 if row["case"] == "by the origin" else 0.15
+        assert row["gradient"] < close, row
+        assert row["jvp"] < close, row
+        assert row["largest"] < 4, row
+
+
+def test_a_segment_pulls_at_its_ends_alone():
+    """The limit is the derivative of the distance to the segment, whatever the middle corner."""
+    coverage, effects = MODES["soft logistic"]
+    scene, plan = scene_of(effects), plan_of(coverage, effects)
+    (corners,) = draws("third between", random=1)[-1:]
+    middle = corners.copy()
+    middle[2] = 0.3 * corners[0] + 0.7 * corners[1]
+    found, other = (derive(scene, plan, own) for own in (corners, middle))
+    scale = np.abs(found.gradient).max()
+    assert scale > 1e-2
+    assert np.abs(found.gradient[2]).max() < 0.1 * scale
+    np.testing.assert_allclose(found.gradient[:2], other.gradient[:2], atol=0.1 * scale)
+
+
+def test_three_equal_corners_pull_alike():
+    coverage, effects = MODES["soft logistic"]
+    scene, plan = scene_of(effects), plan_of(coverage, effects)
+    gradient = derive(scene, plan, np.full((3, 2), 6.3, np.float32)).gradient
+    assert np.abs(gradient).max() > 1e-3
+    np.testing.assert_allclose(gradient, np.broadcast_to(gradient.mean(0), (3, 2)), rtol=1e-4)
+
+
+EXTREMES = {
+    "depth 1e7": ("gd", 1e7, 1.0),
+    "depth 1e30": ("gd", 1e30, 1.0),
+    "colors 1e20": ("ga", 1.0, 1e20),
+    "colors 1e30": ("ga", 1.0, 1e30),
+    "both 1e30": ("gad", 1e30, 1e30),
+    "textured, both 1e20": ("gatd", 1e20, 1e20),
+}
+
+
+@functools.cache
+def _plan(effects: str, temperature: float) -> sr.Plan:
+    return plan_of(sr.Soft(1.0, temperature=temperature), effects)
+
+
+@pytest.mark.parametrize("temperature", [0.01, pytest.param(1e-6, marks=SLOW)])
+@pytest.mark.parametrize("name", ["depth 1e30", *(pytest.param(n, marks=SLOW) for n in EXTREMES)])
+def test_depth_and_colors_of_any_size(name, temperature):
+    """With a loss that is linear: squares of such colours overflow by themselves."""
+    effects, depth, color = EXTREMES[name]
+    scene = scene_of(effects, depth=depth, color=color)
+    rng = np.random.default_rng(2)
+    weight = jnp.asarray(rng.normal(size=(SIZE, SIZE, 3)), jnp.float32)
+    direction: Any = jax.tree.map(
+        lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype), moving(scene)
+    )
+    ones = jnp.ones((SIZE, SIZE))
+    found = products(scene, _plan(effects, temperature), stack([direction]), weight, ones)
+    for leaf in jax.tree.leaves((found.image, found.tangents, found.gradient)):
+        assert np.isfinite(leaf).all()
+    tangent = np.asarray(found.tangents[0], np.float64)
+    pairs = zip(jax.tree.leaves(found.gradient), jax.tree.leaves(direction), strict=True)
+    backward = sum(float((np.asarray(g, np.float64) * v).sum()) for g, v in pairs)
+    forward = float((tangent * weight).sum())
+    assert forward == pytest.approx(backward, abs=1e-4 * float(np.abs(tangent * weight).sum()))
+    if color == 1:
+        # A triangle that takes a pixel by itself moves it no further for being deep.
+        assert np.abs(found.gradient.positions).max() < 100
