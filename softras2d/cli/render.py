@@ -93,7 +93,7 @@ def _render_each(
 ) -> str:
     """What was told of the last one drawn. One line for each that failed is added to `failures`.
 
-    Whatever is raised for one scene, the next is drawn: an error that no check foresaw is a line too.
+    Whatever is raised for one scene, the next is drawn: an unforeseen error is a line, too.
     """
     told = ""
     with _progress(len(scenes), console) as advance:

@@ -27,9 +27,10 @@ MAX_POINTS = 2**22
 MAX_TRIANGLES = 2**21
 """Triangles of the scene, pieces of strokes included."""
 
-MAX_PAIRS = 2**23
-"""Pairs of edges of one polygon, or of pieces of one translucent stroke, whose bounding boxes
-overlap. Each pair has to be looked at to find what crosses."""
+MAX_PAIRS = 2**24
+"""Pairs of edges of a polygon whose bounding boxes overlap, in all polygons together. Each has to
+be looked at to find what crosses. Pairs of pieces of a translucent stroke, which take longer, count
+twice."""
 
 MAX_CROSSINGS = 100_000
 """Points in which polygons cross themselves. The faces between them grow alike."""

@@ -113,7 +113,7 @@ class DisplayList:
         self._pixels.append((np.arange(first, len(self)), rectangles))
 
     def finish(self, height: int, width: int) -> Triangles:
-        """All as triangles. Raises `ValueError` for coordinates beyond float32, and for too many."""
+        """All as triangles; `ValueError` for coordinates beyond float32 and for too much work."""
         batches = [
             _Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
             self._from_triangles(),
@@ -138,7 +138,8 @@ class DisplayList:
     def _color_table(self) -> np.ndarray:
         """The colours of each draw, `[draws, 1 or 3, 4]`."""
         if not any(isinstance(color, np.ndarray) for color in self._colors):
-            return np.array(self._colors, np.float32).reshape(-1, 1, 4)
+            with np.errstate(over="ignore"):
+                return np.array(self._colors, np.float64).astype(np.float32).reshape(-1, 1, 4)
         colors = [np.reshape(color, (-1, 4)) for color in self._colors]
         if any(len(color) > 1 for color in colors):
             colors = [np.broadcast_to(color, (3, 4)) for color in colors]
@@ -258,8 +259,9 @@ class DisplayList:
         draw, segments = zip(*self._hairlines, strict=True)
         draw = np.repeat(draw, [len(part) for part in segments])
         rounded = self._float32(np.concatenate(segments), draw)
+        each = np.where(self._is_translucent(draw), 4, 2)
         try:
-            rectangles, line = pixel_lines(rounded, height, width, self.budget)
+            rectangles, line = pixel_lines(rounded, height, width, self.budget, each)
         except BudgetError as error:
             raise self._error(int(draw[error.index]), f"the line {error}") from None
         return self._rectangles(draw[line], rectangles)

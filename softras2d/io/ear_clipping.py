@@ -34,8 +34,8 @@ def clip_ears(
 
     Triangles of one contour follow each other in the order in which they are clipped. Fewer than
     three points give none. The list names the contours that are not triangulated here: simple ones
-    of more than `EXACT_TO` vertices and others of more than `CLIPPED_TO`. Raises `BudgetError`, with
-    the index of the contour, for what is too much for the `budget`.
+    of more than `EXACT_TO` vertices and others of more than `CLIPPED_TO`. Raises
+    `BudgetError`, with the index of the contour, for what is too much for the `budget`.
 
     **Source:** Ratcliff, *Efficient polygon triangulation* (flipcode, 2000), as the course has it.
     """

@@ -44,9 +44,9 @@ def overlapping_pairs(boxes: Float[np.ndarray, "n 4"]) -> Iterator[tuple[np.ndar
 
 
 def charge_overlaps(boxes: Float[np.ndarray, "n 4"], budget: Budget, index: int) -> None:
-    """Charge `pairs` of overlapping boxes, those of shape `index`."""
+    """Charge `pairs`, two for each pair of overlapping boxes of pieces of shape `index`."""
     for first, _ in overlapping_pairs(boxes):
-        budget.charge("pairs", len(first), index)
+        budget.charge("pairs", 2 * len(first), index)
 
 
 def charge_crossings(

@@ -119,7 +119,7 @@ def fill_regions(
 def _cut(
     regions: np.ndarray, owner: np.ndarray, translucent: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The regions, the large ones in pieces, with the owner of each and whether it is translucent."""
+    """The regions, large ones in pieces, with the owner of each and whether it is translucent."""
     pieces, which = cut_large_regions(regions, np.arange(len(regions)))
     return pieces, owner[which], translucent[which]
 
@@ -254,7 +254,7 @@ def _faces(
     place = 0
     while place < len(crossing):
         done = weights[place - 1] if place else 0
-        stop = max(int(np.searchsorted(weights, done + 2**22, side="right")), place + 1)
+        stop = max(int(np.searchsorted(weights, done + 2**19, side="right")), place + 1)
         chosen = crossing[place:stop]
         noded: Any = shapely.node(lines[chosen])
         faces, which = shapely.get_parts(shapely.polygonize(noded[:, None]), return_index=True)
@@ -349,7 +349,7 @@ def winding_number(
 
 
 def _ray_turns(a: np.ndarray, b: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """1 where the edge a-b crosses the ray to the right of the point upwards, -1 downwards, or 0."""
+    """1 where edge a-b crosses the ray to the right of the point upwards, -1 downwards, else 0."""
     up = (a[..., 1] <= points[..., 1]) & (b[..., 1] > points[..., 1])
     down = (a[..., 1] > points[..., 1]) & (b[..., 1] <= points[..., 1])
     along, to = b - a, points - a

@@ -55,9 +55,10 @@ def read_svg(
     Raises `ValueError`, one line with file and line number, for a document that is not well-formed,
     declares entities or is larger than 64 MB, for numbers that are none, for pictures that are
     missing or outside `assets`, and for a `transform` that is singular or sends points to infinity.
-    Also for a document that asks for more work than the limits in `softras2d.io.budget` allow, which
-    are counted before the work is done: 2,097,152 triangles, 4,194,304 points, 100,000 points in
-    which polygons cross themselves, 67,108,864 pixels in all pictures together (1 GiB), and others.
+    Also for a document that asks for more work than the limits in `softras2d.io.budget` allow,
+    which are counted before the work is done: 2,097,152 triangles, 4,194,304 points, 100,000 points
+    in which polygons cross themselves, 67,108,864 pixels in all pictures together (1 GiB), and
+    others.
     """
     return _scene(
         load(path), height, width, dialect, transform, assets, opacity, frame, linear, stacklevel=3
@@ -154,10 +155,12 @@ def _scene(
 
 @contextmanager
 def _named(document: Document) -> Iterator[None]:
-    """Name the document where extreme values break a library beneath."""
+    """Name the document in errors that do not: of checks, and of libraries beneath."""
     try:
         yield
-    except UNFORESEEN as error:
+    except SvgError:
+        raise
+    except (ValueError, *UNFORESEEN) as error:
         raise SvgError(f"{document.name}: {reason(error)}") from None
 
 

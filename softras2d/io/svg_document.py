@@ -90,9 +90,14 @@ UNFORESEEN = (ArithmeticError, MemoryError, RecursionError, shapely.errors.Shape
 """What extreme values may raise in the libraries beneath, besides `ValueError`."""
 
 
+_LONGEST_REASON = 500
+
+
 def reason(error: Exception) -> str:
     """What an error says, on one line; its kind where the library beneath says nothing clear."""
     text = " ".join(str(error).split())
+    # Messages quote attributes, which may be as long as the document.
+    text = text if len(text) <= _LONGEST_REASON else f"{text[:_LONGEST_REASON]}..."
     if isinstance(error, ValueError):
         return text
     kinds = {MemoryError: "needs more memory than there is", RecursionError: "is nested too deeply"}

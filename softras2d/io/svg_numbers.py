@@ -5,8 +5,8 @@ import re
 
 import numpy as np
 
-# Every quantifier is possessive (`++`, `*+`, `?+`): it never gives back what it took, so that no text
-# takes longer than its length allows. Ordinary ones try all ways to split a run of digits or blanks.
+# Every quantifier is possessive (`++`, `*+`, `?+`): it never gives back what it took, so that time
+# is linear in the text. Ordinary ones try all ways to split a run of digits or blanks.
 _NUMBER = r"[+-]?+(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+"
 _NEXT = re.compile(rf"\s*+(,?+)\s*+({_NUMBER})")
 _LEADING = re.compile(rf"\s*+({_NUMBER})")

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from softras2d.io.ear_clipping import clip_ears
 from softras2d.io.budget import BudgetError
+from softras2d.io.ear_clipping import clip_ears
 from softras2d.io.polygons import is_convex, triangulate, winding_number
 
 SQUARE = np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]])
