@@ -1,7 +1,8 @@
 """Arithmetic in twice the precision of the array's floats: each number is a pair (high, low).
 
 The value of a pair is the exact sum of both parts, and `low` is below half a unit in the last
-place of `high`. Relative errors are about 2^-44 for float32. Written for numpy and jax arrays alike.
+place of `high`. Relative errors are about 2^-44 for float32. Written for numpy and jax arrays
+alike.
 
 XLA may contract a product and a sum into one operation with one rounding. Every formula here stays
 correct to that precision with or without it.

@@ -235,7 +235,7 @@ class Snapped(NamedTuple):
 
 
 def snap(corners: Corners, grid: Grid) -> Snapped:
-    """Corners in grid units, clamped to the guard band (`guard_band.clip` serves what leaves it)."""
+    """Corners in grid units, clamped to the guard band: `guard_band.clip` serves what leaves it."""
     x, y = (to_grid(corners.high[:, :, axis].T, grid, axis) for axis in (0, 1))
     return Snapped(x, y, corners.finite)
 

@@ -187,9 +187,14 @@ def test_no_output_is_misuse(stand_in):
     assert run("render", "a.svg").exit_code == 2
 
 
-def test_faults_of_ours_keep_their_traceback(stand_in, tmp_path, monkeypatch):
-    assert isinstance(run("render", "bug.svg", "-o", tmp_path).exception, ZeroDivisionError)
+def test_faults_of_ours_are_one_line_too_and_the_batch_goes_on(stand_in, tmp_path, monkeypatch):
+    result = run("render", "bad.svg", "bug.svg", "a.svg", "-o", tmp_path)
+    assert result.exit_code == 1 and (tmp_path / "a.png").exists()
+    bad, bug = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
+    assert bad == "error: bad.svg: line 3: mismatched tag"
+    assert bug.startswith("error: bug.svg: unexpected ZeroDivisionError: a fault of ours (SOFTRAS")
     monkeypatch.setenv("SOFTRAS2D_DEBUG", "1")
+    assert isinstance(run("render", "bug.svg", "-o", tmp_path).exception, ZeroDivisionError)
     assert isinstance(run("render", "bad.svg", "-o", tmp_path).exception, ValueError)
 
 
@@ -204,6 +209,8 @@ def test_interruption_is_one_line_and_130(stand_in, tmp_path):
     result = run("render", "a.svg", "slow.svg", "-o", tmp_path / "out")
     assert result.exit_code == 130
     assert result.stderr.splitlines()[-1] == "interrupted"
+    result = run("render", "bad.svg", "slow.svg", "-o", tmp_path / "out")
+    assert "bad.svg" in result.stderr.splitlines()[-2]
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["a.png"]
 
 

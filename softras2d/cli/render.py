@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from . import options
 from .options import View
-from .session import debugging, is_expected, one_line, session, show
+from .session import debugging, failure_line, session, show
 
 
 def render_scenes(
@@ -66,10 +66,14 @@ def render_scenes(
     with session() as console:
         targets = _targets(scenes, output, kind)
         started = time.perf_counter()
-        told, failures = _render_each(scenes, targets, view, truncate, console)
+        failures: list[str] = []
+        try:
+            told = _render_each(scenes, targets, view, truncate, console, failures)
+        finally:
+            # Also after Ctrl-C, by which time many scenes may have failed.
+            for failure in failures:
+                show("error", failure, console)
         seconds = time.perf_counter() - started
-        for failure in failures:
-            show("error", failure, console)
         written = len(scenes) - len(failures)
         if len(scenes) > 1:
             told = f"{written} of {len(scenes)} images in {seconds:.1f} s: {output}"
@@ -80,20 +84,28 @@ def render_scenes(
 
 
 def _render_each(
-    scenes: list[Path], targets: list[Path], view: View, truncate: bool, console: Console
-) -> tuple[str, list[str]]:
-    """What was told of the last one drawn, and one line for each that failed."""
-    told, failures = "", []
+    scenes: list[Path],
+    targets: list[Path],
+    view: View,
+    truncate: bool,
+    console: Console,
+    failures: list[str],
+) -> str:
+    """What was told of the last one drawn. One line for each that failed is added to `failures`.
+
+    Whatever is raised for one scene, the next is drawn: an unforeseen error is a line, too.
+    """
+    told = ""
     with _progress(len(scenes), console) as advance:
         for scene, target in zip(scenes, targets, strict=True):
             try:
                 told = _render(scene, target, view, truncate)
             except Exception as error:
-                if debugging() or not is_expected(error):
+                if debugging():
                     raise
-                failures.append(one_line(error, scene))
+                failures.append(failure_line(error, scene))
             advance()
-    return told, failures
+    return told
 
 
 def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:

@@ -67,6 +67,16 @@ def one_line(error: Exception, subject: Path | None = None) -> str:
     return text if subject is None or str(subject) in text else f"{subject}: {text}"
 
 
+def failure_line(error: Exception, subject: Path) -> str:
+    """As `one_line`, also for an error that is a fault of the package: those say their type."""
+    if is_expected(error):
+        return one_line(error, subject)
+    said = one_line(error)
+    kind = type(error).__name__
+    said = kind if said == kind else f"{kind}: {said}"
+    return f"{subject}: unexpected {said} (SOFTRAS2D_DEBUG=1 shows where)"
+
+
 def show(kind: str, message: str, console: Console) -> None:
     """Print `error: ...` in red or `warning: ...` in yellow. Paths are not markup, nor wrapped."""
     style = {"error": "bold red", "warning": "yellow"}[kind]

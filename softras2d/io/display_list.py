@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .ear_clipping import clip_ears, fill_simply, is_simple
+from .budget import Budget, BudgetError
+from .ear_clipping import clip_ears, crosses_itself, fill_simply
 from .pixel_lines import pixel_lines
-from .polygons import PolygonError, fan, fan_inside, fill_regions, triangulate
+from .polygons import fan, fan_inside, fill_regions, triangulate
 from .strokes import Outline, stroke, union
 from .svg_color import Rgba
 from .svg_document import SvgError
@@ -42,8 +43,9 @@ class DisplayList:
     `approximated` counts, then, the course's polygons that were filled by the nonzero rule.
     """
 
-    def __init__(self, name: str):
+    def __init__(self, name: str, budget: Budget | None = None):
         self.name = name
+        self.budget = budget or Budget()
         self.line = 0
         self.approximated = 0
         # Per draw: where it was read, its colour or the colours of its corners, its texture.
@@ -56,7 +58,7 @@ class DisplayList:
         self._ears: list[tuple[int, np.ndarray, np.ndarray]] = []
         self._strokes: list[tuple[int, Outline, np.ndarray]] = []
         self._hairlines: list[tuple[int, np.ndarray]] = []
-        self._pixels: list[tuple[int, np.ndarray]] = []
+        self._pixels: list[tuple[np.ndarray, np.ndarray]] = []
 
     def __len__(self) -> int:
         return len(self._lines)
@@ -68,6 +70,7 @@ class DisplayList:
 
     def add_triangles(self, corners: np.ndarray, color: Rgba | np.ndarray) -> None:
         """`corners` `[k, 3, 2]`; one colour, or those of the three corners `[3, 4]`."""
+        self.budget.charge("triangles", len(corners))
         self._triangles.append((self._next(color), corners, None))
 
     def add_textured(
@@ -76,32 +79,41 @@ class DisplayList:
         """A convex polygon `[n, 2]` that shows a texture, `uv` `[n, 2]` at its corners."""
         both = np.concatenate([points, uv], axis=1)[None]
         both = (fan_inside if translucent and len(points) > 3 else fan)(both)[0]
+        self.budget.charge("triangles", len(both))
         draw = self._next(color)
         self._textures[draw] = texture
         self._triangles.append((draw, both[..., :2], both[..., 2:]))
 
     def add_polygon(self, points: np.ndarray, color: Rgba, evenodd: bool = False) -> None:
         """The inside of a closed contour `[n, 2]`."""
+        self.budget.charge("points", len(points))
         self._polygons.append((self._next(color), points, evenodd))
 
     def add_ears(self, plane: np.ndarray, points: np.ndarray, color: Rgba) -> None:
         """The inside of a contour as the course finds it: on `plane` `[n, 2]`, float32."""
+        self.budget.charge("points", len(points))
         self._ears.append((self._next(color), plane, points))
 
     def add_stroke(self, outline: Outline, map3: np.ndarray, color: Rgba) -> None:
         """A stroke, made in the outline's units and then mapped to pixels."""
+        self.budget.charge("points", len(outline.points))
         self._strokes.append((self._next(color), outline, map3))
 
     def add_hairlines(self, segments: np.ndarray, color: Rgba) -> None:
         """Lines `[k, 4]` (x0, y0, x1, y1), one pixel wide, each over the one before."""
+        self.budget.charge("points", len(segments))
         self._hairlines.append((self._next(color), segments))
 
-    def add_pixels(self, rectangle: tuple[float, float, float, float], color: Rgba) -> None:
-        """A rectangle of whole pixels (x0, y0, x1, y1)."""
-        self._pixels.append((self._next(color), np.array([rectangle])))
+    def add_pixels(self, rectangles: np.ndarray, colors: np.ndarray) -> None:
+        """Rectangles of whole pixels `[k, 4]` (x0, y0, x1, y1), each of its colour `[k, 4]`."""
+        self.budget.charge("triangles", 2 * len(rectangles))
+        first = len(self)
+        self._lines += [self.line] * len(rectangles)
+        self._colors += map(tuple, colors.tolist())
+        self._pixels.append((np.arange(first, len(self)), rectangles))
 
     def finish(self, height: int, width: int) -> Triangles:
-        """All as triangles. Raises `ValueError` for coordinates beyond float32."""
+        """All as triangles; `ValueError` for coordinates beyond float32 and for too much work."""
         batches = [
             _Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
             self._from_triangles(),
@@ -125,6 +137,9 @@ class DisplayList:
 
     def _color_table(self) -> np.ndarray:
         """The colours of each draw, `[draws, 1 or 3, 4]`; `ValueError` for one beyond float32."""
+        if not any(isinstance(color, np.ndarray) for color in self._colors):
+            table = np.array(self._colors, np.float64).reshape(-1, 1, 4)
+            return self._float32(table, np.arange(len(table)), "a colour")
         colors = [np.reshape(color, (-1, 4)) for color in self._colors]
         if any(len(color) > 1 for color in colors):
             colors = [np.broadcast_to(color, (3, 4)) for color in colors]
@@ -175,8 +190,10 @@ class DisplayList:
         # Checked first, as GEOS must see no infinities.
         self._float32(np.concatenate(contours), np.repeat(draw, [len(part) for part in contours]))
         try:
-            corners, index = triangulate(contours, evenodd, self._is_translucent(draw).tolist())
-        except PolygonError as error:
+            corners, index = triangulate(
+                contours, evenodd, self._is_translucent(draw).tolist(), self.budget
+            )
+        except BudgetError as error:
             raise self._error(int(draw[error.index]), f"the polygon {error}") from None
         return self._batch(draw[index], corners)
 
@@ -184,15 +201,18 @@ class DisplayList:
         if not self._ears:
             return None
         draw, planes, contours = zip(*self._ears, strict=True)
-        owner, ears, rest = clip_ears(planes)
+        try:
+            owner, ears, rest = clip_ears(planes, self.budget)
+        except BudgetError as error:
+            raise self._error(draw[error.index], f"the polygon {error}") from None
         starts = np.cumsum([0, *map(len, contours)])
         corners, owners = [np.concatenate(contours)[starts[owner, None] + ears]], [owner]
         for index in rest:
-            self.approximated += not is_simple(planes[index])
             self._float32(contours[index], np.full(len(contours[index]), draw[index]))
             try:
-                corners.append(fill_simply(contours[index]))
-            except PolygonError as error:
+                self.approximated += crosses_itself(planes[index], self.budget, index)
+                corners.append(fill_simply(contours[index], self.budget))
+            except BudgetError as error:
                 raise self._error(draw[index], f"the polygon {error}") from None
             owners.append(np.full(len(corners[-1]), index))
         return self._batch(np.array(draw)[np.concatenate(owners)], np.concatenate(corners))
@@ -202,14 +222,20 @@ class DisplayList:
             return None
         draw, outlines, maps = zip(*self._strokes, strict=True)
         draw = np.array(draw)
-        corners, owner = stroke(outlines)
+        try:
+            corners, owner = stroke(outlines, self.budget)
+        except BudgetError as error:
+            raise self._error(int(draw[error.index]), f"the stroke {error}") from None
         corners = self._mapped(np.array(maps), corners, owner, draw)
         glassy = self._is_translucent(draw)
         made, draws = [corners[~glassy[owner]]], [draw[owner[~glassy[owner]]]]
         for index in np.flatnonzero(glassy).tolist():
             # The pieces overlap at joins, where they must not be seen twice.
             first, last = np.searchsorted(owner, [index, index + 1])
-            region = np.array([union(corners[first:last])])
+            try:
+                region = np.array([union(corners[first:last], self.budget)])
+            except BudgetError as error:
+                raise self._error(int(draw[index]), f"the translucent stroke {error}") from None
             inner, which = fill_regions(region, np.ones(1, bool), draw[index : index + 1])
             made.append(inner)
             draws.append(which)
@@ -236,14 +262,18 @@ class DisplayList:
         draw, segments = zip(*self._hairlines, strict=True)
         draw = np.repeat(draw, [len(part) for part in segments])
         rounded = self._float32(np.concatenate(segments), draw)
-        rectangles, line = pixel_lines(rounded, height, width)
+        each = np.where(self._is_translucent(draw), 4, 2)
+        try:
+            rectangles, line = pixel_lines(rounded, height, width, self.budget, each)
+        except BudgetError as error:
+            raise self._error(int(draw[error.index]), f"the line {error}") from None
         return self._rectangles(draw[line], rectangles)
 
     def _from_pixels(self) -> _Batch | None:
         if not self._pixels:
             return None
         draw, rectangles = zip(*self._pixels, strict=True)
-        return self._rectangles(np.array(draw), np.concatenate(rectangles))
+        return self._rectangles(np.concatenate(draw), np.concatenate(rectangles))
 
     def _rectangles(self, draw: np.ndarray, rectangles: np.ndarray) -> _Batch:
         """Two triangles for each opaque rectangle, four for a translucent one (see `polygons`)."""

@@ -10,7 +10,9 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Float32, Int
 
-from .polygons import triangulate
+from .budget import Budget, BudgetError
+from .overlaps import FEW, charge_crossings
+from .polygons import distinct_edges, triangulate
 
 _LEAST_CROSS = np.float32(1e-10)
 
@@ -24,6 +26,7 @@ CLIPPED_TO = 1024
 
 def clip_ears(
     contours: Sequence[np.ndarray],
+    budget: Budget | None = None,
 ) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarray, "triangles 3"], list[int]]:
     """The contour of each triangle, and its three vertices; and what was left out.
 
@@ -31,24 +34,32 @@ def clip_ears(
 
     Triangles of one contour follow each other in the order in which they are clipped. Fewer than
     three points give none. The list names the contours that are not triangulated here: simple ones
-    of more than `EXACT_TO` vertices and others of more than `CLIPPED_TO`.
+    of more than `EXACT_TO` vertices and others of more than `CLIPPED_TO`. Raises
+    `BudgetError`, with the index of the contour, for what is too much for the `budget`.
 
     **Source:** Ratcliff, *Efficient polygon triangulation* (flipcode, 2000), as the course has it.
     """
+    budget = budget or Budget()
     counts = np.array([len(contour) for contour in contours], np.int64)
     owners, corners, rest = [np.zeros(0, np.int64)], [np.zeros((0, 3), np.int64)], []
     for count in np.unique(counts[counts >= 3]).tolist():
         where = np.flatnonzero(counts == count)
         if count > EXACT_TO:
+            if count > CLIPPED_TO:
+                rest += where.tolist()
+                continue
             simple = np.array([is_simple(contours[index]) for index in where.tolist()])
-            simple |= count > CLIPPED_TO
             rest += where[simple].tolist()
             where = where[~simple]
         if len(where) == 0:
             continue
+        budget.charge_each("triangles", np.full(len(where), count - 2), where.tolist())
         # Products of far coordinates may overflow: an infinite area is one, NaN is no ear.
         with np.errstate(over="ignore", invalid="ignore", under="ignore"):
-            index, ears = _clip(np.stack([contours[i] for i in where.tolist()]))
+            try:
+                index, ears = _clip(np.stack([contours[i] for i in where.tolist()]), budget)
+            except BudgetError as error:
+                raise BudgetError(str(error), int(where[error.index])) from None
         owners.append(where[index])
         corners.append(ears)
     return np.concatenate(owners), np.concatenate(corners), rest
@@ -59,12 +70,26 @@ def is_simple(contour: Float32[np.ndarray, "n 2"]) -> bool:
     return bool(shapely.is_valid(shapely.polygons(contour.astype(np.float64))))
 
 
-def fill_simply(contour: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "triangles 3 2"]:
+def crosses_itself(contour: Float32[np.ndarray, "n 2"], budget: Budget, index: int) -> bool:
+    """The opposite of `is_simple`, for contours of any size: charges `budget`, as shape `index`."""
+    points = contour.astype(np.float64)
+    points = points[(points != np.roll(points, 1, axis=0)).any(axis=1)]
+    if len(points) > FEW:
+        starts, ends = distinct_edges(points)
+        if len(starts) < len(points):
+            return True
+        charge_crossings(starts, ends, budget, index)
+    return len(points) < 3 or not is_simple(points.astype(np.float32))
+
+
+def fill_simply(
+    contour: Float[np.ndarray, "n 2"], budget: Budget | None = None
+) -> Float[np.ndarray, "triangles 3 2"]:
     """What the nonzero rule fills: for contours that `clip_ears` leaves out."""
-    return triangulate([contour], [False], [False])[0]
+    return triangulate([contour], [False], [False], budget)[0]
 
 
-def _clip(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _clip(points: np.ndarray, budget: Budget) -> tuple[np.ndarray, np.ndarray]:
     """Ears of `m` polygons `[m, n, 2]`: the polygon of each and its vertices `[t, 3]`."""
     m, n = points.shape[:2]
     x, y = points[..., 0], points[..., 1]
@@ -77,6 +102,7 @@ def _clip(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     owners, ears = [np.zeros(0, np.int64)], [np.zeros((0, 3), np.int64)]
     active = np.arange(m)
     while len(active):
+        budget.charge("ear_tests", len(active) * n, int(active[0]))
         size = sizes[active]
         u = middles[active] % size
         v = (u + 1) % size

@@ -17,6 +17,8 @@ import os
 import shutil
 import tempfile
 import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +31,10 @@ from ..drafts import whole
 WRITABLE = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff")
 """Suffixes that `write_image` knows."""
 
-_LARGEST = 2**28
-"""Pixels. A few bytes can claim any size, so a file beyond 16384 x 16384 is refused unread."""
+MAX_IMAGE_BYTES = 2**30
+"""Memory of a picture as float32, with all the channels of its file and at least three. A few bytes
+can claim any size, so a larger picture is refused by its header, before it is decoded. As RGB that
+is 89 million pixels, as RGBA 67 million (8192 x 8192)."""
 
 _STEPS = {"uint8": (oiio.UINT8, 255), "uint16": (oiio.UINT16, 65535)}
 
@@ -42,20 +46,41 @@ def read_image(
 
     Integers become k/255 (k/65535) exactly rounded. `linear=True` gives linear light, else sRGB.
     The orientation that a camera noted is applied. Of several images in one file the first is read.
-    Raises `ValueError`, one line, for what is not a whole image file, and for NaN and infinity.
+    Raises `ValueError`, one line, for what is not a whole image file, for NaN and infinity, and for
+    a picture that takes more than `MAX_IMAGE_BYTES`, 1 GiB.
     """
     return _load(Path(path), str(path), linear)
+
+
+def read_charged(
+    source: Path | bytes, name: str, charge: Callable[[int], None]
+) -> Float32[np.ndarray, "height width channels"]:
+    """As `read_image` or `decode_image`, once `charge` has accepted the number of pixels.
+
+    `charge` hears the number that the header claims before anything is decoded, and may raise.
+    """
+    if isinstance(source, bytes):
+        with _as_file(source) as path:
+            return _load(path, name, False, charge)
+    return _load(source, name, False, charge)
 
 
 def decode_image(
     data: bytes, name: str, *, linear: bool = False
 ) -> Float32[np.ndarray, "height width channels"]:
     """As `read_image`, from the bytes of a file of any format; errors call it `name`."""
+    with _as_file(data) as path:
+        return _load(path, name, linear)
+
+
+@contextmanager
+def _as_file(data: bytes) -> Iterator[Path]:
+    """A temporary file of these bytes."""
     # OpenImageIO's Python face reads files only. It knows the format by the content.
     with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
         path = Path(folder) / "image"
         path.write_bytes(data)
-        return _load(path, name, linear)
+        yield path
 
 
 def write_image(
@@ -116,13 +141,15 @@ def linear_to_srgb(values: np.ndarray) -> np.ndarray:
     return np.copysign(code, values).astype(values.dtype)
 
 
-def _load(path: Path, name: str, linear: bool) -> np.ndarray:
+def _load(
+    path: Path, name: str, linear: bool, charge: Callable[[int], None] | None = None
+) -> np.ndarray:
     if path.is_dir():
         raise ValueError(f"{name}: a folder, not an image.")
     if not path.exists():
         raise ValueError(f"{name}: no such file.")
     try:
-        pixels, spec = _pixels(path, name)
+        pixels, spec = _pixels(path, name, charge)
         channels = [channel.upper() for channel in spec.channelnames]
     except UnicodeDecodeError:
         # Of OpenImageIO, which takes the names in a file, and what it says of them, for UTF-8.
@@ -140,7 +167,7 @@ def _load(path: Path, name: str, linear: bool) -> np.ndarray:
     return np.ascontiguousarray(_upright(pixels, spec.get_int_attribute("Orientation", 1)))
 
 
-def _pixels(path: Path, name: str) -> tuple[np.ndarray, Any]:
+def _pixels(path: Path, name: str, charge: Callable[[int], None] | None) -> tuple[np.ndarray, Any]:
     """The raw channels as float32, and the file's `ImageSpec`."""
     _refuse_cut_png(path, name)
     hint = oiio.ImageSpec()
@@ -151,8 +178,9 @@ def _pixels(path: Path, name: str) -> tuple[np.ndarray, Any]:
         raise ValueError(f"{name}: not an image that can be read{_why(oiio.geterror(), path)}.")
     try:
         spec = source.spec()
-        if spec.width * spec.height > _LARGEST:
-            raise ValueError(f"{name}: {spec.width} x {spec.height} pixels are too many.")
+        _check_size(name, spec)
+        if charge is not None:
+            charge(spec.width * spec.height)
         kind, step = _STEPS.get(str(spec.format), (oiio.FLOAT, 1))
         pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
         # A cut JPEG comes back filled with grey: the error is the only sign.
@@ -165,7 +193,19 @@ def _pixels(path: Path, name: str) -> tuple[np.ndarray, Any]:
     # Dividing rounds correctly; OpenImageIO multiplies by a rounded 1/255.
     # A signalling NaN warns, and is refused later on by its place.
     with np.errstate(invalid="ignore"):
-        return np.asarray(pixels, np.float32).reshape(shape) / np.float32(step), spec
+        floats = np.array(pixels, np.float32).reshape(shape)
+        floats /= np.float32(step)
+    return floats, spec
+
+
+def _check_size(name: str, spec: Any) -> None:
+    """Raise for a header that claims more than `MAX_IMAGE_BYTES`."""
+    size = spec.width * spec.height * max(spec.depth, 1) * max(spec.nchannels, 3) * 4
+    if size > MAX_IMAGE_BYTES:
+        raise ValueError(
+            f"{name}: {spec.width} x {spec.height} pixels are too many: {size / 2**30:.1f} GiB "
+            f"as float32, of at most {MAX_IMAGE_BYTES >> 30}."
+        )
 
 
 def _refuse_cut_png(path: Path, name: str) -> None:

@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32, Int
 
+from .budget import Budget, BudgetError
+
 _LONG = 1 << 14
 """Steps from which on a line is first carried to the canvas."""
 
@@ -39,26 +41,35 @@ class _Walks(NamedTuple):
 
 
 def pixel_lines(
-    segments: Float32[np.ndarray, "lines 4"], height: int, width: int
+    segments: Float32[np.ndarray, "lines 4"],
+    height: int,
+    width: int,
+    budget: Budget | None = None,
+    triangles_each: Int[np.ndarray, " lines"] | None = None,
 ) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
     """Rectangles `[r, 4]` (x0, y0, x1, y1) of the pixels of each line, and the line of each.
 
     `segments` are (x0, y0, x1, y1) in pixels. From the end with the smaller x (the first, if they
     are equal) steps go (1, m), or (1/|m|, sign m) where |m| > 1, while floor(x) has not passed the
     other end's and |y - y0| not the height; all in float32. Pixels off the canvas are left out.
+    Raises `BudgetError`, with the index of the line, for more steps than `budget` has left, or more
+    triangles, of which `triangles_each` says how many a rectangle of each line becomes.
     """
     # Coordinates may be anything that float32 holds; infinite and undefined steps draw nothing.
     with np.errstate(all="ignore"):
-        return _pixel_lines(segments, height, width)
+        return _pixel_lines(segments, height, width, budget or Budget(), triangles_each)
 
 
-def _pixel_lines(segments: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+def _pixel_lines(
+    segments: np.ndarray, height: int, width: int, budget: Budget, each: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
     walks = _walks(segments)
     near = np.flatnonzero(_may_touch(segments, walks, height, width))
     rectangles, owners = [np.zeros((0, 4), np.int64)], [np.zeros(0, np.int64)]
     walks = walks.take(near)
     walks, entered = _carried(walks, height, width)
     near = near[entered]
+    budget.charge_each("steps", walks.steps, near.tolist())
     order = np.argsort(walks.steps, kind="stable")
     place = 0
     while place < len(order):
@@ -69,6 +80,14 @@ def _pixel_lines(segments: np.ndarray, height: int, width: int) -> tuple[np.ndar
         chosen = order[place : place + max(int(count), 1)]
         place += len(chosen)
         found, line = _block(walks.take(chosen), height, width)
+        # Charged block by block: what one makes is bounded.
+        made = np.bincount(line, minlength=len(chosen)) * (
+            1 if each is None else each[near[chosen]]
+        )
+        try:
+            budget.charge_each("triangles", made)
+        except BudgetError as error:
+            raise BudgetError(str(error), int(near[chosen[error.index]])) from None
         rectangles.append(found)
         owners.append(near[chosen[line]])
     owner = np.concatenate(owners)

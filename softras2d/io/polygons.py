@@ -16,30 +16,28 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-MAX_CROSSINGS = 200_000
-"""Self-intersections of one polygon; their faces grow alike."""
+from .budget import Budget
+from .overlaps import FEW, charge_crossings
+from .subdivision import cut_large_regions
 
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 
-class PolygonError(ValueError):
-    """A polygon that is not triangulated, and which it is."""
-
-    def __init__(self, index: int, message: str):
-        super().__init__(message)
-        self.index = index
-
-
 def triangulate(
-    contours: Sequence[np.ndarray], evenodd: Sequence[bool], translucent: Sequence[bool]
+    contours: Sequence[np.ndarray],
+    evenodd: Sequence[bool],
+    translucent: Sequence[bool],
+    budget: Budget | None = None,
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
     """Triangles `[t, 3, 2]` that fill the closed `contours` `[n, 2]`, and the contour of each.
 
     Triangles of one contour follow each other; contours need not be in order. A contour of three
-    points is its own triangle, of whatever area; with fewer there is nothing. Raises `PolygonError`
-    for a contour that crosses itself more than `MAX_CROSSINGS` times.
+    points is its own triangle, of whatever area; with fewer there is nothing. Raises `BudgetError`,
+    with the index of the contour, for what is too much for the `budget`.
     """
+    budget = budget or Budget()
     counts = np.array([len(contour) for contour in contours], np.int64)
+    budget.charge_each("triangles", np.maximum(counts - 2, 0))
     corners, indices = [np.zeros((0, 3, 2))], [np.zeros(0, np.int64)]
     rest = []
     for count in np.unique(counts[counts >= 3]).tolist():
@@ -55,7 +53,9 @@ def triangulate(
             indices.append(np.repeat(where[chosen], triangles.shape[1]))
         rest += where[~convex].tolist()
     if rest:
-        regions, owner = _regions([contours[i] for i in rest], [evenodd[i] for i in rest], rest)
+        regions, owner = _regions(
+            [contours[i] for i in rest], [evenodd[i] for i in rest], rest, budget
+        )
         index = np.array(rest, np.int64)[owner]
         inner, which = fill_regions(regions, np.array(translucent, bool)[index], index)
         corners.append(inner)
@@ -101,6 +101,7 @@ def fill_regions(
 
     Regions of one owner may abut; they follow each other and are all translucent or none.
     """
+    regions, owner, translucent = _cut(regions, owner, translucent)
     pieces, which = shapely.get_parts(
         shapely.constrained_delaunay_triangles(regions), return_index=True
     )
@@ -113,6 +114,14 @@ def fill_regions(
         order = np.argsort(index, kind="stable")
         corners, index = corners[order], index[order]
     return corners, index
+
+
+def _cut(
+    regions: np.ndarray, owner: np.ndarray, translucent: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The regions, large ones in pieces, with the owner of each and whether it is translucent."""
+    pieces, which = cut_large_regions(regions, np.arange(len(regions)))
+    return pieces, owner[which], translucent[which]
 
 
 def _bend(corners: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -162,35 +171,165 @@ def _spread(count: int) -> np.ndarray:
 
 
 def _regions(
-    contours: list[np.ndarray], evenodd: list[bool], names: list[int]
+    contours: list[np.ndarray], evenodd: list[bool], names: list[int], budget: Budget
 ) -> tuple[np.ndarray, np.ndarray]:
     """Shapely polygons that together fill the contours, and the contour of each, in order.
 
     `names` are what errors call the contours.
     """
-    sizes = np.array([len(contour) for contour in contours])
+    contours = [_without_repeats(points) if len(points) > FEW else points for points in contours]
+    lengths = np.array([len(contour) for contour in contours])
+    # What shrinks to a point or a segment and back has no inside.
+    areal = np.flatnonzero(lengths > 2)
+    if len(areal) < len(contours):
+        chosen = areal.tolist()
+        regions, owner = (
+            _regions(*([items[i] for i in chosen] for items in (contours, evenodd, names)), budget)
+            if chosen
+            else (np.zeros(0, object), np.zeros(0, np.int64))
+        )
+        return regions, areal[owner]
+    doubled = {}
+    for index in np.flatnonzero(lengths > FEW).tolist():
+        starts, ends = distinct_edges(contours[index])
+        charge_crossings(starts, ends, budget, names[index])
+        if len(starts) < lengths[index]:
+            doubled[index] = shapely.multilinestrings(
+                shapely.linestrings(np.stack([starts, ends], axis=1))
+            )
     rings: Any = shapely.linearrings(
-        np.concatenate(contours), indices=np.repeat(np.arange(len(contours)), sizes)
+        np.concatenate(contours), indices=np.repeat(np.arange(len(contours)), lengths)
     )
     whole: Any = shapely.polygons(rings)
-    simple = shapely.is_valid(whole)
-    crossing = np.flatnonzero(~simple)
-    for index in crossing[sizes[crossing] ** 2 > MAX_CROSSINGS].tolist():
-        _refuse_tangle(contours[index], names[index])
-    # A crossing ring cuts the plane into faces; the fill rule takes or leaves each whole.
-    lines: Any = shapely.node(rings[crossing])
-    faces, which = shapely.get_parts(shapely.polygonize(lines[:, None]), return_index=True)
-    owner = crossing[which]
+    # A contour that runs along itself is not simple, and would take GEOS long to see it.
+    simple = np.zeros(len(contours), bool)
+    single = np.setdiff1d(np.arange(len(contours)), list(doubled))
+    simple[single] = shapely.is_valid(whole[single])
+    lines: Any = rings.copy()
+    for index, edges in doubled.items():
+        lines[index] = edges
+    faces, owner = _faces(lines, np.flatnonzero(~simple), lengths, names, budget)
     inside = shapely.get_coordinates(shapely.point_on_surface(faces))
-    winding = np.zeros(len(faces), np.int64)
-    for size in np.unique(sizes[owner]).tolist():
-        for chosen in _blocks(np.flatnonzero(sizes[owner] == size), 2**20 // size + 1):
-            around = np.stack([contours[index] for index in owner[chosen].tolist()])
-            winding[chosen] = winding_number(around, inside[chosen])
+    winding = _windings(contours, lengths, inside, owner, names, budget)
     filled = np.where(np.array(evenodd, bool)[owner], winding % 2 != 0, winding != 0)
     owners = np.concatenate([np.flatnonzero(simple), owner[filled]])
     order = np.argsort(owners, kind="stable")
     return np.concatenate([whole[simple], faces[filled]])[order], owners[order]
+
+
+def _without_repeats(contour: np.ndarray) -> np.ndarray:
+    """The contour without points that equal the one before."""
+    return contour[(contour != np.roll(contour, 1, axis=0)).any(axis=1)]
+
+
+def distinct_edges(contour: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Start and end of each edge; of edges with the same ends, in either order, the first."""
+    starts, ends = contour, np.roll(contour, -1, axis=0)
+    swap = (starts[:, 0] > ends[:, 0]) | (
+        (starts[:, 0] == ends[:, 0]) & (starts[:, 1] > ends[:, 1])
+    )
+    keys = np.where(
+        swap[:, None], np.concatenate([ends, starts], 1), np.concatenate([starts, ends], 1)
+    )
+    _, first = np.unique(keys, axis=0, return_index=True)
+    first.sort()
+    return starts[first], ends[first]
+
+
+def _faces(
+    lines: np.ndarray,
+    crossing: np.ndarray,
+    lengths: np.ndarray,
+    names: list[int],
+    budget: Budget,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The faces into which the lines of `crossing` contours cut the plane, and their contours.
+
+    A crossing ring cuts the plane into faces; the fill rule takes or leaves each as one.
+    """
+    found, owners = [np.zeros(0, object)], [np.zeros(0, np.int64)]
+    # Large contours were counted before. Small ones are looked at in blocks, whose faces can not
+    # be many, and charged for those faces that their number of vertices does not account for.
+    weights = np.cumsum(lengths[crossing] * np.minimum(lengths[crossing], FEW))
+    place = 0
+    while place < len(crossing):
+        done = weights[place - 1] if place else 0
+        stop = max(int(np.searchsorted(weights, done + 2**19, side="right")), place + 1)
+        chosen = crossing[place:stop]
+        noded: Any = shapely.node(lines[chosen])
+        faces, which = shapely.get_parts(shapely.polygonize(noded[:, None]), return_index=True)
+        faces_of = np.bincount(which, minlength=len(chosen))
+        called = [names[index] for index in chosen.tolist()]
+        small = lengths[chosen] <= FEW
+        excess = np.where(small, np.maximum(faces_of - lengths[chosen], 0), 0)
+        budget.charge_each("crossings", excess, called)
+        budget.charge_each("triangles", faces_of, called)
+        found.append(faces)
+        owners.append(chosen[which])
+        place = stop
+    return np.concatenate(found), np.concatenate(owners)
+
+
+def _windings(
+    contours: list[np.ndarray],
+    lengths: np.ndarray,
+    points: np.ndarray,
+    owner: np.ndarray,
+    names: list[int],
+    budget: Budget,
+) -> Int[np.ndarray, " points"]:
+    """How often each point is gone around by the contour that it belongs to."""
+    winding = np.zeros(len(points), np.int64)
+    for length in np.unique(lengths[owner]).tolist():
+        members = np.flatnonzero(lengths[owner] == length)
+        if length > FEW:
+            for index in np.unique(owner[members]).tolist():
+                chosen = members[owner[members] == index]
+                winding[chosen] = _winding_by_rays(
+                    contours[index], points[chosen], budget, names[index]
+                )
+            continue
+        for chosen in _blocks(members, 2**20 // length + 1):
+            around = np.stack([contours[index] for index in owner[chosen].tolist()])
+            winding[chosen] = winding_number(around, points[chosen])
+    return winding
+
+
+def _winding_by_rays(
+    contour: np.ndarray, points: np.ndarray, budget: Budget, name: int
+) -> np.ndarray:
+    """As `winding_number`, of one contour of many edges around many points.
+
+    Only edges that a ray from the point can meet are looked at: along x or along y, whichever are
+    fewer.
+    """
+    low, high = (pick(contour, np.roll(contour, -1, axis=0)) for pick in (np.minimum, np.maximum))
+    met = [
+        np.searchsorted(np.sort(low[:, axis]), points[:, axis], side="right")
+        - np.searchsorted(np.sort(high[:, axis]), points[:, axis], side="left")
+        for axis in (0, 1)
+    ]
+    axis = int(np.argmin([counts.sum() for counts in met]))
+    budget.charge("pairs", int(met[axis].sum()), name)
+    if axis == 0:
+        # Mirrored in the diagonal, so that the ray runs along x; this reverses the sense of turn.
+        contour, points = contour[:, ::-1], points[:, ::-1]
+        low, high = low[:, ::-1], high[:, ::-1]
+    tree = shapely.STRtree(shapely.box(*low.T, *high.T))
+    right = np.full(len(points), high[:, 0].max())
+    rays: Any = shapely.box(points[:, 0], points[:, 1], right, points[:, 1])
+    ends = np.cumsum(met[axis])
+    winding = np.zeros(len(points), np.int64)
+    place = 0
+    while place < len(points):
+        done = ends[place - 1] if place else 0
+        stop = max(int(np.searchsorted(ends, done + 2**20, side="right")), place + 1)
+        point, edge = tree.query(rays[place:stop])
+        a, b = contour[edge], contour[(edge + 1) % len(contour)]
+        turns = _ray_turns(a, b, points[place + point])
+        winding[place:stop] = np.bincount(point, turns, minlength=stop - place)
+        place = stop
+    return winding if axis == 1 else -winding
 
 
 def _blocks(indices: np.ndarray, size: int) -> list[np.ndarray]:
@@ -206,22 +345,13 @@ def winding_number(
 
     **Source:** Sunday, *Inclusion of a point in a polygon* (2001).
     """
-    points = points[:, None]
-    a, b = contours, np.roll(contours, -1, axis=1)
+    return _ray_turns(contours, np.roll(contours, -1, axis=1), points[:, None]).sum(axis=1)
+
+
+def _ray_turns(a: np.ndarray, b: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """1 where edge a-b crosses the ray to the right of the point upwards, -1 downwards, else 0."""
     up = (a[..., 1] <= points[..., 1]) & (b[..., 1] > points[..., 1])
     down = (a[..., 1] > points[..., 1]) & (b[..., 1] <= points[..., 1])
     along, to = b - a, points - a
     left = along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0]
-    return (up & (left > 0)).sum(axis=1) - (down & (left < 0)).sum(axis=1)
-
-
-def _refuse_tangle(contour: np.ndarray, name: int) -> None:
-    """Raise for a contour with so many crossings that its faces would fill the memory."""
-    segments: Any = shapely.linestrings(np.stack([contour, np.roll(contour, -1, axis=0)], axis=1))
-    tree = shapely.STRtree(segments)
-    crossings, step = 0, 2000
-    for place in range(0, len(segments), step):
-        found = tree.query(segments[place : place + step], predicate="intersects")
-        crossings += found.shape[1] / 2
-        if crossings > MAX_CROSSINGS + 2 * len(segments):
-            raise PolygonError(name, f"crosses itself more than {MAX_CROSSINGS} times.")
+    return (up & (left > 0)).astype(np.int64) - (down & (left < 0))

@@ -11,6 +11,9 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Int
 
+from .budget import Budget
+from .overlaps import charge_overlaps
+
 _TOLERANCE = 0.02
 """Pixels by which the chords of round joins and caps may stay inside the circle."""
 
@@ -34,14 +37,16 @@ class Outline(NamedTuple):
 
 
 def stroke(
-    outlines: Sequence[Outline],
+    outlines: Sequence[Outline], budget: Budget | None = None
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
     """Triangles `[t, 3, 2]` that cover the strokes, and the outline of each, in order.
 
     Segments of no length are left out; if none is left, round and square caps still draw a dot.
+    Raises `BudgetError`, with the index of the outline, for more triangles than `budget` has left.
 
     **Source:** SVG 2, sections 13.5.4 to 13.5.6.
     """
+    budget = budget or Budget()
     half = np.array([outline.width / 2 for outline in outlines])
     closed = np.array([outline.closed for outline in outlines], bool)
     cap = np.array([outline.cap for outline in outlines])
@@ -49,6 +54,7 @@ def stroke(
     limit = np.array([outline.miterlimit for outline in outlines])
     radius_px = half * np.array([outline.scale for outline in outlines])
     edges = _edges(outlines)
+    counts = 2 * np.bincount(edges.owner, minlength=len(outlines))
     side = half[edges.owner, None] * _left(edges.along)
     a, b = edges.start, edges.end
     pieces = [_quads(edges.owner, a + side, b + side, b - side, a - side)]
@@ -56,29 +62,49 @@ def stroke(
     sharp = _is_sharp(bends, limit)
     rounded = join[bends.owner] == "round"
     mitred = (join[bends.owner] == "miter") & ~sharp
+    arcs = bends.take(rounded)
+    owner, place, outward = _ends(edges, closed, outlines)
+    has_square, has_round = cap[owner] == "square", cap[owner] == "round"
+    half_turn = np.full(int(has_round.sum()), -np.pi)
+    for owners, triangles in (
+        (bends.owner[~rounded], np.where(mitred[~rounded], 2, 1)),
+        (arcs.owner, _sector_counts(arcs.owner, arcs.turn, radius_px)),
+        (owner[has_square], np.full(int(has_square.sum()), 2)),
+        (owner[has_round], _sector_counts(owner[has_round], half_turn, radius_px)),
+    ):
+        counts += np.bincount(owners, triangles, minlength=len(outlines)).astype(np.int64)
+    budget.charge_each("triangles", counts)
     pieces.append(_bevels(bends.take(~rounded & ~mitred)))
     pieces.append(_miters(bends.take(mitred)))
-    arcs = bends.take(rounded)
     pieces.append(_sectors(arcs.owner, arcs.place, arcs.first, arcs.turn, radius_px))
-    owner, place, outward = _ends(edges, closed, outlines)
     side = half[owner, None] * _left(outward)
-    square, rounded = cap[owner] == "square", cap[owner] == "round"
     far = place + half[owner, None] * outward
     pieces.append(
-        _quads(*(v[square] for v in (owner, place + side, far + side, far - side, place - side)))
+        _quads(
+            *(v[has_square] for v in (owner, place + side, far + side, far - side, place - side))
+        )
     )
-    half_turn = np.full(int(rounded.sum()), -np.pi)
-    pieces.append(_sectors(owner[rounded], place[rounded], side[rounded], half_turn, radius_px))
+    pieces.append(
+        _sectors(owner[has_round], place[has_round], side[has_round], half_turn, radius_px)
+    )
     owner = np.concatenate([piece[0] for piece in pieces])
     order = np.argsort(owner, kind="stable")
     return np.concatenate([piece[1] for piece in pieces])[order], owner[order]
 
 
-def union(triangles: Float[np.ndarray, "triangles 3 2"]) -> Any:
-    """What overlapping triangles cover together, as a shapely (multi)polygon."""
+def union(
+    triangles: Float[np.ndarray, "triangles 3 2"], budget: Budget | None = None, index: int = 0
+) -> Any:
+    """What overlapping triangles cover together, as a shapely (multi)polygon.
+
+    The pairs that overlap are charged to `budget`, as those of shape `index`.
+    """
     edges = np.diff(triangles, axis=1)
     areas = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
-    return shapely.union_all(shapely.polygons(triangles[areas != 0]))
+    triangles = triangles[areas != 0]
+    boxes = np.concatenate([triangles.min(axis=1), triangles.max(axis=1)], axis=1)
+    charge_overlaps(boxes, budget or Budget(), index)
+    return shapely.union_all(shapely.polygons(triangles))
 
 
 class _Edges(NamedTuple):
@@ -188,14 +214,19 @@ def _sectors(
     radius_px: np.ndarray,
 ) -> _Piece:
     """Circular sectors from the radius `first`, turned by `turn` radians, as fans."""
-    radius = np.maximum(radius_px[owner], _TOLERANCE)
-    part = np.maximum(2 * np.arccos(1.0 - _TOLERANCE / radius), np.pi / 512)
-    counts = np.maximum(np.ceil(np.abs(turn) / part), 1).astype(np.int64)
+    counts = _sector_counts(owner, turn, radius_px)
     which = np.repeat(np.arange(len(owner)), counts)
     part_index = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
     angle = turn[which] / counts[which]
     rim = [place[which] + _turned(first[which], angle * (part_index + k)) for k in (0, 1)]
     return owner[which], np.stack([place[which], *rim], axis=1)
+
+
+def _sector_counts(owner: np.ndarray, turn: np.ndarray, radius_px: np.ndarray) -> np.ndarray:
+    """The triangles of each sector."""
+    radius = np.maximum(radius_px[owner], _TOLERANCE)
+    part = np.maximum(2 * np.arccos(1.0 - _TOLERANCE / radius), np.pi / 512)
+    return np.maximum(np.ceil(np.abs(turn) / part), 1).astype(np.int64)
 
 
 def _turned(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 import os
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,11 +12,12 @@ import numpy as np
 from ..scene import Scene
 from ..texture.pyramid import TexturePyramid
 from ..transforms import check_map
+from .budget import Budget
 from .display_list import DisplayList, Triangles
 from .svg_assets import Assets
 from .svg_context import Context
 from .svg_course import CourseReader
-from .svg_document import Document, SvgError, from_text, load, root, walk
+from .svg_document import UNFORESEEN, Document, SvgError, from_text, load, reason, root, walk
 from .svg_standard import StandardReader
 from .svg_view import MAX_SIDE, own_size, round_up
 
@@ -52,6 +55,10 @@ def read_svg(
     Raises `ValueError`, one line with file and line number, for a document that is not well-formed,
     declares entities or is larger than 64 MB, for numbers that are none, for pictures that are
     missing or outside `assets`, and for a `transform` that is singular or sends points to infinity.
+    Also for a document that asks for more work than the limits in `softras2d.io.budget` allow,
+    which are counted before the work is done: 2,097,152 triangles, 4,194,304 points, 100,000 points
+    in which polygons cross themselves, 67,108,864 pixels in all pictures together (1 GiB), and
+    others.
     """
     return _scene(
         load(path), height, width, dialect, transform, assets, opacity, frame, linear, stacklevel=3
@@ -97,8 +104,8 @@ def _own_size(document: Document, dialect: str) -> tuple[int, int]:
         if size is None:
             known = "width and height" if dialect == "course" else "width, height or viewBox"
             raise ValueError(f"has no size of its own ({known}): give `height` and `width`.")
-    except ValueError as error:
-        raise SvgError(f"{document.name}: <{tag}> {error}") from None
+    except (ValueError, *UNFORESEEN) as error:
+        raise SvgError(f"{document.name}: <{tag[:60]}> {reason(error)}") from None
     return round_up(size)
 
 
@@ -118,6 +125,7 @@ def _scene(
     if frame and dialect != "course":
         raise ValueError("`frame=True` belongs to dialect 'course'.")
     height, width = _canvas(document, dialect, height, width)
+    budget = Budget()
     context = Context(
         name=document.name,
         height=height,
@@ -129,20 +137,31 @@ def _scene(
             document.folder,
             None if assets is None else Path(assets),
             alpha=opacity and dialect == "svg",
+            budget=budget,
         ),
-        display=DisplayList(document.name),
+        display=DisplayList(document.name, budget),
     )
     # Overflow shows as a coordinate that is not finite, which is an error of its own.
     with np.errstate(over="ignore", invalid="ignore"):
-        walk(document, _READERS[dialect](context))
-    triangles = context.display.finish(height, width)
+        walk(document, _READERS[dialect](context), budget)
+    with _named(document):
+        triangles = context.display.finish(height, width)
     if message := context.warning():
         warnings.warn(message, UserWarning, stacklevel=stacklevel)
     addressing = "corners" if dialect == "course" else "half_texel"
-    try:
+    with _named(document):
         return _assembled(context, triangles, addressing, linear)
-    except ValueError as error:
-        raise SvgError(f"{document.name}: {error}") from None
+
+
+@contextmanager
+def _named(document: Document) -> Iterator[None]:
+    """Name the document in errors that do not: of checks, and of libraries beneath."""
+    try:
+        yield
+    except SvgError:
+        raise
+    except (ValueError, *UNFORESEEN) as error:
+        raise SvgError(f"{document.name}: {reason(error)}") from None
 
 
 def _canvas(

@@ -8,10 +8,11 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from .budget import Budget
 from .svg_document import MAX_BYTES
 
-_SCHEME = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+:|//|\\\\")
-_DATA = re.compile(r"data:(image/[^;,]*)?(?:;[^;,]*)*;base64,")
+_SCHEME = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]++:|//|\\\\")
+_DATA = re.compile(r"data:(image/[^;,]*+)?+(?:;(?!base64,)[^;,]*+)*+;base64,")
 
 
 class Assets:
@@ -20,9 +21,13 @@ class Assets:
     - `folder`: where relative names start, the document's own.
     - `root`: the folder in which every file must lie, links followed.
     - `alpha`: whether textures keep that channel; one that is opaque loses it in any case.
+    - `budget`: charged with the pixels of each, as its header states them.
     """
 
-    def __init__(self, folder: Path | None, root: Path | None, alpha: bool):
+    def __init__(
+        self, folder: Path | None, root: Path | None, alpha: bool, budget: Budget | None = None
+    ):
+        self._budget = budget or Budget()
         self._alpha = alpha
         self._folder = folder or root
         self._root = root or folder
@@ -65,17 +70,20 @@ class Assets:
 
     def _read(self, key: Path | str) -> np.ndarray:
         # Imported here: scenes without pictures need no image library.
-        from .images import decode_image, read_image
+        from .images import read_charged
 
         if key not in self._pictures:
             if isinstance(key, str):
-                picture = decode_image(_embedded(key), "embedded image")
+                picture = read_charged(_embedded(key), "embedded image", self._charge)
             elif key.stat().st_size > MAX_BYTES:
                 raise ValueError(f"{key}: larger than {MAX_BYTES >> 20} MB.")
             else:
-                picture = read_image(key)
+                picture = read_charged(key, str(key), self._charge)
             self._pictures[key] = np.asarray(picture)
         return self._pictures[key]
+
+    def _charge(self, pixels: int) -> None:
+        self._budget.charge("texels", pixels)
 
     def _path(self, name: str) -> Path:
         """The file of a name, if it is there and inside the root."""

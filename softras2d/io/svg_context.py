@@ -51,5 +51,11 @@ class Context:
         return in_one_line(f"{self.name}: {'; '.join(parts)}.") if parts else None
 
 
+_MOST_NAMES = 50
+"""Names in a warning. A hostile file may have as many as it has elements."""
+
+
 def _counts(counter: Counter[str]) -> str:
-    return ", ".join(f"{name} ({count})" for name, count in sorted(counter.items()))
+    names = [f"{name[:60]} ({count})" for name, count in sorted(counter.items())]
+    more = [f"{len(names) - _MOST_NAMES} more"] if len(names) > _MOST_NAMES else []
+    return ", ".join(names[:_MOST_NAMES] + more)

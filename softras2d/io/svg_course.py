@@ -10,9 +10,12 @@ from .svg_document import Children
 from .svg_numbers import blank_separated, leading_float, number_pairs
 from .svg_style import Rgba
 from .svg_transform import course_transform
-from .svg_view import MAX_SIDE, course_view, own_size
+from .svg_view import course_view, own_size
 
-_HEX = re.compile(r"\s*#?([0-9a-fA-F]*)")
+_HEX = re.compile(r"\s*+#?+([0-9a-fA-F]*+)")
+
+_PIXELS_AT_ONCE = 2**18
+"""Pixels of an `image` that become rectangles together."""
 
 
 class CourseReader:
@@ -121,7 +124,8 @@ class CourseReader:
     def _point(self, place: np.ndarray, color: Rgba) -> None:
         x, y = np.floor(place.astype(np.float32)).astype(np.float64)
         if 0 <= x < self._context.width and 0 <= y < self._context.height:
-            self._context.display.add_pixels((x, y, x + 1, y + 1), color)
+            rectangle = np.array([[x, y, x + 1, y + 1]])
+            self._context.display.add_pixels(rectangle, np.array([color]))
 
     def _polygon(self, map3: np.ndarray, attributes: dict[str, str]) -> None:
         points = number_pairs(attributes.get("points", ""))
@@ -179,14 +183,16 @@ class CourseReader:
         ends = transforms.apply(map3, [[x, y], [x + width, y + height]]).astype(np.float32)
         columns, u = _pixels(ends[:, 0], self._context.width)
         rows, v = _pixels(ends[:, 1], self._context.height)
-        if len(columns) * len(rows) > MAX_SIDE * 1024:
-            raise ValueError(f"covers {len(columns)} x {len(rows)} pixels, which are too many.")
-        if len(columns) and len(rows):
-            colors = _bilinear(picture, u, v)
-            for (x0, y0, x1, y1), (red, green, blue) in zip(
-                *_merged(rows, columns, colors), strict=True
-            ):
-                self._context.display.add_pixels((x0, y0, x1, y1), (red, green, blue, 1.0))
+        if len(columns) == 0 or len(rows) == 0:
+            return
+        display = self._context.display
+        display.budget.charge("steps", len(columns) * len(rows))
+        # A few rows at a time, so that the triangles of all are not made before they are counted.
+        for block in range(0, len(rows), step := max(_PIXELS_AT_ONCE // len(columns), 1)):
+            some, some_v = rows[block : block + step], v[block : block + step]
+            rectangles, colors = _merged(some, columns, _bilinear(picture, u, some_v))
+            opaque = np.concatenate([colors, np.ones((len(colors), 1))], axis=1)
+            display.add_pixels(rectangles, opaque)
 
     def _frame(self, map3: np.ndarray) -> None:
         """The black outline of the drawing, moved out by a pixel across and in by one along."""
@@ -235,7 +241,7 @@ def _bilinear(picture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def _merged(
     rows: np.ndarray, columns: np.ndarray, colors: np.ndarray
-) -> tuple[list[list[float]], list[list[float]]]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Rectangles `[k, 4]` and RGB `[k, 3]`: neighbours of equal colour in a row are one."""
     changes = np.ones(colors.shape[:2], bool)
     changes[:, 1:] = (colors[:, 1:] != colors[:, :-1]).any(axis=-1)
@@ -244,4 +250,4 @@ def _merged(
     following = np.append(place[1:], len(columns))
     ends = np.where(following > place, following, len(columns))
     rectangles = np.stack([columns[place], rows[row], columns[ends - 1] + 1, rows[row] + 1], axis=1)
-    return rectangles.tolist(), colors[row, place].tolist()
+    return rectangles, colors[row, place]

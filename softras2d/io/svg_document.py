@@ -13,6 +13,10 @@ from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
 from xml.parsers import expat
 
+import shapely.errors
+
+from .budget import MAX_DEFAULTS, Budget
+
 MAX_BYTES = 64 * 2**20
 """Larger documents are refused unread."""
 
@@ -90,11 +94,33 @@ def _checked(document: Document) -> Document:
     return document
 
 
-def walk(document: Document, reader: Reader) -> None:
+UNFORESEEN = (ArithmeticError, MemoryError, RecursionError, shapely.errors.ShapelyError)
+"""What extreme values may raise in the libraries beneath, besides `ValueError`."""
+
+
+_LONGEST_REASON = 500
+
+
+def reason(error: Exception) -> str:
+    """What an error says, on one line; its kind where the library beneath says nothing clear."""
+    text = " ".join(str(error).split())
+    # Messages quote attributes, which may be as long as the document.
+    text = text if len(text) <= _LONGEST_REASON else f"{text[:_LONGEST_REASON]}..."
+    if isinstance(error, ValueError):
+        return text
+    kinds = {MemoryError: "needs more memory than there is", RecursionError: "is nested too deeply"}
+    plain = next((text for kind, text in kinds.items() if isinstance(error, kind)), None)
+    return f"{plain}." if plain else f"has values too extreme to be drawn ({text})."
+
+
+def walk(document: Document, reader: Reader, budget: Budget | None = None) -> None:
     """Hand every element to `reader`, in document order.
+
+    Attributes are charged to `budget`.
 
     Its `ValueError`s and those of the XML become one line: name, line number, element, message.
     """
+    budget = budget or Budget()
     parser = expat.ParserCreate()
     skipped = 0  # How deep we are inside an element whose children are not read; 0: they are.
     depth = 0
@@ -105,6 +131,7 @@ def walk(document: Document, reader: Reader) -> None:
         depth += 1
         line = parser.CurrentLineNumber
         try:
+            budget.charge("attributes", len(attributes))
             if depth > MAX_DEPTH:
                 raise ValueError(f"is nested deeper than {MAX_DEPTH}.")
             if skipped:
@@ -113,8 +140,9 @@ def walk(document: Document, reader: Reader) -> None:
                 skipped += 1
                 return
             children = reader.open(tag, attributes, line)
-        except ValueError as error:
-            raise SvgError(f"{document.name}:{line}: <{tag}> {error}") from None
+        except (ValueError, *UNFORESEEN) as error:
+            message = f"{document.name}:{line}: <{tag[:60]}> {reason(error)}"
+            raise SvgError(message) from None
         if children is not Children.READ:
             skipped, names_children = 1, children is Children.NAMED
 
@@ -158,6 +186,19 @@ def _parse(document: Document, parser: expat.XMLParserType) -> None:
 
         return handler
 
+    defaults = 0
+
+    def declared(*attribute: object) -> None:
+        nonlocal defaults
+        _, _, _, default, _ = attribute
+        defaults += default is not None
+        if defaults > MAX_DEFAULTS:
+            raise SvgError(
+                f"{document.name}:{parser.CurrentLineNumber}: the document declares more than "
+                f"{MAX_DEFAULTS} attribute defaults."
+            )
+
+    parser.AttlistDeclHandler = declared
     parser.EntityDeclHandler = refuse("the document declares an entity")
     parser.SkippedEntityHandler = refuse("an entity is used that is not declared")
     try:

@@ -5,14 +5,16 @@ import re
 
 import numpy as np
 
-_NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
-_NEXT = re.compile(rf"\s*(,?)\s*({_NUMBER})")
-_LEADING = re.compile(rf"\s*({_NUMBER})")
-_LENGTH = re.compile(rf"\s*({_NUMBER})\s*([a-zA-Z]*|%)\s*\Z")
+# Every quantifier is possessive (`++`, `*+`, `?+`): it never gives back what it took, so that time
+# is linear in the text. Ordinary ones try all ways to split a run of digits or blanks.
+_NUMBER = r"[+-]?+(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+"
+_NEXT = re.compile(rf"\s*+(,?+)\s*+({_NUMBER})")
+_LEADING = re.compile(rf"\s*+({_NUMBER})")
+_LENGTH = re.compile(rf"\s*+({_NUMBER})\s*+([a-zA-Z]++|%?+)\s*+\Z")
 # Number, one separating character (blanks before it do not count), number.
-_PAIR = re.compile(rf"\s*({_NUMBER})(?:\s*[^\s0-9.+-]|\s)\s*({_NUMBER})")
-_NOT_FINITE = re.compile(r"(?<![a-z])[+-]?(nan|inf(inity)?)(?![a-z])", re.IGNORECASE)
-_DOUBLE_COMMA = re.compile(r",\s*,")
+_PAIR = re.compile(rf"\s*+({_NUMBER})(?:\s*+[^\s0-9.+-]|\s)\s*+({_NUMBER})")
+_NOT_FINITE = re.compile(r"(?<![a-z])[+-]?+(nan|inf(inity)?+)(?![a-z])", re.IGNORECASE)
+_DOUBLE_COMMA = re.compile(r",\s*+,")
 
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 

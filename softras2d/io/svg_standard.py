@@ -120,7 +120,7 @@ class StandardReader:
         size = own_size(attributes, "svg")
         box = view_box(attributes)
         if box is None:
-            height, width = size or (context.height, context.width)
+            height, width = size or (float(context.height), float(context.width))
             box = Box(0.0, 0.0, width, height)
         self._box = box
         map3 = context.transform

@@ -6,11 +6,14 @@ from typing import NamedTuple
 
 import tinycss2
 
-from .svg_color import CURRENT, Rgba, color_of
+from .svg_color import CURRENT, Rgba, color_of, nesting
 from .svg_numbers import finite, fraction, length
 
-_PLAIN_STYLE = re.compile(r"[^\"'\\{}\[\]@/]*\Z")
-_URL = re.compile(r"url\((?:[^()\"']|\"[^\"]*\"|'[^']*')*\)")
+_PLAIN_STYLE = re.compile(r"[^\"'\\{}\[\]@/]*+\Z")
+_URL = re.compile(r"url\((?:[^()\"']|\"[^\"]*+\"|'[^']*+')*+\)")
+
+_DEEPEST = 32
+"""Brackets within brackets of a `style` attribute. The parser beneath calls itself for each."""
 
 
 class Style(NamedTuple):
@@ -165,6 +168,8 @@ def _declarations(text: str, note: Callable[[str], None]) -> dict[str, str]:
         pairs = (part.partition(":") for part in text.split(";"))
         plain = {name.strip().lower(): value for name, _, value in pairs if name.strip()}
         return {name: _unmarked(value) for name, value in plain.items()}
+    if nesting(text) > _DEEPEST:
+        raise ValueError(f"style: brackets are nested deeper than {_DEEPEST}.")
     found = {}
     for node in tinycss2.parse_blocks_contents(text, skip_comments=True, skip_whitespace=True):
         if node.type == "declaration":

@@ -8,7 +8,7 @@ import numpy as np
 from .. import transforms
 from .svg_numbers import blank_separated, number_list
 
-_FUNCTION = re.compile(r"[\s,]*([a-zA-Z]+)\s*\(([^()]*)\)")
+_FUNCTION = re.compile(r"[\s,]*+([a-zA-Z]++)\s*+\(([^()]*+)\)")
 
 _ARGUMENTS: dict[str, tuple[tuple[int, ...], Callable[..., np.ndarray]]] = {
     # How many numbers each function may have, and what makes its matrix.

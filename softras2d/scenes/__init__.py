@@ -35,7 +35,7 @@ _SCRIPTED = ("ground", "overlap", "crossing")
 _KEYWORDS: dict[str, dict[str, Any]] = {"hairlines": {"dialect": "course"}}
 """How scenes that are about something other than standard SVG are read."""
 
-_FIRST_COMMENT = re.compile(r"<!--\s*(.*?)\s*-->", re.DOTALL)
+_FIRST_COMMENT = re.compile(r"<!--(.*?)-->", re.DOTALL)
 
 
 def names() -> tuple[str, ...]:

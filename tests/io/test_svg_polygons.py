@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from softras2d.io.budget import BudgetError
 from softras2d.io.ear_clipping import clip_ears
-from softras2d.io.polygons import PolygonError, is_convex, triangulate, winding_number
+from softras2d.io.polygons import is_convex, triangulate, winding_number
 
 SQUARE = np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]])
 ELL = np.array([[0.0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4]])
@@ -131,7 +132,7 @@ def test_inner_edges_of_translucent_fills_avoid_samples():
 
 def test_tangles_are_refused_before_they_fill_the_memory():
     rng = np.random.default_rng(0)
-    with pytest.raises(PolygonError, match="crosses itself more than") as caught:
+    with pytest.raises(BudgetError, match="points in which polygons cross themselves") as caught:
         triangulate([SQUARE, rng.random((3000, 2))], [False] * 2, [False] * 2)
     assert caught.value.index == 1
 

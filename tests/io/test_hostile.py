@@ -1,0 +1,378 @@
+"""Small files that ask for hours of work end at once, in a picture or in one line that says where.
+
+What took quadratic time or worse would take hours here. An alarm ends a test that does not end.
+"""
+
+import base64
+import contextlib
+import os
+import signal
+import struct
+import warnings
+import zlib
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import softras2d as sr
+from softras2d import scenes
+from softras2d.io import svg_assets, svg_color, svg_numbers, svg_style, svg_transform, svg_view
+from softras2d.io.budget import MAX_TEXELS, Budget, BudgetError
+from softras2d.io.images import decode_image, read_image
+from softras2d.io.svg import parse_svg, read_svg
+
+LENGTH = 200_000
+
+DATA = os.environ.get("SOFTRAS2D_DATA", "")
+
+
+@contextlib.contextmanager
+def ends_within(seconds: int) -> Iterator[None]:
+    """Raise `TimeoutError` in what takes longer: a bound on hours, not a measurement."""
+
+    def stop(*_: object) -> None:
+        raise TimeoutError(f"not done in {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def outcome(text, dialect="svg", **options):
+    """The scene, or the error's message, which is one line that begins with name and line."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            return parse_svg(text, dialect=dialect, height=60, width=80, **options)
+        except ValueError as error:
+            message = str(error)
+    assert message.startswith("<svg>:1: ") and "\n" not in message
+    return message
+
+
+def runs(*characters):
+    return "".join(character * (LENGTH // len(characters)) for character in characters)
+
+
+ADVERSARIAL = {
+    "digits": runs("1"),
+    "digits, then a mark": runs("1") + "!",
+    "blanks": runs(" ") + "!",
+    "digits, blanks": runs("1", " ") + "!",
+    "digits and blanks": "1 " * (LENGTH // 2) + "!",
+    "digits, blanks, digits, blanks": runs("1", " ", "1", " ") + "!",
+    "point, digits": "1." + runs("1") + "!",
+    "commas": runs(","),
+    "commas and blanks": "1 , " * (LENGTH // 4) + ", ,",
+    "signs": runs("+"),
+    "signed digits": "-1" * (LENGTH // 2) + "!",
+    "exponents": "1" + runs("e"),
+    "numbers with exponents": "1e" * (LENGTH // 2),
+    "opening": runs("("),
+    "opening and closing": runs("(", ")"),
+    "functions": "a(" * (LENGTH // 2),
+    "letters, blanks": runs("a", " ") + "!",
+    "an url without end": "url(" + runs("a"),
+    "an url of quotes": "url(" + "\"a\"'b'" * (LENGTH // 6),
+    "an url of one quote": "url(" + runs('"', "a") + "!",
+    "hex": "#" + runs("f"),
+    "percentages": "rgb(" + runs("1", "%", " "),
+    "words": "nan" * (LENGTH // 3),
+    "semicolons": "a:b;" * (LENGTH // 4),
+    "parameters": "data:image/png" + ";a" * (LENGTH // 2),
+    "comments": "/*" * (LENGTH // 2),
+    "strings": "'" + runs("\\"),
+}
+
+
+READERS = {
+    "number_list": svg_numbers.number_list,
+    "number_pairs": svg_numbers.number_pairs,
+    "blank_separated": svg_numbers.blank_separated,
+    "leading_float": svg_numbers.leading_float,
+    "length": lambda text: svg_numbers.length(text, 1.0),
+    "fraction": svg_numbers.fraction,
+    "transform": svg_transform.transform_list,
+    "course transform": lambda text: svg_transform.course_transform(text, lambda name: None),
+    "color": svg_color.color_of,
+    "paint": lambda text: svg_style._paint(text, lambda name: None),
+    "style": lambda text: svg_style._declarations(text, lambda name: None),
+    "view_box": lambda text: svg_view.view_box({"viewBox": text}),
+    "aspect": lambda text: svg_view.fit(svg_view.Box(0.0, 0.0, 1.0, 1.0), 1.0, 1.0, text),
+    "width": lambda text: svg_view.own_size({"width": text, "height": "1"}, "svg"),
+    "data": svg_assets._embedded,
+    "file": lambda text: svg_assets.Assets(Path(), Path(), alpha=True).declare("0", text),
+}
+
+
+@pytest.mark.parametrize("text", ADVERSARIAL.values(), ids=ADVERSARIAL)
+def test_every_reader_is_linear(text):
+    for name, read in READERS.items():
+        with ends_within(15), contextlib.suppress(ValueError):
+            read(text)
+            assert name
+
+
+ATTRIBUTES = (
+    '<rect x="{}" width="1" height="1"/>',
+    '<rect width="1" height="1" opacity="{}"/>',
+    '<rect width="1" height="1" fill-opacity="{}" stroke="red" stroke-width="{}"/>',
+    '<rect width="1" height="1" fill="{}"/>',
+    '<rect width="1" height="1" style="fill:{}"/>',
+    '<polygon points="1 2 {}"/>',
+    '<g transform="{}"><rect width="1" height="1"/></g>',
+    '<image width="1" height="1" href="{}"/>',
+    '<textri points="0 0 1 0 0 1" uvs="{}" texid="a"/>',
+)
+
+
+@pytest.mark.parametrize("dialect", ["svg", "course"])
+@pytest.mark.parametrize("element", ATTRIBUTES)
+def test_every_attribute_is_linear(element, dialect):
+    for text in ADVERSARIAL.values():
+        escaped = text.replace('"', "&quot;")
+        with ends_within(15):
+            outcome(f'<svg width="9" height="9">{element.replace("{}", escaped)}</svg>', dialect)
+            outcome(f'<svg width="{escaped}" height="9"/>', dialect)
+
+
+@pytest.mark.parametrize("pattern", ["lab", "lch", "oklab", "oklch", "rgb", "hsl", "hwb"])
+def test_colours_without_bound(pattern):
+    """Far values are clamped. They are drawn, with finite colours, or they are no colours."""
+    values = ("1e308", "-1e308", "1e155", "1e999", "-1e999", "none", "50%", "1e308%", "9" * 400)
+    for first in values:
+        for second in values:
+            text = f"{pattern}({first} {second} {second})"
+            scene = outcome(f'<svg><rect fill="{text}" width="5" height="5"/></svg>')
+            assert not isinstance(scene, str), scene
+            assert np.isfinite(np.asarray(scene.colors)).all()
+
+
+@pytest.mark.parametrize("brackets", ["(", "[", "{", "f(", "()", "([{"])
+@pytest.mark.parametrize("count", [30, 1000, 100_000])
+def test_nested_brackets(brackets, count):
+    for attribute in ("style", "fill"):
+        prefix = "fill:" if attribute == "style" else ""
+        text = f'<svg><rect {attribute}="{prefix}{brackets * count}" width="1" height="1"/></svg>'
+        with ends_within(15):
+            message = outcome(text)
+        nested = count * len(brackets.strip("f")) > 32 and brackets != "()"
+        assert isinstance(message, str) == (attribute == "style" and nested)
+        assert not isinstance(message, str) or "nested deeper than 32" in message
+
+
+def test_defaults_of_a_dtd():
+    declared = " ".join(f'a{i} CDATA "x"' for i in range(10_000))
+    text = f"<!DOCTYPE svg [<!ATTLIST g {declared}>]><svg>{'<g/>' * 10_000}</svg>"
+    with ends_within(15):
+        assert "more than 256 attribute defaults" in str(outcome(text))
+
+
+def points(array):
+    return " ".join(f"{x:.5g},{y:.5g}" for x, y in np.asarray(array).tolist())
+
+
+def polygon(array, attributes=""):
+    return f'<polygon points="{points(array)}" {attributes}/>'
+
+
+def wave(count):
+    across = np.linspace(0, 10, count)
+    there = np.stack([across, 5 + 4 * np.sin(40 * across)], axis=1)
+    back = np.stack([across[::-1], np.full(count, 5.1)], axis=1)
+    return np.concatenate([there, back])
+
+
+def spiral(count):
+    angle = np.linspace(0, 100 * np.pi, count)
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=1) / 80
+    return np.concatenate([along * (angle + 1)[:, None], (along * (angle + 4)[:, None])[::-1]])
+
+
+def random(count, seed=0):
+    return np.random.default_rng(seed).random((count, 2)) * 10
+
+
+BLACK = 'fill="black"'
+GLASS = 'fill-opacity=".5"'
+STROKE = 'fill="none" stroke="red" stroke-linejoin="round" stroke-linecap="round"'
+
+# The drawing, and the number of triangles in `svg`, or what the error says there.
+SHAPES = {
+    "equal points": (polygon(np.ones((20_000, 2))), 0),
+    "one segment, to and fro": (polygon(np.tile([[1, 1], [9, 9]], (10_000, 1))), 0),
+    "a square, again and again": (
+        polygon(np.tile([[1, 1], [9, 1], [9, 9], [1, 9]], (5_000, 1))), 2,
+    ),
+    "a wave and a line": (polygon(wave(20_000)), None),
+    "a spiral": (polygon(spiral(20_000)), None),
+    "a spiral of glass": (polygon(spiral(10_000), GLASS), None),
+    "tangles": ("".join(polygon(random(440, seed)) for seed in range(30)), "cross themselves"),
+    "small tangles": ("".join(polygon(random(60, i)) for i in range(300)), "cross themselves"),
+    "a long tangle": (polygon(random(100_000)), "cross"),
+    "huge joins": (
+        f'<polyline points="{points(random(20_000))}" {STROKE} transform="scale(1e15)"/>',
+        "2,097,152",
+    ),
+    "a stroke of glass": (
+        f'<polyline points="{points(random(20_000))}" {STROKE} stroke-opacity=".5"/>',
+        "pairs of edges",
+    ),
+    "zigzag": (polygon([[i % 2 * 9, i / 2000] for i in range(15_000)]), None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("dialect", ["svg", "course"])
+@pytest.mark.parametrize("name", SHAPES)
+def test_shapes_that_ask_for_much(name, dialect):
+    body, expected = SHAPES[name]
+    with ends_within(20):
+        found = outcome(f'<svg width="10" height="10">{body}</svg>', dialect, frame=False)
+    if dialect == "course":
+        return
+    if isinstance(expected, str):
+        assert isinstance(found, str) and expected in found
+        assert "at most" in found
+    else:
+        assert not isinstance(found, str), found
+        assert expected is None or found.triangles.shape[0] == expected
+
+
+def area(scene):
+    positions = np.asarray(scene.positions, np.float64)
+    a, b, c = np.moveaxis(positions[np.asarray(scene.triangles)], 1, 0)
+    return np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum() / 2
+
+
+@pytest.mark.parametrize("style", [BLACK, GLASS])
+def test_large_polygons_in_pieces_keep_their_area(style):
+    """The shoelace formula against the triangles, for outlines that wind inwards."""
+    outline = spiral(1500) * 8 + 40
+    x, y = outline.T
+    expected = abs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
+    scene = parse_svg(f'<svg width="80" height="80">{polygon(outline, style)}</svg>')
+    assert area(scene) == pytest.approx(expected, rel=1e-3)
+
+
+def test_windings_of_a_large_polygon():
+    """A ring that is gone around twice is a hole by the even-odd rule, and is filled otherwise."""
+    angle = np.linspace(0, 4 * np.pi, 400, endpoint=False)
+    radius = np.where(angle < 6.2831, 4, 2)[:, None]
+    ring = 5 + np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius
+    whole, hole = (
+        area(parse_svg(f'<svg width="10" height="10">{polygon(ring, rule)}</svg>'))
+        for rule in ('fill-rule="nonzero"', 'fill-rule="evenodd"')
+    )
+    assert whole == pytest.approx(np.pi * 16, rel=0.01)
+    assert hole == pytest.approx(np.pi * 12, rel=0.01)
+
+
+def png(height, width, rows=b""):
+    """A grey PNG of one bit a pixel."""
+
+    def chunk(kind, data):
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
+
+    header = struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)
+    body = zlib.compress(rows or bytes((width // 8 + 1) * height), 9)
+    return (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
+    )
+
+
+def test_a_picture_that_would_fill_the_memory(tmp_path):
+    data = png(16384, 16384, b"short")
+    (tmp_path / "bomb.png").write_bytes(data)
+    for read in (
+        lambda: read_image(tmp_path / "bomb.png"),
+        lambda: decode_image(data, "bomb.png"),
+    ):
+        with ends_within(15), pytest.raises(ValueError, match=r"bomb\.png: 16384 x 16384 .* 1\.$"):
+            read()
+    uri = "data:image/png;base64," + base64.b64encode(data).decode()
+    message = outcome(f'<svg><image width="9" height="9" href="{uri}"/></svg>')
+    assert "<image> embedded image: 16384 x 16384 pixels" in str(message)
+
+
+def test_pictures_of_a_document_share_a_limit(tmp_path):
+    (tmp_path / "first.png").write_bytes(png(1024, 4096))
+    # What is not to be decoded is damaged.
+    (tmp_path / "second.png").write_bytes(png(1024, 4096, b"damaged"))
+    budget = Budget()
+    budget.charge("texels", MAX_TEXELS - 2**22)
+    assets = svg_assets.Assets(tmp_path, None, True, budget)
+    assert assets.picture("first.png").shape == (1024, 4096, 3)
+    with pytest.raises(BudgetError, match="pixels of pictures; at most 67,108,864"):
+        assets.picture("second.png")
+
+
+def test_an_image_of_the_course_is_counted_before_it_is_triangles(tmp_path):
+    noise = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)
+    sr.write_image(tmp_path / "noise.png", noise)
+    path = tmp_path / "a.svg"
+    path.write_text(
+        '<svg width="4096" height="4096"><image width="4096" height="4096" href="noise.png"/></svg>'
+    )
+    with ends_within(30), pytest.raises(ValueError, match=r"a\.svg:1: <image> .*2,097,152"):
+        read_svg(path, dialect="course", height=4096, width=4096)
+
+
+def drawing(attribute):
+    return f'<svg width="9" height="9"><rect {attribute} width="5" height="5"/></svg>'
+
+
+OWN = {
+    "polygon.svg": f'<svg width="9" height="9">{polygon(np.ones((20_000, 2)))}</svg>',
+    "colour.svg": drawing('fill="lab(1e308 1e308 1e308)"'),
+    "length.svg": drawing(f'x="{"1" * 5000}{" " * 5000}!"'),
+    "style.svg": drawing(f'style="fill:{"(" * 1000}"'),
+    "bomb.png": png(16384, 16384),
+}
+
+
+@pytest.fixture(scope="module", params=["own", "data"])
+def folder(request, tmp_path_factory):
+    """Files of our own, and those of the folder `hostile` in SOFTRAS2D_DATA."""
+    if request.param == "data":
+        if not DATA:
+            pytest.skip("SOFTRAS2D_DATA is not set")
+        return Path(DATA) / "hostile"
+    folder = tmp_path_factory.mktemp("hostile")
+    for name, content in OWN.items():
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    return folder
+
+
+def test_every_hostile_file_is_a_picture_or_one_line(folder):
+    for path in sorted(folder.iterdir()):
+        if path.suffix == ".svg":
+            reads = [
+                partial(read_svg, path, dialect=dialect, height=60, width=80)
+                for dialect in ("svg", "course")
+            ]
+        elif path.suffix in (".png", ".exr"):
+            reads = [partial(read_image, path)]
+        else:
+            continue
+        for read in reads:
+            with ends_within(30), warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)
+                try:
+                    read()
+                except ValueError as error:
+                    assert "\n" not in str(error)
+
+
+def test_bundled_scenes_are_far_from_the_limits():
+    for name in scenes.names():
+        if not scenes.is_scripted(name):
+            assert scenes.read(name).triangles.shape[0] < 2**17
