@@ -174,8 +174,19 @@ def corners_of(positions: Any, triangles: Any, origin: Any) -> Any:
     """Corners `[triangles, 3, 2]` in pixels of the canvas whose upper left pixel is `origin`.
 
     Subtracted in the dtype of the positions, on the host as on the device: both then snap alike.
+    A triangle that names one vertex three times is padding (`size_classes.pad`). Its corners are
+    NaN, so that it covers nothing in any mode and its vertex gets no gradient from it.
     """
-    return (positions - origin.astype(positions.dtype)[None])[triangles]
+    xp = positions.__array_namespace__()
+    corners = (positions - origin.astype(positions.dtype)[None])[triangles]
+    spare = is_padding(triangles)[:, None, None]
+    return xp.where(spare, xp.asarray(xp.nan, dtype=positions.dtype), corners)
+
+
+def is_padding(triangles: Any) -> Any:
+    """Whether each triangle `[..., triangles, 3]` names one vertex three times."""
+    first, second, third = (triangles[..., corner] for corner in range(3))
+    return (first == second) & (second == third)
 
 
 class Snapped(NamedTuple):

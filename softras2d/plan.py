@@ -5,19 +5,18 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Int
 
 from .capacity import (
-    FADING_SLACK,
-    HARD_SLACK,
-    VARYING_SLACK,
+    FADING_HEADROOM,
+    HARD_HEADROOM,
+    VARYING_HEADROOM,
     Capacity,
+    choose_capacity,
     count_fading,
     count_lists,
-    make_room,
 )
 from .coverage import area
 from .coverage.profile import SUPPORT
@@ -168,12 +167,12 @@ def plan(
     used = {name for one in scenes for name in structural_effects(one, coverage, filter)}
     side = 0
     if isinstance(coverage, Hard):
-        slack = HARD_SLACK
+        headroom = HARD_HEADROOM
         counts = [count_lists(one, grid, coverage, origin) for one in scenes]
         if not all(_within_guard(one, grid, origin) for one in scenes):
             used.add("guard band")
     else:
-        slack = VARYING_SLACK if any(map(varies, scenes)) else FADING_SLACK
+        headroom = VARYING_HEADROOM if any(map(varies, scenes)) else FADING_HEADROOM
         summed = isinstance(coverage, Area) and coverage.compositing == "sum"
         side = choose_side([_host_corners(one, origin) for one in scenes], grid, reach)
         tiling = Tiling.square(grid, side)
@@ -186,8 +185,10 @@ def plan(
         width=width,
         coverage=coverage,
         filter=_with_array_bias(filter),
-        origin=jnp.asarray(origin),
-        capacity=make_room(counts, in_order=in_order, pixels=height * width, slack=slack),
+        origin=jax.device_put(origin),
+        capacity=choose_capacity(
+            counts, in_order=in_order, pixels=height * width, headroom=headroom
+        ),
         side=side,
         effects=tuple(name for name in EFFECTS if name in used),
     )
@@ -236,7 +237,9 @@ def _with_arrays(coverage: Hard | Soft | Area) -> Hard | Soft | Area:
     """Array leaves, so that another width or temperature does not recompile."""
     if not isinstance(coverage, Soft):
         return coverage
-    numbers = [jnp.asarray(n, jnp.float32) for n in (coverage.width, coverage.temperature)]
+    numbers = [
+        jax.device_put(np.asarray(n, np.float32)) for n in (coverage.width, coverage.temperature)
+    ]
     return eqx.tree_at(lambda c: (c.width, c.temperature), coverage, numbers)
 
 
@@ -254,7 +257,7 @@ def _with_array_bias(filter: Filter) -> Filter:
     bias = np.asarray(filter.lod_bias)
     if bias.ndim or bias.dtype.kind not in "iuf" or not np.isfinite(bias):
         raise ValueError(f"`lod_bias` must be one finite number; got {filter.lod_bias!r}.")
-    return eqx.tree_at(lambda f: f.lod_bias, filter, jnp.asarray(filter.lod_bias, jnp.float32))
+    return eqx.tree_at(lambda f: f.lod_bias, filter, jax.device_put(np.float32(bias)))
 
 
 def _unstack(scene: Scene) -> list[Scene]:

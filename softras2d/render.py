@@ -43,6 +43,7 @@ from .plan import Plan
 from .render_fading import draw as draw_fading
 from .scene import Scene
 from .shading import Corners, Surface, surface_of
+from .size_classes import pad_concrete
 from .staging import one_pass
 from .tiles import TileLists, Tiling, list_tiles, saturated_sum
 
@@ -81,11 +82,14 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     (`edge_gradient`, `interior_gradient`), unless `Hard.edge_gradients` is off; lines along which
     triangles interpenetrate are left out. Those to depth are zero.
 
+    A concrete scene is padded to a size class first (`softras2d.pad`), so that scenes of similar
+    size share a compiled program. Under a trace of your own the shapes are what comes in: pad
+    outside, once.
+
     Raises `ValueError` when the scene outgrows the plan; under a trace, an `eqx.error_if` does it
     when the program runs (JAX keeps no persistent cache entry for such a program).
     """
-    image, needs, astray = _render(scene, plan)
-    overflow = _exceeds(needs, plan.capacity) | astray
+    image, overflow, needs = _render_and_compare(pad_concrete(scene), plan)
     if isinstance(overflow, Tracer):
         return eqx.error_if(image, overflow, _OUTGROWN)
     if overflow:
@@ -97,8 +101,18 @@ def render_checked(
     scene: Scene, plan: Plan
 ) -> tuple[Float[Array, "height width channels"], Bool[Array, ""]]:
     """`render`, with a flag instead of an error: where true, triangles are missing; plan again."""
+    image, overflow, _ = _render_and_compare(pad_concrete(scene), plan)
+    return image, overflow
+
+
+@eqx.filter_jit
+def _render_and_compare(scene: Scene, plan: Plan) -> tuple[Array, Bool[Array, ""], Capacity]:
+    """The image, whether it outgrew the plan, and what it needed.
+
+    One program: each comparison would be a program of its own outside.
+    """
     image, needs, astray = _render(scene, plan)
-    return image, _exceeds(needs, plan.capacity) | astray
+    return image, _exceeds(needs, plan.capacity) | astray, needs
 
 
 _OUTGROWN = (

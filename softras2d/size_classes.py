@@ -1,0 +1,105 @@
+"""Scenes padded to size classes, so that those of similar size share compiled programs.
+
+The number of triangles is part of the shape of every array, and JAX compiles a program for each
+shape. Triangles that cover nothing are appended up to the next size class: a triangle that names
+one vertex three times is such padding, in every mode (`fixed_point.corners_of`). Everything here is
+NumPy: an operation of JAX on host data would compile a small program for each shape too.
+"""
+
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import jax
+import numpy as np
+from jax.core import Tracer
+
+from .scene import Scene
+
+_FEW = (64, 512, 2048)
+"""Size classes of triangles. Beyond the last they are powers of two: with 2,000 triangles the
+padding of a class four times as large starts to cost time."""
+
+_LEAST_TEXELS = 2**12
+
+Leaf = TypeVar("Leaf", bound=Any)
+
+
+def pad(scene: Scene) -> Scene:
+    """Append triangles that cover nothing, so that scenes of similar size have arrays of one shape.
+
+    The image is the same to the last bit, and so are the gradients of the given entries; those of
+    the appended ones are zero. Appended triangles come last in draw order and name vertex 0 three
+    times, which covers nothing whatever becomes of that vertex. Vertices and texels are padded too;
+    the numbers of textures and of their levels are kept. Triangles number 64, 512, 2048 or a higher
+    power of two.
+
+    `render`, `plan` and `fit` do this by themselves for concrete scenes. Within a `jit` of your own
+    the shapes are what comes in: pad outside, once, and optimise the padded scene. Accepts a batch,
+    and host or device arrays; the result's are on the device. A scene without triangles, and one
+    that is padded already, is returned as it is. Raises `ValueError` under a trace.
+    """
+    if is_traced(scene):
+        raise ValueError("`pad` needs a concrete scene: pad outside jit, vmap and grad.")
+    *batch, triangles, _ = scene.triangles.shape
+    vertices = scene.positions.shape[-2]
+    if triangles == 0 or vertices == 0:
+        return scene
+    axis = len(batch)
+    more_triangles = _triangle_class(triangles) - triangles
+    more_vertices = _vertex_class(vertices, triangles + more_triangles) - vertices
+    textures = scene.textures
+    if textures is not None:
+        texels = textures.texels.shape[-2]
+        more_texels = _next_power(texels, _LEAST_TEXELS) - texels
+        textures = replace(textures, texels=_append(textures.texels, more_texels, axis))
+    return replace(
+        scene,
+        positions=_append(scene.positions, more_vertices, axis),
+        triangles=_append(scene.triangles, more_triangles, axis),
+        colors=_append(scene.colors, more_triangles, axis),
+        uv=_append(scene.uv, more_triangles, axis),
+        texture_index=_append(scene.texture_index, more_triangles, axis, -1),
+        textures=textures,
+        depth=_append(scene.depth, more_vertices, axis),
+        inverse_w=_append(scene.inverse_w, more_vertices, axis, 1),
+    )
+
+
+def pad_concrete(scene: Scene) -> Scene:
+    """`pad` of one concrete scene; a traced or batched one as it is."""
+    if is_traced(scene) or scene.triangles.ndim != 2:
+        return scene
+    return pad(scene)
+
+
+def is_traced(tree: Any) -> bool:
+    """Whether some leaf is known only when a program runs."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def _triangle_class(count: int) -> int:
+    return next((size for size in _FEW if count <= size), _next_power(count, 1))
+
+
+def _vertex_class(count: int, triangles: int) -> int:
+    """As many as triangles, which shared vertices seldom exceed, or three to each: one shape goes
+    with one."""
+    sizes = (triangles, 3 * triangles)
+    return next((size for size in sizes if count <= size), _next_power(count, 1))
+
+
+def _next_power(count: int, least: int) -> int:
+    return max(1 << (count - 1).bit_length(), least)
+
+
+def _append(array: Leaf, more: int, axis: int, value: int = 0) -> Leaf:
+    """`array` with `more` entries of `value` behind, on the device where it was; None stays."""
+    if array is None or more == 0:
+        return array
+    host = np.asarray(array)
+    shape = list(host.shape)
+    shape[axis] += more
+    longer = np.full(shape, value, host.dtype)
+    longer[(slice(None),) * axis + (slice(host.shape[axis]),)] = host
+    placed = isinstance(array, jax.Array) and array.committed
+    return jax.device_put(longer, array.sharding if placed else None)
