@@ -19,8 +19,6 @@ _FEW = (64, 512, 2048)
 """Size classes of triangles. Beyond the last they are powers of two: with 2,000 triangles the
 padding of a class four times as large starts to cost time."""
 
-_LEAST_TEXELS = 2**12
-
 Leaf = TypeVar("Leaf", bound=Any)
 
 
@@ -29,11 +27,10 @@ def pad(scene: Scene) -> Scene:
 
     The image is the same to the last bit, and so are the gradients of the given entries; those of
     the appended ones are zero. Appended triangles come last in draw order and name vertex 0 three
-    times, which covers nothing whatever becomes of that vertex. Vertices and texels are padded too;
-    the numbers of textures and of their levels are kept. Triangles number 64, 512, 2048 or a higher
-    power of two.
+    times, which covers nothing whatever becomes of that vertex. Vertices are padded too; textures
+    are kept. Triangles number 64, 512, 2048 or a higher power of two.
 
-    `render`, `plan` and `fit` do this by themselves for concrete scenes. Within a `jit` of your own
+    `render` does this by itself for concrete scenes, and a plan is the same for both. Within a `jit` of your own
     the shapes are what comes in: pad outside, once, and optimise the padded scene. Accepts a batch,
     and host or device arrays; the result's are on the device. A scene without triangles, and one
     that is padded already, is returned as it is. Raises `ValueError` under a trace.
@@ -44,14 +41,10 @@ def pad(scene: Scene) -> Scene:
     vertices = scene.positions.shape[-2]
     if triangles == 0 or vertices == 0:
         return scene
+    # Texels are not padded: sums over them would be rounded in another order.
     axis = len(batch)
     more_triangles = _triangle_class(triangles) - triangles
     more_vertices = _vertex_class(vertices, triangles + more_triangles) - vertices
-    textures = scene.textures
-    if textures is not None:
-        texels = textures.texels.shape[-2]
-        more_texels = _next_power(texels, _LEAST_TEXELS) - texels
-        textures = replace(textures, texels=_append(textures.texels, more_texels, axis))
     return replace(
         scene,
         positions=_append(scene.positions, more_vertices, axis),
@@ -59,7 +52,6 @@ def pad(scene: Scene) -> Scene:
         colors=_append(scene.colors, more_triangles, axis),
         uv=_append(scene.uv, more_triangles, axis),
         texture_index=_append(scene.texture_index, more_triangles, axis, -1),
-        textures=textures,
         depth=_append(scene.depth, more_vertices, axis),
         inverse_w=_append(scene.inverse_w, more_vertices, axis, 1),
     )
@@ -77,19 +69,25 @@ def is_traced(tree: Any) -> bool:
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
 
 
+def fine_class(count: int) -> int:
+    """The next of eight sizes to an octave, for what costs more than padding: unknowns of a fit."""
+    step = max((1 << (count - 1).bit_length()) // 16, 4)
+    return -(-count // step) * step
+
+
 def _triangle_class(count: int) -> int:
-    return next((size for size in _FEW if count <= size), _next_power(count, 1))
+    return next((size for size in _FEW if count <= size), _next_power(count))
 
 
 def _vertex_class(count: int, triangles: int) -> int:
     """As many as triangles, which shared vertices seldom exceed, or three to each: one shape goes
     with one."""
     sizes = (triangles, 3 * triangles)
-    return next((size for size in sizes if count <= size), _next_power(count, 1))
+    return next((size for size in sizes if count <= size), _next_power(count))
 
 
-def _next_power(count: int, least: int) -> int:
-    return max(1 << (count - 1).bit_length(), least)
+def _next_power(count: int) -> int:
+    return 1 << (count - 1).bit_length()
 
 
 def _append(array: Leaf, more: int, axis: int, value: int = 0) -> Leaf:

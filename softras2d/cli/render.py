@@ -83,6 +83,8 @@ def _render_each(
     scenes: list[Path], targets: list[Path], view: View, truncate: bool, console: Console
 ) -> tuple[str, list[str]]:
     """What was told of the last one drawn, and one line for each that failed."""
+    from ..programs import drop_programs
+
     told, failures = "", []
     with _progress(len(scenes), console) as advance:
         for scene, target in zip(scenes, targets, strict=True):
@@ -92,6 +94,7 @@ def _render_each(
                 if debugging() or not is_expected(error):
                     raise
                 failures.append(one_line(error, scene))
+            drop_programs()
             advance()
     return told, failures
 
