@@ -30,10 +30,11 @@ def pad(scene: Scene) -> Scene:
     times, which covers nothing whatever becomes of that vertex. Vertices are padded too; textures
     are kept. Triangles number 64, 512, 2048 or a higher power of two.
 
-    `render` does this by itself for concrete scenes, and a plan is the same for both. Within a `jit` of your own
-    the shapes are what comes in: pad outside, once, and optimise the padded scene. Accepts a batch,
-    and host or device arrays; the result's are on the device. A scene without triangles, and one
-    that is padded already, is returned as it is. Raises `ValueError` under a trace.
+    `render` does this by itself for concrete scenes, and a plan is the same for both. Within a
+    `jit` of your own the shapes are what comes in: pad outside, once, and optimise the padded
+    scene. Accepts a batch, and host or device arrays; the result's are on the device. A scene
+    without triangles, and one that is padded already, is returned as it is. Raises `ValueError`
+    under a trace.
     """
     if is_traced(scene):
         raise ValueError("`pad` needs a concrete scene: pad outside jit, vmap and grad.")
@@ -44,7 +45,7 @@ def pad(scene: Scene) -> Scene:
     # Texels are not padded: sums over them would be rounded in another order.
     axis = len(batch)
     more_triangles = _triangle_class(triangles) - triangles
-    more_vertices = _vertex_class(vertices, triangles + more_triangles) - vertices
+    more_vertices = _vertex_class(vertices, triangles, triangles + more_triangles) - vertices
     return replace(
         scene,
         positions=_append(scene.positions, more_vertices, axis),
@@ -79,11 +80,13 @@ def _triangle_class(count: int) -> int:
     return next((size for size in _FEW if count <= size), _next_power(count))
 
 
-def _vertex_class(count: int, triangles: int) -> int:
-    """As many as triangles, which shared vertices seldom exceed, or three to each: one shape goes
-    with one."""
-    sizes = (triangles, 3 * triangles)
-    return next((size for size in sizes if count <= size), _next_power(count))
+def _vertex_class(vertices: int, triangles: int, triangle_class: int) -> int:
+    """One class for each class of triangles, in meshes that share most vertices, and one in others:
+    their numbers cross no border where that of the triangles does not."""
+    for share in (1, 3):
+        if vertices <= share * triangles:
+            return share * triangle_class
+    return _next_power(vertices)
 
 
 def _next_power(count: int) -> int:

@@ -165,6 +165,16 @@ def test_scenes_of_many_sizes_share_programs(count_compilations):
     assert len(compiled) <= 6, compiled.names
 
 
+def test_fits_of_like_size_share_programs(count_compilations):
+    target = np.random.default_rng(0).random((24, 24, 3)).astype(np.float32)
+    fits = {"steps": 2, "size": 24, "softness": 1.0}
+    sr.fit(target, triangles=29, **fits)
+    with count_compilations() as compiled:
+        result = sr.fit(target, triangles=31, **fits)
+    assert result.scene.triangles.shape[0] <= 31
+    assert not [name for name in compiled.names if "advance" in name or "render" in name]
+
+
 @pytest.mark.slow
 def test_two_hundred_sizes_compile_twelve_programs_at_most(count_compilations):
     """And keep no more memory and maps than the first of them."""
