@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .render import render, render_checked
     from .scene import Scene, check
     from .simplify import simplify
+    from .size_classes import pad
     from .texture.pyramid import TexturePyramid
 
 __version__ = "0.1.0"
@@ -39,6 +40,7 @@ _HOMES = {
     "check": ".scene",
     "fit": ".fit.fit",
     "fit_batch": ".fit.batch",
+    "pad": ".size_classes",
     "plan": ".plan",
     "read_image": ".io.images",
     "read_svg": ".io.svg",
@@ -65,6 +67,7 @@ __all__ = [
     "check",
     "fit",
     "fit_batch",
+    "pad",
     "pictures",
     "plan",
     "plot",

@@ -1,9 +1,16 @@
-"""Room for the lists of a render, counted on the host from concrete scenes.
+"""Capacities of the lists of a render, counted on the host from concrete scenes.
 
 Arrays of a compiled program have fixed lengths. What a scene needs is counted in numpy by the same
-functions that list it on the device, and given some more (`Slack`).
+functions that list it on the device, given headroom, and rounded up to a size class (`Headroom`).
+
+Every distinct set of capacities is a program of its own. So that scenes of one kind fall into few
+sets, however many triangles they have, only the slots of the chunks have a size class of their own:
+they are most of what a render costs. Lists that cost little have a power of two times as many
+entries, which follows from the proportions of the needs: these are much the same for 100 triangles
+as for 2,000.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -26,7 +33,7 @@ MOST_PAIRS = 2**27
 
 
 class Capacity(NamedTuple):
-    """Room for lists whose length only data shows.
+    """Capacities of lists whose length only data shows.
 
     - `strips`: of a triangle and a row of tiles; `pairs`: of a triangle and a tile.
     - `layers`: listed pairs of a tile in one chunk; `chunks`: how many chunks, and `depth`: the
@@ -48,41 +55,52 @@ class Capacity(NamedTuple):
     crossings: Any
 
 
-class Slack(NamedTuple):
-    """How capacities are chosen.
+class Headroom(NamedTuple):
+    """How capacities follow from needs.
 
-    - `chunk_cost`: of what a chunk passes on to the next, in slots of it.
-    - `part`: one over the part of the need that is added to it; `octave_steps`: those of an octave
-      to which it is rounded up. Room that is not used is computed all the same; but with little of
-      it scenes that are alike have programs of their own sooner, and triangles that move outgrow
-      it.
+    Unused capacity is computed all the same; but with little of it triangles that move outgrow
+    their plan, and scenes that are alike have programs of their own.
+
+    - `merge_cost`: cost of merging one chunk, in slots.
+    - `share`: one over the share of a need that is added to it.
+    - `least_slots`: slots that every plan has.
+    - `coarse_slots`: up to so many slots, size classes are whole octaves; above, halves of them.
+    - `least_depth`, `depth_octaves`: the first size class of `Capacity.depth`, and octaves from one
+      to the next.
     """
 
-    chunk_cost: int
-    part: int
-    octave_steps: int
+    merge_cost: int
+    share: int
+    least_slots: int
+    coarse_slots: int
+    least_depth: int
+    depth_octaves: int
 
 
-HARD_SLACK = Slack(chunk_cost=1, part=4, octave_steps=4)
-FADING_SLACK = Slack(chunk_cost=2, part=8, octave_steps=8)
-"""Less room than for pictures, as a gradient computes several times as much for each slot."""
+HARD_HEADROOM = Headroom(
+    merge_cost=1, share=8, least_slots=2**12, coarse_slots=2**14, least_depth=16, depth_octaves=2
+)
+FADING_HEADROOM = Headroom(
+    merge_cost=2, share=16, least_slots=2**11, coarse_slots=2**11, least_depth=8, depth_octaves=1
+)
+"""Less than for pictures, as a gradient computes several times as much for each slot."""
 
-VARYING_SLACK = Slack(chunk_cost=1, part=8, octave_steps=8)
+VARYING_HEADROOM = FADING_HEADROOM._replace(merge_cost=1)
 """Where colours vary within a triangle a slot costs more, and a chunk by comparison less."""
 
 _LAYERS = (2, 4, 8)
 """Slots that a chunk may have."""
 
-_LEAST = Capacity(
-    strips=512, pairs=2048, layers=2, chunks=512, depth=4, steps=32, fragments=0, crossings=1024
-)
-"""Room that every plan has: it costs next to nothing, and small scenes share programs by it."""
+_LEAST_STEPS, _LEAST_CROSSINGS, _LEAST_FRAGMENTS = 32, 2**14, 2**12
+"""Capacities that every plan has: they cost next to nothing, and small scenes share programs by
+them."""
 
-_LEAST_FRAGMENTS = 4096
+_LEAST_RATIO = 0.25
+"""Least capacity of a list that has one in proportion to the slots."""
 
 
 class Counts(NamedTuple):
-    """Of one scene: strips, pairs before hidden ones are dropped, and the length of each list.
+    """Needs of one scene: strips, pairs before hidden ones are dropped, and each list's length.
 
     `fragments` and `crossings` are 0 where none are needed.
     """
@@ -168,41 +186,69 @@ def _refuse_many(pairs: int) -> None:
         )
 
 
-def make_room(counts: Sequence[Counts], *, in_order: bool, pixels: int, slack: Slack) -> Capacity:
-    """Capacities for any of the scenes counted: the largest need, some more, a ladder step.
+def choose_capacity(
+    counts: Sequence[Counts], *, in_order: bool, pixels: int, headroom: Headroom
+) -> Capacity:
+    """Capacities for any of the scenes counted: the largest needs, headroom, and size classes.
 
     `in_order`: whether lists are gone through in order; `pixels`: of the canvas.
     """
-    cut = {number: [-(-one.listed // number) for one in counts] for number in _LAYERS}
+    chunks = {number: [-(-one.listed // number) for one in counts] for number in _LAYERS}
+    slots = {number: number * max(int(one.sum()) for one in chunks[number]) for number in _LAYERS}
 
     def work(layers: int) -> int:
         """Slots, and the state that each chunk passes on."""
-        return (layers + slack.chunk_cost) * sum(int(chunks.sum()) for chunks in cut[layers])
+        total = sum(int(one.sum()) for one in chunks[layers])
+        return (layers + headroom.merge_cost) * total
 
-    best = min(_LAYERS, key=work)
-    needs = Capacity(
-        strips=max(one.strips for one in counts),
-        pairs=max(one.pairs for one in counts),
-        layers=best,
-        chunks=max(int(chunks.sum()) for chunks in cut[best]),
-        depth=max(int(chunks[0]) for chunks in cut[best]),
-        steps=max(int(one.listed[::BLOCK].sum()) for one in counts) if in_order else 0,
-        fragments=max(one.fragments for one in counts),
-        crossings=max(one.crossings for one in counts),
+    layers = min(_LAYERS, key=work)
+    if _slot_class(slots[_LAYERS[0]], headroom) == headroom.least_slots:
+        # Of small scenes all have chunks of one length, whatever is best for each.
+        layers = _LAYERS[0]
+    need = max(slots[layers], 1)
+    capacity = _slot_class(need, headroom)
+    strips, pairs = (max(one[k] for one in counts) for k in (0, 1))
+    entries = _in_proportion(max(strips, pairs), need, capacity)
+    crossings = max(one.crossings for one in counts)
+    steps = max(int(one.listed[::BLOCK].sum()) for one in counts) if in_order else 0
+    fragments = max(one.fragments for one in counts)
+    # Strips cost least of all: as many as pairs, or a quarter of them.
+    few_strips = 4 * strips <= pairs
+    return Capacity(
+        strips=max(entries // 4 if few_strips else entries, headroom.least_slots),
+        pairs=max(entries, headroom.least_slots),
+        layers=layers,
+        chunks=capacity // layers,
+        depth=_depth_class(max(int(one[0]) for one in chunks[layers]), headroom),
+        steps=_size_class(_with_headroom(steps, headroom), _LEAST_STEPS, 0),
+        fragments=_fragment_capacity(fragments, pixels, headroom),
+        crossings=max(_in_proportion(crossings, need, capacity), _LEAST_CROSSINGS),
     )
-    steps = [_ladder(need, least, slack) for need, least in zip(needs, _LEAST, strict=True)]
-    room = Capacity(*steps)
-    # The fullest tile varies most from scene to scene and costs least: whole octaves.
-    room = room._replace(layers=best, depth=1 << (room.depth - 1).bit_length())
-    return room._replace(fragments=_fragment_room(needs.fragments, pixels, slack))
 
 
-def _fragment_room(need: int, pixels: int, slack: Slack) -> int:
-    """Every place costs a shading, and a full canvas needs a place for each pixel and few more."""
+def _in_proportion(need: int, whole_need: int, whole: int) -> int:
+    """Capacity for `need`, where `whole` is that for `whole_need`: a power of two times `whole`."""
+    ratio = max(need / whole_need, _LEAST_RATIO)
+    return int(whole * 2.0 ** math.ceil(math.log2(ratio)))
+
+
+def _slot_class(need: int, headroom: Headroom) -> int:
+    wanted = _with_headroom(need, headroom)
+    return _size_class(wanted, headroom.least_slots, headroom.coarse_slots)
+
+
+def _depth_class(need: int, headroom: Headroom) -> int:
+    """The fullest tile varies most from scene to scene and costs least: whole octaves."""
+    octaves = max(math.ceil(math.log2(max(need, 1) / headroom.least_depth)), 0)
+    return headroom.least_depth << -(-octaves // headroom.depth_octaves) * headroom.depth_octaves
+
+
+def _fragment_capacity(need: int, pixels: int, headroom: Headroom) -> int:
+    """Every entry costs a shading, and a full canvas needs one for each pixel and few more."""
     if need == 0:
         return 0
-    beyond = _ladder(max(need - pixels, 0), pixels // 16, slack)
-    return min(_ladder(need, _LEAST_FRAGMENTS, slack), pixels + beyond)
+    beyond = _size_class(_with_headroom(max(need - pixels, 0), headroom), pixels // 16, 0)
+    return min(_size_class(_with_headroom(need, headroom), _LEAST_FRAGMENTS, 0), pixels + beyond)
 
 
 def _expand(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -212,8 +258,13 @@ def _expand(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return owner, (np.arange(len(owner)) - start[owner]).astype(np.int32)
 
 
-def _ladder(need: int, least: int, slack: Slack) -> int:
-    """Some more than `need`, rounded up to so many steps an octave."""
-    need = max(need - -need // slack.part, least)
-    step = 1 << max(need.bit_length() - slack.octave_steps.bit_length(), 0)
-    return -(-need // step) * step
+def _with_headroom(need: int, headroom: Headroom) -> int:
+    return need - -need // headroom.share
+
+
+def _size_class(need: int, least: int, coarse: int) -> int:
+    """The next power of two, or beyond `coarse` also three quarters of one; at least `least`."""
+    octave = 1 << (max(need, 1) - 1).bit_length()
+    if octave > coarse and 4 * need <= 3 * octave:
+        octave = 3 * octave // 4
+    return max(octave, least)

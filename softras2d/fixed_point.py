@@ -186,16 +186,28 @@ def sign_of_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
 def corners_of(positions: Any, triangles: Any, origin: Any) -> Any:
     """Corners `[triangles, 3, 2]` in pixels of the canvas whose upper left pixel is `origin`.
 
-    Subtracted in the dtype of the positions.
+    Subtracted in the dtype of the positions. A triangle that names one vertex three times is
+    padding (`size_classes.pad`). Its corners are NaN, so that it covers nothing in any mode and its
+    vertex gets no gradient from it.
     """
-    return (positions - origin.astype(positions.dtype)[None])[triangles]
+    xp = positions.__array_namespace__()
+    corners = (positions - origin.astype(positions.dtype)[None])[triangles]
+    spare = is_padding(triangles)[:, None, None]
+    return xp.where(spare, xp.asarray(xp.nan, dtype=positions.dtype), corners)
+
+
+def is_padding(triangles: Any) -> Any:
+    """Whether each triangle `[..., triangles, 3]` names one vertex three times."""
+    first, second, third = (triangles[..., corner] for corner in range(3))
+    return (first == second) & (second == third)
 
 
 class Corners(NamedTuple):
     """Corners on the grid, in pixels of the canvas: each is the exact sum of both parts.
 
     - `high`, `low`: `[triangles, 3, 2]`. Within the guard band `low` is zero.
-    - `finite`: `[triangles]`; a triangle with a corner that is not finite is put at (0, 0).
+    - `finite`: `[triangles]`; a triangle with a corner that is not finite, or that is padding, is
+      put at (0, 0) and covers nothing.
     """
 
     high: Any
@@ -220,7 +232,7 @@ def snapped_corners(positions: Any, triangles: Any, origin: Any, grid: Grid) -> 
     high, first_rest = sum_of(snapped, -coarse.astype(dtype)[None])
     high, second_rest = sum_of(high, -(origin - coarse).astype(dtype)[None])
     high, low = sum_of(high, first_rest + second_rest)
-    finite = xp.all(finite[triangles], axis=1)
+    finite = xp.all(finite[triangles], axis=1) & ~is_padding(triangles)
     nothing = xp.zeros((1, 1, 1), dtype)
     high, low = (xp.where(finite[:, None, None], part[triangles], nothing) for part in (high, low))
     return Corners(high, low, finite)

@@ -10,13 +10,13 @@ from jax.core import Tracer
 from jaxtyping import Array, Int
 
 from .capacity import (
-    FADING_SLACK,
-    HARD_SLACK,
-    VARYING_SLACK,
+    FADING_HEADROOM,
+    HARD_HEADROOM,
+    VARYING_HEADROOM,
     Capacity,
+    choose_capacity,
     count_fading,
     count_lists,
-    make_room,
 )
 from .coverage import area
 from .coverage.profile import SUPPORT
@@ -176,12 +176,12 @@ def plan(
     used = {name for one in scenes for name in structural_effects(one, coverage, filter)}
     side = 0
     if isinstance(coverage, Hard):
-        slack = HARD_SLACK
+        headroom = HARD_HEADROOM
         counts = [count_lists(one, grid, coverage, origin) for one in scenes]
         if not all(_within_guard(one, grid, origin) for one in scenes):
             used.add("guard band")
     else:
-        slack = VARYING_SLACK if any(map(varies, scenes)) else FADING_SLACK
+        headroom = VARYING_HEADROOM if any(map(varies, scenes)) else FADING_HEADROOM
         summed = isinstance(coverage, Area) and coverage.compositing == "sum"
         side = choose_side([_host_corners(one, origin) for one in scenes], grid, reach)
         tiling = Tiling.square(grid, side)
@@ -195,7 +195,9 @@ def plan(
         coverage=coverage,
         filter=_with_array_bias(filter),
         origin=to_device(origin),
-        capacity=make_room(counts, in_order=in_order, pixels=height * width, slack=slack),
+        capacity=choose_capacity(
+            counts, in_order=in_order, pixels=height * width, headroom=headroom
+        ),
         side=side,
         effects=tuple(name for name in EFFECTS if name in used),
         grid_bits=grid_bits,

@@ -33,6 +33,7 @@ from .projection import project
 from .render_fading import draw as draw_fading
 from .scene import Scene, check_types
 from .shading import Corners, Surface, surface_of
+from .size_classes import pad_concrete
 from .staging import one_pass
 from .tiles import TileLists, Tiling, list_tiles, saturated_sum
 
@@ -71,12 +72,15 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     (`edge_gradient`, `interior_gradient`), unless `Hard.edge_gradients` is off; lines along which
     triangles interpenetrate are left out. Those to depth are zero.
 
+    A concrete scene is padded to a size class first (`softras2d.pad`), so that scenes of similar
+    size share a compiled program. Under a trace of your own the shapes are what comes in: pad
+    outside, once.
+
     Raises `ValueError` when the scene outgrows the plan. Under a trace an `eqx.error_if` does it
     when the program runs (JAX keeps no persistent cache entry for such a program), also where only
     derivatives are computed; image and derivatives are then NaN.
     """
-    image, needs, unforeseen = _render(scene, plan)
-    overflow = _exceeds(needs, plan.capacity) | unforeseen
+    image, overflow, needs = _render_and_compare(pad_concrete(scene), plan)
     if isinstance(overflow, Tracer):
         return refuse_overflow(image, scene, overflow, _OUTGROWN)
     if overflow:
@@ -88,8 +92,18 @@ def render_checked(
     scene: Scene, plan: Plan
 ) -> tuple[Float[Array, "height width channels"], Bool[Array, ""]]:
     """`render`, with a flag instead of an error: where true, triangles are missing; plan again."""
+    image, overflow, _ = _render_and_compare(pad_concrete(scene), plan)
+    return image, overflow
+
+
+@eqx.filter_jit
+def _render_and_compare(scene: Scene, plan: Plan) -> tuple[Array, Bool[Array, ""], Capacity]:
+    """The image, whether it outgrew the plan, and what it needed.
+
+    One program: each comparison would be a program of its own outside.
+    """
     image, needs, unforeseen = _render(scene, plan)
-    return image, _exceeds(needs, plan.capacity) | unforeseen
+    return image, _exceeds(needs, plan.capacity) | unforeseen, needs
 
 
 _OUTGROWN = (

@@ -39,7 +39,9 @@ def _work(corners: np.ndarray, grid: Grid, reach: float, side: int) -> float:
 
 def _size(corners: np.ndarray, grid: Grid, reach: float) -> tuple[Any, Any]:
     """Area and perimeter with what fades out around, at most the canvas's."""
-    held = np.clip(np.nan_to_num(corners.astype(np.float64)), -(2.0**40), 2.0**40)
+    # Padding has no corners (`corners_of`), and does not weigh.
+    corners = corners[np.isfinite(corners).all((1, 2))]
+    held = np.clip(corners.astype(np.float64), -(2.0**40), 2.0**40)
     ways = np.roll(held, -1, axis=1) - held
     (ax, ay), (bx, by) = ways[:, 0].T, ways[:, 1].T
     area = np.abs(ax * by - ay * bx) / 2

@@ -1,13 +1,14 @@
 """Strict JAX, seeded hypothesis, float64 on demand, a counter of compilations."""
 
 import contextlib
-import pathlib
 from collections.abc import Callable, Iterator
 
 import hypothesis
 import jax
 import jax.monitoring
 import pytest
+
+from softras2d.programs import drop_programs
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -27,19 +28,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
-_MOST_MAPS = 20_000
-
-
 @pytest.fixture(autouse=True)
 def _forget_programs() -> Iterator[None]:
-    """Drop compiled programs before they are too many for one process.
-
-    Each keeps memory maps, of which Linux grants a process 65,530; beyond, the compiler crashes.
-    """
+    """Drop compiled programs before they are too many for one process."""
     yield
-    maps = pathlib.Path("/proc/self/maps")
-    if maps.exists() and maps.read_bytes().count(b"\n") > _MOST_MAPS:
-        jax.clear_caches()
+    drop_programs()
 
 
 @pytest.fixture

@@ -95,6 +95,8 @@ def _render_each(
 
     Whatever is raised for one scene, the next is drawn: an unforeseen error is a line, too.
     """
+    from ..programs import drop_programs
+
     told = ""
     with _progress(len(scenes), console) as advance:
         for scene, target in zip(scenes, targets, strict=True):
@@ -104,6 +106,7 @@ def _render_each(
                 if debugging():
                     raise
                 failures.append(failure_line(error, scene))
+            drop_programs()
             advance()
     return told
 

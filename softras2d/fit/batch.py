@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..plan import plan
+from ..programs import drop_programs
 from ..scene import Scene
 from . import choices
 from .chunk import solve_between
@@ -55,6 +56,7 @@ def fit_batch(
     Raises `ValueError`, one line, as `fit` does, and for targets of different shapes or none.
     """
     began = time.perf_counter()
+    drop_programs()
     images = check_images(targets)
     shapes = {image.shape for image in images}
     if len(shapes) != 1:

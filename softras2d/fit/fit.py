@@ -12,6 +12,7 @@ from typing import Any
 import jax
 
 from ..io.images import check_place
+from ..programs import drop_programs
 from . import choices
 from .interrupt import Interrupt, held_interrupt
 from .loop import Budget, Moment, run
@@ -82,6 +83,8 @@ def fit(
     arguments that make no sense.
     """
     began = time.perf_counter()
+    # A program that fits many images compiles for each count of triangles and each size.
+    drop_programs()
     (target,) = check_images([target])
     settings: dict[str, Any] = {
         "triangles": triangles, "family": family, "solver": solver, "seed": seed, "size": size,

@@ -11,6 +11,7 @@ from ..device import to_device
 from ..options import Soft
 from ..plan import Plan, plan
 from ..scene import Scene
+from ..size_classes import fine_class
 from .chunk import take_steps
 from .closed_form import best_colors
 from .layers import UNIT, Layers, LayersData, LayersResidual, layers_scene
@@ -122,6 +123,17 @@ class LayersFit:
         """Triangles that there may be."""
         return self.choice.triangles
 
+    @property
+    def length(self) -> int:
+        """Triangles of the arrays: a size class, so that fits of like size share programs. What is
+        beyond `most` waits outside for good."""
+        return fine_class(self.choice.triangles)
+
+    @property
+    def _aside(self) -> float:
+        """Both coordinates of triangles that wait, in pixels."""
+        return _ASIDE + _PER_WIDTH * max(self.choice.softness)
+
     def _start(self) -> tuple[Layers, int]:
         """The unknowns, and how many triangles are in use."""
         choice = self.choice
@@ -131,11 +143,10 @@ class LayersFit:
             gouraud=choice.gouraud, translucent=choice.translucent,
             circumradius=_SIZE * self._spacing(count),
         )  # fmt: skip
-        active = len(found.corners)
-        aside = _ASIDE + _PER_WIDTH * max(choice.softness)
-        places = np.full((count, 3, 2), aside, np.float32)
-        colors = np.full((count, corners, 3), 0.5, np.float32)
-        opacity = np.ones(count, np.float32)
+        active, length = len(found.corners), self.length
+        places = np.full((length, 3, 2), self._aside, np.float32)
+        colors = np.full((length, corners, 3), 0.5, np.float32)
+        opacity = np.ones(length, np.float32)
         places[:active], colors[:active], opacity[:active] = found
         held = to_device(opacity) if choice.translucent else None
         return Layers(to_device(places / UNIT, np.float32), to_device(colors), held), active
@@ -149,9 +160,10 @@ class LayersFit:
         count = self.choice.triangles
         rng = np.random.default_rng(0)
         middle = rng.random((count, 2)) * [self.width, self.height]
-        corners = random_triangles(rng, middle, 1.6 * self._spacing(count))
-        colors = np.zeros((count, 3 if self.choice.gouraud else 1, 3), np.float32)
-        opacity = np.full(count, 0.5, np.float32) if self.choice.translucent else None
+        corners = np.full((self.length, 3, 2), self._aside)
+        corners[:count] = random_triangles(rng, middle, 1.6 * self._spacing(count))
+        colors = np.zeros((self.length, 3 if self.choice.gouraud else 1, 3), np.float32)
+        opacity = np.full(self.length, 0.5, np.float32) if self.choice.translucent else None
         held = None if opacity is None else to_device(opacity)
         y = Layers(to_device(corners / UNIT, np.float32), to_device(colors), held)
         return layers_scene(y, self.data.background)
@@ -212,7 +224,7 @@ class LayersFit:
             rate = _RATE * max(_LEAST, min(1.0, (1 - share) / _FALL))
             self.progress = set_rate(self.progress, rate)
             y = self.progress.y
-            waits = jnp.arange(total)[:, None, None] >= self.active
+            waits = jnp.arange(self.length)[:, None, None] >= self.active
             corners = jnp.where(waits, y.corners, self._near(y).corners)
             self.progress = self.progress._replace(y=y._replace(corners=corners))
         if not self.choice.exchange:
@@ -253,13 +265,14 @@ class LayersFit:
         number = len(found.corners)
         if number == 0:
             return
-        order = np.arange(self.choice.triangles)
+        order = np.arange(self.length)
         self._change(order, self.active, found.corners, found.colors)
         self.active += number
 
     def _exchange(self, count: int) -> None:
         """The triangles that matter least are drawn last instead, where they matter more."""
-        y = jax.tree.map(np.asarray, self.progress.y)
+        total = self.choice.triangles
+        y = jax.tree.map(lambda leaf: np.asarray(leaf)[:total], self.progress.y)
         opacity = None if y.opacity is None else np.clip(y.opacity, 0, 1)
         costs = removal_costs(
             y.corners * UNIT, np.clip(y.colors, 0, 1), opacity, premultiplied(self.target),
@@ -275,8 +288,9 @@ class LayersFit:
         if useful == 0:
             return
         dropped, best = least[:useful], best[:useful]
-        order = np.concatenate([np.setdiff1d(np.arange(len(costs)), dropped), dropped])
-        first = len(costs) - useful
+        stay, spare = np.setdiff1d(np.arange(total), dropped), np.arange(total, self.length)
+        order = np.concatenate([stay, dropped, spare])
+        first = total - useful
         self._change(order, first, found.corners[best], found.colors[best])
 
     def _change(self, order: np.ndarray, first: int, corners: Any, colors: Any) -> None:
