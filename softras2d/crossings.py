@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from . import safe
 from .fixed_point import Edges, Grid, Segments
 from .staging import one_pass
 from .tiles import expand
@@ -60,10 +61,14 @@ class Sides(NamedTuple):
     @property
     def slope(self) -> Float[Array, "triangles 3"]:
         """Change across for a unit along the line's normal, -1..1; 0 for an edge of no length."""
-        run, rise = self.end - self.start
+        # Halves: the difference of two corners may be beyond the greatest float.
+        run, rise = self.end / 2 - self.start / 2
         length = jnp.where(self.steep, rise, run)
         other = jnp.where(self.steep, run, rise)
-        return jnp.where(length != 0, other / jnp.where(length != 0, length, 1.0), 0.0)
+        # A far edge that was cut may be steep on the grid and flat in floats, or have no length
+        # there: no slope is larger than 1, whatever rounding did.
+        usable = jnp.abs(other) <= jnp.abs(length)
+        return safe.divide(jnp.where(usable, other, jnp.zeros_like(other)), length)
 
 
 def lines_crossed(segments: Segments, grid: Grid) -> tuple[Any, Any]:
@@ -101,7 +106,7 @@ class Run(NamedTuple):
     """What the lines of a run share, `[runs]`.
 
     - `steep`: whether they are rows; `line`: the first; `lines`: how many.
-    - `begin`, `length`: of the edge across the lines in pixels; `near`, `change`: along them.
+    - `begin`, `length`: of the edge across the lines in half pixels; `near`, `change`: along them.
     - `start`, `estimate`, `step`, `stride`: the edge value at the line's sample 0 and line 0, and
       its steps along a line and from line to line.
     """
@@ -162,7 +167,9 @@ def find_crossings(
         right, down, start, estimate = (side(e) for e in list(zip(*edges, strict=True))[:4])
         steep = sides.steep.reshape(-1)[owner]
         (x0, y0), (x1, y1) = (
-            [ends[axis].reshape(-1)[owner] for axis in (0, 1)] for ends in (sides.start, sides.end)
+            # Half pixels: the difference of two corners in pixels may be beyond the greatest float.
+            [ends[axis].reshape(-1)[owner] / 2 for axis in (0, 1)]
+            for ends in (sides.start, sides.end)
         )
         begin, near = jnp.where(steep, y0, x0), jnp.where(steep, x0, y0)
         left = count.T.reshape(-1)[owner] - rank * LINES
@@ -203,8 +210,8 @@ def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array]:
     dtype = run.begin.dtype
     length = jnp.where(wide.length != 0, wide.length, 1.0)
     # Both are multiples of small fractions of a pixel: the difference keeps all digits.
-    t = jnp.clip(((line.astype(dtype) + 0.5) / grid.rate - wide.begin) / length, 0.0, 1.0)
-    across = wide.near + t * wide.change
+    t = jnp.clip(((line.astype(dtype) + 0.5) / (2 * grid.rate) - wide.begin) / length, 0.0, 1.0)
+    across = 2 * (wide.near + t * wide.change)
 
     def value(place: Array) -> tuple[Array, Array]:
         """The edge value at a sample of the line, wrapped, and about as a float."""
