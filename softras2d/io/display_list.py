@@ -138,8 +138,7 @@ class DisplayList:
     def _color_table(self) -> np.ndarray:
         """The colours of each draw, `[draws, 1 or 3, 4]`."""
         if not any(isinstance(color, np.ndarray) for color in self._colors):
-            with np.errstate(over="ignore"):
-                return np.array(self._colors, np.float64).astype(np.float32).reshape(-1, 1, 4)
+            return np.array(self._colors, np.float32).reshape(-1, 1, 4)
         colors = [np.reshape(color, (-1, 4)) for color in self._colors]
         if any(len(color) > 1 for color in colors):
             colors = [np.broadcast_to(color, (3, 4)) for color in colors]

@@ -56,8 +56,8 @@ WORDS = (
 ATTRIBUTES = (
     "transform", "style", "fill", "stroke", "stroke-width", "stroke-linejoin", "stroke-linecap",
     "stroke-opacity", "fill-opacity", "opacity", "points", "width", "height", "viewBox", "display",
-    "x", "stroke-miterlimit", "visibility", "color", "fill-rule", "preserveAspectRatio", "href", "texid",
-    "uvs", "colors", "filename", "data-fallback", "xmlns:svg", "stroke-dasharray", "rx", "x1",
+    "x", "stroke-miterlimit", "visibility", "color", "fill-rule", "preserveAspectRatio", "href",
+    "texid", "uvs", "colors", "filename", "data-fallback", "xmlns:svg", "stroke-dasharray", "rx", "x1",
 )  # fmt: skip
 
 _NUMBER = re.compile(r"[0-9]++(?:\.[0-9]++)?+")
