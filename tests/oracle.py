@@ -24,10 +24,13 @@ class Canvas:
     rate: int = 4
     fill_rule: str = "inclusive"
     origin: tuple[int, int] = (0, 0)
+    grid_bits: int | None = None
 
     @property
     def exponent(self) -> int:
         """k: the grid is 2^-k px."""
+        if self.grid_bits is not None:
+            return self.grid_bits
         return min(18, 23 - math.ceil(math.log2(2 * max(self.height, self.width))))
 
     @property
@@ -40,12 +43,21 @@ class Canvas:
         return np.array([-half, -half]), np.array([self.width + half, self.height + half])
 
 
-def snap(corners: Any, canvas: Canvas) -> np.ndarray:
-    """`corners` `[triangles, 3, 2]` in units of the oracle, int64. Refuses what leaves the band."""
+def snap(corners: Any, canvas: Canvas, *, anywhere: bool = False) -> np.ndarray:
+    """`corners` `[triangles, 3, 2]` in units of the oracle, int64.
+
+    Refuses what leaves the band, unless they may lie `anywhere`: the units are then Python
+    integers, which never overflow.
+    """
     corners = np.asarray(corners)
     assert corners.dtype in (np.float32, np.float64)
     # Snapped first (`rint` rounds half to even), then moved: all in float64, where nothing is lost.
     grid = np.rint(corners.astype(np.float64) * 2.0**canvas.exponent)
+    if anywhere:
+        # float64 holds a float32 times 2^k, and Python's integers hold the rest.
+        units = np.vectorize(int, otypes=[object])(grid)
+        moved = units - np.array([o << canvas.exponent for o in canvas.origin], object)
+        return moved * (2 * canvas.rate)
     grid = grid - np.asarray(canvas.origin, np.float64) * 2.0**canvas.exponent
     low, high = (limit * 2.0**canvas.exponent for limit in canvas.band())
     assert (grid >= low).all() and (grid <= high).all(), "outside the band"
@@ -70,6 +82,8 @@ def footprint(triangle: np.ndarray, canvas: Canvas) -> Footprint:
     columns = _box(triangle[:, 0], step, canvas.width * canvas.rate)
     y = (np.arange(rows.start, rows.stop, dtype=np.int64)[:, None] * step) + step // 2
     x = (np.arange(columns.start, columns.stop, dtype=np.int64)[None, :] * step) + step // 2
+    if triangle.dtype == object:
+        x, y = x.astype(object), y.astype(object)
 
     # Edge i runs opposite corner i; its function is the doubled area that corner i weighs.
     edges, slopes = [], []
@@ -83,8 +97,8 @@ def footprint(triangle: np.ndarray, canvas: Canvas) -> Footprint:
     if area == 0:
         # The box is the hull's, so that on the line and in the box is on the segment.
         low, high = triangle.min(axis=0), triangle.max(axis=0)
-        inside = (edges[0] == 0) & (edges[1] == 0) & (edges[2] == 0)
-        inside &= (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
+        inside = ((edges[0] == 0) & (edges[1] == 0) & (edges[2] == 0)).astype(bool)
+        inside &= ((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])).astype(bool)
         inside &= canvas.fill_rule == "inclusive"
         return Footprint(rows, columns, inside, np.full((*inside.shape, 3), 1 / 3))
 
@@ -94,8 +108,8 @@ def footprint(triangle: np.ndarray, canvas: Canvas) -> Footprint:
         # The gradient (dx, dy) of the edge function points inwards, once oriented.
         left, top = sign * dx > 0, dx == 0 and sign * dy > 0
         owned = canvas.fill_rule == "inclusive" or left or top
-        inside &= (sign * edge >= 0) if owned else (sign * edge > 0)
-    weights = np.stack([edge / area for edge in edges], axis=-1)
+        inside &= ((sign * edge >= 0) if owned else (sign * edge > 0)).astype(bool)
+    weights = np.stack([edge / area for edge in edges], axis=-1).astype(np.float64)
     return Footprint(rows, columns, inside, weights)
 
 

@@ -56,9 +56,19 @@ class Drawing:
         return (self.margin > margin) & (self.depth_margin >= depth_margin)
 
 
-def draw(soup: Soup, canvas: Canvas, sampler: Sampler = PLAIN, shading: str = "sample") -> Drawing:
-    """The image of `soup`; `shading` is "sample" or "pixel" (multisampling)."""
-    scene = _Scene(soup, canvas, sampler)
+def draw(
+    soup: Soup,
+    canvas: Canvas,
+    sampler: Sampler = PLAIN,
+    shading: str = "sample",
+    *,
+    anywhere: bool = False,
+) -> Drawing:
+    """The image of `soup`; `shading` is "sample" or "pixel" (multisampling).
+
+    `anywhere`: whether corners may lie outside the band.
+    """
+    scene = _Scene(soup, canvas, sampler, anywhere)
     covered = [footprint(triangle, canvas) for triangle in scene.snapped]
     passes, depth_margin = _depth_test(scene, covered)
     shape = (canvas.height * canvas.rate, canvas.width * canvas.rate)
@@ -83,16 +93,17 @@ def draw(soup: Soup, canvas: Canvas, sampler: Sampler = PLAIN, shading: str = "s
 class _Scene:
     """What is needed of each triangle, made once."""
 
-    def __init__(self, soup: Soup, canvas: Canvas, sampler: Sampler):
+    def __init__(self, soup: Soup, canvas: Canvas, sampler: Sampler, anywhere: bool = False):
         self.soup, self.canvas, self.sampler = soup, canvas, sampler
-        self.snapped = snap(soup.corners, canvas)
+        self.snapped = snap(soup.corners, canvas, anywhere=anywhere)
         images = soup.images if soup.images is not None else ()
         self.chains = [chain(image) for image in images]
 
     @functools.cached_property
     def pixels(self) -> np.ndarray:
         """Snapped corners in pixels."""
-        return self.snapped / (2.0 * self.canvas.rate * 2.0**self.canvas.exponent)
+        units = self.snapped.astype(np.float64)
+        return units / (2.0 * self.canvas.rate * 2.0**self.canvas.exponent)
 
     def shade(self, index: int, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Premultiplied colours `[points, 4]` and margins where the screen's weights are given."""

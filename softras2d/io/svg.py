@@ -144,8 +144,8 @@ def _scene(
     # Overflow shows as a coordinate that is not finite, which is an error of its own.
     with np.errstate(over="ignore", invalid="ignore"):
         walk(document, _READERS[dialect](context), budget)
-    with _named(document):
-        triangles = context.display.finish(height, width)
+        with _named(document):
+            triangles = context.display.finish(height, width)
     if message := context.warning():
         warnings.warn(message, UserWarning, stacklevel=stacklevel)
     addressing = "corners" if dialect == "course" else "half_texel"
