@@ -15,13 +15,14 @@ HERE = Path(__file__).parent
 
 def publish(results: Path, readme: Path) -> None:
     """Write the tables into `readme`, and the figure beside the results."""
-    cases, carried, shifts, sums = (
+    cases, carried, shifts, sums, degenerate = (
         report.read_csv(results / f"{name}.csv")
-        for name in ("cases", "carried", "shifts", "long_sums")
+        for name in ("cases", "carried", "shifts", "long_sums", "degenerate")
     )
     run = json.loads((results / "run.json").read_text())
     report.fill_markers(readme, "cases", report.table(*case_table(cases)))
     report.fill_markers(readme, "carried", report.table(*case_table(carried)))
+    report.fill_markers(readme, "degenerate", report.table(*_degenerate_table(degenerate)))
     report.fill_markers(readme, "shifts", report.table(*_shift_table(shifts)))
     long = [[r["mode"], _short(r["by_color"]), _short(r["by_positions"])] for r in sums]
     report.fill_markers(readme, "sums", report.table(["mode", "by colour", "by positions"], long))
@@ -40,6 +41,23 @@ def case_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
         limits = f"{_short(stated['stated_value'])}; {_short(stated['stated_product'])}"
         lines.append([name, limits, *(_cell(own.get(mode)) for mode in modes)])
     return ["case", "stated", *modes], lines
+
+
+def _degenerate_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    """Header and lines: a kind each, `jvp - vjp; largest entry`, the worst of all widths."""
+    modes, lines = list(dict.fromkeys(r["mode"] for r in rows)), []
+    for name in dict.fromkeys(r["case"] for r in rows):
+        line = [name]
+        for mode in modes:
+            own = [r for r in rows if r["case"] == name and r["mode"] == mode]
+            if not own:
+                line.append("")
+                continue
+            worst = [max(float(r[key]) for r in own) for key in ("jvp_vjp", "largest")]
+            text = f"{_short(worst[0])}; {worst[1]:.2f}"
+            line.append(text if all(r["within"] == "yes" for r in own) else f"**{text}**")
+        lines.append(line)
+    return ["kind", *modes], lines
 
 
 def _cell(row: dict[str, Any] | None) -> str:

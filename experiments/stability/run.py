@@ -13,7 +13,7 @@ import jax
 from rich.console import Console
 from rich.table import Table
 
-from tests.stability import carried
+from tests.stability import carried, degenerate
 from tests.stability.cases import CASES, MODES
 from tests.stability.measure import LONG_MODES, long_sum, measure, moved
 
@@ -33,6 +33,15 @@ def case_rows(modes: list[str]) -> list[dict[str, Any]]:
 def carried_rows() -> list[dict[str, Any]]:
     """Triangles that carry corner colours, textures, perspective and depth."""
     return _measured(carried.CASES, list(carried.MODES), carried.measure, "what triangles carry")
+
+
+def degenerate_rows(modes: list[str]) -> list[dict[str, Any]]:
+    """Triangles without area, or hardly any: jvp against vjp, and how large gradients get."""
+    rows = []
+    for mode in progress.steps(modes, "degenerate triangles"):
+        for row in degenerate.measure(mode):
+            rows.append({**row, "within": "yes" if degenerate.within(row) else "NO"})
+    return rows
 
 
 def _measured(
@@ -91,6 +100,7 @@ def main() -> None:
         return
     report.write_csv(results / "cases.csv", rows)
     report.write_csv(results / "carried.csv", carried_rows())
+    report.write_csv(results / "degenerate.csv", degenerate_rows(list(degenerate.MODES)))
     report.write_csv(results / "shifts.csv", shift_rows(modes))
     report.write_csv(results / "long_sums.csv", sum_rows(modes))
     seconds = round(time.perf_counter() - began)

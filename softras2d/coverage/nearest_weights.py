@@ -135,10 +135,8 @@ def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
     @one_pass
     def share(sides, weight):
         rows = [[entry[:, None] for entry in row] for row in sides.shares]
-        return [
-            sum(w * (rows[which][c] - rows[0][c]) for w, c in zip(weight, (1, 2), strict=True))
-            for which in (1, 2)
-        ]
+        second, third = weight
+        return [second * (row[1] - rows[0][1]) + third * (row[2] - rows[0][2]) for row in rows[1:]]
 
     second, third = share(sides, weight)
     # Along a side the weight of its end grows as much as that of its start falls.

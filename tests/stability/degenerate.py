@@ -198,7 +198,7 @@ def mismatch(found: Found) -> float:
     backward = float((found.gradient * VELOCITY).sum())
     scale = np.linalg.norm(WEIGHT) * np.linalg.norm(found.tangent)
     scale += np.linalg.norm(found.gradient) * np.linalg.norm(VELOCITY)
-    return abs(forward - backward) / scale if scale > 0 else abs(forward - backward)
+    return float(abs(forward - backward) / (scale if scale > 0 else 1.0))
 
 
 def thickened(corners: np.ndarray) -> np.ndarray:
