@@ -262,6 +262,59 @@ def test_vmap_is_a_loop(mode):
         assert_near(jax.tree.map(lambda entry, at=number: entry[at], batch), alone)
 
 
+TRANSFORMATIONS = {
+    "grad of vmap": lambda draw, x, v: jax.grad(lambda x: (jax.vmap(draw)(x) ** 2).mean())(x),
+    "vmap of grad": lambda draw, x, v: jax.vmap(jax.grad(lambda x: (draw(x) ** 2).mean()))(x),
+    "jvp of vmap": lambda draw, x, v: jax.jvp(jax.vmap(draw), (x,), (v,))[1],
+    "linearize of vmap": lambda draw, x, v: jax.linearize(jax.vmap(draw), x)[1](v),
+    "vjp of vmap": lambda draw, x, v: jax.vjp(jax.vmap(draw), x)[1](jax.vmap(draw)(x))[0],
+}
+"""Of a function that draws one scene from one of its inputs, a batch of these, and a tangent."""
+
+
+def batch_of(mode: str, name: str) -> tuple[Any, Any, Any]:
+    """A function that draws, a batch of inputs for it, and a direction of each."""
+    scenes = [scene_of(MODES[mode].effects, seed=seed) for seed in range(2)]
+    plan = plan_of(mode, scenes)
+    fixed = scenes[0]
+
+    def draw(value: Any) -> Any:
+        scene = eqx.tree_at(lambda s: getattr(s, name), fixed, eqx.combine(value, rest))
+        return sr.render_checked(scene, plan)[0]
+
+    rest = eqx.filter(getattr(fixed, name), eqx.is_inexact_array, inverse=True)
+    batch = stack([eqx.filter(getattr(s, name), eqx.is_inexact_array) for s in scenes])
+    return draw, batch, jax.tree.map(jnp.ones_like, batch)
+
+
+@pytest.mark.parametrize("mode, name", rows())
+def test_every_transformation_of_a_batch_traces(mode, name):
+    """Traced, not run: JAX refuses some nestings of derivatives and batches when it traces them."""
+    draw, batch, direction = batch_of(mode, name)
+    for transformation in TRANSFORMATIONS.values():
+        for program in (transformation, jax.jit(transformation, static_argnums=0)):
+            jax.eval_shape(lambda x, v, p=program: p(draw, x, v), batch, direction)
+
+
+@pytest.mark.parametrize(
+    "mode",
+    [mode if mode in QUICK else pytest.param(mode, marks=pytest.mark.slow) for mode in MODES],
+)
+def test_gradients_of_a_batch_are_those_of_its_scenes(mode):
+    """The batch in one derivative, against one derivative for each scene."""
+    draw, batch, direction = batch_of(mode, "positions")
+    count = len(jax.tree.leaves(batch)[0])
+    slope = jax.jit(jax.grad(lambda x: (draw(x) ** 2).mean() / count))
+    alone = stack([slope(batch[number]) for number in range(count)])
+    for name in ("grad of vmap", "jvp of vmap"):
+        found = jax.jit(TRANSFORMATIONS[name], static_argnums=0)(draw, batch, direction)
+        if name == "grad of vmap":
+            assert_near(found, alone, 1e-6)
+        else:
+            moved = jax.jit(lambda x, v: jax.jvp(draw, (x,), (v,))[1])
+            assert_near(found, stack([moved(x, v) for x, v in zip(batch, direction, strict=True)]))
+
+
 def image_by_positions(row: Found):
     return lambda positions: sr.render_checked(replace(row.scene, positions=positions), row.plan)[0]
 

@@ -57,7 +57,8 @@ ATTRIBUTES = (
     "transform", "style", "fill", "stroke", "stroke-width", "stroke-linejoin", "stroke-linecap",
     "stroke-opacity", "fill-opacity", "opacity", "points", "width", "height", "viewBox", "display",
     "x", "stroke-miterlimit", "visibility", "color", "fill-rule", "preserveAspectRatio", "href",
-    "texid", "uvs", "colors", "filename", "data-fallback", "xmlns:svg", "stroke-dasharray", "rx", "x1",
+    "texid", "uvs", "colors", "filename", "data-fallback", "xmlns:svg", "stroke-dasharray", "rx",
+    "x1",
 )  # fmt: skip
 
 _NUMBER = re.compile(r"[0-9]++(?:\.[0-9]++)?+")
