@@ -178,25 +178,24 @@ def _regions(
     `names` are what errors call the contours.
     """
     contours = [_without_repeats(points) if len(points) > FEW else points for points in contours]
-    lengths = np.array([len(contour) for contour in contours])
     # What shrinks to a point or a segment and back has no inside.
-    areal = np.flatnonzero(lengths > 2)
-    if len(areal) < len(contours):
-        chosen = areal.tolist()
-        regions, owner = (
-            _regions(*([items[i] for i in chosen] for items in (contours, evenodd, names)), budget)
-            if chosen
-            else (np.zeros(0, object), np.zeros(0, np.int64))
-        )
-        return regions, areal[owner]
+    areal = np.flatnonzero([len(points) > 2 for points in contours])
+    chosen = areal.tolist()
+    contours, evenodd, names = (
+        [contours[i] for i in chosen],
+        [evenodd[i] for i in chosen],
+        [names[i] for i in chosen],
+    )
+    if not contours:
+        return np.zeros(0, object), np.zeros(0, np.int64)
+    lengths = np.array([len(contour) for contour in contours])
     doubled = {}
     for index in np.flatnonzero(lengths > FEW).tolist():
         starts, ends = distinct_edges(contours[index])
         charge_crossings(starts, ends, budget, names[index])
         if len(starts) < lengths[index]:
-            doubled[index] = shapely.multilinestrings(
-                shapely.linestrings(np.stack([starts, ends], axis=1))
-            )
+            edges: Any = shapely.linestrings(np.stack([starts, ends], axis=1))
+            doubled[index] = shapely.multilinestrings(edges)
     rings: Any = shapely.linearrings(
         np.concatenate(contours), indices=np.repeat(np.arange(len(contours)), lengths)
     )
@@ -214,7 +213,7 @@ def _regions(
     filled = np.where(np.array(evenodd, bool)[owner], winding % 2 != 0, winding != 0)
     owners = np.concatenate([np.flatnonzero(simple), owner[filled]])
     order = np.argsort(owners, kind="stable")
-    return np.concatenate([whole[simple], faces[filled]])[order], owners[order]
+    return np.concatenate([whole[simple], faces[filled]])[order], areal[owners[order]]
 
 
 def _without_repeats(contour: np.ndarray) -> np.ndarray:

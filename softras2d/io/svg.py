@@ -149,7 +149,7 @@ def _scene(
     if message := context.warning():
         warnings.warn(message, UserWarning, stacklevel=stacklevel)
     addressing = "corners" if dialect == "course" else "half_texel"
-    with _named(document):
+    with _named(document), np.errstate(over="ignore", invalid="ignore"):
         return _assembled(context, triangles, addressing, linear)
 
 

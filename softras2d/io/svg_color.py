@@ -89,8 +89,8 @@ def _srgb(color: Any) -> tuple[float, ...] | None:
     if color.space == "srgb-linear":
         return tuple(map(_encode, (part or 0.0 for part in color.coordinates)))
     if color.space in ("lab", "lch", "oklab", "oklch"):
-        near = (part and _limited(part, _FARTHEST) for part in color.coordinates)
-        color = tinycss2.color4.Color(color.space, list(near), color.alpha)
+        near = tuple(part and _limited(part, _FARTHEST) for part in color.coordinates)
+        color = tinycss2.color4.Color(color.space, near, color.alpha)
     if color.space in ("oklab", "oklch"):
         xyz = color.to("xyz-d65").coordinates
     elif color.space in ("lab", "lch"):
