@@ -6,6 +6,7 @@ gradient of a loss that is linear in the image needs no pixel of it, and the com
 image with its check. So the check hangs on derivatives too, in both directions.
 """
 
+import functools
 from typing import Any
 
 import equinox as eqx
@@ -59,9 +60,12 @@ def _poison(overflow: Array, x: Array) -> Array:
 
 def _between(image: Array, leaf: Array) -> tuple[Any, Any]:
     """NaN or 0 for every entry of the image, from a leaf's tangent; and the transpose."""
-    image, leaf = (jax.ShapeDtypeStruct(x.shape, x.dtype) for x in (image, leaf))
+    # Shapes alone: a linear map must not close over traced values.
+    forward = functools.partial(_fill, shape=image.shape, dtype=image.dtype)
+    backward = functools.partial(_fill, shape=leaf.shape, dtype=leaf.dtype)
+    return forward, backward
 
-    def fill(overflow: Array, like: jax.ShapeDtypeStruct) -> Array:
-        return jnp.broadcast_to(jnp.where(overflow, jnp.nan, 0.0).astype(like.dtype), like.shape)
 
-    return lambda overflow, _: fill(overflow, image), lambda overflow, _: fill(overflow, leaf)
+def _fill(overflow: Array, x: Array, shape: tuple[int, ...], dtype: Any) -> Array:
+    """An array of NaN where `overflow` is true, else of 0, whatever `x` is."""
+    return jnp.broadcast_to(jnp.where(overflow, jnp.nan, 0.0).astype(dtype), shape)

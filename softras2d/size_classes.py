@@ -103,4 +103,4 @@ def _append(array: Leaf, more: int, axis: int, value: int = 0) -> Leaf:
     longer = np.full(shape, value, host.dtype)
     longer[(slice(None),) * axis + (slice(host.shape[axis]),)] = host
     placed = isinstance(array, jax.Array) and array.committed
-    return jax.device_put(longer, array.sharding if placed else None)
+    return jax.device_put(longer, array.sharding if placed else None)  # pyright: ignore
