@@ -5,6 +5,7 @@ import re
 import numpy as np
 
 from .. import transforms
+from .budget import MAX_TRIANGLES
 from .svg_context import FALLBACK, SILENT, Context
 from .svg_document import Children
 from .svg_numbers import blank_separated, leading_float, number_pairs
@@ -187,12 +188,18 @@ class CourseReader:
             return
         display = self._context.display
         display.budget.charge("steps", len(columns) * len(rows))
-        # A few rows at a time, so that the triangles of all are not made before they are counted.
-        for block in range(0, len(rows), step := max(_PIXELS_AT_ONCE // len(columns), 1)):
+        # A few rows at a time, and no more than can be drawn: `add_pixels` refuses these.
+        step = max(_PIXELS_AT_ONCE // len(columns), 1)
+        rectangles, colors, count = [], [], 0
+        for block in range(0, len(rows), step):
             some, some_v = rows[block : block + step], v[block : block + step]
-            rectangles, colors = _merged(some, columns, _bilinear(picture, u, some_v))
-            opaque = np.concatenate([colors, np.ones((len(colors), 1))], axis=1)
-            display.add_pixels(rectangles, opaque)
+            places, shades = _merged(some, columns, _bilinear(picture, u, some_v))
+            rectangles.append(places)
+            colors.append(np.pad(shades, ((0, 0), (0, 1)), constant_values=1.0))
+            count += len(places)
+            if 2 * count > MAX_TRIANGLES:
+                break
+        display.add_pixels(np.concatenate(rectangles), np.concatenate(colors))
 
     def _frame(self, map3: np.ndarray) -> None:
         """The black outline of the drawing, moved out by a pixel across and in by one along."""
