@@ -214,6 +214,8 @@ def choose_capacity(
     fragments = max(one.fragments for one in counts)
     # Strips cost least of all: as many as pairs, or a quarter of them.
     few_strips = 4 * strips <= pairs
+    # Crossings cost a tenth of a gradient: closer than lists that cost nearly nothing.
+    most_runs = _in_proportion(crossings, need, capacity, halves=True)
     return Capacity(
         strips=max(entries // 4 if few_strips else entries, headroom.least_slots),
         pairs=max(entries, headroom.least_slots),
@@ -222,14 +224,18 @@ def choose_capacity(
         depth=_depth_class(max(int(one[0]) for one in chunks[layers]), headroom),
         steps=_size_class(_with_headroom(steps, headroom), _LEAST_STEPS, 0),
         fragments=_fragment_capacity(fragments, pixels, headroom),
-        crossings=max(_in_proportion(crossings, need, capacity), _LEAST_CROSSINGS),
+        crossings=max(most_runs, _LEAST_CROSSINGS),
     )
 
 
-def _in_proportion(need: int, whole_need: int, whole: int) -> int:
-    """Capacity for `need`, where `whole` is that for `whole_need`: a power of two times `whole`."""
+def _in_proportion(need: int, whole_need: int, whole: int, *, halves: bool = False) -> int:
+    """Capacity for `need`, where `whole` is that for `whole_need`: a power of two times `whole`.
+
+    With `halves`, three quarters of a power of two will do.
+    """
     ratio = max(need / whole_need, _LEAST_RATIO)
-    return int(whole * 2.0 ** math.ceil(math.log2(ratio)))
+    octave = 2.0 ** math.ceil(math.log2(ratio))
+    return int(whole * (0.75 * octave if halves and ratio <= 0.75 * octave else octave))
 
 
 def _slot_class(need: int, headroom: Headroom) -> int:

@@ -68,10 +68,17 @@ def _assert_prefix(padded, given, axis: int = 0) -> None:
 
 
 CASES = [
-    *((mode, "flat") for mode in MODES),
-    *(("hard", kind) for kind in KINDS[1:]),
-    ("soft", "depth"),
-    ("area", "textured"),
+    ("hard", "flat"),
+    ("area sum", "flat"),
+    *(
+        pytest.param(mode, kind, marks=pytest.mark.slow)
+        for mode, kind in (
+            *((mode, "flat") for mode in MODES if mode not in ("hard", "area sum")),
+            *(("hard", kind) for kind in KINDS[1:]),
+            ("soft", "depth"),
+            ("area", "textured"),
+        )
+    ),
 ]
 
 
@@ -91,6 +98,7 @@ def test_padding_changes_no_bit_of_image_and_gradient(mode, kind):
     _assert_prefix(_gradient(padded, plan), _gradient(scene, plan))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["hard", "soft", "area"])
 def test_second_order_products_of_padding_are_zero(mode):
     scene = sr.pad(_scene(20))
@@ -161,8 +169,8 @@ def _brightness(positions, scene: sr.Scene, plan: sr.Plan):
 
 def test_scenes_of_many_sizes_share_programs(count_compilations):
     with count_compilations() as compiled:
-        _random_sizes(12, 0, seed=1)
-    assert len(compiled) <= 6, compiled.names
+        _random_sizes(8, 0, seed=1)
+    assert len(compiled) <= 5, compiled.names
 
 
 def test_fits_of_like_size_share_programs(count_compilations):
