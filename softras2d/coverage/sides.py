@@ -3,9 +3,6 @@
 A corner a million pixels away has its last bit at a tenth of a pixel. That is what it is and no
 error, but a float product of two such numbers is: so the distance of the tile from the line is a
 cross product taken in twice the precision, once for each slot, and pixels add small steps to it.
-
-**Source:** Dekker, *A floating-point technique for extending the available precision* (Numerische
-Mathematik 18, 1971), for sums and products with their rounding errors.
 """
 
 from typing import Any, NamedTuple
@@ -14,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .. import safe
+from ..double_float import Pair, product_of, sum_of
 
 
 class Side(NamedTuple):
@@ -170,43 +168,23 @@ def share_slopes(shares: tuple[Row, Row, Row], slopes: tuple[Any, ...]) -> tuple
     )
 
 
-_Pair = tuple[Any, Any]
-"""A number and what was rounded off it."""
+def _difference(a: Any, b: Any) -> Pair:
+    """The exact difference of two floats."""
+    return sum_of(a, -b)
 
 
-def _difference(a: Any, b: Any) -> _Pair:
-    high = a - b
-    part = high - a
-    return high, (a - (high - part)) - (b + part)
+def _cross(a: tuple[Pair, ...], b: tuple[Pair, ...]) -> Any:
+    return _sum_of_products(a[0], b[1], a[1], b[0], -1.0)
 
 
-def _product(a: Any, b: Any) -> _Pair:
-    high = a * b
-    (a_high, a_low), (b_high, b_low) = _halves(a), _halves(b)
-    low = ((a_high * b_high - high) + a_high * b_low + a_low * b_high) + a_low * b_low
-    return high, low
+def _dot(a: tuple[Pair, ...], b: tuple[Pair, ...]) -> Any:
+    return _sum_of_products(a[0], b[0], a[1], b[1], 1.0)
 
 
-def _halves(x: Any) -> _Pair:
-    """Two numbers of half the digits that add up to x."""
-    digits = jnp.finfo(x.dtype).nmant + 1
-    spread = x * (2.0 ** (digits - digits // 2) + 1.0)
-    high = spread - (spread - x)
-    return high, x - high
-
-
-def _cross(a: tuple[_Pair, ...], b: tuple[_Pair, ...]) -> Any:
-    return _two_products(a[0], b[1], a[1], b[0], -1.0)
-
-
-def _dot(a: tuple[_Pair, ...], b: tuple[_Pair, ...]) -> Any:
-    return _two_products(a[0], b[0], a[1], b[1], 1.0)
-
-
-def _two_products(a: _Pair, b: _Pair, c: _Pair, d: _Pair, sign: float) -> Any:
+def _sum_of_products(a: Pair, b: Pair, c: Pair, d: Pair, sign: float) -> Any:
     """a b + sign c d."""
-    first, first_low = _product(a[0], b[0])
-    second, second_low = _product(sign * c[0], d[0])
+    first, first_low = product_of(a[0], b[0])
+    second, second_low = product_of(sign * c[0], d[0])
     high, low = _difference(first, -second)
     rest = (a[0] * b[1] + a[1] * b[0]) + sign * (c[0] * d[1] + c[1] * d[0])
     return high + (low + (first_low + second_low + rest))
