@@ -7,8 +7,9 @@ sum over crossings (`crossings.py`): each stands for the length of edge between 
 samples, its speed along the line is exact, and the jump of colour is that between the two samples.
 
 Of the triangles that show at the two samples the one in front owns the crossing; any other edge
-there is hidden by it. The sum is linear in the velocity of the vertices, so that one rule serves
-both directions of differentiation.
+there is hidden by it. A triangle so thin that neither sample shows it owns its crossings where the
+same triangle shows behind it on both sides. The sum is linear in the velocity of the vertices, so
+that one rule serves both directions of differentiation.
 
 **Source:** Li, Aittala, Durand and Lehtinen, *Differentiable Monte Carlo Ray Tracing through Edge
 Sampling* (ACM TOG 37(6), 2018), section 3.1, equation 6, for the integral; Laine et al., *Modular
@@ -24,9 +25,9 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float, Int
 
-from .compositing.front import Front, color_at, triangle_at
+from .compositing.front import Front, color_at, color_on_edge, triangle_at
 from .compositing.layered import Layers, addition
-from .coverage.depth import Depths, depth_at
+from .coverage.depth import Depths, depth_at, depth_on_edge
 from .crossings import LINES, Crossings, Sides, find_crossings, list_runs
 from .fixed_point import Edges, Grid
 from .shading import Surface
@@ -194,39 +195,46 @@ def _sweep(shape: Shape, outlines: Outlines, seen: Opaque | Layers) -> Sweep:
 def _opaque_jumps(
     shape: Shape, found: Crossings, seen: Opaque
 ) -> Float[Array, "channels lines runs"]:
-    """What shows inside less what shows outside, where the triangle inside is in front of both."""
+    """The colour of the edge's triangle less what shows outside, where that triangle is in front.
+
+    It shows at the sample inside; or, where it is thinner than the distance of samples, it lies
+    before the one triangle that shows on both sides of it, which then fills the gap between them.
+    """
     tiling = shape.tiling
     inner, outer = (
         triangle_at(seen.front, sample, tiling, depth=shape.depth)
         for sample in (found.inside, found.outside)
     )
 
-    nearer = None
+    depths = None
     if seen.depths is not None:
+        on_edge = depth_on_edge(seen.depths, found.edge, found.t)
+        owner = jnp.broadcast_to((found.edge // 3)[None], inner.shape)
         depth, behind = (
             depth_at(seen.depths, jnp.maximum(triangle, 0), found.outside, tiling)
-            for triangle in (inner, outer)
+            for triangle in (owner, outer)
         )
-        nearer = depth, behind
+        depths = on_edge, depth, behind
 
     @one_pass
-    def own(found, inner, outer, nearer):
+    def own(found, inner, outer, depths):
         owner = (found.edge // 3)[None]
-        in_front = outer < owner
-        if nearer is not None:
-            depth, behind = nearer
-            in_front = (outer < 0) | (depth < behind) | ((depth == behind) & in_front)
-        return found.live & (inner == owner) & in_front
+        covers_inside, before_outer = inner == owner, outer < owner
+        # Between two samples that show the same triangle behind it, a thinner one is seen.
+        thin = (inner == outer) & ~covers_inside
+        if depths is not None:
+            on_edge, depth, behind = depths
+            depth = jnp.where(covers_inside, depth, on_edge)
+            before_outer = (outer < 0) | (depth < behind) | ((depth == behind) & before_outer)
+        return found.live & (covers_inside | thin) & before_outer
 
     @one_pass
     def jump(owned, outwards, near, far):
         return jnp.where(owned[None], (near - far) * _per_pixel(outwards, tiling), 0.0)
 
-    tint = functools.partial(
-        color_at, seen.surface, seen.background, tiling=tiling, flat=shape.flat
-    )
-    owned = own(found, inner, outer, nearer)
-    near, far = tint(inner, found.inside), tint(outer, found.outside)
+    owned = own(found, inner, outer, depths)
+    near = color_on_edge(seen.surface, found.edge, found.t, tiling, flat=shape.flat)
+    far = color_at(seen.surface, seen.background, outer, found.outside, tiling, flat=shape.flat)
     return jump(owned, found.outwards, near, far)
 
 
@@ -247,7 +255,12 @@ def _layered_jumps(
         clear = jnp.where(far.through > 0, far.through, 1.0)
         part = jnp.minimum(near.through, far.through) / clear
         gain = far.gain * part[None] * _per_pixel(found.outwards, tiling)
-        return jnp.where((found.live & near.listed)[None], gain, 0.0)
+        counted = near.listed
+        if shape.flat and seen.depths is None:
+            # A triangle that covers neither sample is thinner than their distance: it is seen
+            # between them all the same. Its colour outside is known only if it has one.
+            counted = counted | ~far.listed
+        return jnp.where((found.live & counted)[None], gain, 0.0)
 
     return limit(found, add(found.inside), add(found.outside))
 

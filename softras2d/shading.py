@@ -186,16 +186,24 @@ def add_shade(
     `0..filter.anisotropy - 1`. Added here, since what is read of the texture is then not stored.
     """
     at = one_pass(_weights_at)(lanes.weights, lanes.corners.inverse_w, points)
+    read = read_on_lanes(surface, lanes, at, tiling)
+    return add_color(
+        total, at, lanes.corners, lanes.texture, surface.skin, read, shown=shown, probe=probe
+    )
 
-    def read(uv):
+
+def read_on_lanes(
+    surface: Surface, lanes: Lanes, at: Corner3, tiling: Tiling
+) -> Callable[[Array], Reading | None]:
+    """How the texture is read, as a function of (u, v), where the corners have the weights `at`."""
+
+    def read(uv: Array) -> Reading | None:
         if lanes.reading is not None or surface.skin is None:
             return lanes.reading
         seen = (at, uv)
         return _read_lanes(surface.skin, lanes.weights, lanes.corners, lanes.texture, seen, tiling)
 
-    return add_color(
-        total, at, lanes.corners, lanes.texture, surface.skin, read, shown=shown, probe=probe
-    )
+    return read
 
 
 def add_color(

@@ -1,13 +1,14 @@
-"""What shows at any one sample of an opaque scene."""
+"""What shows at any one sample of an opaque scene, and the colour of a triangle on its edge."""
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, UInt32
 
 from ..crossings import Sample
 from ..lists import Chunks
-from ..shading import Points, Surface, shade, view
+from ..shading import Points, Surface, add_color, in_space, read_on_lanes, shade, view
 from ..staging import one_pass
 from ..tiles import Tiling
 
@@ -105,3 +106,49 @@ def color_at(
     tile, points = locate(sample)
     color = shade(surface, view(surface, there.reshape(-1), tile, tiling), points, tiling)
     return behind(color.reshape(-1, *triangle.shape), triangle)
+
+
+def edge_weights(
+    edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
+) -> tuple[Array, Array, Array]:
+    """Weights of the three corners on edge `3 triangle + side`, where it is `t` along, 0..1."""
+    side = (edge % 3)[None]
+    start, end, zero = 1.0 - t, t, jnp.zeros_like(t)
+
+    def weight(corner: int) -> Array:
+        # Side k runs from corner k to the next.
+        at_end = jnp.where(side == (corner - 1) % 3, end, zero)
+        return jnp.where(side == corner, start, at_end)
+
+    return weight(0), weight(1), weight(2)
+
+
+def color_on_edge(
+    surface: Surface,
+    edge: Int[Array, " runs"],
+    t: Float[Array, "lines runs"],
+    tiling: Tiling,
+    *,
+    flat: bool,
+) -> Float[Array, "channels lines runs"]:
+    """Premultiplied colour of each edge's own triangle on it, where it is `t` along, 0..1.
+
+    The edge itself is the one line on which a triangle thinner than the distance of samples has a
+    colour that no extrapolation is needed for.
+    """
+    triangle = jnp.broadcast_to((edge // 3)[None], t.shape)
+    if flat:
+        return one_pass(lambda color, at: color[0][:, at])(surface.corners.color, triangle)
+    lane = triangle.reshape(-1)
+    first, second, third = (entry.reshape(-1) for entry in one_pass(edge_weights)(edge, t))
+    lanes = view(surface, lane, jnp.zeros_like(lane), tiling)
+    at = one_pass(in_space)((first, second, third), lanes.corners.inverse_w)
+
+    def add_probe(total: Array, probe: Array) -> tuple[Array, None]:
+        read = read_on_lanes(surface, lanes, at, tiling)
+        added = add_color(total, at, lanes.corners, lanes.texture, surface.skin, read, probe=probe)
+        return added, None
+
+    probes = jnp.arange(surface.filter.anisotropy, dtype=jnp.int32)
+    none_yet = jnp.zeros((surface.channels, lane.shape[0]), surface.corners.color.dtype)
+    return jax.lax.scan(add_probe, none_yet, probes)[0].reshape(-1, *t.shape)

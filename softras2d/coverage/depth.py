@@ -97,6 +97,20 @@ def depth_at(
     return measure(depths, triangle, sample)
 
 
+def depth_on_edge(
+    depths: Depths, edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
+) -> Float[Array, "lines runs"]:
+    """Depth on edge `3 triangle + side` of a triangle, where it is `t` along, 0..1."""
+
+    @one_pass
+    def mix(depth, edge, t):
+        # From `[3, triangles]` to the order of edges.
+        start, end = (ends.T.reshape(-1)[edge] for ends in (depth, jnp.roll(depth, -1, 0)))
+        return start[None] + t * (end - start)[None]
+
+    return mix(depths.depth, edge, t)
+
+
 def _measure(
     weights: Weights, corner: Float[Array, "3 block"], tiling: Tiling
 ) -> Float[Array, "sample_columns lines"]:
