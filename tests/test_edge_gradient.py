@@ -246,3 +246,56 @@ def test_a_picture_has_no_slopes_in_its_program():
     total = weighted_sum(scene, plan, weights_of(scene))
     program = jax.jit(jax.grad(total))
     assert "edge_slopes" in str(program.lower(scene.positions).compile().as_text())
+
+
+def thin_things(seed: int, kind: str, corners: int) -> sr.Scene:
+    """Nine triangles that do not touch each other, each in its own square of 8 pixels."""
+    rng = np.random.default_rng(seed)
+    grid = np.stack(np.meshgrid(np.arange(3), np.arange(3)), -1).reshape(-1, 1, 2)
+    centre = (grid + 0.5) * 8 + rng.uniform(-0.5, 0.5, (9, 1, 2))
+    if kind == "sliver":
+        angle = rng.uniform(0, 2 * np.pi, (9, 1))
+        along = np.stack([np.cos(angle), np.sin(angle)], -1)
+        across = np.stack([-along[..., 1], along[..., 0]], -1)
+        shape = (
+            np.array([-3.0, 3.0, 0.5])[:, None] * along + np.array([0, 0, 0.1])[:, None] * across
+        )
+    else:
+        angle = rng.uniform(0, 2 * np.pi, (9, 1)) + np.arange(3) * 2 * np.pi / 3
+        shape = np.stack([np.cos(angle), np.sin(angle)], -1) / np.sqrt(3)
+    colors = rng.random((9, corners, 3))
+    return sr.Scene.from_soup((centre + shape).astype(np.float32), colors, background=[1, 1, 1])
+
+
+@pytest.mark.parametrize("corners", [1, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind, most", [("pixel", 0.02), ("sliver", 0.1)])
+def test_thin_triangles_have_the_whole_gradient(kind, most, corners):
+    """Sides of a pixel, and slivers a tenth of a pixel high: the scale to the quadrature is 1.
+
+    An edge between two samples that both miss the triangle must count, or the scale falls to 0.85
+    and 0.47.
+    """
+    scenes = [thin_things(seed, kind, corners) for seed in range(8)]
+    plan = sr.plan(scenes, height=24, width=24, coverage=sr.Hard(16))
+    product, square = 0.0, 0.0
+    for seed, scene in enumerate(scenes):
+        # One weight for each square: what a single triangle moves is what is measured.
+        rng = np.random.default_rng(seed)
+        weights = rng.normal(size=(3, 3, 3)).repeat(8, 0).repeat(8, 1).astype(np.float32)
+        found = np.asarray(gradient_of(scene, plan, weights), np.float64)
+        true = edge_oracle.position_gradient(scene, weights)
+        product, square = product + (found * true).sum(), square + (true**2).sum()
+    assert product / square == pytest.approx(1.0, abs=most)
+
+
+def test_a_thin_triangle_under_glass_and_over_colour():
+    """Also where layers are composited: a sliver between two samples of a translucent scene."""
+    scene = thin_things(1, "sliver", 1)
+    colors = np.concatenate([np.asarray(scene.colors), np.full((9, 1, 1), 0.6, np.float32)], -1)
+    scene = replace(scene, colors=jnp.asarray(colors))
+    plan = sr.plan(scene, height=24, width=24, coverage=sr.Hard(16))
+    weights = np.random.default_rng(2).normal(size=(3, 3, 3)).repeat(8, 0).repeat(8, 1)
+    found = gradient_of(scene, plan, weights.astype(np.float32))
+    true = edge_oracle.position_gradient(scene, weights)
+    scale = (np.asarray(found) * true).sum() / (true**2).sum()
+    assert scale == pytest.approx(1.0, abs=0.1)
