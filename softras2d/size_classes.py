@@ -7,7 +7,7 @@ NumPy: an operation of JAX on host data would compile a small program for each s
 """
 
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import jax
 import numpy as np
@@ -18,8 +18,6 @@ from .scene import Scene
 _FEW = (64, 512, 2048)
 """Size classes of triangles. Beyond the last they are powers of two: with 2,000 triangles the
 padding of a class four times as large starts to cost time."""
-
-Leaf = TypeVar("Leaf", bound=Any)
 
 
 def pad(scene: Scene) -> Scene:
@@ -93,7 +91,7 @@ def _next_power(count: int) -> int:
     return 1 << (count - 1).bit_length()
 
 
-def _append(array: Leaf, more: int, axis: int, value: int = 0) -> Leaf:
+def _append(array: Any, more: int, axis: int, value: int = 0) -> Any:
     """`array` with `more` entries of `value` behind, on the device where it was; None stays."""
     if array is None or more == 0:
         return array
