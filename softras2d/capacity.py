@@ -75,18 +75,22 @@ class Headroom(NamedTuple):
     - `merge_cost`: cost of merging one chunk, in slots.
     - `share`: one over the share of a need that is added to it.
     - `least_slots`: slots that every plan has.
-    - `coarse_slots`: up to so many slots, size classes are whole octaves; above, halves of them.
+    - `coarse_slots`: up to so many slots, their size classes are whole octaves; above, halves.
+    - `small_slots`: up to so many slots, the other lists are in proportion to them.
     """
 
     merge_cost: int
     share: int
     least_slots: int
     coarse_slots: int
+    small_slots: int
 
 
-HARD_HEADROOM = Headroom(merge_cost=1, share=8, least_slots=2**12, coarse_slots=2**14)
-FADING_HEADROOM = Headroom(merge_cost=2, share=16, least_slots=2**11, coarse_slots=0)
-"""Less than for pictures, as a gradient computes several times as much for each slot."""
+HARD_HEADROOM = Headroom(
+    merge_cost=1, share=16, least_slots=2**12, coarse_slots=2**14, small_slots=2**14
+)
+FADING_HEADROOM = Headroom(merge_cost=2, share=16, least_slots=2**11, coarse_slots=0, small_slots=0)
+"""Finer classes than for pictures, as a gradient computes several times as much for each slot."""
 
 VARYING_HEADROOM = FADING_HEADROOM._replace(merge_cost=1)
 """Where colours vary within a triangle a slot costs more, and a chunk by comparison less."""
@@ -99,7 +103,7 @@ _LEAST_STEPS, _LEAST_CROSSINGS, _LEAST_FRAGMENTS = 32, 2**14, 2**12
 them."""
 
 _LEAST_DEPTH, _COARSE_DEPTH = 4, 16
-"""Least `Capacity.depth`, and that of scenes whose size classes are whole octaves."""
+"""Least `Capacity.depth`, and that of small scenes."""
 
 _LEAST_RATIO = 0.25
 """Least capacity of a list that has one in proportion to the slots."""
@@ -223,14 +227,17 @@ def choose_capacity(
     steps = max(int(one.listed[::BLOCK].sum()) for one in counts) if in_order else 0
     fragments = max(one.fragments for one in counts)
     # Strips cost least of all: as many as pairs, or a quarter of them.
-    few_strips = 4 * strips <= pairs
+    many_strips = entries // 4 if 4 * strips <= pairs else entries
     # Crossings cost a tenth of a gradient: closer than lists that cost nearly nothing.
     runs = _in_proportion(crossings, need, capacity, halves=True)
-    if capacity > headroom.coarse_slots:
+    if capacity > headroom.small_slots:
         # Large scenes run for longer than they compile: classes of their own.
-        runs = _size_class(_with_headroom(crossings, headroom), _LEAST_CROSSINGS, 0)
+        runs, entries, many_strips = (
+            _size_class(_with_headroom(number, headroom), 1, 0)
+            for number in (crossings, pairs, strips)
+        )
     return Capacity(
-        strips=max(entries // 4 if few_strips else entries, headroom.least_slots),
+        strips=max(many_strips, headroom.least_slots),
         pairs=max(entries, headroom.least_slots),
         layers=layers,
         chunks=capacity // layers,
@@ -258,7 +265,7 @@ def _slot_class(need: int, headroom: Headroom) -> int:
 
 def _depth_class(need: int, slots: int, headroom: Headroom) -> int:
     """The fullest tile varies most from scene to scene and costs least: whole octaves."""
-    if slots <= headroom.coarse_slots:
+    if slots <= headroom.small_slots:
         need = max(need, _COARSE_DEPTH)
     return max(1 << (need - 1).bit_length(), _LEAST_DEPTH) if need else _LEAST_DEPTH
 
