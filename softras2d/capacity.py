@@ -64,26 +64,22 @@ class Headroom(NamedTuple):
     - `merge_cost`: cost of merging one chunk, in slots.
     - `share`: one over the share of a need that is added to it.
     - `least_slots`: slots that every plan has.
-    - `coarse_slots`: up to so many slots, size classes are whole octaves; above, halves of them.
-    - `least_depth`, `depth_octaves`: the first size class of `Capacity.depth`, and octaves from one
-      to the next.
+    - `coarse_slots`: up to so many slots, their size classes are whole octaves; above, halves.
+    - `small_slots`: up to so many slots, the other lists are in proportion to them.
     """
 
     merge_cost: int
     share: int
     least_slots: int
     coarse_slots: int
-    least_depth: int
-    depth_octaves: int
+    small_slots: int
 
 
 HARD_HEADROOM = Headroom(
-    merge_cost=1, share=8, least_slots=2**12, coarse_slots=2**14, least_depth=16, depth_octaves=2
+    merge_cost=1, share=16, least_slots=2**12, coarse_slots=2**14, small_slots=2**14
 )
-FADING_HEADROOM = Headroom(
-    merge_cost=2, share=16, least_slots=2**11, coarse_slots=2**11, least_depth=8, depth_octaves=1
-)
-"""Less than for pictures, as a gradient computes several times as much for each slot."""
+FADING_HEADROOM = Headroom(merge_cost=2, share=16, least_slots=2**11, coarse_slots=0, small_slots=0)
+"""Finer classes than for pictures, as a gradient computes several times as much for each slot."""
 
 VARYING_HEADROOM = FADING_HEADROOM._replace(merge_cost=1)
 """Where colours vary within a triangle a slot costs more, and a chunk by comparison less."""
@@ -94,6 +90,9 @@ _LAYERS = (2, 4, 8)
 _LEAST_STEPS, _LEAST_CROSSINGS, _LEAST_FRAGMENTS = 32, 2**14, 2**12
 """Capacities that every plan has: they cost next to nothing, and small scenes share programs by
 them."""
+
+_LEAST_DEPTH, _COARSE_DEPTH = 4, 16
+"""Least `Capacity.depth`, and that of small scenes."""
 
 _LEAST_RATIO = 0.25
 """Least capacity of a list that has one in proportion to the slots."""
@@ -207,24 +206,31 @@ def choose_capacity(
         layers = _LAYERS[0]
     need = max(slots[layers], 1)
     capacity = _slot_class(need, headroom)
-    strips, pairs = (max(one[k] for one in counts) for k in (0, 1))
+    strips = max(one.strips for one in counts)
+    pairs = max(one.pairs for one in counts)
     entries = _in_proportion(max(strips, pairs), need, capacity)
     crossings = max(one.crossings for one in counts)
     steps = max(int(one.listed[::BLOCK].sum()) for one in counts) if in_order else 0
     fragments = max(one.fragments for one in counts)
     # Strips cost least of all: as many as pairs, or a quarter of them.
-    few_strips = 4 * strips <= pairs
+    many_strips = entries // 4 if 4 * strips <= pairs else entries
     # Crossings cost a tenth of a gradient: closer than lists that cost nearly nothing.
-    most_runs = _in_proportion(crossings, need, capacity, halves=True)
+    runs = _in_proportion(crossings, need, capacity, halves=True)
+    if capacity > headroom.small_slots:
+        # Large scenes run for longer than they compile: classes of their own.
+        runs, entries, many_strips = (
+            _size_class(_with_headroom(number, headroom), 1, 0)
+            for number in (crossings, pairs, strips)
+        )
     return Capacity(
-        strips=max(entries // 4 if few_strips else entries, headroom.least_slots),
+        strips=max(many_strips, headroom.least_slots),
         pairs=max(entries, headroom.least_slots),
         layers=layers,
         chunks=capacity // layers,
-        depth=_depth_class(max(int(one[0]) for one in chunks[layers]), headroom),
+        depth=_depth_class(max(int(one[0]) for one in chunks[layers]), capacity, headroom),
         steps=_size_class(_with_headroom(steps, headroom), _LEAST_STEPS, 0),
         fragments=_fragment_capacity(fragments, pixels, headroom),
-        crossings=max(most_runs, _LEAST_CROSSINGS),
+        crossings=max(runs, _LEAST_CROSSINGS),
     )
 
 
@@ -243,10 +249,11 @@ def _slot_class(need: int, headroom: Headroom) -> int:
     return _size_class(wanted, headroom.least_slots, headroom.coarse_slots)
 
 
-def _depth_class(need: int, headroom: Headroom) -> int:
+def _depth_class(need: int, slots: int, headroom: Headroom) -> int:
     """The fullest tile varies most from scene to scene and costs least: whole octaves."""
-    octaves = max(math.ceil(math.log2(max(need, 1) / headroom.least_depth)), 0)
-    return headroom.least_depth << -(-octaves // headroom.depth_octaves) * headroom.depth_octaves
+    if slots <= headroom.small_slots:
+        need = max(need, _COARSE_DEPTH)
+    return max(1 << (need - 1).bit_length(), _LEAST_DEPTH) if need else _LEAST_DEPTH
 
 
 def _fragment_capacity(need: int, pixels: int, headroom: Headroom) -> int:

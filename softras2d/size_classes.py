@@ -6,9 +6,9 @@ one vertex three times is such padding, in every mode (`fixed_point.corners_of`)
 NumPy: an operation of JAX on host data would compile a small program for each shape too.
 """
 
-from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 from jax.core import Tracer
@@ -18,8 +18,6 @@ from .scene import Scene
 _FEW = (64, 512, 2048)
 """Size classes of triangles. Beyond the last they are powers of two: with 2,000 triangles the
 padding of a class four times as large starts to cost time."""
-
-Leaf = TypeVar("Leaf", bound=Any)
 
 
 def pad(scene: Scene) -> Scene:
@@ -46,15 +44,21 @@ def pad(scene: Scene) -> Scene:
     axis = len(batch)
     more_triangles = _triangle_class(triangles) - triangles
     more_vertices = _vertex_class(vertices, triangles, triangles + more_triangles) - vertices
-    return replace(
+    ends = {
+        "positions": (more_vertices, 0),
+        "triangles": (more_triangles, 0),
+        "colors": (more_triangles, 0),
+        "uv": (more_triangles, 0),
+        "texture_index": (more_triangles, -1),
+        "depth": (more_vertices, 0),
+        "inverse_w": (more_vertices, 1),
+    }
+    names = [name for name in ends if getattr(scene, name) is not None]
+    # `dataclasses.replace` would call the constructor, which takes no batch.
+    return eqx.tree_at(
+        lambda scene: [getattr(scene, name) for name in names],
         scene,
-        positions=_append(scene.positions, more_vertices, axis),
-        triangles=_append(scene.triangles, more_triangles, axis),
-        colors=_append(scene.colors, more_triangles, axis),
-        uv=_append(scene.uv, more_triangles, axis),
-        texture_index=_append(scene.texture_index, more_triangles, axis, -1),
-        depth=_append(scene.depth, more_vertices, axis),
-        inverse_w=_append(scene.inverse_w, more_vertices, axis, 1),
+        [_append(getattr(scene, name), *ends[name], axis) for name in names],
     )
 
 
@@ -93,9 +97,9 @@ def _next_power(count: int) -> int:
     return 1 << (count - 1).bit_length()
 
 
-def _append(array: Leaf, more: int, axis: int, value: int = 0) -> Leaf:
-    """`array` with `more` entries of `value` behind, on the device where it was; None stays."""
-    if array is None or more == 0:
+def _append(array: Any, more: int, value: int, axis: int) -> Any:
+    """`array` with `more` entries of `value` behind, on the device where it was."""
+    if more == 0:
         return array
     host = np.asarray(array)
     shape = list(host.shape)
