@@ -15,8 +15,8 @@ from jax.core import Tracer
 
 from .scene import Scene
 
-_FEW = (64, 512, 2048)
-"""Size classes of triangles. Beyond the last they are powers of two: with 2,000 triangles the
+_FEW = (64, 1024)
+"""Size classes of triangles. Beyond the last they are powers of two: with 1,000 triangles the
 padding of a class four times as large starts to cost time."""
 
 
@@ -26,7 +26,7 @@ def pad(scene: Scene) -> Scene:
     The image is the same to the last bit, and so are the gradients of the given entries; those of
     the appended ones are zero. Appended triangles come last in draw order and name vertex 0 three
     times, which covers nothing whatever becomes of that vertex. Vertices are padded too; textures
-    are kept. Triangles number 64, 512, 2048 or a higher power of two.
+    are kept. Triangles number 64, 1024 or a higher power of two.
 
     `render` does this by itself for concrete scenes, and a plan is the same for both. Within a
     `jit` of your own the shapes are what comes in: pad outside, once, and optimise the padded

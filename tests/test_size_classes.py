@@ -135,12 +135,12 @@ def test_a_batch_is_padded_and_shapes_are_classes():
             np.testing.assert_array_equal(ours, alone)
     assert sr.pad(padded) is not batch
     assert sr.pad(padded).triangles is padded.triangles
-    counts = [sr.pad(_scene(count)).triangles.shape[0] for count in (1, 65, 513, 2049, 5000)]
-    assert counts == [64, 512, 2048, 4096, 8192]
+    counts = [sr.pad(_scene(count)).triangles.shape[0] for count in (1, 65, 1025, 2049, 5000)]
+    assert counts == [64, 1024, 2048, 4096, 8192]
     shared = sr.Scene.from_mesh(
         np.zeros((40, 2), np.float32), np.zeros((70, 3), np.int32), triangle_colors=np.ones((70, 3))
     )
-    assert sr.pad(shared).positions.shape == (512, 2)
+    assert sr.pad(shared).positions.shape == (1024, 2)
 
 
 def test_an_empty_scene_stays_and_a_traced_one_is_refused():
