@@ -96,8 +96,12 @@ class LayersFit:
         loss: Loss,
         solver: Solver,
         seed: int,
+        length: int | None = None,
     ):
+        """`length`: triangles of the arrays, of a saved fit; by default a size class, so that fits
+        of like size share programs. What is beyond `most` waits outside for good."""
         self.choice, self.loss, self.solver = choice, loss, solver
+        self.length = fine_class(choice.triangles) if length is None else length
         self.target, self.weights = target, weights
         self.height, self.width = target.shape[:2]
         self.rng = np.random.default_rng(seed)
@@ -122,12 +126,6 @@ class LayersFit:
     def most(self) -> int:
         """Triangles that there may be."""
         return self.choice.triangles
-
-    @property
-    def length(self) -> int:
-        """Triangles of the arrays: a size class, so that fits of like size share programs. What is
-        beyond `most` waits outside for good."""
-        return fine_class(self.choice.triangles)
 
     @property
     def _aside(self) -> float:

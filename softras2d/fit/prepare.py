@@ -49,7 +49,8 @@ def make_course(
             settings["softness"], solve,
             frame.shrink(begin) if isinstance(begin, Scene) else begin, exchange, tuned,
         )  # fmt: skip
-        return LayersFit(small, weights, choice, loss, solver, settings["seed"])
+        length = None if resume is None else snapshot.layers_length(resume.state)
+        return LayersFit(small, weights, choice, loss, solver, settings["seed"], length)
     models: dict[str, Colors] = {"flat": "triangle", "gouraud": "vertex", "linear": "linear"}
     colors = models[settings["shading"]]
     begin = settings["start"] if resume is None else snapshot.mesh_of(resume.state)

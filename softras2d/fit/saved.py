@@ -15,6 +15,7 @@ import optimistix as optx
 
 from ..device import to_device
 from ..scene import Scene, check
+from ..size_classes import fine_class
 from . import choices
 from .frame import Frame
 from .layers import Layers
@@ -60,6 +61,11 @@ class Entries:
 
     def __contains__(self, name: str) -> bool:
         return name in self._left
+
+    def length(self, name: str) -> int | None:
+        """Size of an entry's first axis, without taking it; None if it has none."""
+        shape = np.shape(self._left.get(name, ()))
+        return shape[0] if shape else None
 
     def take(self, name: str, dtype: Any, shape: tuple[int | str, ...]) -> np.ndarray:
         """The array of that type and shape, in which a word is any size."""
@@ -233,7 +239,11 @@ def _read_layers(
     entries: Entries, settings: dict[str, Any], channels: int, prefix: str
 ) -> list[tuple[int, ...]]:
     """What only layers have; the shapes of their unknowns."""
-    count, corners = settings["triangles"], 1 if settings["shading"] == "flat" else 3
+    corners = 1 if settings["shading"] == "flat" else 3
+    count = settings["triangles"]
+    # Earlier files have arrays of that many triangles, later ones of a size class.
+    if entries.length("solve.0") == fine_class(count):
+        count = fine_class(count)
     shapes: list[tuple[int, ...]] = [(count, 3, 2), (count, corners, 3)]
     shapes += [(count,)] if settings["translucent"] else []
     entries.finite("beyond", np.float64, (), low=0.0)

@@ -87,6 +87,11 @@ def restore(course: Either, held: dict[str, np.ndarray]) -> int:
     return steps
 
 
+def layers_length(held: dict[str, Any]) -> int:
+    """Triangles in the arrays of a saved fit of layers: as many as asked for, or a size class."""
+    return len(held["solve.0"])
+
+
 def mesh_of(held: dict[str, Any], name: str = "mesh") -> Mesh:
     """The mesh of a fit of one."""
     return Mesh(*(held[f"{name}.{entry}"] for entry in Mesh._fields))
