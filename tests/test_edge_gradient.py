@@ -61,7 +61,7 @@ def cosine(a, b) -> float:
 
 OPAQUE = ("flat", "g", "d", "gp", "b")
 NEARNESS = [("flat", 16, 0.98)]
-FINE = [(kind, 256, 0.9975) for kind in OPAQUE]
+FINE = [(kind, 256, 0.997) for kind in OPAQUE]
 FINE += [("ga", 4, 0.9), ("a", 64, 0.99), ("ad", 64, 0.99)]
 
 
