@@ -116,6 +116,6 @@ def test_depth_and_colors_of_any_size(name, temperature):
     forward = float((tangent * weight).sum())
     assert forward == pytest.approx(backward, abs=1e-4 * float(np.abs(tangent * weight).sum()))
     if color == 1 and temperature == 0.01:
-        # A mixture reacts to depth by one over the temperature, so this is for a mild one. A triangle
-        # that takes a pixel by itself moves it no further for being deep.
+        # A mixture reacts to depth by one over the temperature, so this is for a mild one: a
+        # triangle that takes a pixel by itself moves it no further for being deep.
         assert np.abs(found.gradient.positions).max() < 100
