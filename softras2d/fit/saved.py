@@ -242,7 +242,7 @@ def _read_layers(
     corners = 1 if settings["shading"] == "flat" else 3
     count = settings["triangles"]
     # Earlier files have arrays of that many triangles, later ones of a size class.
-    if entries.length("solve.0") == fine_class(count):
+    if entries.length("solve.0") != count:
         count = fine_class(count)
     shapes: list[tuple[int, ...]] = [(count, 3, 2), (count, corners, 3)]
     shapes += [(count,)] if settings["translucent"] else []
