@@ -1,7 +1,7 @@
-"""What callers give as colours: bytes are refused where they show, and warned of where they may be.
+"""Detects colours given as bytes in 0..255: certain cases are errors, likely ones are warnings.
 
-Black is 0 and white is 1 everywhere in the package. Integers above 1 can only be bytes. Floats may
-mean light brighter than white, so they are drawn as they are.
+Black is 0 and white is 1 everywhere in the package. Integers above 1 can only be bytes, so they are
+refused. Floats above 1 may mean light brighter than white, so they are drawn as they are.
 """
 
 import sys
@@ -17,9 +17,9 @@ _PACKAGE = str(Path(__file__).parent)
 
 
 def check_whole_colors(what: str, colors: Any) -> None:
-    """Raise `ValueError`, which begins with `what`, for integer colours above 1.
+    """Raise `ValueError` for integer colours above 1; the message begins with `what`.
 
-    Under a trace values are not known: unsigned integers are refused there, as bytes.
+    Under a trace values are not known, so all unsigned integers are refused there as bytes.
     """
     if not jnp.issubdtype(colors.dtype, jnp.integer):
         return
@@ -32,9 +32,10 @@ def check_whole_colors(what: str, colors: Any) -> None:
 
 
 def warn_of_bytes(arrays: dict[str, Any]) -> None:
-    """One `UserWarning` that names the arrays, by name, in which all colours look like bytes.
+    """Warn once, naming every array in which all colours look like bytes.
 
-    Floats `[..., 3 or 4]` do if all are whole numbers in 0..255, and one is above 1.5.
+    `arrays` maps names to colours `[..., 3 or 4]`. They look like bytes if red, green and blue are
+    whole numbers in 0..255, and the largest is above 1.5.
     """
     names = [name for name, colors in arrays.items() if _look_like_bytes(colors)]
     if names:
@@ -50,14 +51,14 @@ def _look_like_bytes(colors: Any) -> bool:
     if isinstance(colors, Tracer):
         return False
     rgb = np.asarray(colors)[..., :3]
-    # The maximum first: it settles the matter for nearly all that is given.
+    # The maximum is tested first: it decides nearly all cases.
     return bool(
         rgb.size and 1.5 < rgb.max() <= 255 and rgb.min() >= 0 and (rgb == np.floor(rgb)).all()
     )
 
 
 def _level_of_caller() -> int:
-    """The `stacklevel`, for the caller of this function, of the first frame outside the package."""
+    """The `stacklevel` of the first frame outside the package, for a warning by the caller."""
     level, frame = 1, sys._getframe(1)
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         level, frame = level + 1, frame.f_back

@@ -1,9 +1,9 @@
-"""The one place where arrays on the host become arrays of JAX.
+"""Moves arrays from the host to JAX without compiling anything; no other module does this.
 
 `jnp.asarray` of a NumPy array compiles a program for every shape, as do casts, reshapes and
-indexing of concrete JAX arrays: 8 ms and 1.4 MB each, kept for the life of the process. So what is
-concrete is prepared in NumPy, and `to_device` hands it over by `jax.device_put`, which compiles
-nothing.
+indexing of concrete JAX arrays. Each such program takes 8 ms and 1.4 MB, and stays for the life of
+the process. So concrete arrays are prepared in NumPy, and `to_device` passes them to JAX by
+`jax.device_put`, which compiles nothing.
 """
 
 from typing import Any
@@ -16,10 +16,10 @@ from jaxtyping import Array
 
 
 def to_device(value: Any, dtype: Any = None) -> Array:
-    """A JAX array of `value`, as `dtype` if one is given; nothing is compiled for host arrays.
+    """A JAX array of `value`, cast to `dtype` if given; host arrays compile nothing.
 
-    JAX arrays and tracers that have that dtype already are returned as they are. Without
-    `jax_enable_x64`, 64-bit numbers become 32-bit ones, as `jnp.asarray` makes them.
+    JAX arrays and tracers that already have that dtype are returned as they are. Without
+    `jax_enable_x64`, 64-bit numbers become 32-bit numbers, as with `jnp.asarray`.
     """
     dtype = None if dtype is None else jax.dtypes.canonicalize_dtype(dtype)
     if isinstance(value, jax.Array) and dtype in (None, value.dtype):
@@ -28,14 +28,14 @@ def to_device(value: Any, dtype: Any = None) -> Array:
         return value.astype(dtype)
     host = np.asarray(value)
     wanted = jax.dtypes.canonicalize_dtype(host.dtype) if dtype is None else dtype
-    # Always a copy: on a CPU the device may share the memory that it is given, and what a caller
-    # does to an array of theirs later must not show.
+    # Always a copy: on a CPU, JAX may share the memory of the NumPy array, and later changes that
+    # callers make to their arrays must not change the scene.
     with np.errstate(over="ignore"):
         return jax.device_put(np.array(host, wanted))
 
 
 def to_host(value: Any) -> Any:
-    """A NumPy array of what is concrete, in which steps cost no compilation; tracers stay."""
+    """A NumPy array of a concrete value, so that later operations compile nothing; tracers stay."""
     if isinstance(value, Tracer):
         return value
     if isinstance(value, list | tuple) and _is_traced(value):

@@ -1,9 +1,9 @@
-"""What happens to an image, and to its derivatives, when a scene outgrows its plan under a trace.
+"""Raises an error, when a compiled program runs, for a scene that has outgrown its plan.
 
-Where values are known, `render` raises an error. Under a trace the program has to raise it when it
-runs. An error that hangs on the image alone is lost where only derivatives are asked for: the
-gradient of a loss that is linear in the image needs no pixel of it, and the compiler drops the
-image with its check. So the check hangs on derivatives too, in both directions.
+Where values are known, `render` raises the error itself. Under a trace the compiled program must
+raise it. A check that only the image depends on is lost where only derivatives are asked for: the
+gradient of a loss that is linear in the image needs no pixel of it, so the compiler removes the
+image together with its check. Therefore tangents and cotangents depend on the check too.
 """
 
 import functools
@@ -24,10 +24,11 @@ def refuse_overflow(
     overflow: Bool[Array, ""],
     message: str,
 ) -> Float[Array, "height width channels"]:
-    """The image; where `overflow` is true, an error when the program runs, and NaN everywhere.
+    """Return `image`, or raise `message` when the program runs if `overflow` is true.
 
-    The image is NaN, and so is its derivative with respect to every float of `scene`, forwards and
-    backwards, whatever the loss is. Nothing else changes a bit of either.
+    On overflow the image is also NaN everywhere, and so is its derivative with respect to every
+    float of `scene`, forwards and backwards, whatever the loss is. Without overflow neither the
+    image nor any derivative changes by a bit.
     """
     floats = [leaf for leaf in jax.tree.leaves(scene) if eqx.is_inexact_array(leaf)]
     return _poison_if(image, floats, eqx.error_if(overflow, overflow, message))
@@ -59,13 +60,16 @@ def _poison(overflow: Array, x: Array) -> Array:
 
 
 def _between(image: Array, leaf: Array) -> tuple[Any, Any]:
-    """NaN or 0 for every entry of the image, from a leaf's tangent; and the transpose."""
-    # Shapes alone: a linear map must not close over traced values.
+    """The linear map from a tangent of `leaf` to one of `image`, and its transpose.
+
+    Both return NaN everywhere on overflow, and otherwise zeros.
+    """
+    # Only shapes are bound: a linear map must not close over traced values.
     forward = functools.partial(_fill, shape=image.shape, dtype=image.dtype)
     backward = functools.partial(_fill, shape=leaf.shape, dtype=leaf.dtype)
     return forward, backward
 
 
 def _fill(overflow: Array, x: Array, shape: tuple[int, ...], dtype: Any) -> Array:
-    """An array of NaN where `overflow` is true, else of 0, whatever `x` is."""
+    """An array full of NaN if `overflow` is true, else full of 0; the values of `x` are ignored."""
     return jnp.broadcast_to(jnp.where(overflow, jnp.nan, 0.0).astype(dtype), shape)

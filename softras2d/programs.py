@@ -1,7 +1,7 @@
-"""Compiled programs dropped before they are too many for one process.
+"""Drops compiled programs before they are too many for one process.
 
-Each keeps memory maps, a few hundred for a render, of which Linux grants a process some 65,000.
-Where they run out, the compiler crashes.
+Each compiled program keeps memory maps, a few hundred for a render, and Linux grants a process some
+65,000 maps. The compiler crashes when they run out.
 """
 
 from pathlib import Path
@@ -12,15 +12,16 @@ _MAPS = Path("/proc/self/maps")
 _LIMIT = Path("/proc/sys/vm/max_map_count")
 
 _SHARE = 0.3
-"""Share of the maps granted beyond which programs are dropped: one step of a loop may compile many
-more."""
+"""Share of the granted maps from which on programs are dropped. Low, because one step of a loop may
+compile many programs."""
 
 
 def drop_programs() -> bool:
-    """Forget all compiled programs if their memory maps near the limit; whether that was so.
+    """Drop all compiled programs if the process nears its limit of memory maps.
 
-    For loops that compile again and again, between two steps and outside any trace. Programs that
-    are needed again are compiled again. Does nothing where the system has no such limit.
+    Returns whether they were dropped. Call it in loops that compile again and again, between two
+    steps and outside any trace. Programs that are needed later are compiled again. Does nothing
+    where the system has no such limit.
     """
     try:
         limit = int(_LIMIT.read_text())

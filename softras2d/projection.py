@@ -1,7 +1,7 @@
-"""From the vertices of a scene to exact edge functions on the grid of samples.
+"""Turns the vertices of a scene into exact edge functions on the grid of samples.
 
-A plan counts on the host, in numpy, what a render lists on the device: both call `project`, so that
-what was planned is what is drawn.
+A plan counts on the host, in numpy, what a render lists on the device. Both call `project`, so that
+the plan counts exactly the triangles that the render draws.
 """
 
 import functools
@@ -29,12 +29,12 @@ from .guard_band import Planes, clip, far_triangles, planes
 class Projection(NamedTuple):
     """Triangles on the grid of samples, turned to positive orientation.
 
-    - `corners`: on the grid, in pixels of the canvas, as drawn.
-    - `segments`: their edges in grid units; `segments.orientation` is that of the true triangle,
-      also where it was cut at the guard band.
-    - `edges`, `bounds`: exact edge functions and the samples under the bounding box.
-    - `planes`: weights of the corners of triangles past the guard band; None if not asked for.
-    - `beyond`: `[triangles]`, which triangles reach past the guard band.
+    - `corners`: snapped to the grid, in pixels of the canvas, in the order given.
+    - `segments`: the edges in grid units. `segments.orientation` is the orientation of the uncut
+      triangle, also where the triangle was cut at the guard band.
+    - `edges`, `bounds`: exact edge functions, and the samples within the bounding box.
+    - `planes`: interpolation weights of triangles past the guard band; None if not asked for.
+    - `beyond`: `[triangles]`, whether each triangle reaches past the guard band.
     """
 
     corners: Corners
@@ -56,11 +56,11 @@ def project(
     weights: bool = False,
     apart: Callable[[Any], Any] = lambda stage: stage,
 ) -> Projection:
-    """Snap, orient, cut to the guard band, and make edge functions. For numpy and jax alike.
+    """Snap, orient and cut triangles, and set up their edge functions, for numpy and jax alike.
 
-    - `cut`: whether triangles past the guard band are cut to it, or clamped; `weights`: whether
-      their weights are wanted too.
-    - `apart`: a wrapper of each stage, such as `staging.one_pass`.
+    - `cut`: whether triangles past the guard band are cut to it; otherwise they are clamped to it.
+    - `weights`: whether to compute `Projection.planes`; only with `cut`.
+    - `apart`: a function that wraps each stage, such as `staging.one_pass`.
     """
     corners, snapped, beyond = apart(functools.partial(_snap_stage, grid=grid))(
         positions, triangles, origin
