@@ -315,7 +315,7 @@ def test_files_come_back_exactly(tmp_path):
     assert report["settings"]["seed"] == 0
     assert report["versions"]["jax"]
     (tmp_path / "bad.npz").write_bytes(b"PK nothing")
-    with pytest.raises(ValueError, match="not a whole .npz file"):
+    with pytest.raises(ValueError, match=r"not a whole \.npz file"):
         sr.FitResult.load(tmp_path / "bad.npz")
     with pytest.raises(ValueError, match="no such file"):
         sr.FitResult.load(tmp_path / "none.npz")
