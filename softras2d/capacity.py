@@ -94,6 +94,9 @@ them."""
 _LEAST_DEPTH, _COARSE_DEPTH = 4, 16
 """Least `Capacity.depth`, and that of small scenes."""
 
+_DEPTH_SHARE = 4
+"""One over the share of the need that is added to it for `Capacity.depth`."""
+
 _LEAST_RATIO = 0.25
 """Least capacity of a list that has one in proportion to the slots."""
 
@@ -250,7 +253,11 @@ def _slot_class(need: int, headroom: Headroom) -> int:
 
 
 def _depth_class(need: int, slots: int, headroom: Headroom) -> int:
-    """The fullest tile varies most from scene to scene and costs least: whole octaves."""
+    """Capacity for the chunks of the fullest tile: a quarter more than needed, in whole octaves.
+
+    Of all needs it varies most from scene to scene, and costs least.
+    """
+    need -= -need // _DEPTH_SHARE
     if slots <= headroom.small_slots:
         need = max(need, _COARSE_DEPTH)
     return max(1 << (need - 1).bit_length(), _LEAST_DEPTH) if need else _LEAST_DEPTH
