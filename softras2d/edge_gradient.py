@@ -25,12 +25,12 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float, Int
 
-from .compositing.front import Front, color_at, color_on_edge, triangle_at
+from .compositing.front import Opaque, color_at, color_on_edge, triangle_at
 from .compositing.layered import Layers, addition
-from .coverage.depth import Depths, depth_at, depth_on_edge
+from .coverage.depth import depth_at, depth_on_edge
 from .crossings import LINES, Crossings, Sides, find_crossings, list_runs
 from .fixed_point import Edges, Grid
-from .shading import Surface
+from .interpenetration import depth_changes, image_change
 from .staging import one_pass
 from .tiles import Tiling
 
@@ -111,15 +111,6 @@ class Outlines(NamedTuple):
     count: Int[Array, "3 triangles"]
 
 
-class Opaque(NamedTuple):
-    """What shows of an opaque scene."""
-
-    front: Front
-    surface: Surface
-    depths: Depths | None
-    background: Float[Array, " channels"]
-
-
 class Shape(NamedTuple):
     """What is compiled: `crossings` and `depth` are capacities; `flat`: one colour a triangle."""
 
@@ -132,9 +123,13 @@ class Shape(NamedTuple):
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def slopes(
-    shape: Shape, positions: Float[Array, "vertices 2"], outlines: Outlines, seen: Opaque | Layers
+    shape: Shape,
+    positions: Float[Array, "vertices 2"],
+    depth: Float[Array, " vertices"] | None,
+    outlines: Outlines,
+    seen: Opaque | Layers,
 ) -> Float[Array, "height width channels"]:
-    """Zero; its derivative with respect to the positions is that of the box-filtered image.
+    """Zero; its derivative with respect to positions and depth is that of the box-filtered image.
 
     The derivative does not depend on anything further: second derivatives are zero.
     """
@@ -148,14 +143,29 @@ def slopes(
 
 @functools.partial(slopes.defjvp, symbolic_zeros=True)
 def _(shape, primals, tangents):
-    positions, outlines, seen = jax.lax.stop_gradient(primals)
-    still = slopes(shape, positions, outlines, seen)
-    if isinstance(tangents[0], SymbolicZero):
-        return still, jnp.zeros_like(still)
-    with jax.named_scope("edge_slopes"):
-        sweep = _sweep(shape, outlines, seen)
-    speeds = edge_speeds(tangents[0], outlines.vertex, outlines.sides)
-    return still, swept(speeds, sweep, shape.tiling.grid)
+    positions, depth, outlines, seen = jax.lax.stop_gradient(primals)
+    value = slopes(shape, positions, depth, outlines, seen)
+    velocity, depth_change = (
+        None if isinstance(tangent, SymbolicZero) else tangent for tangent in tangents[:2]
+    )
+    change = jnp.zeros_like(value)
+    if velocity is not None:
+        with jax.named_scope("edge_slopes"):
+            sweep = _sweep(shape, outlines, seen)
+        speeds = edge_speeds(velocity, outlines.vertex, outlines.sides)
+        change = swept(speeds, sweep, shape.tiling.grid)
+    if depth is None or not isinstance(seen, Opaque) or seen.depths is None:
+        return value, change
+    if velocity is not None or depth_change is not None:
+        velocity = jnp.zeros_like(positions) if velocity is None else velocity
+        depth_change = jnp.zeros_like(depth) if depth_change is None else depth_change
+        tiling = shape.tiling
+        with jax.named_scope("interpenetration"):
+            changes = depth_changes(velocity, depth_change, outlines.vertex, seen.depths, tiling)
+            change = change + image_change(
+                seen, changes, tiling, depth=shape.depth, flat=shape.flat
+            )
+    return value, change
 
 
 _BLOCK = 4096

@@ -14,12 +14,12 @@ from . import fixed_point, safe
 from .barycentric import slot_weights
 from .capacity import Capacity
 from .compositing import deferred, opaque, over
-from .compositing.front import Front
+from .compositing.front import Front, Opaque
 from .compositing.layered import Layers
 from .coverage.depth import Depths, keep_nearest
 from .coverage.hard import covered_rows, hide
 from .crossings import Sides, is_steep, lines_crossed, runs_of
-from .edge_gradient import Opaque, Outlines, Shape, slopes
+from .edge_gradient import Outlines, Shape, slopes
 from .effects import hiding, is_shaded, is_translucent, varies
 from .fixed_point import Bounds, Edges, turn
 from .fragments import cut_fragments
@@ -69,8 +69,9 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     values: a triangle with a NaN or infinite corner covers nothing. Derivatives with respect to
     colours, texture coordinates, texels, `inverse_w` and background are exact, forwards and
     backwards. Those to positions are of the box-filtered image, evaluated on the grid of samples
-    (`edge_gradient`, `interior_gradient`), unless `Hard.edge_gradients` is off; lines along which
-    triangles interpenetrate are left out. Those to depth are zero.
+    (`edge_gradient`, `interior_gradient`), unless `Hard.edge_gradients` is off. Those to depth are
+    of the lines along which opaque triangles interpenetrate (`interpenetration`), and zero
+    elsewhere; in translucent scenes these lines are left out.
 
     A concrete scene is padded to a size class first (`softras2d.pad`), so that scenes of similar
     size share a compiled program. Under a trace of your own the shapes are what comes in: pad
@@ -280,7 +281,7 @@ def _blend(
     if projected.outlines is not None:
         seen = Layers(passed, lists, projected.surface, projected.depths, background)
         shape = Shape(tiling, image.shape[-1], plan.capacity.crossings, 0, not varies(scene))
-        image = image + slopes(shape, scene.positions, projected.outlines, seen)
+        image = image + slopes(shape, scene.positions, scene.depth, projected.outlines, seen)
     return image
 
 
@@ -342,9 +343,10 @@ def _paint(
     totals = opaque.add_background(totals, covered, chunks, background, tiling)
     image = opaque.to_image(totals, tiling)
     if projected.outlines is not None:
-        seen = Opaque(Front(visible, covered, chunks), surface, projected.depths, background)
+        front = Front(visible, covered, chunks)
+        seen = Opaque(front, rows, surface, projected.depths, background)
         shape = Shape(tiling, image.shape[-1], room.crossings, room.depth, not varies(scene))
-        image = image + slopes(shape, scene.positions, projected.outlines, seen)
+        image = image + slopes(shape, scene.positions, scene.depth, projected.outlines, seen)
     return image, needed
 
 

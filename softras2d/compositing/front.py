@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, UInt32
 
+from ..coverage.depth import Depths
 from ..crossings import Sample
 from ..lists import Chunks
 from ..shading import Points, Surface, add_color, in_space, read_on_lanes, shade, view
@@ -24,10 +25,36 @@ class Front(NamedTuple):
     chunks: Chunks
 
 
+class Opaque(NamedTuple):
+    """An opaque scene as its samples show it.
+
+    - `front`: which triangle shows at each sample.
+    - `covered`: the samples that each slot's triangle covers, whether it shows there or not.
+    - `depths`: None without a depth test.
+    """
+
+    front: Front
+    covered: UInt32[Array, "chunks layers rows"]
+    surface: Surface
+    depths: Depths | None
+    background: Float[Array, " channels"]
+
+
 def triangle_at(
     front: Front, sample: Sample, tiling: Tiling, *, depth: int
-) -> Int[Array, "lines runs"]:
+) -> Int[Array, "*samples"]:
     """The triangle that shows at each sample, -1 for the background; `depth` as in `hide`."""
+    slot = slot_at(front, sample, tiling, depth=depth)
+
+    @one_pass
+    def read(triangle, slot):
+        return jnp.where(slot < 0, -1, triangle[jnp.maximum(slot, 0)])
+
+    return read(front.chunks.triangle.reshape(-1), slot)
+
+
+def slot_at(front: Front, sample: Sample, tiling: Tiling, *, depth: int) -> Int[Array, "*samples"]:
+    """The slot whose triangle shows at each sample, -1 for the background."""
     rows, layers = front.covered.shape[1], front.visible.shape[1]
 
     @one_pass
@@ -50,20 +77,19 @@ def triangle_at(
         return jnp.where(open_ones < count, first + open_ones, -1)
 
     @one_pass
-    def pick(visible, triangle, chunk, place, bit):
+    def pick(visible, chunk, place, bit):
         found = jnp.full(chunk.shape, -1, jnp.int32)
         held = jnp.maximum(chunk, 0)
         for layer in range(layers):
             slot = held * layers + layer
             word = visible.at[slot * rows + place].get(mode="promise_in_bounds")
             shows = ((word >> bit) & jnp.uint32(1) == 1) & (chunk >= 0)
-            found = jnp.where(shows, triangle.at[slot].get(mode="promise_in_bounds"), found)
+            found = jnp.where(shows, slot, found)
         return found
 
     first, count, place, bit = locate(sample)
     chunk = search(front.covered.reshape(-1), first, count, place, bit)
-    visible, triangle = front.visible.reshape(-1), front.chunks.triangle.reshape(-1)
-    return pick(visible, triangle, chunk, place, bit)
+    return pick(front.visible.reshape(-1), chunk, place, bit)
 
 
 def address(sample: Sample, tiling: Tiling) -> tuple[Array, Array, Array]:
