@@ -32,8 +32,11 @@ class Crossings(NamedTuple):
     """Runs of crossings, edge by edge.
 
     - `edge`: of each run, as 3 triangle + side; `live`: whether there is a crossing at all.
-    - `inside`, `outside`: the two samples; of the triangle, and next to it.
+    - `inside`, `outside`: the two samples; of the triangle, and next to it. Where an edge passes
+      between the border of the canvas and the first sample, both are that sample.
+    - `gap`: from the outside sample to the crossing along the line, in samples.
     - `t`: how far along the edge, 0..1.
+    - `along_row`: of each run, whether its lines are rows of samples, else columns.
     - `outwards`: of each run, 1 if the outside lies at greater x or y, else -1.
     - `pixel`: that holds the crossing, row by row; one past the last where not `live`.
     """
@@ -42,7 +45,9 @@ class Crossings(NamedTuple):
     live: Bool[Array, "lines runs"]
     inside: Sample
     outside: Sample
+    gap: Float[Array, "lines runs"]
     t: Float[Array, "lines runs"]
+    along_row: Bool[Array, " runs"]
     outwards: Float[Array, " runs"]
     pixel: Int[Array, "lines runs"]
 
@@ -188,21 +193,30 @@ def find_crossings(
         )
 
     run = gather(sides, edges, first, count, runs)
-    before, line, t, pixel, live = one_pass(lambda run: _follow(run, grid))(run)
+    before, line, t, place, pixel, live = one_pass(lambda run: _follow(run, grid))(run)
 
     @one_pass
     def step_to(run, before, line, inner):
-        place = before + ((run.step > 0) == inner).astype(jnp.int32)[None]
         steep = run.steep[None]
-        return Sample(jnp.where(steep, place, line), jnp.where(steep, line, place))
+        size = jnp.where(steep, grid.width, grid.height) * grid.rate
+        along = before + ((run.step > 0) == inner).astype(jnp.int32)[None]
+        along = jnp.clip(along, 0, size - 1)
+        return Sample(jnp.where(steep, along, line), jnp.where(steep, line, along))
+
+    @one_pass
+    def distance(run, outside, place):
+        along = jnp.where(run.steep[None], outside.column, outside.row)
+        return jnp.clip(place - along.astype(place.dtype), -1.0, 1.0)
 
     inside, outside = (step_to(run, before, line, jnp.asarray(inner)) for inner in (True, False))
+    gap = distance(run, outside, place)
     outwards = jnp.where(run.step > 0, -1.0, 1.0).astype(t.dtype)
-    return Crossings(runs.edge, live, inside, outside, t, outwards, pixel)
+    return Crossings(runs.edge, live, inside, outside, gap, t, run.steep, outwards, pixel)
 
 
-def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array]:
-    """The sample before each crossing, its line, how far along the edge it is, and its pixel."""
+def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Of each crossing: the sample before it, its line, how far along the edge it is, where it is
+    along the line in samples, and its pixel."""
     wide = Run(*(entry[None] for entry in run))
     number = jnp.arange(LINES, dtype=jnp.int32)[:, None]
     line = wide.line + number
@@ -235,12 +249,15 @@ def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array]:
     samples = jnp.floor(-exact.astype(jnp.float32) / step.astype(jnp.float32))
     guess = guess + jnp.where(jnp.abs(near) < 2.0**30, samples, 0.0).astype(jnp.int32)
     before = guess + (~past(guess + 1)).astype(jnp.int32) - past(guess).astype(jnp.int32)
-    live = (number < wide.lines) & (before >= 0) & (before + 1 < size)
+    # The border of the canvas is half a sample before the first sample and after the last.
+    on_canvas = (across >= 0) & (across * grid.rate <= size.astype(dtype))
+    live = (number < wide.lines) & (before >= -1) & (before < size) & on_canvas
     before, line = jnp.where(live, before, 0), jnp.where(live, line, 0)
     # If the samples are of two pixels, these meet half way between them.
     middle = 2 * value(before)[0] + wide.step
     first = (middle >= 0) == (wide.step > 0)
-    held = (before + jnp.where(first, 0, 1)) // grid.rate
+    held = jnp.clip(before + jnp.where(first, 0, 1), 0, size - 1) // grid.rate
     by_row = line // grid.rate
     pixel = jnp.where(wide.steep, by_row * grid.width + held, held * grid.width + by_row)
-    return before, line, t, jnp.where(live, pixel, grid.height * grid.width), live
+    pixel = jnp.where(live, pixel, grid.height * grid.width)
+    return before, line, t, across * grid.rate - 0.5, pixel, live

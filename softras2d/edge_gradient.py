@@ -8,8 +8,10 @@ samples, its speed along the line is exact, and the jump of colour is that betwe
 
 Of the triangles that show at the two samples the one in front owns the crossing; any other edge
 there is hidden by it. A triangle so thin that neither sample shows it owns its crossings where the
-same triangle shows behind it on both sides. The sum is linear in the velocity of the vertices, so
-that one rule serves both directions of differentiation.
+same triangle shows behind it on both sides. Where the two samples show triangles that do not meet
+between them, each owns its crossing, and what shows in the strip is looked up (`thin_strips`). The
+sum is linear in the velocity of the vertices, so that one rule serves both directions of
+differentiation.
 
 **Source:** Li, Aittala, Durand and Lehtinen, *Differentiable Monte Carlo Ray Tracing through Edge
 Sampling* (ACM TOG 37(6), 2018), section 3.1, equation 6, for the integral; Laine et al., *Modular
@@ -32,6 +34,7 @@ from .crossings import LINES, Crossings, Sides, find_crossings, list_runs
 from .fixed_point import Edges, Grid
 from .interpenetration import depth_changes, image_change
 from .staging import one_pass
+from .thin_strips import ends_before_edge, fill_strips
 from .tiles import Tiling
 
 
@@ -209,6 +212,8 @@ def _opaque_jumps(
 
     It shows at the sample inside; or, where it is thinner than the distance of samples, it lies
     before the one triangle that shows on both sides of it, which then fills the gap between them.
+    What shows at the sample outside may end before it reaches the edge: then a strip between the
+    two shows something else (`thin_strips`).
     """
     tiling = shape.tiling
     inner, outer = (
@@ -236,15 +241,19 @@ def _opaque_jumps(
             on_edge, depth, behind = depths
             depth = jnp.where(covers_inside, depth, on_edge)
             before_outer = (outer < 0) | (depth < behind) | ((depth == behind) & before_outer)
-        return found.live & (covers_inside | thin) & before_outer
+        return found.live & covers_inside, found.live & (covers_inside | thin) & before_outer
 
     @one_pass
     def jump(owned, outwards, near, far):
         return jnp.where(owned[None], (near - far) * _per_pixel(outwards, tiling), 0.0)
 
-    owned = own(found, inner, outer, depths)
+    shown, owned = own(found, inner, outer, depths)
+    is_strip = one_pass(ends_before_edge)(seen.surface.edges, found, outer, shown)
+    far_triangle, owned = fill_strips(seen, found, outer, owned, is_strip, tiling)
     near = color_on_edge(seen.surface, found.edge, found.t, tiling, flat=shape.flat)
-    far = color_at(seen.surface, seen.background, outer, found.outside, tiling, flat=shape.flat)
+    far = color_at(
+        seen.surface, seen.background, far_triangle, found.outside, tiling, flat=shape.flat
+    )
     return jump(owned, found.outwards, near, far)
 
 

@@ -62,18 +62,12 @@ def cosine(a, b) -> float:
 OPAQUE = ("flat", "g", "d", "gp", "b")
 NEARNESS = [("flat", 16, 0.98)]
 FINE = [(kind, 256, 0.9975) for kind in OPAQUE]
-OPEN = {"b": "0.99749 with a translucent background since thin triangles own edges; 0.99785 before"}
 FINE += [("ga", 4, 0.9), ("a", 64, 0.99), ("ad", 64, 0.99)]
-
-
-def _fine_marks(kind: str) -> list[pytest.MarkDecorator]:
-    marks = [pytest.mark.slow]
-    return [*marks, pytest.mark.xfail(reason=OPEN[kind])] if kind in OPEN else marks
 
 
 @pytest.mark.parametrize(
     "kind, samples, least",
-    NEARNESS + [pytest.param(*fine, marks=_fine_marks(fine[0])) for fine in FINE],
+    NEARNESS + [pytest.param(*fine, marks=pytest.mark.slow) for fine in FINE],
 )
 def test_nears_the_quadrature(kind, samples, least):
     kind = "" if kind == "flat" else kind
@@ -84,6 +78,46 @@ def test_nears_the_quadrature(kind, samples, least):
     found = gradient_of(scene, plan, weights)
     assert cosine(found, truth) > least
     assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(truth), rel=0.6 / samples**0.5)
+
+
+def scene_with_a_strip(width: float, *, depth: bool) -> sr.Scene:
+    """Two triangles with a strip of `width` pixels between them, through which a third shows."""
+    corners = [
+        [[-5, -5], [30, -4], [4, 40]],
+        [[6.03, -3], [7.53, 20], [-12, 8]],
+        [[6.03 + width, -3], [25, 8], [7.53 + width, 20]],
+    ]
+    colors = [[[0, 1, 0]], [[1, 0, 0]], [[0, 0, 1.0]]]
+    optional = {"depth": np.repeat([[3.0], [1.0], [2.0]], 3, 1)} if depth else {}
+    return sr.Scene.from_soup(np.array(corners, np.float32), np.array(colors), **optional)
+
+
+def distance_to_quadrature(scene: sr.Scene, samples: int) -> float:
+    """Distance of the gradient to that by quadrature, as a share of it."""
+    weights = np.ones((12, 12, 3)) * [1.0, 0.5, -0.3]
+    plan = sr.plan(scene, height=12, width=12, coverage=sr.Hard(samples))
+    truth = edge_oracle.position_gradient(scene, weights, points=256)
+    found = np.asarray(gradient_of(scene, plan, weights), np.float64)
+    return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
+
+
+@pytest.mark.parametrize("depth", [False, True])
+@pytest.mark.parametrize("width", [0.2, pytest.param(0.02, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("samples, most", [(4, 0.03), (256, 0.005)])
+def test_both_sides_of_a_thin_strip_border_on_what_shows_in_it(samples, most, width, depth):
+    assert distance_to_quadrature(scene_with_a_strip(width, depth=depth), samples) < most
+
+
+@pytest.mark.parametrize("side", [0.03, 11.97])
+@pytest.mark.parametrize("alpha", [None, 0.6])
+@pytest.mark.parametrize("inwards", [False, True])
+def test_an_edge_between_the_border_and_the_first_sample(inwards, alpha, side):
+    """The triangle reaches across the canvas, or ends just within it."""
+    far = 24 if inwards == (side < 6) else -12
+    corners = np.array([[[side, -3], [side + 0.02, 20], [far, 8]]], np.float32)
+    color = [0.0, 1.0, 0.2] if alpha is None else [0.0, 1.0, 0.2, alpha]
+    scene = sr.Scene.from_soup(corners, np.array([[color]]), background=[1.0, 1.0, 1.0])
+    assert distance_to_quadrature(scene, 16) < 0.02
 
 
 def square(left: float, top: float, right: float, bottom: float) -> np.ndarray:
