@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 import softras2d as sr
 from softras2d import scenes
 from softras2d.cli import app, compilation_cache, demo, options, view
-from softras2d.contact_sheet import Strip, contact_sheet
+from softras2d.io.contact_sheet import Strip, contact_sheet
 from softras2d.io.images import read_image
 
 COMMAND = [sys.executable, "-m", "softras2d"]

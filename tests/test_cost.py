@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.cost import price_effects, without
-from softras2d.effects import EFFECTS
+from softras2d.planning.effects import EFFECTS
+from softras2d.rendering.cost import price_effects, without
 
 
 def _scene() -> sr.Scene:

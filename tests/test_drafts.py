@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from softras2d.drafts import whole
+from softras2d.io.drafts import whole
 
 KILLED = """
 import os, pathlib, signal, sys
-from softras2d.drafts import whole
+from softras2d.io.drafts import whole
 with whole(pathlib.Path(sys.argv[1])) as draft:
     draft.write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)

@@ -1,6 +1,5 @@
 """Images under `Soft` and `Area`, against loops over triangles and pixels, and their slopes."""
 
-import importlib
 from dataclasses import replace
 
 import equinox as eqx
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
+from softras2d.binning import tile_side
 
 from . import edge_oracle
 from .coverage.test_fading import area_in_pixel, centroid_in_pixel, distance
@@ -364,7 +364,7 @@ def test_one_line_for_what_is_not_drawn(message):
 
 def drawn_with_side(side, monkeypatch, scene, coverage, goal):
     """Image, the slopes of its squared distance to a goal, and a tangent, in tiles of a side."""
-    monkeypatch.setattr(importlib.import_module("softras2d.tile_side"), "SIDES", (side,))
+    monkeypatch.setattr(tile_side, "SIDES", (side,))
     planned = plan_of(scene, coverage)
     assert planned.tiling.width == side
 

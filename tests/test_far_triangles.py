@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.fixed_point import Grid
-from softras2d.projection import Projection, project
+from softras2d.geometry.fixed_point import Grid
+from softras2d.geometry.projection import Projection, project
 
 from .oracle import Canvas, footprint, snap
 from .shading_cases import COUNT, ON, scene_of, soup_of

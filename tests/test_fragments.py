@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.capacity import count_lists
-from softras2d.render import _render
+from softras2d.planning.capacities import count_lists
+from softras2d.rendering.render import _render
 
 from .oracle import Canvas, footprints
 

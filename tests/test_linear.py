@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softras2d.linear import linear_map
+from softras2d.numerics.linear_map import linear_map
 
 
 def _forward(fixed, x):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.overflow import _poison_if
+from softras2d.rendering.overflow import _poison_if
 
 COVERAGES = {"hard": sr.Hard(4), "soft": sr.Soft(1.0), "area": sr.Area()}
 

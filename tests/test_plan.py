@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.effects import EFFECTS
+from softras2d.planning.effects import EFFECTS
 
 from .cases import assert_same_counts, colors_of
 from .oracle import Canvas, draw

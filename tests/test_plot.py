@@ -19,7 +19,7 @@ from PIL import Image, ImageSequence
 
 import softras2d as sr
 from softras2d import plot
-from softras2d.fit.result import Record
+from softras2d.fitting.result import Record
 from softras2d.plot.picture import INSET
 from softras2d.plot.slider import slider
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softras2d.prefix import cumulative_max, cumulative_sum
+from softras2d.numerics.prefix import cumulative_max, cumulative_sum
 
 
 @pytest.mark.parametrize("length", [1, 63, 64, 65, 4096, 4097, 10_000])

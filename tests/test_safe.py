@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.test_util import check_grads
 
-from softras2d import safe
+from softras2d.numerics import safe
 
 
 def test_sqrt():

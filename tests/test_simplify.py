@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import softras2d as sr
-from softras2d.effects import EFFECTS
+from softras2d.planning.effects import EFFECTS
 
 from .cases import draw_scene
 

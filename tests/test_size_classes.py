@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d import programs
+from softras2d.numerics import compiled_programs
 
 SIZE = 40
 MODES = {
@@ -206,19 +206,19 @@ def _maps_and_memory() -> tuple[int, float]:
 
 def test_programs_are_dropped_before_the_limit(monkeypatch, tmp_path, count_compilations):
     maps, limit = tmp_path / "maps", tmp_path / "limit"
-    monkeypatch.setattr(programs, "_MAPS", maps)
-    monkeypatch.setattr(programs, "_LIMIT", limit)
-    assert not programs.drop_programs()
+    monkeypatch.setattr(compiled_programs, "_MAPS", maps)
+    monkeypatch.setattr(compiled_programs, "_LIMIT", limit)
+    assert not compiled_programs.drop_programs()
     double = jax.jit(lambda x: 2 * x)
     double(np.float32(1))
     maps.write_text("map\n" * 100)
     limit.write_text("1000\n")
     with count_compilations() as compiled:
-        assert not programs.drop_programs()
+        assert not compiled_programs.drop_programs()
         double(np.float32(1))
     assert len(compiled) == 0
     limit.write_text("200\n")
     with count_compilations() as compiled:
-        assert programs.drop_programs()
+        assert compiled_programs.drop_programs()
         double(np.float32(1))
     assert len(compiled) == 1

@@ -17,7 +17,7 @@ import pytest
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 
 import softras2d as sr
-from softras2d.render import compile_render
+from softras2d.rendering.render import compile_render
 
 from .cases import colors_of
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softras2d.coverage import area, centroid, nearest_weights, pixels, profile, sides, soft
+from softras2d.coverage import analytic, area, centroid, edge_lines, nearest_weights, profiles, soft
 
 PROFILES = ("logistic", "softras", "window")
 
@@ -23,7 +23,7 @@ ORIGIN = np.zeros((2, 1))
 def shape_of(slots, kind: str, tile=ORIGIN):
     """What a measure of some kind wants to know of slots."""
     tile = jnp.broadcast_to(jnp.asarray(tile, slots.dtype), (2, slots.shape[1]))
-    lines = sides.sides_of(slots, tile)
+    lines = edge_lines.sides_of(slots, tile)
     if kind == "soft":
         return lines
     outline = area.outline_of(slots, tile, lines, SIDE)
@@ -36,9 +36,9 @@ def cover(kind: str, name: str | int, slots, parameter, tile=ORIGIN):
     shape = shape_of(slots, kind, tile)
     if isinstance(name, int):
         weights = centroid.weights if kind == "centroid" else nearest_weights.weights
-        return pixels.cover(weights(SIDE), slots, shape, parameter)[name - 1]
+        return analytic.cover(weights(SIDE), slots, shape, parameter)[name - 1]
     measure = area.measure(SIDE) if kind == "area" else soft.measure(name, SIDE)
-    return pixels.cover(measure, slots, shape, parameter)
+    return analytic.cover(measure, slots, shape, parameter)
 
 
 def clip_polygon(points, axis, bound, keep_less):
@@ -115,27 +115,27 @@ def test_soft_coverage_is_a_step_of_the_distance(name, corners, width):
         found = np.asarray(cover("soft", name, slot, jnp.asarray(width)))[0]
         held = np.asarray(slot)[:, 0].reshape(3, 2)
         q = [[distance(held, x + 0.5, y + 0.5) / width for x in range(8)] for y in range(8)]
-        truth = np.asarray(profile.step(name, jnp.asarray(q)))
+        truth = np.asarray(profiles.step(name, jnp.asarray(q)))
     np.testing.assert_allclose(found.reshape(8, 8), truth, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", PROFILES)
 def test_a_profile_keeps_the_convention(name, float64):
-    support = profile.SUPPORT[name]
+    support = profiles.SUPPORT[name]
     q = jnp.array([0.0, 0.5, -0.5, support, -support, 2 * support, -1e9, 1e9])
     expected = [0.5, 0.9, 0.1, 1.0, 0.0, 1.0, 0.0, 1.0]
-    np.testing.assert_allclose(profile.step(name, q), expected, atol=1e-12)
-    assert np.asarray(profile.step(name, q))[3:].tolist() == expected[3:]
+    np.testing.assert_allclose(profiles.step(name, q), expected, atol=1e-12)
+    assert np.asarray(profiles.step(name, q))[3:].tolist() == expected[3:]
     dense = jnp.linspace(-1.2 * support, 1.2 * support, 20_001)
-    rise = np.asarray(profile.step(name, dense))
+    rise = np.asarray(profiles.step(name, dense))
     assert (np.diff(rise) >= 0).all()
     np.testing.assert_allclose(rise + rise[::-1], 1.0, atol=1e-12)
-    plain = jax.vmap(jax.grad(lambda q: profile.step(name, q)))(dense)
+    plain = jax.vmap(jax.grad(lambda q: profiles.step(name, q)))(dense)
     inside = np.abs(dense) < 0.999 * support
     np.testing.assert_allclose(
-        np.asarray(profile.slope(name, dense))[inside], np.asarray(plain)[inside], atol=1e-9
+        np.asarray(profiles.slope(name, dense))[inside], np.asarray(plain)[inside], atol=1e-9
     )
-    assert float(profile.slope(name, q)[-1]) == 0.0
+    assert float(profiles.slope(name, q)[-1]) == 0.0
 
 
 SHAPES = {
@@ -214,7 +214,7 @@ def test_slopes_are_those_of_plain_autodiff(shape, float64):
 
     def plain(slot):
         far = jax.vmap(distances_by_hand, (None, 0, 0))(slot, x.ravel(), y.ravel())
-        return jnp.sum(weight * profile.step("logistic", far / width))
+        return jnp.sum(weight * profiles.step("logistic", far / width))
 
     def ours(slot):
         return jnp.sum(weight * cover("soft", "logistic", slot, jnp.asarray(width))[0])

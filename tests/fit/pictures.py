@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from softras2d.fit.mesh_colors import Colors, at_corners, mesh_pixels, predict
-from softras2d.fit.triangulation import Mesh
+from softras2d.fitting.mesh.triangulation import Mesh
+from softras2d.fitting.mesh.vertex_colors import Colors, at_corners, mesh_pixels, predict
 
 
 def blobs(height: int = 40, width: int = 48) -> np.ndarray:

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.fit.prepare import check_images
-from softras2d.fit.triangulation import check_tiling, delaunay_mesh
+from softras2d.fitting.mesh.triangulation import check_tiling, delaunay_mesh
+from softras2d.fitting.prepare import check_images
 from tests.fit.pictures import blobs
 
 TARGET = blobs()

@@ -1,6 +1,5 @@
 """A fit that is stopped, goes on, outgrows its plan, or starts from what it is given."""
 
-import importlib
 import os
 import signal
 import threading
@@ -12,17 +11,17 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.fit.choices import settle
-from softras2d.fit.interrupt import held_interrupt
-from softras2d.fit.layers_fit import LayersFit
-from softras2d.fit.loop import Budget
-from softras2d.fit.solvers import levenberg_marquardt
-from softras2d.fit.tiling_fit import TilingFit
+from softras2d.fitting import loop
+from softras2d.fitting.choices import settle
+from softras2d.fitting.interrupt import held_interrupt
+from softras2d.fitting.layers.family import LayersFit
+from softras2d.fitting.loop import Budget
+from softras2d.fitting.mesh.family import TilingFit
+from softras2d.fitting.solvers import levenberg_marquardt
 from tests.fit.pictures import blobs
 
 TARGET = blobs()
 
-LOOP = importlib.import_module("softras2d.fit.loop")
 """`softras2d.fit` is the function, so that no path through it finds a module."""
 
 
@@ -129,7 +128,7 @@ def test_stopped_after_an_exchange_the_best_before_it_is_returned(family, monkey
 
 @pytest.mark.slow
 def test_checkpoints_can_be_resumed(tmp_path, monkeypatch):
-    monkeypatch.setattr(LOOP, "_BETWEEN", 0.0)
+    monkeypatch.setattr(loop, "_BETWEEN", 0.0)
     path = tmp_path / "fit.npz"
     sr.fit(TARGET, triangles=6, steps=50, checkpoint=path)
     found = sr.FitResult.load(path)
@@ -175,7 +174,7 @@ class TestBudget:
     @pytest.fixture
     def clock(self, monkeypatch):
         now = [100.0]
-        monkeypatch.setattr(LOOP.time, "perf_counter", lambda: now[0])
+        monkeypatch.setattr(loop.time, "perf_counter", lambda: now[0])
         return now
 
     def budget(self, scoring):

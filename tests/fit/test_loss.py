@@ -8,11 +8,18 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.fit.closed_form import best_colors
-from softras2d.fit.layers import UNIT, Layers, LayersData, LayersResidual, held, layers_scene
-from softras2d.fit.loss import Loss
-from softras2d.fit.resample import shrink
-from softras2d.fit.score import ssim
+from softras2d.fitting.closed_form import best_colors
+from softras2d.fitting.layers.unknowns import (
+    UNIT,
+    Layers,
+    LayersData,
+    LayersResidual,
+    held,
+    layers_scene,
+)
+from softras2d.fitting.loss import Loss
+from softras2d.fitting.resample import shrink
+from softras2d.fitting.score import ssim
 from softras2d.io.images import srgb_to_linear
 from tests.fit.pictures import blobs
 

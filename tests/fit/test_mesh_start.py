@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softras2d.fit.collapse import collapse
-from softras2d.fit.edge_flips import flip, flip_edges, flip_gains, flippable_edges
-from softras2d.fit.insertion import insert, split
-from softras2d.fit.mesh_colors import Colors, mesh_pixels, solve_colors
-from softras2d.fit.mesh_start import delaunay_start, error_start, exchange, uniform_start
-from softras2d.fit.splits import best_splits, evaluate
-from softras2d.fit.triangulation import check_tiling, find_edges, make_mesh
+from softras2d.fitting.mesh.collapse import collapse
+from softras2d.fitting.mesh.edge_flips import flip, flip_edges, flip_gains, flippable_edges
+from softras2d.fitting.mesh.insertion import insert, split
+from softras2d.fitting.mesh.splits import best_splits, evaluate
+from softras2d.fitting.mesh.start import delaunay_start, error_start, exchange, uniform_start
+from softras2d.fitting.mesh.triangulation import check_tiling, find_edges, make_mesh
+from softras2d.fitting.mesh.vertex_colors import Colors, mesh_pixels, solve_colors
 from tests.fit.pictures import draw
 
 HEIGHT, WIDTH = 32, 48

@@ -1,11 +1,10 @@
 """What triangles are worth, against error sums of pictures drawn one triangle at a time."""
 
-import importlib
-
 import numpy as np
 import pytest
 
-from softras2d.fit.placing import place, random_triangles, removal_costs, soup_pixels
+from softras2d.fitting.layers import placement
+from softras2d.fitting.layers.placement import place, random_triangles, removal_costs, soup_pixels
 from tests.fit.pictures import blobs
 
 HEIGHT, WIDTH = 40, 48
@@ -126,7 +125,7 @@ def test_a_dark_shape_on_clear_ground_is_an_error_like_any_other():
 def test_candidates_in_blocks_are_those_of_one_block(monkeypatch):
     whole, blocks = [], []
     for pairs, found in ((2.0**40, whole), (50.0, blocks)):
-        monkeypatch.setattr(importlib.import_module("softras2d.fit.placing"), "_PAIRS", pairs)
+        monkeypatch.setattr(placement, "_PAIRS", pairs)
         found += place(np.random.default_rng(0), np.zeros_like(TARGET), TARGET, 6, size=7.0)
     for a, b in zip(whole, blocks, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12)

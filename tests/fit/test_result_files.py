@@ -1,6 +1,5 @@
 """Files of fits: what is saved comes back, and what is broken is named in one line."""
 
-import importlib
 import json
 import os
 import subprocess
@@ -12,11 +11,10 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.fit import archive
-from softras2d.fit.archive import read_arrays
+from softras2d.fitting import archive, result
+from softras2d.fitting.archive import read_arrays
 from tests.fit.saved_fits import KINDS, TARGET, bomb, packed, saved, target_of
 
-RESULT = importlib.import_module("softras2d.fit.result")
 """`softras2d.fit` is the function, so that no path through it finds a module."""
 
 
@@ -190,7 +188,7 @@ class TestSize:
 
     def test_a_fit_that_could_not_be_read_is_not_written(self, tmp_path, monkeypatch):
         found = sr.FitResult.load(written(tmp_path, saved("layers")))
-        monkeypatch.setattr(RESULT, "MAX_BYTES", 1000)
+        monkeypatch.setattr(result, "MAX_BYTES", 1000)
         with pytest.raises(ValueError, match=r"new\.npz: a fit of .* bytes is too large"):
             found.save(tmp_path / "new.npz")
         assert not (tmp_path / "new.npz").exists()

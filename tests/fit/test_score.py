@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softras2d.fit.score import psnr, ssim
+from softras2d.fitting.score import psnr, ssim
 
 
 def ssim_by_hand(a, b) -> float:

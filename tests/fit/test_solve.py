@@ -5,8 +5,8 @@ import numpy as np
 import optimistix as optx
 import pytest
 
-from softras2d.fit.solve import advance, advance_each, begin, forget_best, move, set_rate
-from softras2d.fit.solvers import SOLVERS, levenberg_marquardt, solver_of
+from softras2d.fitting.solve import advance, advance_each, begin, forget_best, move, set_rate
+from softras2d.fitting.solvers import SOLVERS, levenberg_marquardt, solver_of
 
 ANSWER = np.array([0.3, -1.2, 0.8, 2.0], np.float32)
 RNG = np.random.default_rng(0)

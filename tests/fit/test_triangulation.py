@@ -5,19 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softras2d.fit.collapse import collapse
-from softras2d.fit.edge_flips import flip_edges, flip_to_delaunay
-from softras2d.fit.insertion import insert
-from softras2d.fit.mesh_colors import mesh_pixels
-from softras2d.fit.mesh_start import uniform_start
-from softras2d.fit.triangulation import (
+from softras2d.fitting.mesh.collapse import collapse
+from softras2d.fitting.mesh.edge_flips import flip_edges, flip_to_delaunay
+from softras2d.fitting.mesh.insertion import insert
+from softras2d.fitting.mesh.start import uniform_start
+from softras2d.fitting.mesh.triangulation import (
     check_tiling,
     disjoint,
     find_edges,
     make_mesh,
     signed_areas,
 )
-from softras2d.fit.untangle import untangle
+from softras2d.fitting.mesh.untangle import untangle
+from softras2d.fitting.mesh.vertex_colors import mesh_pixels
 
 HEIGHT, WIDTH = 24, 36
 SEEDS = st.integers(0, 2**32 - 1)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import softras2d as sr
-from softras2d.io.svg import parse_svg
+from softras2d.io.svg.reader import parse_svg
 
 
 def test_drawings_of_200_sizes_compile_nothing(count_compilations):

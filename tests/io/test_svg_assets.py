@@ -7,7 +7,7 @@ import zlib
 import numpy as np
 import pytest
 
-from softras2d.io.svg import parse_svg, read_svg
+from softras2d.io.svg.reader import parse_svg, read_svg
 
 NS = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 PIXELS = np.arange(2 * 3 * 4, dtype=np.uint8).reshape(2, 3, 4) * 8

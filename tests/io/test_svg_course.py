@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from softras2d.io.svg import parse_svg
+from softras2d.io.svg.reader import parse_svg
 
 SIZE = 'width="100" height="80"'
 ONE_TO_ONE = np.eye(3)

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from softras2d.io.svg import parse_svg, read_svg, svg_size
+from softras2d.io.svg.reader import parse_svg, read_svg, svg_size
 
 HEAD = '<svg xmlns="http://www.w3.org/2000/svg" width="10" height="10">'
 RECT = '<rect width="5" height="5"/>'

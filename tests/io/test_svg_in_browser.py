@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.io.svg_gradients import in_browsers
+from softras2d.io.svg.gradients import in_browsers
 from tests.browser import psnr, require_browser, screenshot
 
 HEIGHT, WIDTH = 144, 192

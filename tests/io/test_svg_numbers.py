@@ -7,9 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softras2d import transforms
-from softras2d.io import svg_numbers, svg_transform, svg_view
-from softras2d.io.svg_view import Box
+from softras2d.geometry import affine_maps
+from softras2d.io.svg import transform_attribute, view_box
+from softras2d.io.svg.numbers import (
+    blank_separated,
+    leading_float,
+    length,
+    number_list,
+    number_pairs,
+)
+from softras2d.io.svg.view_box import Box
 
 FINITE = st.floats(-1e30, 1e30)
 SMALL = st.floats(-100, 100).filter(lambda x: x == 0 or abs(x) > 1e-6)
@@ -29,7 +36,7 @@ SMALL = st.floats(-100, 100).filter(lambda x: x == 0 or abs(x) > 1e-6)
     ],
 )
 def test_number_lists(text, numbers):
-    assert svg_numbers.number_list(text) == numbers
+    assert number_list(text) == numbers
 
 
 @pytest.mark.parametrize(
@@ -37,30 +44,30 @@ def test_number_lists(text, numbers):
 )
 def test_what_is_no_number_list(text):
     if text == "1 2,":
-        assert svg_numbers.number_list("1 2") == [1, 2]
+        assert number_list("1 2") == [1, 2]
     with pytest.raises(ValueError, match=r"expected a number|finite"):
-        svg_numbers.number_list(text)
+        number_list(text)
 
 
 @given(st.lists(FINITE), st.sampled_from([" ", ",", " , ", "\n"]))
 def test_any_number_list(numbers, separator):
     text = separator.join(map(repr, numbers))
-    assert svg_numbers.number_list(text) == numbers
+    assert number_list(text) == numbers
 
 
 @given(st.lists(FINITE))
 def test_signs_separate(numbers):
     text = "".join(f"{number:+}" for number in numbers)
-    assert svg_numbers.number_list(text) == numbers
+    assert number_list(text) == numbers
 
 
 @given(st.text("0123456789.,-+eE \n%xnaif", max_size=12))
 def test_any_text_gives_numbers_or_one_error(text):
     for read in (
-        svg_numbers.number_list,
-        svg_numbers.number_pairs,
-        svg_numbers.blank_separated,
-        svg_numbers.leading_float,
+        number_list,
+        number_pairs,
+        blank_separated,
+        leading_float,
     ):
         try:
             assert np.isfinite(read(text)).all()
@@ -76,19 +83,19 @@ def test_any_text_gives_numbers_or_one_error(text):
     ],
 )  # fmt: skip
 def test_lengths(text, px):
-    assert svg_numbers.length(text, 200.0) == pytest.approx(px, rel=1e-15)
+    assert length(text, 200.0) == pytest.approx(px, rel=1e-15)
 
 
 @pytest.mark.parametrize("text", ["2em", "1ex", "3rem", "1vw", "px", "", "1 2", "nan", "1e400"])
 def test_lengths_that_are_refused(text):
     with pytest.raises(ValueError, match=r"length|finite"):
-        svg_numbers.length(text, 200.0)
+        length(text, 200.0)
 
 
 def test_course_numbers_are_float32():
-    assert svg_numbers.leading_float("272.863px") == float(np.float32(272.863))
-    assert svg_numbers.leading_float(None) == 0.0
-    assert svg_numbers.number_pairs("0.1,0.2") == [float(np.float32(0.1)), float(np.float32(0.2))]
+    assert leading_float("272.863px") == float(np.float32(272.863))
+    assert leading_float(None) == 0.0
+    assert number_pairs("0.1,0.2") == [float(np.float32(0.1)), float(np.float32(0.2))]
 
 
 @pytest.mark.parametrize(
@@ -104,7 +111,7 @@ def test_course_numbers_are_float32():
     ],
 )
 def test_course_points(text, numbers):
-    assert svg_numbers.number_pairs(text) == numbers
+    assert number_pairs(text) == numbers
 
 
 @pytest.mark.parametrize(
@@ -126,7 +133,7 @@ def test_course_points(text, numbers):
     ],
 )
 def test_transform_lists(text, point):
-    moved = transforms.apply(svg_transform.transform_list(text), [1.0, 1.0])
+    moved = affine_maps.apply(transform_attribute.transform_list(text), [1.0, 1.0])
     np.testing.assert_allclose(moved, point, atol=1e-12)
 
 
@@ -137,14 +144,14 @@ def test_transform_lists(text, point):
 )  # fmt: skip
 def test_transform_lists_that_are_refused(text):
     with pytest.raises(ValueError, match=r"transform|number"):
-        svg_transform.transform_list(text)
+        transform_attribute.transform_list(text)
 
 
 @given(SMALL, SMALL, SMALL, SMALL)
 def test_transform_functions_multiply_left_to_right(x, y, angle, factor):
     text = f"translate({x!r},{y!r}) rotate({angle!r}) scale({factor!r})"
-    wanted = transforms.translate(x, y) @ transforms.rotate(angle) @ transforms.scale(factor)
-    np.testing.assert_allclose(svg_transform.transform_list(text), wanted, atol=1e-9)
+    wanted = affine_maps.translate(x, y) @ affine_maps.rotate(angle) @ affine_maps.scale(factor)
+    np.testing.assert_allclose(transform_attribute.transform_list(text), wanted, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -169,7 +176,7 @@ def test_transform_functions_multiply_left_to_right(x, y, angle, factor):
 )
 def test_course_transforms(text, point, unknown):
     names = []
-    moved = transforms.apply(svg_transform.course_transform(text, names.append), [1.0, 1.0])
+    moved = affine_maps.apply(transform_attribute.course_transform(text, names.append), [1.0, 1.0])
     np.testing.assert_allclose(moved, point, atol=1e-6)
     assert names == unknown
 
@@ -181,42 +188,42 @@ ALIGNMENTS = [(x, y) for x in ("Min", "Mid", "Max") for y in ("Min", "Mid", "Max
 @pytest.mark.parametrize("how", ["meet", "slice"])
 def test_preserve_aspect_ratio(x, y, how):
     """A box 10 x 20 at (5, 6) in a viewport 60 wide and 40 high: factors 6 and 2."""
-    map3 = svg_view.fit(Box(5.0, 6.0, 10.0, 20.0), 40.0, 60.0, f"x{x}Y{y} {how}")
+    map3 = view_box.fit(Box(5.0, 6.0, 10.0, 20.0), 40.0, 60.0, f"x{x}Y{y} {how}")
     part = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
     factor = 2.0 if how == "meet" else 6.0
     left = part[x] * (60 - 10 * factor)
     top = part[y] * (40 - 20 * factor)
     wanted = [[left, top], [left + 10 * factor, top + 20 * factor]]
-    np.testing.assert_allclose(transforms.apply(map3, [[5.0, 6.0], [15.0, 26.0]]), wanted)
+    np.testing.assert_allclose(affine_maps.apply(map3, [[5.0, 6.0], [15.0, 26.0]]), wanted)
 
 
 def test_preserve_aspect_ratio_none_and_default():
     box = Box(5.0, 6.0, 10.0, 20.0)
     corners = [[5.0, 6.0], [15.0, 26.0]]
-    stretched = transforms.apply(svg_view.fit(box, 40.0, 60.0, "none"), corners)
+    stretched = affine_maps.apply(view_box.fit(box, 40.0, 60.0, "none"), corners)
     np.testing.assert_allclose(stretched, [[0, 0], [60, 40]])
-    default = svg_view.fit(box, 40.0, 60.0)
+    default = view_box.fit(box, 40.0, 60.0)
     for text in ("xMidYMid meet", "xMidYMid", "defer xMidYMid meet"):
-        np.testing.assert_array_equal(svg_view.fit(box, 40.0, 60.0, text), default)
+        np.testing.assert_array_equal(view_box.fit(box, 40.0, 60.0, text), default)
 
 
 @pytest.mark.parametrize("text", ["xMidYmid", "middle", "xMinYMin crop", "none none none", "x y"])
 def test_preserve_aspect_ratio_that_is_none(text):
     with pytest.raises(ValueError, match="preserveAspectRatio"):
-        svg_view.fit(Box(0.0, 0.0, 1.0, 1.0), 1.0, 1.0, text)
+        view_box.fit(Box(0.0, 0.0, 1.0, 1.0), 1.0, 1.0, text)
 
 
 @given(st.floats(1, 2000), st.floats(1, 2000), st.integers(1, 2000), st.integers(1, 2000))
 def test_course_view_has_its_closed_form(height, width, tall, wide):
-    map3 = svg_view.course_view((height, width), tall, wide)
+    map3 = view_box.course_view((height, width), tall, wide)
     factor = min(wide, tall) / (1.2 * max(width, height))
     points = np.array([[0.0, 0.0], [width, height], [3.0, -7.0]])
     wanted = np.array([wide, tall]) / 2 + factor * (points - np.array([width, height]) / 2)
-    np.testing.assert_allclose(transforms.apply(map3, points), wanted, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(affine_maps.apply(map3, points), wanted, rtol=1e-9, atol=1e-9)
 
 
 def size_of(dialect="svg", **attributes):
-    return svg_view.own_size(attributes, dialect)
+    return view_box.own_size(attributes, dialect)
 
 
 def test_own_size():
@@ -234,6 +241,6 @@ def test_own_size():
 
 
 def test_sizes_round_up():
-    assert svg_view.round_up((10.0, 10.2)) == (10, 11)
-    assert svg_view.round_up((96 / 25.4 * 25.4, 0.2)) == (96, 1)
-    assert math.ceil(96 / 25.4 * 210) == svg_view.round_up((96 / 25.4 * 210, 1.0))[0]
+    assert view_box.round_up((10.0, 10.2)) == (10, 11)
+    assert view_box.round_up((96 / 25.4 * 25.4, 0.2)) == (96, 1)
+    assert math.ceil(96 / 25.4 * 210) == view_box.round_up((96 / 25.4 * 210, 1.0))[0]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softras2d.io.pixel_lines import carry, pixel_lines
+from softras2d.io.shapes.pixel_lines import carry, pixel_lines
 
 COORDINATE = st.floats(-300, 300, width=32)
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from softras2d.io.budget import BudgetError
-from softras2d.io.ear_clipping import clip_ears
-from softras2d.io.polygons import is_convex, triangulate, winding_number
+from softras2d.io.shapes.ear_clipping import clip_ears
+from softras2d.io.shapes.polygons import is_convex, triangulate, winding_number
 
 SQUARE = np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]])
 ELL = np.array([[0.0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4]])

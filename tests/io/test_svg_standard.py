@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from softras2d.io.svg import parse_svg
+from softras2d.io.svg.reader import parse_svg
 
 NS = 'xmlns="http://www.w3.org/2000/svg"'
 

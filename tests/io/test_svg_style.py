@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from softras2d.io.svg_color import color_of
-from softras2d.io.svg_style import INITIAL, computed
+from softras2d.io.svg.css_color import color_of
+from softras2d.io.svg.style import INITIAL, computed
 
 
 @pytest.mark.parametrize(

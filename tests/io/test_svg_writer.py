@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import softras2d as sr
-from softras2d.io.svg_writer import _paint, _shortest
+from softras2d.io.svg.writer import _paint, _shortest
 
 RNG = np.random.default_rng(7)
 UNIT = st.floats(0.0, 1.0, width=32)
