@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import softras2d as sr
+from experiments.bundled_scenes.make import MADE, PICTURES, write
 from softras2d import scenes
 from softras2d.scenes import SIZE
-from softras2d.scenes.make import MADE, PICTURES, write
 from softras2d.scenes.scripted import SCRIPTED
 
 NAMES = scenes.names()

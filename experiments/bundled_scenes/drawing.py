@@ -1,15 +1,10 @@
-"""What the scripts that draw bundled scenes share: the palette, a file, its elements, colours."""
+"""What the scripts that draw bundled scenes share: a file, its elements, codes of colours."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
-from . import SIZE
-
-# A palette that stays apart under colour blindness (Okabe and Ito, *Color Universal Design*,
-# 2008), between a paper and an ink.
-PAPER, INK = "#f4ebdd", "#0f2742"
-ORANGE, SKY, BLUE, VERMILION = "#e69f00", "#56b4e9", "#0072b2", "#d55e00"
+from softras2d.scenes import SIZE
 
 
 def document(purpose: str, lines: Iterable[str]) -> str:
@@ -19,7 +14,7 @@ def document(purpose: str, lines: Iterable[str]) -> str:
             f'<svg xmlns="http://www.w3.org/2000/svg" width="{SIZE}" height="{SIZE}" '
             f'viewBox="0 0 {SIZE} {SIZE}">',
             f"<!-- {purpose} -->",
-            "<!-- Written by softras2d/scenes/make.py. -->",
+            "<!-- Written by experiments/bundled_scenes/make.py. -->",
             *lines,
             "</svg>\n",
         ]
@@ -41,13 +36,6 @@ def polar(radius: float | np.ndarray, degrees: float | np.ndarray) -> np.ndarray
     """Points around the middle of the picture; 0 degrees is up, and angles turn clockwise."""
     angle = np.radians(degrees)
     return SIZE / 2 + np.stack([radius * np.sin(angle), -radius * np.cos(angle)], axis=-1)
-
-
-def mix(stops: list[str], where: float) -> np.ndarray:
-    """The colour at `where` in 0..1 of a ramp through evenly spaced `stops`, as RGB in 0..255."""
-    colors = np.array([[int(stop[i : i + 2], 16) for i in (1, 3, 5)] for stop in stops])
-    at = np.linspace(0.0, 1.0, len(stops))
-    return np.array([np.interp(where, at, channel) for channel in colors.T])
 
 
 def code(rgb: np.ndarray) -> str:

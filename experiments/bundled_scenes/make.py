@@ -1,6 +1,7 @@
-"""Writes the bundled scenes that are drawn by rule: `python -m softras2d.scenes.make [FOLDER]`.
+"""Writes the bundled scenes drawn by rule: `python -m experiments.bundled_scenes.make [FOLDER]`.
 
-The files are kept, so that a scene can be read without this script, and a test holds them to it.
+The files are kept in `softras2d/scenes`, so that a scene can be read without this script, and a
+test holds them to it.
 """
 
 import sys
@@ -10,22 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from . import SIZE
-from .drawing import (
-    BLUE,
-    INK,
-    ORANGE,
-    PAPER,
-    SKY,
-    VERMILION,
-    code,
-    document,
-    mix,
-    number,
-    page,
-    polar,
-    polygon,
-)
+from softras2d import scenes
+from softras2d.io.images import write_image
+from softras2d.scenes import SIZE
+from softras2d.scenes.palette import BLUE, INK, ORANGE, PAPER, SKY, VERMILION, mix
+
+from .drawing import code, document, number, page, polar, polygon
 from .textured import PICTURES, magnified, minified, stretched, zone_plate
 
 # Right ascension in hours, declination in degrees and magnitude of the figures' stars, in drawing
@@ -310,8 +301,6 @@ MADE: dict[str, Callable[[], str]] = {
 
 def write(folder: Path) -> None:
     """The files of `MADE`, and in `textures` those of `PICTURES`."""
-    from ..io.images import write_image
-
     (folder / "textures").mkdir(parents=True, exist_ok=True)
     for name, make in MADE.items():
         (folder / f"{name}.svg").write_text(make(), encoding="utf-8")
@@ -320,4 +309,4 @@ def write(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    write(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
+    write(Path(sys.argv[1]) if len(sys.argv) > 1 else scenes.path("hairlines").parent)

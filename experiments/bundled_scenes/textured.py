@@ -4,19 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from . import SIZE
-from .drawing import (
-    BLUE,
-    INK,
-    ORANGE,
-    PAPER,
-    SKY,
-    VERMILION,
-    document,
-    mix,
-    number,
-    page,
-)
+from softras2d.scenes import SIZE
+from softras2d.scenes.palette import BLUE, INK, ORANGE, PAPER, SKY, VERMILION, mix
+
+from .drawing import document, number, page
 
 
 def _painted(index: np.ndarray, colors: list[str]) -> np.ndarray:
