@@ -12,7 +12,7 @@ import numpy as np
 
 import softras2d as sr
 from softras2d.io.svg.gradients import in_browsers
-from tests.browser import psnr, require_browser, screenshot
+from tests.cases.browser import psnr, require_browser, screenshot
 
 from ..common import machine, report
 
