@@ -5,25 +5,23 @@ The names below are the public face; everything else may change. They load on fi
 without waiting for JAX.
 """
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from . import camera, pictures, plot
-    from .fit.batch import fit_batch
-    from .fit.fit import fit
-    from .fit.result import FitResult
+    from .fitting.batch import fit_batch
+    from .fitting.fit import fit
+    from .fitting.result import FitResult
     from .io.images import read_image, write_image
-    from .io.svg import read_svg
-    from .io.svg_writer import write_svg
+    from .io.svg.reader import read_svg
+    from .io.svg.writer import write_svg
     from .options import Area, Filter, Hard, Soft
-    from .plan import Plan, plan
-    from .render import render, render_checked
+    from .planning.plan import Plan, plan
+    from .planning.simplify import simplify
+    from .planning.size_classes import pad
+    from .rendering.render import render, render_checked
     from .scene import Scene, check
-    from .simplify import simplify
-    from .size_classes import pad
     from .texture.pyramid import TexturePyramid
 
 __version__ = "0.1.0"
@@ -31,24 +29,24 @@ __version__ = "0.1.0"
 _HOMES = {
     "Area": ".options",
     "Filter": ".options",
-    "FitResult": ".fit.result",
+    "FitResult": ".fitting.result",
     "Hard": ".options",
-    "Plan": ".plan",
+    "Plan": ".planning.plan",
     "Scene": ".scene",
     "Soft": ".options",
     "TexturePyramid": ".texture.pyramid",
     "check": ".scene",
-    "fit": ".fit.fit",
-    "fit_batch": ".fit.batch",
-    "pad": ".size_classes",
-    "plan": ".plan",
+    "fit": ".fitting.fit",
+    "fit_batch": ".fitting.batch",
+    "pad": ".planning.size_classes",
+    "plan": ".planning.plan",
     "read_image": ".io.images",
-    "read_svg": ".io.svg",
-    "render": ".render",
-    "render_checked": ".render",
-    "simplify": ".simplify",
+    "read_svg": ".io.svg.reader",
+    "render": ".rendering.render",
+    "render_checked": ".rendering.render",
+    "simplify": ".planning.simplify",
     "write_image": ".io.images",
-    "write_svg": ".io.svg_writer",
+    "write_svg": ".io.svg.writer",
 }
 
 _ROOMS = ("camera", "pictures", "plot")
@@ -79,18 +77,6 @@ __all__ = [
     "write_image",
     "write_svg",
 ]
-
-
-class _Package(ModuleType):
-    """This package; where a function is named like the room it lives in, the function is meant."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        # The import system would put the submodules `plan`, `render`, `simplify` here.
-        if not (name in _HOMES and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str):

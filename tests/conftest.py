@@ -8,7 +8,7 @@ import jax
 import jax.monitoring
 import pytest
 
-from softras2d.programs import drop_programs
+from softras2d.numerics.compiled_programs import drop_programs
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")

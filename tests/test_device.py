@@ -6,8 +6,8 @@ import pytest
 
 import softras2d as sr
 
-from .cases import COUNT, assert_same_counts, canvas, cases, colors_of, vast
-from .oracle import draw
+from .cases.scenes import COUNT, assert_same_counts, canvas, cases, colors_of, vast
+from .oracles.coverage import draw
 
 pytestmark = pytest.mark.skipif(
     jax.default_backend() == "cpu", reason="no accelerator to compare with"

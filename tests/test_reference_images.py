@@ -13,7 +13,7 @@ import pytest
 import softras2d as sr
 from softras2d import scenes
 
-from .oracle import Canvas, draw
+from .oracles.coverage import Canvas, draw
 
 REFERENCES = Path(__file__).parent / "references"
 FAILURES = Path(__file__).parent / "failures"

@@ -17,9 +17,9 @@ import pytest
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 
 import softras2d as sr
-from softras2d.render import compile_render
+from softras2d.rendering.render import compile_render
 
-from .cases import colors_of
+from .cases.scenes import colors_of
 
 COUNT = 24
 COLORS, POSITIONS = 1, 2

@@ -6,7 +6,7 @@ from typing import Any
 
 import softras2d as sr
 from softras2d import scenes
-from softras2d.cost import Price, price_effects
+from softras2d.rendering.cost import Price, price_effects
 
 from ..common import machine, report
 from ..common.progress import steps

@@ -16,12 +16,12 @@ import numpy as np
 
 import softras2d as sr
 from softras2d import pictures
-from softras2d.fit.edge_flips import flip_to_delaunay
-from softras2d.fit.insertion import insert
-from softras2d.fit.mesh_colors import Colors, at_corners, solve_colors
-from softras2d.fit.mesh_start import COARSE, GROWTH, error_start, uniform_start
-from softras2d.fit.score import Scorer
-from softras2d.fit.triangulation import Mesh
+from softras2d.fitting.mesh.edge_flips import flip_to_delaunay
+from softras2d.fitting.mesh.insertion import insert
+from softras2d.fitting.mesh.start import COARSE, GROWTH, error_start, uniform_start
+from softras2d.fitting.mesh.triangulation import Mesh
+from softras2d.fitting.mesh.vertex_colors import Colors, at_corners, solve_colors
+from softras2d.fitting.score import Scorer
 
 from ..common import machine, progress, report
 from . import figure

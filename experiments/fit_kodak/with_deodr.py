@@ -9,8 +9,8 @@ import time
 import numpy as np
 
 import softras2d as sr
-from softras2d.fit.placing import random_triangles
-from softras2d.fit.resample import shrink
+from softras2d.fitting.layers.placement import random_triangles
+from softras2d.fitting.resample import shrink
 
 from ..common.scenes import Soup
 from ..gradient_accuracy.with_deodr import Deodr

@@ -14,8 +14,8 @@ import numpy as np
 
 import softras2d as sr
 from softras2d import pictures
-from softras2d.fit.resample import shrink
-from softras2d.fit.solvers import SOLVERS
+from softras2d.fitting.resample import shrink
+from softras2d.fitting.solvers import SOLVERS
 
 from ..common import machine, progress, report
 from . import figure

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
 import softras2d as sr
-from softras2d.contact_sheet import Strip, contact_sheet
+from softras2d.io.contact_sheet import Strip, contact_sheet
 
 from .samples import Triangle, sample_points
 from .variants import VARIANTS, per_sample

@@ -11,7 +11,8 @@ import numpy as np
 
 import softras2d as sr
 from softras2d import scenes
-from softras2d.scenes.textured import kilim
+
+from ..bundled_scenes.textured import kilim
 
 SIZE = 240
 NAMES = ("overlap", "crossing", "carpets")

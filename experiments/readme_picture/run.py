@@ -6,7 +6,7 @@ import numpy as np
 
 import softras2d as sr
 from softras2d import scenes
-from softras2d.contact_sheet import Strip, contact_sheet
+from softras2d.io.contact_sheet import Strip, contact_sheet
 
 RESULTS = Path(__file__).parent / "results"
 SIZE = 300

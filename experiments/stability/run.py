@@ -13,9 +13,9 @@ import jax
 from rich.console import Console
 from rich.table import Table
 
-from tests.stability import carried, degenerate
-from tests.stability.cases import CASES, MODES
-from tests.stability.measure import LONG_MODES, long_sum, measure, moved
+from tests.cases import stability_carried, stability_degenerate
+from tests.cases.stability_cases import CASES, MODES
+from tests.cases.stability_measure import LONG_MODES, long_sum, measure, moved
 
 from ..common import machine, progress, report
 from . import figure
@@ -32,15 +32,20 @@ def case_rows(modes: list[str]) -> list[dict[str, Any]]:
 
 def carried_rows() -> list[dict[str, Any]]:
     """Triangles that carry corner colours, textures, perspective and depth."""
-    return _measured(carried.CASES, list(carried.MODES), carried.measure, "what triangles carry")
+    return _measured(
+        stability_carried.CASES,
+        list(stability_carried.MODES),
+        stability_carried.measure,
+        "what triangles carry",
+    )
 
 
 def degenerate_rows(modes: list[str]) -> list[dict[str, Any]]:
     """Triangles without area, or hardly any: jvp against vjp, and how large gradients get."""
     rows = []
     for mode in progress.steps(modes, "degenerate triangles"):
-        for row in degenerate.measure(mode):
-            rows.append({**row, "within": "yes" if degenerate.within(row) else "NO"})
+        for row in stability_degenerate.measure(mode):
+            rows.append({**row, "within": "yes" if stability_degenerate.within(row) else "NO"})
     return rows
 
 
@@ -100,7 +105,7 @@ def main() -> None:
         return
     report.write_csv(results / "cases.csv", rows)
     report.write_csv(results / "carried.csv", carried_rows())
-    report.write_csv(results / "degenerate.csv", degenerate_rows(list(degenerate.MODES)))
+    report.write_csv(results / "degenerate.csv", degenerate_rows(list(stability_degenerate.MODES)))
     report.write_csv(results / "shifts.csv", shift_rows(modes))
     report.write_csv(results / "long_sums.csv", sum_rows(modes))
     seconds = round(time.perf_counter() - began)

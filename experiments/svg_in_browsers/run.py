@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 import softras2d as sr
-from softras2d.io.svg_gradients import in_browsers
-from tests.browser import psnr, require_browser, screenshot
+from softras2d.io.svg.gradients import in_browsers
+from tests.cases.browser import psnr, require_browser, screenshot
 
 from ..common import machine, report
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 import softras2d as sr
-from softras2d.contact_sheet import Strip, contact_sheet
+from softras2d.io.contact_sheet import Strip, contact_sheet
 
 from .measures import rmse
 from .methods import SAMPLES, Method

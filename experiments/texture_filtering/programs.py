@@ -4,7 +4,7 @@ import jax
 import numpy as np
 
 import softras2d as sr
-from softras2d.render import compile_render
+from softras2d.rendering.render import compile_render
 
 from .methods import Method
 from .subjects import SIZE

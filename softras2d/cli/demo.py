@@ -23,7 +23,7 @@ def make_demo(
     """
     with session() as console:
         from .. import scenes
-        from ..contact_sheet import Strip, contact_sheet
+        from ..io.contact_sheet import Strip, contact_sheet
         from ..io.images import write_image
         from .gallery import pictures
 

@@ -54,8 +54,8 @@ def fit_picture(
     # What was imported before is time of the user's too.
     began = time.perf_counter() - time.process_time()
     with session(lasting=True) as console:
-        from ..fit.fit import fit
-        from ..fit.result import FitResult
+        from ..fitting.fit import fit
+        from ..fitting.result import FitResult
         from ..io.images import read_image
         from .fit_files import Film, check_outputs, told_of_browsers, write_all
         from .fit_start import read_start

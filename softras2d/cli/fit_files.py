@@ -6,18 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from ..device import to_device
-from ..fit.loop import Moment
-from ..fit.mesh_colors import Image
-from ..fit.result import FitResult
-from ..fit.score import Scorer
+from ..fitting.loop import Moment
+from ..fitting.mesh.vertex_colors import Image
+from ..fitting.result import FitResult
+from ..fitting.score import Scorer
 from ..io.animation import write_animation
 from ..io.images import WRITABLE, check_place, write_image
-from ..io.svg_gradients import in_browsers
-from ..io.svg_writer import write_svg
+from ..io.svg.gradients import in_browsers
+from ..io.svg.writer import write_svg
+from ..numerics.device import to_device
 from ..options import Hard
-from ..plan import plan
-from ..render import render
+from ..planning.plan import plan
+from ..rendering.render import render
 from ..scene import Scene
 
 _KNOWN = (".svg", *WRITABLE, ".gif", ".npz", ".json")

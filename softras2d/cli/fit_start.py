@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ..device import to_device
-from ..fit.choices import STARTS
-from ..fit.frame import Frame
-from ..fit.result import FitResult
-from ..fit.triangulation import Mesh, make_mesh
-from ..io.svg import read_svg
+from ..fitting.choices import STARTS
+from ..fitting.frame import Frame
+from ..fitting.mesh.triangulation import Mesh, make_mesh
+from ..fitting.result import FitResult
+from ..io.svg.reader import read_svg
+from ..numerics.device import to_device
 from ..scene import Scene
 
 

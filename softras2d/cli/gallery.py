@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Array
 
 from .. import scenes
-from ..device import to_device
+from ..numerics.device import to_device
 from ..options import Hard
-from ..plan import plan
+from ..planning.plan import plan
 from ..scene import Scene
 from ..texture.pyramid import TexturePyramid
 from .view import draw

@@ -43,7 +43,7 @@ def describe_scene(
         level_filter=level_filter, anisotropy=anisotropy, frame=frame, opacity=opacity,
     )  # fmt: skip
     with session() as progress:
-        from ..io.svg import svg_size
+        from ..io.svg.reader import svg_size
         from .view import facts, plan_of, read
 
         held, height, width = read(scene, view)
@@ -65,7 +65,7 @@ def describe_scene(
 
 def _prices(scene: Any, plan: Any, progress: Console) -> Table:
     """What the scene takes, and what it takes less each effect."""
-    from ..cost import Price, price_effects
+    from ..rendering.cost import Price, price_effects
 
     table = Table(box=box.SIMPLE, pad_edge=False)
     for name in ("", "time", "memory", "operations", "bytes moved"):

@@ -95,7 +95,7 @@ def _render_each(
 
     Whatever is raised for one scene, the next is drawn: an unforeseen error is a line, too.
     """
-    from ..programs import drop_programs
+    from ..numerics.compiled_programs import drop_programs
 
     told = ""
     with _progress(len(scenes), console) as advance:

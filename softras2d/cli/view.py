@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..device import to_device
 from ..io.images import srgb_to_linear
-from ..io.svg import read_svg, svg_size
+from ..io.svg.reader import read_svg, svg_size
+from ..numerics.device import to_device
 from ..options import Filter, Hard
-from ..plan import Plan, plan
-from ..render import render_checked
+from ..planning.plan import Plan, plan
+from ..rendering.render import render_checked
 from ..scene import Scene
 from .options import Size, View
 

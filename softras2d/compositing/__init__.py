@@ -1,0 +1,1 @@
+"""This stage combines the colours of all triangles in a pixel into one."""

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, UInt32
 
-from ..barycentric import Weights, weight_sums
-from ..linear import linear_map
-from ..lists import Chunks
-from ..staging import one_pass
-from ..tiles import Tiling
+from ..binning.lists import Chunks
+from ..geometry.barycentric import Weights, weight_sums
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import one_pass
+from ..numerics.linear_map import linear_map
 
 
 class Fields(NamedTuple):

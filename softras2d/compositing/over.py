@@ -21,12 +21,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
-from ..barycentric import slot_weights, weight_sums
-from ..fragments import Fragments, shading_points
-from ..lists import Steps
-from ..shading import Lanes, Points, Surface, pick_lanes, shade, view
-from ..staging import one_pass
-from ..tiles import TileLists, Tiling
+from ..binning.lists import Steps
+from ..binning.tiles import TileLists
+from ..geometry.barycentric import slot_weights, weight_sums
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import one_pass
+from ..shading.fragments import Fragments, shading_points
+from ..shading.triangle_color import Lanes, Points, Surface, pick_lanes, shade, view
 
 
 class Layers(NamedTuple):

@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from .. import safe
-from ..staging import one_pass
-from .pixels import Measure, Six, side_of, sum_along_edges
-from .sides import Side, Sides
+from ..numerics import safe
+from ..numerics.fusion_barrier import one_pass
+from .analytic import Measure, Six, side_of, sum_along_edges
+from .edge_lines import Side, Sides
 
 REACH = 0.7072
 """Pixels from a pixel's centre beyond which an edge does not cut it: half its diagonal."""

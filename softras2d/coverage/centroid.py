@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from ..staging import one_pass
+from ..numerics.fusion_barrier import one_pass
+from .analytic import Measure, Six, side_of, spread, sum_along_edges, sum_fields
 from .area import Edge, Outline, add_share, passes_tile, spans, within
-from .pixels import Measure, Six, side_of, spread, sum_along_edges, sum_fields
-from .sides import Sides
+from .edge_lines import Sides
 
 _LEAST = 1e-12
 """Area in a pixel below which there is no centroid."""

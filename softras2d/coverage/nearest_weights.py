@@ -9,8 +9,8 @@ while around a corner it is the corner. Inside, weights at a place that stays pu
 -grad w_k . sum_j w_j dv_j. All is linear in x and y, or a product of two such: three moments of
 each case tell the sums over pixels.
 
-Corners of a triangle thinner than a few roundings stand in for each other, see `sides`: what one
-holds there and what the others do would be chosen by a rounding.
+Corners of a triangle thinner than a few roundings stand in for each other, see `edge_lines`: what
+one holds there and what the others do would be chosen by a rounding.
 """
 
 import functools
@@ -18,9 +18,9 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from ..staging import one_pass
-from .pixels import Measure, Six, side_of, spread, sum_moments
-from .sides import Sides, share_slopes, share_velocity
+from ..numerics.fusion_barrier import one_pass
+from .analytic import Measure, Six, side_of, spread, sum_moments
+from .edge_lines import Sides, share_slopes, share_velocity
 from .soft import Nearest, is_around, nearest, side_weights
 
 

@@ -8,8 +8,8 @@ corner it points from x to the corner, and is zero at the corner.
 
 A triangle without area is the segment between its two farthest corners, whatever the third: n then
 points from x to the segment, and is zero on it. Triangles thinner than a few roundings lie between
-the two, see `sides`. The jvp and the vjp take each decision (edge or corner, which edge, which side
-of it) by the same function, and with a preference where roundings could decide.
+the two, see `edge_lines`. The jvp and the vjp take each decision (edge or corner, which edge, which
+side of it) by the same function, and with a preference where roundings could decide.
 """
 
 import functools
@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from ..staging import one_pass
-from .pixels import Measure, Six, side_of, spread, sum_moments
-from .profile import SUPPORT, slope, step
-from .sides import ROUNDING, Sides, share_slopes, share_velocity
+from ..numerics.fusion_barrier import one_pass
+from .analytic import Measure, Six, side_of, spread, sum_moments
+from .edge_lines import ROUNDING, Sides, share_slopes, share_velocity
+from .profiles import SUPPORT, slope, step
 
 
 @functools.cache

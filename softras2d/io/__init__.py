@@ -1,0 +1,1 @@
+"""This stage reads and writes pictures, films and drawings."""

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from ..drafts import whole
 from . import gif
+from .drafts import whole
 from .images import as_pixels, check_place, to_bytes
 from .palette import quantized
 

@@ -26,7 +26,7 @@ import numpy as np
 import OpenImageIO as oiio
 from jaxtyping import Float32, UInt8
 
-from ..drafts import whole
+from .drafts import whole
 
 WRITABLE = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff")
 """Suffixes that `write_image` knows."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from .library import COLORS, Axes, import_pyplot
 
 if TYPE_CHECKING:
-    from ..fit.result import FitResult
+    from ..fitting.result import FitResult
 else:
     # The type alone would import JAX.
     FitResult = Any

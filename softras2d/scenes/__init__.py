@@ -1,7 +1,7 @@
 """The bundled scenes: pictures of 300 x 300 pixels, each made to show one thing.
 
 Most are SVG files, whose purpose stands in their first comment; some of these are written by
-`make.py`. Those in space are made by `scripted.py` through the camera.
+`experiments/bundled_scenes`. Those in space are made by `scripted.py` through the camera.
 """
 
 import re
@@ -81,6 +81,6 @@ def read(name: str, **keywords: Any) -> "Scene":
         from .scripted import SCRIPTED
 
         return SCRIPTED[name].make(**({"height": SIZE, "width": SIZE} | keywords))
-    from ..io.svg import read_svg
+    from ..io.svg.reader import read_svg
 
     return read_svg(path(name), **(_KEYWORDS.get(name, {}) | keywords))

@@ -8,7 +8,7 @@ import numpy as np
 from .. import camera
 from ..scene import Scene
 from ..texture.pyramid import TexturePyramid
-from .drawing import BLUE, INK, ORANGE, PAPER, SKY, VERMILION, mix
+from .palette import BLUE, INK, ORANGE, PAPER, SKY, VERMILION, mix
 
 
 class Scripted(NamedTuple):

@@ -1,0 +1,1 @@
+"""This stage builds mip pyramids, chooses levels of detail and reads filtered texels."""

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..staging import one_pass
+from ..numerics.fusion_barrier import one_pass
 from .level_of_detail import Level, Levels
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .. import safe
+from ..numerics import safe
 from ..options import Filter
 
 _POINT = 2.0**-60

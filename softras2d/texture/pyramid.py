@@ -9,8 +9,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from ..colors_given import check_whole_colors, warn_of_bytes
-from ..device import to_device, to_host
+from ..color import check_whole_colors, warn_of_bytes
+from ..numerics.device import to_device, to_host
 
 
 class TexturePyramid(eqx.Module):

@@ -5,8 +5,8 @@ import pytest
 
 import softras2d as sr
 
-from ..cases import draw_scene
-from ..oracle import Canvas
+from ..cases.scenes import draw_scene
+from ..oracles.coverage import Canvas
 
 ON = Canvas(21, 29)
 

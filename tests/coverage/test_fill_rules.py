@@ -8,8 +8,8 @@ import pytest
 
 import softras2d as sr
 
-from ..cases import SIZES, canvas, draw_scene
-from ..oracle import Canvas, coverage, draw
+from ..cases.scenes import SIZES, canvas, draw_scene
+from ..oracles.coverage import Canvas, coverage, draw
 
 RATES = pytest.mark.parametrize("rate", [1, 2, 3, 4, 8, 16])
 RULES = pytest.mark.parametrize("fill_rule", ["inclusive", "top_left"])

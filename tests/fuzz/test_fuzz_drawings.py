@@ -16,7 +16,7 @@ import pytest
 
 import softras2d as sr
 from softras2d import scenes
-from softras2d.io.svg import read_svg, svg_size
+from softras2d.io.svg.reader import read_svg, svg_size
 
 SECONDS = float(os.environ.get("SOFTRAS2D_FUZZ_SECONDS", "40"))
 SEED = int(os.environ.get("SOFTRAS2D_FUZZ_SEED", "0"))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.fit.prepare import check_images, check_resume
-from tests.fit.saved_fits import KINDS, packed, saved, target_of
+from softras2d.fitting.prepare import check_images, check_resume
+from tests.cases.saved_fits import KINDS, packed, saved, target_of
 from tests.fuzz.seconds import cases, flipped
 
 pytestmark = pytest.mark.slow

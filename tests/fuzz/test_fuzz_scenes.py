@@ -10,8 +10,8 @@ import pytest
 
 import softras2d as sr
 
-from ..oracle import Canvas, footprint, snap
-from ..test_far_triangles import covered_by, near_an_edge, project_one
+from ..geometry.test_far_triangles import covered_by, near_an_edge, project_one
+from ..oracles.coverage import Canvas, footprint, snap
 from .seconds import cases
 
 SIDE = 16

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from softras2d.io import budget, overlaps
+from softras2d.io import budget
 from softras2d.io.budget import Budget, BudgetError
+from softras2d.io.shapes import overlaps
 
 
 def test_charges_add_up_to_the_limit():

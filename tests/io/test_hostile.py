@@ -19,10 +19,10 @@ import pytest
 
 import softras2d as sr
 from softras2d import scenes
-from softras2d.io import svg_assets, svg_color, svg_numbers, svg_style, svg_transform, svg_view
 from softras2d.io.budget import MAX_TEXELS, Budget, BudgetError
 from softras2d.io.images import decode_image, read_image
-from softras2d.io.svg import parse_svg, read_svg
+from softras2d.io.svg import assets, css_color, numbers, style, transform_attribute, view_box
+from softras2d.io.svg.reader import parse_svg, read_svg
 
 LENGTH = 200_000
 
@@ -93,22 +93,22 @@ ADVERSARIAL = {
 
 
 READERS = {
-    "number_list": svg_numbers.number_list,
-    "number_pairs": svg_numbers.number_pairs,
-    "blank_separated": svg_numbers.blank_separated,
-    "leading_float": svg_numbers.leading_float,
-    "length": lambda text: svg_numbers.length(text, 1.0),
-    "fraction": svg_numbers.fraction,
-    "transform": svg_transform.transform_list,
-    "course transform": lambda text: svg_transform.course_transform(text, lambda name: None),
-    "color": svg_color.color_of,
-    "paint": lambda text: svg_style._paint(text, lambda name: None),
-    "style": lambda text: svg_style._declarations(text, lambda name: None),
-    "view_box": lambda text: svg_view.view_box({"viewBox": text}),
-    "aspect": lambda text: svg_view.fit(svg_view.Box(0.0, 0.0, 1.0, 1.0), 1.0, 1.0, text),
-    "width": lambda text: svg_view.own_size({"width": text, "height": "1"}, "svg"),
-    "data": svg_assets._embedded,
-    "file": lambda text: svg_assets.Assets(Path(), Path(), alpha=True).declare("0", text),
+    "number_list": numbers.number_list,
+    "number_pairs": numbers.number_pairs,
+    "blank_separated": numbers.blank_separated,
+    "leading_float": numbers.leading_float,
+    "length": lambda text: numbers.length(text, 1.0),
+    "fraction": numbers.fraction,
+    "transform": transform_attribute.transform_list,
+    "course transform": lambda text: transform_attribute.course_transform(text, lambda name: None),
+    "color": css_color.color_of,
+    "paint": lambda text: style._paint(text, lambda name: None),
+    "style": lambda text: style._declarations(text, lambda name: None),
+    "view_box": lambda text: view_box.view_box({"viewBox": text}),
+    "aspect": lambda text: view_box.fit(view_box.Box(0.0, 0.0, 1.0, 1.0), 1.0, 1.0, text),
+    "width": lambda text: view_box.own_size({"width": text, "height": "1"}, "svg"),
+    "data": assets._embedded,
+    "file": lambda text: assets.Assets(Path(), Path(), alpha=True).declare("0", text),
 }
 
 
@@ -309,10 +309,10 @@ def test_pictures_of_a_document_share_a_limit(tmp_path):
     (tmp_path / "second.png").write_bytes(png(1024, 4096, b"damaged"))
     budget = Budget()
     budget.charge("texels", MAX_TEXELS - 2**22)
-    assets = svg_assets.Assets(tmp_path, None, True, budget)
-    assert assets.picture("first.png").shape == (1024, 4096, 3)
+    pictures = assets.Assets(tmp_path, None, True, budget)
+    assert pictures.picture("first.png").shape == (1024, 4096, 3)
     with pytest.raises(BudgetError, match="pixels of pictures; at most 67,108,864"):
-        assets.picture("second.png")
+        pictures.picture("second.png")
 
 
 def test_an_image_of_the_course_is_counted_before_it_is_triangles(tmp_path):

@@ -5,8 +5,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ..slopes import backward
-from .carried import CASES, COUNT, MODES, SIZE, TEXTURED, WILD, carrying, measure, planned
+from ..cases.slopes import backward
+from ..cases.stability_carried import (
+    CASES,
+    COUNT,
+    MODES,
+    SIZE,
+    TEXTURED,
+    WILD,
+    carrying,
+    measure,
+    planned,
+)
 
 SLOW = pytest.mark.slow
 

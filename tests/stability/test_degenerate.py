@@ -10,8 +10,8 @@ import pytest
 
 import softras2d as sr
 
-from ..products import moving, products, stack
-from .degenerate import (
+from ..cases.products import moving, products, stack
+from ..cases.stability_degenerate import (
     MODES,
     SIZE,
     WIDTHS,

@@ -11,9 +11,9 @@ import pytest
 
 import softras2d as sr
 
-from ..products import moving, products, stack
-from .cases import CASES, MODES
-from .measure import LONG_MODES, long_sum, measure, moved
+from ..cases.products import moving, products, stack
+from ..cases.stability_cases import CASES, MODES
+from ..cases.stability_measure import LONG_MODES, long_sum, measure, moved
 
 QUICK = ("soft", "area")
 """Modes that are no long tests."""

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ..shading_cases import ON, assert_close, plan_of, render_soup, scene_of, slowly, soup_of
-from ..shading_oracle import Soup, draw
-from ..slopes import backward, direction_of, forward, is_finite, weight_of
-from ..texture_oracle import Sampler
+from ..cases.shading import ON, assert_close, plan_of, render_soup, scene_of, slowly, soup_of
+from ..cases.slopes import backward, direction_of, forward, is_finite, weight_of
+from ..oracles.shading import Soup, draw
+from ..oracles.texture import Sampler
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,7 @@ import pytest
 
 import softras2d as sr
 
-from ..oracle import Canvas
-from ..shading_cases import (
+from ..cases.shading import (
     ON,
     SIZES,
     assert_close,
@@ -23,8 +22,9 @@ from ..shading_cases import (
     slowly,
     soup_of,
 )
-from ..shading_oracle import Soup, draw
-from ..texture_oracle import Sampler, chain
+from ..oracles.coverage import Canvas
+from ..oracles.shading import Soup, draw
+from ..oracles.texture import Sampler, chain
 
 PIXELS, LEVELS = ("nearest", "bilinear"), ("zero", "nearest", "linear")
 BORDERS, ADDRESSINGS = ("clamp", "repeat"), ("half_texel", "corners")

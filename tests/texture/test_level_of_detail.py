@@ -9,10 +9,10 @@ import pytest
 
 import softras2d as sr
 
-from ..shading_cases import ON, assert_close, plan_of, render_soup, scene_of, slowly, soup_of
-from ..shading_oracle import draw
-from ..slopes import backward, direction_of, forward, weight_of
-from ..texture_oracle import Sampler
+from ..cases.shading import ON, assert_close, plan_of, render_soup, scene_of, slowly, soup_of
+from ..cases.slopes import backward, direction_of, forward, weight_of
+from ..oracles.shading import draw
+from ..oracles.texture import Sampler
 
 TRILINEAR = Sampler()
 DTYPES = pytest.mark.parametrize("dtype", [np.float64, slowly(np.float32)])

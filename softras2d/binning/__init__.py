@@ -1,0 +1,1 @@
+"""This stage finds which triangles touch which tile of the canvas, and lists them."""

@@ -1,0 +1,102 @@
+"""Uneven lists of triangles as dense arrays, in two shapes.
+
+*Chunks* cut each tile's list into runs of a few slots: all of them are worked on at once, as an
+array `[chunks, layers]`. *Steps* take tiles in blocks of `BLOCK`, longest lists first, and
+visit the lists of a block place by place: for what must go front to back.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from ..numerics.fusion_barrier import one_pass
+from ..numerics.prefix import cumulative_sum
+from .tiles import TileLists, expand
+
+BLOCK = 64
+"""Tiles of a block: the state of their samples stays in a core's cache."""
+
+
+class Chunks(NamedTuple):
+    """Lists of triangles in chunks; those of a tile follow each other, nearest first.
+
+    - `triangle`, `filled`: which triangle is in each slot, and whether there is one.
+    - `place`: where it is in the lists.
+    - `tile`, `index`: the tile of a chunk, and the chunk's place among those of its tile.
+    - `first`, `count`: per tile, its first chunk and how many it has.
+    - `needed`, `deepest`: how many chunks in all, and of the fullest tile.
+    """
+
+    triangle: Int[Array, "chunks layers"]
+    filled: Bool[Array, "chunks layers"]
+    place: Int[Array, "chunks layers"]
+    tile: Int[Array, " chunks"]
+    index: Int[Array, " chunks"]
+    first: Int[Array, " tiles"]
+    count: Int[Array, " tiles"]
+    needed: Int[Array, ""]
+    deepest: Int[Array, ""]
+
+
+class Steps(NamedTuple):
+    """Visits of blocks of tiles, front to back, block after block.
+
+    - `block`, `place`: per step, the block and the place in the lists of its tiles.
+    - `tile`, `start`, `count`: per block, its tiles and their lists; a place beyond the last tile
+      is an empty list of tile 0.
+    - `slot`: per tile, where it is among the blocks' tiles.
+    - `needed`: how many steps.
+    """
+
+    block: Int[Array, " steps"]
+    place: Int[Array, " steps"]
+    tile: Int[Array, "blocks block"]
+    start: Int[Array, "blocks block"]
+    count: Int[Array, "blocks block"]
+    slot: Int[Array, " tiles"]
+    needed: Int[Array, ""]
+
+
+def cut_chunks(lists: TileLists, *, layers: int, capacity: int) -> Chunks:
+    """Every tile's list in chunks of `layers`; beyond `capacity` of them, triangles are missing."""
+
+    @one_pass
+    def cut(count):
+        chunks = -(-count // layers)
+        tile, index = expand(chunks, capacity)
+        total = jnp.sum(chunks, dtype=jnp.int32)
+        return chunks, tile, index, cumulative_sum(chunks) - chunks, total
+
+    @one_pass
+    def fill(lists, tile, index, total):
+        layer = index[:, None] * layers + jnp.arange(layers, dtype=jnp.int32)[None]
+        used = jnp.arange(capacity, dtype=jnp.int32) < total
+        filled = used[:, None] & (layer < lists.count[tile][:, None])
+        place = jnp.where(filled, lists.start[tile][:, None] + layer, 0)
+        return jnp.where(filled, lists.triangle.at[place].get(mode="clip"), 0), filled, place
+
+    chunks, tile, index, first, total = cut(lists.count)
+    triangle, filled, place = fill(lists, tile, index, total)
+    deepest = jnp.max(chunks)
+    return Chunks(triangle, filled, place, tile, index, first, chunks, total, deepest)
+
+
+def cut_steps(lists: TileLists, *, capacity: int) -> Steps:
+    """Blocks of tiles, longest lists first, and the steps through them; at most `capacity`."""
+
+    @one_pass
+    def cut(lists):
+        tiles = lists.count.shape[0]
+        order = jnp.argsort(-lists.count, stable=True).astype(jnp.int32)
+        spare = -tiles % BLOCK
+        tile = jnp.pad(order, (0, spare)).reshape(-1, BLOCK)
+        count = jnp.pad(lists.count[order], (0, spare)).reshape(-1, BLOCK)
+        longest = count[:, 0]
+        block, place = expand(longest, capacity)
+        slot = jnp.zeros(tiles, jnp.int32).at[order].set(jnp.arange(tiles, dtype=jnp.int32))
+        return Steps(
+            block, place, tile, lists.start[tile], count, slot, jnp.sum(longest, dtype=jnp.int32)
+        )
+
+    return cut(lists)

@@ -1,0 +1,114 @@
+"""Opaque triangles with colours that no sum of places tells: shaded where they show.
+
+Shading comes after visibility, so what is hidden costs nothing, however deep it lies.
+"""
+
+import functools
+import math
+import operator
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, UInt32
+
+from ..binning.lists import Chunks
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import one_pass
+from ..shading.fragments import Fragments, pick_bits, sample_points, shading_points
+from ..shading.triangle_color import Lanes, Points, Surface, add_shade, pick_lanes, shade, view
+from .opaque import Fields
+
+
+def sum_shaded(
+    surface: Surface,
+    fragments: Fragments,
+    rows: UInt32[Array, "chunks layers rows"],
+    chunks: Chunks,
+    tiling: Tiling,
+    *,
+    shading: str,
+) -> Float[Array, "tiles channels fields places"]:
+    """Sums over each pixel's samples of the colours that show there.
+
+    `rows`: the samples that each slot covers, hidden ones too. `shading` as in `Hard`: at each
+    `"sample"`, or one colour of a fragment for all of its samples.
+    """
+    triangle = chunks.triangle.reshape(-1)
+    tile = jnp.repeat(chunks.tile, chunks.triangle.shape[1])
+    # Slots are fewer than fragments: what a slot's pixels share is computed once.
+    lanes = pick_lanes(view(surface, triangle, tile, tiling), fragments.slot)
+    if shading == "pixel":
+        covered = pick_bits(rows, fragments.slot, fragments.column, fragments.row, tiling)
+        points = shading_points(
+            fragments, covered, surface.edges, lanes.weights, triangle, tile, tiling
+        )
+        total = _shade_pixels(surface, lanes, points, fragments, tiling)
+    else:
+        total = _shade_samples(surface, lanes, fragments, tiling)
+    return _add_to_pixels(total, tile, fragments, tiling)
+
+
+def _shade_samples(
+    surface: Surface, lanes: Lanes, fragments: Fragments, tiling: Tiling
+) -> Float[Array, "channels fragments"]:
+    """Sums over the samples that show, visited one place of the pixel after another.
+
+    Each place is shaded for all fragments, and counted where it shows: a pixel costs as many
+    shadings as it has samples for each triangle that shows in it.
+    """
+    rate, probes = tiling.grid.rate, surface.filter.anisotropy
+
+    @one_pass
+    def locate(fragments, sub_row, sub_column):
+        return sample_points(fragments, sub_row, sub_column, tiling)
+
+    @one_pass
+    def is_shown(bits, sub_row, sub_column):
+        return (bits[sub_row] >> sub_column.astype(jnp.uint32)) & jnp.uint32(1) == 1
+
+    def visit(total, step):
+        sub_row, sub_column, probe = step
+        points = locate(fragments, sub_row, sub_column)
+        shown = is_shown(fragments.bits, sub_row, sub_column)
+        total = add_shade(total, surface, lanes, points, tiling, shown=shown, probe=probe)
+        return total, None
+
+    number = jnp.arange(rate * rate * probes, dtype=jnp.int32)
+    steps = (number // probes // rate, number // probes % rate, number % probes)
+    shape = (surface.channels, fragments.slot.shape[0])
+    total = jnp.zeros(shape, surface.corners.color.dtype)
+    # Backwards, a visit is computed again rather than kept.
+    return jax.lax.scan(jax.checkpoint(visit), total, steps)[0]
+
+
+def _shade_pixels(
+    surface: Surface, lanes: Lanes, points: Points, fragments: Fragments, tiling: Tiling
+) -> Float[Array, "channels fragments"]:
+    """One colour of each fragment, times its samples that show."""
+
+    @one_pass
+    def weigh(color, bits):
+        number = functools.reduce(operator.add, jax.lax.population_count(bits)).astype(color.dtype)
+        return jnp.where((number > 0)[None], color * number[None], 0.0)
+
+    return weigh(shade(surface, lanes, points, tiling), fragments.bits)
+
+
+def _add_to_pixels(total: Array, tile: Array, fragments: Fragments, tiling: Tiling) -> Array:
+    packing = Fields.of(tiling.grid.rate)
+    places = packing.words * tiling.height
+    shape = (tiling.count, packing.count, places)
+
+    @one_pass
+    def locate(tile, fragments):
+        field, word = fragments.column // packing.words, fragments.column % packing.words
+        place = word * tiling.height + fragments.row
+        return (tile[fragments.slot] * packing.count + field) * places + place
+
+    @one_pass
+    def add(channel, pixel):
+        return jnp.zeros(math.prod(shape), channel.dtype).at[pixel].add(channel, mode="drop")
+
+    pixel = locate(tile, fragments)
+    sums = [add(channel, pixel).reshape(shape) for channel in total]
+    return one_pass(lambda sums: jnp.stack(sums, 1))(sums)

@@ -1,0 +1,145 @@
+"""The depth test: which samples of a triangle pass it, as bits.
+
+In draw order a triangle passes at a sample where it lies no deeper than all that were drawn there
+before, and its depth is then the least. Only bits are kept: what has passed is composited in draw
+order like any scene, so that of opaque triangles the last that passed shows, which is the nearest,
+and of equally near ones the later.
+
+Depth is interpolated affinely on the screen, as z / w is.
+
+**Source:** Catmull, *A Subdivision Algorithm for Computer Display of Curved Surfaces* (PhD thesis,
+University of Utah, 1974), section 4; order of tests as in the OpenGL 4.6 specification, 17.3.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, UInt32
+
+from ..binning.lists import Steps
+from ..binning.tiles import TileLists
+from ..geometry.barycentric import Weights, slot_weights, twice_area, weight_sums
+from ..geometry.fixed_point import Edges
+from ..geometry.guard_band import Planes
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import one_pass
+from .sampled import row_order
+
+
+class Depths(NamedTuple):
+    """Triangles as the depth test sees them; `depth` of the corners, turned."""
+
+    edges: Edges
+    planes: Planes | None
+    depth: Float[Array, "3 triangles"]
+
+
+def keep_nearest(
+    depths: Depths,
+    rows: UInt32[Array, "pairs rows"],
+    lists: TileLists,
+    steps: Steps,
+    tiling: Tiling,
+) -> UInt32[Array, "pairs rows"]:
+    """`rows` without the samples that fail the depth test; in the order of `lists`."""
+    dtype = depths.depth.dtype
+    area = one_pass(lambda edges: twice_area(edges, dtype))(depths.edges)
+    measure = one_pass(functools.partial(_measure, tiling=tiling))
+
+    @one_pass
+    def corners(depths, area, triangle, tile):
+        weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
+        return weights, depths.depth[:, triangle]
+
+    @one_pass
+    def pick(rows, pair, live):
+        return jnp.where(live[:, None], rows.at[pair].get(mode="clip"), jnp.uint32(0)).reshape(-1)
+
+    def visit(least: Array, step: tuple[Array, Array, Array]) -> tuple[Array, tuple[Array, Array]]:
+        number, which, place = step
+        fresh, count = place == 0, steps.count[which]
+        # Lists run from the nearest in draw order back: the last place was drawn first.
+        pair = steps.start[which] + count - 1 - place
+        live = (place < count) & (number < steps.needed)
+        triangle = lists.triangle.at[pair].get(mode="clip")
+        words = pick(rows, pair, live)
+        depth = measure(*corners(depths, area, triangle, steps.tile[which]))
+        passed = one_pass(_test)(depth, least, fresh, words)
+        kept = one_pass(_pack)(passed), jnp.where(live, pair, rows.shape[0])
+        return one_pass(_write)(least, fresh, depth, passed), kept
+
+    with jax.named_scope("depth_test"):
+        numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
+        lines = steps.tile.shape[1] * tiling.sample_rows
+        least = jnp.zeros((tiling.sample_columns, lines), dtype)
+        _, (words, pair) = jax.lax.scan(visit, least, (numbers, steps.block, steps.place))
+        words = words.reshape(-1, tiling.sample_rows)
+        return jnp.zeros_like(rows).at[pair.reshape(-1)].set(words, mode="drop")
+
+
+def depth_at(
+    depths: Depths, triangle: Int[Array, "*samples"], sample: Any, tiling: Tiling
+) -> Float[Array, "*samples"]:
+    """Depth of a triangle's plane at a sample (column, row), whether it covers it or not."""
+
+    @one_pass
+    def measure(depths, triangle, sample):
+        area = twice_area(depths.edges, depths.depth.dtype)
+        # The first tile: its samples are counted from the corner of the canvas.
+        tile = jnp.zeros_like(triangle)
+        weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
+        one = jnp.ones_like(triangle)
+        _, second, third = weight_sums(weights, one, *sample)
+        corner = depths.depth[:, triangle]
+        return corner[0] + second * (corner[1] - corner[0]) + third * (corner[2] - corner[0])
+
+    return measure(depths, triangle, sample)
+
+
+def depth_on_edge(
+    depths: Depths, edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
+) -> Float[Array, "lines runs"]:
+    """Depth on edge `3 triangle + side` of a triangle, where it is `t` along, 0..1."""
+
+    @one_pass
+    def mix(depth, edge, t):
+        # From `[3, triangles]` to the order of edges.
+        start, end = (ends.T.reshape(-1)[edge] for ends in (depth, jnp.roll(depth, -1, 0)))
+        return start[None] + t * (end - start)[None]
+
+    return mix(depths.depth, edge, t)
+
+
+def _measure(
+    weights: Weights, corner: Float[Array, "3 block"], tiling: Tiling
+) -> Float[Array, "sample_columns lines"]:
+    """Depth at every sample of a block of tiles; a line is a row of samples, in `row_order`."""
+    repeat = functools.partial(jnp.repeat, repeats=tiling.sample_rows)
+    weights = weights.at(lambda entry: repeat(entry)[None])
+    corner = jax.vmap(repeat)(corner)[:, None]
+    shape = (tiling.sample_columns, corner.shape[-1])
+    down = jnp.tile(row_order(tiling), shape[1] // tiling.sample_rows)
+    across = jax.lax.broadcasted_iota(jnp.int32, shape, 0)
+    down = jnp.broadcast_to(down[None], shape)
+    _, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
+    return corner[0] + second * (corner[1] - corner[0]) + third * (corner[2] - corner[0])
+
+
+def _test(depth: Array, least: Array, fresh: Array, words: Array) -> Bool[Array, "columns lines"]:
+    """Which of the covered samples are no deeper than the least so far; `fresh` forgets that."""
+    column = jax.lax.broadcasted_iota(jnp.uint32, depth.shape, 0)
+    covered = ((words[None] >> column) & jnp.uint32(1)) == 1
+    return covered & (depth <= jnp.where(fresh, jnp.inf, least))
+
+
+def _pack(passed: Bool[Array, "columns lines"]) -> UInt32[Array, " lines"]:
+    word = jnp.zeros(passed.shape[1], jnp.uint32)
+    for i, bit in enumerate(passed):
+        word = word | (bit.astype(jnp.uint32) << jnp.uint32(i))
+    return word
+
+
+def _write(least: Array, fresh: Array, depth: Array, passed: Array) -> Array:
+    return jnp.where(passed, depth, jnp.where(fresh, jnp.inf, least))

@@ -1,0 +1,186 @@
+"""What comes out of a fit, and its files."""
+
+import json
+import os
+import platform
+from dataclasses import dataclass, field, fields
+from importlib import metadata
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from .. import __version__
+from ..io.drafts import whole
+from ..scene import Scene
+from . import saved_fit
+from .archive import MAX_BYTES, read_arrays
+
+
+class Record(NamedTuple):
+    """A fit at one moment.
+
+    - `steps`, `seconds`: since it began.
+    - `psnr` (dB), `ssim`: of the image that the last step saw, at the size and with the coverage of
+      the fit.
+    - `accepted`: steps that found a lower loss than any before them in this call; `active`:
+      triangles in use.
+    """
+
+    steps: int
+    seconds: float
+    psnr: float
+    ssim: float
+    accepted: int
+    active: int
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """A fitted scene, and how it came about.
+
+    - `scene`: in pixels of the target, which has `height` and `width`.
+    - `image`: the scene in hard mode with 16 samples, `[height, width, channels]`; `psnr` (dB) and
+      `ssim` are its.
+    - `history`: a record for each chunk of steps.
+    - `settings`: the arguments of the fit.
+    - `interrupted`: whether Ctrl-C ended it.
+    - `state`: arrays by name, from which `fit(..., resume=)` goes on.
+    """
+
+    scene: Scene
+    image: np.ndarray = field(repr=False)
+    psnr: float
+    ssim: float
+    history: tuple[Record, ...]
+    settings: dict[str, Any]
+    interrupted: bool = False
+    state: dict[str, np.ndarray] = field(default_factory=dict, repr=False)
+
+    @property
+    def height(self) -> int:
+        """Of the target, in pixels."""
+        return self.image.shape[0]
+
+    @property
+    def width(self) -> int:
+        """Of the target, in pixels."""
+        return self.image.shape[1]
+
+    def report(self) -> dict[str, Any]:
+        """What a JSON file can hold of it: settings, versions, machine, scores and history."""
+        last = self.history[-1] if self.history else Record(0, 0.0, -np.inf, 0.0, 0, 0)
+        return {
+            "settings": self.settings,
+            "height": self.height,
+            "width": self.width,
+            "triangles": self.scene.triangles.shape[0],
+            "psnr": _plain(self.psnr),
+            "ssim": _plain(self.ssim),
+            "steps": last.steps,
+            "seconds": last.seconds,
+            "interrupted": self.interrupted,
+            "versions": {
+                "softras2d": __version__,
+                "python": platform.python_version(),
+                **{name: metadata.version(name) for name in _LIBRARIES},
+            },
+            "machine": {
+                "system": platform.system(),
+                "processor": platform.machine(),
+                "cores": os.cpu_count(),
+                "device": jax.devices()[0].device_kind,
+            },
+            "history": [{k: _plain(v) for k, v in one._asdict().items()} for one in self.history],
+        }
+
+    def write_report(self, path: str | os.PathLike[str]) -> None:
+        """`report` as a JSON file, which appears whole or not at all."""
+        text = json.dumps(self.report(), indent=1) + "\n"
+        path = Path(path)
+        with whole(path) as draft:
+            draft.write_text(text, encoding="utf-8")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """An `.npz` that `load` gives back exactly; it appears whole or not at all.
+
+        Raises `ValueError`, one line, for another suffix and for a fit of more than a GiB.
+        """
+        path = Path(path)
+        if path.suffix.lower() != ".npz":
+            raise ValueError(f"{path}: the suffix must be .npz.")
+        facts = {
+            "format": saved_fit.FORMAT,
+            "settings": self.settings,
+            "interrupted": self.interrupted,
+        }
+        arrays = {
+            "image": self.image,
+            "facts": np.frombuffer(json.dumps(facts).encode(), np.uint8),
+            "scores": np.array([self.psnr, self.ssim]),
+            "history": np.array([tuple(map(float, one)) for one in self.history]).reshape(-1, 6),
+        }
+        for entry in saved_fit.SCENE:
+            arrays[f"scene.{entry}"] = np.asarray(getattr(self.scene, entry))
+        for name, value in self.state.items():
+            arrays[f"{_STATE}{name}"] = np.asarray(value)
+        held = sum(array.nbytes for array in arrays.values())
+        if held > MAX_BYTES:
+            raise ValueError(f"{path}: a fit of {held} bytes is too large; {MAX_BYTES} at most.")
+        with whole(path) as draft, draft.open("wb") as file:
+            np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> "FitResult":
+        """What `save` wrote, looked at entry by entry before any of it is used.
+
+        Raises `ValueError`, one line that names the file, the entry and what was expected, for any
+        other file, and for one that unpacks to more than a GiB.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise ValueError(f"{path}: no such file.")
+        arrays = read_arrays(path)
+        try:
+            return _result(arrays)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+
+_LIBRARIES = ("jax", "jaxlib", "equinox", "lineax", "optax", "optimistix", "numpy", "scipy")
+
+assert set(saved_fit.SCENE) < {one.name for one in fields(Scene)}
+
+
+def _result(arrays: dict[str, np.ndarray]) -> FitResult:
+    """The fit in the arrays of a file; `ValueError` names the entry that is not of one."""
+    state = {
+        name.removeprefix(_STATE): value
+        for name, value in arrays.items()
+        if name.startswith(_STATE)
+    }
+    entries = saved_fit.Entries({k: v for k, v in arrays.items() if not k.startswith(_STATE)})
+    settings, interrupted = saved_fit.read_facts(entries)
+    image = saved_fit.read_image(entries)
+    psnr, ssim = saved_fit.read_scores(entries)
+    history = tuple(_record(row) for row in saved_fit.read_history(entries))
+    scene = saved_fit.read_scene(entries, settings, image.shape[2])
+    entries.end()
+    if state:
+        steps = history[-1].steps if history else 0
+        saved_fit.check_state(state, settings, saved_fit.Size(*image.shape), steps)
+    return FitResult(scene, image, psnr, ssim, history, settings, interrupted, state)
+
+
+_STATE = "state."
+
+
+def _record(row: np.ndarray) -> Record:
+    steps, seconds, psnr, ssim, accepted, active = map(float, row)
+    return Record(int(steps), seconds, psnr, ssim, int(accepted), int(active))
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no infinities: an exact image has a PSNR of null."""
+    return None if isinstance(value, float) and not np.isfinite(value) else value

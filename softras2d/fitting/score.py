@@ -1,0 +1,132 @@
+"""How like its target an image is: PSNR and SSIM, of values 0..1.
+
+**Source:** Wang, Bovik, Sheikh and Simoncelli, *Image Quality Assessment: From Error Visibility to
+Structural Similarity* (IEEE TIP 13(4), 2004), section III-B, for SSIM and its constants.
+"""
+
+import math
+import time
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..numerics.device import to_device
+from ..options import Hard
+from ..planning.plan import Plan, plan
+from ..rendering.render import render, render_checked
+from ..scene import Scene
+
+_SIGMA, _RADIUS = 1.5, 5
+"""The window: a Gaussian in pixels, cut to 11 x 11."""
+
+_LUMINANCE, _CONTRAST = 0.01**2, 0.03**2
+"""Constants that keep the quotients finite, for a range of values of 1."""
+
+
+def psnr(
+    image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
+) -> Float[Array, ""]:
+    """Peak signal-to-noise ratio in dB over all channels, for a peak of 1; infinite where equal."""
+    return -10.0 * jnp.log10(jnp.mean((image - target) ** 2))
+
+
+def ssim(
+    image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
+) -> Float[Array, ""]:
+    """Structural similarity, the mean over channels and over windows that lie in the image; 1 where
+    equal.
+
+    An image of less than 11 pixels along a side has smaller windows along it.
+    """
+
+    def blur(x):
+        for axis in (0, 1):
+            x = _blur_along(x, axis)
+        return x
+
+    mean_a, mean_b = blur(image), blur(target)
+    variance_a = blur(image * image) - mean_a * mean_a
+    variance_b = blur(target * target) - mean_b * mean_b
+    covariance = blur(image * target) - mean_a * mean_b
+    likeness = (2 * mean_a * mean_b + _LUMINANCE) * (2 * covariance + _CONTRAST)
+    bound = (mean_a**2 + mean_b**2 + _LUMINANCE) * (variance_a + variance_b + _CONTRAST)
+    return jnp.mean(likeness / bound)
+
+
+def _blur_along(x: Float[Array, "height width channels"], axis: int) -> Array:
+    radius = min(_RADIUS, (x.shape[axis] - 1) // 2)
+    taps = [math.exp(-0.5 * (k / _SIGMA) ** 2) for k in range(-radius, radius + 1)]
+    length = x.shape[axis] - 2 * radius
+    total = jnp.zeros(())
+    for k, tap in enumerate(taps):
+        part = jax.lax.slice_in_dim(x, k, k + length, axis=axis)
+        total = part * (tap / sum(taps)) if k == 0 else total + part * (tap / sum(taps))
+    return total
+
+
+class Score(NamedTuple):
+    """A verdict, and the image that it is of."""
+
+    image: np.ndarray
+    psnr: float
+    ssim: float
+
+
+class Scorer:
+    """The verdict on a scene: PSNR and SSIM of its hard image with 16 samples.
+
+    Of targets with alpha both are compared premultiplied, alpha as a fourth colour.
+    """
+
+    def __init__(self, target: Float[np.ndarray, "height width channels"]):
+        self._target = premultiplied(to_device(target))
+        self._plan: Plan | None = None
+
+    def prepare(self, likely: Scene) -> float:
+        """Compile for scenes like this one; the seconds that a score takes after that."""
+        self.score(likely)
+        began = time.perf_counter()
+        self.score(likely)
+        return time.perf_counter() - began
+
+    def adopt(self, other: "Scorer") -> None:
+        """Draw as another does, whose target has the same size: one program for both."""
+        self._plan = other._plan
+
+    def score(self, scene: Scene) -> Score:
+        """The image, its PSNR in dB (infinite where equal) and SSIM."""
+        drawn = self.draw(scene)
+        image = premultiplied(drawn)
+        return Score(np.asarray(drawn), *compare(image, self._target))
+
+    def draw(self, scene: Scene) -> Float[Array, "height width channels"]:
+        """The hard image; under the last plan if there is room, which saves compiling."""
+        if self._plan is not None:
+            image, outgrown = render_checked(scene, self._plan)
+            if not outgrown:
+                return image
+        height, width = self._target.shape[:2]
+        hard = Hard(samples=16, edge_gradients=False)
+        self._plan = plan(scene, height=height, width=width, coverage=hard)
+        return render(scene, self._plan)
+
+
+def compare(
+    image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
+) -> tuple[float, float]:
+    """PSNR in dB (infinite where equal) and SSIM, of images as `premultiplied` gives them."""
+    return float(psnr(image, target)), float(_ssim(image, target))
+
+
+_ssim = jax.jit(ssim)
+
+
+def premultiplied(image: Array) -> Array:
+    """As images are compared: colours times alpha, and alpha as a fourth."""
+    if image.shape[-1] == 3:
+        return image
+    alpha = image[..., 3:]
+    return jnp.concatenate([image[..., :3] * alpha, alpha], -1)

@@ -1,0 +1,123 @@
+"""Barycentric weights from edge functions, accurate on slivers and far from the origin.
+
+Twice the area of a triangle is the sum of its three edge values at any point, and each value's
+share is the weight of the corner across from that edge. Values are summed as integers, modulo
+2^32, and a float32 estimate supplies the multiple of 2^32: nothing is subtracted in floats, so a
+weight is as accurate as one float division however thin the triangle is.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..numerics import safe
+from .fixed_point import Edges, unwrap
+from .guard_band import Planes
+from .tiling import Tiling
+
+
+class Weights(NamedTuple):
+    """What the weights of corners 1 and 2 need, for each slot: `[2, *slots]` or `[*slots]`.
+
+    Corner 1 lies across from edge 2, corner 2 from edge 0.
+
+    - `value`, `estimate`: of the edge at the tile's first sample, modulo 2^32 and as float32.
+    - `right`, `down`: its steps from sample to sample.
+    - `fraction`: what is to be added to the exact integer value.
+    - `per_value`: weight for each unit of the edge value; 0 without area.
+    - `offset`: 1/3 for triangles without area, which take the mean of their corners; else 0.
+    - `plane`: where triangles reach past the guard band, their weights as floats: `[3, 2, *slots]`
+      of the value at the tile's first sample and its steps right and down, and `beyond`, for which.
+    """
+
+    value: Array
+    estimate: Array
+    right: Array
+    down: Array
+    fraction: Array
+    per_value: Array
+    offset: Array
+    plane: Array | None = None
+    beyond: Array | None = None
+
+    def at(self, change: Callable[[Array], Array]) -> "Weights":
+        """Every entry with its slot axes indexed or reshaped by `change`, edges side by side."""
+        pairs = [jax.vmap(change)(entry) for entry in self[:5]]
+        singles = [change(self.per_value), change(self.offset)]
+        if self.plane is None or self.beyond is None:
+            return Weights(*[*pairs, *singles])
+        plane = jax.vmap(jax.vmap(change))(self.plane)
+        return Weights(*[*pairs, *singles, plane, change(self.beyond)])
+
+
+def twice_area(edges: Edges, dtype: Any) -> Float[Array, " triangles"]:
+    """Twice the area of each triangle, in units of the edge value."""
+    start, estimate, fraction = (
+        first + second + third for first, second, third in list(zip(*edges, strict=True))[2:]
+    )
+    return unwrap(start, estimate, dtype) + fraction.astype(dtype)
+
+
+def slot_weights(
+    edges: Edges,
+    area: Float[Array, " triangles"],
+    triangle: Int[Array, "*slots"],
+    tile: Int[Array, "*slots"],
+    tiling: Tiling,
+    planes: Planes | None = None,
+) -> Weights:
+    """Gather the terms of each slot's weights; `area` is `twice_area`."""
+    column, row = tiling.first_sample(tile)
+    entries: list[list[Array]] = []
+    for edge in (2, 0):
+        right, down, start, estimate, fraction = edges[edge].of(triangle)
+        steps = right.astype(jnp.float32) * column.astype(jnp.float32)
+        steps = steps + down.astype(jnp.float32) * row.astype(jnp.float32)
+        value = start + right * column + down * row
+        entries.append([value, estimate + steps, right, down, fraction.astype(area.dtype)])
+    area = area[triangle]
+    per_value = safe.divide(jnp.ones_like(area), area)
+    offset = jnp.where(area == 0, 1.0 / 3.0, 0.0).astype(area.dtype)
+    pairs = [jnp.stack(pair) for pair in zip(*entries, strict=True)]
+    weights = Weights(*[*pairs, per_value, offset])
+    if planes is None:
+        return weights
+    start, right, down = (entry[:, triangle].astype(area.dtype) for entry in planes[:3])
+    start = start + right * column.astype(area.dtype)[None] + down * row.astype(area.dtype)[None]
+    return weights._replace(plane=jnp.stack([start, right, down]), beyond=planes.used[triangle])
+
+
+def weight_sums(
+    weights: Weights,
+    count: Int[Array, "*#shape"],
+    across: Int[Array, "*#shape"],
+    down: Int[Array, "*#shape"],
+) -> tuple[Float[Array, "*#shape"], Float[Array, "*#shape"], Float[Array, "*#shape"]]:
+    """Sums of the three corners' weights over `count` samples of a tile.
+
+    `across` and `down` are the sums of the samples' columns and rows in the tile; `weights` has
+    slot axes that broadcast against them.
+    """
+    dtype = weights.per_value.dtype
+    number = count.astype(dtype)
+    sums = []
+    for edge in range(2):
+        value, estimate, right, step, fraction = (entry[edge] for entry in weights[:5])
+        wrapped = count * value + across * right + down * step
+        near = (
+            count.astype(jnp.float32) * estimate
+            + across.astype(jnp.float32) * right.astype(jnp.float32)
+            + down.astype(jnp.float32) * step.astype(jnp.float32)
+        )
+        exact = unwrap(wrapped, near, dtype) + number * fraction
+        total = exact * weights.per_value + number * weights.offset
+        if weights.plane is not None and weights.beyond is not None:
+            start, right, step = weights.plane[:, edge]
+            plane = number * start + across.astype(dtype) * right + down.astype(dtype) * step
+            # Far corners leave rounding errors; a weight is still one.
+            total = jnp.where(weights.beyond, jnp.clip(plane, 0.0, number), total)
+        sums.append(total)
+    return number - sums[0] - sums[1], sums[0], sums[1]

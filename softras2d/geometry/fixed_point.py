@@ -1,0 +1,368 @@
+"""Vertices on a fixed grid, and edge functions on it that are exact in 32-bit integers.
+
+A coordinate v in pixels is snapped to the integer n = round(v 2^k), with k the same for every
+sample rate; everything decided about coverage is exact for the snapped triangle. With S samples
+along a pixel, S n counts units of 1 / (S 2^k) pixel, and sample i lies at (2i + 1) 2^(k-1) of them.
+
+The edge function from corner p to corner q, dx (y - p_y) - dy (x - p_x), is positive inside a
+positively oriented triangle. From one sample to the next it changes by dx 2^k down and by -dy 2^k
+right, so its floor after division by 2^k,
+
+    e(i, j) = constant - dy i + dx j,
+
+has the same sign at every sample, steps by integers below 2^24, and leaves a remainder that is
+the same at all samples of the image. The constant may need 43 bits. It is kept modulo 2^32, beside
+a float32 estimate that is good to 2^20: where the estimate stays below 2^30 the wrapped sum is the
+true one, and elsewhere no sample of the tile can change sign, so the value is set to +-2^30.
+
+Everything here is written for numpy and jax arrays alike (the array API's namespace): a plan
+counts on the host what a render does on the device.
+"""
+
+import operator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..numerics.double_float import sum_of
+
+MAX_GRID_BITS = 18
+"""Finest grid, 2^-18 pixel: keeps the partial products of `edge_functions` inside 32 bits."""
+
+FAR = 2**30
+"""An edge value that no tile can bring back to zero: 34 |dy| + 31 |dx| stays below it."""
+
+_LOW = 12  # bits of the lower half of a 24-bit extent
+
+
+class Grid(NamedTuple):
+    """The canvas in pixels, samples along a pixel's side, and the grid of 2^-bits pixel."""
+
+    height: int
+    width: int
+    rate: int
+    bits: int
+
+    @staticmethod
+    def of(height: int, width: int, rate: int, bits: int | None = None) -> "Grid":
+        """The grid of a canvas: extents of it and its guard band stay within 2^23 units.
+
+        The guard band is half the longer side wide, all around. `bits` asks for a coarser grid than
+        the finest that fits, such as that of a larger canvas which is drawn in pieces. Raises
+        `ValueError` where the grid would be coarser than 2^-8 pixel, or finer than what fits.
+        """
+        try:
+            height, width = operator.index(height), operator.index(width)
+        except TypeError:
+            message = f"`height` and `width` must be integers; got {height!r} and {width!r}."
+            raise ValueError(message) from None
+        finest = 23 - (2 * max(height, width, 1) - 1).bit_length()
+        if min(height, width) < 1 or finest < 8:
+            raise ValueError(
+                f"`height` and `width` must be in 1..16384; got {height} and {width} "
+                "(draw a larger image in pieces, with `origin`)."
+            )
+        finest = min(finest, MAX_GRID_BITS)
+        bits = finest if bits is None else bits
+        if isinstance(bits, bool) or not isinstance(bits, int | np.integer):
+            raise ValueError(f"`grid_bits` must be an integer; got {bits!r}.")
+        if not 8 <= bits <= finest:
+            raise ValueError(
+                f"`grid_bits` must be in 8..{finest} for {width} x {height} pixels; got {bits}."
+            )
+        return Grid(height, width, rate, int(bits))
+
+    @property
+    def samples(self) -> int:
+        """Samples of a pixel."""
+        return self.rate**2
+
+    @property
+    def guard(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Least and greatest x and y, in pixels, of the canvas with its guard band."""
+        margin = max(self.height, self.width) / 2
+        return (-margin, -margin), (self.width + margin, self.height + margin)
+
+
+class Segments(NamedTuple):
+    """The directed edges of each triangle on the grid, `[3, triangles]`: from (x, y) by (dx, dy).
+
+    - `orientation`: `[triangles]`, the sign of the area as drawn. The edges follow the triangle
+      turned to positive orientation: where it was -1, corners 1 and 2 have changed places.
+    - `left, right, top, bottom`: the bounding box, `[triangles]`; empty (`left > right`) for a
+      triangle that covers nothing because a corner is not finite.
+    - `constant`: `[3, triangles]`, 0 for an edge to test; else the sign that it has everywhere.
+    """
+
+    x: Any
+    y: Any
+    dx: Any
+    dy: Any
+    orientation: Any
+    left: Any
+    right: Any
+    top: Any
+    bottom: Any
+    constant: Any
+
+
+class Edge(NamedTuple):
+    """One edge function of each triangle, `[triangles]`.
+
+    - `right`, `down`: steps from a sample to the next, in units of the edge value.
+    - `start`, `estimate`: the value at sample (0, 0), modulo 2^32 and as float32.
+    - `fraction`: what the floor left of the exact value, in units of the edge value, 0..1.
+    """
+
+    right: Any
+    down: Any
+    start: Any
+    estimate: Any
+    fraction: Any
+
+    def of(self, triangle: Any) -> "Edge":
+        """The entries of some triangles."""
+        return Edge(*(entry[triangle] for entry in self))
+
+    def at(self, column: Any, row: Any) -> Any:
+        """The edge value at a sample, exact within +-2^30 and held there beyond."""
+        wrapped, estimate = self._wrapped_at(column, row)
+        xp = wrapped.__array_namespace__()
+        held = xp.where(estimate > 0, FAR, -FAR).astype(xp.int32)
+        return xp.where(xp.abs(estimate) < float(FAR), wrapped, held)
+
+    def measure(self, column: Any, row: Any) -> Any:
+        """The edge value at a sample as float32, to one rounding."""
+        wrapped, estimate = self._wrapped_at(column, row)
+        return unwrap(wrapped, estimate, estimate.dtype)
+
+    def _wrapped_at(self, column: Any, row: Any) -> tuple[Any, Any]:
+        f32 = self.estimate.dtype
+        steps = self.right.astype(f32) * column.astype(f32) + self.down.astype(f32) * row.astype(
+            f32
+        )
+        return self.start + self.right * column + self.down * row, self.estimate + steps
+
+
+def unwrap(wrapped: Any, estimate: Any, dtype: Any) -> Any:
+    """The float of an integer that is known modulo 2^32, and to within 2^31 by a float32."""
+    xp = wrapped.__array_namespace__()
+    turns = xp.round((estimate - wrapped.astype(estimate.dtype)) * 2.0**-32)
+    return wrapped.astype(dtype) + turns.astype(dtype) * 2.0**32
+
+
+Edges = tuple[Edge, Edge, Edge]
+"""Edge 0 runs from corner 0 to corner 1, edge 1 to corner 2, edge 2 back."""
+
+
+class Bounds(NamedTuple):
+    """Sample columns `left..right` and rows `top..bottom`, inclusive, on the canvas; `[triangles]`.
+
+    Empty where `left > right` or `top > bottom`.
+    """
+
+    left: Any
+    right: Any
+    top: Any
+    bottom: Any
+
+    def of(self, triangle: Any) -> "Bounds":
+        """The bounds of some triangles."""
+        return Bounds(*(entry[triangle] for entry in self))
+
+
+def sign_of_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
+    """Exact sign of ax by - ay bx for 24-bit integers, whose products need 48 bits."""
+    xp = ax.__array_namespace__()
+    product = ax.astype(xp.float32) * by.astype(xp.float32)
+    estimate = product - ay.astype(xp.float32) * bx.astype(xp.float32)
+    # The estimate errs by less than 2^25, and a value below 2^31 survives the wrap.
+    wrapped = ax * by - ay * bx
+    return xp.where(
+        xp.abs(estimate) < 2.0**28, xp.sign(wrapped), xp.sign(estimate).astype(xp.int32)
+    )
+
+
+def corners_of(positions: Any, triangles: Any, origin: Any) -> Any:
+    """Corners `[triangles, 3, 2]` in pixels of the canvas whose upper left pixel is `origin`.
+
+    Subtracted in the dtype of the positions. A triangle that names one vertex three times is
+    padding (`size_classes.pad`). Its corners are NaN, so that it covers nothing in any mode and its
+    vertex gets no gradient from it.
+    """
+    xp = positions.__array_namespace__()
+    corners = (positions - origin.astype(positions.dtype)[None])[triangles]
+    spare = is_padding(triangles)[:, None, None]
+    return xp.where(spare, xp.asarray(xp.nan, dtype=positions.dtype), corners)
+
+
+def is_padding(triangles: Any) -> Any:
+    """Whether each triangle `[..., triangles, 3]` names one vertex three times."""
+    first, second, third = (triangles[..., corner] for corner in range(3))
+    return (first == second) & (second == third)
+
+
+class Corners(NamedTuple):
+    """Corners on the grid, in pixels of the canvas: each is the exact sum of both parts.
+
+    - `high`, `low`: `[triangles, 3, 2]`. Within the guard band `low` is zero.
+    - `finite`: `[triangles]`; a triangle with a corner that is not finite, or that is padding, is
+      put at (0, 0) and covers nothing.
+    """
+
+    high: Any
+    low: Any
+    finite: Any
+
+
+def snapped_corners(positions: Any, triangles: Any, origin: Any, grid: Grid) -> Corners:
+    """Snap vertices `[vertices, 2]` to the grid, half to even; then subtract `origin`, exactly.
+
+    So canvases with equal grid bits see the same triangles whatever their origins are. Floats
+    beyond 2^30 pixels are multiples of the grid already.
+    """
+    xp = positions.__array_namespace__()
+    dtype = positions.dtype
+    finite = xp.all(xp.isfinite(positions), axis=1)
+    known = xp.where(finite[:, None], positions, xp.zeros_like(positions))
+    units = xp.round(xp.clip(known, -(2.0**30), 2.0**30) * 2.0**grid.bits)
+    snapped = xp.where(xp.abs(known) < 2.0**30, units * 2.0**-grid.bits, known)
+    # Two parts that float32 holds exactly.
+    coarse = origin & ~0xFFF
+    high, first_rest = sum_of(snapped, -coarse.astype(dtype)[None])
+    high, second_rest = sum_of(high, -(origin - coarse).astype(dtype)[None])
+    high, low = sum_of(high, first_rest + second_rest)
+    finite = xp.all(finite[triangles], axis=1) & ~is_padding(triangles)
+    nothing = xp.zeros((1, 1, 1), dtype)
+    high, low = (xp.where(finite[:, None, None], part[triangles], nothing) for part in (high, low))
+    return Corners(high, low, finite)
+
+
+class Snapped(NamedTuple):
+    """Corners in grid units, `[3, triangles]`, as drawn; `finite` as in `Corners`."""
+
+    x: Any
+    y: Any
+    finite: Any
+
+
+def snap(corners: Corners, grid: Grid) -> Snapped:
+    """Corners in grid units, clamped to the guard band: `guard_band.clip` serves what leaves it."""
+    x, y = (to_grid(corners.high[:, :, axis].T, grid, axis) for axis in (0, 1))
+    return Snapped(x, y, corners.finite)
+
+
+def orient(snapped: Snapped) -> Any:
+    """Exact sign of the area of each triangle: 1 where the corners turn from x to y."""
+    x, y, _ = snapped
+    return sign_of_cross(x[1] - x[0], y[1] - y[0], x[2] - x[0], y[2] - y[0])
+
+
+def directed(snapped: Snapped, orientation: Any) -> Segments:
+    """The edges of the triangles, turned to positive orientation."""
+    x, y, finite = snapped
+    xp = x.__array_namespace__()
+    x, y = turn(x, orientation), turn(y, orientation)
+    right = xp.where(finite, xp.max(x, axis=0), -(2**23))
+    next_x, next_y = (xp.stack([c[1], c[2], c[0]]) for c in (x, y))
+    return Segments(
+        x,
+        y,
+        next_x - x,
+        next_y - y,
+        orientation,
+        xp.min(x, axis=0),
+        right,
+        xp.min(y, axis=0),
+        xp.max(y, axis=0),
+        xp.zeros_like(x),
+    )
+
+
+def to_grid(pixels: Any, grid: Grid, axis: int) -> Any:
+    """Coordinates in pixels along x (0) or y (1) to grid units, held within the guard band."""
+    xp = pixels.__array_namespace__()
+    low, high = (limits[axis] for limits in grid.guard)
+    units = xp.round(xp.clip(pixels, low, high) * 2.0**grid.bits)
+    return units.astype(xp.int32)
+
+
+def turn(corners: Any, orientation: Any) -> Any:
+    """`[3, triangles]` with corners 1 and 2 exchanged where the orientation is negative."""
+    xp = corners.__array_namespace__()
+    return xp.where(
+        (orientation < 0)[None], xp.stack([corners[0], corners[2], corners[1]]), corners
+    )
+
+
+def edge_functions(segments: Segments, grid: Grid, fill_rule: str) -> Edge:
+    """The three edge functions of each triangle, every entry `[3, triangles]`.
+
+    With `"top_left"`, an edge that does not own its boundary is lowered by one unit of the exact
+    value, so that `>= 0` becomes `> 0`; a triangle without area is pushed out everywhere.
+    """
+    _, _, rate, bits = grid
+    x, y, dx, dy = segments[:4]
+    xp = x.__array_namespace__()
+    f32 = xp.float32
+    half = 1 << (bits - 1)
+    # First sample minus corner, split into whole samples and a fraction of one.
+    offset_x, offset_y = half - rate * x, half - rate * y
+    whole_x, whole_y = offset_x >> bits, offset_y >> bits
+    part_x, part_y = offset_x & (2 * half - 1), offset_y & (2 * half - 1)
+    # dx part_y - dy part_x takes 24 + bits bits: kept as high 2^12 + low.
+    low_mask = (1 << _LOW) - 1
+    high = (dx >> _LOW) * part_y - (dy >> _LOW) * part_x
+    low = (dx & low_mask) * part_y - (dy & low_mask) * part_x
+    # y points down: a positively oriented triangle lies to the right of an edge that rises.
+    owned = (dy < 0) | ((dy == 0) & (dx > 0)) | (fill_rule == "inclusive")
+    lowered = xp.where(owned, 0, 1).astype(xp.int32)
+    low = low - lowered
+    high, low = high + (low >> _LOW), low & low_mask
+    if bits >= _LOW:
+        floor = high >> (bits - _LOW)
+        remainder = ((high & ((1 << (bits - _LOW)) - 1)) << _LOW) | low
+    else:
+        floor = (high << (_LOW - bits)) + (low >> bits)
+        remainder = low & ((1 << bits) - 1)
+    start = dx * whole_y - dy * whole_x + floor
+    estimate = dx.astype(f32) * whole_y.astype(f32) - dy.astype(f32) * whole_x.astype(f32)
+    estimate = estimate + floor.astype(f32)
+    fraction = (remainder + lowered).astype(f32) * 2.0**-bits
+    constant = segments.constant
+    if fill_rule == "top_left":
+        constant = xp.where((segments.orientation == 0)[None], -1, constant)
+    fixed = constant != 0
+    dx, dy = (xp.where(fixed, 0, step) for step in (dx, dy))
+    start = xp.where(fixed, constant, start)
+    estimate = xp.where(fixed, constant.astype(f32), estimate)
+    return Edge(-dy, dx, start, estimate, fraction)
+
+
+def separate(edges: Edge) -> Edges:
+    """Edge functions `[3, triangles]` as one `Edge` for each side."""
+    first, second, third = (Edge(*(entry[k] for entry in edges)) for k in range(3))
+    return first, second, third
+
+
+def bounds(segments: Segments, grid: Grid) -> Bounds:
+    """Samples within the bounding box of each triangle and on the canvas."""
+    xp = segments.x.__array_namespace__()
+    half = 1 << (grid.bits - 1)
+
+    def samples(low: Any, high: Any, size: int) -> tuple[Any, Any]:
+        first = (grid.rate * low + half - 1) >> grid.bits  # ceil((rate low - half) / 2^bits)
+        last = (grid.rate * high - half) >> grid.bits
+        return xp.clip(first, 0, size), xp.clip(last, -1, size - 1)
+
+    left, right = samples(segments.left, segments.right, grid.rate * grid.width)
+    top, bottom = samples(segments.top, segments.bottom, grid.rate * grid.height)
+    return Bounds(left, right, top, bottom)
+
+
+def within_guard(corners: Corners, grid: Grid) -> Any:
+    """Whether each triangle lies in the guard band, or is not finite."""
+    xp = corners.high.__array_namespace__()
+    dtype = corners.high.dtype
+    low, high = (xp.asarray(limits, dtype=dtype)[None, None] for limits in grid.guard)
+    return xp.all((corners.high >= low) & (corners.high <= high), axis=(1, 2))

@@ -1,0 +1,281 @@
+"""Triangles that reach past the guard band: cut to it, so that the grid stays fine.
+
+Each edge is cut to the band by itself, one axis after the other. Near the canvas a triangle is
+bounded by those parts of its edges that come near, and it is convex: an edge that does not come
+near the canvas decides nothing there, unless none does, and then the canvas is all inside or all
+outside.
+
+Cuts are computed in twice the precision of the positions, from the end point nearer to the canvas,
+by the same operations for both triangles that share the edge. So neighbours stay joined, and a cut
+is within a grid unit of the true line for corners up to 2^29 pixels away.
+
+**Source:** Sutherland and Hodgman, *Reentrant Polygon Clipping* (CACM 17(1), 1974), for cutting by
+one side of the window after the other.
+"""
+
+from typing import Any, NamedTuple
+
+from ..numerics.double_float import (
+    Pair,
+    Point,
+    add,
+    choose,
+    cross,
+    divide,
+    multiply,
+    pair_of,
+    scale,
+    subtract,
+)
+from .fixed_point import Corners, Grid, Segments, to_grid, turn
+
+_FARTHEST_BITS = 30
+"""Coordinates beyond 2^30 pixels are scaled down by a power of two: their products stay finite."""
+
+_SURE = 2.0**-40
+"""Share of the products in an area below which its sign could be a rounding: no area then."""
+
+
+class Planes(NamedTuple):
+    """Weights of corners 1 and 2 of triangles past the band, as floats; `[2, triangles]`.
+
+    - `start`: at sample (0, 0); `right`, `down`: change from sample to sample.
+    - `used`: `[triangles]`, which triangles these are.
+    """
+
+    start: Any
+    right: Any
+    down: Any
+    used: Any
+
+
+class FarTriangles(NamedTuple):
+    """Triangles past the band; the others are put at pixel (0, 0).
+
+    - `beyond`: `[triangles]`, which triangles these are.
+    - `orientation`: `[triangles]`, the sign of the area as drawn; 0 without area.
+    - `x`, `y`: corners turned to positive orientation, pairs of `[3, triangles]`.
+    """
+
+    beyond: Any
+    orientation: Any
+    x: Pair
+    y: Pair
+
+
+def far_triangles(corners: Corners, beyond: Any) -> FarTriangles:
+    """The triangles past the band, with their exact orientation."""
+    xp = beyond.__array_namespace__()
+
+    def kept(entry: Any, axis: int) -> Any:
+        values = xp.where(beyond[:, None], entry[:, :, axis], xp.zeros_like(entry[:, :, axis]))
+        return values.T
+
+    x, y = ((kept(corners.high, axis), kept(corners.low, axis)) for axis in (0, 1))
+    area, bound = _area(*_scaled(x, y))
+    sure = xp.abs(area[0]) > bound * _SURE
+    orientation = xp.where(sure, xp.sign(area[0]), xp.zeros_like(area[0])).astype(xp.int32)
+    x, y = ((turn(c[0], orientation), turn(c[1], orientation)) for c in (x, y))
+    return FarTriangles(beyond, orientation, x, y)
+
+
+def clip(far: FarTriangles, segments: Segments, grid: Grid) -> Segments:
+    """`segments` with the edges of triangles past the band cut to it."""
+    xp = far.orientation.__array_namespace__()
+    start: Point = (far.x, far.y)
+    end: Point = (_next(far.x), _next(far.y))
+    # By edge, and not by triangle: neighbours then cut a shared edge by the same operations.
+    shrink = (_shrink(start[0], end[0]), _shrink(start[1], end[1]))
+    start, end = (_resized(point, shrink) for point in (start, end))
+    for axis in (0, 1):
+        start, end = _cut_axis(start, end, axis, shrink, grid)
+    grow = (1.0 / shrink[0], 1.0 / shrink[1])
+    start, end = (_resized(point, grow) for point in (start, end))
+    hit = _near_canvas((start[0][0], start[1][0]), (end[0][0], end[1][0]), grid)
+    (from_x, from_y), (to_x, to_y) = (
+        (to_grid(point[0][0], grid, 0), to_grid(point[1][0], grid, 1)) for point in (start, end)
+    )
+    has_area = far.orientation != 0
+    surrounds = _surrounds_center(far, grid) & has_area
+    empty = ~xp.any(hit, axis=0) & ~surrounds
+    constant = xp.where(hit, 0, xp.where(empty[None], -1, 1)).astype(xp.int32)
+    cut = Segments(
+        from_x, from_y, to_x - from_x, to_y - from_y, far.orientation, *segments[5:9], constant
+    )
+    return Segments(
+        *(
+            xp.where(far.beyond if new.ndim == 1 else far.beyond[None], new, old)
+            for new, old in zip(cut, segments, strict=True)
+        )
+    )
+
+
+def planes(far: FarTriangles, grid: Grid) -> Planes:
+    """The weights of triangles past the band, as floats; those of the others mean nothing.
+
+    A triangle without area has the mean of its corners everywhere.
+    """
+    xp = far.orientation.__array_namespace__()
+    x, y, shrink_x, shrink_y = _scaled(far.x, far.y)
+    area, bound = _area(x, y, shrink_x, shrink_y)
+    has_area = area[0] > bound * _SURE
+    area = choose(has_area, area, pair_of(xp.ones_like(area[0])))
+    step_x, step_y = shrink_x / grid.rate, shrink_y / grid.rate
+    entries = []
+    # Corner 1 lies across from the edge 2 -> 0, corner 2 from the edge 0 -> 1.
+    for a, b in ((2, 0), (0, 1)):
+        corner = (_entry(x, a), _entry(y, a))
+        along = (subtract(_entry(x, b), corner[0]), subtract(_entry(y, b), corner[1]))
+        first = (
+            subtract(pair_of(0.5 * step_x), corner[0]),
+            subtract(pair_of(0.5 * step_y), corner[1]),
+        )
+        start, right, down = (
+            divide(term, area)[0]
+            for term in (
+                cross(along, first),
+                scale((-along[1][0], -along[1][1]), step_x),
+                scale(along[0], step_y),
+            )
+        )
+        entries.append((start, right, down))
+    start, right, down = (
+        xp.where(has_area[None], xp.stack(pair), xp.full_like(area[0], empty)[None])
+        for pair, empty in zip(zip(*entries, strict=True), (1 / 3, 0.0, 0.0), strict=True)
+    )
+    return Planes(start, right, down, far.beyond)
+
+
+def _next(corners: Pair) -> Pair:
+    """Each corner's successor, for pairs of `[3, triangles]`."""
+    xp = corners[0].__array_namespace__()
+    first, second = (xp.stack([entry[1], entry[2], entry[0]]) for entry in corners)
+    return first, second
+
+
+def _entry(corners: Pair, k: int) -> Pair:
+    return corners[0][k], corners[1][k]
+
+
+def _shrink(*values: Pair) -> Any:
+    """The power of two, at most 1, that brings values below 2^30."""
+    xp = values[0][0].__array_namespace__()
+    reach = xp.abs(values[0][0])
+    for value in values[1:]:
+        reach = xp.maximum(reach, xp.abs(value[0]))
+    excess = xp.maximum(xp.frexp(reach)[1] - _FARTHEST_BITS, 0)
+    return xp.ldexp(xp.ones_like(reach), -excess)
+
+
+def _resized(point: Point, factors: tuple[Any, Any]) -> Point:
+    return scale(point[0], factors[0]), scale(point[1], factors[1])
+
+
+def _scaled(x: Pair, y: Pair) -> tuple[Pair, Pair, Any, Any]:
+    """Corners below 2^30, and the factor of each axis: weights and signs do not depend on them."""
+    xp = x[0].__array_namespace__()
+    factors = []
+    for c in (x, y):
+        reach = xp.max(xp.abs(c[0]), axis=0)
+        factors.append(_shrink((reach, reach)))
+    return (
+        scale(x, factors[0][None]),
+        scale(y, factors[1][None]),
+        factors[0],
+        factors[1],
+    )
+
+
+def _area(x: Pair, y: Pair, *_: Any) -> tuple[Pair, Any]:
+    """Twice the signed area, and the sum of the products that it is the difference of."""
+    xp = x[0].__array_namespace__()
+    first, second = (
+        (subtract(_entry(x, k), _entry(x, 0)), subtract(_entry(y, k), _entry(y, 0))) for k in (1, 2)
+    )
+    bound = xp.abs(first[0][0] * second[1][0]) + xp.abs(first[1][0] * second[0][0])
+    return cross(first, second), bound
+
+
+def _surrounds_center(far: FarTriangles, grid: Grid) -> Any:
+    """Whether the centre of the canvas lies inside or on the edge of each triangle."""
+    xp = far.orientation.__array_namespace__()
+    x, y, shrink_x, shrink_y = _scaled(far.x, far.y)
+    next_x, next_y = _next(x), _next(y)
+    along = (subtract(next_x, x), subtract(next_y, y))
+    center_x = xp.broadcast_to((grid.width / 2) * shrink_x[None], x[0].shape)
+    center_y = xp.broadcast_to((grid.height / 2) * shrink_y[None], y[0].shape)
+    to_center = (subtract(pair_of(center_x), x), subtract(pair_of(center_y), y))
+    return xp.all(cross(along, to_center)[0] >= 0, axis=0)
+
+
+def _near_canvas(start: tuple[Any, Any], end: tuple[Any, Any], grid: Grid) -> Any:
+    """Whether the cut edges meet the canvas grown by a pixel, or by less where the band is narrow.
+
+    Others bound nothing that shows. Their cuts may be a few units long, next to the band's border,
+    and such a line would point anywhere; one that comes near the canvas is long.
+    """
+    xp = start[0].__array_namespace__()
+    growth = min(1.0, max(grid.height, grid.width) / 4)
+    low, high = (-growth, -growth), (grid.width + growth, grid.height + growth)
+    inside = [
+        (xp.minimum(a, b) <= most) & (xp.maximum(a, b) >= least)
+        for a, b, least, most in zip(start, end, low, high, strict=True)
+    ]
+    # Corners of the grown canvas on both sides of the line, or on it; products stay finite.
+    start, end = (
+        tuple(xp.clip(c, -(2.0**_FARTHEST_BITS), 2.0**_FARTHEST_BITS) for c in point)
+        for point in (start, end)
+    )
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    sides = [
+        dx * (y - start[1]) - dy * (x - start[0])
+        for x in (low[0], high[0])
+        for y in (low[1], high[1])
+    ]
+    least, most = sides[0], sides[0]
+    for side in sides[1:]:
+        least, most = xp.minimum(least, side), xp.maximum(most, side)
+    return inside[0] & inside[1] & (least <= 0) & (most >= 0)
+
+
+def _cut_axis(
+    start: Point, end: Point, axis: int, shrink: tuple[Any, Any], grid: Grid
+) -> tuple[Point, Point]:
+    """Cut the edges to the band along one axis; one that misses the band ends up outside it.
+
+    One axis after the other, and not by a common parameter: the needle from (1e20, 0) to (-1e20, 9)
+    crosses the band within a parameter interval that float32 cannot tell from a point. Coordinates
+    come multiplied by `shrink`.
+    """
+    xp = start[0][0].__array_namespace__()
+    low, high = (limit[axis] * shrink[axis] for limit in grid.guard)
+    middle = (grid.width / 2 * shrink[0], grid.height / 2 * shrink[1])
+    far = [
+        xp.maximum(*(xp.abs(c[0] - m) for c, m in zip(point, middle, strict=True)))
+        for point in (start, end)
+    ]
+    (start_x, _), (start_y, _) = start
+    (end_x, _), (end_y, _) = end
+    later = (end_x < start_x) | ((end_x == start_x) & (end_y < start_y))
+    swap = (far[1] < far[0]) | ((far[1] == far[0]) & later)
+    near: list[Pair] = [choose(swap, b, a) for a, b in zip(start, end, strict=True)]
+    away: list[Pair] = [choose(swap, a, b) for a, b in zip(start, end, strict=True)]
+    step = subtract(away[axis], near[axis])
+    rise = subtract(away[1 - axis], near[1 - axis])
+
+    def moved(point: Point) -> Point:
+        """The end point itself inside the band, else where the edge enters it."""
+        here = point[axis][0]
+        outside = (here < low) | (here > high)
+        wall = pair_of(xp.where(here < low, low, high).astype(here.dtype))
+        distance = subtract(wall, near[axis])
+        # An edge that reaches the wall steps at least as far along the axis.
+        reaches = outside & (xp.abs(step[0]) >= xp.abs(distance[0])) & (step[0] != 0)
+        divisor = choose(reaches, step, pair_of(xp.ones_like(here)))
+        share = divide(choose(reaches, distance, pair_of(xp.zeros_like(here))), divisor)
+        other = add(near[1 - axis], multiply(share, rise))
+        entry = (wall, other) if axis == 0 else (other, wall)
+        x, y = (choose(outside, e, p) for e, p in zip(entry, point, strict=True))
+        return x, y
+
+    return moved(start), moved(end)

@@ -1,0 +1,289 @@
+"""The derivative of the hard image with respect to the positions of vertices.
+
+The image is piecewise constant in them. Its box-filtered limit is not: when a visible edge moves,
+a pixel gains the colour on one side of it and loses that on the other, at the rate at which the
+edge sweeps over the pixel. The integral along the edge is evaluated on the grid of samples, as a
+sum over crossings (`crossings.py`): each stands for the length of edge between two lines of
+samples, its speed along the line is exact, and the jump of colour is that between the two samples.
+
+Of the triangles that show at the two samples the one in front owns the crossing; any other edge
+there is hidden by it. A triangle so thin that neither sample shows it owns its crossings where the
+same triangle shows behind it on both sides. Where the two samples show triangles that do not meet
+between them, each owns its crossing, and what shows in the strip is looked up (`thin_strips`). The
+sum is linear in the velocity of the vertices, so that one rule serves both directions of
+differentiation.
+
+**Source:** Li, Aittala, Durand and Lehtinen, *Differentiable Monte Carlo Ray Tracing through Edge
+Sampling* (ACM TOG 37(6), 2018), section 3.1, equation 6, for the integral; Laine et al., *Modular
+Primitives for High-Performance Differentiable Rendering* (ACM TOG 39(6), 2020), section 3.6, and
+Pidhorskyi et al., *Rasterized Edge Gradients* (ECCV 2024), for edges between samples.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
+from jaxtyping import Array, Float, Int
+
+from ..coverage.depth_test import depth_at, depth_on_edge
+from ..geometry.fixed_point import Edges, Grid
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import one_pass
+from .crossings import LINES, Crossings, Sides, find_crossings, list_runs
+from .interpenetration import depth_changes, image_change
+from .layered_samples import Layers, addition
+from .thin_strips import ends_before_edge, fill_strips
+from .visible_front import Opaque, color_at, color_on_edge, triangle_at
+
+
+class Sweep(NamedTuple):
+    """What a motion of the edges does to the image.
+
+    - `edge`, `t`, `pixel`: of each crossing, as in `Crossings`.
+    - `jump`: what the pixel gains for an edge that moves by a pixel towards greater x or y,
+      along the line that it crosses.
+    """
+
+    edge: Int[Array, " runs"]
+    t: Float[Array, "lines runs"]
+    pixel: Int[Array, "lines runs"]
+    jump: Float[Array, "channels lines runs"]
+
+
+def edge_speeds(
+    velocity: Float[Array, "vertices 2"], vertex: Int[Array, "triangles 3"], sides: Sides
+) -> tuple[Float[Array, " edges"], Float[Array, " edges"]]:
+    """Speed at which both ends of each edge carry it along the lines that it crosses."""
+
+    @one_pass
+    def project(velocity, vertex, sides):
+        slope = sides.slope
+
+        def speed(vertex):
+            x, y = velocity[:, 0][vertex], velocity[:, 1][vertex]
+            along, across = jnp.where(sides.steep, x, y), jnp.where(sides.steep, y, x)
+            return (along - slope * across).reshape(-1)
+
+        return speed(vertex), speed(jnp.roll(vertex, -1, 1))
+
+    return project(velocity, vertex, sides)
+
+
+def swept(
+    speeds: tuple[Float[Array, " edges"], Float[Array, " edges"]], sweep: Sweep, grid: Grid
+) -> Float[Array, "height width channels"]:
+    """Rate of change of the image. Linear in the speeds."""
+
+    @one_pass
+    def pick(speeds, edge):
+        return tuple(ends[edge] for ends in speeds)
+
+    @one_pass
+    def spread(ends):
+        # Not a broadcast: its transpose is a sum over lines that is not vectorised.
+        return tuple(jnp.concatenate([end[None]] * LINES) for end in ends)
+
+    @one_pass
+    def move(ends, t):
+        start, end = ends
+        return start * (1.0 - t) + end * t
+
+    @one_pass
+    def add(speed, jump, pixel):
+        still = jnp.zeros(grid.height * grid.width, speed.dtype)
+        return still.at[pixel.reshape(-1)].add((jump * speed).reshape(-1), mode="drop")
+
+    speed = move(spread(pick(speeds, sweep.edge)), sweep.t)
+    image = [add(speed, jump, sweep.pixel) for jump in sweep.jump]
+    return jnp.stack(image, -1).reshape(grid.height, grid.width, -1)
+
+
+class Outlines(NamedTuple):
+    """The edges of a scene, and how they are enumerated.
+
+    - `vertex`: of the corners of each triangle, turned to positive orientation.
+    - `first`, `count`: `crossings.lines_crossed`.
+    """
+
+    sides: Sides
+    edges: Edges
+    vertex: Int[Array, "triangles 3"]
+    first: Int[Array, "3 triangles"]
+    count: Int[Array, "3 triangles"]
+
+
+class Shape(NamedTuple):
+    """What is compiled: `crossings` and `depth` are capacities; `flat`: one colour a triangle."""
+
+    tiling: Tiling
+    channels: int
+    crossings: int
+    depth: int
+    flat: bool
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def slopes(
+    shape: Shape,
+    positions: Float[Array, "vertices 2"],
+    depth: Float[Array, " vertices"] | None,
+    outlines: Outlines,
+    seen: Opaque | Layers,
+) -> Float[Array, "height width channels"]:
+    """Zero; its derivative with respect to positions and depth is that of the box-filtered image.
+
+    The derivative does not depend on anything further: second derivatives are zero.
+    """
+    grid = shape.tiling.grid
+    # A zero that depends on the positions: JAX 0.10 cannot differentiate a batched call of a
+    # `custom_jvp` whose tangent is batched and whose value is not ("broadcast_in_dim"). The
+    # compiler would fold `0 * positions`.
+    zero = jnp.where(jnp.isnan(positions[:1, 0]), 0.0, 0.0).astype(positions.dtype)
+    return jnp.broadcast_to(zero, (grid.height, grid.width, shape.channels))
+
+
+@functools.partial(slopes.defjvp, symbolic_zeros=True)
+def _(shape, primals, tangents):
+    positions, depth, outlines, seen = jax.lax.stop_gradient(primals)
+    value = slopes(shape, positions, depth, outlines, seen)
+    velocity, depth_change = (
+        None if isinstance(tangent, SymbolicZero) else tangent for tangent in tangents[:2]
+    )
+    change = jnp.zeros_like(value)
+    if velocity is not None:
+        with jax.named_scope("edge_slopes"):
+            sweep = _sweep(shape, outlines, seen)
+        speeds = edge_speeds(velocity, outlines.vertex, outlines.sides)
+        change = swept(speeds, sweep, shape.tiling.grid)
+    if depth is None or not isinstance(seen, Opaque) or seen.depths is None:
+        return value, change
+    if velocity is not None or depth_change is not None:
+        velocity = jnp.zeros_like(positions) if velocity is None else velocity
+        depth_change = jnp.zeros_like(depth) if depth_change is None else depth_change
+        tiling = shape.tiling
+        with jax.named_scope("interpenetration"):
+            changes = depth_changes(velocity, depth_change, outlines.vertex, seen.depths, tiling)
+            change = change + image_change(
+                seen, changes, tiling, depth=shape.depth, flat=shape.flat
+            )
+    return value, change
+
+
+_BLOCK = 4096
+"""Runs that are worked on together: what is known of them stays in a core's cache."""
+
+
+def _sweep(shape: Shape, outlines: Outlines, seen: Opaque | Layers) -> Sweep:
+    grid, channels = shape.tiling.grid, shape.channels
+    blocks = -(-shape.crossings // _BLOCK)
+    runs = list_runs(outlines.count, capacity=blocks * _BLOCK)
+    needed = jnp.sum(runs.rank >= 0, dtype=jnp.int32)
+    dtype = outlines.sides.start.dtype
+
+    def visit(number, sweep):
+        part = jax.tree.map(
+            lambda entry: jax.lax.dynamic_slice_in_dim(entry, number * _BLOCK, _BLOCK), runs
+        )
+        sides, edges, _, first, count = outlines
+        found = find_crossings(sides, edges, first, count, part, grid)
+        if isinstance(seen, Opaque):
+            jump = _opaque_jumps(shape, found, seen)
+        else:
+            jump = _layered_jumps(shape, found, seen)
+        own = (found.t, found.pixel, jump)
+        return tuple(
+            jax.lax.dynamic_update_slice_in_dim(whole, piece, number * _BLOCK, piece.ndim - 1)
+            for whole, piece in zip(sweep, own, strict=True)
+        )
+
+    lines = (LINES, blocks * _BLOCK)
+    none = jnp.full(lines, grid.height * grid.width, jnp.int32)
+    sweep = (jnp.zeros(lines, dtype), none, jnp.zeros((channels, *lines), dtype))
+    sweep = jax.lax.fori_loop(0, -(-needed // _BLOCK), visit, sweep)
+    return Sweep(runs.edge, *sweep)
+
+
+def _opaque_jumps(
+    shape: Shape, found: Crossings, seen: Opaque
+) -> Float[Array, "channels lines runs"]:
+    """The colour of the edge's triangle less what shows outside, where that triangle is in front.
+
+    It shows at the sample inside; or, where it is thinner than the distance of samples, it lies
+    before the one triangle that shows on both sides of it, which then fills the gap between them.
+    What shows at the sample outside may end before it reaches the edge: then a strip between the
+    two shows something else (`thin_strips`).
+    """
+    tiling = shape.tiling
+    inner, outer = (
+        triangle_at(seen.front, sample, tiling, depth=shape.depth)
+        for sample in (found.inside, found.outside)
+    )
+
+    depths = None
+    if seen.depths is not None:
+        on_edge = depth_on_edge(seen.depths, found.edge, found.t)
+        owner = jnp.broadcast_to((found.edge // 3)[None], inner.shape)
+        depth, behind = (
+            depth_at(seen.depths, jnp.maximum(triangle, 0), found.outside, tiling)
+            for triangle in (owner, outer)
+        )
+        depths = on_edge, depth, behind
+
+    @one_pass
+    def own(found, inner, outer, depths):
+        owner = (found.edge // 3)[None]
+        covers_inside, before_outer = inner == owner, outer < owner
+        # Between two samples that show the same triangle behind it, a thinner one is seen.
+        thin = (inner == outer) & ~covers_inside
+        if depths is not None:
+            on_edge, depth, behind = depths
+            depth = jnp.where(covers_inside, depth, on_edge)
+            before_outer = (outer < 0) | (depth < behind) | ((depth == behind) & before_outer)
+        return found.live & covers_inside, found.live & (covers_inside | thin) & before_outer
+
+    @one_pass
+    def jump(owned, outwards, near, far):
+        return jnp.where(owned[None], (near - far) * _per_pixel(outwards, tiling), 0.0)
+
+    shown, owned = own(found, inner, outer, depths)
+    is_strip = one_pass(ends_before_edge)(seen.surface.edges, found, outer, shown)
+    far_triangle, owned = fill_strips(seen, found, outer, owned, is_strip, tiling)
+    near = color_on_edge(seen.surface, found.edge, found.t, tiling, flat=shape.flat)
+    far = color_at(
+        seen.surface, seen.background, far_triangle, found.outside, tiling, flat=shape.flat
+    )
+    return jump(owned, found.outwards, near, far)
+
+
+def _layered_jumps(
+    shape: Shape, found: Crossings, seen: Layers
+) -> Float[Array, "channels lines runs"]:
+    """What the triangle inside would add outside, through what lies in front at either sample.
+
+    A layer in front that ends between the same two samples has a crossing of its own, beyond which
+    this one is seen no better than before it.
+    """
+    tiling = shape.tiling
+    triangle = jnp.broadcast_to((found.edge // 3)[None], found.live.shape)
+    add = functools.partial(addition, seen, triangle, tiling=tiling, flat=shape.flat)
+
+    @one_pass
+    def limit(found, near, far):
+        clear = jnp.where(far.through > 0, far.through, 1.0)
+        part = jnp.minimum(near.through, far.through) / clear
+        gain = far.gain * part[None] * _per_pixel(found.outwards, tiling)
+        counted = near.listed
+        if shape.flat and seen.depths is None:
+            # A triangle that covers neither sample is thinner than their distance: it is seen
+            # between them all the same. Its colour outside is known only if it has one.
+            counted = counted | ~far.listed
+        return jnp.where((found.live & counted)[None], gain, 0.0)
+
+    return limit(found, add(found.inside), add(found.outside))
+
+
+def _per_pixel(outwards: Array, tiling: Tiling) -> Array:
+    """A crossing stands for the length of edge from a line of samples to the next."""
+    return (outwards / tiling.grid.rate)[None, None]

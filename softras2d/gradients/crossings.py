@@ -1,0 +1,263 @@
+"""Crossings: where the edge of a triangle passes between two neighbouring samples.
+
+Each edge is followed along its better-conditioned axis: one that is steeper than 45 degrees
+crosses rows of samples, any other crosses columns. On each such line it passes between two samples,
+of which one is inside; which two is decided by the integers that decide coverage.
+
+Edges are cut into runs of `LINES` lines: what a run shares is gathered once.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..binning.tiles import expand
+from ..geometry.fixed_point import Edges, Grid, Segments
+from ..numerics import safe
+from ..numerics.fusion_barrier import one_pass
+
+LINES = 8
+"""Lines of samples in a run."""
+
+
+class Sample(NamedTuple):
+    """Column and row on the grid of samples."""
+
+    column: Int[Array, "lines runs"]
+    row: Int[Array, "lines runs"]
+
+
+class Crossings(NamedTuple):
+    """Runs of crossings, edge by edge.
+
+    - `edge`: of each run, as 3 triangle + side; `live`: whether there is a crossing at all.
+    - `inside`, `outside`: the two samples; of the triangle, and next to it. Where an edge passes
+      between the border of the canvas and the first sample, both are that sample.
+    - `gap`: from the outside sample to the crossing along the line, in samples.
+    - `t`: how far along the edge, 0..1.
+    - `along_row`: of each run, whether its lines are rows of samples, else columns.
+    - `outwards`: of each run, 1 if the outside lies at greater x or y, else -1.
+    - `pixel`: that holds the crossing, row by row; one past the last where not `live`.
+    """
+
+    edge: Int[Array, " runs"]
+    live: Bool[Array, "lines runs"]
+    inside: Sample
+    outside: Sample
+    gap: Float[Array, "lines runs"]
+    t: Float[Array, "lines runs"]
+    along_row: Bool[Array, " runs"]
+    outwards: Float[Array, " runs"]
+    pixel: Int[Array, "lines runs"]
+
+
+class Sides(NamedTuple):
+    """The edges of all triangles, `[triangles, 3]`, turned to positive orientation.
+
+    - `start`, `end`: x and y in pixels, `[2, triangles, 3]`.
+    - `steep`: whether rows serve it.
+    """
+
+    start: Float[Array, "2 triangles 3"]
+    end: Float[Array, "2 triangles 3"]
+    steep: Bool[Array, "triangles 3"]
+
+    @property
+    def slope(self) -> Float[Array, "triangles 3"]:
+        """Change across for a unit along the line's normal, -1..1; 0 for an edge of no length."""
+        # Halves: the difference of two corners may be beyond the greatest float.
+        run, rise = self.end / 2 - self.start / 2
+        length = jnp.where(self.steep, rise, run)
+        other = jnp.where(self.steep, run, rise)
+        # A far edge that was cut may be steep on the grid and flat in floats, or have no length
+        # there: no slope is larger than 1, whatever rounding did.
+        usable = jnp.abs(other) <= jnp.abs(length)
+        return safe.divide(jnp.where(usable, other, jnp.zeros_like(other)), length)
+
+
+def lines_crossed(segments: Segments, grid: Grid) -> tuple[Any, Any]:
+    """First line of samples that each edge `[3, triangles]` crosses, and how many on the canvas.
+
+    For numpy and jax alike.
+    """
+    xp = segments.x.__array_namespace__()
+    steep = is_steep(segments)
+    start = xp.where(steep, segments.y, segments.x)
+    end = start + xp.where(steep, segments.dy, segments.dx)
+    half = 1 << (grid.bits - 1)
+    size = xp.where(steep, grid.height, grid.width) * grid.rate
+    # Open at the lesser end and closed at the greater: edges that meet count a line once.
+    first = ((grid.rate * xp.minimum(start, end) - half) >> grid.bits) + 1
+    last = (grid.rate * xp.maximum(start, end) - half) >> grid.bits
+    first, last = xp.maximum(first, 0), xp.minimum(last, size - 1)
+    bounding = (segments.constant == 0) & (segments.orientation != 0)[None]
+    count = xp.where(bounding, xp.maximum(last - first + 1, 0), 0)
+    return first.astype(xp.int32), count.astype(xp.int32)
+
+
+def is_steep(segments: Segments) -> Any:
+    """Whether each edge rises no less than it runs. For numpy and jax alike."""
+    xp = segments.x.__array_namespace__()
+    return xp.abs(segments.dy) >= xp.abs(segments.dx)
+
+
+def runs_of(count: Any) -> Any:
+    """How many runs an edge of `count` lines takes. For numpy and jax alike."""
+    return -(-count // LINES)
+
+
+class Run(NamedTuple):
+    """What the lines of a run share, `[runs]`.
+
+    - `steep`: whether they are rows; `line`: the first; `lines`: how many.
+    - `begin`, `length`: of the edge across the lines in half pixels; `near`, `change`: along them.
+    - `start`, `estimate`, `step`, `stride`: the edge value at the line's sample 0 and line 0, and
+      its steps along a line and from line to line.
+    """
+
+    steep: Any
+    line: Any
+    lines: Any
+    begin: Any
+    length: Any
+    near: Any
+    change: Any
+    start: Any
+    estimate: Any
+    step: Any
+    stride: Any
+
+
+class Runs(NamedTuple):
+    """Which runs there are, `[runs]`: the edge, as 3 triangle + side, and the run's number there.
+
+    A place beyond the last run has `rank` -1.
+    """
+
+    edge: Int[Array, " runs"]
+    rank: Int[Array, " runs"]
+
+
+def list_runs(count: Int[Array, "3 triangles"], *, capacity: int) -> Runs:
+    """Runs of all edges; beyond `capacity`, some are missing."""
+
+    @one_pass
+    def own(count):
+        by_edge = runs_of(count).T.reshape(-1)
+        owner, rank = expand(by_edge, capacity)
+        used = jnp.arange(capacity, dtype=jnp.int32) < jnp.sum(by_edge, dtype=jnp.int32)
+        return Runs(owner, jnp.where(used, rank, -1))
+
+    return own(count)
+
+
+def find_crossings(
+    sides: Sides,
+    edges: Edges,
+    first: Int[Array, "3 triangles"],
+    count: Int[Array, "3 triangles"],
+    runs: Runs,
+    grid: Grid,
+) -> Crossings:
+    """The crossings of some runs that lie on the canvas; `first`, `count` are `lines_crossed`."""
+
+    @one_pass
+    def gather(sides, edges, first, count, runs):
+        owner, rank = runs
+
+        def side(entries):
+            return jnp.stack(entries, 1).reshape(-1)[owner]
+
+        right, down, start, estimate = (side(e) for e in list(zip(*edges, strict=True))[:4])
+        steep = sides.steep.reshape(-1)[owner]
+        (x0, y0), (x1, y1) = (
+            # Half pixels: the difference of two corners in pixels may be beyond the greatest float.
+            [ends[axis].reshape(-1)[owner] / 2 for axis in (0, 1)]
+            for ends in (sides.start, sides.end)
+        )
+        begin, near = jnp.where(steep, y0, x0), jnp.where(steep, x0, y0)
+        left = count.T.reshape(-1)[owner] - rank * LINES
+        return Run(
+            steep,
+            first.T.reshape(-1)[owner] + rank * LINES,
+            jnp.where(rank >= 0, left, 0),
+            begin,
+            jnp.where(steep, y1, x1) - begin,
+            near,
+            jnp.where(steep, x1, y1) - near,
+            start,
+            estimate,
+            jnp.where(steep, right, down),
+            jnp.where(steep, down, right),
+        )
+
+    run = gather(sides, edges, first, count, runs)
+    before, line, t, place, pixel, live = one_pass(lambda run: _follow(run, grid))(run)
+
+    @one_pass
+    def step_to(run, before, line, inner):
+        steep = run.steep[None]
+        size = jnp.where(steep, grid.width, grid.height) * grid.rate
+        along = before + ((run.step > 0) == inner).astype(jnp.int32)[None]
+        along = jnp.clip(along, 0, size - 1)
+        return Sample(jnp.where(steep, along, line), jnp.where(steep, line, along))
+
+    @one_pass
+    def distance(run, outside, place):
+        along = jnp.where(run.steep[None], outside.column, outside.row)
+        return jnp.clip(place - along.astype(place.dtype), -1.0, 1.0)
+
+    inside, outside = (step_to(run, before, line, jnp.asarray(inner)) for inner in (True, False))
+    gap = distance(run, outside, place)
+    outwards = jnp.where(run.step > 0, -1.0, 1.0).astype(t.dtype)
+    return Crossings(runs.edge, live, inside, outside, gap, t, run.steep, outwards, pixel)
+
+
+def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Of each crossing: the sample before it, its line, how far along the edge it is, where it is
+    along the line in samples, and its pixel."""
+    wide = Run(*(entry[None] for entry in run))
+    number = jnp.arange(LINES, dtype=jnp.int32)[:, None]
+    line = wide.line + number
+    size = jnp.where(wide.steep, grid.width, grid.height) * grid.rate
+    dtype = run.begin.dtype
+    length = jnp.where(wide.length != 0, wide.length, 1.0)
+    # Both are multiples of small fractions of a pixel: the difference keeps all digits.
+    t = jnp.clip(((line.astype(dtype) + 0.5) / (2 * grid.rate) - wide.begin) / length, 0.0, 1.0)
+    across = 2 * (wide.near + t * wide.change)
+
+    def value(place: Array) -> tuple[Array, Array]:
+        """The edge value at a sample of the line, wrapped, and about as a float."""
+        f32 = jnp.float32
+        along = wide.step.astype(f32) * place.astype(f32)
+        near = wide.estimate + along + wide.stride.astype(f32) * line.astype(f32)
+        return wide.start + wide.step * place + wide.stride * line, near
+
+    def past(place: Array) -> Array:
+        """Whether a sample of the line lies beyond the edge, towards greater x or y."""
+        exact, near = value(place)
+        inside = jnp.where(jnp.abs(near) < 2.0**30, exact >= 0, near > 0)
+        return inside == (wide.step > 0)
+
+    # Of far corners the guess is some samples off, and a rounding may put it beside the sample: the
+    # integers correct both.
+    guess = jnp.floor(across * grid.rate - 0.5)
+    guess = jnp.clip(guess, -2.0, 2.0**20).astype(jnp.int32)
+    exact, near = value(guess)
+    step = jnp.where(wide.step != 0, wide.step, 1)
+    samples = jnp.floor(-exact.astype(jnp.float32) / step.astype(jnp.float32))
+    guess = guess + jnp.where(jnp.abs(near) < 2.0**30, samples, 0.0).astype(jnp.int32)
+    before = guess + (~past(guess + 1)).astype(jnp.int32) - past(guess).astype(jnp.int32)
+    # The border of the canvas is half a sample before the first sample and after the last.
+    on_canvas = (across >= 0) & (across * grid.rate <= size.astype(dtype))
+    live = (number < wide.lines) & (before >= -1) & (before < size) & on_canvas
+    before, line = jnp.where(live, before, 0), jnp.where(live, line, 0)
+    # If the samples are of two pixels, these meet half way between them.
+    middle = 2 * value(before)[0] + wide.step
+    first = (middle >= 0) == (wide.step > 0)
+    held = jnp.clip(before + jnp.where(first, 0, 1), 0, size - 1) // grid.rate
+    by_row = line // grid.rate
+    pixel = jnp.where(wide.steep, by_row * grid.width + held, held * grid.width + by_row)
+    pixel = jnp.where(live, pixel, grid.height * grid.width)
+    return before, line, t, across * grid.rate - 0.5, pixel, live

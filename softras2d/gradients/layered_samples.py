@@ -1,0 +1,157 @@
+"""What a triangle adds to the image at any one sample, between the layers in front and behind.
+
+A sample's list is gone through from the front. What lies in front dims by its transmittance; what
+lies behind is composited twice where depth makes a difference: a triangle drawn later but deeper is
+hidden where this one is, and shows where it is not.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, UInt32
+
+from ..binning.tiles import TileLists
+from ..coverage.depth_test import Depths, depth_at
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import one_pass
+from ..shading.triangle_color import Surface
+from .crossings import Sample
+from .visible_front import address, color_at
+
+
+class Layers(NamedTuple):
+    """The samples of each listed pair that its triangle shows at, if nothing is in front."""
+
+    rows: UInt32[Array, "pairs rows"]
+    lists: TileLists
+    surface: Surface
+    depths: Depths | None
+    background: Float[Array, " channels"]
+
+
+class Addition(NamedTuple):
+    """Of one triangle at one sample.
+
+    - `listed`: whether it covers the sample and passes the depth test there.
+    - `through`: the transmittance of what lies in front of it.
+    - `gain`: by how much it changes the premultiplied colour of the sample, as seen through them,
+      were it to cover the sample.
+    """
+
+    listed: Bool[Array, "lines runs"]
+    through: Float[Array, "lines runs"]
+    gain: Float[Array, "channels lines runs"]
+
+
+class _State(NamedTuple):
+    """Of `Addition`, and colour and transmittance of what lies behind: with the triangle there, and
+    without."""
+
+    listed: Array
+    through: Array
+    hidden: Array
+    with_color: Array
+    with_through: Array
+    color: Array
+    without_through: Array
+
+
+def addition(
+    layers: Layers,
+    triangle: Int[Array, "lines runs"],
+    sample: Sample,
+    tiling: Tiling,
+    *,
+    flat: bool,
+) -> Addition:
+    """What each triangle adds at its sample. Not differentiable: the loop ends with the lists."""
+    surface, lists, depths = layers.surface, layers.lists, layers.depths
+    channels, shape = layers.background.shape[0], triangle.shape
+    tint = functools.partial(_rgba_at, surface, tiling=tiling, flat=flat)
+    rows = layers.rows.shape[1]
+
+    @one_pass
+    def locate(sample):
+        tile, place, bit = address(sample, tiling)
+        return lists.start[tile], lists.count[tile], place, bit
+
+    @one_pass
+    def read(words, listed, start, count, place, bit, k):
+        pair = jnp.clip(start + k, 0, listed.shape[0] - 1)
+        word = words.at[pair * rows + place].get(mode="promise_in_bounds")
+        there = ((word >> bit) & jnp.uint32(1) == 1) & (k < count)
+        return listed.at[pair].get(mode="promise_in_bounds"), there
+
+    add = one_pass(_add_layer)
+    start, count, place, bit = locate(sample)
+    words = layers.rows.reshape(-1)
+    at = functools.partial(depth_at, depths, tiling=tiling) if depths is not None else None
+    own_depth = None if at is None else at(triangle, sample)
+
+    def visit(k, state):
+        other, there = read(words, lists.triangle, start, count, place, bit, k)
+        nearer = jnp.ones(shape, bool)
+        if at is not None and own_depth is not None:
+            depth = at(other, sample)
+            # Of equal depths the later is in front.
+            nearer = jnp.where(other > triangle, depth <= own_depth, depth >= own_depth)
+        return add(state, triangle, other, there, tint(other, sample), nearer)
+
+    dtype = layers.background.dtype
+    closed, clear = jnp.zeros(shape, bool), jnp.ones(shape, dtype)
+    empty = jnp.zeros((channels, *shape), dtype)
+    state = _State(closed, clear, closed, empty, clear, empty, clear)
+    state = jax.lax.fori_loop(0, jnp.max(count), visit, state)
+
+    @one_pass
+    def finish(state, own):
+        paper = layers.background[:, None, None]
+        under = state.with_color + state.with_through[None] * paper
+        now = state.color + state.without_through[None] * paper
+        then = own[:channels] + (1.0 - own[3])[None] * under
+        gain = jnp.where(state.hidden[None], 0.0, (then - now) * state.through[None])
+        return Addition(state.listed, state.through, gain)
+
+    return finish(state, tint(triangle, sample))
+
+
+def _add_layer(state: _State, triangle, other, there, color, nearer) -> _State:
+    """The next layer of a list, `there` if it covers the sample, `nearer` if its depth is less."""
+    later = there & (other > triangle)
+    front = later & nearer
+    early = there & (other < triangle)
+    behind = (later & ~front) | early
+    alpha, shown = color[3], color[: state.color.shape[0]]
+    return _State(
+        state.listed | (there & (other == triangle)),
+        state.through * jnp.where(front, 1.0 - alpha, 1.0),
+        state.hidden | (early & ~nearer),
+        state.with_color + jnp.where(early, state.with_through, 0.0)[None] * shown,
+        state.with_through * jnp.where(early, 1.0 - alpha, 1.0),
+        state.color + jnp.where(behind, state.without_through, 0.0)[None] * shown,
+        state.without_through * jnp.where(behind, 1.0 - alpha, 1.0),
+    )
+
+
+def _rgba_at(surface, triangle, sample, tiling, *, flat) -> Float[Array, "4 lines runs"]:
+    """Premultiplied colour with alpha of a triangle at a sample."""
+    color = color_at(
+        surface,
+        jnp.zeros(surface.channels, surface.corners.color.dtype),
+        triangle,
+        sample,
+        tiling,
+        flat=flat,
+    )
+
+    @one_pass
+    def finish(color):
+        if color.shape[0] == 3:
+            return jnp.concatenate([color, jnp.ones_like(color[:1])])
+        if flat:
+            return jnp.concatenate([color[:3] * color[3:], color[3:]])
+        return color
+
+    return finish(color)

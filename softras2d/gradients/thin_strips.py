@@ -1,0 +1,188 @@
+"""What shows in a strip between two triangles that is thinner than the distance of samples.
+
+Two neighbouring samples may show two triangles that do not meet: each ends between the samples, and
+the strip between their edges shows a third triangle, or the background, that neither sample shows.
+Both edges then border on that one. It is found by going through the list of the tile, with tests at
+a point just outside the edge. Few crossings call for that: they are gathered and worked on in
+groups.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..coverage.depth_test import Depths, depth_on_edge
+from ..geometry.barycentric import slot_weights, twice_area, weight_sums
+from ..geometry.fixed_point import Edges
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import one_pass
+from ..numerics.prefix import cumulative_sum
+from .crossings import Crossings, Sample
+from .visible_front import Opaque, address
+
+_OUTSIDE = 1.0 / 64
+"""How far outside an edge a strip is looked for, in samples; thinner ones are taken to be none."""
+
+_LANES = 512
+"""Crossings that are worked on together."""
+
+
+def ends_before_edge(
+    edges: Edges,
+    found: Crossings,
+    outer: Int[Array, "lines runs"],
+    shown: Bool[Array, "lines runs"],
+) -> Bool[Array, "lines runs"]:
+    """Whether what shows at the sample outside ends before it reaches the edge.
+
+    `outer` is what shows there, -1 for the background, which ends nowhere; `shown`: whether the
+    edge's own triangle shows at the sample inside. At the border of the canvas both are one sample,
+    and what lies beyond the edge is unknown.
+    """
+    triangle = jnp.maximum(outer, 0)
+    covers = _covers_near(edges, triangle, found.outside, _point(found))
+    at_border = outer == (found.edge // 3)[None]
+    return shown & (outer >= 0) & (at_border | ~covers)
+
+
+def fill_strips(
+    seen: Opaque,
+    found: Crossings,
+    outer: Int[Array, "lines runs"],
+    owned: Bool[Array, "lines runs"],
+    is_strip: Bool[Array, "lines runs"],
+    tiling: Tiling,
+) -> tuple[Int[Array, "lines runs"], Bool[Array, "lines runs"]]:
+    """What shows just outside each edge, and whether the edge is visible there.
+
+    Where there is no strip these are `outer` and `owned`.
+    """
+    lanes = outer.size
+
+    @one_pass
+    def list_strips(is_strip):
+        end = cumulative_sum(is_strip.reshape(-1).astype(jnp.int32))
+        place = jnp.where(is_strip.reshape(-1), end - 1, lanes)
+        numbers = jnp.arange(lanes, dtype=jnp.int32)
+        return jnp.full(lanes, lanes, jnp.int32).at[place].set(numbers, mode="drop"), end[-1]
+
+    listed, count = list_strips(is_strip)
+    listed = jnp.pad(listed, (0, -lanes % _LANES), constant_values=lanes)
+    depth_of_edge = None
+    if seen.depths is not None:
+        depth_of_edge = depth_on_edge(seen.depths, found.edge, found.t).reshape(-1)
+    owner = jnp.broadcast_to((found.edge // 3)[None], outer.shape)
+    point = jnp.stack(jnp.broadcast_arrays(*_point(found)))
+
+    @one_pass
+    def gather(at, owner, outside, point):
+        return (
+            owner.reshape(-1).at[at].get(mode="clip"),
+            Sample(*(entry.reshape(-1).at[at].get(mode="clip") for entry in outside)),
+            point.reshape(2, -1).at[:, at].get(mode="clip"),
+        )
+
+    def visit(group: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
+        at = jax.lax.dynamic_slice_in_dim(listed, group * _LANES, _LANES)
+        triangle, outside, offset = gather(at, owner, found.outside, point)
+        own_depth = None
+        if depth_of_edge is not None:
+            own_depth = depth_of_edge.at[at].get(mode="clip")
+        behind, visible = _walk(seen, triangle, outside, offset, own_depth, tiling)
+        far, owned = state
+        return far.at[at].set(behind, mode="drop"), owned.at[at].set(visible, mode="drop")
+
+    state = outer.reshape(-1), owned.reshape(-1)
+    far, owned = jax.lax.fori_loop(0, -(-count // _LANES), visit, state)
+    return far.reshape(outer.shape), owned.reshape(outer.shape)
+
+
+def _point(found: Crossings) -> tuple[Array, Array]:
+    """The point just outside each edge, from its sample outside: right and down, in samples."""
+    along = found.gap + _OUTSIDE * found.outwards[None]
+    is_row = found.along_row[None]
+    zero = jnp.zeros_like(along)
+    return jnp.where(is_row, along, zero), jnp.where(is_row, zero, along)
+
+
+def _covers_near(
+    edges: Edges, triangle: Array, sample: Sample, offset: tuple[Array, Array]
+) -> Bool[Array, "*samples"]:
+    """Whether triangles cover the points at an offset from samples, by up to two samples."""
+    inside = jnp.ones(triangle.shape, bool)
+    for edge in edges:
+        own = edge.of(triangle)
+        value = own.measure(*sample) + own.right.astype(jnp.float32) * offset[0].astype(jnp.float32)
+        value = value + own.down.astype(jnp.float32) * offset[1].astype(jnp.float32)
+        inside = inside & (value >= 0)
+    return inside
+
+
+def _walk(
+    seen: Opaque,
+    owner: Int[Array, " lanes"],
+    sample: Sample,
+    offset: Float[Array, "2 lanes"],
+    own_depth: Float[Array, " lanes"] | None,
+    tiling: Tiling,
+) -> tuple[Int[Array, " lanes"], Bool[Array, " lanes"]]:
+    """The nearest other triangle that covers each point, -1 for none; whether `owner` is nearer."""
+    chunks, depths = seen.front.chunks, seen.depths
+    layers = chunks.triangle.shape[1]
+
+    @one_pass
+    def locate(chunks, sample):
+        tile = address(sample, tiling)[0]
+        return chunks.first[tile] * layers, chunks.count[tile] * layers
+
+    area = None
+    if depths is not None:
+        area = one_pass(lambda edges: twice_area(edges, depths.depth.dtype))(depths.edges)
+
+    @one_pass
+    def step(k, state, first, count, triangles, filled):
+        nearest, least = state
+        slot = jnp.minimum(first + k, triangles.size - 1)
+        triangle = triangles.reshape(-1)[slot]
+        listed = (k < count) & filled.reshape(-1)[slot] & (triangle != owner)
+        covers = listed & _covers_near(seen.surface.edges, triangle, sample, (offset[0], offset[1]))
+        if depths is None or area is None:
+            return jnp.where(covers, jnp.maximum(nearest, triangle), nearest), least
+        depth = _depth_near(depths, area, triangle, sample, offset, tiling)
+        nearer = covers & ((depth < least) | ((depth == least) & (triangle > nearest)))
+        return jnp.where(nearer, triangle, nearest), jnp.where(nearer, depth, least)
+
+    first, count = locate(chunks, sample)
+    least = jnp.full(owner.shape, jnp.inf, seen.background.dtype)
+    nearest, least = jax.lax.fori_loop(
+        0,
+        jnp.max(count),
+        lambda k, state: step(k, state, first, count, chunks.triangle, chunks.filled),
+        (jnp.full_like(owner, -1), least),
+    )
+    if own_depth is None:
+        return nearest, nearest < owner
+    return nearest, (own_depth < least) | ((own_depth == least) & (nearest < owner))
+
+
+def _depth_near(
+    depths: Depths,
+    area: Array,
+    triangle: Array,
+    sample: Sample,
+    offset: Array,
+    tiling: Tiling,
+) -> Float[Array, " lanes"]:
+    """Depth of triangles at the points at an offset from samples."""
+    # The first tile: its samples are counted from the corner of the canvas.
+    tile = jnp.zeros_like(triangle)
+    terms = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
+    one, corner = jnp.ones_like(triangle), depths.depth[:, triangle]
+
+    def depth_at(column: Array, row: Array) -> Array:
+        _, second, third = weight_sums(terms, one, column, row)
+        return corner[0] + second * (corner[1] - corner[0]) + third * (corner[2] - corner[0])
+
+    here = depth_at(*sample)
+    right, down = depth_at(sample.column + 1, sample.row), depth_at(sample.column, sample.row + 1)
+    return here + offset[0] * (right - here) + offset[1] * (down - here)

@@ -1,0 +1,188 @@
+"""What shows at any one sample of an opaque scene, and the colour of a triangle on its edge."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, UInt32
+
+from ..binning.lists import Chunks
+from ..coverage.depth_test import Depths
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import one_pass
+from ..shading.triangle_color import (
+    Points,
+    Surface,
+    add_color,
+    in_space,
+    read_on_lanes,
+    shade,
+    view,
+)
+from .crossings import Sample
+
+
+class Front(NamedTuple):
+    """Visible samples of an opaque scene, as `coverage.sampled.hide` leaves them.
+
+    - `visible`: of each slot; `covered`: by a chunk and those before it, of the same tile.
+    """
+
+    visible: UInt32[Array, "chunks layers rows"]
+    covered: UInt32[Array, "chunks rows"]
+    chunks: Chunks
+
+
+class Opaque(NamedTuple):
+    """An opaque scene as its samples show it.
+
+    - `front`: which triangle shows at each sample.
+    - `covered`: the samples that each slot's triangle covers, whether it shows there or not.
+    - `depths`: None without a depth test.
+    """
+
+    front: Front
+    covered: UInt32[Array, "chunks layers rows"]
+    surface: Surface
+    depths: Depths | None
+    background: Float[Array, " channels"]
+
+
+def triangle_at(
+    front: Front, sample: Sample, tiling: Tiling, *, depth: int
+) -> Int[Array, "*samples"]:
+    """The triangle that shows at each sample, -1 for the background; `depth` as in `hide`."""
+    slot = slot_at(front, sample, tiling, depth=depth)
+
+    @one_pass
+    def read(triangle, slot):
+        return jnp.where(slot < 0, -1, triangle[jnp.maximum(slot, 0)])
+
+    return read(front.chunks.triangle.reshape(-1), slot)
+
+
+def slot_at(front: Front, sample: Sample, tiling: Tiling, *, depth: int) -> Int[Array, "*samples"]:
+    """The slot whose triangle shows at each sample, -1 for the background."""
+    rows, layers = front.covered.shape[1], front.visible.shape[1]
+
+    @one_pass
+    def locate(sample):
+        tile, place, bit = address(sample, tiling)
+        return front.chunks.first[tile], front.chunks.count[tile], place, bit
+
+    @one_pass
+    def search(covered, first, count, place, bit):
+        # Chunks that leave the sample open come first: a binary search for how many.
+        open_ones = jnp.zeros_like(first)
+        step = depth
+        while step:
+            probe = open_ones + step
+            there = jnp.clip(first + probe - 1, 0, covered.shape[0] // rows - 1)
+            word = covered.at[there * rows + place].get(mode="promise_in_bounds")
+            free = (word >> bit) & jnp.uint32(1) == 0
+            open_ones = jnp.where((probe <= count) & free, probe, open_ones)
+            step //= 2
+        return jnp.where(open_ones < count, first + open_ones, -1)
+
+    @one_pass
+    def pick(visible, chunk, place, bit):
+        found = jnp.full(chunk.shape, -1, jnp.int32)
+        held = jnp.maximum(chunk, 0)
+        for layer in range(layers):
+            slot = held * layers + layer
+            word = visible.at[slot * rows + place].get(mode="promise_in_bounds")
+            shows = ((word >> bit) & jnp.uint32(1) == 1) & (chunk >= 0)
+            found = jnp.where(shows, slot, found)
+        return found
+
+    first, count, place, bit = locate(sample)
+    chunk = search(front.covered.reshape(-1), first, count, place, bit)
+    return pick(front.visible.reshape(-1), chunk, place, bit)
+
+
+def address(sample: Sample, tiling: Tiling) -> tuple[Array, Array, Array]:
+    """Tile of each sample, the place of its row among the words of the tile, and its bit."""
+    rate = tiling.grid.rate
+    column, row = sample
+    tile = (row // tiling.sample_rows) * tiling.columns + column // tiling.sample_columns
+    # The inverse of `coverage.sampled.row_order`.
+    row = row % tiling.sample_rows
+    place = (row % rate) * tiling.height + row // rate
+    return tile, place, (column % tiling.sample_columns).astype(jnp.uint32)
+
+
+def color_at(
+    surface: Surface,
+    background: Float[Array, " channels"],
+    triangle: Int[Array, "lines runs"],
+    sample: Sample,
+    tiling: Tiling,
+    *,
+    flat: bool,
+) -> Float[Array, "channels lines runs"]:
+    """Premultiplied colour of a triangle at a sample, -1 for the background; `flat` if constant."""
+    there = jnp.maximum(triangle, 0)
+
+    @one_pass
+    def behind(color, triangle):
+        return jnp.where((triangle < 0)[None], background[:, None, None], color)
+
+    if flat:
+        color = one_pass(lambda color, there: color[0][:, there])(surface.corners.color, there)
+        return behind(color, triangle)
+
+    @one_pass
+    def locate(sample):
+        tile = address(sample, tiling)[0]
+        points = sample.column % tiling.sample_columns, sample.row % tiling.sample_rows
+        return tile.reshape(-1), Points(None, *(place.reshape(-1) for place in points))
+
+    tile, points = locate(sample)
+    color = shade(surface, view(surface, there.reshape(-1), tile, tiling), points, tiling)
+    return behind(color.reshape(-1, *triangle.shape), triangle)
+
+
+def edge_weights(
+    edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
+) -> tuple[Array, Array, Array]:
+    """Weights of the three corners on edge `3 triangle + side`, where it is `t` along, 0..1."""
+    side = (edge % 3)[None]
+    start, end, zero = 1.0 - t, t, jnp.zeros_like(t)
+
+    def weight(corner: int) -> Array:
+        # Side k runs from corner k to the next.
+        at_end = jnp.where(side == (corner - 1) % 3, end, zero)
+        return jnp.where(side == corner, start, at_end)
+
+    return weight(0), weight(1), weight(2)
+
+
+def color_on_edge(
+    surface: Surface,
+    edge: Int[Array, " runs"],
+    t: Float[Array, "lines runs"],
+    tiling: Tiling,
+    *,
+    flat: bool,
+) -> Float[Array, "channels lines runs"]:
+    """Premultiplied colour of each edge's own triangle on it, where it is `t` along, 0..1.
+
+    The edge itself is the one line on which a triangle thinner than the distance of samples has a
+    colour that no extrapolation is needed for.
+    """
+    triangle = jnp.broadcast_to((edge // 3)[None], t.shape)
+    if flat:
+        return one_pass(lambda color, at: color[0][:, at])(surface.corners.color, triangle)
+    lane = triangle.reshape(-1)
+    first, second, third = (entry.reshape(-1) for entry in one_pass(edge_weights)(edge, t))
+    lanes = view(surface, lane, jnp.zeros_like(lane), tiling)
+    at = one_pass(in_space)((first, second, third), lanes.corners.inverse_w)
+
+    def add_probe(total: Array, probe: Array) -> tuple[Array, None]:
+        read = read_on_lanes(surface, lanes, at, tiling)
+        added = add_color(total, at, lanes.corners, lanes.texture, surface.skin, read, probe=probe)
+        return added, None
+
+    probes = jnp.arange(surface.filter.anisotropy, dtype=jnp.int32)
+    none_yet = jnp.zeros((surface.channels, lane.shape[0]), surface.corners.color.dtype)
+    return jax.lax.scan(add_probe, none_yet, probes)[0].reshape(-1, *t.shape)

@@ -1,0 +1,1 @@
+"""This stage reads scenes from SVG files, and writes them as such."""

@@ -1,0 +1,121 @@
+"""The pictures that a document names: which files it may read, and the textures they become."""
+
+import base64
+import binascii
+import re
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+
+from ..budget import Budget
+from .document import MAX_BYTES
+
+_SCHEME = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]++:|//|\\\\")
+_DATA = re.compile(r"data:(image/[^;,]*+)?+(?:;(?!base64,)[^;,]*+)*+;base64,")
+
+
+class Assets:
+    """Pictures by name. Each is read once, when first asked for, as RGB or straight RGBA in sRGB.
+
+    - `folder`: where relative names start, the document's own.
+    - `root`: the folder in which every file must lie, links followed.
+    - `alpha`: whether textures keep that channel; one that is opaque loses it in any case.
+    - `budget`: charged with the pixels of each, as its header states them.
+    """
+
+    def __init__(
+        self, folder: Path | None, root: Path | None, alpha: bool, budget: Budget | None = None
+    ):
+        self._budget = budget or Budget()
+        self._alpha = alpha
+        self._folder = folder or root
+        self._root = root or folder
+        self._declared: dict[str, Path] = {}
+        self._indices: dict[Path | str, int] = {}
+        self._pictures: dict[Path | str, np.ndarray] = {}
+        self.textures: list[np.ndarray] = []
+
+    def declare(self, texid: str, filename: str) -> None:
+        """Let `texid` mean a file from here on; `ValueError` for one that may not be read."""
+        self._declared[texid] = self._path(filename)
+
+    def texture(self, texid: str) -> int:
+        """The index in `textures` of a declared texture."""
+        if texid not in self._declared:
+            raise ValueError(f"there is no texture {texid!r} before it.")
+        return self._index(self._declared[texid])
+
+    def linked(self, href: str) -> int:
+        """The index in `textures` of what an `image` refers to."""
+        return self._index(self._key(href))
+
+    def picture(self, href: str) -> np.ndarray:
+        """The picture that an `image` refers to, `[height, width, 3 or 4]`."""
+        return self._read(self._key(href))
+
+    def _key(self, href: str) -> Path | str:
+        if href.lstrip().startswith("data:"):
+            return href
+        return self._path(unquote(href.strip()))
+
+    def _index(self, key: Path | str) -> int:
+        if key not in self._indices:
+            picture = self._read(key)
+            if picture.shape[-1] == 4 and (not self._alpha or (picture[..., 3] == 1).all()):
+                picture = picture[..., :3]
+            self._indices[key] = len(self.textures)
+            self.textures.append(picture)
+        return self._indices[key]
+
+    def _read(self, key: Path | str) -> np.ndarray:
+        # Imported here: scenes without pictures need no image library.
+        from ..images import read_charged
+
+        if key not in self._pictures:
+            if isinstance(key, str):
+                picture = read_charged(_embedded(key), "embedded image", self._charge)
+            elif key.stat().st_size > MAX_BYTES:
+                raise ValueError(f"{key}: larger than {MAX_BYTES >> 20} MB.")
+            else:
+                picture = read_charged(key, str(key), self._charge)
+            self._pictures[key] = np.asarray(picture)
+        return self._pictures[key]
+
+    def _charge(self, pixels: int) -> None:
+        self._budget.charge("texels", pixels)
+
+    def _path(self, name: str) -> Path:
+        """The file of a name, if it is there and inside the root."""
+        if not name:
+            raise ValueError("no file is named.")
+        if _SCHEME.match(name):
+            raise ValueError(f"{name[:60]!r} is not a file beside the scene; nothing is fetched.")
+        if self._folder is None or self._root is None:
+            raise ValueError(f"{name!r} is named, but a text has no folder: give `assets`.")
+        try:
+            root = self._root.resolve()
+            path = (self._folder / name).resolve()
+            inside, there = path.is_relative_to(root), path.is_file()
+        except (OSError, RuntimeError, ValueError) as error:
+            raise ValueError(f"{name[:60]!r} cannot be a file: {error}.") from None
+        if not inside:
+            raise ValueError(f"{name!r} lies outside the folder {root}; see `assets`.")
+        if not there:
+            raise ValueError(f"{name!r}: there is no such file ({path}).")
+        return path
+
+
+def _embedded(uri: str) -> bytes:
+    """The bytes of a `data:` URI."""
+    uri = uri.lstrip()
+    found = _DATA.match(uri)
+    if found is None:
+        raise ValueError("data: only base64 images are read.")
+    if (found[1] or "").startswith("image/svg"):
+        raise ValueError("data: an SVG inside an SVG is not read.")
+    try:
+        text = "".join(unquote(uri[found.end() :]).split())
+        return base64.b64decode(text, validate=True)
+    except (binascii.Error, ValueError):
+        raise ValueError("data: not valid base64.") from None

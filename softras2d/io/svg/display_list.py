@@ -1,0 +1,291 @@
+"""What a drawing draws, in order: collected element by element, made into triangles all at once."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..budget import Budget, BudgetError
+from ..shapes.ear_clipping import clip_ears, crosses_itself, fill_simply
+from ..shapes.pixel_lines import pixel_lines
+from ..shapes.polygons import fan, fan_inside, fill_regions, triangulate
+from ..shapes.strokes import Outline, stroke, union
+from .css_color import Rgba
+from .document import SvgError
+
+
+class Triangles(NamedTuple):
+    """Triangles back to front; all float32 but the indices.
+
+    - `corners`: `[triangles, 3, 2]` in pixels.
+    - `colors`: `[triangles, 1 or 3, 4]`, straight; three corners if any triangle needs them.
+    - `uv`: `[triangles, 3, 2]`, zero without a texture.
+    - `texture`: `[triangles]`, -1 without.
+    """
+
+    corners: np.ndarray
+    colors: np.ndarray
+    uv: np.ndarray
+    texture: np.ndarray
+
+
+class _Batch(NamedTuple):
+    """Triangles of one kind: the draw that each belongs to, corners and uv in float32."""
+
+    draw: np.ndarray
+    corners: np.ndarray
+    uv: np.ndarray | None = None
+
+
+class DisplayList:
+    """Fills, lines, pixels and triangles, in pixels, float64. Each draws over all before it.
+
+    `line` is the number of the line that is being read, for errors that show at the end.
+    `approximated` counts, then, the course's polygons that were filled by the nonzero rule.
+    """
+
+    def __init__(self, name: str, budget: Budget | None = None):
+        self.name = name
+        self.budget = budget or Budget()
+        self.line = 0
+        self.approximated = 0
+        # Per draw: where it was read, its colour or the colours of its corners, its texture.
+        self._lines: list[int] = []
+        self._colors: list[Rgba | np.ndarray] = []
+        self._textures: dict[int, int] = {}
+        # By kind: the draw and what it draws.
+        self._triangles: list[tuple[int, np.ndarray, np.ndarray | None]] = []
+        self._polygons: list[tuple[int, np.ndarray, bool]] = []
+        self._ears: list[tuple[int, np.ndarray, np.ndarray]] = []
+        self._strokes: list[tuple[int, Outline, np.ndarray]] = []
+        self._hairlines: list[tuple[int, np.ndarray]] = []
+        self._pixels: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def __len__(self) -> int:
+        return len(self._lines)
+
+    def _next(self, color: Rgba | np.ndarray) -> int:
+        self._lines.append(self.line)
+        self._colors.append(color)
+        return len(self._lines) - 1
+
+    def add_triangles(self, corners: np.ndarray, color: Rgba | np.ndarray) -> None:
+        """`corners` `[k, 3, 2]`; one colour, or those of the three corners `[3, 4]`."""
+        self.budget.charge("triangles", len(corners))
+        self._triangles.append((self._next(color), corners, None))
+
+    def add_textured(
+        self, points: np.ndarray, color: Rgba, uv: np.ndarray, texture: int, translucent: bool
+    ) -> None:
+        """A convex polygon `[n, 2]` that shows a texture, `uv` `[n, 2]` at its corners."""
+        both = np.concatenate([points, uv], axis=1)[None]
+        both = (fan_inside if translucent and len(points) > 3 else fan)(both)[0]
+        self.budget.charge("triangles", len(both))
+        draw = self._next(color)
+        self._textures[draw] = texture
+        self._triangles.append((draw, both[..., :2], both[..., 2:]))
+
+    def add_polygon(self, points: np.ndarray, color: Rgba, evenodd: bool = False) -> None:
+        """The inside of a closed contour `[n, 2]`."""
+        self.budget.charge("points", len(points))
+        self._polygons.append((self._next(color), points, evenodd))
+
+    def add_ears(self, plane: np.ndarray, points: np.ndarray, color: Rgba) -> None:
+        """The inside of a contour as the course finds it: on `plane` `[n, 2]`, float32."""
+        self.budget.charge("points", len(points))
+        self._ears.append((self._next(color), plane, points))
+
+    def add_stroke(self, outline: Outline, map3: np.ndarray, color: Rgba) -> None:
+        """A stroke, made in the outline's units and then mapped to pixels."""
+        self.budget.charge("points", len(outline.points))
+        self._strokes.append((self._next(color), outline, map3))
+
+    def add_hairlines(self, segments: np.ndarray, color: Rgba) -> None:
+        """Lines `[k, 4]` (x0, y0, x1, y1), one pixel wide, each over the one before."""
+        self.budget.charge("points", len(segments))
+        self._hairlines.append((self._next(color), segments))
+
+    def add_pixels(self, rectangles: np.ndarray, colors: np.ndarray) -> None:
+        """Rectangles of whole pixels `[k, 4]` (x0, y0, x1, y1), each of its colour `[k, 4]`."""
+        self.budget.charge("triangles", 2 * len(rectangles))
+        first = len(self)
+        self._lines += [self.line] * len(rectangles)
+        self._colors += map(tuple, colors.tolist())
+        self._pixels.append((np.arange(first, len(self)), rectangles))
+
+    def finish(self, height: int, width: int) -> Triangles:
+        """All as triangles; `ValueError` for coordinates beyond float32 and for too much work."""
+        batches = [
+            _Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
+            self._from_triangles(),
+            self._from_polygons(),
+            self._from_ears(),
+            self._from_strokes(),
+            self._from_hairlines(height, width),
+            self._from_pixels(),
+        ]
+        batches = [batch for batch in batches if batch is not None]
+        draw = np.concatenate([batch.draw for batch in batches])
+        order = np.argsort(draw, kind="stable")
+        draw = draw[order]
+        uv, texture = np.zeros((0, 3, 2), np.float32), np.full(len(self), -1)
+        if self._textures:
+            texture[list(self._textures)] = list(self._textures.values())
+            parts = [np.zeros_like(b.corners) if b.uv is None else b.uv for b in batches]
+            uv = np.concatenate(parts)[order]
+        corners = np.concatenate([batch.corners for batch in batches])[order]
+        return Triangles(corners, self._color_table()[draw], uv, texture[draw])
+
+    def _color_table(self) -> np.ndarray:
+        """The colours of each draw, `[draws, 1 or 3, 4]`; `ValueError` for one beyond float32."""
+        if not any(isinstance(color, np.ndarray) for color in self._colors):
+            table = np.array(self._colors, np.float64).reshape(-1, 1, 4)
+            return self._float32(table, np.arange(len(table)), "a colour")
+        colors = [np.reshape(color, (-1, 4)) for color in self._colors]
+        if any(len(color) > 1 for color in colors):
+            colors = [np.broadcast_to(color, (3, 4)) for color in colors]
+        if not colors:
+            return np.ones((0, 1, 4), np.float32)
+        table = np.array(colors).reshape(len(colors), -1, 4)
+        return self._float32(table, np.arange(len(table)), "a colour")
+
+    def _is_translucent(self, draws: np.ndarray) -> np.ndarray:
+        """Which of these draws, all of one colour, are not opaque."""
+        return np.array([self._colors[draw][3] < 1 for draw in draws.tolist()], bool)
+
+    def _batch(self, draw: np.ndarray, corners: np.ndarray) -> _Batch:
+        return _Batch(draw, self._float32(corners, draw))
+
+    def _float32(
+        self, values: np.ndarray, draws: np.ndarray, what: str = "a coordinate"
+    ) -> np.ndarray:
+        """Numbers `[k, ...]` of the given draws, rounded to float32; `what`: what they are."""
+        with np.errstate(over="ignore"):
+            rounded = values.astype(np.float32)
+        bad = ~np.isfinite(rounded).all(axis=tuple(range(1, rounded.ndim)))
+        if bad.any():
+            raise self._error(int(draws[np.argmax(bad)]), f"{what} is not finite in float32.")
+        return rounded
+
+    def _error(self, draw: int, message: str) -> SvgError:
+        return SvgError(f"{self.name}:{self._lines[draw]}: {message}")
+
+    def _from_triangles(self) -> _Batch | None:
+        if not self._triangles:
+            return None
+        draw, corners, uv = zip(*self._triangles, strict=True)
+        counts = [len(part) for part in corners]
+        batch = self._batch(np.repeat(draw, counts), np.concatenate(corners))
+        if not self._textures:
+            return batch
+        parts = [np.zeros_like(c) if u is None else u for u, c in zip(uv, corners, strict=True)]
+        return batch._replace(
+            uv=self._float32(np.concatenate(parts), batch.draw, "a texture coordinate")
+        )
+
+    def _from_polygons(self) -> _Batch | None:
+        if not self._polygons:
+            return None
+        draw, contours, evenodd = zip(*self._polygons, strict=True)
+        draw = np.array(draw)
+        # Checked first, as GEOS must see no infinities.
+        self._float32(np.concatenate(contours), np.repeat(draw, [len(part) for part in contours]))
+        try:
+            corners, index = triangulate(
+                contours, evenodd, self._is_translucent(draw).tolist(), self.budget
+            )
+        except BudgetError as error:
+            raise self._error(int(draw[error.index]), f"the polygon {error}") from None
+        return self._batch(draw[index], corners)
+
+    def _from_ears(self) -> _Batch | None:
+        if not self._ears:
+            return None
+        draw, planes, contours = zip(*self._ears, strict=True)
+        try:
+            owner, ears, rest = clip_ears(planes, self.budget)
+        except BudgetError as error:
+            raise self._error(draw[error.index], f"the polygon {error}") from None
+        starts = np.cumsum([0, *map(len, contours)])
+        corners, owners = [np.concatenate(contours)[starts[owner, None] + ears]], [owner]
+        for index in rest:
+            self._float32(contours[index], np.full(len(contours[index]), draw[index]))
+            try:
+                self.approximated += crosses_itself(planes[index], self.budget, index)
+                corners.append(fill_simply(contours[index], self.budget))
+            except BudgetError as error:
+                raise self._error(draw[index], f"the polygon {error}") from None
+            owners.append(np.full(len(corners[-1]), index))
+        return self._batch(np.array(draw)[np.concatenate(owners)], np.concatenate(corners))
+
+    def _from_strokes(self) -> _Batch | None:
+        if not self._strokes:
+            return None
+        draw, outlines, maps = zip(*self._strokes, strict=True)
+        draw = np.array(draw)
+        try:
+            corners, owner = stroke(outlines, self.budget)
+        except BudgetError as error:
+            raise self._error(int(draw[error.index]), f"the stroke {error}") from None
+        corners = self._mapped(np.array(maps), corners, owner, draw)
+        glassy = self._is_translucent(draw)
+        made, draws = [corners[~glassy[owner]]], [draw[owner[~glassy[owner]]]]
+        for index in np.flatnonzero(glassy).tolist():
+            # The pieces overlap at joins, where they must not be seen twice.
+            first, last = np.searchsorted(owner, [index, index + 1])
+            try:
+                region = np.array([union(corners[first:last], self.budget)])
+            except BudgetError as error:
+                raise self._error(int(draw[index]), f"the translucent stroke {error}") from None
+            inner, which = fill_regions(region, np.ones(1, bool), draw[index : index + 1])
+            made.append(inner)
+            draws.append(which)
+        return self._batch(np.concatenate(draws), np.concatenate(made))
+
+    def _mapped(
+        self, maps: np.ndarray, corners: np.ndarray, owner: np.ndarray, draw: np.ndarray
+    ) -> np.ndarray:
+        """Each triangle of `[t, 3, 2]` by the map `[3, 3]` of its owner."""
+        maps = maps[owner]
+        with np.errstate(over="ignore", invalid="ignore"):
+            mapped = np.einsum("tij,tcj->tci", maps[..., :2], corners) + maps[:, None, :, 2]
+        bad = ~(mapped[..., 2] > 0).all(axis=1)
+        if bad.any():
+            message = "`transform` sends a stroke to infinity or behind it (w <= 0)."
+            raise self._error(int(draw[owner[np.argmax(bad)]]), message)
+        mapped = mapped[..., :2] / mapped[..., 2:]
+        self._float32(mapped, draw[owner])
+        return mapped
+
+    def _from_hairlines(self, height: int, width: int) -> _Batch | None:
+        if not self._hairlines:
+            return None
+        draw, segments = zip(*self._hairlines, strict=True)
+        draw = np.repeat(draw, [len(part) for part in segments])
+        rounded = self._float32(np.concatenate(segments), draw)
+        each = np.where(self._is_translucent(draw), 4, 2)
+        try:
+            rectangles, line = pixel_lines(rounded, height, width, self.budget, each)
+        except BudgetError as error:
+            raise self._error(int(draw[error.index]), f"the line {error}") from None
+        return self._rectangles(draw[line], rectangles)
+
+    def _from_pixels(self) -> _Batch | None:
+        if not self._pixels:
+            return None
+        draw, rectangles = zip(*self._pixels, strict=True)
+        return self._rectangles(np.concatenate(draw), np.concatenate(rectangles))
+
+    def _rectangles(self, draw: np.ndarray, rectangles: np.ndarray) -> _Batch:
+        """Two triangles for each opaque rectangle, four for a translucent one (see `polygons`)."""
+        x0, y0, x1, y1 = rectangles.astype(np.float64).T
+        quads = np.stack([x0, y0, x1, y0, x1, y1, x0, y1], axis=-1).reshape(-1, 4, 2)
+        glassy = self._is_translucent(draw)
+        made, place = [], []
+        for chosen, fill in ((~glassy, fan), (glassy, fan_inside)):
+            triangles = fill(quads[chosen])
+            made.append(triangles.reshape(-1, 3, 2))
+            place.append(np.repeat(np.flatnonzero(chosen), triangles.shape[1]))
+        # Lines of one draw may cross, so they stay in their order.
+        place = np.concatenate(place)
+        order = np.argsort(place, kind="stable")
+        return self._batch(draw[place[order]], np.concatenate(made)[order])

@@ -1,0 +1,140 @@
+"""Triangles that abut, as browsers draw them: without seams.
+
+A browser blends antialiased polygons one by one. Along an edge shared by two opaque triangles, the
+first covers a share `a` of a pixel and the second 1 - a, and `a (1 - a)` of what lies below still
+shows: the wireframe of a mesh. Two cures are written:
+
+- **Seams.** A line in the colour of the triangle that is drawn first, below its part of the mesh.
+  What shows through is then the colour that the first triangle lacks, and the pixel is exact:
+  `(1 - a) B + a (a A + (1 - a) A)`. Pixels that hold a vertex stay approximate. Any SVG renderer
+  can draw lines.
+- **Sums.** Where triangles tile the canvas without overlap, the mode `plus-lighter` adds what each
+  covers, vertices included. Only some renderers know it, so a style sheet asks for it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .context import FALLBACK
+
+SEAM_WIDTH = 1.4
+"""Width of seam lines, in pixels: the diagonal of one.
+
+A line must cover the pixels that its edge halves, and what it covers beyond the outline of a mesh
+is seen. In Chromium, without sums, a flat mesh of 10,000 triangles has 37.9 dB with a width of 1.0
+and 39.0 with 1.4; one of 1,000 has 45.1 dB with 1.2, 46.3 with 1.4 and 44.7 with 3.
+"""
+
+_TOLERANCE = 1e-3
+"""Distance, in pixels, within which an edge lies on the border of the canvas."""
+
+
+class Edges(NamedTuple):
+    """Distinct edges of triangles. Vertices are equal where their positions are.
+
+    - `count`: triangles that have the edge.
+    - `first`: where it is first met, three times the index of a triangle plus 0, 1 or 2.
+    - `edge_of_side`: the edge of each side; side k of a triangle goes from corner k to k + 1.
+    - `is_forward`: whether a side goes from the lower to the higher vertex number of its edge.
+    """
+
+    count: Int[np.ndarray, " edges"]
+    first: Int[np.ndarray, " edges"]
+    edge_of_side: Int[np.ndarray, "triangles 3"]
+    is_forward: Bool[np.ndarray, "triangles 3"]
+
+
+def find_edges(points: Float[np.ndarray, "triangles 3 2"]) -> Edges:
+    """The edges of a soup of triangles `points`, float32."""
+    # Adding zero makes -0 and 0 the same bits, and bits sort faster than pairs of floats.
+    bits = np.ascontiguousarray(points.reshape(-1, 2) + np.float32(0.0)).view(np.uint64)
+    _, vertex = np.unique(bits.ravel(), return_inverse=True)
+    start = vertex.reshape(-1, 3).astype(np.int64)
+    end = np.roll(start, -1, axis=1)
+    keys = np.minimum(start, end) * max(1, len(vertex)) + np.maximum(start, end)
+    _, first, edge, count = np.unique(
+        keys.ravel(), return_index=True, return_inverse=True, return_counts=True
+    )
+    return Edges(count, first, edge.reshape(-1, 3), start < end)
+
+
+def tiles_canvas(points: Float[np.ndarray, "triangles 3 2"], height: int, width: int) -> bool:
+    """Whether triangles cover each point of the canvas once, and nothing beside it.
+
+    They do if each side inside the canvas meets one side of opposite direction (all triangles
+    taken as counter-clockwise), every other side lies on the border, and the areas sum to the
+    canvas: the number of triangles over a point can then change only at the border.
+    """
+    if len(points) == 0:
+        return False
+    edges, corners = find_edges(points), points.astype(np.float64)
+    (ux, uy), (vx, vy) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
+    area = 0.5 * (ux * vy - uy * vx)
+    if (area == 0).any() or abs(np.abs(area).sum() - height * width) > 1e-5 * height * width:
+        return False
+    direction = np.where(edges.is_forward, 1, -1) * np.sign(area).astype(np.int64)[:, None]
+    balance = np.bincount(edges.edge_of_side.ravel(), direction.ravel(), len(edges.count))
+    is_inner = (edges.count == 2) & (balance == 0)
+    triangle, side = np.divmod(edges.first[~is_inner], 3)
+    ends = np.stack([corners[triangle, side], corners[triangle, (side + 1) % 3]], axis=1)
+    borders = np.array([[0.0, width], [0.0, height]])
+    # [edges, ends, axis, border]
+    is_on = np.abs(ends[..., None] - borders) <= _TOLERANCE
+    is_border = is_on.all(axis=1).reshape(-1, 4).any(axis=1) & (edges.count[~is_inner] == 1)
+    return bool(is_border.all())
+
+
+def shares_edge(points: Float[np.ndarray, "triangles 3 2"]) -> Bool[np.ndarray, " triangles"]:
+    """Whether each triangle has an edge with another in common."""
+    edges = find_edges(points)
+    return np.asarray((edges.count[edges.edge_of_side] > 1).any(axis=1))
+
+
+def seams(
+    points: Float[np.ndarray, "triangles 3 2"], coordinates: np.ndarray, colors: list[str]
+) -> dict[int, str]:
+    """A group of seam lines for each connected part of a mesh of opaque triangles.
+
+    The keys are the triangles before which the groups must be drawn: the first of each part.
+    `coordinates` are `points` as text, `[triangles, 3, 2]`; `colors` those of the triangles.
+    """
+    edges = find_edges(points)
+    is_shared = edges.count > 1
+    if not is_shared.any():
+        return {}
+    # Imported here: it takes long, and most scenes of layers share no edge.
+    from scipy import sparse
+    from scipy.sparse.csgraph import connected_components
+
+    triangle, side = np.divmod(edges.first[is_shared], 3)
+    users, user_side = np.nonzero(is_shared[edges.edge_of_side])
+    owners = edges.first[edges.edge_of_side[users, user_side]] // 3
+    graph = sparse.coo_matrix((np.ones(len(users)), (users, owners)), (len(points),) * 2)
+    _, part = connected_components(graph, directed=False)
+    # Bit k: side k of the triangle is a seam of its colour.
+    sides = np.zeros(len(points), np.int64)
+    np.bitwise_or.at(sides, triangle, 1 << side)
+    # Backwards, so that where several lines meet, the triangle drawn first has the last word.
+    drawn = np.flatnonzero(sides)[::-1]
+    first = np.unique(part, return_index=True)[1]
+    groups: dict[int, list[str]] = {}
+    for index in drawn.tolist():
+        line = _line(coordinates[index].tolist(), int(sides[index]))
+        path = f'<path stroke="{colors[index]}" d="{line}"/>'
+        groups.setdefault(int(first[part[index]]), []).append(path)
+    return {start: "\n".join([_GROUP, *paths, "</g>"]) for start, paths in groups.items()}
+
+
+_GROUP = f'<g {FALLBACK}="1" fill="none" stroke-width="{SEAM_WIDTH}" stroke-linejoin="bevel">'
+
+_STARTS = (0, 0, 1, 0, 2, 2, 1, 0)
+"""The corner at which a line along the sides of a bit mask begins."""
+
+
+def _line(corners: list[list[str]], sides: int) -> str:
+    """Path data along the sides of a triangle that a bit mask names."""
+    start, count = _STARTS[sides], sides.bit_count()
+    order = [corners[(start + k) % 3] for k in range(min(count + 1, 3))]
+    return "M" + " ".join(f"{x} {y}" for x, y in order) + ("z" if count == 3 else "")

@@ -1,0 +1,329 @@
+"""Reads elements with SVG's meaning, and the course's `colortri`, `textri`, `texture` with them."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ...geometry import affine_maps
+from ..shapes.strokes import Outline
+from .context import FALLBACK, SILENT, Context
+from .document import Children
+from .numbers import length, number_list
+from .style import INITIAL, Rgba, Style, computed
+from .transform_attribute import transform_list
+from .view_box import Box, fit, own_size, round_up, view_box
+
+_SVG = "http://www.w3.org/2000/svg"
+
+_CONTAINERS = frozenset({"a", "defs", "g"})
+
+
+class _State(NamedTuple):
+    """What an element hands down: its style and its map to pixels."""
+
+    style: Style
+    map3: np.ndarray
+    is_flat: bool
+    scale: float
+
+    @staticmethod
+    def of(style: Style, map3: np.ndarray) -> "_State":
+        """With what follows from the map: whether it flattens the plane, and pixels per unit."""
+        if not np.isfinite(map3).all():
+            raise ValueError("transform: the numbers are too large.")
+        stretch = float(np.linalg.norm(map3[:2, :2], 2) / abs(map3[2, 2] or 1.0))
+        return _State(style, map3, bool(np.linalg.det(map3) == 0.0), stretch)
+
+
+class StandardReader:
+    """Draws a document into its context.
+
+    A group's opacity is multiplied into its children, which differs from blending the finished
+    group where the children overlap. Children of `defs` are not drawn. A matrix that flattens the
+    plane draws nothing.
+    """
+
+    def __init__(self, context: Context):
+        self._context = context
+        self._states: list[_State] = []
+        self._namespaces: dict[str, str] = {}
+        self._box = Box(0.0, 0.0, 0.0, 0.0)
+        self._diagonal = 0.0
+        self._shapes = {
+            "colortri": self._colortri,
+            "image": self._image,
+            "line": self._line,
+            "polygon": self._polygon,
+            "polyline": self._polyline,
+            "rect": self._rect,
+            "textri": self._textri,
+        }
+
+    def open(self, tag: str, attributes: dict[str, str], line: int) -> Children:
+        """Draw the element, or go into it."""
+        name = self._local(tag, attributes)
+        if not self._states:
+            self._root(name, attributes)
+            hidden = self._states[-1].style.display == "none"
+            return Children.SKIPPED if hidden else Children.READ
+        if name == "" or name in SILENT:
+            return Children.SKIPPED
+        if name == "defs":
+            return Children.NAMED
+        if name == "texture":
+            self._context.assets.declare(*_texture(attributes))
+            return Children.NAMED
+        if name not in self._shapes and name not in ("g", "a"):
+            self._context.elements[name] += 1
+            return Children.SKIPPED
+        state = self._state(self._states[-1], attributes)
+        if state.style.display == "none":
+            return Children.SKIPPED
+        if name in ("g", "a"):
+            self._states.append(state)
+            return Children.READ
+        if not state.is_flat:
+            self._context.display.line = line
+            self._shapes[name](state, attributes)
+        return Children.NAMED
+
+    def inside(self, tag: str, attributes: dict[str, str], line: int) -> None:
+        """A child of `defs` or of a shape: declare textures, and tell what is missed."""
+        name = self._local(tag, attributes)
+        if name == "texture":
+            self._context.assets.declare(*_texture(attributes))
+        elif name and name not in SILENT and name not in self._shapes and name not in _CONTAINERS:
+            self._context.elements[name] += 1
+
+    def close(self) -> None:
+        """Back out of a group."""
+        self._states.pop()
+
+    def _local(self, tag: str, attributes: dict[str, str]) -> str:
+        """The name without its prefix; empty for other vocabularies and `write_svg`'s fallbacks."""
+        if self._states and FALLBACK in attributes:
+            return ""
+        prefix, colon, name = tag.rpartition(":")
+        if not colon:
+            return name
+        key = "xmlns:" + prefix
+        if not self._states:
+            self._namespaces = {k: v for k, v in attributes.items() if k.startswith("xmlns:")}
+        return name if attributes.get(key, self._namespaces.get(key)) == _SVG else ""
+
+    def _root(self, name: str, attributes: dict[str, str]) -> None:
+        if name != "svg":
+            raise ValueError("is the root, which must be <svg>.")
+        context = self._context
+        size = own_size(attributes, "svg")
+        box = view_box(attributes)
+        if box is None:
+            height, width = size or (float(context.height), float(context.width))
+            box = Box(0.0, 0.0, width, height)
+        self._box = box
+        map3 = context.transform
+        if map3 is None:
+            height, width = float(context.height), float(context.width)
+            if size is not None and round_up(size) == (context.height, context.width):
+                # The canvas is the drawing's own: no stretching by the part pixel at its ends.
+                height, width = size
+            map3 = fit(box, height, width, attributes.get("preserveAspectRatio", ""))
+        # What 100 % are of a length that is neither across nor along (SVG 2, section 8.9).
+        self._diagonal = math.hypot(box.width, box.height) / math.sqrt(2.0)
+        self._states.append(self._state(_State.of(INITIAL, map3), attributes))
+
+    def _state(self, parent: _State, attributes: dict[str, str]) -> _State:
+        style = computed(attributes, parent.style, self._diagonal, self._ignore)
+        if "transform" in attributes:
+            return _State.of(style, parent.map3 @ transform_list(attributes["transform"]))
+        return parent._replace(style=style)
+
+    def _ignore(self, name: str) -> None:
+        self._context.ignored[name] += 1
+
+    def _length(self, attributes: dict[str, str], name: str, default: float = 0.0) -> float:
+        if name not in attributes or attributes[name].strip() == "auto":
+            return default
+        along_x = name in ("x", "x1", "x2", "width")
+        try:
+            return length(attributes[name], self._box.width if along_x else self._box.height)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+
+    def _rect(self, state: _State, attributes: dict[str, str]) -> None:
+        box = Box(*(self._length(attributes, name) for name in ("x", "y", "width", "height")))
+        if any(name in attributes and self._length(attributes, name) != 0 for name in ("rx", "ry")):
+            self._ignore("rx or ry of rect")
+        if box.width < 0 or box.height < 0:
+            self._ignore("rect of negative size")
+        if box.width <= 0 or box.height <= 0:
+            return
+        points = _corners(box)
+        fill = state.style.fill_rgba(self._context.opacity)
+        if fill is not None and self._is_background(state, box, points, fill):
+            self._context.background = fill[:3]
+            return
+        self._fill(state, points)
+        self._stroke(state, points, closed=True)
+
+    def _is_background(self, state: _State, box: Box, points: np.ndarray, fill: Rgba) -> bool:
+        """Whether this is the first thing drawn, and an opaque rect over viewBox and canvas.
+
+        The canvas too: where a viewBox leaves margins, they show the page and not the rect.
+        """
+        context = self._context
+        if (
+            len(context.display)
+            or context.background
+            or fill[3] < 1
+            or not _fits_float32(fill)
+            or box != self._box
+        ):
+            return False
+        if state.style.stroke_rgba(context.opacity) is not None:
+            return False
+        corners = affine_maps.apply(state.map3, points)
+        x0, y0 = corners.min(axis=0)
+        x1, y1 = corners.max(axis=0)
+        upright = all(len(set(axis.round(9))) == 2 for axis in corners.T)
+        slack = 1e-6 * max(context.height, context.width)
+        return bool(
+            upright
+            and max(x0, y0) <= slack
+            and x1 >= context.width - slack
+            and y1 >= context.height - slack
+        )
+
+    def _polygon(self, state: _State, attributes: dict[str, str]) -> None:
+        points = self._points(attributes)
+        self._fill(state, points)
+        self._stroke(state, points, closed=True)
+
+    def _polyline(self, state: _State, attributes: dict[str, str]) -> None:
+        points = self._points(attributes)
+        self._fill(state, points)
+        self._stroke(state, points, closed=False)
+
+    def _line(self, state: _State, attributes: dict[str, str]) -> None:
+        ends = [self._length(attributes, name) for name in ("x1", "y1", "x2", "y2")]
+        self._stroke(state, np.array(ends).reshape(2, 2), closed=False)
+
+    def _points(self, attributes: dict[str, str]) -> np.ndarray:
+        numbers = number_list(attributes.get("points", ""))
+        if len(numbers) % 2:
+            # SVG draws up to the fault.
+            self._ignore("last of an odd number of coordinates")
+            numbers.pop()
+        return np.array(numbers, np.float64).reshape(-1, 2)
+
+    def _fill(self, state: _State, points: np.ndarray) -> None:
+        color = state.style.fill_rgba(self._context.opacity)
+        if color is not None and len(points) > 2:
+            evenodd = state.style.fill_rule == "evenodd"
+            self._context.display.add_polygon(affine_maps.apply(state.map3, points), color, evenodd)
+
+    def _stroke(self, state: _State, points: np.ndarray, *, closed: bool) -> None:
+        style = state.style
+        color = style.stroke_rgba(self._context.opacity)
+        if color is None or len(points) == 0:
+            return
+        outline = Outline(
+            points,
+            closed,
+            style.stroke_width,
+            style.stroke_linecap,
+            style.stroke_linejoin,
+            style.stroke_miterlimit,
+            state.scale,
+        )
+        self._context.display.add_stroke(outline, state.map3, color)
+
+    def _colortri(self, state: _State, attributes: dict[str, str]) -> None:
+        points = _numbers(attributes, "points", 6).reshape(3, 2)
+        colors = _numbers(attributes, "colors", 12).reshape(3, 4)
+        if not ((colors[:, 3] >= 0) & (colors[:, 3] <= 1)).all():
+            raise ValueError(f"colors: alpha must be in 0..1, got {attributes['colors']!r}.")
+        white = self._white(state)
+        if white is not None:
+            if not self._context.opacity:
+                colors[:, 3] = 1.0
+            self._context.display.add_triangles(
+                affine_maps.apply(state.map3, points)[None], colors * white
+            )
+
+    def _textri(self, state: _State, attributes: dict[str, str]) -> None:
+        points = _numbers(attributes, "points", 6).reshape(3, 2)
+        uv = _numbers(attributes, "uvs", 6).reshape(3, 2)
+        texture = self._context.assets.texture(attributes.get("texid", ""))
+        white = self._white(state)
+        if white is not None:
+            corners = affine_maps.apply(state.map3, points)
+            self._context.display.add_textured(corners, white, uv, texture, False)
+
+    def _white(self, state: _State) -> Rgba | None:
+        """White with the opacities of the element; None if it is hidden."""
+        style = state.style._replace(fill=(1.0, 1.0, 1.0, 1.0))
+        return style.fill_rgba(self._context.opacity)
+
+    def _image(self, state: _State, attributes: dict[str, str]) -> None:
+        href = attributes.get("href", attributes.get("xlink:href"))
+        if href is None:
+            self._ignore("image without href")
+            return
+        assets = self._context.assets
+        texture = assets.linked(href)
+        tall, wide = assets.textures[texture].shape[:2]
+        width = self._length(attributes, "width", math.inf)
+        height = self._length(attributes, "height", math.inf)
+        if width <= 0 or height <= 0:
+            return
+        # `auto`, here infinity, follows from the picture (SVG 2, section 12.3).
+        if width == math.inf:
+            width = float(wide) if height == math.inf else height * wide / tall
+        if height == math.inf:
+            height = width * tall / wide
+        inner = fit(
+            Box(0.0, 0.0, float(wide), float(tall)),
+            height,
+            width,
+            attributes.get("preserveAspectRatio", ""),
+        )
+        # In fractions of the picture: what `slice` cuts off lies outside 0..1 of the viewport.
+        low, high = affine_maps.apply(inner, [[0.0, 0.0], [wide, tall]])
+        start, end = np.maximum(low, 0.0), np.minimum(high, [width, height])
+        uv = _corners(Box(*((start - low) / (high - low)), *((end - start) / (high - low))))
+        origin = np.array([self._length(attributes, "x"), self._length(attributes, "y")])
+        points = affine_maps.apply(state.map3, _corners(Box(*(origin + start), *(end - start))))
+        # `fill-opacity` is about fills: an image has none.
+        white = self._white(state._replace(style=state.style._replace(fill_opacity=1.0)))
+        if white is not None:
+            translucent = white[3] < 1 or assets.textures[texture].shape[-1] == 4
+            self._context.display.add_textured(points, white, uv, texture, translucent)
+
+
+def _texture(attributes: dict[str, str]) -> tuple[str, str]:
+    return attributes.get("texid", ""), attributes.get("filename", "")
+
+
+def _numbers(attributes: dict[str, str], name: str, count: int) -> np.ndarray:
+    try:
+        numbers = number_list(attributes.get(name, ""))
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+    if len(numbers) != count:
+        raise ValueError(f"{name}: expected {count} numbers, got {len(numbers)}.")
+    return np.array(numbers)
+
+
+def _fits_float32(color: Rgba) -> bool:
+    """Whether a colour can be held; one that cannot is drawn, and refused with its line."""
+    return all(abs(value) <= np.finfo(np.float32).max for value in color)
+
+
+def _corners(box: Box) -> np.ndarray:
+    """Top left, top right, bottom right, bottom left."""
+    x, y = box.x, box.y
+    return np.array(
+        [[x, y], [x + box.width, y], [x + box.width, y + box.height], [x, y + box.height]]
+    )

@@ -1,0 +1,1 @@
+"""These modules hold arithmetic and array helpers that know nothing of triangles."""

@@ -1,0 +1,1 @@
+"""This stage counts on the host what room a render needs, and simplifies and pads scenes."""

@@ -1,0 +1,291 @@
+"""Capacities of the lists of a render, counted on the host from concrete scenes.
+
+Arrays of a compiled program have fixed lengths. What a scene needs is counted in numpy by the same
+functions that list it on the device, given headroom, and rounded up to a size class (`Headroom`).
+
+Every distinct set of capacities is a program of its own. So that scenes of one kind fall into few
+sets, however many triangles they have, only the slots of the chunks have a size class of their own:
+they are most of what a render costs. Lists that cost little have a power of two times as many
+entries, which follows from the proportions of the needs: these are much the same for 100 triangles
+as for 2,000.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from ..binning.lists import BLOCK
+from ..binning.reach import reaches
+from ..binning.tiles import measure, narrow, strip_counts
+from ..geometry.fixed_point import Bounds, Grid, corners_of
+from ..geometry.projection import project
+from ..geometry.tiling import Tiling
+from ..gradients.crossings import lines_crossed, runs_of
+from ..options import Hard
+from ..scene import Scene
+from .effects import hiding, is_shaded, is_translucent
+from .fragment_count import Pairs, count_fragments, depth_planes
+
+MOST_PAIRS = 2**27
+"""Pairs of a triangle and a tile that one render may list, at some 70 bytes each."""
+
+
+class Capacity(NamedTuple):
+    """Capacities of lists whose length only data shows.
+
+    - `strips`: of a triangle and a row of tiles; `pairs`: of a triangle and a tile.
+    - `layers`: listed pairs of a tile in one chunk; `chunks`: how many chunks, and `depth`: the
+      most of one tile.
+    - `steps`: blocks of `BLOCK` tiles times the longest list in each, for what goes through lists
+      in order: translucency and the depth test.
+    - `fragments`: of a triangle and a pixel that shows it, for opaque scenes that are shaded.
+    - `crossings`: runs of lines of samples that an edge crosses, for derivatives with respect to
+      positions.
+    """
+
+    strips: Any
+    pairs: Any
+    layers: Any
+    chunks: Any
+    depth: Any
+    steps: Any
+    fragments: Any
+    crossings: Any
+
+
+class Headroom(NamedTuple):
+    """How capacities follow from needs.
+
+    Unused capacity is computed all the same; but with little of it triangles that move outgrow
+    their plan, and scenes that are alike have programs of their own.
+
+    - `merge_cost`: cost of merging one chunk, in slots.
+    - `share`: one over the share of a need that is added to it.
+    - `least_slots`: slots that every plan has.
+    - `coarse_slots`: up to so many slots, their size classes are whole octaves; above, halves.
+    - `small_slots`: up to so many slots, the other lists are in proportion to them.
+    """
+
+    merge_cost: int
+    share: int
+    least_slots: int
+    coarse_slots: int
+    small_slots: int
+
+
+HARD_HEADROOM = Headroom(
+    merge_cost=1, share=16, least_slots=2**12, coarse_slots=2**14, small_slots=2**14
+)
+FADING_HEADROOM = Headroom(merge_cost=2, share=16, least_slots=2**11, coarse_slots=0, small_slots=0)
+"""Finer classes than for pictures, as a gradient computes several times as much for each slot."""
+
+VARYING_HEADROOM = FADING_HEADROOM._replace(merge_cost=1)
+"""Where colours vary within a triangle a slot costs more, and a chunk by comparison less."""
+
+_LAYERS = (2, 4, 8)
+"""Slots that a chunk may have."""
+
+_LEAST_STEPS, _LEAST_CROSSINGS, _LEAST_FRAGMENTS = 32, 2**14, 2**12
+"""Capacities that every plan has: they cost next to nothing, and small scenes share programs by
+them."""
+
+_LEAST_DEPTH, _COARSE_DEPTH = 4, 16
+"""Least `Capacity.depth`, and that of small scenes."""
+
+_DEPTH_SHARE = 4
+"""One over the share of the need that is added to it for `Capacity.depth`."""
+
+_LEAST_RATIO = 0.25
+"""Least capacity of a list that has one in proportion to the slots."""
+
+
+class Counts(NamedTuple):
+    """Needs of one scene: strips, pairs before hidden ones are dropped, and each list's length.
+
+    `fragments` and `crossings` are 0 where none are needed.
+    """
+
+    strips: int
+    pairs: int
+    listed: np.ndarray
+    fragments: int
+    crossings: int
+
+
+def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) -> Counts:
+    """Count, in numpy, what `tiles.list_tiles` will find; `ValueError` for too many pairs."""
+    tiling = Tiling.of(grid)
+    scene = jax.tree.map(np.asarray, scene)
+    projection = project(
+        scene.positions, scene.triangles, origin, grid, coverage.fill_rule, cut=True
+    )
+    corners, segments, edges, boxes = projection[:4]
+    found = _list_pairs(edges, boxes, hiding(scene, segments.orientation), tiling)
+    fragments = 0
+    if is_shaded(scene, coverage.shading) and not is_translucent(scene):
+        deep = None if scene.depth is None else depth_planes(corners.high, scene, grid)
+        fragments = count_fragments(edges, boxes, found.kept, deep, tiling)
+    crossings = 0
+    if coverage.edge_gradients:
+        crossings = int(runs_of(lines_crossed(segments, grid)[1]).sum(dtype=np.int64))
+    return Counts(found.strips, found.pairs, found.listed, fragments, crossings)
+
+
+def count_fading(
+    scene: Scene, tiling: Tiling, reach: float, origin: np.ndarray, *, summed: bool
+) -> Counts:
+    """The same for coverage that fades out `reach` pixels beyond the edges, in square tiles.
+
+    `summed`: whether nothing hides another.
+    """
+    scene = jax.tree.map(np.asarray, scene)
+    corners = corners_of(scene.positions, scene.triangles, origin)
+    found = reaches(corners, tiling.grid, np.float32(reach))
+    hides = hiding(scene, found.orientation) & (not summed)
+    pairs = _list_pairs(found.lines, found.bounds, hides, tiling)
+    return Counts(pairs.strips, pairs.pairs, pairs.listed, 0, 0)
+
+
+class _Listed(NamedTuple):
+    """How many strips and pairs there are; pairs that nothing hides, and how many in each tile."""
+
+    strips: int
+    pairs: int
+    kept: Pairs
+    listed: np.ndarray
+
+
+def _list_pairs(edges: Any, boxes: Bounds, hides: np.ndarray, tiling: Tiling) -> _Listed:
+    """`tiles.list_tiles` in numpy."""
+    counts = strip_counts(boxes, tiling)
+    _refuse_many(int(counts.sum(dtype=np.int64)))
+    triangle, rank = _expand(counts)
+    first, second, third = (edge.of(triangle) for edge in edges)
+    box = boxes.of(triangle)
+    strips = narrow(measure((first, second, third), box, rank, tiling), box, rank, tiling)
+    pairs = int(strips.count.sum(dtype=np.int64))
+    _refuse_many(pairs)
+    strip, rank = _expand(strips.count)
+    column = strips.first[strip] + rank
+    tile = strips.row[strip] * tiling.columns + column
+    whole = (strips.whole_first[strip] <= column) & (column <= strips.whole_last[strip])
+    owner = triangle[strip]
+    wall = np.full(tiling.count, -1, np.int32)
+    hidden = whole & hides[owner]
+    np.maximum.at(wall, tile[hidden], owner[hidden])
+    kept = owner >= wall[tile]
+    listed = np.sort(np.bincount(tile[kept], minlength=tiling.count))[::-1]
+    return _Listed(len(triangle), pairs, Pairs(tile[kept], owner[kept], whole[kept]), listed)
+
+
+def _refuse_many(pairs: int) -> None:
+    if pairs > MOST_PAIRS:
+        raise ValueError(
+            f"the scene has {pairs:,} pairs of a triangle and a tile, more than {MOST_PAIRS:,}: "
+            "draw it in pieces, with `origin` or fewer triangles."
+        )
+
+
+def choose_capacity(
+    counts: Sequence[Counts], *, in_order: bool, pixels: int, headroom: Headroom
+) -> Capacity:
+    """Capacities for any of the scenes counted: the largest needs, headroom, and size classes.
+
+    `in_order`: whether lists are gone through in order; `pixels`: of the canvas.
+    """
+    chunks = {number: [-(-one.listed // number) for one in counts] for number in _LAYERS}
+    slots = {number: number * max(int(one.sum()) for one in chunks[number]) for number in _LAYERS}
+
+    def work(layers: int) -> int:
+        """Slots, and the state that each chunk passes on."""
+        total = sum(int(one.sum()) for one in chunks[layers])
+        return (layers + headroom.merge_cost) * total
+
+    layers = min(_LAYERS, key=work)
+    if _slot_class(slots[_LAYERS[0]], headroom) == headroom.least_slots:
+        # Of small scenes all have chunks of one length, whatever is best for each.
+        layers = _LAYERS[0]
+    need = max(slots[layers], 1)
+    capacity = _slot_class(need, headroom)
+    strips = max(one.strips for one in counts)
+    pairs = max(one.pairs for one in counts)
+    entries = _in_proportion(max(strips, pairs), need, capacity)
+    crossings = max(one.crossings for one in counts)
+    steps = max(int(one.listed[::BLOCK].sum()) for one in counts) if in_order else 0
+    fragments = max(one.fragments for one in counts)
+    # Strips cost least of all: as many as pairs, or a quarter of them.
+    many_strips = entries // 4 if 4 * strips <= pairs else entries
+    # Crossings cost a tenth of a gradient: closer than lists that cost nearly nothing.
+    runs = _in_proportion(crossings, need, capacity, halves=True)
+    if capacity > headroom.small_slots:
+        # Large scenes run for longer than they compile: classes of their own.
+        runs, entries, many_strips = (
+            _size_class(_with_headroom(number, headroom), 1, 0)
+            for number in (crossings, pairs, strips)
+        )
+    return Capacity(
+        strips=max(many_strips, headroom.least_slots),
+        pairs=max(entries, headroom.least_slots),
+        layers=layers,
+        chunks=capacity // layers,
+        depth=_depth_class(max(int(one[0]) for one in chunks[layers]), capacity, headroom),
+        steps=_size_class(_with_headroom(steps, headroom), _LEAST_STEPS, 0),
+        fragments=_fragment_capacity(fragments, pixels, headroom),
+        crossings=max(runs, _LEAST_CROSSINGS),
+    )
+
+
+def _in_proportion(need: int, whole_need: int, whole: int, *, halves: bool = False) -> int:
+    """Capacity for `need`, where `whole` is that for `whole_need`: a power of two times `whole`.
+
+    With `halves`, three quarters of a power of two will do.
+    """
+    ratio = max(need / whole_need, _LEAST_RATIO)
+    octave = 2.0 ** math.ceil(math.log2(ratio))
+    return int(whole * (0.75 * octave if halves and ratio <= 0.75 * octave else octave))
+
+
+def _slot_class(need: int, headroom: Headroom) -> int:
+    wanted = _with_headroom(need, headroom)
+    return _size_class(wanted, headroom.least_slots, headroom.coarse_slots)
+
+
+def _depth_class(need: int, slots: int, headroom: Headroom) -> int:
+    """Capacity for the chunks of the fullest tile: a quarter more than needed, in whole octaves.
+
+    Of all needs it varies most from scene to scene, and costs least.
+    """
+    need -= -need // _DEPTH_SHARE
+    if slots <= headroom.small_slots:
+        need = max(need, _COARSE_DEPTH)
+    return max(1 << (need - 1).bit_length(), _LEAST_DEPTH) if need else _LEAST_DEPTH
+
+
+def _fragment_capacity(need: int, pixels: int, headroom: Headroom) -> int:
+    """Every entry costs a shading, and a full canvas needs one for each pixel and few more."""
+    if need == 0:
+        return 0
+    beyond = _size_class(_with_headroom(max(need - pixels, 0), headroom), pixels // 16, 0)
+    return min(_size_class(_with_headroom(need, headroom), _LEAST_FRAGMENTS, 0), pixels + beyond)
+
+
+def _expand(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`tiles.expand` in numpy, with as many places as there are."""
+    start = np.cumsum(count) - count
+    owner = np.repeat(np.arange(len(count), dtype=np.int32), count)
+    return owner, (np.arange(len(owner)) - start[owner]).astype(np.int32)
+
+
+def _with_headroom(need: int, headroom: Headroom) -> int:
+    return need - -need // headroom.share
+
+
+def _size_class(need: int, least: int, coarse: int) -> int:
+    """The next power of two, or beyond `coarse` also three quarters of one; at least `least`."""
+    octave = 1 << (max(need, 1) - 1).bit_length()
+    if octave > coarse and 4 * need <= 3 * octave:
+        octave = 3 * octave // 4
+    return max(octave, least)

@@ -1,0 +1,117 @@
+"""The structurally smallest scene with the same image: what does not show is not there."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Array
+
+from ..geometry.fixed_point import Grid
+from ..numerics.device import to_device
+from ..options import Filter
+from ..scene import Scene, check
+from .effects import varies
+from .simplify_textures import base_is_enough, used_textures
+
+
+def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = None) -> Scene:
+    """The same picture on a canvas of `height` x `width` pixels, with fewer effects.
+
+    Looks at concrete values, on the host, for a plan with `origin` (0, 0). What goes:
+
+    - triangles out of reach of the canvas, and without depth those of alpha 0;
+    - depth that is the same everywhere, or by which each triangle lies before all that were drawn
+      earlier, or as near;
+    - corner colours where all are equal; `inverse_w` where each triangle's corners agree, or where
+      nothing varies within a triangle;
+    - textures that no triangle uses; alpha of texels and of colours, where it is one everywhere;
+    - given a `filter`, with which the scene will be drawn: of textures that are only magnified, or
+      of all if it reads no other level, the levels above the base. In perspective a bound of the
+      footprint over the whole triangle decides, which may keep levels that do not show.
+
+    Vertices keep their indices. Raises `ValueError` for values that no picture has.
+    """
+    grid = Grid.of(height, width, 1)
+    if filter is not None and not isinstance(filter, Filter):
+        raise ValueError(f"`filter` must be Filter(...) or None; got {filter!r}.")
+    check(scene)
+    if scene.positions.ndim != 2:
+        raise ValueError("`simplify` takes one scene; a batch shares one structure.")
+    scene = take_triangles(scene, _reaches_canvas(scene, height, width))
+    if scene.depth is not None and _is_ordered(scene):
+        scene = replace(scene, depth=None)
+    if scene.depth is None:
+        scene = take_triangles(scene, _shows(scene))
+    scene = _without_equal_corners(scene)
+    if scene.inverse_w is not None and _is_affine(scene):
+        scene = replace(scene, inverse_w=None)
+    scene = _with_textures_used(scene, grid, filter)
+    colors = np.asarray(scene.colors)
+    if colors.shape[2] == 4 and bool((colors[..., 3] == 1).all()):
+        scene = replace(scene, colors=to_device(colors[..., :3]))
+    if not varies(scene):
+        scene = replace(scene, inverse_w=None)
+    return scene
+
+
+def take_triangles(scene: Scene, kept: np.ndarray) -> Scene:
+    """The scene with those of its triangles where `kept` `[triangles]` is true."""
+    if kept.all():
+        return scene
+
+    def some(value: Array | None) -> Array | None:
+        return None if value is None else to_device(np.asarray(value)[kept])
+
+    return replace(
+        scene,
+        triangles=some(scene.triangles),
+        colors=some(scene.colors),
+        uv=some(scene.uv),
+        texture_index=some(scene.texture_index),
+    )
+
+
+def _without_equal_corners(scene: Scene) -> Scene:
+    colors = np.asarray(scene.colors)
+    equal = colors.shape[1] == 3 and bool((colors == colors[:, :1]).all())
+    return replace(scene, colors=to_device(colors[:, :1])) if equal else scene
+
+
+def _with_textures_used(scene: Scene, grid: Grid, filter: Filter | None) -> Scene:
+    if scene.textures is None:
+        return scene
+    index = np.asarray(scene.texture_index)
+    if not (index >= 0).any():
+        return replace(scene, uv=None, texture_index=None, textures=None)
+    base_only = base_is_enough(scene, grid, filter)
+    textures, index = used_textures(scene.textures, index, base_only)
+    return replace(scene, texture_index=to_device(index), textures=textures)
+
+
+def _reaches_canvas(scene: Scene, height: int, width: int) -> np.ndarray:
+    """Triangles whose bounding box meets the closed canvas."""
+    corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
+    low, high = corners.min(1), corners.max(1)
+    return ((high >= 0) & (low <= (width, height))).all(1)
+
+
+def _shows(scene: Scene) -> np.ndarray:
+    """Triangles that are not wholly transparent."""
+    return (np.asarray(scene.colors)[..., 3:] != 0).any((1, 2)) | (scene.colors.shape[2] == 3)
+
+
+def _is_ordered(scene: Scene) -> bool:
+    """Whether the depth test passes everywhere."""
+    depth = np.asarray(scene.depth)[np.asarray(scene.triangles)]
+    if len(depth) < 2:
+        return True
+    far, near = depth.max(1), depth.min(1)
+    # Interpolation may miss by a few roundings, but one depth at all corners is kept exactly.
+    rounding = np.where(far > near, 8 * np.finfo(depth.dtype).eps * np.abs(depth).max(), 0)
+    least = np.minimum.accumulate(near - rounding)[:-1]
+    return bool((far[1:] + rounding[1:] <= least).all())
+
+
+def _is_affine(scene: Scene) -> bool:
+    """Whether interpolation in perspective is interpolation on the screen."""
+    inverse_w = np.asarray(scene.inverse_w)[np.asarray(scene.triangles)]
+    return bool((inverse_w == inverse_w[:, :1]).all())

@@ -1,0 +1,104 @@
+"""The textures that a scene shows, and of them the levels: part of `simplify`."""
+
+import math
+
+import numpy as np
+
+from ..geometry.fixed_point import Grid
+from ..numerics.device import to_device
+from ..options import Filter
+from ..scene import Scene
+from ..texture.pyramid import TexturePyramid
+
+_ROUNDING = 1e-6
+"""Levels of detail by which float32 may miss a threshold; it changes no image by more."""
+
+
+def used_textures(
+    textures: TexturePyramid, index: np.ndarray, base_only: np.ndarray
+) -> tuple[TexturePyramid, np.ndarray]:
+    """The pyramid of the textures in `index`, and the new indices.
+
+    `base_only` `[textures]` tells of which the base level is enough. An alpha channel of one
+    everywhere goes.
+    """
+    used = np.unique(index[index >= 0])
+    table, texels = np.asarray(textures.levels), np.asarray(textures.texels)
+    chains, flat, offset = [], [], 0
+    for texture in used:
+        # A short chain repeats its last row.
+        rows = list(dict.fromkeys(map(tuple, table[texture].tolist())))
+        chains.append([])
+        for start, height, width in rows[:1] if base_only[texture] else rows:
+            chains[-1].append((offset, height, width))
+            flat.append(texels[start : start + height * width])
+            offset += height * width
+    depth = max(map(len, chains))
+    kept = np.concatenate(flat)
+    if kept.shape[1] == 4 and (kept[:, 3] == 1).all():
+        kept = kept[:, :3]
+    levels = np.asarray([rows + rows[-1:] * (depth - len(rows)) for rows in chains], np.int32)
+    pyramid = TexturePyramid(
+        to_device(kept), to_device(levels), textures.border, textures.addressing
+    )
+    return pyramid, np.where(index >= 0, np.searchsorted(used, index), -1).astype(np.int32)
+
+
+def base_is_enough(scene: Scene, grid: Grid, filter: Filter | None) -> np.ndarray:
+    """Of which textures `[textures]` every triangle reads the base level alone.
+
+    Decided by the footprint of the snapped triangle; in perspective, by a bound of it.
+    """
+    assert scene.textures is not None and scene.uv is not None
+    count, index = scene.textures.count, np.asarray(scene.texture_index)
+    if filter is None:
+        return np.zeros(count, bool)
+    if filter.level == "zero":
+        return np.ones(count, bool)
+    textured = index >= 0
+    detail = _level_of_detail(scene, grid, filter)[textured] + float(filter.lod_bias)
+    least = 0.0 if filter.level == "linear" else 0.5 - 2 * _ROUNDING
+    finer = np.ones(count, bool)
+    np.logical_and.at(finer, index[textured], detail <= least + _ROUNDING)
+    return finer
+
+
+def _level_of_detail(scene: Scene, grid: Grid, filter: Filter) -> np.ndarray:
+    """The greatest level of detail of each triangle, without bias, in float64."""
+    assert scene.textures is not None
+    triangles = np.asarray(scene.triangles)
+    unit = 2.0**grid.bits
+    corners = np.rint(np.asarray(scene.positions, np.float64)[triangles] * unit) / unit
+    base = np.asarray(scene.textures.levels)[np.maximum(np.asarray(scene.texture_index), 0), 0]
+    uv = np.asarray(scene.uv, np.float64) * base[:, None, :0:-1]
+    x, y = (corners[:, 1:] - corners[:, :1]).transpose(2, 1, 0)
+    area = x[0] * y[1] - x[1] * y[0]
+    per_area = np.divide(1.0, area, out=np.zeros_like(area), where=area != 0)
+    # Slopes of the weights of corners 1 and 2 along x and y; those of corner 0 make the sum 0.
+    second, third = np.stack([y[1], -x[1]]) * per_area, np.stack([-y[0], x[0]]) * per_area
+    slopes = np.stack([-second - third, second, third])
+    if scene.inverse_w is None:
+        return _log2_extent(np.einsum("cat,tcu->tua", slopes, uv), filter)
+    q = np.asarray(scene.inverse_w, np.float64)[triangles]
+    bounds = []
+    for corner in range(3):
+        jacobian = np.einsum("cat,tc,tcu->tua", slopes, q, uv - uv[:, corner, None])
+        # An ellipse is no longer than its two axes' norm; a step is one of them.
+        steps = np.linalg.norm(jacobian, axis=1)
+        extent = steps.max(1) if filter.anisotropy == 1 else np.linalg.norm(steps, axis=1)
+        bounds.append(extent / q.min(1))
+    with np.errstate(divide="ignore"):
+        return np.log2(np.max(bounds, 0))
+
+
+def _log2_extent(jacobian: np.ndarray, filter: Filter) -> np.ndarray:
+    """Of Jacobians `[triangles, (u, v), (x, y)]` in base texels, what the level is read from."""
+    if filter.anisotropy == 1:
+        extent = np.linalg.norm(jacobian, axis=1).max(1)
+    else:
+        longer, shorter = np.linalg.svd(jacobian, compute_uv=False).T
+        ratio = longer / np.maximum(shorter, longer / (2 * filter.anisotropy) + math.ulp(0.0))
+        # A ratio just over a whole number may be read with a probe less.
+        extent = longer / np.clip(np.ceil(ratio - 1e-2), 1, filter.anisotropy)
+    with np.errstate(divide="ignore"):
+        return np.log2(extent)

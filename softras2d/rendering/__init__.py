@@ -1,0 +1,1 @@
+"""This stage joins all others: it makes an image from a scene and its plan."""

@@ -1,0 +1,214 @@
+"""Fragments: a triangle in a pixel, wherever some of the pixel's samples show it.
+
+What is shaded is a list of fragments, however many triangles lie behind them: an opaque scene has
+about one for each pixel, and one more where an edge that shows crosses it.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int, UInt32
+
+from ..binning.tiles import expand, saturated_sum
+from ..geometry.barycentric import Weights
+from ..geometry.fixed_point import Edge, Edges
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import one_pass
+from .triangle_color import Points, pick_lanes
+
+
+class Fragments(NamedTuple):
+    """Fragments, tile by tile.
+
+    - `slot`: of the chunks, which tells the triangle and the tile.
+    - `column`, `row`: of the pixel in the tile.
+    - `bits`: for each sub-row of the pixel, which samples show the triangle; sample i is bit i.
+      None in a place beyond `needed`.
+    - `needed`: how many fragments there are.
+    """
+
+    slot: Int[Array, " fragments"]
+    column: Int[Array, " fragments"]
+    row: Int[Array, " fragments"]
+    bits: UInt32[Array, "sub_rows fragments"]
+    needed: Int[Array, ""]
+
+
+def pixels_seen(visible: Any, tiling: Tiling) -> Any:
+    """The pixels of each pixel row with a visible sample: the bit of its first sample.
+
+    From `[*slots, rows]` words to `[*slots, tile_height]`. For numpy and jax alike.
+    """
+    rate, height = tiling.grid.rate, tiling.height
+    xp = visible.__array_namespace__()
+    seen = visible[..., :height]
+    for sub in range(1, rate):
+        seen = seen | visible[..., sub * height : (sub + 1) * height]
+    joined = seen
+    for place in range(1, rate):
+        joined = joined | (seen >> xp.uint32(place))
+    return joined & xp.uint32(sum(1 << (x * rate) for x in range(tiling.width)))
+
+
+def cut_fragments(
+    visible: UInt32[Array, "chunks layers rows"], tiling: Tiling, *, capacity: int
+) -> Fragments:
+    """The fragments that show; beyond `capacity` of them, some are missing."""
+    height = tiling.height
+
+    @one_pass
+    def count_pixels(visible):
+        seen = pixels_seen(visible, tiling).reshape(-1)
+        return seen, jax.lax.population_count(seen).astype(jnp.int32)
+
+    @one_pass
+    def place(counts):
+        owner, rank = expand(counts, capacity)
+        total = saturated_sum(counts)
+        return owner, rank, jnp.arange(capacity, dtype=jnp.int32) < total, total
+
+    @one_pass
+    def find(seen, owner, rank):
+        return owner // height, _place_of_bit(seen[owner], rank, tiling), owner % height
+
+    seen, counts = count_pixels(visible)
+    owner, rank, used, total = place(counts)
+    slot, column, row = find(seen, owner, rank)
+    bits = pick_bits(visible, slot, jnp.where(used, column, -1), row, tiling)
+    return Fragments(slot, column, row, bits, total)
+
+
+def pick_bits(
+    words: UInt32[Array, "chunks layers rows"],
+    slot: Int[Array, " fragments"],
+    column: Int[Array, " fragments"],
+    row: Int[Array, " fragments"],
+    tiling: Tiling,
+) -> UInt32[Array, "sub_rows fragments"]:
+    """The samples of each fragment's pixel in the words of its slot; none where `column` is -1."""
+    rate, height = tiling.grid.rate, tiling.height
+
+    @one_pass
+    def pick(words, slot, column, row):
+        sub_row = jnp.arange(rate, dtype=jnp.int32)[:, None]
+        place = (slot * tiling.sample_rows + row)[None] + sub_row * height
+        word = words.reshape(-1).at[place].get(mode="promise_in_bounds")
+        shift = (jnp.maximum(column, 0) * rate).astype(jnp.uint32)[None]
+        bits = (word >> shift) & jnp.uint32((1 << rate) - 1)
+        return jnp.where((column >= 0)[None], bits, jnp.uint32(0))
+
+    return pick(words, slot, column, row)
+
+
+def _place_of_bit(word: Array, rank: Array, tiling: Tiling) -> Int[Array, " fragments"]:
+    """Which pixel the `rank`-th set bit of a word of `pixels_seen` stands for."""
+    before = jnp.zeros_like(rank)
+    pixel = jnp.zeros_like(rank)
+    for x in range(tiling.width):
+        bit = ((word >> jnp.uint32(x * tiling.grid.rate)) & jnp.uint32(1)).astype(jnp.int32)
+        pixel = jnp.where((bit == 1) & (before == rank), x, pixel)
+        before = before + bit
+    return pixel
+
+
+def sample_points(
+    fragments: Fragments, sub_row: Array, sub_column: Array, tiling: Tiling
+) -> Points:
+    """One sample of each fragment's pixel."""
+    rate = tiling.grid.rate
+    across, down = fragments.column * rate + sub_column, fragments.row * rate + sub_row
+    return Points(None, across, down)
+
+
+def shading_points(
+    fragments: Fragments,
+    covered: UInt32[Array, "sub_rows fragments"],
+    edges: Edges,
+    weights: Weights,
+    triangle: Array,
+    tile: Array,
+    tiling: Tiling,
+) -> Points:
+    """Where multisampling shades: the centre of the pixel, if the closed triangle holds it, else
+    the centroid of the samples of the pixel that it covers, whether they show or not.
+
+    `covered`: those samples, as `Fragments.bits`; `weights`: of each fragment; `triangle`, `tile`:
+    of each slot.
+    """
+    rate = tiling.grid.rate
+
+    @one_pass
+    def locate(edge, triangle, tile):
+        return edge_terms(edge, triangle, *tiling.first_sample(tile))
+
+    @one_pass
+    def add_samples(bits):
+        count, across, down = (jnp.zeros(bits.shape[1], jnp.int32) for _ in range(3))
+        for sub, word in enumerate(bits):
+            in_row = jax.lax.population_count(word).astype(jnp.int32)
+            count, down = count + in_row, down + sub * in_row
+            for i in range(1, rate):
+                across = across + i * ((word >> jnp.uint32(i)) & jnp.uint32(1)).astype(jnp.int32)
+        return count, across, down
+
+    @one_pass
+    def is_central(weights, middle, column, row, count):
+        terms = [EdgeTerms(*(entry[k] for entry in weights[:5])) for k in (0, 1)]
+        return holds([*terms, middle], _centre(column, row, rate)) | (count == 0)
+
+    @one_pass
+    def choose(central, column, row, count, across, down):
+        middle = _centre(column, row, rate)
+        return Points(
+            jnp.where(central, 2, count),
+            jnp.where(central, middle.across, across + count * column * rate),
+            jnp.where(central, middle.down, down + count * row * rate),
+        )
+
+    column, row = fragments.column, fragments.row
+    # Weights hold the terms of the other two edges.
+    middle = pick_lanes(locate(edges[1], triangle, tile), fragments.slot)
+    count, across, down = add_samples(covered)
+    central = is_central(weights, middle, column, row, count)
+    return choose(central, column, row, count, across, down)
+
+
+def _centre(column: Array, row: Array, rate: int) -> Points:
+    """The centre of a pixel of the tile, half way between samples at even rates."""
+    twice = 2 * rate
+    return Points(jnp.full_like(column, 2), column * twice + (rate - 1), row * twice + (rate - 1))
+
+
+class EdgeTerms(NamedTuple):
+    """An edge function from a tile's first sample on: `value` wrapped, and as the float `near`."""
+
+    value: Array
+    near: Array
+    right: Array
+    down: Array
+    fraction: Array
+
+
+def edge_terms(edge: Edge, triangle: Array, column: Array, row: Array) -> EdgeTerms:
+    """An edge of each triangle at a sample."""
+    right, down, start, estimate, fraction = edge.of(triangle)
+    steps = right.astype(jnp.float32) * column.astype(jnp.float32)
+    steps = steps + down.astype(jnp.float32) * row.astype(jnp.float32)
+    return EdgeTerms(start + right * column + down * row, estimate + steps, right, down, fraction)
+
+
+def holds(edges: list[EdgeTerms], points: Points) -> Bool[Array, "*points"]:
+    """Whether the closed triangle holds each point; exact, between samples too."""
+    count, across, down = points
+    assert count is not None
+    inside = jnp.ones(count.shape, bool)
+    for value, near, right, step, fraction in edges:
+        moved = across * right + down * step
+        wrapped = count * value + moved
+        number = count.astype(jnp.float32)
+        # Near zero the integer is exact in a float, and so is the sum's sign.
+        exact = wrapped.astype(jnp.float32) + number * fraction.astype(jnp.float32) >= 0
+        around = number * near + moved.astype(jnp.float32)
+        inside = inside & jnp.where(jnp.abs(around) < 2.0**29, exact, around > 0)
+    return inside

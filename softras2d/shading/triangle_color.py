@@ -1,0 +1,405 @@
+"""The colour of a triangle at a point: flat or interpolated, times a texture.
+
+Arrays are `[lanes]` last: a lane is a triangle in a tile, or in a pixel of it. Colours are
+premultiplied, `[channels, lanes]`.
+
+With `inverse_w` q the weights of the corners become w_i q_i / sum w_j q_j, which is linear on the
+triangle in space. **Source:** Heckbert and Moreton, *Interpolation for Polygon Texture Mapping and
+Shading* (1991), section 4.
+"""
+
+import functools
+import operator
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..geometry.barycentric import Weights, slot_weights, twice_area, weight_sums
+from ..geometry.fixed_point import Edges
+from ..geometry.guard_band import Planes
+from ..geometry.tiling import Tiling
+from ..numerics import safe
+from ..numerics.fusion_barrier import one_pass
+from ..options import Filter
+from ..texture.filtering import Lookup, read_levels, tap_levels
+from ..texture.level_of_detail import Footprint, Levels, choose_levels, probes
+from ..texture.pyramid import TexturePyramid
+
+Held = TypeVar("Held")
+
+Corner3 = tuple[Array, Array, Array]
+"""A value of each corner."""
+
+
+class Points(NamedTuple):
+    """Points in tiles, as sums over `count` samples of their columns and rows; None is one sample.
+
+    A sample, the centre of a pixel and a centroid are all exact integers.
+    """
+
+    count: Int[Array, "*points"] | None
+    across: Int[Array, "*points"]
+    down: Int[Array, "*points"]
+
+
+class Corners(NamedTuple):
+    """What the corners of triangles hold, turned to positive orientation; None: not in the scene.
+
+    `[corners, channels, triangles]`, and `[3, triangles]` for `inverse_w`.
+    """
+
+    color: Float[Array, "corners channels *lanes"]
+    inverse_w: Float[Array, "3 *lanes"] | None = None
+    uv: Float[Array, "3 2 *lanes"] | None = None
+
+
+class Skin(NamedTuple):
+    """Textures and how they are read; `texels` is `[channels, texels]`."""
+
+    pyramid: TexturePyramid
+    texels: Float[Array, "channels texels"]
+    filter: Filter
+
+    @classmethod
+    def of(cls, pyramid: TexturePyramid | None, filter: Filter) -> "Skin | None":
+        """None without textures."""
+        if pyramid is None:
+            return None
+        return cls(pyramid, one_pass(jnp.transpose)(pyramid.texels), filter)
+
+
+class Surface(NamedTuple):
+    """All that shading needs of the triangles.
+
+    - `area`: twice their area, in units of the edge value.
+    - `texture`: its index, -1 for none; `skin`: the textures.
+    - `filter`: how they are sampled.
+    """
+
+    edges: Edges
+    area: Float[Array, " triangles"]
+    planes: Planes | None
+    corners: Corners
+    texture: Int[Array, " triangles"] | None
+    skin: Skin | None
+    filter: Filter
+
+    @property
+    def channels(self) -> int:
+        """Four if any colour or texel can be translucent, else three."""
+        return count_channels(self.corners, self.skin)
+
+
+class Reading(NamedTuple):
+    """How a texture is read: levels, and `count` probes along an axis.
+
+    The axis is (u, v), 0..1 across the image; both are None for a single probe.
+    """
+
+    levels: Levels
+    count: Float[Array, "*points"] | None = None
+    axis: Float[Array, "2 *points"] | None = None
+
+
+class Lanes(NamedTuple):
+    """A surface seen from some lanes: every entry is `[..., lanes]`.
+
+    `reading` is None where it differs from point to point, or where there is no texture.
+    """
+
+    weights: Weights
+    corners: Corners
+    texture: Int[Array, " lanes"] | None
+    reading: Reading | None
+
+
+def surface_of(
+    edges: Edges,
+    planes: Planes | None,
+    corners: Corners,
+    texture: Array | None,
+    pyramid: TexturePyramid | None,
+    filter: Filter,
+) -> Surface:
+    """What shading needs of the triangles."""
+    area = one_pass(lambda edges: twice_area(edges, corners.color.dtype))(edges)
+    return Surface(edges, area, planes, corners, texture, Skin.of(pyramid, filter), filter)
+
+
+def count_channels(corners: Corners, skin: Skin | None) -> int:
+    """Of shaded colours."""
+    return max(corners.color.shape[1], 3 if skin is None else skin.texels.shape[0])
+
+
+def view(
+    surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
+) -> Lanes:
+    """The surface seen from lanes."""
+
+    @one_pass
+    def weigh(surface, triangle, tile):
+        edges, area, planes = surface[:3]
+        return slot_weights(edges, area, triangle, tile, tiling, planes)
+
+    weights = weigh(surface, triangle, tile)
+    corners, texture = pick_lanes((surface.corners, surface.texture), triangle)
+    reading = None
+    if surface.skin is not None and corners.inverse_w is None:
+        # An affine map has one footprint for all points of a triangle.
+        reading = _read_lanes(surface.skin, weights, corners, texture, None, tiling)
+    return Lanes(weights, corners, texture, reading)
+
+
+def pick_lanes(held: Held, lane: Int[Array, " lanes"]) -> Held:
+    """Entries `[..., lanes]` of some of the lanes, a lane often."""
+
+    @one_pass
+    def pick(held, lane):
+        def one(entry):
+            # From one axis: a gather along one of two stores what it found transposed.
+            rows, lanes = entry.size // entry.shape[-1], entry.shape[-1]
+            place = jnp.arange(rows, dtype=jnp.int32)[:, None] * lanes + lane[None]
+            found = entry.reshape(-1).at[place].get(mode="promise_in_bounds")
+            return found.reshape(*entry.shape[:-1], -1)
+
+        return jax.tree.map(one, held)
+
+    return pick(held, lane)
+
+
+def add_shade(
+    total: Float[Array, "channels lanes"],
+    surface: Surface,
+    lanes: Lanes,
+    points: Points,
+    tiling: Tiling,
+    *,
+    shown: Bool[Array, " lanes"] | None = None,
+    probe: Int[Array, ""] | int = 0,
+) -> Float[Array, "channels lanes"]:
+    """`total` and the premultiplied colour of each lane's triangle at a point, where `shown`.
+
+    `surface.channels` of them. Of several probes, it is the share of one: sum over `probe` in
+    `0..filter.anisotropy - 1`. Added here, since what is read of the texture is then not stored.
+    """
+    at = one_pass(_weights_at)(lanes.weights, lanes.corners.inverse_w, points)
+    read = read_on_lanes(surface, lanes, at, tiling)
+    return add_color(
+        total, at, lanes.corners, lanes.texture, surface.skin, read, shown=shown, probe=probe
+    )
+
+
+def read_on_lanes(
+    surface: Surface, lanes: Lanes, at: Corner3, tiling: Tiling
+) -> Callable[[Array], Reading | None]:
+    """How the texture is read, as a function of (u, v), where the corners have the weights `at`."""
+
+    def read(uv: Array) -> Reading | None:
+        if lanes.reading is not None or surface.skin is None:
+            return lanes.reading
+        seen = (at, uv)
+        return _read_lanes(surface.skin, lanes.weights, lanes.corners, lanes.texture, seen, tiling)
+
+    return read
+
+
+def add_color(
+    total: Float[Array, "channels *points"],
+    at: Corner3,
+    corners: Corners,
+    texture: Int[Array, "*lanes"] | None,
+    skin: Skin | None,
+    read: Callable[[Array], Reading | None],
+    *,
+    shown: Bool[Array, "*points"] | None = None,
+    probe: Int[Array, ""] | int = 0,
+) -> Float[Array, "channels *points"]:
+    """The same from the weights of the corners `at` each point, where those are known.
+
+    `read`: from (u, v), how the texture is read there.
+    """
+
+    def add(total, shown, color):
+        return total + (color if shown is None else jnp.where(shown[None], color, 0.0))
+
+    color = corners.color
+    # A single corner is not copied.
+    color = color[0] if color.shape[0] == 1 else one_pass(mix)(at, color)
+    if skin is None:
+        return one_pass(lambda t, s, c: add(t, s, _premultiply(c)))(total, shown, color)
+    assert corners.uv is not None and texture is not None
+    with jax.named_scope("texture"):
+        uv = one_pass(mix)(at, corners.uv)
+        reading = read(uv)
+        assert reading is not None
+        uv, share = _probe(uv, reading, jnp.asarray(probe))
+        lookup = Lookup(skin.filter.pixel, skin.pyramid.border, skin.pyramid.addressing)
+
+        @one_pass
+        def finish(total, shown, color, texels, taps, texture, share):
+            return add(total, shown, _tint(color, read_levels(texels, taps), texture, share))
+
+        taps = tap_levels(reading.levels, uv, lookup)
+        return finish(total, shown, color, skin.texels, taps, texture, share)
+
+
+def shade(
+    surface: Surface, lanes: Lanes, points: Points, tiling: Tiling
+) -> Float[Array, "channels lanes"]:
+    """Premultiplied colour at a point; backwards, each probe is computed again rather than kept."""
+
+    def visit(total: Array, probe: Array) -> tuple[Array, None]:
+        return add_shade(total, surface, lanes, points, tiling, probe=probe), None
+
+    shape = (surface.channels, points.across.shape[0])
+    probes = jnp.arange(surface.filter.anisotropy, dtype=jnp.int32)
+    total = jnp.zeros(shape, surface.corners.color.dtype)
+    return jax.lax.scan(jax.checkpoint(visit), total, probes)[0]
+
+
+def _weights_at(weights: Weights, inverse_w: Array | None, points: Points) -> Corner3:
+    """Weights of the corners at points."""
+    count, across, down = points
+    if count is None:
+        first, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
+    else:
+        number = count.astype(weights.per_value.dtype)
+        sums = weight_sums(weights, count, across, down)
+        first, second, third = (total / number for total in sums)
+    return in_space((first, second, third), inverse_w)
+
+
+def in_space(weights: Corner3, inverse_w: Array | None) -> Corner3:
+    """From weights on the screen to those on the triangle in space."""
+    first, second, third = weights
+    if inverse_w is None:
+        return weights
+    first, second, third = first * inverse_w[0], second * inverse_w[1], third * inverse_w[2]
+    total = first + second + third
+    # Inside it is no less than the least of q. Far outside, where no sample shows but all are
+    # evaluated, it comes to zero and would send infinities back.
+    floor = 0.5 * jnp.min(jax.lax.stop_gradient(inverse_w), 0)
+    total = jnp.where(total < floor, floor, total)
+    return safe.divide(first, total), safe.divide(second, total), safe.divide(third, total)
+
+
+def mix(weights: Corner3, corners: Array) -> Float[Array, "channels *lanes"]:
+    """Values of corners `[1 or 3, channels, lanes]` at points; a single corner as it is."""
+    if corners.shape[0] == 1:
+        return corners[0]
+    mixed = corners[0]
+    for k in (1, 2):
+        mixed = mixed + weights[k][None] * (corners[k] - corners[0])
+    return mixed
+
+
+def _read_lanes(
+    skin: Skin,
+    weights: Weights,
+    corners: Corners,
+    texture: Array | None,
+    seen: tuple[Corner3, Array] | None,
+    tiling: Tiling,
+) -> Reading:
+    @one_pass
+    def read(skin, weights, corners, texture, seen):
+        steps = (_steps(weights, 0, tiling), _steps(weights, 1, tiling))
+        return read_texture(skin, steps, corners, texture, seen)
+
+    return read(skin, weights, corners, texture, seen)
+
+
+Step = tuple[Array, Array]
+"""How much the weights of corners 1 and 2 on the screen change from pixel to pixel."""
+
+
+def read_texture(
+    skin: Skin,
+    steps: tuple[Step, Step],
+    corners: Corners,
+    texture: Array | None,
+    seen: tuple[Corner3, Array] | None,
+) -> Reading:
+    """How the texture is read; `steps` are along x and y, and `seen` is the corners' weights and
+    (u, v) where the map is not affine."""
+    assert texture is not None
+    table = skin.pyramid.levels
+    base = table[:, 0].at[texture].get(mode="clip")
+    x, y = (_change(step, corners, seen) for step in steps)
+    tall, wide = base[..., 1].astype(x.dtype), base[..., 2].astype(x.dtype)
+    found = probes(Footprint(x[0] * wide, x[1] * tall, y[0] * wide, y[1] * tall), skin.filter)
+    texture = jnp.broadcast_to(texture, found.level.shape)
+    levels = choose_levels(found.level, texture, table, skin.filter.level)
+    if found.axis_u is None or found.axis_v is None:
+        return Reading(levels)
+    axis = jnp.stack([found.axis_u / wide, found.axis_v / tall])
+    return Reading(levels, found.count, axis)
+
+
+def _steps(weights: Weights, axis: int, tiling: Tiling) -> Step:
+    """Along x (0) or y (1)."""
+    steps = weights.right if axis == 0 else weights.down
+    step = steps.astype(weights.per_value.dtype) * weights.per_value[None]
+    if weights.plane is not None and weights.beyond is not None:
+        step = jnp.where(weights.beyond[None], weights.plane[1 + axis], step)
+    second, third = step * tiling.grid.rate
+    return second, third
+
+
+def _change(
+    step: Step, corners: Corners, seen: tuple[Corner3, Array] | None
+) -> Float[Array, "2 *lanes"]:
+    """Derivative of (u, v) for a step of one pixel.
+
+    Of a quotient u = U / Q it is (U' - u Q') / Q, and the sums over the corners are taken of
+    w_i' q_i (u_i - u), in which no large numbers cancel.
+    """
+    assert corners.uv is not None
+    second, third = step
+    first_uv, second_uv, third_uv = corners.uv
+    if seen is None or corners.inverse_w is None:
+        return second[None] * (second_uv - first_uv) + third[None] * (third_uv - first_uv)
+    at, uv = seen
+    # With affine weights a_i, w_i' = a_i q_i / Q: as they sum to one, 1 / Q = sum w_i' / q_i.
+    per_total = functools.reduce(operator.add, map(safe.divide, at, corners.inverse_w))
+    change = (-second - third)[None] * corners.inverse_w[0][None] * (first_uv - uv)
+    change = change + second[None] * corners.inverse_w[1][None] * (second_uv - uv)
+    change = change + third[None] * corners.inverse_w[2][None] * (third_uv - uv)
+    return change * per_total[None]
+
+
+def _probe(uv: Array, reading: Reading, probe: Array) -> tuple[Array, Array | None]:
+    """Where a probe reads, and its share of the mean; None is all of it."""
+    count, axis = reading.count, reading.axis
+    if count is None or axis is None:
+        return uv, None
+
+    @one_pass
+    def move(uv, count, axis, probe):
+        number = probe.astype(uv.dtype).reshape((1,) * count.ndim)
+        taken = number < count
+        part = jnp.where(taken, (number + 0.5) / count - 0.5, 0.0)
+        return uv + part[None] * axis, jnp.where(taken, 1.0 / count, 0.0)
+
+    return move(uv, count, axis, probe)
+
+
+def _tint(color: Array, texel: Array, texture: Array, share: Array | None) -> Array:
+    """Premultiplied texel times straight colour; without a texture, the colour alone."""
+    texel = jnp.where((texture < 0)[None], 1.0, texel)
+    if color.shape[0] == 4 and texel.shape[0] == 3:
+        texel = jnp.concatenate([texel, jnp.ones_like(texel[:1])])
+    if share is not None:
+        texel = texel * share[None]
+    if color.shape[0] == 3:
+        return jnp.concatenate([texel[:3] * color, texel[3:]])
+    return jnp.concatenate([texel[:3] * color[:3], texel[3:]]) * color[3:]
+
+
+def _premultiply(color: Float[Array, "channels lanes"]) -> Array:
+    if color.shape[0] == 3:
+        return color
+    return jnp.concatenate([color[:3] * color[3:], color[3:]])

@@ -1,0 +1,24 @@
+"""Small targets for tests of the fit, and what a mesh makes of its colours."""
+
+import numpy as np
+
+from softras2d.fitting.mesh.triangulation import Mesh
+from softras2d.fitting.mesh.vertex_colors import Colors, at_corners, mesh_pixels, predict
+
+
+def blobs(height: int = 40, width: int = 48) -> np.ndarray:
+    """A smooth ground with a disc and a box upon it."""
+    y, x = np.mgrid[:height, :width] + 0.5
+    image = np.stack([x / width, y / height, 0.5 + 0 * x], -1)
+    image[(x - 15) ** 2 + (y - 14) ** 2 < 81] = [0.9, 0.2, 0.1]
+    image[(np.abs(x - 34) < 7) & (np.abs(y - 27) < 9)] = [0.1, 0.3, 0.8]
+    return image.astype(np.float32)
+
+
+def draw(mesh: Mesh, solved: np.ndarray, *, colors: Colors = "vertex") -> np.ndarray:
+    """The picture at the pixel centres, `[height, width, channels]` float64."""
+    pairs = mesh_pixels(mesh)
+    values = predict(pairs, at_corners(mesh, solved, colors))
+    image = np.empty((mesh.height * mesh.width, len(values)))
+    image[pairs.pixel] = values.T
+    return image.reshape(mesh.height, mesh.width, -1)

@@ -1,0 +1,461 @@
+"""The fit as a whole: it lowers the error, can be stopped and resumed, and never shows a NaN."""
+
+import re
+import signal
+import time
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softras2d as sr
+from softras2d.fitting.mesh.triangulation import check_tiling, delaunay_mesh
+from softras2d.fitting.prepare import check_images
+from tests.cases.pictures import blobs
+
+TARGET = blobs()
+
+
+def mean_psnr(target):
+    return -10 * np.log10(((target - target.mean((0, 1))) ** 2).mean())
+
+
+@pytest.mark.parametrize(
+    ("family", "shading"),
+    [
+        ("layers", "flat"),
+        pytest.param("layers", "gouraud", marks=pytest.mark.slow),
+        pytest.param("mesh", "gouraud", marks=pytest.mark.slow),
+    ],
+)
+def test_a_fit_looks_like_its_target(family, shading):
+    seen = []
+    result = sr.fit(
+        TARGET, triangles=24, family=family, shading=shading, steps=125, report=seen.append
+    )
+    assert result.psnr > mean_psnr(TARGET) + 6
+    assert (result.height, result.width) == TARGET.shape[:2]
+    assert result.scene.triangles.shape[0] <= 24
+    assert result.history[-1].steps == 125
+    assert len(seen) == len(result.history) == 8
+    assert seen[-1].share == 1
+    assert not result.interrupted
+    # The score is that of an image which anyone can draw.
+    plan = sr.plan(result.scene, height=40, width=48, coverage=sr.Hard(16))
+    np.testing.assert_allclose(sr.render(result.scene, plan), result.image, atol=1e-6)
+    assert result.psnr == pytest.approx(-10 * np.log10(np.mean((result.image - TARGET) ** 2)), 1e-4)
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_result():
+    one, two = (sr.fit(TARGET, triangles=12, steps=50, seed=3) for _ in range(2))
+    np.testing.assert_array_equal(one.scene.positions, two.scene.positions)
+    np.testing.assert_array_equal(one.image, two.image)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", ["layers", "mesh"])
+def test_an_interrupted_fit_resumes_where_it_was(family, tmp_path):
+    def interrupt(moment):
+        if moment.record.steps >= 50:
+            raise KeyboardInterrupt
+
+    settings: dict[str, Any] = {"triangles": 14, "family": family, "seed": 1}
+    whole = sr.fit(TARGET, steps=100, **settings)
+    first = sr.fit(TARGET, steps=100, report=interrupt, **settings)
+    assert first.interrupted
+    # The chunk in which step 50 falls is the last, and the chunks are those of the whole fit.
+    chunk_ends = [record.steps for record in first.history]
+    assert chunk_ends == [record.steps for record in whole.history][: len(chunk_ends)]
+    assert chunk_ends[-2] < 50 <= chunk_ends[-1]
+    assert np.isfinite(first.image).all()
+    first.save(tmp_path / "fit.npz")
+    second = sr.fit(TARGET, steps=100, resume=sr.FitResult.load(tmp_path / "fit.npz"))
+    assert not second.interrupted
+    assert second.history[-1].steps == 100
+    np.testing.assert_allclose(second.scene.positions, whole.scene.positions, atol=1e-3)
+    assert second.psnr == pytest.approx(whole.psnr, abs=1e-3)
+    assert second.settings == first.settings
+
+
+@pytest.mark.slow
+def test_a_fitted_mesh_tiles_the_canvas():
+    result = sr.fit(TARGET, triangles=40, family="mesh", steps=50)
+    scene = result.scene
+    area = np.asarray(scene.positions)[np.asarray(scene.triangles)].astype(np.float64)
+    ab, ac = area[:, 1] - area[:, 0], area[:, 2] - area[:, 0]
+    double = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
+    assert (double > 0).all()
+    assert double.sum() / 2 == pytest.approx(40 * 48, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_fit_for_seconds_ends():
+    began = time.perf_counter()
+    result = sr.fit(TARGET, triangles=12, seconds=12.0)
+    assert result.history
+    # A machine may be busy: only that it ends. Figures are those of `experiments/fit_kodak`.
+    assert time.perf_counter() - began < 60
+
+
+def known(number: int, seed: int) -> tuple[sr.Scene, np.ndarray, sr.Scene]:
+    """A scene, its image at the centre of pixels' areas, and the scene moved by up to 5 px."""
+    rng = np.random.default_rng(seed)
+    middle = rng.uniform([14, 14], [50, 50], (number, 1, 2))
+    angle = rng.uniform(0, 6.28, (number, 1)) + np.array([0, 2.09, 4.19])
+    radius = rng.uniform(11, 16, (number, 1, 1))
+    corners = middle + radius * np.stack([np.cos(angle), np.sin(angle)], -1)
+    colors = rng.uniform(0.1, 0.9, (number, 3))
+    background = np.array([0.5, 0.5, 0.5])
+    scene = sr.Scene.from_soup(corners.astype(np.float32), colors, background=background)
+    moved = corners + rng.uniform(-5, 5, corners.shape) / 2**0.5
+    start = sr.Scene.from_soup(moved.astype(np.float32), colors, background=background)
+    plan = sr.plan(scene, height=64, width=64, coverage=sr.Soft(0.8))
+    return scene, np.asarray(sr.render(scene, plan)), start
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10))
+def test_levenberg_marquardt_recovers_a_known_scene(seed):
+    scene, image, start = known(3, seed)
+    result = sr.fit(
+        np.clip(image, 0, 1), triangles=3, solver="lm", steps=30, start=start, softness=0.8
+    )
+    off = np.abs(np.asarray(result.scene.positions) - np.asarray(scene.positions))
+    assert off.max() < 0.05
+
+
+NOISE = np.random.default_rng(0).random((24, 24, 3)).astype(np.float32)
+EXTREME_TARGETS = {
+    "one-pixel": NOISE[:1, :1],
+    "row": NOISE[:1],
+    "constant": np.full((24, 24, 3), 0.25, np.float32),
+    "black": np.zeros((24, 24, 3), np.float32),
+    "noise": NOISE,
+}
+POINTS = {
+    "one-point": np.full((8, 3, 2), 12.0),
+    "off-canvas": np.full((8, 3, 2), -500.0) + np.eye(3, 2) * 9,
+    "slivers": np.stack([np.array([[0, i], [24, i + 1e-4], [12, i]]) for i in range(8)]),
+    "huge": 1e5 * np.array([[-1, -1], [1, -1], [0, 1]]) * np.ones((8, 1, 1)),
+    "on-centres": np.array([[0.5, 0.5], [8.5, 0.5], [0.5, 8.5]]) * np.ones((8, 1, 1)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["adam", "lm", "dogleg", "bfgs", "lbfgs"])
+@pytest.mark.parametrize("target", EXTREME_TARGETS)
+def test_extreme_starts_give_no_nan(target, solver):
+    """25 pairs of target and solver; with the starts below some 100 fits."""
+    image = EXTREME_TARGETS[target]
+    starts = POINTS.values() if image.shape[:2] == (24, 24) else [None]
+    for corners in starts:
+        start = "uniform"
+        if corners is not None:
+            start = sr.Scene.from_soup(corners.astype(np.float32), np.full((8, 3), 0.5))
+        assert_sound(sr.fit(image, triangles=8, solver=solver, steps=4, start=start))
+
+
+def assert_sound(result):
+    assert np.isfinite(result.image).all()
+    assert np.isfinite(np.asarray(result.scene.positions)).all()
+    assert np.isfinite(np.asarray(result.scene.colors)).all()
+    assert not np.isnan(result.psnr)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", EXTREME_TARGETS)
+def test_extreme_targets_are_fitted_to_the_end(target):
+    """With triangles placed and exchanged, translucent ones, other losses, and meshes."""
+    image = EXTREME_TARGETS[target]
+    tried: list[dict[str, Any]] = [{"translucent": True, "loss": "ssim"}, {"family": "mesh"}]
+    for settings in tried:
+        assert_sound(sr.fit(image, triangles=8, steps=30, **settings))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loss, light", [("l1", "linear"), ("ssim", "display")])
+def test_other_losses(loss, light):
+    result = sr.fit(TARGET, triangles=12, steps=75, loss=loss, light=light)
+    assert result.psnr > mean_psnr(TARGET) + 3
+
+
+@pytest.mark.slow
+def test_a_target_with_alpha():
+    alpha = np.zeros((40, 48, 1), np.float32)
+    alpha[8:30, 10:36] = 1
+    target = np.concatenate([TARGET, alpha], -1)
+    result = sr.fit(target, triangles=16, steps=100)
+    assert result.image.shape == target.shape
+    # What was told while it fitted is of the same kind as the score.
+    assert result.history[-1].psnr == pytest.approx(result.psnr, abs=1.5)
+    # All clear would be 0.3, all opaque 0.7.
+    assert np.mean((result.image[..., 3] - alpha[..., 0]) ** 2) < 0.05
+
+
+@pytest.mark.slow
+def test_translucent_layers_and_colors_in_closed_form():
+    tried: list[dict[str, Any]] = [{"translucent": True}, {"colors": "solve"}, {"colors": "polish"}]
+    for settings in tried:
+        result = sr.fit(TARGET, triangles=12, steps=75, **settings)
+        assert result.psnr > mean_psnr(TARGET) + 5
+
+
+@pytest.mark.slow
+def test_weights_draw_triangles_to_where_they_count():
+    left = np.zeros((40, 48))
+    left[:, :24] = 1
+    result = sr.fit(TARGET, triangles=6, steps=75, weights=left)
+    error = ((result.image - TARGET) ** 2).mean(-1)
+    assert error[:, :24].mean() < error[:, 24:].mean()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shading", ["flat", "linear"])
+def test_other_colors_of_a_mesh(shading):
+    result = sr.fit(TARGET, triangles=40, family="mesh", shading=shading, steps=50)
+    assert result.psnr > mean_psnr(TARGET) + 6
+
+
+def mesh_of_corners(height, width):
+    points = [[0, 0], [width, 0], [0, height], [width, height], [height / 2, height / 2]]
+    mesh = delaunay_mesh(np.array(points, float), height=height, width=width)
+    check_tiling(mesh)
+    return mesh
+
+
+@pytest.mark.slow
+def test_a_mesh_may_start_anywhere():
+    for start in (mesh_of_corners(40, 48), "uniform"):
+        result = sr.fit(TARGET, triangles=12, family="mesh", steps=25, start=start)
+        assert np.isfinite(result.psnr)
+
+
+TWO = sr.Scene.from_soup(np.arange(12.0).reshape(2, 3, 2) ** 2 / 8, np.full((2, 3), 0.5))
+DEEP = replace(TWO, depth=jnp.zeros(6))
+
+BAD: dict[str, dict[str, Any]] = {
+    "`target` must be \\[height": dict(target=np.zeros((4, 4), np.float32)),
+    "`target` must hold numbers in 0..1": dict(target=np.full((4, 4, 3), np.nan, np.float32)),
+    "`family` must be one of 'layers', 'mesh'": dict(family="sphere"),
+    "`shading` of a layers fit": dict(shading="linear"),
+    "`solver` must be": dict(solver="newton"),
+    "`triangles` must be a whole number": dict(triangles=0),
+    "`steps` must be": dict(steps=-1),
+    "give one of `steps` and `seconds`": dict(steps=1, seconds=1.0),
+    "`seconds` must be": dict(seconds=-1.0),
+    "`softness` must be": dict(softness=0),
+    "`softness` must be pixels": dict(softness=(1, 2, 3)),
+    "`colors` must be one of": dict(colors="guess"),
+    "`loss` must be one of": dict(loss="huber"),
+    "solvers of least squares": dict(solver="lm", loss="l1"),
+    "`weights` must be numbers": dict(weights=np.ones((3, 3))),
+    "`weights` must be finite": dict(weights=np.zeros((40, 48))),
+    "`start` must be 'error'": dict(start="middle"),
+    "`start` has 2 triangles; `triangles` is 1": dict(start=TWO, triangles=1),
+    "it has depth": dict(start=DEEP),
+    "`start` is a mesh of 20 x 20 pixels; the fit has 48 x 40": dict(
+        family="mesh", start=mesh_of_corners(20, 20)
+    ),
+    "`start` has 5 vertices; `triangles` allows 4": dict(
+        family="mesh", start=mesh_of_corners(40, 48), triangles=2
+    ),
+    "let through": dict(start=replace(TWO, colors=jnp.full((2, 1, 4), 0.5))),
+    "suffix of a checkpoint must be .npz": dict(checkpoint="fit.ckpt"),
+    "no folder": dict(checkpoint="nowhere/fit.npz"),
+    "`translucent` is for layers": dict(family="mesh", translucent=True),
+    "fit targets with alpha by layers": dict(
+        target=np.full((4, 4, 4), 0.5, np.float32), family="mesh"
+    ),
+}
+
+
+@pytest.mark.parametrize("told", BAD)
+def test_what_makes_no_sense_is_refused_in_one_line(told):
+    with pytest.raises(ValueError, match=told) as caught:
+        arguments: dict[str, Any] = {"target": TARGET} | BAD[told]
+        sr.fit(**arguments)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_alpha_that_is_one_everywhere_is_none():
+    """Pictures of screens often have it."""
+    opaque = np.concatenate([TARGET, np.ones_like(TARGET[..., :1])], -1)
+    (alone,) = check_images([opaque])
+    np.testing.assert_array_equal(alone, TARGET)
+    half = opaque * np.float32(0.5)
+    assert [image.shape[-1] for image in check_images([opaque, half])] == [4, 4]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["adam", "lm", "lbfgs"])
+def test_a_fit_is_of_float32_whatever_jax_is_set_to(solver, float64):
+    with jax.enable_x64(True):
+        result = sr.fit(TARGET, triangles=8, steps=4, solver=solver, colors="polish")
+    assert result.scene.positions.dtype == np.float32
+    assert result.scene.triangles.shape[0] == 8
+
+
+@pytest.mark.slow
+def test_files_come_back_exactly(tmp_path):
+    result = sr.fit(TARGET, triangles=8, steps=25)
+    result.save(tmp_path / "fit.npz")
+    back = sr.FitResult.load(tmp_path / "fit.npz")
+    assert back.history == result.history
+    assert back.settings == result.settings
+    assert (back.psnr, back.ssim) == (result.psnr, result.ssim)
+    for name in ("positions", "triangles", "colors", "background"):
+        np.testing.assert_array_equal(getattr(back.scene, name), getattr(result.scene, name))
+    np.testing.assert_array_equal(back.image, result.image)
+    assert back.state.keys() == result.state.keys()
+    report = result.report()
+    assert report["settings"]["seed"] == 0
+    assert report["versions"]["jax"]
+    (tmp_path / "bad.npz").write_bytes(b"PK nothing")
+    with pytest.raises(ValueError, match=r"not a whole \.npz file"):
+        sr.FitResult.load(tmp_path / "bad.npz")
+    with pytest.raises(ValueError, match="no such file"):
+        sr.FitResult.load(tmp_path / "none.npz")
+    with pytest.raises(ValueError, match="`resume` is of 48 x 40"):
+        sr.fit(TARGET[:20], resume=replace(back, history=()))
+
+
+def test_no_steps_is_a_valid_fit():
+    result = sr.fit(TARGET, triangles=8, steps=0)
+    assert result.history == ()
+    assert np.isfinite(result.psnr)
+    assert jnp.isfinite(result.scene.positions).all()
+
+
+@pytest.mark.slow
+def test_a_batch_is_as_each_alone():
+    targets = [TARGET, TARGET[::-1, ::-1]]
+    seen = []
+    both = sr.fit_batch(targets, triangles=10, steps=50, seed=4, report=seen.append)
+    assert [records[1] for records in seen] == list(both[1].history)
+    for k, (target, found) in enumerate(zip(targets, both, strict=True)):
+        alone = sr.fit(target, triangles=10, steps=50, seed=4 + k)
+        assert found.psnr == pytest.approx(alone.psnr, abs=0.3)
+        assert found.history[-1].steps == 50
+        assert found.psnr > mean_psnr(target) + 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"targets": [TARGET, TARGET[1:]]}, "images of one shape"),
+        ({"targets": []}, "images of one shape"),
+        ({"start": ["uniform"]}, "`start` must be one for each of 2 targets; got 1"),
+        (
+            {"start": "here"},
+            "`start` must be 'error', 'uniform', 'delaunay' or a Scene; got 'here'",
+        ),
+        ({"weights": np.ones((3, 40, 48))}, "`weights` must be one for each of 2 targets; got 3"),
+        ({"weights": np.ones(48)}, "`weights` must be numbers"),
+        ({"seconds": -1.0}, "`seconds` must be a number above 0"),
+        ({"seconds": 1, "steps": 1}, "give one of"),
+        ({"resume": []}, "`resume` must be one for each of 2 targets; got 0"),
+        ({"weights": [None, np.ones((40, 48))]}, "for every target or for none"),
+    ],
+)
+def test_a_batch_that_makes_no_sense_is_refused(arguments, told):
+    with pytest.raises(ValueError, match=re.escape(told)):
+        sr.fit_batch(**{"targets": [TARGET, TARGET], **arguments})
+
+
+@pytest.mark.slow
+def test_a_batch_has_starts_and_weights_of_its_own_and_goes_on():
+    targets = [TARGET, TARGET[::-1, ::-1]]
+    left = np.zeros((40, 48))
+    left[:, :24] = 1
+    scene = sr.fit(targets[1], triangles=10, steps=25).scene
+    settings: dict[str, Any] = {"triangles": 10, "start": ["delaunay", scene], "colors": "polish"}
+    whole = sr.fit_batch(targets, weights=np.stack([left, 1 - left]), steps=25, **settings)
+    for k, (target, found) in enumerate(zip(targets, whole, strict=True)):
+        side = np.s_[:, :24] if k == 0 else np.s_[:, 24:]
+        other = np.s_[:, 24:] if k == 0 else np.s_[:, :24]
+        off = (found.image - target) ** 2
+        assert off[side].mean() < off[other].mean()
+    on = sr.fit_batch(targets, steps=50, resume=whole)
+    for k, (target, first, found) in enumerate(zip(targets, whole, on, strict=True)):
+        assert found.history[: len(first.history)] == first.history
+        assert found.history[-1].steps == 50
+        alone = sr.fit(target, steps=50, resume=first)
+        assert found.psnr == pytest.approx(alone.psnr, abs=0.3), k
+    with pytest.raises(ValueError, match="fits with the same settings"):
+        sr.fit_batch(targets, resume=[on[0], sr.fit(targets[1], triangles=3, steps=1)])
+    with pytest.raises(ValueError, match="fits of as many steps"):
+        sr.fit_batch(targets, resume=[whole[0], on[1]])
+    with pytest.raises(ValueError, match="is of 48 x 40 pixels"):
+        sr.fit_batch([image[:20] for image in targets], resume=on)
+    mesh = sr.fit(TARGET, triangles=10, family="mesh", steps=1)
+    with pytest.raises(ValueError, match="fits of layers; got those of a mesh"):
+        sr.fit_batch([TARGET, TARGET], resume=[mesh, mesh])
+
+
+@pytest.mark.slow
+def test_a_batch_for_seconds_ends():
+    began = time.perf_counter()
+    results = sr.fit_batch([TARGET, TARGET[::-1]], triangles=10, seconds=8.0)
+    assert all(result.history[-1].steps >= 1 for result in results)
+    # A machine may be busy: only that it ends.
+    assert time.perf_counter() - began < 60
+    np.testing.assert_array_equal(
+        [record.steps for record in results[0].history],
+        [record.steps for record in results[1].history],
+    )
+
+
+@pytest.mark.slow
+def test_scores_of_a_batch_share_a_program(count_compilations):
+    """The seconds that are set aside for them are those of programs that are there."""
+    with count_compilations() as compiled:
+        sr.fit_batch([TARGET, TARGET[::-1], TARGET[:, ::-1]], triangles=10, steps=10)
+    drawn = [name for name in compiled.names if "render" in name]
+    assert len(drawn) <= 2, compiled.names
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shading", ["flat", "gouraud"])
+def test_layers_start_from_a_delaunay_mesh(shading):
+    """Abutting triangles of least squares look like the image from the first step on."""
+    result = sr.fit(TARGET, triangles=60, shading=shading, start="delaunay", steps=0)
+    assert 40 < result.scene.triangles.shape[0] <= 60
+    assert result.psnr > mean_psnr(TARGET) + 4
+    moved = sr.fit(TARGET, triangles=60, shading=shading, start="delaunay", steps=50)
+    assert moved.psnr > result.psnr + 1
+
+
+@pytest.mark.slow
+def test_a_mesh_starts_from_a_delaunay_mesh():
+    even = sr.fit(TARGET, triangles=60, family="mesh", start="delaunay", steps=0)
+    moved = sr.fit(TARGET, triangles=60, family="mesh", start="delaunay", steps=50)
+    assert moved.psnr > even.psnr + 1
+
+
+@pytest.mark.slow
+def test_corners_far_out_stay_where_a_start_has_them(tmp_path):
+    far = [[[-900.0, 20.0], [900.0, -300.0], [900.0, 340.0]]]
+    scene = sr.Scene.from_soup(far, [[0.2, 0.4, 0.6]], background=[0.5, 0.5, 0.5])
+    result = sr.fit(TARGET, triangles=3, start=scene, steps=0)
+    np.testing.assert_allclose(result.scene.positions, scene.positions, rtol=1e-6)
+    moved = sr.fit(TARGET, triangles=3, start=scene, steps=5)
+    assert np.abs(np.asarray(moved.scene.positions) - scene.positions).max() < 10
+    moved.save(tmp_path / "fit.npz")
+    longer = sr.fit(TARGET, resume=sr.FitResult.load(tmp_path / "fit.npz"), steps=8)
+    assert np.abs(np.asarray(longer.scene.positions) - scene.positions).max() < 10
+    with pytest.raises(ValueError, match="of `start` must be finite"):
+        sr.fit(TARGET, start=replace(scene, positions=scene.positions * np.nan), steps=0)
+
+
+def test_a_batch_ends_with_ctrl_c():
+    def press(records):
+        signal.raise_signal(signal.SIGINT)
+
+    results = sr.fit_batch([TARGET, TARGET], triangles=4, steps=500, report=press)
+    assert all(result.interrupted and len(result.history) == 1 for result in results)
+    longer = sr.fit(TARGET, resume=results[0], steps=results[0].history[0].steps + 5)
+    assert longer.history[-1].steps == results[0].history[0].steps + 5

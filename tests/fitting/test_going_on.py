@@ -1,0 +1,245 @@
+"""A fit that is stopped, goes on, outgrows its plan, or starts from what it is given."""
+
+import os
+import signal
+import threading
+import time
+from concurrent.futures import Future
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softras2d as sr
+from softras2d.fitting import loop
+from softras2d.fitting.choices import settle
+from softras2d.fitting.interrupt import held_interrupt
+from softras2d.fitting.layers.family import LayersFit
+from softras2d.fitting.loop import Budget
+from softras2d.fitting.mesh.family import TilingFit
+from softras2d.fitting.solvers import levenberg_marquardt
+from tests.cases.pictures import blobs
+
+TARGET = blobs()
+
+"""`softras2d.fit` is the function, so that no path through it finds a module."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["adam", "lm"])
+def test_a_plan_that_is_outgrown_is_renewed(solver, monkeypatch):
+    """The first plan is that of an empty scene."""
+    plans = []
+    own = LayersFit._plan
+
+    def tight(self, scenes):
+        plans.append(len(scenes))
+        if len(plans) > 1:
+            return own(self, scenes)
+        empty = sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)))
+        return own(self, [empty])
+
+    monkeypatch.setattr(LayersFit, "_plan", tight)
+    result = sr.fit(TARGET, triangles=400, start="uniform", solver=solver, steps=4)
+    assert len(plans) > 1
+    assert result.history[-1].steps == 4
+    assert np.isfinite(result.image).all()
+    assert result.psnr > 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["adam", "lm"])
+def test_plans_of_a_batch_that_are_outgrown_are_renewed(solver, monkeypatch):
+    own = LayersFit._plan
+
+    def tight(self, scenes):
+        return own(self, [sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)))])
+
+    monkeypatch.setattr(LayersFit, "_plan", tight)
+    many = sr.fit_batch([TARGET, TARGET[::-1]], triangles=600, solver=solver, steps=6)
+    for result in many:
+        assert result.history[-1].steps == 6
+        assert result.psnr > 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["lm", "lbfgs"])
+def test_solvers_of_second_order_resume(solver):
+    settings: dict[str, Any] = {"triangles": 10, "start": "uniform", "solver": solver}
+    first = sr.fit(TARGET, steps=4, **settings)
+    second = sr.fit(TARGET, steps=10, resume=first)
+    assert second.history[-1].steps == 10
+    assert second.psnr > first.psnr - 0.1
+
+
+@pytest.mark.slow
+def test_a_resumed_fit_is_of_the_same_target_and_weights():
+    left = np.zeros((40, 48))
+    left[:, :24] = 1
+    first = sr.fit(TARGET, triangles=6, steps=25, weights=left, seed=3)
+    with pytest.raises(ValueError, match="of another `target`"):
+        sr.fit(TARGET[::-1], resume=first, steps=50)
+    whole = sr.fit(TARGET, triangles=6, steps=50, weights=left, seed=3)
+    second = sr.fit(TARGET, resume=first, steps=50)
+    assert second.psnr == pytest.approx(whole.psnr, abs=0.3)
+
+
+@pytest.mark.slow
+def test_a_solver_handed_over_is_asked_for_again():
+    settings: dict[str, Any] = {"triangles": 6, "start": "uniform"}
+    first = sr.fit(TARGET, solver=levenberg_marquardt(5), steps=2, **settings)
+    assert first.settings["solver"] == "ByProducts"
+    with pytest.raises(ValueError, match="fitted by a ByProducts: hand one over"):
+        sr.fit(TARGET, resume=first, steps=4)
+    second = sr.fit(TARGET, resume=first, solver=levenberg_marquardt(5), steps=4)
+    assert second.history[-1].steps == 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", [LayersFit, TilingFit])
+def test_stopped_after_an_exchange_the_best_before_it_is_returned(family, monkeypatch, tmp_path):
+    """To put triangles to use elsewhere raises the error for a while."""
+    records, own = [], family._exchange
+
+    def exchange(self, count):
+        own(self, count)
+        if len(records) > 8:
+            signal.raise_signal(signal.SIGINT)
+            # One step makes up for no exchange.
+            self.advance = lambda steps, room: family.advance(self, 1, room)
+
+    monkeypatch.setattr(family, "_exchange", exchange)
+    name = "layers" if family is LayersFit else "mesh"
+    result = sr.fit(
+        TARGET, triangles=30, family=name, steps=500,
+        report=lambda moment: records.append(moment.record.psnr),
+    )  # fmt: skip
+    monkeypatch.undo()
+    assert result.interrupted
+    assert result.history[-1].steps < 500
+    assert -10 * np.log10(result.state["kept"] / TARGET.size) > max(records) - 1e-3
+    if family is LayersFit:
+        best = np.clip(result.state["kept.1"], 0, 1)
+        np.testing.assert_array_equal(result.scene.colors, best[: len(result.scene.colors)])
+    result.save(tmp_path / "fit.npz")
+    longer = sr.fit(TARGET, resume=sr.FitResult.load(tmp_path / "fit.npz"), steps=500)
+    assert longer.history[-1].steps == 500
+
+
+@pytest.mark.slow
+def test_checkpoints_can_be_resumed(tmp_path, monkeypatch):
+    monkeypatch.setattr(loop, "_BETWEEN", 0.0)
+    path = tmp_path / "fit.npz"
+    sr.fit(TARGET, triangles=6, steps=50, checkpoint=path)
+    found = sr.FitResult.load(path)
+    assert found.interrupted
+    assert sr.fit(TARGET, resume=found, steps=75).history[-1].steps == 75
+
+
+@pytest.mark.slow
+def test_a_scene_starts_where_it_is_in_the_target():
+    """It is in pixels of the target, whatever the size of the fit."""
+    first = sr.fit(TARGET, triangles=10, steps=50)
+    again = sr.fit(TARGET, triangles=10, steps=0, size=24, start=first.scene)
+    np.testing.assert_allclose(again.scene.positions, first.scene.positions, atol=1e-4)
+    assert again.psnr == pytest.approx(first.psnr, abs=0.01)
+
+
+@pytest.mark.slow
+def test_triangles_that_wait_do_not_show_under_soft_edges():
+    white = np.ones((40, 48, 3), np.float32)
+    far = sr.Scene.from_soup(np.full((1, 3, 2), 20.0), np.ones((1, 3)), background=[1, 1, 1])
+    result = sr.fit(white, triangles=20, start=far, softness=64, steps=1)
+    assert result.history[-1].psnr > 60
+
+
+@pytest.mark.slow
+def test_softness_falls_to_its_last_width():
+    result = sr.fit(TARGET, triangles=20, steps=100, softness=(4.0, 0.8))
+    assert result.settings["softness"] == [4.0, 0.8]
+    assert result.state["width"] == np.float32(0.8)
+    assert result.psnr > -10 * np.log10(((TARGET - TARGET.mean((0, 1))) ** 2).mean()) + 5
+
+
+def test_settings_are_plain():
+    given = {"seed": np.int64(3), "softness": np.float32(2), "shading": None, "family": "mesh"}
+    found = settle(given)
+    assert type(found["seed"]) is int
+    assert found == {"seed": 3, "softness": (2.0, 2.0), "shading": "gouraud", "family": "mesh"}
+
+
+class TestBudget:
+    """Of time, with a clock that the test sets."""
+
+    @pytest.fixture
+    def clock(self, monkeypatch):
+        now = [100.0]
+        monkeypatch.setattr(loop.time, "perf_counter", lambda: now[0])
+        return now
+
+    def budget(self, scoring):
+        known = Future()
+        if scoring is not None:
+            known.set_result(scoring)
+        return Budget(None, 130.0, known, 100.0, 0.0)
+
+    def test_scoring_is_set_aside(self, clock):
+        clock[0] = 110.0
+        assert self.budget(2.0).left() == 18.0
+        assert self.budget(None).left() == 17.0
+
+    def test_it_ends_before_what_is_set_aside(self, clock):
+        budget = self.budget(2.0)
+        assert budget.share(0, None) == 0.0
+        clock[0] = 114.0
+        assert budget.share(5, 100.0) == 0.5
+        clock[0] = 128.0
+        assert budget.share(9, 100.0) == 1.0
+        assert budget.next_steps(9, 25, 0.1, 0.0) == 1
+
+    def test_chunks_are_as_long_as_a_user_waits(self, clock):
+        budget = self.budget(2.0)
+        assert budget.next_steps(0, 25, None, 0.0) == 1
+        assert budget.next_steps(0, 25, 0.05, 0.0) == 10
+        assert budget.next_steps(0, 25, 0.001, 0.0) == 25
+        # Large pictures take long to judge: that is to be a tenth of the time.
+        assert budget.next_steps(0, 25, 0.05, 0.1) == 20
+        clock[0] = 127.88
+        assert budget.next_steps(0, 25, 0.05, 0.0) == 2
+
+    def test_steps_are_as_many_as_asked(self, clock):
+        budget = replace_steps(self.budget(None), 30)
+        assert [budget.next_steps(done, 25, None, 0.0) for done in (0, 28)] == [4, 2]
+        assert budget.share(15, None) == 0.5
+        assert budget.remaining(20, 0.5) == 5.0
+
+
+def replace_steps(budget, steps):
+    return budget._replace(steps=steps, deadline=None)
+
+
+class TestInterrupt:
+    def test_the_first_is_noted_and_the_second_raised(self):
+        with held_interrupt() as noted:
+            assert not noted.asked
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
+            assert noted.asked
+            with pytest.raises(KeyboardInterrupt):
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(1)
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(1)
+
+    def test_other_threads_have_none(self):
+        seen = []
+
+        def work():
+            with held_interrupt() as noted:
+                seen.append(noted.asked)
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        thread.join()
+        assert seen == [False]

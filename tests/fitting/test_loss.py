@@ -1,0 +1,104 @@
+"""Losses, images made smaller, and colours in closed form, against what they say they are."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softras2d as sr
+from softras2d.fitting.closed_form import best_colors
+from softras2d.fitting.layers.unknowns import (
+    UNIT,
+    Layers,
+    LayersData,
+    LayersResidual,
+    held,
+    layers_scene,
+)
+from softras2d.fitting.loss import Loss
+from softras2d.fitting.resample import shrink
+from softras2d.fitting.score import ssim
+from softras2d.io.images import srgb_to_linear
+from tests.cases.pictures import blobs
+
+RNG = np.random.default_rng(0)
+IMAGE, TARGET = (jnp.asarray(RNG.random((12, 14, 3)), jnp.float32) for _ in range(2))
+WEIGHTS = jnp.asarray(RNG.random((12, 14)), jnp.float32)
+
+
+def test_losses_by_hand():
+    off = np.asarray(IMAGE) - np.asarray(TARGET)
+    residual = Loss("squared").of(IMAGE, TARGET, None)
+    np.testing.assert_allclose(residual, off, atol=1e-6)
+    weighed = Loss("squared").of(IMAGE, TARGET, WEIGHTS)
+    squares = (off**2 * np.asarray(WEIGHTS)[..., None]).sum()
+    assert float(jnp.sum(weighed**2)) == pytest.approx(squares, rel=1e-5)
+    assert float(Loss("l1").of(IMAGE, TARGET, None)) == pytest.approx(np.abs(off).sum(), rel=1e-5)
+    both = (off**2).sum() + 0.02 * off.size * (1 - float(ssim(IMAGE, TARGET)))
+    assert float(Loss("ssim").of(IMAGE, TARGET, None)) == pytest.approx(both, rel=1e-5)
+
+
+def test_linear_light_and_alpha():
+    loss = Loss("squared", "linear")
+    np.testing.assert_allclose(loss.prepare(IMAGE), srgb_to_linear(np.asarray(IMAGE)), atol=1e-6)
+    straight = jnp.concatenate([IMAGE, WEIGHTS[..., None]], -1)
+    prepared = Loss().prepare(straight)
+    np.testing.assert_allclose(prepared[..., :3], IMAGE * WEIGHTS[..., None], atol=1e-7)
+    slope = jax.grad(lambda x: jnp.sum(loss.prepare(x)))(jnp.full((1, 1, 3), -0.5))
+    np.testing.assert_allclose(slope, 1 / 12.92, rtol=1e-6)
+
+
+def test_held_values_have_a_slope_outside():
+    value, slope = jax.value_and_grad(lambda x: jnp.sum(held(x)))(jnp.asarray([-0.5, 0.5, 1.5]))
+    assert float(value) == 1.5
+    np.testing.assert_array_equal(slope, 1.0)
+
+
+def test_shrinking_keeps_the_mean():
+    image = RNG.random((13, 17, 4)).astype(np.float32)
+    small = shrink(image, 5, 6)
+    assert small.shape == (5, 6, 4)
+    for channel in range(3):
+        whole = (image[..., channel] * image[..., 3]).mean()
+        assert (small[..., channel] * small[..., 3]).mean() == pytest.approx(whole, rel=1e-5)
+    halved = shrink(image[:12, :16, :3], 6, 8)
+    wanted = image[:12, :16, :3].reshape(6, 2, 8, 2, 3).mean((1, 3))
+    np.testing.assert_allclose(halved, wanted, atol=1e-6)
+    assert shrink(image, 13, 17) is image
+
+
+class Colored(NamedTuple):
+    colors: jax.Array
+
+
+def test_colors_in_closed_form_are_those_of_least_squares():
+    matrix = RNG.normal(size=(40, 6)).astype(np.float32)
+    right = matrix @ RNG.random(6).astype(np.float32)
+    start = Colored(jnp.full(6, 0.5))
+    found = best_colors(lambda y, args: (matrix @ y.colors - args, None), start, right)
+    np.testing.assert_allclose(matrix @ found.colors, right, atol=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("light", ["display", "linear"])
+def test_colors_of_layers_in_closed_form(light):
+    """The slope of the squared error by each colour is zero, for colours that need no holding."""
+    target = 0.5 + 0.3 * (blobs() - 0.5)
+    corners = np.array([[[4, 4], [30, 6], [8, 34]], [[20, 10], [44, 12], [30, 38]]], np.float32)
+    y = Layers(jnp.asarray(corners / UNIT), jnp.full((2, 3, 3), 0.5), None)
+    background = jnp.asarray([0.5, 0.5, 0.5])
+    plan = sr.plan(layers_scene(y, background), height=40, width=48, coverage=sr.Soft(0.8))
+    loss = Loss(light=light)
+    residual = LayersResidual(plan, loss)
+    data = LayersData(loss.prepare(jnp.asarray(target)), None, background, jnp.float32(0.8))
+
+    def error(colors):
+        return jnp.sum(residual(y._replace(colors=colors), data)[0] ** 2)
+
+    found = best_colors(residual, y, data, light).colors
+    slope = jax.grad(error)(found)
+    assert bool(((found > 0) & (found < 1)).all())
+    assert float(jnp.abs(slope).max()) < 0.001 * float(jnp.abs(jax.grad(error)(y.colors)).max())
+    assert error(found) < error(y.colors)

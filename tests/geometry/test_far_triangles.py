@@ -1,0 +1,249 @@
+"""Triangles of one to hundreds of canvases, against an oracle that has no guard band.
+
+The oracle snaps corners to the same grid and decides in Python's integers, which never overflow.
+"""
+
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softras2d as sr
+from softras2d.geometry.fixed_point import Grid
+from softras2d.geometry.projection import Projection, project
+
+from ..cases.shading import COUNT, ON, scene_of, soup_of
+from ..oracles.coverage import Canvas, footprint, snap
+from ..oracles.shading import Soup, draw
+
+NAMED = np.array([(-160, -610), (1080, 435), (-92, -224)], np.float32)
+"""Reaches past the band of a canvas of 544 x 416 pixels, and turns the other way when clamped."""
+
+
+def far_corners(rng: np.random.Generator, on: Canvas) -> np.ndarray:
+    """One triangle of 1 to 300 canvases: corners far away, some near, some nearly collinear."""
+    side = max(on.height, on.width)
+    size = side * 10.0 ** rng.uniform(0, 2.5)
+    corners = rng.normal(size=(3, 2)) * size + rng.uniform(0, side, (1, 2))
+    if rng.random() < 0.5:
+        corners[rng.integers(3)] = rng.uniform(-0.3 * side, 1.3 * side, 2)
+    if rng.random() < 0.2:
+        along = corners[1] - corners[0]
+        corners[2] = corners[0] + along * rng.uniform(-1, 2) + rng.normal(size=2)
+    return (corners + on.origin).astype(np.float32)
+
+
+def far_soup(seed: int, on: Canvas, **effects: Any) -> Soup:
+    """The soup of `shading_cases`, with far corners in half of its triangles."""
+    soup = soup_of(seed, on=on, **effects)
+    rng = np.random.default_rng(seed + 100)
+    corners = soup.corners.copy() + np.asarray(on.origin, np.float32)
+    for index in range(0, COUNT, 2):
+        corners[index] = far_corners(rng, on)
+    return replace(soup, corners=corners)
+
+
+def project_one(corners: np.ndarray, on: Canvas) -> Projection:
+    return project(
+        corners,
+        np.array([[0, 1, 2]], np.int32),
+        np.array(on.origin, np.int32),
+        Grid.of(on.height, on.width, on.rate),
+        on.fill_rule,
+        cut=True,
+        weights=True,
+    )
+
+
+def covered_by(projection: Projection, on: Canvas) -> np.ndarray:
+    """The samples inside all three edges and the bounding box."""
+    column, row = np.meshgrid(
+        np.arange(on.width * on.rate, dtype=np.int32),
+        np.arange(on.height * on.rate, dtype=np.int32),
+    )
+    left, right, top, bottom = projection.bounds
+    inside = (column >= left) & (column <= right) & (row >= top) & (row <= bottom)
+    for edge in projection.edges:
+        inside = inside & (edge.at(column, row) >= 0)
+    return inside
+
+
+def near_an_edge(triangle: np.ndarray, on: Canvas) -> np.ndarray:
+    """The samples within two grid units of an edge; `triangle` in the oracle's integers."""
+    step = 2 << on.exponent
+    y = (np.arange(on.height * on.rate) * step + step // 2).astype(object)[:, None]
+    x = (np.arange(on.width * on.rate) * step + step // 2).astype(object)[None]
+    near = np.zeros((y.size, x.size), bool)
+    for k in range(3):
+        (ax, ay), (bx, by) = triangle[k], triangle[(k + 1) % 3]
+        length = float(np.hypot(float(bx - ax), float(by - ay)))
+        if length > 0:
+            edge = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / Fraction(length)
+            near |= np.abs(edge.astype(float)) <= 2 * 2 * on.rate
+    return near
+
+
+@pytest.mark.parametrize("origin", [(0, 0), (-377, 261)])
+def test_coverage_orientation_and_weights(origin):
+    """On the host, in numpy, which a plan counts with: by the same functions as a render."""
+    rng = np.random.default_rng(7)
+    uncertain = 0
+    for _ in range(120):
+        height, width = (int(n) for n in rng.integers(5, 40, 2))
+        on = Canvas(height, width, int(rng.choice([1, 2, 4])), origin=origin)
+        corners = far_corners(rng, on)
+        projection = project_one(corners, on)
+        true = snap(corners[None], on, anywhere=True)[0]
+        (x0, y0), (x1, y1), (x2, y2) = true
+        area = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0)
+        assert projection.segments.orientation[0] == np.sign(area)
+        owned = footprint(true, on)
+        expected = np.zeros((height * on.rate, width * on.rate), bool)
+        expected[owned.rows, owned.columns] = owned.inside
+        wrong = covered_by(projection, on) != expected
+        assert not (wrong & ~near_an_edge(true, on)).any()
+        uncertain += int(wrong.sum())
+        if not projection.beyond[0] or area == 0:
+            continue
+        planes = projection.planes
+        assert planes is not None
+        row, column = np.nonzero(expected)
+        shown = owned.inside
+        # Corners 1 and 2 have changed places in a triangle that was turned.
+        order = (1, 2) if area > 0 else (2, 1)
+        for which, corner in enumerate(order):
+            weight = planes.start[which, 0] + planes.right[which, 0] * column
+            weight = weight + planes.down[which, 0] * row
+            np.testing.assert_allclose(weight, owned.weights[shown][:, corner], atol=1e-4)
+    assert uncertain <= 4
+
+
+EFFECTS = {
+    "corner colours": {"texels": None},
+    "flat": {"colors": (1, 3), "texels": None},
+    "alpha": {"colors": (3, 4), "texels": None},
+    "depth": {"texels": None, "depth": True},
+    "textured": {},
+    "perspective": {"perspective": True, "depth": True},
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name == "corner colours" else pytest.param(name, marks=pytest.mark.slow)
+        for name in EFFECTS
+    ],
+)
+def test_images_of_every_effect(name):
+    on = replace(ON, origin=(13, -7))
+    soups = [far_soup(seed, on, **EFFECTS[name]) for seed in range(4)]
+    scenes = [scene_of(soup) for soup in soups]
+    plan = sr.plan(
+        scenes, height=on.height, width=on.width, coverage=sr.Hard(on.samples), origin=on.origin
+    )
+    assert "guard band" in plan.effects
+    for soup, scene in zip(soups, scenes, strict=True):
+        drawn = draw(soup, on, anywhere=True)
+        # Where two depths or two levels are nearly equal, roundings choose.
+        certain = drawn.certain(1e-3, 1e-3)
+        assert certain.mean() > 0.5
+        found = np.asarray(sr.render(scene, plan))
+        np.testing.assert_allclose(found[certain], drawn.image[certain], atol=2e-3)
+
+
+def colored(corners: Any) -> sr.Scene:
+    return sr.Scene.from_soup(np.asarray(corners, np.float32)[None], np.eye(3)[None])
+
+
+def test_a_window_of_a_larger_canvas():
+    """The colours of a triangle that turns the other way when it is clamped to the band."""
+    scene = colored(NAMED)
+    small = sr.plan(scene, height=416, width=544, coverage=sr.Hard(4))
+    large = sr.plan(scene, height=2048, width=2048, coverage=sr.Hard(4), origin=(-700, -700))
+    window = sr.render(scene, large)[700:1116, 700:1244]
+    np.testing.assert_allclose(sr.render(scene, small), window, atol=1e-5)
+
+
+def test_tiles_with_one_grid_are_the_whole():
+    """The same samples, and the same gradients, to the roundings of sums over other pixels."""
+    rng = np.random.default_rng(3)
+    corners = rng.uniform(-20, 84, (12, 3, 2))
+    corners[0] = [(-3000, -2000), (2500, 100), (40, 1500)]
+    scene = sr.Scene.from_soup(corners.astype(np.float32), rng.random((12, 1, 3)))
+    weight = jnp.asarray(rng.normal(size=(64, 64, 3)), jnp.float32)
+    whole = sr.plan(scene, height=64, width=64, coverage=sr.Hard(16))
+    plans = [
+        sr.plan(
+            scene,
+            height=32,
+            width=32,
+            coverage=sr.Hard(16),
+            origin=(x, y),
+            grid_bits=whole.grid.bits,
+        )
+        for y in (0, 32)
+        for x in (0, 32)
+    ]
+
+    def loss(positions: jax.Array, plan: sr.Plan, part: jax.Array) -> tuple[jax.Array, jax.Array]:
+        image = sr.render(replace(scene, positions=positions), plan)
+        return jnp.sum(part * image), image
+
+    differentiate = jax.jit(jax.grad(loss, has_aux=True))
+    expected, image = differentiate(scene.positions, whole, weight)
+    total = jnp.zeros_like(expected)
+    for plan in plans:
+        x, y = (int(entry) for entry in plan.origin)
+        part = weight[y : y + 32, x : x + 32]
+        gradient, tile = differentiate(scene.positions, plan, part)
+        # A sample of 16 flips where a cut edge passes within two grid units of it.
+        flipped = np.abs(tile - image[y : y + 32, x : x + 32]).max(-1) > 1e-6
+        assert flipped.sum() <= 1
+        total = total + gradient
+    # Crossings between two tiles lie between a sample of each, and neither tile counts them.
+    scale = np.abs(expected).max()
+    assert np.abs(total - expected).max() < 0.15 * scale
+
+
+def test_grid_bits_are_checked():
+    scene = colored(NAMED)
+    for bits in (7, 19):
+        with pytest.raises(ValueError, match="`grid_bits` must be"):
+            sr.plan(scene, height=64, width=64, grid_bits=bits)
+    coarse = sr.plan(scene, height=64, width=64, grid_bits=8)
+    assert coarse.grid.bits == 8
+    assert sr.plan(scene, height=64, width=64).grid.bits == 16
+
+
+@pytest.mark.slow
+def test_slopes_of_far_and_nearly_flat_edges_are_finite():
+    """Corners up to the greatest float, and edges that rise by 1e-35 over 2e4 pixels."""
+    rng = np.random.default_rng(0)
+    scenes = []
+    for power in (3, 5, 7, 9, 12, 18, 25, 30, 38):
+        for _ in range(4):
+            corners = rng.uniform(-8, 36, (1, 3, 2))
+            angle = rng.uniform(0, 2 * np.pi)
+            far = 10.0**power * (0.3 if power == 38 else 1.0)
+            corners[0, 2] = far * np.array([np.cos(angle), np.sin(angle)])
+            scenes.append(corners)
+    scenes.append(np.array([[(16383.5, 0), (24, 16383.5), (1e10, -1e-30)]]))
+    scenes.append(np.array([[(2e4, 1e-35), (-2e4, 0), (5, 9)]]))
+    scenes.append(np.array([[(1e38, 1e-3), (-1e38, 0), (5, 9)]]))
+    made = [sr.Scene.from_soup(corners.astype(np.float32), [[0.9, 0.5, 0.2]]) for corners in scenes]
+    plan = sr.plan(made, height=24, width=28, coverage=sr.Hard(4))
+
+    def loss(positions: jax.Array) -> jax.Array:
+        return jnp.sum(sr.render(replace(made[0], positions=positions), plan) ** 2)
+
+    slope = jax.jit(jax.grad(loss))
+    # What a far corner of a large triangle moves is little, and nothing is larger than the canvas.
+    for scene in made:
+        gradient = np.asarray(slope(scene.positions))
+        assert np.isfinite(gradient).all()
+        assert np.abs(gradient).max() < 200

@@ -1,0 +1,341 @@
+"""The derivative of the hard image with respect to positions, against quadrature along edges."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softras2d as sr
+
+from ..oracles import edges
+
+SIZE = 20
+
+
+def random_scene(
+    kind: str, *, triangles: int = 10, seed: int = 0, dtype: type = np.float32
+) -> sr.Scene:
+    """Triangles of a few pixels; letters say which effects they have."""
+    rng = np.random.default_rng(seed)
+    corners = rng.random((triangles, 1, 2)) * SIZE + rng.normal(size=(triangles, 3, 2)) * 5
+    colors = rng.random((triangles, 3 if "g" in kind else 1, 4 if "a" in kind else 3))
+    colors[..., 3:] = 0.2 + 0.7 * colors[..., 3:]
+    optional = {}
+    if "d" in kind:
+        optional["depth"] = np.repeat(rng.random((triangles, 1)), 3, 1)
+    if "p" in kind:
+        optional["inverse_w"] = 0.5 + rng.random((triangles, 3))
+    if "b" in kind:
+        optional["background"] = np.array([0.2, 0.3, 0.4, 1.0])
+    return sr.Scene.from_soup(corners.astype(dtype), colors, **optional)
+
+
+def weights_of(scene: sr.Scene, seed: int = 1) -> np.ndarray:
+    channels = scene.background.shape[0]
+    return np.random.default_rng(seed).normal(size=(SIZE, SIZE, channels))
+
+
+def weighted_sum(scene: sr.Scene, plan: sr.Plan, weights: np.ndarray):
+    """The sum of the image times weights, as a function of the positions."""
+    held = jnp.asarray(weights, scene.positions.dtype)
+
+    def total(positions):
+        return jnp.sum(held * sr.render_checked(replace(scene, positions=positions), plan)[0])
+
+    return total
+
+
+@eqx.filter_jit
+def gradient_of(scene: sr.Scene, plan: sr.Plan, weights):
+    """Gradient of `weighted_sum`; scenes alike share a program."""
+    return jax.grad(weighted_sum(scene, plan, weights))(scene.positions)
+
+
+def cosine(a, b) -> float:
+    a, b = np.ravel(a).astype(np.float64), np.ravel(b)
+    return float(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
+
+
+OPAQUE = ("flat", "g", "d", "gp", "b")
+NEARNESS = [("flat", 16, 0.98)]
+FINE = [(kind, 256, 0.9975) for kind in OPAQUE]
+FINE += [("ga", 4, 0.9), ("a", 64, 0.99), ("ad", 64, 0.99)]
+
+
+@pytest.mark.parametrize(
+    "kind, samples, least",
+    NEARNESS + [pytest.param(*fine, marks=pytest.mark.slow) for fine in FINE],
+)
+def test_nears_the_quadrature(kind, samples, least):
+    kind = "" if kind == "flat" else kind
+    scene = random_scene(kind)
+    plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(samples))
+    weights = weights_of(scene)
+    truth = edges.position_gradient(scene, weights)
+    found = gradient_of(scene, plan, weights)
+    assert cosine(found, truth) > least
+    assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(truth), rel=0.6 / samples**0.5)
+
+
+def scene_with_a_strip(width: float, *, depth: bool) -> sr.Scene:
+    """Two triangles with a strip of `width` pixels between them, through which a third shows."""
+    corners = [
+        [[-5, -5], [30, -4], [4, 40]],
+        [[6.03, -3], [7.53, 20], [-12, 8]],
+        [[6.03 + width, -3], [25, 8], [7.53 + width, 20]],
+    ]
+    colors = [[[0, 1, 0]], [[1, 0, 0]], [[0, 0, 1.0]]]
+    optional = {"depth": np.repeat([[3.0], [1.0], [2.0]], 3, 1)} if depth else {}
+    return sr.Scene.from_soup(np.array(corners, np.float32), np.array(colors), **optional)
+
+
+def distance_to_quadrature(scene: sr.Scene, samples: int) -> float:
+    """Distance of the gradient to that by quadrature, as a share of it."""
+    weights = np.ones((12, 12, 3)) * [1.0, 0.5, -0.3]
+    plan = sr.plan(scene, height=12, width=12, coverage=sr.Hard(samples))
+    truth = edges.position_gradient(scene, weights, points=256)
+    found = np.asarray(gradient_of(scene, plan, weights), np.float64)
+    return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
+
+
+@pytest.mark.parametrize("depth", [False, True])
+@pytest.mark.parametrize("width", [0.2, pytest.param(0.02, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("samples, most", [(4, 0.03), (256, 0.005)])
+def test_both_sides_of_a_thin_strip_border_on_what_shows_in_it(samples, most, width, depth):
+    assert distance_to_quadrature(scene_with_a_strip(width, depth=depth), samples) < most
+
+
+@pytest.mark.parametrize("side", [0.03, 11.97])
+@pytest.mark.parametrize("alpha", [None, 0.6])
+@pytest.mark.parametrize("inwards", [False, True])
+def test_an_edge_between_the_border_and_the_first_sample(inwards, alpha, side):
+    """The triangle reaches across the canvas, or ends just within it."""
+    far = 24 if inwards == (side < 6) else -12
+    corners = np.array([[[side, -3], [side + 0.02, 20], [far, 8]]], np.float32)
+    color = [0.0, 1.0, 0.2] if alpha is None else [0.0, 1.0, 0.2, alpha]
+    scene = sr.Scene.from_soup(corners, np.array([[color]]), background=[1.0, 1.0, 1.0])
+    assert distance_to_quadrature(scene, 16) < 0.02
+
+
+def square(left: float, top: float, right: float, bottom: float) -> np.ndarray:
+    """An axis-aligned rectangle as two triangles, `[2, 3, 2]`."""
+    a, b, c, d = (left, top), (right, top), (right, bottom), (left, bottom)
+    return np.array([[a, b, c], [a, c, d]], np.float32)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(
+    "samples", [16, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 4, 9, 64, 256))]
+)
+def test_an_upright_edge_moves_exactly_its_pixels(axis, samples):
+    # One pixel wide strips of the canvas, whose edges at 3.3 and 6.8 move to greater x (or y).
+    corners = square(3.3, -2.0, 6.8, 12.0)[..., [axis, 1 - axis]]
+    scene = sr.Scene.from_soup(corners, [[1.0, 0.5, 0.0]] * 2, background=[0.0, 0.0, 0.25])
+    plan = sr.plan(scene, height=10, width=10, coverage=sr.Hard(samples))
+    direction = jnp.zeros_like(scene.positions).at[:, axis].set(1.0)
+
+    def image(positions):
+        return sr.render_checked(replace(scene, positions=positions), plan)[0]
+
+    found = np.asarray(jax.jvp(image, (scene.positions,), (direction,))[1])
+    expected = np.zeros((10, 10, 3))
+    jump = np.array([1.0, 0.5, -0.25])
+    at = (slice(None), 3) if axis == 0 else (3, slice(None))
+    expected[at] = -jump
+    at = (slice(None), 6) if axis == 0 else (6, slice(None))
+    expected[at] = jump
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_the_seam_of_a_tiling_has_no_slope():
+    # The diagonal divides one colour: it may move as it likes.
+    scene = sr.Scene.from_soup(square(2.2, 2.2, 8.8, 8.8), [[0.5, 0.5, 0.5]] * 2)
+    plan = sr.plan(scene, height=10, width=10, coverage=sr.Hard(16))
+    diagonal = jnp.zeros_like(scene.positions).at[jnp.array([0, 3])].set(jnp.array([[1.0, -1.0]]))
+
+    def moved(positions):
+        return sr.render_checked(replace(scene, positions=positions), plan)[0]
+
+    change = np.asarray(jax.jvp(moved, (scene.positions,), (diagonal,))[1])
+    assert np.abs(change[4:7, 4:7]).max() < 1e-6
+
+
+SLOW = pytest.mark.slow
+
+
+class TestZero:
+    """Slopes that must be exactly zero."""
+
+    def gradient(self, scene, coverage):
+        plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage)
+        return np.asarray(gradient_of(scene, plan, weights_of(scene)))
+
+    @SLOW
+    @pytest.mark.parametrize("kind", ["g", "ga"])
+    def test_when_not_asked_for(self, kind):
+        scene = random_scene(kind)
+        assert not self.gradient(scene, sr.Hard(4, edge_gradients=False)).any()
+        assert self.gradient(scene, sr.Hard(4)).any()
+
+    def test_of_what_is_hidden(self):
+        front = square(-1.0, -1.0, SIZE + 1.0, SIZE + 1.0)
+        behind = random_scene("")
+        corners = np.concatenate([np.asarray(behind.positions).reshape(-1, 3, 2), front])
+        colors = np.concatenate([np.asarray(behind.colors)[:, 0], [[0.5] * 3] * 2])
+        gradient = self.gradient(sr.Scene.from_soup(corners, colors), sr.Hard(16))
+        assert not gradient[: len(behind.positions)].any()
+
+    def test_of_the_colour_of_the_paper(self):
+        scene = random_scene("", triangles=3)
+        paper = replace(scene, colors=jnp.ones_like(scene.colors))
+        assert not self.gradient(paper, sr.Hard(16)).any()
+
+    @pytest.mark.slow
+    def test_off_the_canvas(self):
+        scene = random_scene("g")
+        assert not self.gradient(
+            replace(scene, positions=scene.positions + 500.0), sr.Hard(16)
+        ).any()
+
+
+@pytest.mark.parametrize(
+    "kind, bad",
+    [
+        pytest.param("g", np.nan, marks=SLOW),
+        pytest.param("g", 1e30, marks=SLOW),
+        pytest.param("g", -np.inf, marks=SLOW),
+        pytest.param("ga", np.inf, marks=SLOW),
+    ],
+)
+def test_a_wild_corner_harms_no_other_triangle(kind, bad):
+    scene = random_scene(kind)
+    plan = sr.plan(
+        [scene, replace(scene, positions=scene.positions.at[0, 0].set(1e30))],
+        height=SIZE,
+        width=SIZE,
+        coverage=sr.Hard(4),
+    )
+    wild = replace(scene, positions=scene.positions.at[0, 0].set(bad))
+    gradient = np.asarray(gradient_of(wild, plan, weights_of(scene)))
+    assert np.isfinite(gradient).all()
+    if not np.isfinite(bad):
+        assert not gradient[:3].any()
+        assert gradient[3:].any()
+
+
+@SLOW
+def test_degenerate_triangles_have_finite_slopes():
+    corners = np.array(
+        [
+            [[5, 5], [5, 5], [5, 5]],
+            [[1, 1], [9, 9], [5, 5]],
+            [[2.5, 2.5], [2.5, 9.5], [2.5, 4.0]],
+            [[0, 0], [18, 1e-6], [9, 1e-7]],
+            [[3, 12.5], [17, 12.5], [9, 12.500001]],
+        ],
+        np.float32,
+    )
+    colors = np.random.default_rng(0).random((5, 3, 3))
+    scene = sr.Scene.from_soup(corners, colors)
+    plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
+    gradient = np.asarray(gradient_of(scene, plan, weights_of(scene)))
+    assert np.isfinite(gradient).all()
+    # Nothing has more slope than a row of samples on each edge can give.
+    assert np.abs(gradient).max() < 100
+
+
+@SLOW
+def test_scene_and_origin_moved_together():
+    scene = random_scene("g")
+    scene = replace(scene, positions=jnp.round(scene.positions * 64) / 64)
+    weights = weights_of(scene)
+    found = []
+    for shift in (0, 1000, 100_000):
+        moved = replace(scene, positions=scene.positions + shift)
+        plan = sr.plan(moved, height=SIZE, width=SIZE, coverage=sr.Hard(4), origin=(shift, shift))
+        found.append(np.asarray(gradient_of(moved, plan, weights)))
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[0], found[2])
+
+
+def test_a_plan_outgrown_is_reported():
+    scene = random_scene("", triangles=2)
+    plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
+    assert not sr.render_checked(scene, plan)[1]
+    many = random_scene("", triangles=400)
+    assert sr.plan(many, height=SIZE, width=SIZE).capacity.crossings > plan.capacity.crossings
+
+
+def test_second_derivatives_are_zero():
+    scene = random_scene("g", triangles=3)
+    plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
+    total = weighted_sum(scene, plan, weights_of(scene))
+    ones = jnp.ones_like(scene.positions)
+    second = jax.jit(lambda x, v: jax.jvp(jax.grad(total), (x,), (v,))[1])
+    assert not np.asarray(second(scene.positions, ones)).any()
+
+
+def test_a_picture_has_no_slopes_in_its_program():
+    scene = random_scene("g")
+    plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
+    program = jax.jit(lambda scene: sr.render_checked(scene, plan)[0])
+    assert "edge_slopes" not in str(program.lower(scene).compile().as_text())
+    total = weighted_sum(scene, plan, weights_of(scene))
+    program = jax.jit(jax.grad(total))
+    assert "edge_slopes" in str(program.lower(scene.positions).compile().as_text())
+
+
+def thin_things(seed: int, kind: str, corners: int) -> sr.Scene:
+    """Nine triangles that do not touch each other, each in its own square of 8 pixels."""
+    rng = np.random.default_rng(seed)
+    grid = np.stack(np.meshgrid(np.arange(3), np.arange(3)), -1).reshape(-1, 1, 2)
+    centre = (grid + 0.5) * 8 + rng.uniform(-0.5, 0.5, (9, 1, 2))
+    if kind == "sliver":
+        angle = rng.uniform(0, 2 * np.pi, (9, 1))
+        along = np.stack([np.cos(angle), np.sin(angle)], -1)
+        across = np.stack([-along[..., 1], along[..., 0]], -1)
+        shape = (
+            np.array([-3.0, 3.0, 0.5])[:, None] * along + np.array([0, 0, 0.1])[:, None] * across
+        )
+    else:
+        angle = rng.uniform(0, 2 * np.pi, (9, 1)) + np.arange(3) * 2 * np.pi / 3
+        shape = np.stack([np.cos(angle), np.sin(angle)], -1) / np.sqrt(3)
+    colors = rng.random((9, corners, 3))
+    return sr.Scene.from_soup((centre + shape).astype(np.float32), colors, background=[1, 1, 1])
+
+
+@pytest.mark.parametrize("corners", [1, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind, most", [("pixel", 0.02), ("sliver", 0.1)])
+def test_thin_triangles_have_the_whole_gradient(kind, most, corners):
+    """Sides of a pixel, and slivers a tenth of a pixel high: the scale to the quadrature is 1.
+
+    An edge between two samples that both miss the triangle must count, or the scale falls to 0.85
+    and 0.47.
+    """
+    scenes = [thin_things(seed, kind, corners) for seed in range(8)]
+    plan = sr.plan(scenes, height=24, width=24, coverage=sr.Hard(16))
+    product, square = 0.0, 0.0
+    for seed, scene in enumerate(scenes):
+        # One weight for each square: what a single triangle moves is what is measured.
+        rng = np.random.default_rng(seed)
+        weights = rng.normal(size=(3, 3, 3)).repeat(8, 0).repeat(8, 1).astype(np.float32)
+        found = np.asarray(gradient_of(scene, plan, weights), np.float64)
+        true = edges.position_gradient(scene, weights)
+        product, square = product + (found * true).sum(), square + (true**2).sum()
+    assert product / square == pytest.approx(1.0, abs=most)
+
+
+def test_a_thin_triangle_under_glass_and_over_colour():
+    """Also where layers are composited: a sliver between two samples of a translucent scene."""
+    scene = thin_things(1, "sliver", 1)
+    colors = np.concatenate([np.asarray(scene.colors), np.full((9, 1, 1), 0.6, np.float32)], -1)
+    scene = replace(scene, colors=jnp.asarray(colors))
+    plan = sr.plan(scene, height=24, width=24, coverage=sr.Hard(16))
+    weights = np.random.default_rng(2).normal(size=(3, 3, 3)).repeat(8, 0).repeat(8, 1)
+    found = gradient_of(scene, plan, weights.astype(np.float32))
+    true = edges.position_gradient(scene, weights)
+    scale = (np.asarray(found) * true).sum() / (true**2).sum()
+    assert scale == pytest.approx(1.0, abs=0.1)

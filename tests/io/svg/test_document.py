@@ -1,0 +1,223 @@
+"""XML that is hostile, broken or large ends in one line that says where."""
+
+import gzip
+import time
+
+import numpy as np
+import pytest
+
+from softras2d.io.svg.reader import parse_svg, read_svg, svg_size
+
+HEAD = '<svg xmlns="http://www.w3.org/2000/svg" width="10" height="10">'
+RECT = '<rect width="5" height="5"/>'
+
+
+def refused(text, match, **options):
+    with pytest.raises(ValueError, match=match) as caught:
+        parse_svg(text, **options)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_billion_laughs():
+    entities = "".join(
+        f'<!ENTITY l{i} "{"&l" + str(i - 1) + ";" if i else "lol"}">\n' * 1 for i in range(9)
+    )
+    refused(f"<!DOCTYPE svg [\n{entities}]>{HEAD}&l8;</svg>", ":2: .*entity")
+
+
+@pytest.mark.parametrize(
+    "declaration",
+    ['<!ENTITY x SYSTEM "file:///etc/passwd">', '<!ENTITY % x SYSTEM "http://localhost:1/x">%x;',
+     '<!ENTITY x "1">', '<!ENTITY x SYSTEM "a.gif" NDATA gif>'],
+)  # fmt: skip
+def test_entities_are_refused(declaration):
+    refused(f"<!DOCTYPE svg [{declaration}]>\n{HEAD}</svg>", "<svg>:1: .*entity")
+
+
+def test_entities_that_are_not_declared():
+    refused(f"{HEAD}\n&boo;</svg>", ":2: .*undefined entity")
+    doctype = '<!DOCTYPE svg SYSTEM "http://localhost:1/svg.dtd">'
+    refused(f"{doctype}{HEAD}\n&boo;</svg>", ":2: .*entity")
+
+
+def test_doctype_comments_and_instructions_are_skipped():
+    doctype = (
+        '<?xml version="1.0" encoding="utf-8" standalone="no"?>\n<!-- a -->'
+        '<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" '
+        '"http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd" [<!-- inside -->]>\n<?php no ?>'
+    )
+    scene = parse_svg(doctype + HEAD + "<!-- b --><?x y?>text" + RECT + "</svg>")
+    assert scene.triangles.shape[0] == 2
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "iso-8859-1", "us-ascii", "cp1252"])
+def test_encodings(encoding):
+    text = f'<?xml version="1.0" encoding="{encoding}"?>{HEAD}{RECT}</svg>'
+    assert parse_svg(text.encode(encoding)).triangles.shape[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("", ":1: not well-formed"),
+        ("hello", ":1: not well-formed"),
+        (f"{HEAD}\n\n<rect", ":3: not well-formed"),
+        (f"{HEAD}\n<g></svg>", ":2: not well-formed.*mismatched"),
+        (f"{HEAD}</svg>\n{HEAD}</svg>", ":2: not well-formed"),
+        (f'{HEAD}\n<rect x="1" x="2"/></svg>', ":2: not well-formed.*duplicate"),
+        ("<html/>", ":1: <html> .*root"),
+        ('<?xml version="1.0" encoding="klingon"?><svg/>', ":1: .*encoding"),
+        ('<?xml version="1.0" encoding="big5"?><svg/>', ":1: .*(encoding|decoded)"),
+        (b'<svg width="1" height="1">\n\xff\xfe</svg>', ":2: not well-formed"),
+        (b"\0\0\0", ":1: not well-formed"),
+        (gzip.compress(b"<svg/>", mtime=0), "compressed"),
+    ],
+)
+@pytest.mark.parametrize("dialect", ["svg", "course"])
+def test_malformed(text, match, dialect):
+    refused(text, match, dialect=dialect, height=5, width=5)
+
+
+def test_nesting_is_deep_but_not_endless():
+    for opening in ("<g>", '<g opacity="1" transform="scale(1)">', "<circle>", "<defs>"):
+        count = 5_000
+        name = opening.strip("<>").split()[0]
+        text = HEAD + opening * count + RECT + f"</{name}>" * count + "</svg>"
+        if name == "circle":
+            with pytest.warns(UserWarning, match="circle"):
+                parse_svg(text)
+        else:
+            assert parse_svg(text).triangles.shape[0] == (2 if name == "g" else 0)
+    refused(HEAD + "\n" + "<g>" * 200_000, ":2: <g> .*deeper")
+
+
+def test_large_files_are_refused(tmp_path):
+    path = tmp_path / "large.svg"
+    with path.open("wb") as file:
+        file.write(HEAD.encode())
+        file.truncate(100 * 2**20)
+    start = time.perf_counter()
+    with pytest.raises(ValueError, match=r"large\.svg: larger than 64 MB"):
+        read_svg(path)
+    assert time.perf_counter() - start < 5
+
+
+def test_endless_files_are_refused():
+    with pytest.raises(ValueError, match="larger than 64 MB"):
+        read_svg("/dev/zero")
+
+
+def test_missing_files(tmp_path):
+    for path in (tmp_path / "no.svg", tmp_path, "a\0b"):
+        with pytest.raises(ValueError, match=r"cannot be read|null") as caught:
+            read_svg(path)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("dialect", ["svg", "course"])
+@pytest.mark.parametrize(
+    "element",
+    [
+        '<rect x="nan" width="1" height="1"/>',
+        '<rect x="" width="1" height="1"/>',
+        '<rect x="1e999" width="1" height="1"/>',
+        '<line x1="inf" stroke="#f00"/>',
+        '<polygon points="1,2 3,nan 5,6"/>',
+        '<polyline points="1,2 inf,4 5,6" stroke="#f00"/>',
+        '<polygon points="0,0 1,0 1,1" transform="rotate(1"/>',
+        '<g transform="matrix(1 2 3)"/>',
+        '<g transform="translate(nan 0)"/>',
+        '<colortri points="0 0 1 0 1" colors="1 1 1 1 1 1 1 1 1 1 1 1"/>',
+        '<colortri points="0 0 1 0 1 1" colors="1 1 1 1"/>',
+        '<colortri points="0 0 1 0 1 1" colors="1 1 1 1 1 1 1 1 1 1 1 nan"/>',
+        '<textri points="0 0 1 0 1 1" uvs="0 0 1 0 1 1" texid="nope"/>',
+        '<rect x="3e38" y="3e38" width="3e38" height="3e38" stroke="#000"/>',
+        '<polygon points="0,0 1e39,0 1,1"/>',
+        '<rect width="1" height="1" fill-opacity="x"/>',
+    ],
+)
+def test_bad_values_name_line_and_element(element, dialect):
+    name = element[1:].split()[0]
+    message = refused(f"{HEAD}\n\n{element}\n</svg>", r"<svg>:3: ", dialect=dialect)
+    assert f"<{name}>" in message or "finite" in message
+
+
+def test_numbers_beyond_float32_show_when_drawn():
+    refused(f'{HEAD}\n<g transform="scale(1e300)">{RECT}</g></svg>', r":2: .*finite")
+    wide = '<rect width="1e300" height="1" transform="scale(1e300)"/>'
+    refused(f"{HEAD}\n{wide}</svg>", ":2: ")
+    for stroke in ('stroke="red"', 'stroke="red" stroke-opacity=".5"'):
+        element = f'<line x2="1e39" {stroke} transform="scale(1e200)"/>'
+        refused(f"{HEAD}\n{element}</svg>", r":2: .*finite")
+
+
+def test_a_tangle_is_one_error():
+    points = " ".join(map(str, np.random.default_rng(0).random(6000).round(4)))
+    refused(
+        f'{HEAD}\n<polygon points="{points}"/></svg>', ":2: .*cross themselves; at most 100,000"
+    )
+
+
+def test_sizes(tmp_path):
+    path = tmp_path / "a.svg"
+    path.write_text('<svg width="210mm" height="99.5"><broken')
+    assert svg_size(path) == (100, 794)
+    assert svg_size(str(path), dialect="course") == (100, 210)
+    path.write_text('<svg viewBox="0 0 30.5 20"/>')
+    assert svg_size(path) == (20, 31)
+    for text in ("<svg/>", '<svg width="100%" height="3"/>', '<svg width="3"/>'):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=r"a\.svg: <svg> has no size"):
+            svg_size(path)
+        with pytest.raises(ValueError, match="has no size"):
+            read_svg(path)
+    for text in ('<svg width="-1" height="3"/>', '<svg viewBox="0 0 0 1"/>', '<svg width="2em"/>'):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=r"a\.svg: <svg>"):
+            svg_size(path)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"height": 0},
+        {"width": -3},
+        {"width": 10**9},
+        {"dialect": "pdf"},
+        {"frame": True},
+        {"transform": np.zeros((3, 3))},
+        {"transform": np.eye(2)},
+        {"transform": np.full((3, 3), np.nan)},
+        {"transform": -np.eye(3)},
+        {"transform": [[1, 0, 0], [0, 1, 0], [-1, 0, 1]]},
+    ],
+)
+def test_bad_options(options):
+    text = f"{HEAD}{RECT}</svg>"
+    with pytest.raises(ValueError, match=r"canvas|dialect|frame|transform"):
+        parse_svg(text, **options)
+
+
+def test_projective_strokes_are_refused_too():
+    text = f'{HEAD}\n<line x2="9" y2="9" stroke="red"/></svg>'
+    with pytest.raises(ValueError, match=r":2: .*w <= 0"):
+        parse_svg(text, transform=[[1, 0, 0], [0, 1, 0], [-1, 0, 1]])
+
+
+def test_speed():
+    rng = np.random.default_rng(0)
+    corners = (rng.random((5_000, 1, 2)) * 1000 + rng.random((5_000, 3, 2)) * 20).round(2)
+    lines = [
+        '<polygon points="{},{} {},{} {},{}" fill="rgb({}% {}% {}%)"/>'.format(*row)
+        for row in np.concatenate(
+            [corners.reshape(-1, 6), (rng.random((5_000, 3)) * 100).round(4)], axis=1
+        ).tolist()
+    ]
+    text = '<svg width="1000" height="1000">' + "\n".join(lines) + "</svg>"
+    start = time.perf_counter()
+    scene = parse_svg(text)
+    assert time.perf_counter() - start < 10  # 0.3 s alone on a core
+    np.testing.assert_array_equal(
+        np.asarray(scene.positions).reshape(-1, 3, 2), corners.astype(np.float32)
+    )

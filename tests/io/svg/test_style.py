@@ -1,0 +1,146 @@
+"""Colours of every form, and style with inheritance."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from softras2d.io.svg.css_color import color_of
+from softras2d.io.svg.style import INITIAL, computed
+
+
+@pytest.mark.parametrize(
+    ("text", "rgba"),
+    [
+        ("red", (1, 0, 0, 1)),
+        ("RebeccaPurple", (0.4, 0.2, 0.6, 1)),
+        ("#f80", (1, 0x88 / 255, 0, 1)),
+        ("#f808", (1, 0x88 / 255, 0, 0x88 / 255)),
+        ("#FF8000", (1, 128 / 255, 0, 1)),
+        ("#ff800080", (1, 128 / 255, 0, 128 / 255)),
+        ("rgb(255, 128, 0)", (1, 128 / 255, 0, 1)),
+        ("rgb(255 128 0 / 50%)", (1, 128 / 255, 0, 0.5)),
+        ("rgba(255,128,0,.25)", (1, 128 / 255, 0, 0.25)),
+        ("rgb(10%, 20.5%, 30%)", (0.1, 0.205, 0.3, 1)),
+        ("rgb(10% 20.5% 30%)", (0.1, 0.205, 0.3, 1)),
+        ("rgb(300, -5, 0)", (1, 0, 0, 1)),
+        ("rgb(120% -5% 0%)", (1, 0, 0, 1)),
+        ("hsl(120, 100%, 25%)", (0, 0.5, 0, 1)),
+        ("hsl(120deg 100% 25% / .5)", (0, 0.5, 0, 0.5)),
+        ("hwb(0 20% 40%)", (0.6, 0.2, 0.2, 1)),
+        ("transparent", (0, 0, 0, 0)),
+        ("color(srgb 0.25 0.5 1.5)", (0.25, 0.5, 1.5, 1)),
+        ("color(srgb-linear 0.5 0 1)", (0.7353569, 0, 1, 1)),
+        ("color(xyz 0.9504559 1 1.0890578)", (1, 1, 1, 1)),
+        ("lab(100 0 0)", (1, 1, 1, 1)),
+        ("lab(50 0 0)", (0.4663266, 0.4663266, 0.4663266, 1)),
+        ("oklch(62.8% 0.25768 29.234)", (1, 0, 0, 1)),
+        ("oklab(1 0 0)", (1, 1, 1, 1)),
+    ],
+)
+def test_colors(text, rgba):
+    color: Any = color_of(text)
+    np.testing.assert_allclose(color, rgba, atol=5e-4 if "lab" in text or "lch" in text else 1e-6)
+
+
+def test_what_is_no_color():
+    for text in ("", "redd", "#12", "#ggg", "rgb(1 2)", "rgb(1% 2% x%)", "color(display-p3 1 0 0)"):
+        assert color_of(text) is None
+    assert color_of("currentColor") == "currentcolor"
+
+
+def test_percentages_keep_float32():
+    values = np.random.default_rng(0).random((200, 3)).astype(np.float32)
+    for value in values.astype(np.float64).tolist():
+        color: Any = color_of("rgb({}% {}% {}%)".format(*(repr(v * 100) for v in value)))
+        np.testing.assert_array_equal(np.array(color[:3], np.float32), np.array(value, np.float32))
+
+
+def style(parent=INITIAL, **attributes):
+    """The style, and what was noted. Underscores stand for hyphens."""
+    notes = []
+    plain = {name.replace("_", "-"): value for name, value in attributes.items()}
+    return computed(plain, parent, 100.0, notes.append), notes
+
+
+def test_presentation_attributes_and_inheritance():
+    parent, _ = style(fill="red", stroke="#00f", stroke_width="3", fill_opacity=".5")
+    child, notes = style(parent, fill="lime", stroke_width="50%", id="x", points="1 2")
+    assert child.fill == (0, 1, 0, 1)
+    assert child.stroke == (0, 0, 1, 1)
+    assert child.stroke_width == 50
+    assert child.fill_rgba(True) == (0, 1, 0, 0.5)
+    assert child.fill_rgba(False) == (0, 1, 0, 1)
+    assert notes == []
+
+
+def test_css_goes_before_attributes():
+    found, notes = style(
+        fill="red", style="fill: rgb(0 0 255 / 50%) !important; stroke:lime;; stroke-width : 2px"
+    )
+    assert found.fill == (0, 0, 1, 0.5)
+    assert found.stroke == (0, 1, 0, 1)
+    assert found.stroke_width == 2
+    assert notes == []
+    assert style(style="fill:red;fill:lime /* green */")[0].fill == (0, 1, 0, 1)
+    assert style(style="fill:red;fill:lime")[0].fill == (0, 1, 0, 1)
+
+
+def test_opacity_multiplies_and_the_others_replace():
+    group, _ = style(opacity="50%", fill_opacity="0.5")
+    child, _ = style(group, opacity="0.5", fill_opacity="0.25")
+    assert child.opacity == 0.25
+    assert child.fill_rgba(True) == (0, 0, 0, 0.0625)
+    assert style(opacity="7")[0].opacity == 1
+    assert style(opacity="-7")[0].opacity == 0
+
+
+def test_current_color_is_that_of_the_user():
+    group, _ = style(color="red", fill="currentColor")
+    assert style(group)[0].fill_rgba(True) == (1, 0, 0, 1)
+    assert style(group, color="lime")[0].fill_rgba(True) == (0, 1, 0, 1)
+    assert style(group, color="currentColor")[0].fill_rgba(True) == (1, 0, 0, 1)
+
+
+def test_no_paint():
+    assert style(fill="none")[0].fill_rgba(True) is None
+    assert style(fill="transparent")[0].fill_rgba(False) is None
+    assert style()[0].stroke_rgba(True) is None
+    assert style(stroke="red", stroke_width="0")[0].stroke_rgba(True) is None
+    hidden, _ = style(visibility="hidden", stroke="red")
+    assert hidden.fill_rgba(True) is hidden.stroke_rgba(True) is None
+    assert style(hidden, visibility="visible")[0].fill_rgba(True) == (0, 0, 0, 1)
+
+
+def test_paint_servers_give_their_fallback_and_a_note():
+    found, notes = style(fill="url(#a)", stroke="url('#b') lime")
+    assert (found.fill, found.stroke) == (None, (0, 1, 0, 1))
+    assert notes == ["url(...) paint"] * 2
+
+
+def test_values_that_css_ignores_are_noted():
+    parent, _ = style(fill="red")
+    found, notes = style(
+        parent, fill="redd", stroke_width="-1", fill_rule="odd", stroke_miterlimit="0.5"
+    )
+    assert found == parent
+    assert notes == ["fill: redd", "stroke-width: -1", "fill-rule: odd", "stroke-miterlimit: 0.5"]
+    assert style(parent, fill="inherit") == (parent, [])
+
+
+def test_properties_without_effect_are_noted():
+    found, notes = style(
+        stroke_dasharray="3 1", clip_path="url(#c)", mask="none", style="filter:blur(2px)"
+    )
+    assert found == INITIAL
+    assert sorted(notes) == ["clip-path", "filter", "stroke-dasharray"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("opacity", "x"), ("fill-opacity", "nan"), ("stroke-width", "2em"), ("stroke-width", "1e999"),
+     ("stroke-miterlimit", "inf"), ("stroke-opacity", "1px")],
+)  # fmt: skip
+def test_numbers_that_are_none(name, value):
+    with pytest.raises(ValueError, match=name):
+        computed({name: value}, INITIAL, 1.0, print)

@@ -1,0 +1,81 @@
+"""Files appear whole or not at all, also beside what a killed process has left."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from softras2d.io.drafts import whole
+
+KILLED = """
+import os, pathlib, signal, sys
+from softras2d.io.drafts import whole
+with whole(pathlib.Path(sys.argv[1])) as draft:
+    draft.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def abandon(path: Path) -> Path:
+    """Leave a draft of `path` as kill -9 does."""
+    before = set(path.parent.iterdir())
+    subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False)
+    (draft,) = set(path.parent.iterdir()) - before
+    return draft
+
+
+def write(path: Path, text: str = "whole") -> None:
+    with whole(path) as draft:
+        draft.write_text(text)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="processes are asked for as POSIX does")
+class TestAbandonedDrafts:
+    def test_the_next_write_to_that_name_removes_them(self, tmp_path):
+        path = tmp_path / "a [1]*.txt"
+        abandon(path)
+        abandon(path)
+        write(path)
+        assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+    def test_those_of_other_names_stay(self, tmp_path):
+        drafts = {abandon(tmp_path / name) for name in ("b.txt", "a.png", "a-b.txt", "A.txt")}
+        write(tmp_path / "a.txt")
+        assert set(tmp_path.iterdir()) == drafts | {tmp_path / "a.txt"}
+
+    def test_those_that_are_being_written_stay(self, tmp_path):
+        path = tmp_path / "a.txt"
+        with whole(path) as first:
+            first.write_text("first")
+            write(path, "second")
+            assert first.exists()
+        assert path.read_text() == "first"
+        assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("stem", ["a" * 250, "é" * 120, "🎨" * 60])
+def test_names_may_be_as_long_as_the_file_system_allows(tmp_path, stem):
+    path = tmp_path / f"{stem}.png"
+    write(path)
+    assert path.read_text() == "whole"
+
+
+@pytest.mark.parametrize("kind", [ValueError, OSError])
+def test_errors_name_the_file_and_not_its_draft(tmp_path, kind):
+    path = tmp_path / "a.txt"
+    with pytest.raises(ValueError) as caught, whole(path) as draft:
+        raise kind(f"{draft}: the library says\nthat {draft.name} is bad")
+    message = str(caught.value)
+    assert str(path) in message and draft.name not in message and "\n" not in message
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_old_file_stays_where_the_new_one_fails(tmp_path):
+    path = tmp_path / "a.txt"
+    write(path, "old")
+    with pytest.raises(ZeroDivisionError), whole(path) as draft:
+        draft.write_text("new")
+        raise ZeroDivisionError
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]

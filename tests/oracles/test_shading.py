@@ -1,0 +1,218 @@
+"""The shading oracle against closed forms, small cases by hand, and what cannot be otherwise."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ..cases.shading import ON, soup_of
+from . import coverage
+from .coverage import Canvas
+from .shading import Soup, draw
+from .texture import Sampler, chain, reduction, sample
+
+QUAD = np.array([[(0, 0), (8, 0), (0, 8)], [(8, 8), (0, 8), (8, 0)]], np.float32)
+UNIT = np.array([[(0, 0), (1, 0), (0, 1)], [(1, 1), (0, 1), (1, 0)]], np.float32)
+WHITE = np.ones((2, 1, 3), np.float32)
+RAMP = np.arange(4.0).reshape(1, 4, 1) * np.ones((4, 1, 3)) / 4
+
+
+def _textured_quad(image, uv=UNIT, **rest) -> Soup:
+    return Soup(QUAD, WHITE, np.zeros(3), uv, np.zeros(2, int), [np.asarray(image)], **rest)
+
+
+def _at(image, u, v, jacobian: Any = 0.0, **sampler) -> np.ndarray:
+    jacobian = np.broadcast_to(np.asarray(jacobian, float), (1, 2, 2))
+    texel, _ = sample(chain(image), np.array([[u, v]], float), jacobian, Sampler(**sampler))
+    return texel[0]
+
+
+def test_reduction_weights():
+    np.testing.assert_allclose(reduction(4), [[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5]])
+    np.testing.assert_allclose(reduction(1), [[1]])
+    np.testing.assert_allclose(reduction(3), [[1 / 3] * 3])
+    np.testing.assert_allclose(
+        reduction(5), np.array([[2, 2, 1, 0, 0], [0, 0, 1, 2, 2]]) / 5, atol=1e-15
+    )
+
+
+def test_levels_of_translucent_images_are_premultiplied():
+    image = np.zeros((1, 2, 4))
+    image[0, 0] = [1, 0.5, 0, 0.5]
+    np.testing.assert_allclose(chain(image)[1][0, 0], [0.25, 0.125, 0, 0.25])
+
+
+@pytest.mark.parametrize("pixel", ["nearest", "bilinear"])
+def test_texel_centres(pixel):
+    for column in range(4):
+        there = _at(RAMP, (column + 0.5) / 4, 0.3, pixel=pixel)
+        np.testing.assert_allclose(there[:3], column / 4)
+        there = _at(RAMP, column / 3, 0.3, pixel=pixel, addressing="corners")
+        np.testing.assert_allclose(there[:3], column / 4, atol=1e-15)
+
+
+def test_borders_by_hand():
+    assert _at(RAMP, 0, 0)[0] == 0 and _at(RAMP, 1, 0)[0] == 0.75
+    assert _at(RAMP, 0, 0, border="repeat")[0] == 0.375  # between the last and the first
+    assert _at(RAMP, -0.125, 0, border="repeat")[0] == 0.75
+    corners = {"border": "repeat", "addressing": "corners"}
+    assert _at(RAMP, 1, 0, addressing="corners")[0] == 0.75
+    assert _at(RAMP, 1, 0, **corners)[0] == 0  # wrapped first, no seam crossed
+    assert _at(RAMP, -0.5, 0, **corners)[0] == 0.375
+    assert _at(RAMP, 1, 0, pixel="nearest", border="repeat")[0] == 0
+
+
+def test_level_by_hand():
+    """Sixteen texels over eight pixels: level one, and half a level on with a bias."""
+    image = np.random.default_rng(0).random((16, 16, 3))
+    levels = chain(image)
+    step = np.diag([1 / 8, 1 / 16])
+    for bias, wanted in ((0.0, 1.0), (0.5, 1.5), (-9.0, 0.0), (9.0, 4.0)):
+        lower = int(wanted)
+        fine, coarse = (
+            sample([level], np.full((1, 2), 0.3), np.zeros((1, 2, 2)), Sampler())[0][0]
+            for level in (levels[lower], levels[min(lower + 1, 4)])
+        )
+        mixed = fine + (wanted - lower) * (coarse - fine)
+        np.testing.assert_allclose(_at(image, 0.3, 0.3, step, lod_bias=bias), mixed)
+    np.testing.assert_array_equal(
+        _at(image, 0.3, 0.3, step * 0, lod_bias=9.0), _at(image, 0.3, 0.3)
+    )
+    # The larger of the two steps counts, as vectors: sqrt(3^2 + 4^2) / 16 by 16 is 5 texels.
+    turned = np.array([[3, 0.5], [4, 0.5]]) / 16
+    same = np.diag([5.0, 1.0]) / 16
+    np.testing.assert_allclose(_at(image, 0.3, 0.3, turned), _at(image, 0.3, 0.3, same))
+
+
+def test_probes_by_hand():
+    """7.5 texels by 2: four probes 1.875 texels apart, on the level of that distance."""
+    image = np.random.default_rng(1).random((16, 16, 3))
+    step = np.diag([7.5, 2]) / 16
+
+    def spread(count: int) -> np.ndarray:
+        apart = 7.5 / count
+        shifts = (np.arange(count) - (count - 1) / 2) * apart / 16
+        square = np.eye(2) * apart / 16
+        return np.mean([_at(image, 0.4 + shift, 0.3, square) for shift in shifts], axis=0)
+
+    np.testing.assert_allclose(_at(image, 0.4, 0.3, step, anisotropy=16), spread(4))
+    np.testing.assert_allclose(_at(image, 0.4, 0.3, step, anisotropy=2), spread(2))
+    np.testing.assert_allclose(_at(image, 0.4, 0.3, step, anisotropy=1), spread(1))
+    # Turning the screen turns nothing in the texture.
+    c, s = np.cos(0.7), np.sin(0.7)
+    turned = step @ np.array([[c, -s], [s, c]])
+    np.testing.assert_allclose(_at(image, 0.4, 0.3, turned, anisotropy=16), spread(4))
+
+
+def test_a_ramp_is_drawn_as_a_ramp():
+    image = draw(_textured_quad(RAMP), Canvas(8, 8, rate=2)).image
+    x = np.clip((np.arange(16) + 0.5) / 16 * 4 - 0.5, 0, 3) / 4
+    np.testing.assert_allclose(image[3, :, 0], x.reshape(8, 2).mean(axis=1))
+
+
+def test_perspective_of_a_plane():
+    """u over w is affine: along a row, u = (x / 8 * q1) / (1 - x / 8 + x / 8 * q1)."""
+    inverse_w = np.where(QUAD[..., 0] > 0, 0.25, 1.0)
+    ramp = np.array([[[0.0] * 3, [1.0] * 3]])
+    soup = _textured_quad(ramp, inverse_w=inverse_w)
+    image = draw(soup, Canvas(8, 8, rate=1), Sampler(level="zero", addressing="corners")).image
+    t = (np.arange(8) + 0.5) / 8
+    np.testing.assert_allclose(image[2, :, 0], t * 0.25 / (1 - t + t * 0.25))
+
+
+def test_perspective_slopes_are_the_differences():
+    from .shading import _Scene
+
+    soup = soup_of(3, perspective=True)
+    scene = _Scene(soup, ON, Sampler())
+    rng = np.random.default_rng(0)
+    step = 1e-6
+    for index in range(5):
+        point = rng.dirichlet(np.ones(3))
+        affine = np.linalg.inv(np.vstack([scene.pixels[index].T, np.ones(3)]))[:, :2]
+        _, slopes = scene._projected(index, point[None])
+        for axis in range(2):
+            ends = point + np.array([[-1], [1]]) * step * affine[:, axis]
+            values, _ = scene._projected(index, ends)
+            difference = (values[1] - values[0]) / (2 * step)
+            np.testing.assert_allclose(slopes[0, :, axis], difference, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+@pytest.mark.parametrize("shading", ["sample", "pixel"])
+def test_flat_colours_are_the_other_oracle(channels, shading):
+    soup = soup_of(1, colors=(1, channels), texels=None, background=4)
+    expected = coverage.draw(soup.corners, soup.colors, soup.background, ON)
+    np.testing.assert_allclose(draw(soup, ON, shading=shading).image, expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("perspective", [False, True])
+def test_one_sample_a_pixel_is_one_shade_a_pixel(perspective):
+    on = replace(ON, rate=1)
+    for seed in range(3):
+        soup = soup_of(seed, colors=(3, 4), depth=True, perspective=perspective)
+        first, second = (draw(soup, on, shading=rate).image for rate in ("sample", "pixel"))
+        np.testing.assert_allclose(first, second, atol=1e-13)
+
+
+@pytest.mark.parametrize("shading", ["sample", "pixel"])
+def test_depth_forgets_the_order_of_an_opaque_scene(shading):
+    for seed in range(3):
+        soup = soup_of(seed, depth=True)
+        order = np.random.default_rng(seed).permutation(len(soup.corners))
+        fields = ("corners", "colors", "uv", "texture_index", "depth")
+        mixed = replace(soup, **{name: getattr(soup, name)[order] for name in fields})
+        first, second = (draw(one, ON, shading=shading).image for one in (soup, mixed))
+        np.testing.assert_allclose(first, second, atol=1e-14)
+
+
+def test_depth_and_alpha_by_hand():
+    """A later one in front shows what is behind; a later one behind is hidden, even by clear."""
+    corners = np.array([[(-1, -1), (3, -1), (-1, 3)]] * 3, np.float32)
+    colors = np.array([[1, 0, 0, 1], [0, 1, 0, 0.5], [0, 0, 1, 0.5]], np.float32)[:, None]
+    depth = np.array([0.5, 0.25, 0.375])[:, None] * np.ones(3)
+    on = Canvas(2, 2, rate=1)
+    soup = Soup(corners, colors, np.zeros(3), depth=depth)
+    np.testing.assert_allclose(draw(soup, on).image[0, 0], [0.5, 0.5, 0])
+    tie = replace(soup, depth=np.full((3, 3), 0.1))
+    np.testing.assert_allclose(draw(tie, on).image[0, 0], [0.25, 0.25, 0.5])
+    clear = replace(soup, colors=np.where([[[0]], [[1]], [[0]]], [1, 1, 1, 0], colors))
+    np.testing.assert_allclose(draw(clear, on).image[0, 0], [1, 0, 0])
+
+
+def test_interpenetrating_planes_meet_where_they_are_equal():
+    """Depths x / 8 and 1/2 over the same square: the second is in front right of x = 4."""
+    corners = np.concatenate([QUAD, QUAD])
+    depth = np.concatenate([QUAD[..., 0] / 8, np.full((2, 3), 0.5)])
+    colors = np.array([0.0, 0.0, 1.0, 1.0])[:, None, None] * np.ones(3)
+    image = draw(Soup(corners, colors, np.zeros(3), depth=depth), Canvas(8, 8, rate=4)).image
+    np.testing.assert_array_equal(image[:, :4], 0)
+    np.testing.assert_array_equal(image[:, 4:], 1)
+
+
+def test_multisampling_takes_centre_or_centroid():
+    """A corner colour equal to x: 0.5 at a covered centre, the samples' mean x elsewhere."""
+    corners = np.array([[(0, 0), (1, 0), (0, 1)], [(2, 1), (1, 1), (2, 0)]], np.float32)
+    colors = corners[..., :1] / 2 * np.ones(3)
+    soup = Soup(corners, colors, np.zeros(3))
+    on = Canvas(1, 2, rate=2, fill_rule="top_left")
+    # The centre lies on the edge of the closed triangle; one of four samples is inside, for the
+    # hypotenuse of the first is no left edge and the other's is.
+    image = draw(soup, on, shading="pixel").image
+    np.testing.assert_allclose(image[0, :, 0], [0.25 * 1 / 4, 0.75 * 3 / 4])
+    small = replace(soup, corners=np.array([[(0, 0), (0.875, 0), (0, 0.875)]] * 2, np.float32))
+    small = replace(small, colors=small.corners[..., :1] * np.ones(3))
+    image = draw(small, on, shading="pixel").image
+    np.testing.assert_allclose(image[0, 0, 0], 0.25 * 1 / 4)
+
+
+def test_margins():
+    """Bilinear at level zero decides nothing; nearest is near half of its borders."""
+    soup = soup_of(0)
+    smooth = draw(soup, ON, Sampler(level="zero"))
+    assert np.isinf(smooth.margin).all() and np.isinf(smooth.depth_margin).all()
+    # Texels four pixels wide: samples lie an eighth of a texel off their borders.
+    quad = _textured_quad(RAMP[:2, :2])
+    sharp = draw(quad, Canvas(8, 8, rate=1), Sampler(pixel="nearest", level="zero"))
+    np.testing.assert_allclose(sharp.margin.min(), 0.125)

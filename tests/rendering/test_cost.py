@@ -1,0 +1,88 @@
+"""What effects cost: taking one out takes out that one, and prices are told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import softras2d as sr
+from softras2d.planning.effects import EFFECTS
+from softras2d.rendering.cost import price_effects, without
+
+
+def _scene() -> sr.Scene:
+    """One with every effect, some triangle past the guard band too."""
+    corners = np.array([[(0, 0), (9, 0), (0, 9)], [(0, 0), (99, 0), (0, 9)]], np.float32)
+    image = np.random.default_rng(0).random((4, 4, 4)).astype(np.float32)
+    return sr.Scene.from_soup(
+        corners,
+        np.linspace(0, 1, 24, dtype=np.float32).reshape(2, 3, 4),
+        uv=np.ones((2, 3, 2)),
+        texture_index=[0, -1],
+        textures=sr.TexturePyramid.build([image]),
+        depth=np.zeros((2, 3)),
+        inverse_w=np.ones((2, 3)),
+        background=[1, 1, 1, 0],
+    )
+
+
+def _plan(scene: sr.Scene) -> sr.Plan:
+    return sr.plan(
+        scene,
+        height=9,
+        width=9,
+        coverage=sr.Hard(samples=4, shading="pixel"),
+        filter=sr.Filter(anisotropy=2, lod_bias=0.5),
+        origin=(0, 1),
+    )
+
+
+SLOPED = {"soft coverage": sr.Soft(), "exact area": sr.Area()}
+
+
+@pytest.mark.parametrize("effect", [name for name in EFFECTS if name not in SLOPED])
+def test_less_one_effect(effect):
+    scene = _scene()
+    plan = _plan(scene)
+    assert set(plan.effects) == set(EFFECTS) - set(SLOPED)
+    _, less = without(scene, plan, effect)
+    gone = set(plan.effects) - set(less.effects)
+    # Without textures there are no levels to choose from.
+    of_textures = {"mip levels", "bilinear filter", "anisotropic filter"}
+    assert effect in gone
+    assert gone - {effect} <= (of_textures if effect == "texture" else set())
+    assert (less.height, less.width, less.hard.samples) == (9, 9, 4)
+    np.testing.assert_array_equal(less.origin, [0, 1])
+    assert float(less.filter.lod_bias) == 0.5
+
+
+@pytest.mark.parametrize("effect", SLOPED)
+def test_less_a_coverage_with_slopes(effect):
+    scene = replace(_scene(), depth=None)
+    plan = sr.plan(scene, height=9, width=9, coverage=SLOPED[effect])
+    _, less = without(scene, plan, effect)
+    assert less.hard.samples == 1
+    assert set(plan.effects) - set(less.effects) == {effect}
+
+
+def test_no_such_effect():
+    scene = _scene()
+    with pytest.raises(ValueError, match="glow"):
+        without(scene, _plan(scene), "glow")
+
+
+@pytest.mark.slow
+def test_prices():
+    scene = sr.Scene.from_soup(
+        [[(0, 0), (9, 0), (0, 9)]], np.eye(3, dtype=np.float32)[None], background=[1, 1, 1, 0]
+    )
+    plan = sr.plan(scene, height=9, width=9, coverage=sr.Hard(samples=1))
+    rows = list(price_effects(scene, plan, repeats=1))
+    assert [effect for effect, _, _ in rows] == [None, *plan.effects]
+    assert rows[0][1] == rows[0][2]
+    for _, whole, less in rows:
+        for price in (whole, less):
+            assert price.seconds > 0 and price.memory > 0
+            assert price.operations > 0 and price.traffic > 0
+    flat = rows[1 + plan.effects.index("interpolated colour")]
+    assert flat[2].operations < flat[1].operations

@@ -1,0 +1,85 @@
+"""A plan that is outgrown under a trace: an error, and NaN, in derivatives alone too."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softras2d as sr
+from softras2d.rendering.overflow import _poison_if
+
+COVERAGES = {"hard": sr.Hard(4), "soft": sr.Soft(1.0), "area": sr.Area()}
+
+LOSSES = {
+    "linear": lambda image: jnp.sum(0.3 * image),
+    "constant": lambda image: jnp.sum(0 * image),
+    "one pixel": lambda image: image[3, 3, 0],
+}
+
+
+def outgrown(coverage: sr.Hard | sr.Soft | sr.Area) -> tuple[sr.Scene, sr.Plan]:
+    """Triangles that cover the canvas many times over, and a plan for as many small ones."""
+    rng = np.random.default_rng(0)
+    small = rng.uniform(0, 32, (60, 1, 2)) + rng.uniform(-0.5, 0.5, (60, 3, 2))
+    large = rng.uniform(-20, 60, (60, 3, 2))
+    colors = rng.random((60, 1, 4))
+    scenes = [sr.Scene.from_soup(c.astype(np.float32), colors) for c in (small, large)]
+    return scenes[1], sr.plan(scenes[0], height=32, width=32, coverage=coverage)
+
+
+@pytest.mark.parametrize("name", COVERAGES)
+def test_gradients_of_losses_that_need_no_pixel(name):
+    scene, plan = outgrown(COVERAGES[name])
+    assert sr.render_checked(scene, plan)[1]
+    for loss in LOSSES.values():
+
+        def of_positions(positions, loss=loss):
+            return loss(sr.render(replace(scene, positions=positions), plan))
+
+        with pytest.raises(Exception, match="outgrew its plan"):
+            jax.jit(jax.grad(of_positions))(scene.positions).block_until_ready()
+
+
+def test_tangents():
+    scene, plan = outgrown(sr.Hard(4))
+
+    def of_positions(positions):
+        return sr.render(replace(scene, positions=positions), plan)
+
+    tangent = jax.jit(lambda x: jax.jvp(of_positions, (x,), (jnp.ones_like(x),))[1])
+    with pytest.raises(Exception, match="outgrew its plan"):
+        tangent(scene.positions).block_until_ready()
+
+
+@pytest.mark.parametrize("overflow", [False, True])
+def test_derivatives_are_nan_in_both_directions(overflow):
+    """Of the image, by every float of the scene, whatever a pixel weighs; else no bit changes."""
+    leaves = [jnp.arange(6.0).reshape(3, 2), jnp.ones(4)]
+
+    def image_of(leaves):
+        image = jnp.sin(leaves[0].sum()) * jnp.ones((2, 2, 3)) + leaves[1][0]
+        return _poison_if(image, leaves, jnp.asarray(overflow))
+
+    def plain(leaves):
+        return jnp.sin(leaves[0].sum()) * jnp.ones((2, 2, 3)) + leaves[1][0]
+
+    image, tangent = jax.jvp(image_of, (leaves,), (leaves,))
+    gradients = [
+        jax.grad(lambda leaves, w=weight: jnp.sum(w * image_of(leaves)))(leaves)
+        for weight in (0.0, 0.3)
+    ]
+    batch = jax.vmap(jax.grad(lambda leaves: jnp.sum(image_of(leaves))))(
+        jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), leaves)
+    )
+    if overflow:
+        for leaf in jax.tree.leaves((image, tangent, gradients, batch)):
+            assert np.isnan(leaf).all()
+        return
+    expected, moved = jax.jvp(plain, (leaves,), (leaves,))
+    assert eqx.tree_equal((image, tangent), (expected, moved))
+    slope = jax.grad(lambda leaves: jnp.sum(0.3 * plain(leaves)))(leaves)
+    assert eqx.tree_equal(gradients[1], slope)
+    assert np.isfinite(jax.tree.leaves(batch)[0]).all()

@@ -1,0 +1,92 @@
+"""Perspective-correct colours and texture coordinates through `inverse_w`."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softras2d as sr
+
+from ..cases.shading import ON, assert_close, render_soup, scene_of, slowly, soup_of
+from ..oracles.shading import draw
+from ..oracles.texture import PLAIN, Sampler
+
+EVERYTHING: dict[str, Any] = {"perspective": True, "depth": True}
+
+
+@pytest.mark.parametrize(
+    "options, sampler",
+    [
+        (EVERYTHING, PLAIN),
+        *(
+            slowly({"perspective": True, **options}, PLAIN)
+            for options in (
+                {"texels": None, "colors": (3, 4), "background": 4},
+                {"colors": (1, 3)},
+                {"depth": True, "colors": (3, 4), "texels": 4},
+            )
+        ),
+        *(
+            slowly(EVERYTHING, sampler)
+            for sampler in (
+                Sampler("nearest", "nearest"),
+                Sampler("bilinear", "linear", border="repeat", addressing="corners"),
+            )
+        ),
+    ],
+)
+def test_equals_the_oracle(options, sampler):
+    """Weights of the screen for depth, of space for colours and uv."""
+    for seed in (0, 1, 2):
+        soup = soup_of(seed, **options)
+        expected = draw(soup, ON, sampler)
+        image = render_soup(soup, ON, sampler)
+        assert_close(image, expected, 4e-6, f"seed {seed}", margin=1e-3, depth_margin=2e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("colors, texels", [((3, 3), 3), ((3, 4), 4)])
+def test_tightly_in_float64(colors, texels, float64):
+    for seed in (0, 1):
+        soup = soup_of(seed, perspective=True, depth=True, colors=colors, texels=texels, reach=2)
+        image = render_soup(soup, dtype=np.float64)
+        assert_close(image, draw(soup, ON), 1e-9, f"{seed}", margin=1e-8, depth_margin=1e-10)
+
+
+def test_equal_w_is_affine():
+    soup = soup_of(7, depth=True)
+    flat = replace(soup, inverse_w=np.full(soup.uv.shape[:2], 0.7, np.float32))
+    assert_close(render_soup(flat), draw(soup, ON), 4e-6, depth_margin=2e-6)
+
+
+def test_scale_of_w_does_not_matter():
+    soup = soup_of(8, **EVERYTHING)
+    image = render_soup(soup)
+    for scale in (1e-12, 1e9):
+        scaled = replace(soup, inverse_w=(soup.inverse_w * scale).astype(np.float32))
+        np.testing.assert_allclose(render_soup(scaled), image, atol=4e-6)
+
+
+def test_extreme_w_stays_between_the_corners():
+    """A horizon: one corner a million times farther than the others."""
+    soup = soup_of(9, **EVERYTHING)
+    inverse_w = np.array(soup.inverse_w)
+    inverse_w[:, 1] = 1e-6
+    soup = replace(soup, inverse_w=inverse_w)
+    image = render_soup(soup)
+    assert_close(image, draw(soup, ON), 1e-5, depth_margin=2e-6)
+    assert image.min() >= 0
+    assert image.max() <= 1 + 1e-6
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_inverse_w_must_be_positive(value):
+    soup = soup_of(0, perspective=True)
+    inverse_w = np.array(soup.inverse_w)
+    inverse_w[4, 1] = value
+    with pytest.raises(ValueError, match=r"`inverse_w` must be .*vertex 13") as raised:
+        scene_of(replace(soup, inverse_w=inverse_w))
+    assert "\n" not in str(raised.value)
+    whole = scene_of(soup)
+    sr.check(whole)

@@ -1,0 +1,128 @@
+"""Imports go one way through the package, and nothing strays to the top of a folder."""
+
+import ast
+import shutil
+import subprocess
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "softras2d"
+
+ORDER = (
+    "names",
+    "options",
+    "color",
+    "numerics",
+    "geometry",
+    "texture",
+    "scene",
+    "binning",
+    "coverage",
+    "shading",
+    "compositing",
+    "gradients",
+    "planning",
+    "rendering",
+    "camera",
+    "io",
+    "fitting",
+    "viewing",
+    "plot",
+    "scenes",
+    "pictures",
+    "cli",
+    "__main__",
+)
+"""Files and folders at the top of the package. Each imports from itself and those before it."""
+
+FOLDERS = {"softras2d", "tests", "notebooks", "experiments"}
+AT_THE_TOP = FOLDERS | {"pyproject.toml", "README.md", "LICENSE"}
+
+BUILT = {"build", "dist", "__pycache__", "demo"}
+"""What a build, a run or the README's first command leaves behind."""
+
+
+def module_of(file: Path) -> str:
+    """The dotted name of the module in a file of the package."""
+    parts = file.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+FILES = {module_of(file): file for file in sorted(PACKAGE.rglob("*.py"))}
+
+
+def imports(module: str, file: Path, source: str) -> Iterator[str]:
+    """The modules of the package that a module imports, at any place: in functions, for types."""
+    package = module if file.name == "__init__.py" else module.rpartition(".")[0]
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (name.name for name in node.names if name.name in FILES)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: len(package.split(".")) - node.level + 1]
+            base = ".".join([*(above if node.level else []), *filter(None, [node.module])])
+            for name in node.names:
+                full = f"{base}.{name.name}"
+                if full in FILES or base in FILES:
+                    yield full if full in FILES else base
+
+
+GRAPH = {
+    module: set(imports(module, file, file.read_text(encoding="utf-8")))
+    for module, file in FILES.items()
+    if module != "softras2d"
+}
+"""What each module imports. The package's own file, which loads all others lazily, is left out."""
+
+
+def place(module: str) -> str:
+    """The file or folder at the top of the package that a module is in."""
+    return module.split(".")[1]
+
+
+def test_imports_are_seen():
+    source = "def f():\n from . import view\n from ..io.images import read_image as r\nimport jax"
+    found = list(imports("softras2d.cli.made_up", Path("made_up.py"), source))
+    assert found == ["softras2d.cli.view", "softras2d.io.images"]
+    found = list(imports("softras2d.camera", Path("__init__.py"), "from .near_plane import Cut"))
+    assert found == ["softras2d.camera.near_plane"]
+    assert "softras2d.scene" in GRAPH["softras2d.plot.overlay"]
+
+
+def test_every_place_has_a_rank():
+    assert {place(module) for module in GRAPH} <= set(ORDER)
+
+
+def test_imports_go_one_way():
+    rank = {name: number for number, name in enumerate(ORDER)}
+    wrong = [
+        f"{module} imports {other}"
+        for module, others in GRAPH.items()
+        for other in sorted(others - {"softras2d"})
+        if rank[place(other)] > rank[place(module)]
+    ]
+    assert not wrong
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    try:
+        TopologicalSorter(GRAPH).prepare()
+    except CycleError as error:
+        pytest.fail(" <- ".join(error.args[1]))
+
+
+def test_few_files_at_the_top_of_the_package():
+    assert len(list(PACKAGE.glob("*.py"))) <= 6
+
+
+def test_the_top_of_the_repository_holds_only_what_it_should():
+    names = {path.name for path in ROOT.iterdir() if not path.name.endswith(".egg-info")} - BUILT
+    if shutil.which("git") and (ROOT / ".git").exists():
+        command = ["git", "-C", str(ROOT), "ls-files"]
+        listed = subprocess.run(command, capture_output=True, text=True, check=False)
+        if listed.returncode == 0:
+            names = {path.split("/")[0] for path in listed.stdout.splitlines()}
+    assert {name for name in names if not name.startswith(".")} <= AT_THE_TOP

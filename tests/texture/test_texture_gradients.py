@@ -1,0 +1,240 @@
+"""Derivatives of textured scenes: against differences, both directions, jit, vmap, finite."""
+
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softras2d as sr
+
+from ..cases.shading import ON, plan_of, scene_of, slowly, soup_of
+from ..cases.slopes import (
+    MOVING,
+    backward,
+    difference,
+    direction_of,
+    forward,
+    inner,
+    is_finite,
+    weight_of,
+)
+from ..oracles.texture import PLAIN, Sampler, chain
+
+ALL = {"colors": (3, 4), "texels": 4, "background": 4, "depth": True, "perspective": True}
+MOST = Sampler(anisotropy=2, border="repeat")
+
+EFFECTS = [
+    slowly(ALL, MOST, "sample"),
+    slowly({"colors": (3, 4), "texels": 4}, Sampler(level="zero", addressing="corners"), "pixel"),
+    slowly({"perspective": True}, Sampler(anisotropy=16), "pixel"),
+]
+"""Scenes, filters and shading rates whose slopes are compared."""
+
+
+def _drawn(soup, sampler: Sampler = PLAIN, shading: str = "sample", dtype: Any = np.float64):
+    scene = scene_of(soup, sampler, dtype)
+    return scene, plan_of(scene, ON, sampler, shading)
+
+
+@pytest.mark.parametrize("options, sampler, shading", EFFECTS)
+def test_slopes_are_the_differences(options, sampler, shading, float64):
+    """Along a seeded direction of each entry, and along that of all; both directions of autodiff.
+
+    A pixel with a sample within the step of a texel's centre, or of a level, is at a bend.
+    """
+    soup = soup_of(21, reach=1, **options)
+    scene, plan = _drawn(soup, sampler, shading)
+    weight = None
+    for seed, names in enumerate([*((name,) for name in MOVING), MOVING]):
+        direction = direction_of(scene, plan, seed, names)
+        image, tangent = forward(scene, plan, direction)
+        wanted = difference(scene, plan, direction)
+        error = np.abs(tangent - wanted).max(axis=-1)
+        scale = max(1.0, float(np.abs(wanted).max()))
+        bends = error > 1e-6 * scale
+        assert bends.mean() < 0.005, f"{names}: {bends.sum()} pixels, by up to {error.max()}"
+        present = any(getattr(scene, name) is not None for name in names)
+        assert not present or np.abs(wanted).max() > 1e-3, names
+        weight = weight_of(image) if weight is None else weight
+        back = backward(scene, plan, weight)
+        np.testing.assert_allclose(inner(weight, tangent), inner(back, direction), rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_bias_has_a_slope(float64):
+    """Levels are blended: the bias moves the image where they are not clipped."""
+    scene, plan = _drawn(soup_of(22, reach=2))
+    _, tangent = forward(scene, plan, direction_of(scene, plan, names=(), bias=1))
+    ends = []
+    for step in (2.0**-10, -(2.0**-10)):
+        there = eqx.tree_at(lambda p: p.filter.lod_bias, plan, jnp.asarray(step, jnp.float32))
+        ends.append(np.asarray(sr.render_checked(scene, there)[0]))
+    wanted = (ends[0] - ends[1]) * 2.0**9
+    assert np.abs(wanted).max() > 0.01
+    assert (np.abs(tangent - wanted).max(axis=-1) < 1e-6).mean() > 0.97
+
+
+@pytest.mark.slow
+def test_texels_of_every_level_receive_slope(float64):
+    """The image is linear in the texels: their slopes, times the texels, are the image."""
+    soup = soup_of(23, reach=3)
+    white = replace(soup, colors=np.ones_like(soup.colors), background=np.zeros(3, np.float32))
+    scene, plan = _drawn(replace(white, texture_index=np.full_like(white.texture_index, 4)))
+    direction = direction_of(scene, plan, names=())
+    direction = eqx.tree_at(
+        lambda d: d[0].textures.texels,
+        direction,
+        scene.textures.texels,  # pyright: ignore
+    )
+    image, tangent = forward(scene, plan, direction)
+    np.testing.assert_allclose(tangent, image, atol=1e-13)
+    weight = jnp.ones_like(image)
+    back, _ = backward(scene, plan, weight)
+    slope = np.asarray(back.textures.texels)
+    for offset, height, width in _table(scene)[4]:
+        assert np.abs(slope[offset : offset + height * width]).max() > 0
+    np.testing.assert_allclose(inner(slope, scene.textures.texels), inner(weight, image))  # pyright: ignore
+
+
+def _table(scene: sr.Scene) -> np.ndarray:
+    """The table of the scene's textures."""
+    assert scene.textures is not None
+    return np.asarray(scene.textures.levels)
+
+
+def test_slopes_reach_the_base_images(float64):
+    """Through `TexturePyramid.build` under jit: every level's share, by the oracle's matrices."""
+    soup = soup_of(24, reach=2)
+    scene, plan = _drawn(soup)
+    weight = weight_of(np.zeros((ON.height, ON.width, 3)))
+    back, _ = backward(scene, plan, weight)
+    texel_slope = back.textures.texels
+
+    @jax.jit
+    def pull(images, slope):
+        return jax.vjp(lambda images: sr.TexturePyramid.build(images).texels, images)[1](slope)[0]
+
+    images = [jnp.asarray(image, jnp.float64) for image in soup.images]
+    slopes = pull(images, texel_slope)
+    rng = np.random.default_rng(0)
+    for index, image in enumerate(images):
+        direction = rng.normal(size=image.shape)
+        # What the levels change by is linear in the base, where there is no alpha.
+        change = 0.0
+        for row, level in enumerate(chain(direction)):
+            offset, height, width = _table(scene)[index, row]
+            part = np.asarray(texel_slope[offset : offset + height * width])
+            change += inner(part, level[..., :3].reshape(-1, 3))
+        np.testing.assert_allclose(inner(slopes[index], direction), change, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_slopes_through_build_and_render(float64):
+    """Of one loss, with the pyramid built inside jit: as texels and levels apart."""
+    soup = soup_of(24, reach=2, texels=4)
+    scene, plan = _drawn(soup)
+
+    @jax.jit
+    def image_slope(images, weight):
+        def image(images):
+            there = eqx.tree_at(lambda s: s.textures, scene, sr.TexturePyramid.build(images))
+            return sr.render_checked(there, plan)[0]
+
+        drawn, pull = jax.vjp(image, images)
+        return drawn, pull(weight)[0]
+
+    images = [jnp.asarray(image, jnp.float64) for image in soup.images]
+    drawn = sr.render_checked(scene, plan)[0]
+    weight = weight_of(drawn)
+    inside, slopes = image_slope(images, weight)
+    np.testing.assert_allclose(inside, drawn, atol=1e-13)
+    _, pull = jax.vjp(lambda images: sr.TexturePyramid.build(images).texels, images)
+    wanted = pull(backward(scene, plan, weight)[0].textures.texels)[0]
+    for found, expected in zip(slopes, wanted, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_batch_under_jit_is_each_alone():
+    soups = [soup_of(seed) for seed in (25, 26, 27)]
+    scenes = [scene_of(soup) for soup in soups]
+    plan = plan_of(scenes[0], ON, Sampler())
+    alone = np.stack([np.asarray(sr.render_checked(scene, plan)[0]) for scene in scenes])
+    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes)
+    image, overflow = jax.jit(jax.vmap(sr.render_checked, in_axes=(0, None)))(batch, plan)
+    assert not np.asarray(overflow).any()
+    np.testing.assert_allclose(image, alone, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_an_outer_jit_is_the_same():
+    for options in ({}, ALL):
+        scene = scene_of(soup_of(25, **options))
+        plan = plan_of(scene, ON, Sampler())
+        jitted = jax.jit(sr.render_checked)(scene, plan)[0]
+        np.testing.assert_allclose(jitted, sr.render_checked(scene, plan)[0], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_vmap_of_everything():
+    scenes = [scene_of(soup_of(seed, **ALL)) for seed in (25, 26)]
+    for shading in ("sample", "pixel"):
+        plan = plan_of(scenes[0], ON, Sampler(anisotropy=4), shading)
+        alone = np.stack([np.asarray(sr.render_checked(scene, plan)[0]) for scene in scenes])
+        batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes)
+        image, overflow = jax.jit(jax.vmap(sr.render_checked, in_axes=(0, None)))(batch, plan)
+        assert not np.asarray(overflow).any()
+        np.testing.assert_allclose(image, alone, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "options, sampler, shading",
+    [
+        (ALL, MOST, "sample"),
+        ({"depth": True}, Sampler(anisotropy=16), "pixel"),
+    ],
+)
+@pytest.mark.slow
+def test_slopes_are_finite_on_hard_scenes(options, sampler, shading):
+    """Zero area, slivers, constant uv, one texel, clear colours, far corners."""
+    soup = soup_of(28, **options)
+    corners, uv = np.array(soup.corners), np.array(soup.uv)
+    corners[0:6, 2] = corners[0:6, 1]
+    corners[0, :] = corners[0, :1]
+    corners[6:9, 2] = corners[6:9, 0] + np.float32(2.0**-10)
+    uv[9:12] = uv[9:12, :1]
+    uv[12:14] = [(0, 0), (1, 0), (0, 1)]
+    uv[14:16] = [(1, 1), (0, 1), (1, 0)]
+    uv[16] = 1e6 * uv[16]
+    uv[17] = 1e-12 * uv[17]
+    colors = np.array(soup.colors)
+    colors[::3, :, 3:] = 0
+    changed = {"corners": corners, "uv": uv, "colors": colors}
+    if soup.background.shape[0] == 4:
+        changed["background"] = np.array([0.5, 0.5, 0.5, 0], np.float32)
+    if soup.inverse_w is not None:
+        inverse_w = np.array(soup.inverse_w)
+        inverse_w[::4, 0] = 1e-6
+        changed["inverse_w"] = inverse_w
+    scene, plan = _drawn(replace(soup, **changed), sampler, shading, np.float32)
+    image, tangent = forward(scene, plan, direction_of(scene, plan, bias=1))
+    back = backward(scene, plan, weight_of(image))
+    assert is_finite(image)
+    assert is_finite(tangent)
+    assert is_finite(back)
+
+
+def test_a_nan_harms_no_other_triangle(float64):
+    """NaN in one triangle's uv: the slopes of the others' colours and uv stay finite."""
+    soup = soup_of(29)
+    scene, plan = _drawn(soup)
+    assert scene.uv is not None
+    broken = eqx.tree_at(lambda s: s.uv, scene, scene.uv.at[7].set(jnp.nan))
+    weight = weight_of(np.zeros((ON.height, ON.width, 3)))
+    back, _ = backward(broken, plan, weight)
+    others = np.arange(len(soup.corners)) != 7
+    assert is_finite((back.uv[others], back.colors[others]))
