@@ -71,8 +71,8 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     values: a triangle with a NaN or infinite corner covers nothing. Derivatives with respect to
     colours, texture coordinates, texels, `inverse_w` and background are exact, forwards and
     backwards. Those to positions are of the box-filtered image, evaluated on the grid of samples
-    (`boundary_term`, `interior_term`), unless `Hard.edge_gradients` is off; lines along which
-    triangles interpenetrate are left out. Those to depth are zero.
+    (`gradients`), unless `Hard.edge_gradients` is off. Those to depth are of the lines along which
+    opaque triangles cross in depth, and zero elsewhere; translucent scenes leave these lines out.
 
     A concrete scene is padded to a size class first (`softras2d.pad`), so that scenes of similar
     size share a compiled program. Under a trace of your own the shapes are what comes in: pad
