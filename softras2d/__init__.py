@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from .io.svg.reader import read_svg
     from .io.svg.writer import write_svg
     from .options import Area, Filter, Hard, Soft
-    from .planning.plan import Plan, plan
+    from .planning.plan import Plan
     from .planning.simplify import simplify
     from .planning.size_classes import pad
+    from .rendering.planner import plan
     from .rendering.render import render, render_checked
     from .scene import Scene, check
     from .texture.pyramid import TexturePyramid
@@ -39,7 +40,7 @@ _HOMES = {
     "fit": ".fitting.fit",
     "fit_batch": ".fitting.batch",
     "pad": ".planning.size_classes",
-    "plan": ".planning.plan",
+    "plan": ".rendering.planner",
     "read_image": ".io.images",
     "read_svg": ".io.svg.reader",
     "render": ".rendering.render",

@@ -1,4 +1,4 @@
-"""Detects colours given as bytes in 0..255: certain cases are errors, likely ones are warnings.
+"""Alpha and sRGB, each defined once, and checks for colours that were given as bytes.
 
 Black is 0 and white is 1 everywhere in the package. Integers above 1 can only be bytes, so they are
 refused. Floats above 1 may mean light brighter than white, so they are drawn as they are.
@@ -14,6 +14,56 @@ import numpy as np
 from jax.core import Tracer
 
 _PACKAGE = str(Path(__file__).parent)
+
+
+def premultiply(pixels: Any) -> Any:
+    """Colours `[..., 4]` times their alpha; `[..., 3]`, which are opaque, as they are.
+
+    For numpy and jax alike. The inverse is `unpremultiply`.
+    """
+    if pixels.shape[-1] == 3:
+        return pixels
+    xp = pixels.__array_namespace__()
+    return xp.concat([pixels[..., :3] * pixels[..., 3:], pixels[..., 3:]], axis=-1)
+
+
+def unpremultiply(pixels: Any) -> Any:
+    """Colours `[..., 4]` divided by their alpha; `[..., 3]`, which are opaque, as they are.
+
+    The colour is 0, with zero gradient, where alpha is 0. For numpy and jax alike.
+    """
+    if pixels.shape[-1] == 3:
+        return pixels
+    xp = pixels.__array_namespace__()
+    alpha = pixels[..., 3:]
+    is_visible = alpha != 0
+    # Both guards matter: the inner one keeps the gradient of the quotient finite.
+    color = xp.where(is_visible, pixels[..., :3] / xp.where(is_visible, alpha, 1.0), 0.0)
+    return xp.concat([color, alpha], axis=-1)
+
+
+def srgb_to_linear(values: Any) -> Any:
+    """Linear light of sRGB values, one by one; 0 and 1 stay.
+
+    Odd: negative values are decoded like positive ones, and the curve goes on above 1.
+    For numpy and jax alike.
+
+    **Source:** IEC 61966-2-1; its extension beyond 0..1 as in CSS Color 4, section 10.2.
+    """
+    xp = values.__array_namespace__()
+    size = xp.abs(values)
+    is_dark = size <= 0.04045
+    curve = ((xp.where(is_dark, 1.0, size) + 0.055) / 1.055) ** 2.4
+    return xp.where(is_dark, values / 12.92, xp.where(values < 0, -curve, curve))
+
+
+def linear_to_srgb(values: Any) -> Any:
+    """sRGB values of linear light, the inverse of `srgb_to_linear`. For numpy and jax alike."""
+    xp = values.__array_namespace__()
+    size = xp.abs(values)
+    is_dark = size <= 0.04045 / 12.92
+    curve = 1.055 * xp.where(is_dark, 1.0, size) ** (1 / 2.4) - 0.055
+    return xp.where(is_dark, values * 12.92, xp.where(values < 0, -curve, curve))
 
 
 def check_whole_colors(what: str, colors: Any) -> None:

@@ -1,26 +1,33 @@
-"""What a caller may choose: how coverage is decided and how textures are filtered. Data only."""
+"""Options of a render: how coverage is decided, and how textures are filtered.
 
-from typing import Literal
+This module holds data only. Which pipeline draws an option is decided in `rendering/modes.py`.
+"""
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
+from .names import (
+    AreaCompositing,
+    FillRule,
+    LevelFilter,
+    PixelFilter,
+    Shading,
+    SoftProfile,
+    check_name,
+)
+
 SAMPLES = (1, 4, 9, 16, 64, 256)
-"""Samples per pixel that hard mode draws: the squares of 1, 2, 3, 4, 8 and 16."""
-
-
-def _one_of(name: str, value: object, allowed: tuple[object, ...]) -> None:
-    if value not in allowed:
-        raise ValueError(f"`{name}` must be one of {', '.join(map(repr, allowed))}; got {value!r}.")
+"""Numbers of samples per pixel that hard mode draws: the squares of 1, 2, 3, 4, 8 and 16."""
 
 
 class Hard(eqx.Module):
     """Exact supersampling: each sample is inside or outside, decided in integers.
 
     - `samples` per pixel, on a regular grid: 1, 4, 9, 16, 64 or 256.
-    - `fill_rule`: `"inclusive"` owns every sample of the closed triangle; `"top_left"` owns a
-      sample on a shared edge once, and none for triangles of zero area.
+    - `fill_rule`: under `"inclusive"` a triangle covers every sample of its closed area; under
+      `"top_left"` a sample on a shared edge belongs to one of the two triangles, and triangles of
+      zero area cover nothing.
     - `shading`: where colours are evaluated: at each `"sample"` (supersampling), or once a
       `"pixel"` for each triangle there (multisampling): at the centre if the triangle holds it,
       else at the centroid of the samples of the pixel that it covers, whether they show or not.
@@ -29,19 +36,25 @@ class Hard(eqx.Module):
     """
 
     samples: int = eqx.field(static=True, default=16)
-    fill_rule: Literal["inclusive", "top_left"] = eqx.field(static=True, default="inclusive")
-    shading: Literal["sample", "pixel"] = eqx.field(static=True, default="sample")
+    fill_rule: FillRule = eqx.field(static=True, default="inclusive")
+    shading: Shading = eqx.field(static=True, default="sample")
     edge_gradients: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self):
-        _one_of("samples", self.samples, SAMPLES)
-        _one_of("fill_rule", self.fill_rule, ("inclusive", "top_left"))
-        _one_of("shading", self.shading, ("sample", "pixel"))
+        if self.samples not in SAMPLES:
+            allowed = ", ".join(map(str, SAMPLES))
+            raise ValueError(f"`samples` must be one of {allowed}; got {self.samples!r}.")
+        check_name("fill_rule", self.fill_rule, FillRule)
+        check_name("shading", self.shading, Shading)
 
     @property
     def rate(self) -> int:
-        """Samples along a side of a pixel."""
+        """Number of samples along a side of a pixel."""
         return {1: 1, 4: 2, 9: 3, 16: 4, 64: 8, 256: 16}[self.samples]
+
+    def describe(self) -> str:
+        """One line for people."""
+        return f"hard, {self.samples} samples a pixel, {self.fill_rule}, shaded by {self.shading}"
 
 
 class Soft(eqx.Module):
@@ -58,11 +71,21 @@ class Soft(eqx.Module):
     """
 
     width: int | float | Array = 1.0
-    profile: Literal["logistic", "softras", "window"] = eqx.field(static=True, default="logistic")
+    profile: SoftProfile = eqx.field(static=True, default="logistic")
     temperature: int | float | Array = 0.01
 
     def __check_init__(self):
-        _one_of("profile", self.profile, ("logistic", "softras", "window"))
+        check_name("profile", self.profile, SoftProfile)
+
+    @property
+    def rate(self) -> int:
+        """Number of sample positions along a side of a pixel: one, its centre."""
+        return 1
+
+    def describe(self) -> str:
+        """One line for people."""
+        width, temperature = float(self.width), float(self.temperature)
+        return f"soft, {self.profile}, {width:g} px wide, temperature {temperature:g}"
 
 
 class Area(eqx.Module):
@@ -72,10 +95,22 @@ class Area(eqx.Module):
     of triangles that abut; `"sum"` adds signed areas, which is the exact image of a tiling.
     """
 
-    compositing: Literal["over", "sum"] = eqx.field(static=True, default="over")
+    compositing: AreaCompositing = eqx.field(static=True, default="over")
 
     def __check_init__(self):
-        _one_of("compositing", self.compositing, ("over", "sum"))
+        check_name("compositing", self.compositing, AreaCompositing)
+
+    @property
+    def rate(self) -> int:
+        """Number of sample positions along a side of a pixel: one, its centre."""
+        return 1
+
+    def describe(self) -> str:
+        """One line for people."""
+        return f"exact area, composited by {self.compositing!r}"
+
+
+Coverage = Hard | Soft | Area
 
 
 class Filter(eqx.Module):
@@ -90,14 +125,14 @@ class Filter(eqx.Module):
       not recompile.
     """
 
-    pixel: Literal["nearest", "bilinear"] = eqx.field(static=True, default="bilinear")
-    level: Literal["zero", "nearest", "linear"] = eqx.field(static=True, default="linear")
+    pixel: PixelFilter = eqx.field(static=True, default="bilinear")
+    level: LevelFilter = eqx.field(static=True, default="linear")
     anisotropy: int = eqx.field(static=True, default=1)
     lod_bias: float | Array = 0.0
 
     def __check_init__(self):
-        _one_of("pixel", self.pixel, ("nearest", "bilinear"))
-        _one_of("level", self.level, ("zero", "nearest", "linear"))
+        check_name("pixel", self.pixel, PixelFilter)
+        check_name("level", self.level, LevelFilter)
         probes = self.anisotropy
         if not isinstance(probes, int | np.integer) or not 1 <= probes <= 16:
             raise ValueError(f"`anisotropy` must be an integer in 1..16; got {probes!r}.")

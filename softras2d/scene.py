@@ -333,3 +333,20 @@ def _numbers(name: str, value: Any) -> Any:
     if array.dtype != bool and not jnp.issubdtype(array.dtype, jnp.number):
         raise ValueError(f"`{name}` must be numbers in equal rows; got {value!r:.60}.")
     return array
+
+
+def take_triangles(scene: Scene, kept: np.ndarray) -> Scene:
+    """The scene with only the triangles where `kept` `[triangles]` is true; for concrete scenes."""
+    if kept.all():
+        return scene
+
+    def gather(value: Array | None) -> Array | None:
+        return None if value is None else to_device(np.asarray(value)[kept])
+
+    return replace(
+        scene,
+        triangles=gather(scene.triangles),
+        colors=gather(scene.colors),
+        uv=gather(scene.uv),
+        texture_index=gather(scene.texture_index),
+    )

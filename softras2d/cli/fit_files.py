@@ -16,7 +16,7 @@ from ..io.svg.gradients import in_browsers
 from ..io.svg.writer import write_svg
 from ..numerics.device import to_device
 from ..options import Hard
-from ..planning.plan import plan
+from ..rendering.planner import plan
 from ..rendering.render import render
 from ..scene import Scene
 

@@ -13,7 +13,7 @@ from jaxtyping import Array
 from .. import scenes
 from ..numerics.device import to_device
 from ..options import Hard
-from ..planning.plan import plan
+from ..rendering.planner import plan
 from ..scene import Scene
 from ..texture.pyramid import TexturePyramid
 from .view import draw

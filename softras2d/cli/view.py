@@ -9,7 +9,8 @@ from ..io.images import srgb_to_linear
 from ..io.svg.reader import read_svg, svg_size
 from ..numerics.device import to_device
 from ..options import Filter, Hard
-from ..planning.plan import Plan, plan
+from ..planning.plan import Plan
+from ..rendering.planner import plan
 from ..rendering.render import render_checked
 from ..scene import Scene
 from .options import Size, View

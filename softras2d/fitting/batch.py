@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..numerics.compiled_programs import drop_programs
-from ..planning.plan import plan
+from ..rendering.planner import plan
 from ..scene import Scene
 from . import choices
 from .chunk import solve_between

@@ -15,7 +15,8 @@ from jaxtyping import Array, Float
 
 from ..numerics.device import to_device
 from ..options import Hard
-from ..planning.plan import Plan, plan
+from ..planning.plan import Plan
+from ..rendering.planner import plan
 from ..rendering.render import render, render_checked
 from ..scene import Scene
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import Array, Int
 
 from ..binning.lists import BLOCK
 from ..binning.reach import reaches
@@ -26,7 +27,7 @@ from ..geometry.tiling import Tiling
 from ..gradients.crossings import lines_crossed, runs_of
 from ..options import Hard
 from ..scene import Scene
-from .effects import hiding, is_shaded, is_translucent
+from .effects import is_occluder, is_shaded, is_translucent
 from .fragment_count import Pairs, count_fragments, depth_planes
 
 MOST_PAIRS = 2**27
@@ -37,8 +38,8 @@ class Capacity(NamedTuple):
     """Capacities of lists whose length only data shows.
 
     - `strips`: of a triangle and a row of tiles; `pairs`: of a triangle and a tile.
-    - `layers`: listed pairs of a tile in one chunk; `chunks`: how many chunks, and `depth`: the
-      most of one tile.
+    - `layers`: listed pairs of a tile in one chunk; `chunks`: how many chunks, and `max_chunks`:
+      the most of one tile.
     - `steps`: blocks of `BLOCK` tiles times the longest list in each, for what goes through lists
       in order: translucency and the depth test.
     - `fragments`: of a triangle and a pixel that shows it, for opaque scenes that are shaded.
@@ -46,14 +47,27 @@ class Capacity(NamedTuple):
       positions.
     """
 
-    strips: Any
-    pairs: Any
-    layers: Any
-    chunks: Any
-    depth: Any
-    steps: Any
-    fragments: Any
-    crossings: Any
+    strips: int = 0
+    pairs: int = 0
+    layers: int = 0
+    chunks: int = 0
+    max_chunks: int = 0
+    steps: int = 0
+    fragments: int = 0
+    crossings: int = 0
+
+
+class Needs(NamedTuple):
+    """What a program needed of each `Capacity`, as it finds out while it runs."""
+
+    strips: int | Int[Array, ""] = 0
+    pairs: int | Int[Array, ""] = 0
+    layers: int | Int[Array, ""] = 0
+    chunks: int | Int[Array, ""] = 0
+    max_chunks: int | Int[Array, ""] = 0
+    steps: int | Int[Array, ""] = 0
+    fragments: int | Int[Array, ""] = 0
+    crossings: int | Int[Array, ""] = 0
 
 
 class Headroom(NamedTuple):
@@ -92,11 +106,11 @@ _LEAST_STEPS, _LEAST_CROSSINGS, _LEAST_FRAGMENTS = 32, 2**14, 2**12
 """Capacities that every plan has: they cost next to nothing, and small scenes share programs by
 them."""
 
-_LEAST_DEPTH, _COARSE_DEPTH = 4, 16
-"""Least `Capacity.depth`, and that of small scenes."""
+_LEAST_MAX_CHUNKS, _COARSE_MAX_CHUNKS = 4, 16
+"""Least `Capacity.max_chunks`, and that of small scenes."""
 
-_DEPTH_SHARE = 4
-"""One over the share of the need that is added to it for `Capacity.depth`."""
+_MAX_CHUNKS_SHARE = 4
+"""One over the share of the need that is added to it for `Capacity.max_chunks`."""
 
 _LEAST_RATIO = 0.25
 """Least capacity of a list that has one in proportion to the slots."""
@@ -105,14 +119,14 @@ _LEAST_RATIO = 0.25
 class Counts(NamedTuple):
     """Needs of one scene: strips, pairs before hidden ones are dropped, and each list's length.
 
-    `fragments` and `crossings` are 0 where none are needed.
+    `fragments` is 0 and `crossings` None where a render never needs any.
     """
 
     strips: int
     pairs: int
     listed: np.ndarray
-    fragments: int
-    crossings: int
+    fragments: int = 0
+    crossings: int | None = None
 
 
 def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) -> Counts:
@@ -123,12 +137,12 @@ def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) ->
         scene.positions, scene.triangles, origin, grid, coverage.fill_rule, cut=True
     )
     corners, segments, edges, boxes = projection[:4]
-    found = _list_pairs(edges, boxes, hiding(scene, segments.orientation), tiling)
+    found = _list_pairs(edges, boxes, is_occluder(scene, segments.orientation), tiling)
     fragments = 0
     if is_shaded(scene, coverage.shading) and not is_translucent(scene):
         deep = None if scene.depth is None else depth_planes(corners.high, scene, grid)
         fragments = count_fragments(edges, boxes, found.kept, deep, tiling)
-    crossings = 0
+    crossings = None
     if coverage.edge_gradients:
         crossings = int(runs_of(lines_crossed(segments, grid)[1]).sum(dtype=np.int64))
     return Counts(found.strips, found.pairs, found.listed, fragments, crossings)
@@ -144,9 +158,9 @@ def count_fading(
     scene = jax.tree.map(np.asarray, scene)
     corners = corners_of(scene.positions, scene.triangles, origin)
     found = reaches(corners, tiling.grid, np.float32(reach))
-    hides = hiding(scene, found.orientation) & (not summed)
+    hides = is_occluder(scene, found.orientation) & (not summed)
     pairs = _list_pairs(found.lines, found.bounds, hides, tiling)
-    return Counts(pairs.strips, pairs.pairs, pairs.listed, 0, 0)
+    return Counts(pairs.strips, pairs.pairs, pairs.listed)
 
 
 class _Listed(NamedTuple):
@@ -213,9 +227,11 @@ def choose_capacity(
     strips = max(one.strips for one in counts)
     pairs = max(one.pairs for one in counts)
     entries = _in_proportion(max(strips, pairs), need, capacity)
-    crossings = max(one.crossings for one in counts)
+    never_crossed = all(one.crossings is None for one in counts)
+    crossings = max(one.crossings or 0 for one in counts)
     steps = max(int(one.listed[::BLOCK].sum()) for one in counts) if in_order else 0
     fragments = max(one.fragments for one in counts)
+    fullest = max(int(one[0]) for one in chunks[layers])
     # Strips cost least of all: as many as pairs, or a quarter of them.
     many_strips = entries // 4 if 4 * strips <= pairs else entries
     # Crossings cost a tenth of a gradient: closer than lists that cost nearly nothing.
@@ -231,10 +247,10 @@ def choose_capacity(
         pairs=max(entries, headroom.least_slots),
         layers=layers,
         chunks=capacity // layers,
-        depth=_depth_class(max(int(one[0]) for one in chunks[layers]), capacity, headroom),
+        max_chunks=_max_chunks_class(fullest, capacity, headroom),
         steps=_size_class(_with_headroom(steps, headroom), _LEAST_STEPS, 0),
         fragments=_fragment_capacity(fragments, pixels, headroom),
-        crossings=max(runs, _LEAST_CROSSINGS),
+        crossings=0 if never_crossed else max(runs, _LEAST_CROSSINGS),
     )
 
 
@@ -253,15 +269,15 @@ def _slot_class(need: int, headroom: Headroom) -> int:
     return _size_class(wanted, headroom.least_slots, headroom.coarse_slots)
 
 
-def _depth_class(need: int, slots: int, headroom: Headroom) -> int:
+def _max_chunks_class(need: int, slots: int, headroom: Headroom) -> int:
     """Capacity for the chunks of the fullest tile: a quarter more than needed, in whole octaves.
 
     Of all needs it varies most from scene to scene, and costs least.
     """
-    need -= -need // _DEPTH_SHARE
+    need -= -need // _MAX_CHUNKS_SHARE
     if slots <= headroom.small_slots:
-        need = max(need, _COARSE_DEPTH)
-    return max(1 << (need - 1).bit_length(), _LEAST_DEPTH) if need else _LEAST_DEPTH
+        need = max(need, _COARSE_MAX_CHUNKS)
+    return max(1 << (need - 1).bit_length(), _LEAST_MAX_CHUNKS) if need else _LEAST_MAX_CHUNKS
 
 
 def _fragment_capacity(need: int, pixels: int, headroom: Headroom) -> int:

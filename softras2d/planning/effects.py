@@ -1,26 +1,45 @@
-"""Which effects a scene and a plan call for, read from structure: what is absent costs nothing."""
+"""Effects that a render may simulate, one table row each.
 
-from typing import Any
+A scene pays only for the effects that it calls for. Most of them can be read from the structure of
+the scene, so that the compiled program of a scene without an effect does not contain it.
+"""
 
-from ..options import Area, Filter, Hard, Soft
-from ..scene import Scene
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
 
-EFFECTS = {
-    "interpolated colour": "`colors` have three corners",
-    "translucency": "`colors` or `textures` have an alpha channel",
-    "translucent background": "`background` has an alpha channel",
-    "texture": "`textures`",
-    "mip levels": "`textures` has levels, and `filter.level` is not 'zero'",
-    "bilinear filter": "`textures`, and `filter.pixel` is 'bilinear'",
-    "anisotropic filter": "`textures`, and `filter.anisotropy` is above 1",
-    "perspective": "`inverse_w`, which bends colours or texture coordinates",
-    "depth test": "`depth`",
-    "pixel shading": "`coverage.shading` is 'pixel', and colours vary within a triangle",
-    "soft coverage": "`coverage` is `Soft`",
-    "exact area": "`coverage` is `Area`",
-    "guard band": "triangles reach past half the longer side around the canvas",
-}
-"""Each effect of a program, and the reason that it is there."""
+import numpy as np
+
+from ..geometry.fixed_point import Grid, snapped_corners, within_guard
+from ..options import Coverage, Filter, Hard
+from ..scene import Scene, take_triangles
+
+
+class Drawing(NamedTuple):
+    """A concrete scene and how it is drawn.
+
+    - `grid`: canvas, samples and snapping grid.
+    - `origin`: the pixel (x, y) of the scene at the canvas's upper left.
+    """
+
+    scene: Scene
+    coverage: Coverage
+    filter: Filter
+    grid: Grid
+    origin: np.ndarray
+
+
+class Effect(NamedTuple):
+    """One effect of a render.
+
+    - `reason`: what in the scene or in the options calls for it, for people.
+    - `is_present`: whether a drawing has it, if its coverage mode draws it at all.
+    - `without`: the drawing less this effect: another picture, for comparison of costs.
+    """
+
+    reason: str
+    is_present: Callable[[Drawing], bool]
+    without: Callable[[Drawing], Drawing]
 
 
 def is_translucent(scene: Scene) -> bool:
@@ -34,42 +53,121 @@ def varies(scene: Scene) -> bool:
     return scene.textures is not None or scene.colors.shape[-2] == 3
 
 
-def is_shaded(scene: Scene, rate: str) -> bool:
-    """Whether colours are evaluated point by point, at `rate` as `Hard.shading`.
+def is_shaded(scene: Scene, shading: str) -> bool:
+    """Whether colours are evaluated point by point; `shading` as in `Hard`.
 
-    Where they are affine on the screen and taken at each sample, sums of places tell them.
+    Otherwise they are affine on the screen and taken at each sample: sums over the positions of
+    the covered samples are enough.
     """
-    bent = scene.inverse_w is not None or rate == "pixel"
-    return scene.textures is not None or (varies(scene) and bent)
+    is_not_affine = scene.inverse_w is not None or shading == "pixel"
+    return scene.textures is not None or (varies(scene) and is_not_affine)
 
 
-def structural_effects(scene: Scene, coverage: Hard | Soft | Area, filter: Filter) -> set[str]:
-    """Names of `EFFECTS`; all but those that only concrete positions tell."""
-    textures = scene.textures
-    textured = textures is not None
-    present = {
-        "interpolated colour": scene.colors.shape[-2] == 3,
-        "translucency": is_translucent(scene),
-        "translucent background": scene.background.shape[-1] == 4,
-        "texture": textured,
-        "mip levels": textured and textures.depth > 1 and filter.level != "zero",
-        "bilinear filter": textured and filter.pixel == "bilinear",
-        "anisotropic filter": textured and filter.anisotropy > 1,
-        "perspective": scene.inverse_w is not None and varies(scene),
-        "depth test": scene.depth is not None,
-        "pixel shading": isinstance(coverage, Hard)
-        and coverage.shading == "pixel"
-        and varies(scene),
-        "soft coverage": isinstance(coverage, Soft),
-        "exact area": isinstance(coverage, Area),
-    }
-    return {name for name, here in present.items() if here}
+def _is_pixel_shaded(drawing: Drawing) -> bool:
+    shading = getattr(drawing.coverage, "shading", "sample")
+    return shading == "pixel" and varies(drawing.scene)
 
 
-def hiding(scene: Scene, orientation: Any) -> Any:
-    """Triangles `[triangles]` through which nothing shows where they are drawn.
+def _within_guard_band(drawing: Drawing) -> np.ndarray:
+    positions, triangles = (
+        np.asarray(e) for e in (drawing.scene.positions, drawing.scene.triangles)
+    )
+    corners = snapped_corners(positions, triangles, drawing.origin, drawing.grid)
+    return np.asarray(within_guard(corners, drawing.grid))
 
-    With depth none is known to. For numpy and jax alike.
+
+def _has_mip_levels(drawing: Drawing) -> bool:
+    textures = drawing.scene.textures
+    return textures is not None and textures.depth > 1 and drawing.filter.level != "zero"
+
+
+def _replace_scene(drawing: Drawing, **fields: Any) -> Drawing:
+    return drawing._replace(scene=replace(drawing.scene, **fields))
+
+
+def _replace_filter(drawing: Drawing, **fields: Any) -> Drawing:
+    return drawing._replace(filter=replace(drawing.filter, **fields))
+
+
+def _without_alpha(drawing: Drawing) -> Drawing:
+    textures = drawing.scene.textures
+    if textures is not None:
+        textures = replace(textures, texels=textures.texels[:, :3])
+    return _replace_scene(drawing, colors=drawing.scene.colors[..., :3], textures=textures)
+
+
+def _with_hard_coverage(drawing: Drawing) -> Drawing:
+    return drawing._replace(coverage=Hard(samples=1))
+
+
+EFFECTS = {
+    "interpolated colour": Effect(
+        "`colors` have three corners",
+        lambda drawing: drawing.scene.colors.shape[-2] == 3,
+        lambda drawing: _replace_scene(drawing, colors=drawing.scene.colors.mean(1, keepdims=True)),
+    ),
+    "translucency": Effect(
+        "`colors` or `textures` have an alpha channel",
+        lambda drawing: is_translucent(drawing.scene),
+        _without_alpha,
+    ),
+    "translucent background": Effect(
+        "`background` has an alpha channel",
+        lambda drawing: drawing.scene.background.shape[-1] == 4,
+        lambda drawing: _replace_scene(drawing, background=drawing.scene.background[:3]),
+    ),
+    "texture": Effect(
+        "`textures`",
+        lambda drawing: drawing.scene.textures is not None,
+        lambda drawing: _replace_scene(drawing, uv=None, texture_index=None, textures=None),
+    ),
+    "mip levels": Effect(
+        "`textures` has levels, and `filter.level` is not 'zero'",
+        _has_mip_levels,
+        lambda drawing: _replace_filter(drawing, level="zero"),
+    ),
+    "bilinear filter": Effect(
+        "`textures`, and `filter.pixel` is 'bilinear'",
+        lambda drawing: drawing.scene.textures is not None and drawing.filter.pixel == "bilinear",
+        lambda drawing: _replace_filter(drawing, pixel="nearest"),
+    ),
+    "anisotropic filter": Effect(
+        "`textures`, and `filter.anisotropy` is above 1",
+        lambda drawing: drawing.scene.textures is not None and drawing.filter.anisotropy > 1,
+        lambda drawing: _replace_filter(drawing, anisotropy=1),
+    ),
+    "perspective": Effect(
+        "`inverse_w`, which bends colours or texture coordinates",
+        lambda drawing: drawing.scene.inverse_w is not None and varies(drawing.scene),
+        lambda drawing: _replace_scene(drawing, inverse_w=None),
+    ),
+    "depth test": Effect(
+        "`depth`",
+        lambda drawing: drawing.scene.depth is not None,
+        lambda drawing: _replace_scene(drawing, depth=None),
+    ),
+    "pixel shading": Effect(
+        "`coverage.shading` is 'pixel', and colours vary within a triangle",
+        _is_pixel_shaded,
+        lambda drawing: drawing._replace(coverage=replace(drawing.coverage, shading="sample")),
+    ),
+    "soft coverage": Effect("`coverage` is `Soft`", lambda drawing: True, _with_hard_coverage),
+    "exact area": Effect("`coverage` is `Area`", lambda drawing: True, _with_hard_coverage),
+    "guard band": Effect(
+        "triangles reach past half the longer side around the canvas",
+        lambda drawing: not _within_guard_band(drawing).all(),
+        lambda drawing: drawing._replace(
+            scene=take_triangles(drawing.scene, _within_guard_band(drawing))
+        ),
+    ),
+}
+"""Every effect by its name, in the order in which plans list them."""
+
+
+def is_occluder(scene: Scene, orientation: Any) -> Any:
+    """Whether nothing shows through each triangle `[triangles]` where it is drawn.
+
+    With depth none is known to be an occluder. For numpy and jax alike.
     """
     xp = orientation.__array_namespace__()
     solid = orientation != 0

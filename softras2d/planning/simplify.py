@@ -3,12 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Array
 
 from ..geometry.fixed_point import Grid
 from ..numerics.device import to_device
 from ..options import Filter
-from ..scene import Scene, check
+from ..scene import Scene, check, take_triangles
 from .effects import varies
 from .simplify_textures import base_is_enough, used_textures
 
@@ -51,23 +50,6 @@ def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = N
     if not varies(scene):
         scene = replace(scene, inverse_w=None)
     return scene
-
-
-def take_triangles(scene: Scene, kept: np.ndarray) -> Scene:
-    """The scene with those of its triangles where `kept` `[triangles]` is true."""
-    if kept.all():
-        return scene
-
-    def some(value: Array | None) -> Array | None:
-        return None if value is None else to_device(np.asarray(value)[kept])
-
-    return replace(
-        scene,
-        triangles=some(scene.triangles),
-        colors=some(scene.colors),
-        uv=some(scene.uv),
-        texture_index=some(scene.texture_index),
-    )
 
 
 def _without_equal_corners(scene: Scene) -> Scene:

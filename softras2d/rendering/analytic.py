@@ -1,117 +1,169 @@
-"""The pipeline of coverage that has a slope: soft, and exact area."""
+"""The pipeline of analytic coverage: soft coverage and exact area."""
 
+import abc
 import functools
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..binning.lists import Chunks, cut_chunks
 from ..binning.reach import Reaches, reaches
+from ..binning.tile_side import choose_side
 from ..binning.tiles import list_tiles
-from ..compositing import analytic_over, depth_softmax
+from ..compositing import analytic_over
 from ..compositing.opaque import sum_chunks
-from ..coverage import area, centroid, nearest_weights, soft
-from ..coverage.analytic import cover
+from ..coverage.analytic import Measure, cover
 from ..coverage.edge_lines import Sides, sides_of
-from ..coverage.profiles import SUPPORT
-from ..geometry.fixed_point import corners_of, turn
+from ..geometry.fixed_point import Grid, corners_of, turn
+from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import one_pass
-from ..options import Area, Soft
-from ..planning.capacities import Capacity
-from ..planning.effects import hiding, varies
+from ..planning.capacities import (
+    FADING_HEADROOM,
+    VARYING_HEADROOM,
+    Needs,
+    choose_capacity,
+    count_fading,
+)
+from ..planning.effects import is_occluder, varies
 from ..planning.plan import Plan
 from ..scene import Scene
 from ..shading.pixel_color import Carried, Shaded, shade_slots
 from ..shading.triangle_color import Corners, Skin
+from .coverage_mode import CoverageMode, Drawn, Layout
 
 _FARTHEST = 2.0**30
 """Pixels at which corners are held: their squares stay finite."""
 
 
-class Drawn(NamedTuple):
-    """An image, premultiplied, and what room its lists needed."""
+class Measured(NamedTuple):
+    """How a mode measures coverage, and weights the corners, of slots as they lie in their tiles.
 
-    image: Float[Array, "height width channels"]
-    needs: Capacity
+    - `coverage`, `weights`: the two measures; `coverage_shape`, `weights_shape`: what of the
+      triangles each of them looks at.
+    """
 
-
-class Placed(NamedTuple):
-    """Slots: their corners, x and y in turn, and their edges as seen from their tiles."""
-
-    corners: Float[Array, "6 slots"]
-    sides: Sides
-    outline: area.Outline | None
+    coverage: Measure
+    coverage_shape: Any
+    weights: Measure
+    weights_shape: Any
 
 
-def draw(scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
-    """Draw under `Soft` or `Area`; `background` is premultiplied."""
-    coverage, tiling, room = plan.coverage, plan.tiling, plan.capacity
-    assert isinstance(coverage, Soft | Area)
-    summed = isinstance(coverage, Area) and coverage.compositing == "sum"
-    corners = one_pass(corners_of)(scene.positions, scene.triangles, plan.origin)
-    parameter, reach = _softness(coverage, corners.dtype)
-    found = one_pass(lambda corners, reach: reaches(corners, plan.grid, reach))(
-        jax.lax.stop_gradient(corners), reach
-    )
-    hides = one_pass(hiding)(scene, found.orientation) & (not summed)
-    lists = list_tiles(
-        found.lines, found.bounds, hides, tiling, strips=room.strips, pairs=room.pairs
-    )
-    chunks = cut_chunks(lists, layers=room.layers, capacity=room.chunks)
-    placed = _place(corners, found, chunks, plan)
-    if isinstance(coverage, Area):
-        measure, shape = area.measure(tiling.width), placed.outline
-        assert shape is not None
-        weights, weighed = centroid.weights(tiling.width), centroid.Shape(shape, placed.sides)
-    else:
-        measure, shape = soft.measure(coverage.profile, tiling.width), placed.sides
-        weights, weighed = nearest_weights.weights(tiling.width), shape
-    covered = cover(measure, placed.corners, shape, parameter)
-    carried = _carried(scene, found, plan)
-    shaded = shade_slots(carried, covered, weights, placed.corners, weighed, placed.sides, chunks)
-    layers = _composite(shaded, found, chunks, plan)
+class AnalyticMode(CoverageMode):
+    """Analytic coverage: a smooth function of the corners, evaluated at each pixel.
 
-    @one_pass
-    def arrange(layers, background):
-        channels = background.shape[0]
-        # Channel by channel: the transpose then has no sum over an axis.
-        clear = 1.0 - layers[3]
-        over = jnp.stack([layers[c] + clear * background[c] for c in range(channels)])
-        tiles = tiling.rows, tiling.columns, tiling.height, tiling.width
-        split = over.reshape(channels, *tiles)
-        image = split.transpose(1, 3, 2, 4, 0).reshape((*tiling.padded_shape, channels))
-        return tiling.crop(image)
+    A member says how far a triangle reaches, how coverage is measured, and how triangles are
+    composited.
+    """
 
-    none = jnp.zeros((), jnp.int32)
-    needs = Capacity(
-        lists.strips, lists.pairs, none, chunks.needed, chunks.deepest, none, none, none
-    )
-    return Drawn(arrange(layers, background), needs)
+    @abc.abstractmethod
+    def reach(self, coverage: Any, max_width: float | None) -> float:
+        """Pixels beyond its edges to which a triangle has coverage."""
+
+    @abc.abstractmethod
+    def parameter(self, coverage: Any, dtype: Any) -> tuple[Array, Array]:
+        """The parameter of the measure of coverage, and the reach in pixels, as arrays."""
+
+    @abc.abstractmethod
+    def measures(
+        self, coverage: Any, corners: Array, tile: Array, sides: Sides, side: int
+    ) -> Measured:
+        """How slots are measured.
+
+        `corners` `[6, slots]`: x and y of each corner in turn; `tile` `[2, slots]`: the first
+        pixel of their tile; `sides`: their edges; `side`: pixels along a tile.
+        """
+
+    def is_sum(self, coverage: Any) -> bool:
+        """Whether signed areas are added, so that no triangle hides another."""
+        return False
+
+    def composite(
+        self, coverage: Any, shaded: Shaded, found: Reaches, chunks: Chunks, max_chunks: int
+    ) -> Float[Array, "4 tiles pixels"]:
+        """The layers of each pixel in one: premultiplied colour, and alpha."""
+        return analytic_over.composite(shaded.opacity, shaded.color, chunks, depth=max_chunks)
+
+    def lay_out(
+        self,
+        scenes: Sequence[Scene],
+        grid: Grid,
+        coverage: Any,
+        origin: np.ndarray,
+        max_width: float | None,
+    ) -> Layout:
+        """Capacities for the largest of the scenes, and the tile side of least work."""
+        headroom = VARYING_HEADROOM if any(map(varies, scenes)) else FADING_HEADROOM
+        reach = self.reach(coverage, max_width)
+        corners = [
+            corners_of(np.asarray(scene.positions), np.asarray(scene.triangles), origin)
+            for scene in scenes
+        ]
+        side = choose_side(corners, grid, reach)
+        tiling = Tiling.square(grid, side)
+        summed = self.is_sum(coverage)
+        counts = [count_fading(scene, tiling, reach, origin, summed=summed) for scene in scenes]
+        pixels = grid.height * grid.width
+        capacity = choose_capacity(counts, in_order=False, pixels=pixels, headroom=headroom)
+        return Layout(capacity, side)
+
+    def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
+        """Composite colour times coverage at each pixel: list tiles, cover, shade, composite."""
+        coverage, tiling, capacity = plan.coverage, plan.tiling, plan.capacity
+        corners = one_pass(corners_of)(scene.positions, scene.triangles, plan.origin)
+        parameter, reach = self.parameter(coverage, corners.dtype)
+        found = one_pass(lambda corners, reach: reaches(corners, plan.grid, reach))(
+            jax.lax.stop_gradient(corners), reach
+        )
+        hides = one_pass(is_occluder)(scene, found.orientation) & (not self.is_sum(coverage))
+        lists = list_tiles(
+            found.lines, found.bounds, hides, tiling, strips=capacity.strips, pairs=capacity.pairs
+        )
+        chunks = cut_chunks(lists, layers=capacity.layers, capacity=capacity.chunks)
+        slots, tile = _place(corners, found, chunks, tiling)
+        sides = one_pass(sides_of)(slots, tile)
+        measured = self.measures(coverage, slots, tile, sides, tiling.width)
+        covered = cover(measured.coverage, slots, measured.coverage_shape, parameter)
+        carried = _carried(scene, found, plan)
+        shaded = shade_slots(
+            carried, covered, measured.weights, slots, measured.weights_shape, sides, chunks
+        )
+        layers = self.composite(coverage, shaded, found, chunks, capacity.max_chunks)
+        image = one_pass(functools.partial(_to_image, tiling=tiling))(layers, background)
+        needs = Needs(
+            strips=lists.strips, pairs=lists.pairs, chunks=chunks.needed, max_chunks=chunks.deepest
+        )
+        return Drawn(image, needs)
 
 
-def _softness(coverage: Soft | Area, dtype: Any) -> tuple[Array, Array]:
-    """The parameter of the measure, and how far coverage reaches beyond an edge."""
-    if isinstance(coverage, Area):
-        return jnp.zeros((), dtype), jnp.asarray(area.REACH, jnp.float32)
-    width = jnp.asarray(coverage.width)
-    reach = jax.lax.stop_gradient(width).astype(jnp.float32) * SUPPORT[coverage.profile]
-    return width.astype(dtype), reach
+def _to_image(
+    layers: Float[Array, "4 tiles pixels"], background: Float[Array, " channels"], tiling: Tiling
+) -> Float[Array, "height width channels"]:
+    """Put the composited tiles over the background, and in their places on the canvas."""
+    channels = background.shape[0]
+    # Channel by channel: the transpose then has no sum over an axis.
+    clear = 1.0 - layers[3]
+    over = jnp.stack([layers[c] + clear * background[c] for c in range(channels)])
+    split = over.reshape(channels, tiling.rows, tiling.columns, tiling.height, tiling.width)
+    image = split.transpose(1, 3, 2, 4, 0).reshape((*tiling.padded_shape, channels))
+    return tiling.crop(image)
 
 
 def _place(
-    corners: Float[Array, "triangles 3 2"], found: Reaches, chunks: Chunks, plan: Plan
-) -> Placed:
-    tiling = plan.tiling
+    corners: Float[Array, "triangles 3 2"], found: Reaches, chunks: Chunks, tiling: Tiling
+) -> tuple[Float[Array, "6 slots"], Float[Array, "2 slots"]]:
+    """The corners of each slot's triangle, x and y in turn, and the first pixel of its tile."""
     dtype = corners.dtype
 
     @one_pass
     def gather(corners, found, chunks):
         triangle = chunks.triangle.reshape(-1)
-        held = jnp.where(found.finite[:, None, None], corners, 0.0)
-        held = jnp.clip(held, -_FARTHEST, _FARTHEST)
-        x, y = (turn(held[:, :, axis].T, found.orientation)[:, triangle] for axis in (0, 1))
+        clamped = jnp.where(found.finite[:, None, None], corners, 0.0)
+        clamped = jnp.clip(clamped, -_FARTHEST, _FARTHEST)
+        x, y = (turn(clamped[:, :, axis].T, found.orientation)[:, triangle] for axis in (0, 1))
         # An empty slot is a corner out of reach.
         filled = chunks.filled.reshape(-1)
         six = [x[0], y[0], x[1], y[1], x[2], y[2]]
@@ -122,14 +174,7 @@ def _place(
         tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape).reshape(-1)
         return jnp.stack([c.astype(dtype) for c in tiling.first_sample(tile)])
 
-    slots, tile = gather(corners, found, chunks), locate(chunks)
-    sides = one_pass(sides_of)(slots, tile)
-    outline = None
-    if isinstance(plan.coverage, Area):
-        signed = plan.coverage.compositing == "sum"
-        cut = functools.partial(area.outline_of, side=tiling.width, signed=signed)
-        outline = one_pass(cut)(slots, tile, sides)
-    return Placed(slots, sides, outline)
+    return gather(corners, found, chunks), locate(chunks)
 
 
 def _carried(scene: Scene, found: Reaches, plan: Plan) -> Carried:
@@ -154,27 +199,13 @@ def _carried(scene: Scene, found: Reaches, plan: Plan) -> Carried:
     return Carried(corners, scene.texture_index, skin, depth)
 
 
-def _composite(
-    shaded: Shaded, found: Reaches, chunks: Chunks, plan: Plan
-) -> Float[Array, "4 tiles pixels"]:
-    coverage, most = plan.coverage, plan.capacity.depth
-    opacity, color, depth = shaded
-    if depth is not None:
-        assert isinstance(coverage, Soft)
-        temperature = jnp.asarray(coverage.temperature).astype(opacity.dtype)
-        return depth_softmax.mix(opacity, color, depth, temperature, chunks, most=most)
-    if isinstance(coverage, Area) and coverage.compositing == "sum":
-        return _add(opacity, color, found, chunks, depth=most)
-    return analytic_over.composite(opacity, color, chunks, depth=most)
-
-
-def _add(
+def add_signed(
     opacity: Float[Array, "chunks layers pixels"],
     colors: Float[Array, "chunks layers 3 #pixels"],
     found: Reaches,
     chunks: Chunks,
     *,
-    depth: int,
+    max_chunks: int,
 ) -> Float[Array, "4 tiles pixels"]:
     """Signed sum: a triangle that is turned against the whole takes away what it covers."""
 
@@ -192,5 +223,5 @@ def _add(
     sign = jnp.where(turned, 1.0, -1.0).astype(opacity.dtype)
     parts = add(opacity, colors, sign, chunks)
     return jnp.stack(
-        [sum_chunks(part[:, None, None], chunks, depth=depth)[:, 0, 0] for part in parts]
+        [sum_chunks(part[:, None, None], chunks, depth=max_chunks)[:, 0, 0] for part in parts]
     )

@@ -6,18 +6,15 @@ Time is measured; memory, operations and traffic are what the compiler says of i
 import statistics
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import NamedTuple
 
 import jax
 import numpy as np
 
-from ..geometry.fixed_point import snapped_corners, within_guard
-from ..options import Area, Filter, Hard, Soft
-from ..planning.effects import EFFECTS
-from ..planning.plan import Plan, plan
-from ..planning.simplify import take_triangles
+from ..planning.effects import EFFECTS, Drawing
+from ..planning.plan import Plan
 from ..scene import Scene
+from .planner import plan as make_plan
 from .render import compile_render
 
 
@@ -55,49 +52,17 @@ def without(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
     """The scene and a plan for it, less one of `EFFECTS`: another picture, for comparison."""
     if effect not in EFFECTS:
         raise ValueError(f"`effect` must be one of {', '.join(EFFECTS)}; got {effect!r}.")
-    coverage, filter = plan.coverage, plan.filter
-    textures = scene.textures
-    match effect:
-        case "interpolated colour":
-            scene = replace(scene, colors=scene.colors.mean(1, keepdims=True))
-        case "translucency":
-            if textures is not None:
-                textures = replace(textures, texels=textures.texels[:, :3])
-            scene = replace(scene, colors=scene.colors[..., :3], textures=textures)
-        case "translucent background":
-            scene = replace(scene, background=scene.background[:3])
-        case "texture":
-            scene = replace(scene, uv=None, texture_index=None, textures=None)
-        case "mip levels":
-            filter = replace(filter, level="zero")
-        case "bilinear filter":
-            filter = replace(filter, pixel="nearest")
-        case "anisotropic filter":
-            filter = replace(filter, anisotropy=1)
-        case "perspective":
-            scene = replace(scene, inverse_w=None)
-        case "depth test":
-            scene = replace(scene, depth=None)
-        case "pixel shading":
-            coverage = replace(coverage, shading="sample")
-        case "soft coverage" | "exact area":
-            coverage = Hard(samples=1)
-        case "guard band":
-            positions, triangles = np.asarray(scene.positions), np.asarray(scene.triangles)
-            corners = snapped_corners(positions, triangles, np.asarray(plan.origin), plan.grid)
-            scene = take_triangles(scene, within_guard(corners, plan.grid))
-    return scene, _plan_again(scene, plan, coverage, filter)
-
-
-def _plan_again(scene: Scene, old: Plan, coverage: Hard | Soft | Area, filter: Filter) -> Plan:
-    return plan(
-        scene,
-        height=old.height,
-        grid_bits=old.grid_bits,
-        width=old.width,
-        coverage=coverage,
-        filter=filter,
-        origin=np.asarray(old.origin),
+    origin = np.asarray(plan.origin)
+    drawing = Drawing(scene, plan.coverage, plan.filter, plan.grid, origin)
+    less = EFFECTS[effect].without(drawing)
+    return less.scene, make_plan(
+        less.scene,
+        height=plan.height,
+        width=plan.width,
+        coverage=less.coverage,
+        filter=less.filter,
+        origin=origin,
+        grid_bits=plan.grid_bits,
     )
 
 

@@ -277,7 +277,7 @@ def test_effects_are_listed_with_their_reasons():
     others = {"soft coverage", "exact area", "guard band"}
     assert set(plan.effects) == set(EFFECTS) - others
     for name in plan.effects:
-        assert f"{name}: {EFFECTS[name]}" in str(plan)
+        assert f"{name}: {EFFECTS[name].reason}" in str(plan)
     bare = sr.plan(
         sr.Scene.from_soup(scene.positions.reshape(1, 3, 2), np.ones((1, 3))), height=9, width=9
     )

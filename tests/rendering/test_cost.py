@@ -51,7 +51,7 @@ def test_less_one_effect(effect):
     of_textures = {"mip levels", "bilinear filter", "anisotropic filter"}
     assert effect in gone
     assert gone - {effect} <= (of_textures if effect == "texture" else set())
-    assert (less.height, less.width, less.hard.samples) == (9, 9, 4)
+    assert (less.height, less.width, less.coverage.rate) == (9, 9, 2)
     np.testing.assert_array_equal(less.origin, [0, 1])
     assert float(less.filter.lod_bias) == 0.5
 
@@ -61,7 +61,7 @@ def test_less_a_coverage_with_slopes(effect):
     scene = replace(_scene(), depth=None)
     plan = sr.plan(scene, height=9, width=9, coverage=SLOPED[effect])
     _, less = without(scene, plan, effect)
-    assert less.hard.samples == 1
+    assert less.coverage.rate == 1
     assert set(plan.effects) - set(less.effects) == {effect}
 
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from ...numerics.device import to_device
 from ...options import Soft
-from ...planning.plan import Plan, plan
+from ...planning.plan import Plan
 from ...planning.size_classes import fine_class
+from ...rendering.planner import plan
 from ...scene import Scene
 from ..chunk import take_steps
 from ..closed_form import best_colors

@@ -9,7 +9,8 @@ from jaxtyping import Float
 
 from ...numerics.device import to_device
 from ...options import Area
-from ...planning.plan import Plan, plan
+from ...planning.plan import Plan
+from ...rendering.planner import plan
 from ...scene import Scene
 from ..chunk import take_steps
 from ..closed_form import best_colors

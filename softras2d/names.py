@@ -1,0 +1,23 @@
+"""Names that a caller may write for an option: each list stands here once.
+
+Imports nothing but `typing`, so that the command line can offer the names without loading JAX.
+"""
+
+from typing import Any, Literal, get_args
+
+FillRule = Literal["inclusive", "top_left"]
+Shading = Literal["sample", "pixel"]
+SoftProfile = Literal["logistic", "softras", "window"]
+AreaCompositing = Literal["over", "sum"]
+PixelFilter = Literal["nearest", "bilinear"]
+LevelFilter = Literal["zero", "nearest", "linear"]
+TextureBorder = Literal["clamp", "repeat"]
+TextureAddressing = Literal["half_texel", "corners"]
+
+
+def check_name(argument: str, value: object, names: Any) -> None:
+    """Raise `ValueError` unless `value` is one of `names`, a `Literal` of this module."""
+    allowed = get_args(names)
+    if value not in allowed:
+        told = ", ".join(map(repr, allowed))
+        raise ValueError(f"`{argument}` must be one of {told}; got {value!r}.")

@@ -1,0 +1,77 @@
+"""The interface of a coverage mode: how one kind of coverage is planned and drawn.
+
+`modes.MODES` maps each option that a caller may choose to its mode.
+"""
+
+import abc
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..geometry.fixed_point import Grid
+from ..options import Coverage
+from ..planning.capacities import Capacity, Needs
+from ..planning.plan import Plan
+from ..scene import Scene
+
+
+class Layout(NamedTuple):
+    """What a plan decides from concrete scenes.
+
+    - `capacity`: lengths of the lists.
+    - `tile_side`: pixels along a square tile; 0 for the tiling of sampled coverage.
+    """
+
+    capacity: Capacity
+    tile_side: int = 0
+
+
+class Drawn(NamedTuple):
+    """A premultiplied image, and whether the plan was large enough for it.
+
+    - `needs`: the capacities that the scene needed.
+    - `leaves_guard_band`: whether a triangle reaches past the guard band, which the plan did not
+      foresee.
+    """
+
+    image: Float[Array, "height width channels"]
+    needs: Needs
+    leaves_guard_band: Bool[Array, ""] | bool = False
+
+
+class CoverageMode(abc.ABC):
+    """How one kind of coverage is planned and drawn.
+
+    - `effects`: names of the rows of `effects.EFFECTS` that this mode draws.
+    - `missing`: for each effect of a scene that it cannot draw, one line that says what to do.
+    """
+
+    effects: tuple[str, ...]
+    missing: dict[str, str]
+
+    @abc.abstractmethod
+    def prepare(self, coverage: Any, max_width: float | None) -> Coverage:
+        """The option with array leaves, so that other values of them do not recompile.
+
+        Raises `ValueError` for values that the option cannot have.
+        """
+
+    @abc.abstractmethod
+    def lay_out(
+        self,
+        scenes: Sequence[Scene],
+        grid: Grid,
+        coverage: Any,
+        origin: np.ndarray,
+        max_width: float | None,
+    ) -> Layout:
+        """Capacities that are large enough for each of some concrete scenes."""
+
+    @abc.abstractmethod
+    def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
+        """Draw a scene of at least one triangle; `background` is premultiplied.
+
+        Pure, for use under any JAX transformation.
+        """

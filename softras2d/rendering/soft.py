@@ -1,0 +1,78 @@
+"""Soft coverage as a mode: a smooth step of the signed distance to each triangle."""
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from ..binning.lists import Chunks
+from ..binning.reach import Reaches
+from ..compositing import depth_softmax
+from ..coverage import nearest_weights, soft
+from ..coverage.edge_lines import Sides
+from ..coverage.profiles import SUPPORT
+from ..numerics.device import to_device
+from ..options import Soft
+from ..planning.effects import EFFECTS
+from ..shading.pixel_color import Shaded
+from .analytic import AnalyticMode, Measured
+
+
+class SoftMode(AnalyticMode):
+    """Soft coverage, the mode of `Soft`."""
+
+    effects = tuple(
+        name for name in EFFECTS if name not in ("pixel shading", "exact area", "guard band")
+    )
+    missing: ClassVar[dict[str, str]] = {}
+
+    def prepare(self, coverage: Soft, max_width: float | None) -> Soft:
+        """The option with its width and temperature as float32 arrays."""
+        given: dict[str, Any] = {} if max_width is None else {"max_width": max_width}
+        given |= {"width": coverage.width, "temperature": coverage.temperature}
+        for name, value in given.items():
+            _check_positive(name, value)
+        numbers = [to_device(n, np.float32) for n in (coverage.width, coverage.temperature)]
+        return eqx.tree_at(lambda c: (c.width, c.temperature), coverage, numbers)
+
+    def reach(self, coverage: Soft, max_width: float | None) -> float:
+        """The support of the profile at the largest width."""
+        width = float(coverage.width)
+        return max(width, max_width or width) * SUPPORT[coverage.profile]
+
+    def parameter(self, coverage: Soft, dtype: Any) -> tuple[Array, Array]:
+        """The width, and the support of the profile at that width."""
+        width = jnp.asarray(coverage.width)
+        reach = jax.lax.stop_gradient(width).astype(jnp.float32) * SUPPORT[coverage.profile]
+        return width.astype(dtype), reach
+
+    def measures(
+        self, coverage: Soft, corners: Array, tile: Array, sides: Sides, side: int
+    ) -> Measured:
+        """By the signed distance to the triangle; corners are weighted at its nearest point."""
+        return Measured(
+            soft.measure(coverage.profile, side), sides, nearest_weights.weights(side), sides
+        )
+
+    def composite(
+        self, coverage: Soft, shaded: Shaded, found: Reaches, chunks: Chunks, max_chunks: int
+    ) -> Float[Array, "4 tiles pixels"]:
+        """Draw order, or a mixture by depth if the scene has depth."""
+        opacity, color, depth = shaded
+        if depth is None:
+            return super().composite(coverage, shaded, found, chunks, max_chunks)
+        temperature = jnp.asarray(coverage.temperature).astype(opacity.dtype)
+        return depth_softmax.mix(opacity, color, depth, temperature, chunks, most=max_chunks)
+
+
+def _check_positive(name: str, value: Any) -> None:
+    if isinstance(value, Tracer):
+        raise ValueError(f"`plan` needs a concrete `{name}`; set it later.")
+    number = np.asarray(value)
+    if number.ndim or number.dtype.kind not in "iuf" or not 0 < number < 2.0**30:
+        unit = "" if name == "temperature" else " of pixels"
+        raise ValueError(f"`{name}` must be one number{unit} above 0; got {value!r}.")
