@@ -1,5 +1,7 @@
 """The plan of a render: how a scene is drawn, and how long the lists may become."""
 
+from typing import cast
+
 import equinox as eqx
 from jax.core import Tracer
 from jaxtyping import Array, Int
@@ -36,6 +38,11 @@ class Plan(eqx.Module):
     side: int = eqx.field(static=True)
     effects: tuple[str, ...] = eqx.field(static=True)
     grid_bits: int | None = eqx.field(static=True, default=None)
+
+    @property
+    def hard(self) -> Hard:
+        """The coverage of a plan for hard mode."""
+        return cast(Hard, self.coverage)
 
     @property
     def grid(self) -> Grid:

@@ -1,7 +1,7 @@
 """The pipeline of sampled coverage: each sample is inside or outside, decided in integers."""
 
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple, cast
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -117,11 +117,6 @@ def _count_runs(count: Int[Array, "3 triangles"]) -> Int[Array, ""]:
     return saturated_sum(runs_of(count).reshape(-1))
 
 
-def _option(plan: Plan) -> Hard:
-    """The coverage of a plan that this mode draws."""
-    return cast(Hard, plan.coverage)
-
-
 def _project(scene: Scene, plan: Plan) -> Projected:
     grid = plan.grid
     cut = "guard band" in plan.effects
@@ -131,7 +126,7 @@ def _project(scene: Scene, plan: Plan) -> Projected:
         scene.triangles,
         plan.origin,
         grid,
-        _option(plan).fill_rule,
+        plan.hard.fill_rule,
         cut=cut,
         weights=varies(scene) or scene.depth is not None,
         apart=one_pass,
@@ -140,7 +135,7 @@ def _project(scene: Scene, plan: Plan) -> Projected:
     orientation = segments.orientation
     unforeseen = jnp.zeros((), bool) if cut else jnp.any(beyond)
     outlines = None
-    if _option(plan).edge_gradients:
+    if plan.hard.edge_gradients:
         outlines = _outlines(corners, segments, edges, scene.triangles, grid)
     surface = _surface(scene, edges, weights, outlines, orientation, plan)
     depths = None
@@ -212,7 +207,7 @@ def _blend(
     plan: Plan,
 ) -> Array:
     """Translucent triangles: composite each sample, front to back."""
-    tiling, shading = plan.tiling, _option(plan).shading
+    tiling, shading = plan.tiling, plan.hard.shading
     covered, passed = _listed_rows(projected, lists, steps, plan)
     shading = shading if is_shaded(scene, shading) else None
     sums = over.composite(projected.surface, passed, covered, lists, steps, tiling, shading=shading)
@@ -271,7 +266,7 @@ def _paint(
         opaque_corners = opaque.with_alpha(surface.corners.color)
         surface = surface._replace(corners=surface.corners._replace(color=opaque_corners))
     needed = jnp.zeros((), jnp.int32)
-    shading = _option(plan).shading
+    shading = plan.hard.shading
     if is_shaded(scene, shading):
         fragments = cut_fragments(visible, tiling, capacity=room.fragments)
         totals = deferred_shading.sum_shaded(

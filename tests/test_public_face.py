@@ -1,0 +1,112 @@
+"""The public face: every public name with its parameters, which scripts of users rely on.
+
+A parameter is written `*name` if it is keyword-only, and `name=` if it has a default. A name or a
+parameter that goes away, or loses its default, breaks scripts; new ones are added to the list.
+"""
+
+import inspect
+from typing import Any
+
+import softras2d as sr
+
+FACE = """
+Area: compositing=
+Filter: pixel=, level=, anisotropy=, lod_bias=
+FitResult: scene, image, psnr, ssim, history, settings, interrupted=, state=
+FitResult.height: property
+FitResult.load: path
+FitResult.report: self
+FitResult.save: self, path
+FitResult.width: property
+FitResult.write_report: self, path
+Hard: samples=, fill_rule=, shading=, edge_gradients=
+Hard.rate: property
+Plan: height, width, coverage, filter, origin, capacity, side, effects, grid_bits=
+Plan.grid: property
+Plan.hard: property
+Plan.holds: self, other
+Plan.memory: property
+Plan.tiling: property
+Scene: positions, triangles, colors, background, uv=, texture_index=, textures=, depth=,
+    inverse_w=
+Scene.from_mesh: positions, triangles, *vertex_colors=, *triangle_colors=, *background=, *uv=,
+    *texture_index=, *textures=, *depth=, *inverse_w=
+Scene.from_soup: corners, colors, optional
+Soft: width=, profile=, temperature=
+TexturePyramid: texels, levels, border=, addressing=
+TexturePyramid.build: images, border=, addressing=, linear=
+TexturePyramid.channels: property
+TexturePyramid.count: property
+TexturePyramid.depth: property
+camera.look_at: eye, target, up=
+camera.perspective: fov_y_degrees, aspect, near, far
+camera.project: vertices, triangles, *height, *width, *view, *projection, *model=,
+    *vertex_colors=, *triangle_colors=, *uv=, *texture_index=, *textures=, *background=
+check: scene
+fit: target, *triangles=, *family=, *solver=, *seed=, *steps=, *seconds=, *size=, *shading=,
+    *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=,
+    *resume=, *checkpoint=
+fit_batch: targets, *triangles=, *solver=, *seed=, *steps=, *seconds=, *size=, *shading=,
+    *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=, *resume=
+pad: scene
+pictures.names:
+pictures.path: name
+pictures.size: name
+plan: scene, *height, *width, *coverage=, *filter=, *origin=, *max_width=, *grid_bits=
+plot.animate: path, frames, *seconds_per_frame=
+plot.arrows: positions, vectors, *axes, *color=, *length=, *label=
+plot.convergence: results, *against=, *axes=
+plot.difference: image, reference, *axes=, *limit=, *title=
+plot.error: image, reference, *axes=, *limit=, *title=
+plot.explore: draw, values, *name, *static
+plot.film_strip: frames, *titles=, *columns=, *figure=
+plot.pyramid: textures, index=, *figure=
+plot.show: image, *axes=, *title=, *grid=, *inset=, *inset_zoom=
+plot.triangles: scene, *axes, *color=, *width=, *vertices=
+read_image: path, *linear=
+read_svg: path, *height=, *width=, *dialect=, *transform=, *assets=, *opacity=, *frame=,
+    *linear=
+render: scene, plan
+render_checked: scene, plan
+simplify: scene, *height, *width, *filter=
+write_image: path, image, *linear=, *truncate=
+write_svg: path, scene, *height, *width, *fallback=
+"""
+
+
+def described(value: Any) -> str:
+    """The parameters of a callable, as in `FACE`; "property" for a property."""
+    if isinstance(value, property):
+        return "property"
+    if isinstance(value, staticmethod | classmethod):
+        value = value.__func__
+    return ", ".join(
+        ("*" if parameter.kind is parameter.KEYWORD_ONLY else "")
+        + parameter.name
+        + ("" if parameter.default is parameter.empty else "=")
+        for parameter in inspect.signature(value).parameters.values()
+    )
+
+
+def looked_up(path: str) -> Any:
+    """The value behind a dotted name; methods as the class holds them."""
+    *owners, last = path.split(".")
+    owner = sr
+    for name in owners:
+        owner = getattr(owner, name)
+    return vars(owner)[last] if inspect.isclass(owner) else getattr(owner, last)
+
+
+def listed_face() -> dict[str, str]:
+    """The rows of `FACE`; an indented line continues the one before."""
+    rows = FACE.strip().replace("\n    ", " ").splitlines()
+    return {name: parameters.strip() for name, parameters in (row.split(":", 1) for row in rows)}
+
+
+def test_public_names_and_parameters_stay():
+    listed = listed_face()
+    assert {name: described(looked_up(name)) for name in listed} == listed
+
+
+def test_every_public_name_is_listed():
+    assert set(sr.__all__) == {name.split(".")[0] for name in listed_face()}
