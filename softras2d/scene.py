@@ -1,4 +1,4 @@
-"""The scene: triangles in draw order, and the conventions that every room shares.
+"""The scene: triangles in draw order, and the conventions that the whole package shares.
 
 - **Coordinates** are pixels, x right and y down; pixel (row r, column c) is the square
   [c, c+1) x [r, r+1), with its centre at +0.5.
@@ -7,11 +7,12 @@
   converted only in `io` and only when asked.
 - **Colours outside 0..1** are drawn as they are: interpolation, blending and averaging are linear.
   Writers of 8-bit pictures clip, EXR and SVG keep them. Alpha outside 0..1 is refused.
-- **Draw order**: later triangles in front. With `depth`, which grows away from the viewer, the
-  nearest wins, and of equal depths the later; with depth and translucency together, draw order
-  decides: what is drawn later and behind is hidden even by a translucent triangle.
-- **Textures**: a textured sample is texel times interpolated colour, alpha too.
-- **Barycentrics** are weights of the corners 0, 1, 2 that sum to one.
+- **Draw order**: later triangles lie in front. With `depth`, which grows away from the viewer, the
+  nearest triangle wins, and of equal depths the later one. With depth and translucency together a
+  triangle that is drawn later, but lies behind, is hidden even by a translucent one.
+- **Textures**: the colour of a textured sample is the texel times the interpolated colour; its alpha
+  likewise.
+- **Barycentric weights** of the corners 0, 1 and 2 sum to one.
 - **Texture space**: u right and v down, 0..1 across the image.
 """
 
@@ -38,14 +39,15 @@ class Scene(eqx.Module):
     - `colors`: straight RGB or RGBA; one corner is a flat triangle, three are interpolated; three
       channels are opaque. Black is 0 and white is 1; values outside 0..1 are drawn as they are.
     - `background`: RGB (opaque) or straight RGBA.
-    - `uv`, `texture_index` (-1: none), `textures`: what each corner samples; all or none.
-    - `depth`: per vertex, growing away from the viewer and interpolated affinely on the screen, as
-      z/w is; None is painter's order. Each sample goes through the triangles in draw order: one
-      that is no deeper than all before is composited and its depth becomes the least.
-    - `inverse_w`: per vertex and positive, 1/w of the projection: colours and `uv` are interpolated
-      in perspective; None is affine interpolation.
+    - `uv`, `texture_index` (-1: none), `textures`: texture coordinates of each corner, the texture
+      of each triangle, and the pyramid of all textures. Give all three or none.
+    - `depth`: one value per vertex. It grows away from the viewer and is interpolated affinely on
+      the screen, as z/w is. At each sample a triangle is composited if it lies no deeper than every
+      triangle drawn before it. Without `depth`, draw order alone decides.
+    - `inverse_w`: 1/w of the projection for each vertex, positive. Colours and `uv` are then
+      interpolated in perspective; without it, affinely on the screen.
 
-    A batch of scenes is the same with a leading axis on every array, for `jax.vmap`.
+    A batch of scenes has a leading axis on every array, for `jax.vmap`.
     """
 
     positions: Float[Array, "vertices 2"]
@@ -84,13 +86,15 @@ class Scene(eqx.Module):
         depth: Any = None,
         inverse_w: Any = None,
     ) -> "Scene":
-        """A scene whose triangles share vertices.
+        """Make a scene whose triangles share vertices.
 
         Give `vertex_colors` `[vertices, channels]`, or `triangle_colors` `[triangles, channels]`
-        (flat) or `[triangles, 3, channels]` (corners). `background` is white unless given. Dtype
-        follows `positions`, float32 or float64; integers become float32. Nothing compiles for
-        arrays on the host. Raises `ValueError` for shapes, dtypes, indices and values that no scene
-        has; warns of colours that look like bytes (0..255).
+        (flat) or `[triangles, 3, channels]` (corners). `background` is white unless given. All
+        floats get the dtype of `positions`, float32 or float64; integers become float32. Nothing is
+        compiled for arrays on the host.
+
+        Raises `ValueError` for invalid shapes, dtypes, indices and values. Warns of colours that
+        look like bytes (0..255).
         """
         given_positions, positions = positions, _floats("positions", positions, None)
         _expect("positions", positions, ("vertices", 2))
@@ -99,7 +103,7 @@ class Scene(eqx.Module):
         # An empty list such as `[]` has no second axis.
         triangles = triangles.reshape(-1, 3) if triangles.size == 0 else triangles
         _expect("triangles", triangles, ("triangles", 3))
-        # Before they become int32, in which 2^32 + k is k.
+        # Checked before the cast to int32, in which 2^32 + k becomes k.
         _check_indices(triangles, vertices)
         count = triangles.shape[0]
         if (vertex_colors is None) == (triangle_colors is None):
@@ -126,9 +130,9 @@ class Scene(eqx.Module):
             _check_texture_index(_integers("texture_index", texture_index), textures)
         background = _background(background, dtype)
         scene = Scene(
-            positions=_settled(given_positions, positions),
-            triangles=_settled(given_triangles, triangles, jnp.int32),
-            colors=_settled(given, colors),
+            positions=_on_device(given_positions, positions),
+            triangles=_on_device(given_triangles, triangles, jnp.int32),
+            colors=_on_device(given, colors),
             background=to_device(background),
             uv=_optional("uv", uv, dtype, (count, 3, 2)),
             texture_index=_optional("texture_index", texture_index, None, (count,)),
@@ -142,9 +146,11 @@ class Scene(eqx.Module):
 
     @staticmethod
     def from_soup(corners: Any, colors: Any, **optional: Any) -> "Scene":
-        """A scene of free triangles: `corners` `[n, 3, 2]`; `colors` `[n, c]` or `[n, 3, c]`.
+        """Make a scene of triangles that share no vertices.
 
-        `optional` are the keywords of `from_mesh`; `depth` and `inverse_w` may be `[n, 3]`.
+        `corners` is `[triangles, 3, 2]`; `colors` is `[triangles, channels]` (flat) or
+        `[triangles, 3, channels]` (corners). `optional` are the other keywords of `from_mesh`, where
+        `depth` and `inverse_w` may also be `[triangles, 3]`.
         """
         corners = _floats("corners", corners, None)
         corners = corners.reshape(0, 3, 2) if corners.size == 0 else corners
@@ -171,10 +177,10 @@ _FLOATING = ("positions", "colors", "background", "uv", "depth", "inverse_w")
 
 
 def check_types(scene: Scene) -> None:
-    """Raise `ValueError` for arrays of other types than a scene can be drawn in.
+    """Raise `ValueError` for dtypes that cannot be drawn; dtypes are known under a trace too.
 
-    Types are known under a trace too. In half precision neither the sample grid nor the sums over
-    a triangle's pixels can be held; integer colours would be taken for 0..1.
+    Half precision can represent neither the sample grid nor the sums over a triangle's pixels.
+    Integer colours would be taken for values in 0..1.
     """
     arrays = {name: getattr(scene, name) for name in _FLOATING}
     indices = {"triangles": scene.triangles, "texture_index": scene.texture_index}
@@ -190,9 +196,10 @@ def check_types(scene: Scene) -> None:
 
 
 def check(scene: Scene) -> None:
-    """Raise `ValueError` for values that no picture has: one line that names what and where.
+    """Raise `ValueError` for invalid values, in one line that names the array and the place.
 
-    Looks at types, and at concrete values on the host; under a trace there are none to look at.
+    Invalid are NaN, infinity, alpha outside 0..1, an index out of range, `inverse_w` of 0 or less,
+    and dtypes other than float32 and float64. Under a trace only dtypes are known and checked.
     Accepts a batch.
     """
     check_types(scene)
@@ -253,7 +260,10 @@ def _check_texture_index(texture_index: Any, textures: TexturePyramid) -> None:
 
 
 def _expect(name: str, value: Any, wanted: tuple[int | str, ...]) -> None:
-    """Raise for another shape than `wanted`: numbers, choices such as "3 or 4", or free names."""
+    """Raise `ValueError` unless the shape is `wanted`.
+
+    An axis of `wanted` is a number, a choice such as "3 or 4", or a name, which allows any size.
+    """
     choices = [[int(w) for w in str(size).split() if w.isdigit()] for size in wanted]
     fits = len(value.shape) == len(wanted) and all(
         not allowed or size in allowed for size, allowed in zip(value.shape, choices, strict=True)
@@ -264,14 +274,14 @@ def _expect(name: str, value: Any, wanted: tuple[int | str, ...]) -> None:
 
 
 def _gather(colors: Any, triangles: Any) -> Any:
-    """The colours at the corners of triangles, `[triangles, 3, channels]`."""
+    """Gather vertex colours at the corners of triangles, `[triangles, 3, channels]`."""
     if isinstance(triangles, Tracer):
         colors = to_device(colors)
     return colors[triangles]
 
 
-def _settled(given: Any, prepared: Any, dtype: Any = None) -> Array:
-    """`prepared` on the device; the array that was given, if that is a JAX array of its kind."""
+def _on_device(given: Any, prepared: Any, dtype: Any = None) -> Array:
+    """Move `prepared` to the device, or reuse the JAX array that it was made from."""
     if isinstance(given, jax.Array) and given.shape == prepared.shape:
         return to_device(given, dtype or prepared.dtype)
     return to_device(prepared, dtype)
@@ -286,16 +296,16 @@ def _background(value: Any, dtype: Any) -> Any:
 
 
 def _optional(name: str, value: Any, dtype: Any, shape: tuple[int, ...]) -> Array | None:
-    """An optional entry of a scene; integers if no `dtype` is given."""
+    """Check an optional entry of a scene; it holds integers if `dtype` is None."""
     if value is None:
         return None
     array = _integers(name, value) if dtype is None else _floats(name, value, dtype)
     _expect(name, array, shape)
-    return _settled(value, array, dtype or jnp.int32)
+    return _on_device(value, array, dtype or jnp.int32)
 
 
 def _integers(name: str, value: Any) -> Any:
-    """On the host, or traced, in the integer type that they have."""
+    """Check for integers, on the host or traced; their own integer type is kept."""
     array = _numbers(name, value)
     if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
         raise ValueError(f"`{name}` must be integers; got {array.dtype}.")
@@ -303,27 +313,30 @@ def _integers(name: str, value: Any) -> Any:
 
 
 def _colors(name: str, value: Any, dtype: Any) -> Any:
-    """As `_floats`; `ValueError` for integers that can only be bytes."""
+    """Convert colours like `_floats`; `ValueError` for integers that can only be bytes."""
     array = _numbers(name, value)
     check_whole_colors(f"`{name}`", array)
     return _floats(name, array, dtype)
 
 
 def _floats(name: str, value: Any, dtype: Any) -> Any:
-    """On the host, or traced, as floats of `dtype`; of their own type, or float32, if None."""
+    """Convert to floats of `dtype`, on the host or traced.
+
+    With `dtype` None floats keep their type, and integers become float32.
+    """
     array = _numbers(name, value)
     if dtype is None:
         floating = jnp.issubdtype(array.dtype, jnp.floating)
         dtype = jax.dtypes.canonicalize_dtype(array.dtype if floating else np.float32)
         if dtype not in (np.float32, np.float64):
             raise ValueError(f"`{name}` must be float32 or float64; got {dtype}.")
-    # What is too large for float32 becomes infinite, which is refused by name.
+    # Values too large for float32 become infinite, which `check` refuses by name.
     with np.errstate(over="ignore"):
         return array.astype(dtype)
 
 
 def _numbers(name: str, value: Any) -> Any:
-    """A real array on the host, or a traced one."""
+    """Convert to an array of real numbers, on the host or traced."""
     try:
         array = to_host(value)
     except (TypeError, ValueError) as error:

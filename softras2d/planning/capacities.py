@@ -1,4 +1,4 @@
-"""Capacities of the lists of a render, counted on the host from concrete scenes.
+"""Counts on the host how long the lists of a render become, and chooses their capacities.
 
 Arrays of a compiled program have fixed lengths. What a scene needs is counted in numpy by the same
 functions that list it on the device, given headroom, and rounded up to a size class (`Headroom`).

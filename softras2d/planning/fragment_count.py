@@ -1,4 +1,7 @@
-"""How many fragments show, counted on the host in numpy, by the bits that `fragments` finds."""
+"""Counts on the host how many fragments show: (triangle, pixel) pairs with a visible sample.
+
+The masks are those of `coverage/sampled.py`, which runs on numpy and jax arrays alike.
+"""
 
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -12,11 +15,11 @@ from ..scene import Scene
 from ..shading.fragments import pixels_seen
 
 _BATCH = 4096
-"""Tiles that are worked on at once, for the memory that they take."""
+"""Number of tiles that are worked on at once, which bounds the memory."""
 
 
 class Pairs(NamedTuple):
-    """Listed pairs, in any order: the tile, the triangle, whether it covers the whole tile."""
+    """Pairs of a tile and a triangle in any order; `whole`: whether it covers the whole tile."""
 
     tile: np.ndarray
     triangle: np.ndarray
@@ -38,7 +41,11 @@ class DepthPlanes(NamedTuple):
 def count_fragments(
     edges: Edges, bounds: Bounds, pairs: Pairs, depth: DepthPlanes | None, tiling: Tiling
 ) -> int:
-    """Fragments of opaque triangles that show; with depth, or that may by its roundings."""
+    """Number of fragments of an opaque scene.
+
+    With depth it is an upper bound: of triangles whose depths agree to within their rounding
+    errors, each may show.
+    """
     # A tile that holds one triangle, all over, shows it in each of its pixels.
     length = np.bincount(pairs.tile, minlength=tiling.count)
     plain = pairs.whole & (length[pairs.tile] == 1)
@@ -65,7 +72,7 @@ def count_fragments(
 
 
 class _Lists(NamedTuple):
-    """Lists of some tiles, nearest first: pairs `start..start + count - 1`."""
+    """Lists of some tiles, nearest triangle first: pairs `start..start + count - 1`."""
 
     tile: np.ndarray
     triangle: np.ndarray
@@ -74,7 +81,7 @@ class _Lists(NamedTuple):
 
 
 Rows = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""From pairs to the samples that they may show, and those through which nothing shows: words."""
+"""Maps pairs to coverage words: samples at which they may show, and those that they surely hide."""
 
 
 def _count_seen(lists: _Lists, rows: Rows, tiling: Tiling) -> int:
@@ -91,7 +98,7 @@ def _count_seen(lists: _Lists, rows: Rows, tiling: Tiling) -> int:
 
 
 def depth_planes(corners: np.ndarray, scene: Scene, grid: Grid) -> DepthPlanes:
-    """From corners `[triangles, 3, 2]` in pixels; the mean depth where there is no area."""
+    """Depth planes for corners `[triangles, 3, 2]` in pixels; the mean depth where area is 0."""
     assert scene.depth is not None
     x, y = np.nan_to_num(corners.astype(np.float64)).transpose(2, 1, 0)
     z = np.asarray(scene.depth, np.float64)[np.asarray(scene.triangles)].T
@@ -111,8 +118,8 @@ def depth_planes(corners: np.ndarray, scene: Scene, grid: Grid) -> DepthPlanes:
 def _near_the_least(lists: _Lists, rows: Rows, depth: DepthPlanes, tiling: Tiling) -> Rows:
     """Samples at which triangles may be the nearest, and at which they surely are.
 
-    Surfaces that lie in each other are told apart by roundings, which a device makes in its own
-    way: where the depths agree to within their errors, all of them may show.
+    Rounding errors, which differ between devices, decide which of two surfaces at nearly one depth
+    is nearer. Where depths agree to within their errors, all of the triangles may show.
     """
     low = int(lists.start.min())
     size = int((lists.start + lists.count).max()) - low, tiling.sample_rows

@@ -1,4 +1,4 @@
-"""The structurally smallest scene with the same image: what does not show is not there."""
+"""`simplify`: the structurally smallest scene with the same image."""
 
 from dataclasses import replace
 
@@ -13,21 +13,21 @@ from .simplify_textures import base_is_enough, used_textures
 
 
 def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = None) -> Scene:
-    """The same picture on a canvas of `height` x `width` pixels, with fewer effects.
+    """Remove from a scene what does not show on a canvas of `height` x `width` pixels.
 
-    Looks at concrete values, on the host, for a plan with `origin` (0, 0). What goes:
+    Looks at concrete values, on the host, for a plan with `origin` (0, 0). Removed are:
 
-    - triangles out of reach of the canvas, and without depth those of alpha 0;
+    - triangles that do not reach the canvas and, without depth, those of alpha 0;
     - depth that is the same everywhere, or by which each triangle lies before all that were drawn
       earlier, or as near;
     - corner colours where all are equal; `inverse_w` where each triangle's corners agree, or where
       nothing varies within a triangle;
     - textures that no triangle uses; alpha of texels and of colours, where it is one everywhere;
-    - given a `filter`, with which the scene will be drawn: of textures that are only magnified, or
-      of all if it reads no other level, the levels above the base. In perspective a bound of the
-      footprint over the whole triangle decides, which may keep levels that do not show.
+    - levels above the base, of textures that are only magnified by the `filter` with which the
+      scene will be drawn, or of all textures if that filter reads no other level. In perspective an
+      upper bound on the footprint decides, which may keep levels that do not show.
 
-    Vertices keep their indices. Raises `ValueError` for values that no picture has.
+    Vertices keep their indices. Raises `ValueError` for invalid values.
     """
     grid = Grid.of(height, width, 1)
     if filter is not None and not isinstance(filter, Filter):

@@ -1,4 +1,4 @@
-"""The textures that a scene shows, and of them the levels: part of `simplify`."""
+"""Removes textures and mip levels that a scene does not show: part of `simplify`."""
 
 import math
 
@@ -17,10 +17,10 @@ _ROUNDING = 1e-6
 def used_textures(
     textures: TexturePyramid, index: np.ndarray, base_only: np.ndarray
 ) -> tuple[TexturePyramid, np.ndarray]:
-    """The pyramid of the textures in `index`, and the new indices.
+    """A pyramid of only the textures in `index`, and the indices into it.
 
-    `base_only` `[textures]` tells of which the base level is enough. An alpha channel of one
-    everywhere goes.
+    Where `base_only` `[textures]` is true, the levels above the base are removed too. So is an alpha
+    channel that is 1 everywhere.
     """
     used = np.unique(index[index >= 0])
     table, texels = np.asarray(textures.levels), np.asarray(textures.texels)
@@ -45,9 +45,9 @@ def used_textures(
 
 
 def base_is_enough(scene: Scene, grid: Grid, filter: Filter | None) -> np.ndarray:
-    """Of which textures `[textures]` every triangle reads the base level alone.
+    """Whether every triangle reads only the base level, for each texture `[textures]`.
 
-    Decided by the footprint of the snapped triangle; in perspective, by a bound of it.
+    Decided by the footprint of the snapped triangle; in perspective, by an upper bound on it.
     """
     assert scene.textures is not None and scene.uv is not None
     count, index = scene.textures.count, np.asarray(scene.texture_index)
@@ -74,15 +74,15 @@ def _level_of_detail(scene: Scene, grid: Grid, filter: Filter) -> np.ndarray:
     x, y = (corners[:, 1:] - corners[:, :1]).transpose(2, 1, 0)
     area = x[0] * y[1] - x[1] * y[0]
     per_area = np.divide(1.0, area, out=np.zeros_like(area), where=area != 0)
-    # Slopes of the weights of corners 1 and 2 along x and y; those of corner 0 make the sum 0.
+    # Derivatives of the weights of corners 1 and 2 by x and y; with corner 0 they sum to 0.
     second, third = np.stack([y[1], -x[1]]) * per_area, np.stack([-y[0], x[0]]) * per_area
-    slopes = np.stack([-second - third, second, third])
+    weight_gradients = np.stack([-second - third, second, third])
     if scene.inverse_w is None:
-        return _log2_extent(np.einsum("cat,tcu->tua", slopes, uv), filter)
+        return _log2_extent(np.einsum("cat,tcu->tua", weight_gradients, uv), filter)
     q = np.asarray(scene.inverse_w, np.float64)[triangles]
     bounds = []
     for corner in range(3):
-        jacobian = np.einsum("cat,tc,tcu->tua", slopes, q, uv - uv[:, corner, None])
+        jacobian = np.einsum("cat,tc,tcu->tua", weight_gradients, q, uv - uv[:, corner, None])
         # An ellipse is no longer than its two axes' norm; a step is one of them.
         steps = np.linalg.norm(jacobian, axis=1)
         extent = steps.max(1) if filter.anisotropy == 1 else np.linalg.norm(steps, axis=1)
@@ -92,7 +92,7 @@ def _level_of_detail(scene: Scene, grid: Grid, filter: Filter) -> np.ndarray:
 
 
 def _log2_extent(jacobian: np.ndarray, filter: Filter) -> np.ndarray:
-    """Of Jacobians `[triangles, (u, v), (x, y)]` in base texels, what the level is read from."""
+    """Level of detail for Jacobians `[triangles, (u, v), (x, y)]` in base texels."""
     if filter.anisotropy == 1:
         extent = np.linalg.norm(jacobian, axis=1).max(1)
     else:

@@ -1,4 +1,4 @@
-"""Scenes padded to size classes, so that those of similar size share compiled programs.
+"""Pads scenes to size classes, so that scenes of similar size share compiled programs.
 
 The number of triangles is part of the shape of every array, and JAX compiles a program for each
 shape. Triangles that cover nothing are appended up to the next size class: a triangle that names
@@ -30,9 +30,9 @@ def pad(scene: Scene) -> Scene:
 
     `render` does this by itself for concrete scenes, and a plan is the same for both. Within a
     `jit` of your own the shapes are what comes in: pad outside, once, and optimise the padded
-    scene. Accepts a batch, and host or device arrays; the result's are on the device. A scene
-    without triangles, and one that is padded already, is returned as it is. Raises `ValueError`
-    under a trace.
+    scene. Accepts a batch, and arrays on the host or on the device; the result is on the device. A
+    scene without triangles is returned unchanged; padding twice changes nothing. Raises
+    `ValueError` under a trace.
     """
     if is_traced(scene):
         raise ValueError("`pad` needs a concrete scene: pad outside jit, vmap and grad.")
@@ -63,19 +63,22 @@ def pad(scene: Scene) -> Scene:
 
 
 def pad_concrete(scene: Scene) -> Scene:
-    """`pad` of one concrete scene; a traced or batched one as it is."""
+    """Pad a concrete scene; return a traced or batched one unchanged."""
     if is_traced(scene) or scene.triangles.ndim != 2:
         return scene
     return pad(scene)
 
 
 def is_traced(tree: Any) -> bool:
-    """Whether some leaf is known only when a program runs."""
+    """Whether the value of some leaf is known only when a program runs."""
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def fine_class(count: int) -> int:
-    """The next of eight sizes to an octave, for what costs more than padding: unknowns of a fit."""
+    """The next of eight size classes per octave, for arrays whose padding costs much.
+
+    The unknowns of a fit are padded so.
+    """
     step = max((1 << (count - 1).bit_length()) // 16, 4)
     return -(-count // step) * step
 
@@ -85,8 +88,11 @@ def _triangle_class(count: int) -> int:
 
 
 def _vertex_class(vertices: int, triangles: int, triangle_class: int) -> int:
-    """One class for each class of triangles, in meshes that share most vertices, and one in others:
-    their numbers cross no border where that of the triangles does not."""
+    """Size class of the vertices, which depends on that of the triangles alone where it can.
+
+    Meshes that share most vertices have one class, soups another, so that no second border between
+    classes is crossed where the number of triangles crosses none.
+    """
     for share in (1, 3):
         if vertices <= share * triangles:
             return share * triangle_class
@@ -98,7 +104,7 @@ def _next_power(count: int) -> int:
 
 
 def _append(array: Any, more: int, value: int, axis: int) -> Any:
-    """`array` with `more` entries of `value` behind, on the device where it was."""
+    """Append `more` entries of `value` along `axis`; the array stays on its device."""
     if more == 0:
         return array
     host = np.asarray(array)
@@ -106,5 +112,5 @@ def _append(array: Any, more: int, value: int, axis: int) -> Any:
     shape[axis] += more
     longer = np.full(shape, value, host.dtype)
     longer[(slice(None),) * axis + (slice(host.shape[axis]),)] = host
-    placed = isinstance(array, jax.Array) and array.committed
-    return jax.device_put(longer, array.sharding if placed else None)  # pyright: ignore
+    is_committed = isinstance(array, jax.Array) and array.committed
+    return jax.device_put(longer, array.sharding if is_committed else None)  # pyright: ignore

@@ -1,6 +1,6 @@
-"""What each effect of a scene costs: the program with it, against the program without it.
+"""Costs of each effect of a scene: its program compared with the program without the effect.
 
-Time is measured; memory, operations and traffic are what the compiler says of its program.
+Time is measured. Memory, operations and traffic are what the compiler reports of its program.
 """
 
 import statistics
@@ -19,10 +19,12 @@ from .render import compile_render
 
 
 class Price(NamedTuple):
-    """What a program takes.
+    """Costs of one compiled render.
 
-    - `seconds`: of a render, the median; `memory`: bytes of its arguments, image and temporaries.
-    - `operations`, `traffic`: arithmetic, and bytes read and written by all of its kernels.
+    - `seconds`: the median time of a render.
+    - `memory`: bytes of its arguments, image and temporaries.
+    - `operations`: number of arithmetic operations.
+    - `traffic`: bytes read and written by all of its kernels.
     """
 
     seconds: float
@@ -34,10 +36,10 @@ class Price(NamedTuple):
 def price_effects(
     scene: Scene, plan: Plan, *, repeats: int = 9
 ) -> Iterator[tuple[str | None, Price, Price]]:
-    """For None, which stands for the whole scene, and then each effect: prices with and without it.
+    """Yield the prices of the scene with and without each of its effects.
 
-    The two of a row are measured in turns, `repeats` times. Nothing is left out for None: both are
-    of the whole scene. Each row compiles a program, which takes seconds.
+    The first row is for None: both prices are of the whole scene. The two renders of a row are
+    measured in turns, `repeats` times. Each row compiles a program, which takes seconds.
     """
     whole = _Program(scene, plan)
     price = whole.price(_median(whole.run, repeats))
@@ -49,7 +51,7 @@ def price_effects(
 
 
 def without(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
-    """The scene and a plan for it, less one of `EFFECTS`: another picture, for comparison."""
+    """The scene without one of its effects, and a plan for it: another picture, for comparison."""
     if effect not in EFFECTS:
         raise ValueError(f"`effect` must be one of {', '.join(EFFECTS)}; got {effect!r}.")
     origin = np.asarray(plan.origin)
@@ -78,14 +80,14 @@ class _Program:
         jax.block_until_ready(self.compiled(*self.arguments))
 
     def price(self, seconds: float) -> Price:
-        """With what the compiler says; backends that do not tell give zeros."""
+        """The measured time with what the compiler reports; zeros where a backend reports nothing."""
         program = self.compiled.compiled
         analysis = program.cost_analysis() or {}
-        held = program.memory_analysis()
+        usage = program.memory_analysis()
         memory = 0
-        if held is not None:
+        if usage is not None:
             memory = (
-                held.argument_size_in_bytes + held.output_size_in_bytes + held.temp_size_in_bytes
+                usage.argument_size_in_bytes + usage.output_size_in_bytes + usage.temp_size_in_bytes
             )
         return Price(
             seconds, memory, analysis.get("flops", 0.0), analysis.get("bytes accessed", 0.0)
@@ -106,7 +108,7 @@ def _median(run: Callable[[], None], repeats: int) -> float:
 def _medians(
     first: Callable[[], None], second: Callable[[], None], repeats: int
 ) -> tuple[float, float]:
-    """Of both, called in turns."""
+    """Median seconds of both, called in turns."""
     second()
     pairs = [(_seconds(first), _seconds(second)) for _ in range(repeats)]
     return statistics.median(a for a, _ in pairs), statistics.median(b for _, b in pairs)
