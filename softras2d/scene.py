@@ -10,8 +10,8 @@
 - **Draw order**: later triangles lie in front. With `depth`, which grows away from the viewer, the
   nearest triangle wins, and of equal depths the later one. With depth and translucency together a
   triangle that is drawn later, but lies behind, is hidden even by a translucent one.
-- **Textures**: the colour of a textured sample is the texel times the interpolated colour; its alpha
-  likewise.
+- **Textures**: the colour of a textured sample is the texel times the interpolated colour; its
+  alpha likewise.
 - **Barycentric weights** of the corners 0, 1 and 2 sum to one.
 - **Texture space**: u right and v down, 0..1 across the image.
 """
@@ -149,8 +149,8 @@ class Scene(eqx.Module):
         """Make a scene of triangles that share no vertices.
 
         `corners` is `[triangles, 3, 2]`; `colors` is `[triangles, channels]` (flat) or
-        `[triangles, 3, channels]` (corners). `optional` are the other keywords of `from_mesh`, where
-        `depth` and `inverse_w` may also be `[triangles, 3]`.
+        `[triangles, 3, channels]` (corners). `optional` are the other keywords of `from_mesh`,
+        where `depth` and `inverse_w` may also be `[triangles, 3]`.
         """
         corners = _floats("corners", corners, None)
         corners = corners.reshape(0, 3, 2) if corners.size == 0 else corners

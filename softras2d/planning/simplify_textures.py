@@ -19,8 +19,8 @@ def used_textures(
 ) -> tuple[TexturePyramid, np.ndarray]:
     """A pyramid of only the textures in `index`, and the indices into it.
 
-    Where `base_only` `[textures]` is true, the levels above the base are removed too. So is an alpha
-    channel that is 1 everywhere.
+    Where `base_only` `[textures]` is true, the levels above the base are removed too. So is an
+    alpha channel that is 1 everywhere.
     """
     used = np.unique(index[index >= 0])
     table, texels = np.asarray(textures.levels), np.asarray(textures.texels)

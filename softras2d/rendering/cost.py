@@ -80,7 +80,7 @@ class _Program:
         jax.block_until_ready(self.compiled(*self.arguments))
 
     def price(self, seconds: float) -> Price:
-        """The measured time with what the compiler reports; zeros where a backend reports nothing."""
+        """The measured time, with what the compiler reports: zeros if it reports nothing."""
         program = self.compiled.compiled
         analysis = program.cost_analysis() or {}
         usage = program.memory_analysis()
