@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..numerics.prefix import cumulative_sum
 from .tiles import TileLists, expand
 
@@ -61,14 +61,14 @@ class Steps(NamedTuple):
 def cut_chunks(lists: TileLists, *, layers: int, capacity: int) -> Chunks:
     """Every tile's list in chunks of `layers`; beyond `capacity` of them, triangles are missing."""
 
-    @one_pass
+    @materialized
     def cut(count):
         chunks = -(-count // layers)
         tile, index = expand(chunks, capacity)
         total = jnp.sum(chunks, dtype=jnp.int32)
         return chunks, tile, index, cumulative_sum(chunks) - chunks, total
 
-    @one_pass
+    @materialized
     def fill(lists, tile, index, total):
         layer = index[:, None] * layers + jnp.arange(layers, dtype=jnp.int32)[None]
         used = jnp.arange(capacity, dtype=jnp.int32) < total
@@ -85,7 +85,7 @@ def cut_chunks(lists: TileLists, *, layers: int, capacity: int) -> Chunks:
 def cut_steps(lists: TileLists, *, capacity: int) -> Steps:
     """Blocks of tiles, longest lists first, and the steps through them; at most `capacity`."""
 
-    @one_pass
+    @materialized
     def cut(lists):
         tiles = lists.count.shape[0]
         order = jnp.argsort(-lists.count, stable=True).astype(jnp.int32)

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Int
 
 from ..geometry.fixed_point import Bounds, Edge, Edges
 from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..numerics.prefix import cumulative_max, cumulative_sum
 from .reach import Line
 
@@ -182,25 +182,25 @@ def list_tiles(
     """
     triangles = hides.shape[0]
 
-    @one_pass
+    @materialized
     def own_strips(bounds):
         counts = strip_counts(bounds, tiling)
         owner, rank = expand(counts, strips)
         total = saturated_sum(counts)
         return owner, rank, jnp.arange(strips, dtype=jnp.int32) < total, total
 
-    @one_pass
+    @materialized
     def measure_strips(edges, bounds, owner, rank):
         first, second, third = (edge.of(owner) for edge in edges)
         return measure((first, second, third), bounds.of(owner), rank, tiling)
 
-    @one_pass
+    @materialized
     def narrow_strips(row_edges, bounds, hides, owner, rank, used):
         strip = narrow(row_edges, bounds.of(owner), rank, tiling)
         last = jnp.where(used, strip.last, strip.first - 1)
         return strip._replace(last=last, whole_last=jnp.where(hides[owner], strip.whole_last, -1))
 
-    @one_pass
+    @materialized
     def place(strip, triangle):
         owner, rank = expand(strip.count, pairs)
         total = saturated_sum(strip.count)
@@ -210,13 +210,13 @@ def list_tiles(
         whole = (column >= strip.whole_first[owner]) & (column <= strip.whole_last[owner])
         return tile, jnp.where(whole, tile, tiling.count), triangle[owner], total
 
-    @one_pass
+    @materialized
     def drop_hidden(tile, hidden, triangle):
         wall = jnp.full(tiling.count + 1, -1, jnp.int32).at[hidden].max(triangle)
         wall = wall.at[-1].set(triangles)
         return jnp.where(triangle >= wall[tile], tile, tiling.count)
 
-    @one_pass
+    @materialized
     def count_listed(tile):
         count = jnp.zeros(tiling.count + 1, jnp.int32).at[tile].add(1)[:-1]
         return cumulative_sum(count) - count, count
@@ -243,7 +243,7 @@ def _sort(tile: Array, order: Array, tiles: int, triangles: int) -> tuple[Array,
         tile, order = jax.lax.sort((tile, order), num_keys=2)
         return tile, order
 
-    @one_pass
+    @materialized
     def split(key):
         return key // triangles, key % triangles
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..binning.tiles import expand
 from ..geometry.fixed_point import Edges, Grid, Segments
 from ..numerics import safe
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 
 LINES = 8
 """Lines of samples in a run."""
@@ -142,7 +142,7 @@ class Runs(NamedTuple):
 def list_runs(count: Int[Array, "3 triangles"], *, capacity: int) -> Runs:
     """Runs of all edges; beyond `capacity`, some are missing."""
 
-    @one_pass
+    @materialized
     def own(count):
         by_edge = runs_of(count).T.reshape(-1)
         owner, rank = expand(by_edge, capacity)
@@ -162,7 +162,7 @@ def find_crossings(
 ) -> Crossings:
     """The crossings of some runs that lie on the canvas; `first`, `count` are `lines_crossed`."""
 
-    @one_pass
+    @materialized
     def gather(sides, edges, first, count, runs):
         owner, rank = runs
 
@@ -193,9 +193,9 @@ def find_crossings(
         )
 
     run = gather(sides, edges, first, count, runs)
-    before, line, t, place, pixel, live = one_pass(lambda run: _follow(run, grid))(run)
+    before, line, t, place, pixel, live = materialized(lambda run: _follow(run, grid))(run)
 
-    @one_pass
+    @materialized
     def step_to(run, before, line, inner):
         steep = run.steep[None]
         size = jnp.where(steep, grid.width, grid.height) * grid.rate
@@ -203,7 +203,7 @@ def find_crossings(
         along = jnp.clip(along, 0, size - 1)
         return Sample(jnp.where(steep, along, line), jnp.where(steep, line, along))
 
-    @one_pass
+    @materialized
     def distance(run, outside, place):
         along = jnp.where(run.steep[None], outside.column, outside.row)
         return jnp.clip(place - along.astype(place.dtype), -1.0, 1.0)

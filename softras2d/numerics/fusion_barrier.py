@@ -17,7 +17,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def one_pass(function: Callable[P, R], **jit_options) -> Callable[P, R]:
+def materialized(function: Callable[P, R], **jit_options) -> Callable[P, R]:
     """`function`, compiled apart on the CPU: what it returns is in memory before others read it.
 
     On other devices, whose fusion weighs recomputation, it is the plain function.

@@ -17,7 +17,7 @@ from ..coverage.analytic import cover
 from ..coverage.edge_lines import Sides, sides_of
 from ..coverage.profiles import SUPPORT
 from ..geometry.fixed_point import corners_of, turn
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..options import Area, Soft
 from ..planning.capacities import Capacity
 from ..planning.effects import hiding, varies
@@ -50,12 +50,12 @@ def draw(scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Dra
     coverage, tiling, room = plan.coverage, plan.tiling, plan.capacity
     assert isinstance(coverage, Soft | Area)
     summed = isinstance(coverage, Area) and coverage.compositing == "sum"
-    corners = one_pass(corners_of)(scene.positions, scene.triangles, plan.origin)
+    corners = materialized(corners_of)(scene.positions, scene.triangles, plan.origin)
     parameter, reach = _softness(coverage, corners.dtype)
-    found = one_pass(lambda corners, reach: reaches(corners, plan.grid, reach))(
+    found = materialized(lambda corners, reach: reaches(corners, plan.grid, reach))(
         jax.lax.stop_gradient(corners), reach
     )
-    hides = one_pass(hiding)(scene, found.orientation) & (not summed)
+    hides = materialized(hiding)(scene, found.orientation) & (not summed)
     lists = list_tiles(
         found.lines, found.bounds, hides, tiling, strips=room.strips, pairs=room.pairs
     )
@@ -73,7 +73,7 @@ def draw(scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Dra
     shaded = shade_slots(carried, covered, weights, placed.corners, weighed, placed.sides, chunks)
     layers = _composite(shaded, found, chunks, plan)
 
-    @one_pass
+    @materialized
     def arrange(layers, background):
         channels = background.shape[0]
         # Channel by channel: the transpose then has no sum over an axis.
@@ -106,7 +106,7 @@ def _place(
     tiling = plan.tiling
     dtype = corners.dtype
 
-    @one_pass
+    @materialized
     def gather(corners, found, chunks):
         triangle = chunks.triangle.reshape(-1)
         held = jnp.where(found.finite[:, None, None], corners, 0.0)
@@ -117,23 +117,23 @@ def _place(
         six = [x[0], y[0], x[1], y[1], x[2], y[2]]
         return jnp.stack([jnp.where(filled, entry, -_FARTHEST) for entry in six])
 
-    @one_pass
+    @materialized
     def locate(chunks):
         tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape).reshape(-1)
         return jnp.stack([c.astype(dtype) for c in tiling.first_sample(tile)])
 
     slots, tile = gather(corners, found, chunks), locate(chunks)
-    sides = one_pass(sides_of)(slots, tile)
+    sides = materialized(sides_of)(slots, tile)
     outline = None
     if isinstance(plan.coverage, Area):
         signed = plan.coverage.compositing == "sum"
         cut = functools.partial(area.outline_of, side=tiling.width, signed=signed)
-        outline = one_pass(cut)(slots, tile, sides)
+        outline = materialized(cut)(slots, tile, sides)
     return Placed(slots, sides, outline)
 
 
 def _carried(scene: Scene, found: Reaches, plan: Plan) -> Carried:
-    @one_pass
+    @materialized
     def turn_corners(colors, uv, vertex, triangles, orientation):
         def turn_each(corners):
             corners = corners.transpose(1, 2, 0)
@@ -178,7 +178,7 @@ def _add(
 ) -> Float[Array, "4 tiles pixels"]:
     """Signed sum: a triangle that is turned against the whole takes away what it covers."""
 
-    @one_pass
+    @materialized
     def add(opacity, colors, sign, chunks):
         signed = opacity * sign[chunks.triangle][..., None]
         parts = [signed * colors[:, :, channel] for channel in range(3)] + [signed]

@@ -27,7 +27,7 @@ from ..gradients.interior_term import ride, weight_gradients
 from ..gradients.layered_samples import Layers
 from ..gradients.visible_front import Front, Opaque
 from ..numerics import safe
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..options import Hard
 from ..planning.capacities import Capacity
 from ..planning.effects import hiding, is_shaded, is_translucent, varies
@@ -153,7 +153,7 @@ def _render(scene: Scene, plan: Plan) -> tuple[Array, Capacity, Array]:
     )
     crossed = none
     if projected.outlines is not None:
-        crossed = one_pass(lambda count: saturated_sum(runs_of(count).reshape(-1)))(
+        crossed = materialized(lambda count: saturated_sum(runs_of(count).reshape(-1)))(
             projected.outlines.count
         )
     steps = None
@@ -196,7 +196,7 @@ def _project(scene: Scene, plan: Plan) -> Projected:
         plan.hard.fill_rule,
         cut=cut,
         weights=varies(scene) or scene.depth is not None,
-        apart=one_pass,
+        apart=materialized,
     )
     corners, segments, edges, box, weights, beyond = projection
     orientation = segments.orientation
@@ -207,14 +207,14 @@ def _project(scene: Scene, plan: Plan) -> Projected:
     surface = _surface(scene, edges, weights, outlines, orientation, plan)
     depths = None
     if scene.depth is not None:
-        corner_depth = one_pass(_turned)(scene.depth, scene.triangles, orientation)
+        corner_depth = materialized(_turned)(scene.depth, scene.triangles, orientation)
         depths = Depths(edges, weights, jax.lax.stop_gradient(corner_depth))
-    hides = one_pass(hiding)(scene, orientation)
+    hides = materialized(hiding)(scene, orientation)
     return Projected(edges, box, outlines, surface, depths, hides, unforeseen)
 
 
 def _outlines(corners: fixed_point.Corners, segments, edges: Edges, triangles, grid) -> Outlines:
-    @one_pass
+    @materialized
     def draw(corners, segments, triangles):
         orientation = segments.orientation
         vertex = turn(triangles.T, orientation).T
@@ -225,7 +225,7 @@ def _outlines(corners: fixed_point.Corners, segments, edges: Edges, triangles, g
     # Apart: a picture needs none of the first, and how many there are for its room.
     sides, vertex = draw(corners.high, segments, triangles)
     first, count = (
-        one_pass(lambda segments, which=which: lines_crossed(segments, grid)[which])(segments)
+        materialized(lambda segments, which=which: lines_crossed(segments, grid)[which])(segments)
         for which in (0, 1)
     )
     return Outlines(sides, edges, vertex, first, count)
@@ -244,7 +244,7 @@ def _surface(
     orientation,
     plan: Plan,
 ) -> Surface:
-    @one_pass
+    @materialized
     def turn_corners(colors, uv, inverse_w, triangles, orientation):
         colors = colors.transpose(1, 2, 0)
         if colors.shape[0] == 3:
@@ -320,7 +320,7 @@ def _paint(
         passed = rows
     else:
 
-        @one_pass
+        @materialized
         def arrange(listed, chunks):
             rows = listed.at[chunks.place].get(mode="clip")
             return jnp.where(chunks.filled[..., None], rows, jnp.uint32(0))
@@ -358,13 +358,13 @@ def _sum_slots(surface: Surface, visible: Array, chunks: Chunks, tiling: Tiling)
     colors = surface.corners.color
     interpolated = colors.shape[0] == 3
     sums = opaque.sample_sums(visible, tiling, moments=interpolated)
-    gather = one_pass(lambda colors, triangle: colors[triangle])
-    colors = one_pass(lambda colors: colors.transpose(2, 0, 1))(colors)
+    gather = materialized(lambda colors, triangle: colors[triangle])
+    colors = materialized(lambda colors: colors.transpose(2, 0, 1))(colors)
     if not interpolated:
         return opaque.sum_flat(sums, gather(colors[:, 0], chunks.triangle), tiling)
     tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
 
-    @one_pass
+    @materialized
     def weigh(surface, triangle, tile):
         edges, area, planes = surface[:3]
         return slot_weights(edges, area, triangle, tile, tiling, planes)

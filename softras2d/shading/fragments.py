@@ -14,7 +14,7 @@ from ..binning.tiles import expand, saturated_sum
 from ..geometry.barycentric import Weights
 from ..geometry.fixed_point import Edge, Edges
 from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from .triangle_color import Points, pick_lanes
 
 
@@ -57,18 +57,18 @@ def cut_fragments(
     """The fragments that show; beyond `capacity` of them, some are missing."""
     height = tiling.height
 
-    @one_pass
+    @materialized
     def count_pixels(visible):
         seen = pixels_seen(visible, tiling).reshape(-1)
         return seen, jax.lax.population_count(seen).astype(jnp.int32)
 
-    @one_pass
+    @materialized
     def place(counts):
         owner, rank = expand(counts, capacity)
         total = saturated_sum(counts)
         return owner, rank, jnp.arange(capacity, dtype=jnp.int32) < total, total
 
-    @one_pass
+    @materialized
     def find(seen, owner, rank):
         return owner // height, _place_of_bit(seen[owner], rank, tiling), owner % height
 
@@ -89,7 +89,7 @@ def pick_bits(
     """The samples of each fragment's pixel in the words of its slot; none where `column` is -1."""
     rate, height = tiling.grid.rate, tiling.height
 
-    @one_pass
+    @materialized
     def pick(words, slot, column, row):
         sub_row = jnp.arange(rate, dtype=jnp.int32)[:, None]
         place = (slot * tiling.sample_rows + row)[None] + sub_row * height
@@ -138,11 +138,11 @@ def shading_points(
     """
     rate = tiling.grid.rate
 
-    @one_pass
+    @materialized
     def locate(edge, triangle, tile):
         return edge_terms(edge, triangle, *tiling.first_sample(tile))
 
-    @one_pass
+    @materialized
     def add_samples(bits):
         count, across, down = (jnp.zeros(bits.shape[1], jnp.int32) for _ in range(3))
         for sub, word in enumerate(bits):
@@ -152,12 +152,12 @@ def shading_points(
                 across = across + i * ((word >> jnp.uint32(i)) & jnp.uint32(1)).astype(jnp.int32)
         return count, across, down
 
-    @one_pass
+    @materialized
     def is_central(weights, middle, column, row, count):
         terms = [EdgeTerms(*(entry[k] for entry in weights[:5])) for k in (0, 1)]
         return holds([*terms, middle], _centre(column, row, rate)) | (count == 0)
 
-    @one_pass
+    @materialized
     def choose(central, column, row, count, across, down):
         middle = _centre(column, row, rate)
         return Points(
