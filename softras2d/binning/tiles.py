@@ -93,7 +93,7 @@ def measure(
     def along(edge: Edge | Line) -> RowEdge:
         if isinstance(edge, Line):
             return RowEdge(*edge.along(row, tiling.sample_rows))
-        value = edge.measure(xp.zeros_like(row), row)
+        value = edge.at(xp.zeros_like(row), row).to_float(xp.float32)
         right, below = (step.astype(value.dtype) for step in (edge.right, edge.down))
         return RowEdge(value, right, below * (tiling.sample_rows - 1))
 
@@ -191,12 +191,12 @@ def list_tiles(
 
     @materialized
     def measure_strips(edges, bounds, owner, rank):
-        first, second, third = (edge.of(owner) for edge in edges)
-        return measure((first, second, third), bounds.of(owner), rank, tiling)
+        first, second, third = (edge.gather(owner) for edge in edges)
+        return measure((first, second, third), bounds.gather(owner), rank, tiling)
 
     @materialized
     def narrow_strips(row_edges, bounds, hides, owner, rank, used):
-        strip = narrow(row_edges, bounds.of(owner), rank, tiling)
+        strip = narrow(row_edges, bounds.gather(owner), rank, tiling)
         last = jnp.where(used, strip.last, strip.first - 1)
         return strip._replace(last=last, whole_last=jnp.where(hides[owner], strip.whole_last, -1))
 

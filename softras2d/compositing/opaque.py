@@ -156,7 +156,7 @@ def sum_interpolated(
     @materialized
     def weigh(sums, weights):
         count, across, down = (unpack(packed, tiling) for packed in sums)
-        at_slot = weights.at(lambda entry: entry[..., None, None])
+        at_slot = weights.map_slots(lambda entry: entry[..., None, None])
         return weight_sums(at_slot, count, across + count * left, down + count * top)[1:]
 
     @materialized

@@ -213,7 +213,7 @@ def _sample_weights(surface: Surface, triangle, tile, tiling: Tiling) -> tuple[A
     """Weights of corners 1 and 2 at each sample of a block's triangles."""
     edges, area, planes = surface[:3]
     weights = slot_weights(edges, area, triangle, tile, tiling, planes)
-    weights = weights.at(lambda entry: jnp.repeat(entry, tiling.height)[None, None, None])
+    weights = weights.map_slots(lambda entry: jnp.repeat(entry, tiling.height)[None, None, None])
     across, down = _sample_places(tile.shape[0], tiling)
     _, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
     return second, third

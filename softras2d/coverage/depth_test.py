@@ -117,7 +117,7 @@ def _measure(
 ) -> Float[Array, "sample_columns lines"]:
     """Depth at every sample of a block of tiles; a line is a row of samples, in `row_order`."""
     repeat = functools.partial(jnp.repeat, repeats=tiling.sample_rows)
-    weights = weights.at(lambda entry: repeat(entry)[None])
+    weights = weights.map_slots(lambda entry: repeat(entry)[None])
     corner = jax.vmap(repeat)(corner)[:, None]
     shape = (tiling.sample_columns, corner.shape[-1])
     down = jnp.tile(row_order(tiling), shape[1] // tiling.sample_rows)

@@ -91,9 +91,9 @@ def place_lines(
     """The lines of each slot. For numpy and jax alike."""
     xp = triangle.__array_namespace__()
     column, row = tiling.first_sample(tile)
-    own = [edge.of(triangle) for edge in edges]
-    lines = [(edge.at(column, row), edge.right, edge.down) for edge in own]
-    box = bounds.of(triangle)
+    own = [edge.gather(triangle) for edge in edges]
+    lines = [(edge.at(column, row).clamped(), edge.right, edge.down) for edge in own]
+    box = bounds.gather(triangle)
     across = ones_from(xp.clip(box.left - column, 0, 32)) & ~ones_from(
         xp.clip(box.right - column + 1, 0, 32)
     )

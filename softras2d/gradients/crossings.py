@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..binning.tiles import expand
 from ..geometry.fixed_point import Edges, Grid, Segments
+from ..geometry.wrapped_value import WrappedValue
 from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
 
@@ -227,34 +228,30 @@ def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array, Ar
     t = jnp.clip(((line.astype(dtype) + 0.5) / (2 * grid.rate) - wide.begin) / length, 0.0, 1.0)
     across = 2 * (wide.near + t * wide.change)
 
-    def value(place: Array) -> tuple[Array, Array]:
-        """The edge value at a sample of the line, wrapped, and about as a float."""
-        f32 = jnp.float32
-        along = wide.step.astype(f32) * place.astype(f32)
-        near = wide.estimate + along + wide.stride.astype(f32) * line.astype(f32)
-        return wide.start + wide.step * place + wide.stride * line, near
+    def value(place: Array) -> WrappedValue:
+        """The edge value at a sample of the line."""
+        start = WrappedValue(wide.start, wide.estimate)
+        return start.moved((wide.step, place), (wide.stride, line))
 
     def past(place: Array) -> Array:
         """Whether a sample of the line lies beyond the edge, towards greater x or y."""
-        exact, near = value(place)
-        inside = jnp.where(jnp.abs(near) < 2.0**30, exact >= 0, near > 0)
-        return inside == (wide.step > 0)
+        return value(place).is_inside() == (wide.step > 0)
 
     # Of far corners the guess is some samples off, and a rounding may put it beside the sample: the
     # integers correct both.
     guess = jnp.floor(across * grid.rate - 0.5)
     guess = jnp.clip(guess, -2.0, 2.0**20).astype(jnp.int32)
-    exact, near = value(guess)
+    guessed = value(guess)
     step = jnp.where(wide.step != 0, wide.step, 1)
-    samples = jnp.floor(-exact.astype(jnp.float32) / step.astype(jnp.float32))
-    guess = guess + jnp.where(jnp.abs(near) < 2.0**30, samples, 0.0).astype(jnp.int32)
+    samples = jnp.floor(-guessed.wrapped.astype(jnp.float32) / step.astype(jnp.float32))
+    guess = guess + jnp.where(guessed.is_near_zero, samples, 0.0).astype(jnp.int32)
     before = guess + (~past(guess + 1)).astype(jnp.int32) - past(guess).astype(jnp.int32)
     # The border of the canvas is half a sample before the first sample and after the last.
     on_canvas = (across >= 0) & (across * grid.rate <= size.astype(dtype))
     live = (number < wide.lines) & (before >= -1) & (before < size) & on_canvas
     before, line = jnp.where(live, before, 0), jnp.where(live, line, 0)
     # If the samples are of two pixels, these meet half way between them.
-    middle = 2 * value(before)[0] + wide.step
+    middle = 2 * value(before).wrapped + wide.step
     first = (middle >= 0) == (wide.step > 0)
     held = jnp.clip(before + jnp.where(first, 0, 1), 0, size - 1) // grid.rate
     by_row = line // grid.rate

@@ -296,8 +296,8 @@ def _exchange(shape: _Shape, visible: Opaque, planes: _DepthPlanes, pairs: _Pair
         before, after = pairs.before, jnp.maximum(pairs.after, 0)
         valid = pairs.after >= 0
         for edge in depths.edges:
-            valid = valid & (edge.of(before).at(*pairs.second) >= 0)
-            valid = valid & (edge.of(after).at(*pairs.first) >= 0)
+            valid = valid & edge.gather(before).at(*pairs.second).is_inside()
+            valid = valid & edge.gather(after).at(*pairs.first).is_inside()
         across, down = (jnp.abs(slope[before] - slope[after]) for slope in planes.slope)
         valid = valid & jnp.where(pairs.is_down, down > across, across >= down)
         at_before, at_after = (

@@ -111,8 +111,10 @@ def _covers_near(
     """Whether triangles cover the points at an offset from samples, by up to two samples."""
     inside = jnp.ones(triangle.shape, bool)
     for edge in edges:
-        own = edge.of(triangle)
-        value = own.measure(*sample) + own.right.astype(jnp.float32) * offset[0].astype(jnp.float32)
+        own = edge.gather(triangle)
+        value = own.at(*sample).to_float(jnp.float32) + own.right.astype(jnp.float32) * offset[
+            0
+        ].astype(jnp.float32)
         value = value + own.down.astype(jnp.float32) * offset[1].astype(jnp.float32)
         inside = inside & (value >= 0)
     return inside

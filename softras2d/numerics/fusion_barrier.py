@@ -7,8 +7,8 @@ many times over: without the barriers of this package a hard render does about f
 `jax.lax.optimization_barrier` does not help. The CPU compiler removes it before it fuses (seen with
 JAX 0.10.2). It does keep a call whose metadata say `inlineable="false"`, and fuses on either side
 of the call only. `tests/numerics/test_fusion_barrier.py` compiles a chain of two steps in each of
-these ways and looks whether one fused computation holds both. Once its `test_other_chains_are_fused`
-fails with a later JAX, the barriers should be measured again.
+these ways and looks whether one fused computation holds both. If its test of chains without the
+barrier fails with a later JAX, the barriers should be measured again.
 """
 
 import functools

@@ -140,7 +140,7 @@ def shading_points(
 
     @materialized
     def locate(edge, triangle, tile):
-        return edge_terms(edge, triangle, *tiling.first_sample(tile))
+        return edge.gather(triangle).rebased(*tiling.first_sample(tile))
 
     @materialized
     def add_samples(bits):
@@ -154,7 +154,7 @@ def shading_points(
 
     @materialized
     def is_central(weights, middle, column, row, count):
-        terms = [EdgeTerms(*(entry[k] for entry in weights[:5])) for k in (0, 1)]
+        terms = [weights.edges.gather(k) for k in (0, 1)]
         return holds([*terms, middle], _centre(column, row, rate)) | (count == 0)
 
     @materialized
@@ -180,35 +180,13 @@ def _centre(column: Array, row: Array, rate: int) -> Points:
     return Points(jnp.full_like(column, 2), column * twice + (rate - 1), row * twice + (rate - 1))
 
 
-class EdgeTerms(NamedTuple):
-    """An edge function from a tile's first sample on: `value` wrapped, and as the float `near`."""
-
-    value: Array
-    near: Array
-    right: Array
-    down: Array
-    fraction: Array
-
-
-def edge_terms(edge: Edge, triangle: Array, column: Array, row: Array) -> EdgeTerms:
-    """An edge of each triangle at a sample."""
-    right, down, start, estimate, fraction = edge.of(triangle)
-    steps = right.astype(jnp.float32) * column.astype(jnp.float32)
-    steps = steps + down.astype(jnp.float32) * row.astype(jnp.float32)
-    return EdgeTerms(start + right * column + down * row, estimate + steps, right, down, fraction)
-
-
-def holds(edges: list[EdgeTerms], points: Points) -> Bool[Array, "*points"]:
+def holds(edges: list[Edge], points: Points) -> Bool[Array, "*points"]:
     """Whether the closed triangle holds each point; exact, between samples too."""
     count, across, down = points
     assert count is not None
     inside = jnp.ones(count.shape, bool)
-    for value, near, right, step, fraction in edges:
-        moved = across * right + down * step
-        wrapped = count * value + moved
-        number = count.astype(jnp.float32)
-        # Near zero the integer is exact in a float, and so is the sum's sign.
-        exact = wrapped.astype(jnp.float32) + number * fraction.astype(jnp.float32) >= 0
-        around = number * near + moved.astype(jnp.float32)
-        inside = inside & jnp.where(jnp.abs(around) < 2.0**29, exact, around > 0)
+    number = count.astype(jnp.float32)
+    for edge in edges:
+        remainder = number * edge.fraction.astype(jnp.float32)
+        inside = inside & edge.sum_over(count, across, down).is_inside(remainder)
     return inside

@@ -341,7 +341,7 @@ def read_texture(
 
 def _steps(weights: Weights, axis: int, tiling: Tiling) -> Step:
     """Along x (0) or y (1)."""
-    steps = weights.right if axis == 0 else weights.down
+    steps = weights.edges.right if axis == 0 else weights.edges.down
     step = steps.astype(weights.per_value.dtype) * weights.per_value[None]
     if weights.plane is not None and weights.beyond is not None:
         step = jnp.where(weights.beyond[None], weights.plane[1 + axis], step)
