@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..binning.tiles import expand
+from ..binning.expansion import expand
 from ..geometry.fixed_point import Edges, Grid, Segments
 from ..geometry.wrapped_value import WrappedValue
 from ..numerics import safe

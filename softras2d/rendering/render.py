@@ -10,8 +10,9 @@ import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
+from ..binning.expansion import saturated_sum
 from ..binning.lists import Chunks, Steps, cut_chunks, cut_steps
-from ..binning.tiles import TileLists, list_tiles, saturated_sum
+from ..binning.tiles import TileLists, list_tiles
 from ..compositing import deferred_shading, opaque, over
 from ..coverage.depth_test import Depths, keep_nearest
 from ..coverage.sampled import covered_rows, hide
