@@ -5,14 +5,16 @@ array `[chunks, layers]`. *Steps* take tiles in blocks of `BLOCK`, longest lists
 visit the lists of a block place by place: for what must go front to back.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..numerics.prefix import cumulative_sum
-from .tiles import TileLists, expand
+from .expansion import expand
+from .tiles import TileLists
 
 BLOCK = 64
 """Tiles of a block: the state of their samples stays in a core's cache."""
@@ -59,44 +61,69 @@ class Steps(NamedTuple):
 
 
 def cut_chunks(lists: TileLists, *, layers: int, capacity: int) -> Chunks:
-    """Every tile's list in chunks of `layers`; beyond `capacity` of them, triangles are missing."""
+    """Cut every tile's list into chunks of `layers` slots.
 
-    @one_pass
-    def cut(count):
-        chunks = -(-count // layers)
-        tile, index = expand(chunks, capacity)
-        total = jnp.sum(chunks, dtype=jnp.int32)
-        return chunks, tile, index, cumulative_sum(chunks) - chunks, total
+    If more than `capacity` chunks are needed, triangles are missing.
+    """
+    count, tile, index, first, total = materialized(
+        functools.partial(_count_chunks, layers=layers, capacity=capacity)
+    )(lists.count)
+    triangle, filled, place = materialized(functools.partial(_fill_slots, layers=layers))(
+        lists, tile, index, total
+    )
+    return Chunks(triangle, filled, place, tile, index, first, count, total, jnp.max(count))
 
-    @one_pass
-    def fill(lists, tile, index, total):
-        layer = index[:, None] * layers + jnp.arange(layers, dtype=jnp.int32)[None]
-        used = jnp.arange(capacity, dtype=jnp.int32) < total
-        filled = used[:, None] & (layer < lists.count[tile][:, None])
-        place = jnp.where(filled, lists.start[tile][:, None] + layer, 0)
-        return jnp.where(filled, lists.triangle.at[place].get(mode="clip"), 0), filled, place
 
-    chunks, tile, index, first, total = cut(lists.count)
-    triangle, filled, place = fill(lists, tile, index, total)
-    deepest = jnp.max(chunks)
-    return Chunks(triangle, filled, place, tile, index, first, chunks, total, deepest)
+def _count_chunks(
+    list_length: Int[Array, " tiles"], *, layers: int, capacity: int
+) -> tuple[
+    Int[Array, " tiles"],
+    Int[Array, " chunks"],
+    Int[Array, " chunks"],
+    Int[Array, " tiles"],
+    Int[Array, ""],
+]:
+    """Fields `count`, `tile`, `index`, `first` and `needed` of `Chunks`."""
+    count = -(-list_length // layers)
+    tile, index = expand(count, capacity)
+    total = jnp.sum(count, dtype=jnp.int32)
+    return count, tile, index, cumulative_sum(count) - count, total
+
+
+def _fill_slots(
+    lists: TileLists,
+    tile: Int[Array, " chunks"],
+    index: Int[Array, " chunks"],
+    total: Int[Array, ""],
+    *,
+    layers: int,
+) -> tuple[Int[Array, "chunks layers"], Bool[Array, "chunks layers"], Int[Array, "chunks layers"]]:
+    """Fields `triangle`, `filled` and `place` of `Chunks`."""
+    layer = index[:, None] * layers + jnp.arange(layers, dtype=jnp.int32)[None]
+    used = jnp.arange(tile.shape[0], dtype=jnp.int32) < total
+    filled = used[:, None] & (layer < lists.count[tile][:, None])
+    place = jnp.where(filled, lists.start[tile][:, None] + layer, 0)
+    return jnp.where(filled, lists.triangle.at[place].get(mode="clip"), 0), filled, place
 
 
 def cut_steps(lists: TileLists, *, capacity: int) -> Steps:
-    """Blocks of tiles, longest lists first, and the steps through them; at most `capacity`."""
+    """Group tiles into blocks, those with the longest lists first, and list the steps through them.
 
-    @one_pass
-    def cut(lists):
-        tiles = lists.count.shape[0]
-        order = jnp.argsort(-lists.count, stable=True).astype(jnp.int32)
-        spare = -tiles % BLOCK
-        tile = jnp.pad(order, (0, spare)).reshape(-1, BLOCK)
-        count = jnp.pad(lists.count[order], (0, spare)).reshape(-1, BLOCK)
-        longest = count[:, 0]
-        block, place = expand(longest, capacity)
-        slot = jnp.zeros(tiles, jnp.int32).at[order].set(jnp.arange(tiles, dtype=jnp.int32))
-        return Steps(
-            block, place, tile, lists.start[tile], count, slot, jnp.sum(longest, dtype=jnp.int32)
-        )
+    If more than `capacity` steps are needed, triangles are missing.
+    """
+    return materialized(functools.partial(_cut_steps, capacity=capacity))(lists)
 
-    return cut(lists)
+
+def _cut_steps(lists: TileLists, *, capacity: int) -> Steps:
+    """`cut_steps` in one stage."""
+    tiles = lists.count.shape[0]
+    order = jnp.argsort(-lists.count, stable=True).astype(jnp.int32)
+    spare = -tiles % BLOCK
+    tile = jnp.pad(order, (0, spare)).reshape(-1, BLOCK)
+    count = jnp.pad(lists.count[order], (0, spare)).reshape(-1, BLOCK)
+    longest = count[:, 0]
+    block, place = expand(longest, capacity)
+    slot = jnp.zeros(tiles, jnp.int32).at[order].set(jnp.arange(tiles, dtype=jnp.int32))
+    return Steps(
+        block, place, tile, lists.start[tile], count, slot, jnp.sum(longest, dtype=jnp.int32)
+    )

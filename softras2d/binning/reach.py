@@ -22,7 +22,7 @@ class Line(NamedTuple):
     down: Any
     margin: Any
 
-    def of(self, triangle: Any) -> "Line":
+    def gather(self, triangle: Any) -> "Line":
         """The entries of some triangles."""
         return Line(*(entry[triangle] for entry in self))
 

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 
 from ..binning.lists import Chunks
 from ..coverage.analytic import sum_pixels
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
 
 _UNROLLED = 16
@@ -85,7 +85,7 @@ def _composite_jvp(depth, primals, tangents):
     return out, change
 
 
-@one_pass
+@materialized
 def _blend(opacity: Array, colors: Array) -> list[Array]:
     """The colour of each chunk by itself, channel by channel."""
     through = jnp.ones_like(opacity[:, 0])
@@ -97,7 +97,7 @@ def _blend(opacity: Array, colors: Array) -> list[Array]:
     return sums
 
 
-@one_pass
+@materialized
 def _blend_change(opacity: Array, moved: Array, colors: Array) -> list[Array]:
     """What `moved` opacities do to it."""
     through, drop = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
@@ -110,7 +110,7 @@ def _blend_change(opacity: Array, moved: Array, colors: Array) -> list[Array]:
     return sums
 
 
-@one_pass
+@materialized
 def _cover(opacity: Array) -> Array:
     """What each chunk covers."""
     through = 1.0 - opacity[:, 0]
@@ -119,7 +119,7 @@ def _cover(opacity: Array) -> Array:
     return 1.0 - through
 
 
-@one_pass
+@materialized
 def _cover_change(opacity: Array, moved: Array) -> Array:
     through, gain = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
     for k in range(opacity.shape[1]):
@@ -133,7 +133,7 @@ def _join(
 ) -> Float[Array, "4 tiles pixels"]:
     """The chunks of each tile as layers."""
 
-    @one_pass
+    @materialized
     def join(sums, covered, chunks):
         def add(k, state):
             through, total = state
@@ -157,7 +157,7 @@ def _join_change(
     gained: Array,
     chunks: Chunks,
 ) -> Float[Array, "4 tiles pixels"]:
-    @one_pass
+    @materialized
     def join(sums, covered, changes, gained, chunks):
         def add(k, state):
             through, drop, total = state
@@ -193,7 +193,7 @@ def _through_tile(depth: int, chunks: Chunks, add: Callable[[Any, Any], Any], st
 def _in_front(depth: int, covered: Array, chunks: Chunks) -> Array:
     """The transmittance of the chunks in front of each chunk."""
 
-    @one_pass
+    @materialized
     def look(covered, chunks):
         def add(j, through):
             rest = jnp.where((chunks.index >= j)[:, None], 1.0 - _shift(covered, j), 1.0)
@@ -224,14 +224,14 @@ def _opacity_weights(
     """The transpose of the change by opacities."""
     layers = opacity.shape[1]
 
-    @one_pass
+    @materialized
     def meet(colors, weight, chunks):
         total = weight[3][chunks.tile][:, None]
         for channel in range(3):
             total = total + colors[:, :, channel] * weight[channel][chunks.tile][:, None]
         return total
 
-    @one_pass
+    @materialized
     def blend(opacity, met):
         through, total = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
         for k in range(layers):
@@ -239,7 +239,7 @@ def _opacity_weights(
             through = through * (1.0 - opacity[:, k])
         return total
 
-    @one_pass
+    @materialized
     def look_behind(covered, total, chunks):
         last = chunks.count[chunks.tile] - 1
 
@@ -252,7 +252,7 @@ def _opacity_weights(
         state = jnp.ones_like(covered), jnp.zeros_like(covered)
         return _through_chunks(depth, chunks, add, state)[1]
 
-    @one_pass
+    @materialized
     def differ(opacity, met, through, behind, chunks):
         front, back = [through], [behind]
         for k in range(layers - 1):
@@ -277,7 +277,7 @@ def _color_weights(
     """The transpose of the change by colours."""
     layers, flat = opacity.shape[1], colors.shape[3] == 1
 
-    @one_pass
+    @materialized
     def see(opacity, through):
         seen = []
         for k in range(layers):
@@ -285,7 +285,7 @@ def _color_weights(
             through = through * (1.0 - opacity[:, k])
         return jnp.stack(seen, 1)
 
-    @one_pass
+    @materialized
     def gather(seen, weight, chunks):
         parts = [seen * weight[channel][chunks.tile][:, None] for channel in range(3)]
         if not flat:

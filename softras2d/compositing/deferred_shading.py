@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, UInt32
 
 from ..binning.lists import Chunks
 from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..shading.fragments import Fragments, pick_bits, sample_points, shading_points
 from ..shading.triangle_color import Lanes, Points, Surface, add_shade, pick_lanes, shade, view
 from .opaque import Fields
@@ -58,11 +58,11 @@ def _shade_samples(
     """
     rate, probes = tiling.grid.rate, surface.filter.anisotropy
 
-    @one_pass
+    @materialized
     def locate(fragments, sub_row, sub_column):
         return sample_points(fragments, sub_row, sub_column, tiling)
 
-    @one_pass
+    @materialized
     def is_shown(bits, sub_row, sub_column):
         return (bits[sub_row] >> sub_column.astype(jnp.uint32)) & jnp.uint32(1) == 1
 
@@ -86,7 +86,7 @@ def _shade_pixels(
 ) -> Float[Array, "channels fragments"]:
     """One colour of each fragment, times its samples that show."""
 
-    @one_pass
+    @materialized
     def weigh(color, bits):
         number = functools.reduce(operator.add, jax.lax.population_count(bits)).astype(color.dtype)
         return jnp.where((number > 0)[None], color * number[None], 0.0)
@@ -99,16 +99,16 @@ def _add_to_pixels(total: Array, tile: Array, fragments: Fragments, tiling: Tili
     places = packing.words * tiling.height
     shape = (tiling.count, packing.count, places)
 
-    @one_pass
+    @materialized
     def locate(tile, fragments):
         field, word = fragments.column // packing.words, fragments.column % packing.words
         place = word * tiling.height + fragments.row
         return (tile[fragments.slot] * packing.count + field) * places + place
 
-    @one_pass
+    @materialized
     def add(channel, pixel):
         return jnp.zeros(math.prod(shape), channel.dtype).at[pixel].add(channel, mode="drop")
 
     pixel = locate(tile, fragments)
     sums = [add(channel, pixel).reshape(shape) for channel in total]
-    return one_pass(lambda sums: jnp.stack(sums, 1))(sums)
+    return materialized(lambda sums: jnp.stack(sums, 1))(sums)

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from ..binning.lists import Chunks
 from ..numerics import safe
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from .analytic_over import composite
 from .opaque import sum_chunks
 
@@ -36,7 +36,7 @@ def mix(
     """Premultiplied colour and alpha of each pixel; `most` bounds the chunks of a tile."""
     nearest, reference = _nearest(*jax.lax.stop_gradient((opacity, depth, colors)), chunks)
 
-    @one_pass
+    @materialized
     def weigh(opacity, colors, depth, temperature, nearest, reference, chunks):
         # From the nearest that shows on: the common factor cancels, and no weight is infinite.
         gap = nearest[chunks.tile][:, None] - depth
@@ -60,7 +60,7 @@ def mix(
     sums = [sum_chunks(part[:, None, None], chunks, depth=most)[:, 0, 0] for part in parts]
     alpha = composite(opacity, jnp.zeros_like(colors), chunks, depth=most)[3]
 
-    @one_pass
+    @materialized
     def divide(sums, alpha, reference):
         # A weight may be so small that its square, by which a quotient's derivative divides,
         # underflows: over a constant that is as large, the quotient is of a number near 1.
@@ -83,7 +83,7 @@ def _nearest(
     Of several at one depth, that of any, channel by channel.
     """
 
-    @one_pass
+    @materialized
     def look(opacity, depth, colors):
         least = jnp.full_like(depth[:, 0], jnp.inf)
         own = [jnp.zeros_like(least)] * 3
@@ -93,7 +93,7 @@ def _nearest(
             own = [jnp.where(nearer, colors[:, k, c], kept) for c, kept in enumerate(own)]
         return least, own
 
-    @one_pass
+    @materialized
     def join(found, colors, chunks):
         number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
         tile = jnp.where(number < chunks.needed, chunks.tile, chunks.count.shape[0])

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, UInt32
 from ..binning.lists import Chunks
 from ..geometry.barycentric import Weights, weight_sums
 from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
 
 
@@ -98,7 +98,7 @@ def sample_sums(
 ) -> SampleSums:
     """Sums over each pixel's visible samples; with their places if `moments`."""
 
-    @one_pass
+    @materialized
     def add(visible):
         count, across = _add_bits(visible, tiling.grid.rate, moments)
         if not moments:
@@ -124,7 +124,7 @@ def sum_flat(
 ) -> Float[Array, "chunks channels fields places"]:
     """Sum of the colours of the visible samples of each pixel, over the layers of a chunk."""
 
-    @one_pass
+    @materialized
     def add(count, colors):
         total = jnp.zeros((), colors.dtype)
         for k in range(colors.shape[1]):
@@ -153,13 +153,13 @@ def sum_interpolated(
     left = (field * packing.words + place // height) * rate
     top = (place % height) * rate
 
-    @one_pass
+    @materialized
     def weigh(sums, weights):
         count, across, down = (unpack(packed, tiling) for packed in sums)
-        at_slot = weights.at(lambda entry: entry[..., None, None])
+        at_slot = weights.map_slots(lambda entry: entry[..., None, None])
         return weight_sums(at_slot, count, across + count * left, down + count * top)[1:]
 
-    @one_pass
+    @materialized
     def add(packed, weights, colors):
         total = jnp.zeros((), colors.dtype)
         for k in range(colors.shape[1]):
@@ -182,7 +182,7 @@ def sum_chunks(
 ) -> Float[Array, "tiles channels fields places"]:
     """Sum over the chunks of each tile; `depth` is the most that a tile has."""
 
-    @one_pass
+    @materialized
     def gather(parts, chunks):
         def place(k):
             there = (k < chunks.count)[:, None, None, None]
@@ -193,7 +193,7 @@ def sum_chunks(
             total = total + place(k)
         return total
 
-    @one_pass
+    @materialized
     def scatter(total, parts, chunks):
         number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
         deep = (chunks.index >= _GATHERED) & (number < chunks.needed)
@@ -204,7 +204,7 @@ def sum_chunks(
         total = gather(parts, chunks)
         return total if depth <= _GATHERED else scatter(total, parts, chunks)
 
-    @one_pass
+    @materialized
     def spread(chunks, total):
         number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
         used = (number < chunks.needed)[:, None, None, None]
@@ -223,12 +223,12 @@ def add_background(
 ) -> Float[Array, "tiles channels fields places"]:
     """Add the background at the samples that no triangle of the tile covers."""
 
-    @one_pass
+    @materialized
     def uncovered(covered, chunks):
         last = covered.at[chunks.first + chunks.count - 1].get(mode="clip")
         return ~jnp.where((chunks.count > 0)[:, None], last, jnp.uint32(0))
 
-    @one_pass
+    @materialized
     def add(sums, count, background):
         number = unpack(count, tiling).astype(sums.dtype)
         return sums + number[:, None] * background[None, :, None, None]
@@ -241,7 +241,7 @@ def with_alpha(
     colors: Float[Array, "corners 3 triangles"],
 ) -> Float[Array, "corners 4 triangles"]:
     """Opaque colours as RGBA, for a background with alpha."""
-    return one_pass(lambda c: jnp.concatenate([c, jnp.ones_like(c[:, :1])], 1))(colors)
+    return materialized(lambda c: jnp.concatenate([c, jnp.ones_like(c[:, :1])], 1))(colors)
 
 
 def to_image(
@@ -250,7 +250,7 @@ def to_image(
     """The mean over the samples of each pixel, cropped to the canvas."""
     packing = Fields.of(tiling.grid.rate)
 
-    @one_pass
+    @materialized
     def arrange(sums):
         channels = sums.shape[1]
         split = sums.reshape(

@@ -25,7 +25,7 @@ from ..binning.lists import Steps
 from ..binning.tiles import TileLists
 from ..geometry.barycentric import slot_weights, weight_sums
 from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..shading.fragments import Fragments, shading_points
 from ..shading.triangle_color import Lanes, Points, Surface, pick_lanes, shade, view
 
@@ -64,7 +64,7 @@ def composite(
     side, height, width = tiling.grid.rate, tiling.height, tiling.width
     blocks, block = steps.tile.shape
     lines = block * height
-    split = one_pass(lambda rows: [rows[:, i * height : (i + 1) * height] for i in range(side)])
+    split = materialized(lambda rows: [rows[:, i * height : (i + 1) * height] for i in range(side)])
     layers = Layers(surface, lists.triangle, split(rows), split(covered), shading)
 
     def visit(state: tuple[Array, Array, Array], step: tuple[Array, Array, Array]) -> Any:
@@ -112,12 +112,12 @@ def _blend(
     """
     dtype = through.dtype
 
-    @one_pass
+    @materialized
     def pick(sub_rows, pair, live):
         words = [part.at[pair].get(mode="clip") for part in sub_rows]
         return jnp.stack([jnp.where(live[:, None], w, jnp.uint32(0)).reshape(-1) for w in words])
 
-    @one_pass
+    @materialized
     def sum_seen(through, fresh, words, factors):
         """Sum over each pixel's covered samples of the transmittance times the factors."""
 
@@ -127,7 +127,7 @@ def _blend(
 
         return _sum_samples(term, tiling.grid.rate)
 
-    @one_pass
+    @materialized
     def pass_on(through, fresh, words, alpha):
         bits = _all_bits(words, tiling, dtype)
         return jnp.where(fresh, 1.0, through) * (1.0 - alpha * bits)
@@ -140,20 +140,20 @@ def _blend(
         color = _shade_block(layers, covered, triangle, tile, tiling)
         alpha = color[3]
         seen = [sum_seen(through, fresh, words, (channel,)) for channel in color]
-        sums = one_pass(lambda sums, seen: sums + jnp.stack(seen))(sums, seen)
+        sums = materialized(lambda sums, seen: sums + jnp.stack(seen))(sums, seen)
         return pass_on(through, fresh, words, alpha), sums
-    by_line = one_pass(functools.partial(_by_line, height=tiling.height))
+    by_line = materialized(functools.partial(_by_line, height=tiling.height))
     own = by_line(surface.corners.color[..., triangle])
     if own.shape[1] == 1:
         alpha = own[3][None, None]
-        sums = one_pass(_add_flat)(sums, sum_seen(through, fresh, words, ()), own)
+        sums = materialized(_add_flat)(sums, sum_seen(through, fresh, words, ()), own)
     else:
-        weigh = one_pass(functools.partial(_sample_weights, tiling=tiling))
+        weigh = materialized(functools.partial(_sample_weights, tiling=tiling))
         weights = weigh(surface, triangle, tile)
-        alpha = one_pass(_interpolate)(weights, own[3])
+        alpha = materialized(_interpolate)(weights, own[3])
         total = sum_seen(through, fresh, words, (alpha,))
         second, third = (sum_seen(through, fresh, words, (alpha, weight)) for weight in weights)
-        sums = one_pass(_add_interpolated)(sums, total, second, third, own)
+        sums = materialized(_add_interpolated)(sums, total, second, third, own)
     return pass_on(through, fresh, words, alpha), sums
 
 
@@ -177,7 +177,7 @@ def _shade_block(
         color = shade(surface, lanes, points, tiling)
         color = color.reshape(4, 1, 1, width, lines)
         return jnp.broadcast_to(color, (4, side, side, width, lines))
-    lanes = one_pass(functools.partial(_lanes_by_line, height=tiling.height))(lanes)
+    lanes = materialized(functools.partial(_lanes_by_line, height=tiling.height))(lanes)
     points = [x.reshape(-1, lines) for x in _sample_places(triangle.shape[0], tiling)]
 
     def shade_point(across: Array, down: Array) -> Array:
@@ -213,7 +213,7 @@ def _sample_weights(surface: Surface, triangle, tile, tiling: Tiling) -> tuple[A
     """Weights of corners 1 and 2 at each sample of a block's triangles."""
     edges, area, planes = surface[:3]
     weights = slot_weights(edges, area, triangle, tile, tiling, planes)
-    weights = weights.at(lambda entry: jnp.repeat(entry, tiling.height)[None, None, None])
+    weights = weights.map_slots(lambda entry: jnp.repeat(entry, tiling.height)[None, None, None])
     across, down = _sample_places(tile.shape[0], tiling)
     _, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
     return second, third
@@ -282,7 +282,7 @@ def to_image(
 ) -> Float[Array, "height width channels"]:
     """Premultiplied pixels over the background, whose four channels are premultiplied too."""
 
-    @one_pass
+    @materialized
     def arrange(sums, background):
         split = sums.reshape(tiling.rows, tiling.columns, 4, tiling.width, tiling.height)
         image = split.transpose(0, 4, 1, 3, 2).reshape((*tiling.padded_shape, 4))

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float
 
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
 from ..numerics.prefix import cumulative_sum
 
@@ -57,7 +57,7 @@ def cover(
     `shape`: of the corners, a tree of `[slots]`. Its own derivative counts in second ones alone.
     """
 
-    @one_pass
+    @materialized
     def look(shape, parameter):
         return measure.value(*spread(shape, parameter, measure.side))
 
@@ -100,15 +100,15 @@ def _pull_live(
 ) -> Float[Array, "6 slots"]:
     """`Measure.pull` of the slots where there is anything to sum."""
     slots = value.shape[-2]
-    live = one_pass(lambda value, weight: _any((weight != 0) & ~measure.level(value)))(
+    live = materialized(lambda value, weight: _any((weight != 0) & ~measure.level(value)))(
         value, weight
     )
 
-    @one_pass
+    @materialized
     def put(total, sums, own):
         return total.at[:, own].set(jnp.stack(sums), mode="drop")
 
-    @one_pass
+    @materialized
     def pick_weights(weight, own):
         return weight.at[..., own, :].get(mode="clip")
 
@@ -127,14 +127,14 @@ def _push_live(
     velocity: Float[Array, "6 slots"],
 ) -> Float[Array, "*values slots pixels"]:
     """`Measure.push` of the slots where anything changes."""
-    live = one_pass(lambda value: _any(~measure.level(value)))(value)
+    live = materialized(lambda value: _any(~measure.level(value)))(value)
 
-    @one_pass
+    @materialized
     def push(near, parameter, moved):
         near, parameter, x, y = spread(near, parameter, measure.side)
         return measure.push(near, parameter, tuple(entry[:, None] for entry in moved), x, y)
 
-    @one_pass
+    @materialized
     def put(total, change, own):
         return total.at[..., own, :].set(_join_values(change), mode="drop")
 
@@ -155,7 +155,7 @@ def _any(live: Bool[Array, "*values slots pixels"]) -> Bool[Array, "slots pixels
     return jnp.any(live.reshape(-1, *live.shape[-2:]), 0)
 
 
-@one_pass
+@materialized
 def _pick(held: Any, own: Array) -> Any:
     return jax.tree.map(lambda entry: entry.at[own].get(mode="clip"), held)
 
@@ -170,7 +170,7 @@ def _visit_live(
     slots = live.shape[0]
     spare = -slots % _BLOCK
 
-    @one_pass
+    @materialized
     def find(live):
         some = jnp.any(live, 1)
         place = jnp.where(some, cumulative_sum(some.astype(jnp.int32)) - 1, slots + spare)
@@ -196,9 +196,9 @@ def sum_fields(
 
     side = side_of(held[0])
     # Slots on the minor axis, and pixel after pixel: the compiler vectorises no reduction.
-    rows = [one_pass(jnp.transpose)(entry).reshape(side, side, -1) for entry in held]
+    rows = [materialized(jnp.transpose)(entry).reshape(side, side, -1) for entry in held]
 
-    @one_pass
+    @materialized
     def add_row(row, sums, shape, parameter, rows):
         y = row.astype(parameter.dtype) + 0.5
         own = [jax.lax.dynamic_index_in_dim(entry, row, keepdims=False) for entry in rows]
@@ -228,11 +228,11 @@ def sum_along_edges(
     slots, dtype = held[0].shape[0], held[0].dtype
     unused = jnp.zeros((), dtype)
 
-    @one_pass
+    @materialized
     def join(outline, near):
         return jax.tree.map(lambda *edges: jnp.concatenate(edges), *outline), jnp.concatenate(near)
 
-    @one_pass
+    @materialized
     def put(total, sums, own):
         return [a.at[own].set(b, mode="drop") for a, b in zip(total, sums, strict=True)]
 
@@ -257,7 +257,7 @@ def sum_moments(
     `parts`: the case in which its pixels count, and each entry.
     """
 
-    @one_pass
+    @materialized
     def part(case, entries):
         return jnp.stack(
             [
@@ -267,7 +267,7 @@ def sum_moments(
             1,
         )
 
-    @one_pass
+    @materialized
     def add(held):
         x, y = centres(side_of(held), held.dtype)
         moments = jnp.concatenate([jnp.ones_like(x), x, y]).T

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from ..numerics import safe
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from .analytic import Measure, Six, side_of, sum_along_edges
 from .edge_lines import Side, Sides
 
@@ -181,7 +181,7 @@ def _pull(outline: Outline, parameter: Any, weight: Any) -> Six:
     near = passes_tile(outline, side_of(weight))
     swept = sum_along_edges(weighed, outline, near, weight)
 
-    @one_pass
+    @materialized
     def combine(outline, swept):
         slopes = [jnp.zeros_like(swept[0][0])] * 6
         for k, edge in enumerate(outline):
@@ -195,7 +195,7 @@ def _pull(outline: Outline, parameter: Any, weight: Any) -> Six:
 def passes_tile(outline: Outline, side: int) -> tuple[Any, Any, Any]:
     """Of each edge, whether the part in the tile's rows may come into the tile itself."""
 
-    @one_pass
+    @materialized
     def look(outline):
         def meets(begin: Any, way: Any) -> Any:
             end = begin + way

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from .analytic import Measure, Six, side_of, spread, sum_along_edges, sum_fields
 from .area import Edge, Outline, add_share, passes_tile, spans, within
 from .edge_lines import Sides
@@ -144,13 +144,13 @@ def _push(shape: Shape, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
 def _pull(shape: Shape, parameter: Any, weight: Any) -> Six:
     """Both weights at once: together they are one value that gains (qx, qy) per pixel."""
 
-    @one_pass
+    @materialized
     def locate(shape, parameter):
         shape, _, x, y = spread(shape, parameter, side_of(weight[0]))
         centroid = _centroid(shape, x, y)
         return centroid.x, centroid.y, _per_area(centroid)
 
-    @one_pass
+    @materialized
     def gain(shape, per_area, weight):
         gradients = [_gradient(shape, corner) for corner in (1, 2)]
         return [
@@ -169,7 +169,7 @@ def _pull(shape: Shape, parameter: Any, weight: Any) -> Six:
     def along(edge, x, y, cx, cy, per_area, qx, qy):
         return list(_swept(edge, x, y, (cx, cy), (qx * per_area, qy * per_area)))
 
-    @one_pass
+    @materialized
     def combine(shape, moments, swept):
         slopes = [jnp.zeros_like(moments[0])] * 6
         for k, edge in enumerate(shape.outline):

@@ -24,7 +24,7 @@ from ..geometry.barycentric import Weights, slot_weights, twice_area, weight_sum
 from ..geometry.fixed_point import Edges
 from ..geometry.guard_band import Planes
 from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from .sampled import row_order
 
 
@@ -45,15 +45,15 @@ def keep_nearest(
 ) -> UInt32[Array, "pairs rows"]:
     """`rows` without the samples that fail the depth test; in the order of `lists`."""
     dtype = depths.depth.dtype
-    area = one_pass(lambda edges: twice_area(edges, dtype))(depths.edges)
-    measure = one_pass(functools.partial(_measure, tiling=tiling))
+    area = materialized(lambda edges: twice_area(edges, dtype))(depths.edges)
+    measure = materialized(functools.partial(_measure, tiling=tiling))
 
-    @one_pass
+    @materialized
     def corners(depths, area, triangle, tile):
         weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
         return weights, depths.depth[:, triangle]
 
-    @one_pass
+    @materialized
     def pick(rows, pair, live):
         return jnp.where(live[:, None], rows.at[pair].get(mode="clip"), jnp.uint32(0)).reshape(-1)
 
@@ -66,9 +66,9 @@ def keep_nearest(
         triangle = lists.triangle.at[pair].get(mode="clip")
         words = pick(rows, pair, live)
         depth = measure(*corners(depths, area, triangle, steps.tile[which]))
-        passed = one_pass(_test)(depth, least, fresh, words)
-        kept = one_pass(_pack)(passed), jnp.where(live, pair, rows.shape[0])
-        return one_pass(_write)(least, fresh, depth, passed), kept
+        passed = materialized(_test)(depth, least, fresh, words)
+        kept = materialized(_pack)(passed), jnp.where(live, pair, rows.shape[0])
+        return materialized(_write)(least, fresh, depth, passed), kept
 
     with jax.named_scope("depth_test"):
         numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
@@ -84,7 +84,7 @@ def depth_at(
 ) -> Float[Array, "*samples"]:
     """Depth of a triangle's plane at a sample (column, row), whether it covers it or not."""
 
-    @one_pass
+    @materialized
     def measure(depths, triangle, sample):
         area = twice_area(depths.edges, depths.depth.dtype)
         # The first tile: its samples are counted from the corner of the canvas.
@@ -103,7 +103,7 @@ def depth_on_edge(
 ) -> Float[Array, "lines runs"]:
     """Depth on edge `3 triangle + side` of a triangle, where it is `t` along, 0..1."""
 
-    @one_pass
+    @materialized
     def mix(depth, edge, t):
         # From `[3, triangles]` to the order of edges.
         start, end = (ends.T.reshape(-1)[edge] for ends in (depth, jnp.roll(depth, -1, 0)))
@@ -117,7 +117,7 @@ def _measure(
 ) -> Float[Array, "sample_columns lines"]:
     """Depth at every sample of a block of tiles; a line is a row of samples, in `row_order`."""
     repeat = functools.partial(jnp.repeat, repeats=tiling.sample_rows)
-    weights = weights.at(lambda entry: repeat(entry)[None])
+    weights = weights.map_slots(lambda entry: repeat(entry)[None])
     corner = jax.vmap(repeat)(corner)[:, None]
     shape = (tiling.sample_columns, corner.shape[-1])
     down = jnp.tile(row_order(tiling), shape[1] // tiling.sample_rows)

@@ -18,7 +18,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from .analytic import Measure, Six, side_of, spread, sum_moments
 from .edge_lines import Sides, share_slopes, share_velocity
 from .soft import Nearest, is_around, nearest, side_weights
@@ -93,14 +93,14 @@ _INSIDE, _AROUND = 3, 4
 
 
 def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
-    @one_pass
+    @materialized
     def choose(sides, parameter):
         sides, _, x, y = spread(sides, parameter, side_of(weight[0]))
         found = nearest(sides, x, y)
         outside = jnp.where(is_around(found), float(_AROUND), found.side)
         return jnp.where(_is_inside(found, sides), float(_INSIDE), outside)
 
-    @one_pass
+    @materialized
     def combine(sides, sums):
         slopes = [jnp.zeros_like(sides.first.distance)] * 6
 
@@ -132,7 +132,7 @@ def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
         first, second, third, fourth, fifth, sixth = share_slopes(sides.shares, tuple(slopes))
         return first, second, third, fourth, fifth, sixth
 
-    @one_pass
+    @materialized
     def share(sides, weight):
         rows = [[entry[:, None] for entry in row] for row in sides.shares]
         second, third = weight

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Int, UInt32
 from ..binning.lists import Chunks
 from ..geometry.fixed_point import Bounds, Edges
 from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 
 _ONES = 0xFFFFFFFF
 # The guess errs by less than this part of a sample (three roundings of a quotient below 64).
@@ -80,8 +80,8 @@ def covered_rows(
     tiling: Tiling,
 ) -> UInt32[Array, "*slots rows"]:
     """Samples of each slot's tile that its triangle covers, whatever lies in front."""
-    place = one_pass(functools.partial(place_lines, tiling=tiling))
-    draw = one_pass(functools.partial(draw_lines, tiling=tiling))
+    place = materialized(functools.partial(place_lines, tiling=tiling))
+    draw = materialized(functools.partial(draw_lines, tiling=tiling))
     return draw(place(edges, bounds, triangle, tile, filled))
 
 
@@ -91,9 +91,9 @@ def place_lines(
     """The lines of each slot. For numpy and jax alike."""
     xp = triangle.__array_namespace__()
     column, row = tiling.first_sample(tile)
-    own = [edge.of(triangle) for edge in edges]
-    lines = [(edge.at(column, row), edge.right, edge.down) for edge in own]
-    box = bounds.of(triangle)
+    own = [edge.gather(triangle) for edge in edges]
+    lines = [(edge.at(column, row).clamped(), edge.right, edge.down) for edge in own]
+    box = bounds.gather(triangle)
     across = ones_from(xp.clip(box.left - column, 0, 32)) & ~ones_from(
         xp.clip(box.right - column + 1, 0, 32)
     )
@@ -120,7 +120,7 @@ def hide(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, depth: in
     """
     layers = rows.shape[1]
 
-    @one_pass
+    @materialized
     def union(rows):
         total = rows[:, 0]
         for k in range(1, layers):
@@ -131,10 +131,10 @@ def hide(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, depth: in
     covered = union(rows)
     reach = 1
     while reach < depth:
-        covered = one_pass(functools.partial(_or_before, reach=reach))(covered, chunks.index)
+        covered = materialized(functools.partial(_or_before, reach=reach))(covered, chunks.index)
         reach *= 2
 
-    @one_pass
+    @materialized
     def visible(rows, covered, index):
         front = jnp.pad(covered[:-1], ((1, 0), (0, 0)))
         front = jnp.where((index > 0)[:, None], front, jnp.uint32(0))

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from .analytic import Measure, Six, side_of, spread, sum_moments
 from .edge_lines import ROUNDING, Sides, share_slopes, share_velocity
 from .profiles import SUPPORT, slope, step
@@ -192,7 +192,7 @@ def _pull(profile: str, sides: Sides, width: Any, weight: Any) -> Six:
     corner, the direction from there. So three moments of each case tell all.
     """
 
-    @one_pass
+    @materialized
     def choose(sides, width):
         sides, _, x, y = spread(sides, width, side_of(weight))
         found = nearest(sides, x, y)
@@ -200,13 +200,13 @@ def _pull(profile: str, sides: Sides, width: Any, weight: Any) -> Six:
         corner = jnp.where(corner == 3, 0, corner)
         return jnp.where(is_around(found), 3 + corner, found.side)
 
-    @one_pass
+    @materialized
     def weigh(sides, width, case, weight):
         sides, width, x, y = spread(sides, width, side_of(weight))
         rate, per_length = _rates(profile, sides, nearest(sides, x, y), width)
         return weight * jnp.where(case >= 3, per_length, rate)
 
-    @one_pass
+    @materialized
     def combine(sides, sums):
         slopes = [jnp.zeros_like(sides.first.distance)] * 6
         for k, edge in enumerate(sides.edges):

@@ -14,43 +14,37 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..numerics import safe
-from .fixed_point import Edges, unwrap
+from .fixed_point import Edge, Edges
 from .guard_band import Planes
 from .tiling import Tiling
+from .wrapped_value import WrappedValue
 
 
 class Weights(NamedTuple):
     """What the weights of corners 1 and 2 need, for each slot: `[2, *slots]` or `[*slots]`.
 
-    Corner 1 lies across from edge 2, corner 2 from edge 0.
-
-    - `value`, `estimate`: of the edge at the tile's first sample, modulo 2^32 and as float32.
-    - `right`, `down`: its steps from sample to sample.
-    - `fraction`: what is to be added to the exact integer value.
+    - `edges`: the edge functions across from both corners, edge 2 and edge 0, side by side as
+      `[2, *slots]`; samples count from the first sample of the slot's tile.
     - `per_value`: weight for each unit of the edge value; 0 without area.
     - `offset`: 1/3 for triangles without area, which take the mean of their corners; else 0.
     - `plane`: where triangles reach past the guard band, their weights as floats: `[3, 2, *slots]`
       of the value at the tile's first sample and its steps right and down, and `beyond`, for which.
     """
 
-    value: Array
-    estimate: Array
-    right: Array
-    down: Array
-    fraction: Array
+    edges: Edge
     per_value: Array
     offset: Array
     plane: Array | None = None
     beyond: Array | None = None
 
-    def at(self, change: Callable[[Array], Array]) -> "Weights":
-        """Every entry with its slot axes indexed or reshaped by `change`, edges side by side."""
-        pairs = [jax.vmap(change)(entry) for entry in self[:5]]
-        singles = [change(self.per_value), change(self.offset)]
+    def map_slots(self, change: Callable[[Array], Array]) -> "Weights":
+        """Index or reshape the slot axes of every entry by `change`."""
+        edges = Edge(*(jax.vmap(change)(entry) for entry in self.edges))
+        weights = Weights(edges, change(self.per_value), change(self.offset))
         if self.plane is None or self.beyond is None:
-            return Weights(*[*pairs, *singles])
+            return weights
         plane = jax.vmap(jax.vmap(change))(self.plane)
-        return Weights(*[*pairs, *singles, plane, change(self.beyond)])
+        return weights._replace(plane=plane, beyond=change(self.beyond))
 
 
 def twice_area(edges: Edges, dtype: Any) -> Float[Array, " triangles"]:
@@ -58,7 +52,7 @@ def twice_area(edges: Edges, dtype: Any) -> Float[Array, " triangles"]:
     start, estimate, fraction = (
         first + second + third for first, second, third in list(zip(*edges, strict=True))[2:]
     )
-    return unwrap(start, estimate, dtype) + fraction.astype(dtype)
+    return WrappedValue(start, estimate).to_float(dtype) + fraction.astype(dtype)
 
 
 def slot_weights(
@@ -71,18 +65,13 @@ def slot_weights(
 ) -> Weights:
     """Gather the terms of each slot's weights; `area` is `twice_area`."""
     column, row = tiling.first_sample(tile)
-    entries: list[list[Array]] = []
-    for edge in (2, 0):
-        right, down, start, estimate, fraction = edges[edge].of(triangle)
-        steps = right.astype(jnp.float32) * column.astype(jnp.float32)
-        steps = steps + down.astype(jnp.float32) * row.astype(jnp.float32)
-        value = start + right * column + down * row
-        entries.append([value, estimate + steps, right, down, fraction.astype(area.dtype)])
+    opposite = [edges[k].gather(triangle).rebased(column, row) for k in (2, 0)]
+    opposite = [edge._replace(fraction=edge.fraction.astype(area.dtype)) for edge in opposite]
     area = area[triangle]
     per_value = safe.divide(jnp.ones_like(area), area)
     offset = jnp.where(area == 0, 1.0 / 3.0, 0.0).astype(area.dtype)
-    pairs = [jnp.stack(pair) for pair in zip(*entries, strict=True)]
-    weights = Weights(*[*pairs, per_value, offset])
+    pairs = Edge(*(jnp.stack(pair) for pair in zip(*opposite, strict=True)))
+    weights = Weights(pairs, per_value, offset)
     if planes is None:
         return weights
     start, right, down = (entry[:, triangle].astype(area.dtype) for entry in planes[:3])
@@ -105,14 +94,9 @@ def weight_sums(
     number = count.astype(dtype)
     sums = []
     for edge in range(2):
-        value, estimate, right, step, fraction = (entry[edge] for entry in weights[:5])
-        wrapped = count * value + across * right + down * step
-        near = (
-            count.astype(jnp.float32) * estimate
-            + across.astype(jnp.float32) * right.astype(jnp.float32)
-            + down.astype(jnp.float32) * step.astype(jnp.float32)
-        )
-        exact = unwrap(wrapped, near, dtype) + number * fraction
+        opposite = weights.edges.gather(edge)
+        value = opposite.sum_over(count, across, down).to_float(dtype)
+        exact = value + number * opposite.fraction
         total = exact * weights.per_value + number * weights.offset
         if weights.plane is not None and weights.beyond is not None:
             start, right, step = weights.plane[:, edge]

@@ -25,12 +25,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..numerics.double_float import sum_of
+from .wrapped_value import WrappedValue
 
 MAX_GRID_BITS = 18
 """Finest grid, 2^-18 pixel: keeps the partial products of `edge_functions` inside 32 bits."""
-
-FAR = 2**30
-"""An edge value that no tile can bring back to zero: 34 |dy| + 31 |dx| stays below it."""
 
 _LOW = 12  # bits of the lower half of a 24-bit extent
 
@@ -120,35 +118,24 @@ class Edge(NamedTuple):
     estimate: Any
     fraction: Any
 
-    def of(self, triangle: Any) -> "Edge":
-        """The entries of some triangles."""
-        return Edge(*(entry[triangle] for entry in self))
+    def gather(self, index: Any) -> "Edge":
+        """The entries at an index or an array of indices along the first axis."""
+        return Edge(*(entry[index] for entry in self))
 
-    def at(self, column: Any, row: Any) -> Any:
-        """The edge value at a sample, exact within +-2^30 and held there beyond."""
-        wrapped, estimate = self._wrapped_at(column, row)
-        xp = wrapped.__array_namespace__()
-        held = xp.where(estimate > 0, FAR, -FAR).astype(xp.int32)
-        return xp.where(xp.abs(estimate) < float(FAR), wrapped, held)
+    def at(self, column: Any, row: Any) -> WrappedValue:
+        """The edge value at a sample."""
+        start = WrappedValue(self.start, self.estimate)
+        return start.moved((self.right, column), (self.down, row))
 
-    def measure(self, column: Any, row: Any) -> Any:
-        """The edge value at a sample as float32, to one rounding."""
-        wrapped, estimate = self._wrapped_at(column, row)
-        return unwrap(wrapped, estimate, estimate.dtype)
+    def sum_over(self, count: Any, columns: Any, rows: Any) -> WrappedValue:
+        """Sum of the edge values at `count` samples, whose columns and rows have these sums."""
+        start = WrappedValue(self.start, self.estimate)
+        return start.times(count).moved((self.right, columns), (self.down, rows))
 
-    def _wrapped_at(self, column: Any, row: Any) -> tuple[Any, Any]:
-        f32 = self.estimate.dtype
-        steps = self.right.astype(f32) * column.astype(f32) + self.down.astype(f32) * row.astype(
-            f32
-        )
-        return self.start + self.right * column + self.down * row, self.estimate + steps
-
-
-def unwrap(wrapped: Any, estimate: Any, dtype: Any) -> Any:
-    """The float of an integer that is known modulo 2^32, and to within 2^31 by a float32."""
-    xp = wrapped.__array_namespace__()
-    turns = xp.round((estimate - wrapped.astype(estimate.dtype)) * 2.0**-32)
-    return wrapped.astype(dtype) + turns.astype(dtype) * 2.0**32
+    def rebased(self, column: Any, row: Any) -> "Edge":
+        """The same edge function with samples counted from sample (column, row)."""
+        start, estimate = self.at(column, row)
+        return self._replace(start=start, estimate=estimate)
 
 
 Edges = tuple[Edge, Edge, Edge]
@@ -166,21 +153,17 @@ class Bounds(NamedTuple):
     top: Any
     bottom: Any
 
-    def of(self, triangle: Any) -> "Bounds":
-        """The bounds of some triangles."""
+    def gather(self, triangle: Any) -> "Bounds":
+        """The bounds of some triangles, by their indices."""
         return Bounds(*(entry[triangle] for entry in self))
 
 
 def sign_of_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
     """Exact sign of ax by - ay bx for 24-bit integers, whose products need 48 bits."""
-    xp = ax.__array_namespace__()
-    product = ax.astype(xp.float32) * by.astype(xp.float32)
-    estimate = product - ay.astype(xp.float32) * bx.astype(xp.float32)
-    # The estimate errs by less than 2^25, and a value below 2^31 survives the wrap.
-    wrapped = ax * by - ay * bx
-    return xp.where(
-        xp.abs(estimate) < 2.0**28, xp.sign(wrapped), xp.sign(estimate).astype(xp.int32)
-    )
+    f32 = ax.__array_namespace__().float32
+    estimate = ax.astype(f32) * by.astype(f32) - ay.astype(f32) * bx.astype(f32)
+    # The estimate errs by less than 2^25.
+    return WrappedValue(ax * by - ay * bx, estimate).sign()
 
 
 def corners_of(positions: Any, triangles: Any, origin: Any) -> Any:
@@ -341,7 +324,7 @@ def edge_functions(segments: Segments, grid: Grid, fill_rule: str) -> Edge:
 
 def separate(edges: Edge) -> Edges:
     """Edge functions `[3, triangles]` as one `Edge` for each side."""
-    first, second, third = (Edge(*(entry[k] for entry in edges)) for k in range(3))
+    first, second, third = (edges.gather(k) for k in range(3))
     return first, second, third
 
 

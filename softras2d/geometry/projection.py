@@ -60,7 +60,7 @@ def project(
 
     - `cut`: whether triangles past the guard band are cut to it; otherwise they are clamped to it.
     - `weights`: whether to compute `Projection.planes`; only with `cut`.
-    - `apart`: a function that wraps each stage, such as `fusion_barrier.one_pass`.
+    - `apart`: a function that wraps each stage, such as `fusion_barrier.materialized`.
     """
     corners, snapped, beyond = apart(functools.partial(_snap_stage, grid=grid))(
         positions, triangles, origin

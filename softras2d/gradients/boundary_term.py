@@ -30,7 +30,7 @@ from jaxtyping import Array, Float, Int
 from ..coverage.depth_test import depth_at, depth_on_edge
 from ..geometry.fixed_point import Edges, Grid
 from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from .crossings import LINES, Crossings, Sides, find_crossings, list_runs
 from .interpenetration import depth_changes, image_change
 from .layered_samples import Layers, addition
@@ -57,7 +57,7 @@ def edge_speeds(
 ) -> tuple[Float[Array, " edges"], Float[Array, " edges"]]:
     """Speed at which both ends of each edge carry it along the lines that it crosses."""
 
-    @one_pass
+    @materialized
     def project(velocity, vertex, sides):
         slope = sides.slope
 
@@ -76,21 +76,21 @@ def swept(
 ) -> Float[Array, "height width channels"]:
     """Rate of change of the image. Linear in the speeds."""
 
-    @one_pass
+    @materialized
     def pick(speeds, edge):
         return tuple(ends[edge] for ends in speeds)
 
-    @one_pass
+    @materialized
     def spread(ends):
         # Not a broadcast: its transpose is a sum over lines that is not vectorised.
         return tuple(jnp.concatenate([end[None]] * LINES) for end in ends)
 
-    @one_pass
+    @materialized
     def move(ends, t):
         start, end = ends
         return start * (1.0 - t) + end * t
 
-    @one_pass
+    @materialized
     def add(speed, jump, pixel):
         still = jnp.zeros(grid.height * grid.width, speed.dtype)
         return still.at[pixel.reshape(-1)].add((jump * speed).reshape(-1), mode="drop")
@@ -231,7 +231,7 @@ def _opaque_jumps(
         )
         depths = on_edge, depth, behind
 
-    @one_pass
+    @materialized
     def own(found, inner, outer, depths):
         owner = (found.edge // 3)[None]
         covers_inside, before_outer = inner == owner, outer < owner
@@ -243,12 +243,12 @@ def _opaque_jumps(
             before_outer = (outer < 0) | (depth < behind) | ((depth == behind) & before_outer)
         return found.live & covers_inside, found.live & (covers_inside | thin) & before_outer
 
-    @one_pass
+    @materialized
     def jump(owned, outwards, near, far):
         return jnp.where(owned[None], (near - far) * _per_pixel(outwards, tiling), 0.0)
 
     shown, owned = own(found, inner, outer, depths)
-    is_strip = one_pass(ends_before_edge)(seen.surface.edges, found, outer, shown)
+    is_strip = materialized(ends_before_edge)(seen.surface.edges, found, outer, shown)
     far_triangle, owned = fill_strips(seen, found, outer, owned, is_strip, tiling)
     near = color_on_edge(seen.surface, found.edge, found.t, tiling, flat=shape.flat)
     far = color_at(
@@ -269,7 +269,7 @@ def _layered_jumps(
     triangle = jnp.broadcast_to((found.edge // 3)[None], found.live.shape)
     add = functools.partial(addition, seen, triangle, tiling=tiling, flat=shape.flat)
 
-    @one_pass
+    @materialized
     def limit(found, near, far):
         clear = jnp.where(far.through > 0, far.through, 1.0)
         part = jnp.minimum(near.through, far.through) / clear

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..binning.tiles import expand
+from ..binning.expansion import expand
 from ..geometry.fixed_point import Edges, Grid, Segments
+from ..geometry.wrapped_value import WrappedValue
 from ..numerics import safe
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 
 LINES = 8
 """Lines of samples in a run."""
@@ -142,7 +143,7 @@ class Runs(NamedTuple):
 def list_runs(count: Int[Array, "3 triangles"], *, capacity: int) -> Runs:
     """Runs of all edges; beyond `capacity`, some are missing."""
 
-    @one_pass
+    @materialized
     def own(count):
         by_edge = runs_of(count).T.reshape(-1)
         owner, rank = expand(by_edge, capacity)
@@ -162,7 +163,7 @@ def find_crossings(
 ) -> Crossings:
     """The crossings of some runs that lie on the canvas; `first`, `count` are `lines_crossed`."""
 
-    @one_pass
+    @materialized
     def gather(sides, edges, first, count, runs):
         owner, rank = runs
 
@@ -193,9 +194,9 @@ def find_crossings(
         )
 
     run = gather(sides, edges, first, count, runs)
-    before, line, t, place, pixel, live = one_pass(lambda run: _follow(run, grid))(run)
+    before, line, t, place, pixel, live = materialized(lambda run: _follow(run, grid))(run)
 
-    @one_pass
+    @materialized
     def step_to(run, before, line, inner):
         steep = run.steep[None]
         size = jnp.where(steep, grid.width, grid.height) * grid.rate
@@ -203,7 +204,7 @@ def find_crossings(
         along = jnp.clip(along, 0, size - 1)
         return Sample(jnp.where(steep, along, line), jnp.where(steep, line, along))
 
-    @one_pass
+    @materialized
     def distance(run, outside, place):
         along = jnp.where(run.steep[None], outside.column, outside.row)
         return jnp.clip(place - along.astype(place.dtype), -1.0, 1.0)
@@ -227,34 +228,30 @@ def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array, Ar
     t = jnp.clip(((line.astype(dtype) + 0.5) / (2 * grid.rate) - wide.begin) / length, 0.0, 1.0)
     across = 2 * (wide.near + t * wide.change)
 
-    def value(place: Array) -> tuple[Array, Array]:
-        """The edge value at a sample of the line, wrapped, and about as a float."""
-        f32 = jnp.float32
-        along = wide.step.astype(f32) * place.astype(f32)
-        near = wide.estimate + along + wide.stride.astype(f32) * line.astype(f32)
-        return wide.start + wide.step * place + wide.stride * line, near
+    def value(place: Array) -> WrappedValue:
+        """The edge value at a sample of the line."""
+        start = WrappedValue(wide.start, wide.estimate)
+        return start.moved((wide.step, place), (wide.stride, line))
 
     def past(place: Array) -> Array:
         """Whether a sample of the line lies beyond the edge, towards greater x or y."""
-        exact, near = value(place)
-        inside = jnp.where(jnp.abs(near) < 2.0**30, exact >= 0, near > 0)
-        return inside == (wide.step > 0)
+        return value(place).is_inside() == (wide.step > 0)
 
     # Of far corners the guess is some samples off, and a rounding may put it beside the sample: the
     # integers correct both.
     guess = jnp.floor(across * grid.rate - 0.5)
     guess = jnp.clip(guess, -2.0, 2.0**20).astype(jnp.int32)
-    exact, near = value(guess)
+    guessed = value(guess)
     step = jnp.where(wide.step != 0, wide.step, 1)
-    samples = jnp.floor(-exact.astype(jnp.float32) / step.astype(jnp.float32))
-    guess = guess + jnp.where(jnp.abs(near) < 2.0**30, samples, 0.0).astype(jnp.int32)
+    samples = jnp.floor(-guessed.wrapped.astype(jnp.float32) / step.astype(jnp.float32))
+    guess = guess + jnp.where(guessed.is_near_zero, samples, 0.0).astype(jnp.int32)
     before = guess + (~past(guess + 1)).astype(jnp.int32) - past(guess).astype(jnp.int32)
     # The border of the canvas is half a sample before the first sample and after the last.
     on_canvas = (across >= 0) & (across * grid.rate <= size.astype(dtype))
     live = (number < wide.lines) & (before >= -1) & (before < size) & on_canvas
     before, line = jnp.where(live, before, 0), jnp.where(live, line, 0)
     # If the samples are of two pixels, these meet half way between them.
-    middle = 2 * value(before)[0] + wide.step
+    middle = 2 * value(before).wrapped + wide.step
     first = (middle >= 0) == (wide.step > 0)
     held = jnp.clip(before + jnp.where(first, 0, 1), 0, size - 1) // grid.rate
     by_row = line // grid.rate

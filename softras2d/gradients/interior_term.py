@@ -20,7 +20,7 @@ from ..geometry.barycentric import twice_area
 from ..geometry.fixed_point import Edges, Grid
 from ..geometry.guard_band import Planes
 from ..numerics import safe
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..shading.triangle_color import Corners
 
 
@@ -33,7 +33,7 @@ def weight_gradients(
     sample that such a triangle happens to own stands for more area than the triangle has.
     """
 
-    @one_pass
+    @materialized
     def divide(edges, planes):
         area = twice_area(edges, dtype)
         per_value = safe.divide(jnp.ones_like(area), area)
@@ -75,7 +75,7 @@ def _ride_jvp(primals, tangents):
     if isinstance(tangents[1], SymbolicZero):
         return primals[0], change
 
-    @one_pass
+    @materialized
     def drift(velocity, corners, vertex, gradients):
         # Of weight j with corner k: [3 j, 3 k, triangles].
         moved = velocity[vertex.T]

@@ -26,7 +26,7 @@ from ..coverage.sampled import row_order
 from ..geometry.barycentric import slot_weights, twice_area, weight_sums
 from ..geometry.tiling import Tiling
 from ..numerics import safe
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
 from ..numerics.prefix import cumulative_sum
 from .crossings import Sample
@@ -107,7 +107,7 @@ def depth_changes(
     """Change of each triangle's depth at a fixed point of the screen, as a share of each corner."""
     gradients = weight_gradients(depths.edges, depths.planes, tiling.grid, velocity.dtype)
 
-    @one_pass
+    @materialized
     def change(velocity, depth_change, vertex, gradients, depth):
         slope = jnp.sum(gradients * depth[None], 1)
         moved = velocity[vertex.T]
@@ -170,10 +170,10 @@ def _for_each_exchange(shape: _Shape, visible: Opaque, add: Any, total: Array) -
 
     def visit_block(block: Array, total: Array) -> Array:
         first = block * slots
-        words = one_pass(lambda shown, covered: _candidates(shown, covered, tiling))(
+        words = materialized(lambda shown, covered: _candidates(shown, covered, tiling))(
             *(jax.lax.dynamic_slice_in_dim(each, first, slots) for each in (shown, covered))
         )
-        ends = one_pass(
+        ends = materialized(
             lambda words: cumulative_sum(jax.lax.population_count(words).astype(jnp.int32))
         )(words.reshape(-1))
 
@@ -184,7 +184,7 @@ def _for_each_exchange(shape: _Shape, visible: Opaque, add: Any, total: Array) -
                 some = jax.tree.map(
                     lambda entry: jax.lax.dynamic_slice_in_dim(entry, part * _PAIRS, _PAIRS), pairs
                 )
-                return one_pass(add)(total, _exchange(shape, visible, planes, some))
+                return materialized(add)(total, _exchange(shape, visible, planes, some))
 
             return jax.lax.fori_loop(0, -(-count // _PAIRS), visit_pairs, total)
 
@@ -197,9 +197,9 @@ def _depth_planes(visible: Opaque, tiling: Tiling) -> _DepthPlanes:
     depths = visible.depths
     assert depths is not None
     dtype = depths.depth.dtype
-    area = one_pass(lambda edges: twice_area(edges, dtype))(depths.edges)
+    area = materialized(lambda edges: twice_area(edges, dtype))(depths.edges)
     gradients = weight_gradients(depths.edges, depths.planes, tiling.grid, dtype)
-    slope = one_pass(lambda gradients, depth: jnp.sum(gradients * depth[None], 1))(
+    slope = materialized(lambda gradients, depth: jnp.sum(gradients * depth[None], 1))(
         gradients, depths.depth
     )
     return _DepthPlanes(area, slope)
@@ -231,7 +231,7 @@ def _changed_pairs(
     tiling = shape.tiling
     grid = tiling.grid
 
-    @one_pass
+    @materialized
     def locate(words, ends, chunks, first_slot, group):
         lane = group * _CANDIDATES + jnp.arange(_CANDIDATES, dtype=jnp.int32)
         used = lane < ends[-1]
@@ -259,7 +259,7 @@ def _changed_pairs(
         )
         return pairs, used & on_canvas
 
-    @one_pass
+    @materialized
     def compact(pairs, changed):
         end = cumulative_sum(changed.astype(jnp.int32))
         place = jnp.where(changed, end - 1, _CANDIDATES)
@@ -269,7 +269,7 @@ def _changed_pairs(
         is_pair = jnp.arange(_CANDIDATES, dtype=jnp.int32) < end[-1]
         return moved._replace(after=jnp.where(is_pair, moved.after, -1)), end[-1]
 
-    @one_pass
+    @materialized
     def is_changed(covered, pairs, after_slot, after):
         tile, place, bit = address(pairs.first, tiling)
         word = covered.reshape(-1)[jnp.maximum(after_slot, 0) * tiling.sample_rows + place]
@@ -291,13 +291,13 @@ def _exchange(shape: _Shape, visible: Opaque, planes: _DepthPlanes, pairs: _Pair
     grid = tiling.grid
     assert depths is not None
 
-    @one_pass
+    @materialized
     def meet(depths, planes, pairs):
         before, after = pairs.before, jnp.maximum(pairs.after, 0)
         valid = pairs.after >= 0
         for edge in depths.edges:
-            valid = valid & (edge.of(before).at(*pairs.second) >= 0)
-            valid = valid & (edge.of(after).at(*pairs.first) >= 0)
+            valid = valid & edge.gather(before).at(*pairs.second).is_inside()
+            valid = valid & edge.gather(after).at(*pairs.first).is_inside()
         across, down = (jnp.abs(slope[before] - slope[after]) for slope in planes.slope)
         valid = valid & jnp.where(pairs.is_down, down > across, across >= down)
         at_before, at_after = (
@@ -323,7 +323,7 @@ def _exchange(shape: _Shape, visible: Opaque, planes: _DepthPlanes, pairs: _Pair
         pixel = jnp.where(valid, row * grid.width + column, grid.height * grid.width)
         return weights, jnp.where(valid, far - near, 0.0), pixel
 
-    @one_pass
+    @materialized
     def finish(near, far, change):
         # A sample is 1 / rate of a pixel wide and high.
         return safe.divide((far - near) / grid.rate**2, jnp.broadcast_to(change[None], near.shape))

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 from ..binning.tiles import TileLists
 from ..coverage.depth_test import Depths, depth_at
 from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..shading.triangle_color import Surface
 from .crossings import Sample
 from .visible_front import address, color_at
@@ -72,19 +72,19 @@ def addition(
     tint = functools.partial(_rgba_at, surface, tiling=tiling, flat=flat)
     rows = layers.rows.shape[1]
 
-    @one_pass
+    @materialized
     def locate(sample):
         tile, place, bit = address(sample, tiling)
         return lists.start[tile], lists.count[tile], place, bit
 
-    @one_pass
+    @materialized
     def read(words, listed, start, count, place, bit, k):
         pair = jnp.clip(start + k, 0, listed.shape[0] - 1)
         word = words.at[pair * rows + place].get(mode="promise_in_bounds")
         there = ((word >> bit) & jnp.uint32(1) == 1) & (k < count)
         return listed.at[pair].get(mode="promise_in_bounds"), there
 
-    add = one_pass(_add_layer)
+    add = materialized(_add_layer)
     start, count, place, bit = locate(sample)
     words = layers.rows.reshape(-1)
     at = functools.partial(depth_at, depths, tiling=tiling) if depths is not None else None
@@ -105,7 +105,7 @@ def addition(
     state = _State(closed, clear, closed, empty, clear, empty, clear)
     state = jax.lax.fori_loop(0, jnp.max(count), visit, state)
 
-    @one_pass
+    @materialized
     def finish(state, own):
         paper = layers.background[:, None, None]
         under = state.with_color + state.with_through[None] * paper
@@ -146,7 +146,7 @@ def _rgba_at(surface, triangle, sample, tiling, *, flat) -> Float[Array, "4 line
         flat=flat,
     )
 
-    @one_pass
+    @materialized
     def finish(color):
         if color.shape[0] == 3:
             return jnp.concatenate([color, jnp.ones_like(color[:1])])

@@ -15,7 +15,7 @@ from ..coverage.depth_test import Depths, depth_on_edge
 from ..geometry.barycentric import slot_weights, twice_area, weight_sums
 from ..geometry.fixed_point import Edges
 from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..numerics.prefix import cumulative_sum
 from .crossings import Crossings, Sample
 from .visible_front import Opaque, address
@@ -59,7 +59,7 @@ def fill_strips(
     """
     lanes = outer.size
 
-    @one_pass
+    @materialized
     def list_strips(is_strip):
         end = cumulative_sum(is_strip.reshape(-1).astype(jnp.int32))
         place = jnp.where(is_strip.reshape(-1), end - 1, lanes)
@@ -74,7 +74,7 @@ def fill_strips(
     owner = jnp.broadcast_to((found.edge // 3)[None], outer.shape)
     point = jnp.stack(jnp.broadcast_arrays(*_point(found)))
 
-    @one_pass
+    @materialized
     def gather(at, owner, outside, point):
         return (
             owner.reshape(-1).at[at].get(mode="clip"),
@@ -111,8 +111,10 @@ def _covers_near(
     """Whether triangles cover the points at an offset from samples, by up to two samples."""
     inside = jnp.ones(triangle.shape, bool)
     for edge in edges:
-        own = edge.of(triangle)
-        value = own.measure(*sample) + own.right.astype(jnp.float32) * offset[0].astype(jnp.float32)
+        own = edge.gather(triangle)
+        value = own.at(*sample).to_float(jnp.float32) + own.right.astype(jnp.float32) * offset[
+            0
+        ].astype(jnp.float32)
         value = value + own.down.astype(jnp.float32) * offset[1].astype(jnp.float32)
         inside = inside & (value >= 0)
     return inside
@@ -130,16 +132,16 @@ def _walk(
     chunks, depths = seen.front.chunks, seen.depths
     layers = chunks.triangle.shape[1]
 
-    @one_pass
+    @materialized
     def locate(chunks, sample):
         tile = address(sample, tiling)[0]
         return chunks.first[tile] * layers, chunks.count[tile] * layers
 
     area = None
     if depths is not None:
-        area = one_pass(lambda edges: twice_area(edges, depths.depth.dtype))(depths.edges)
+        area = materialized(lambda edges: twice_area(edges, depths.depth.dtype))(depths.edges)
 
-    @one_pass
+    @materialized
     def step(k, state, first, count, triangles, filled):
         nearest, least = state
         slot = jnp.minimum(first + k, triangles.size - 1)

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int, UInt32
 from ..binning.lists import Chunks
 from ..coverage.depth_test import Depths
 from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..shading.triangle_color import (
     Points,
     Surface,
@@ -54,7 +54,7 @@ def triangle_at(
     """The triangle that shows at each sample, -1 for the background; `depth` as in `hide`."""
     slot = slot_at(front, sample, tiling, depth=depth)
 
-    @one_pass
+    @materialized
     def read(triangle, slot):
         return jnp.where(slot < 0, -1, triangle[jnp.maximum(slot, 0)])
 
@@ -65,12 +65,12 @@ def slot_at(front: Front, sample: Sample, tiling: Tiling, *, depth: int) -> Int[
     """The slot whose triangle shows at each sample, -1 for the background."""
     rows, layers = front.covered.shape[1], front.visible.shape[1]
 
-    @one_pass
+    @materialized
     def locate(sample):
         tile, place, bit = address(sample, tiling)
         return front.chunks.first[tile], front.chunks.count[tile], place, bit
 
-    @one_pass
+    @materialized
     def search(covered, first, count, place, bit):
         # Chunks that leave the sample open come first: a binary search for how many.
         open_ones = jnp.zeros_like(first)
@@ -84,7 +84,7 @@ def slot_at(front: Front, sample: Sample, tiling: Tiling, *, depth: int) -> Int[
             step //= 2
         return jnp.where(open_ones < count, first + open_ones, -1)
 
-    @one_pass
+    @materialized
     def pick(visible, chunk, place, bit):
         found = jnp.full(chunk.shape, -1, jnp.int32)
         held = jnp.maximum(chunk, 0)
@@ -123,15 +123,15 @@ def color_at(
     """Premultiplied colour of a triangle at a sample, -1 for the background; `flat` if constant."""
     there = jnp.maximum(triangle, 0)
 
-    @one_pass
+    @materialized
     def behind(color, triangle):
         return jnp.where((triangle < 0)[None], background[:, None, None], color)
 
     if flat:
-        color = one_pass(lambda color, there: color[0][:, there])(surface.corners.color, there)
+        color = materialized(lambda color, there: color[0][:, there])(surface.corners.color, there)
         return behind(color, triangle)
 
-    @one_pass
+    @materialized
     def locate(sample):
         tile = address(sample, tiling)[0]
         points = sample.column % tiling.sample_columns, sample.row % tiling.sample_rows
@@ -172,11 +172,11 @@ def color_on_edge(
     """
     triangle = jnp.broadcast_to((edge // 3)[None], t.shape)
     if flat:
-        return one_pass(lambda color, at: color[0][:, at])(surface.corners.color, triangle)
+        return materialized(lambda color, at: color[0][:, at])(surface.corners.color, triangle)
     lane = triangle.reshape(-1)
-    first, second, third = (entry.reshape(-1) for entry in one_pass(edge_weights)(edge, t))
+    first, second, third = (entry.reshape(-1) for entry in materialized(edge_weights)(edge, t))
     lanes = view(surface, lane, jnp.zeros_like(lane), tiling)
-    at = one_pass(in_space)((first, second, third), lanes.corners.inverse_w)
+    at = materialized(in_space)((first, second, third), lanes.corners.inverse_w)
 
     def add_probe(total: Array, probe: Array) -> tuple[Array, None]:
         read = read_on_lanes(surface, lanes, at, tiling)

@@ -1,9 +1,14 @@
-"""Passes: functions that the compiler keeps apart.
+"""A barrier against fusion: functions whose results are written to memory before they are read.
 
-XLA on the CPU fuses an elementwise producer into every consumer and computes it again for each
-element that reads it; between two passes that each fill memory once, that multiplies the work
-(about fivefold for a hard render). It honours no optimisation barrier there, but it does keep a
-call that is marked as not to be inlined.
+XLA's CPU compiler fuses an elementwise computation into every computation that reads its result,
+and then repeats it for each element that is read. A chain of such steps repeats the first of them
+many times over: without the barriers of this package a hard render does about five times the work.
+
+`jax.lax.optimization_barrier` does not help. The CPU compiler removes it before it fuses (seen with
+JAX 0.10.2). It does keep a call whose metadata say `inlineable="false"`, and fuses on either side
+of the call only. `tests/numerics/test_fusion_barrier.py` compiles a chain of two steps in each of
+these ways and looks whether one fused computation holds both. If its test of chains without the
+barrier fails with a later JAX, the barriers should be measured again.
 """
 
 import functools
@@ -17,24 +22,26 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def one_pass(function: Callable[P, R], **jit_options) -> Callable[P, R]:
-    """`function`, compiled apart on the CPU: what it returns is in memory before others read it.
+def materialized(function: Callable[P, R], **jit_options) -> Callable[P, R]:
+    """Compile `function` as a call of its own on the CPU, so that its results are in memory.
 
-    On other devices, whose fusion weighs recomputation, it is the plain function.
+    Values and derivatives are those of `function`. Inside the function, fusion goes on as usual. On
+    other devices the compiler weighs the cost of repeating work, and `function` is called as it is.
+    `jit_options` are those of `jax.jit`.
     """
 
-    def body(*args: P.args, **kwargs: P.kwargs) -> R:
-        # The mark below reaches every call traced within; theirs is taken off again.
+    def call_inside(*args: P.args, **kwargs: P.kwargs) -> R:
+        # Metadata reach every call that is traced within: inner calls may be inlined again.
         with set_xla_metadata(inlineable="true"):
             return function(*args, **kwargs)
 
-    compiled = jax.jit(functools.wraps(function)(body), **jit_options)
+    compiled = jax.jit(functools.wraps(function)(call_inside), **jit_options)
 
     @functools.wraps(function)
-    def apart(*args: P.args, **kwargs: P.kwargs) -> R:
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
         if jax.default_backend() != "cpu":
             return function(*args, **kwargs)
         with set_xla_metadata(inlineable="false"):
             return compiled(*args, **kwargs)
 
-    return apart
+    return call

@@ -18,9 +18,10 @@ import jax
 import numpy as np
 from jaxtyping import Array, Int
 
+from ..binning.expansion import Expansion, expand_on_host
 from ..binning.lists import BLOCK
+from ..binning.pairs import find_pairs
 from ..binning.reach import reaches
-from ..binning.tiles import measure, narrow, strip_counts
 from ..geometry.fixed_point import Bounds, Grid, corners_of
 from ..geometry.projection import project
 from ..geometry.tiling import Tiling
@@ -173,34 +174,37 @@ class _Listed(NamedTuple):
 
 
 def _list_pairs(edges: Any, boxes: Bounds, hides: np.ndarray, tiling: Tiling) -> _Listed:
-    """`tiles.list_tiles` in numpy."""
-    counts = strip_counts(boxes, tiling)
-    _refuse_many(int(counts.sum(dtype=np.int64)))
-    triangle, rank = _expand(counts)
-    first, second, third = (edge.of(triangle) for edge in edges)
-    box = boxes.of(triangle)
-    strips = narrow(measure((first, second, third), box, rank, tiling), box, rank, tiling)
-    pairs = int(strips.count.sum(dtype=np.int64))
-    _refuse_many(pairs)
-    strip, rank = _expand(strips.count)
-    column = strips.first[strip] + rank
-    tile = strips.row[strip] * tiling.columns + column
-    whole = (strips.whole_first[strip] <= column) & (column <= strips.whole_last[strip])
-    owner = triangle[strip]
-    wall = np.full(tiling.count, -1, np.int32)
-    hidden = whole & hides[owner]
-    np.maximum.at(wall, tile[hidden], owner[hidden])
-    kept = owner >= wall[tile]
-    listed = np.sort(np.bincount(tile[kept], minlength=tiling.count))[::-1]
-    return _Listed(len(triangle), pairs, Pairs(tile[kept], owner[kept], whole[kept]), listed)
+    """What `tiles.list_tiles` lists on the device, by the same `find_pairs`."""
+    found = find_pairs(
+        edges,
+        boxes,
+        hides,
+        tiling,
+        expand_strips=_expand_unless_many,
+        expand_pairs=_expand_unless_many,
+    )
+    strips = found.strips
+    shown = found.tile < tiling.count
+    tile, strip, column = found.tile[shown], found.strip[shown], found.column[shown]
+    whole = (strips.covered_first[strip] <= column) & (column <= strips.covered_last[strip])
+    listed = np.sort(np.bincount(tile, minlength=tiling.count))[::-1]
+    return _Listed(
+        int(found.strip_total),
+        int(found.pair_total),
+        Pairs(tile, found.triangle[shown], whole),
+        listed,
+    )
 
 
-def _refuse_many(pairs: int) -> None:
+def _expand_unless_many(count: np.ndarray) -> Expansion:
+    """`expand_on_host`; raises `ValueError` for more than `MOST_PAIRS` entries."""
+    pairs = int(count.sum(dtype=np.int64))
     if pairs > MOST_PAIRS:
         raise ValueError(
             f"the scene has {pairs:,} pairs of a triangle and a tile, more than {MOST_PAIRS:,}: "
             "draw it in pieces, with `origin` or fewer triangles."
         )
+    return expand_on_host(count)
 
 
 def choose_capacity(
@@ -286,13 +290,6 @@ def _fragment_capacity(need: int, pixels: int, headroom: Headroom) -> int:
         return 0
     beyond = _size_class(_with_headroom(max(need - pixels, 0), headroom), pixels // 16, 0)
     return min(_size_class(_with_headroom(need, headroom), _LEAST_FRAGMENTS, 0), pixels + beyond)
-
-
-def _expand(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`tiles.expand` in numpy, with as many places as there are."""
-    start = np.cumsum(count) - count
-    owner = np.repeat(np.arange(len(count), dtype=np.int32), count)
-    return owner, (np.arange(len(owner)) - start[owner]).astype(np.int32)
 
 
 def _with_headroom(need: int, headroom: Headroom) -> int:

@@ -20,7 +20,7 @@ from ..coverage.analytic import Measure, cover
 from ..coverage.edge_lines import Sides, sides_of
 from ..geometry.fixed_point import Grid, corners_of, turn
 from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..planning.capacities import (
     FADING_HEADROOM,
     VARYING_HEADROOM,
@@ -113,18 +113,18 @@ class AnalyticMode(CoverageMode):
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
         """Composite colour times coverage at each pixel: list tiles, cover, shade, composite."""
         coverage, tiling, capacity = plan.coverage, plan.tiling, plan.capacity
-        corners = one_pass(corners_of)(scene.positions, scene.triangles, plan.origin)
+        corners = materialized(corners_of)(scene.positions, scene.triangles, plan.origin)
         parameter, reach = self.parameter(coverage, corners.dtype)
-        found = one_pass(lambda corners, reach: reaches(corners, plan.grid, reach))(
+        found = materialized(lambda corners, reach: reaches(corners, plan.grid, reach))(
             jax.lax.stop_gradient(corners), reach
         )
-        hides = one_pass(is_occluder)(scene, found.orientation) & (not self.is_sum(coverage))
+        hides = materialized(is_occluder)(scene, found.orientation) & (not self.is_sum(coverage))
         lists = list_tiles(
             found.lines, found.bounds, hides, tiling, strips=capacity.strips, pairs=capacity.pairs
         )
         chunks = cut_chunks(lists, layers=capacity.layers, capacity=capacity.chunks)
         slots, tile = _place(corners, found, chunks, tiling)
-        sides = one_pass(sides_of)(slots, tile)
+        sides = materialized(sides_of)(slots, tile)
         measured = self.measures(coverage, slots, tile, sides, tiling.width)
         covered = cover(measured.coverage, slots, measured.coverage_shape, parameter)
         carried = _carried(scene, found, plan)
@@ -132,7 +132,7 @@ class AnalyticMode(CoverageMode):
             carried, covered, measured.weights, slots, measured.weights_shape, sides, chunks
         )
         layers = self.composite(coverage, shaded, found, chunks, capacity.max_chunks)
-        image = one_pass(functools.partial(_to_image, tiling=tiling))(layers, background)
+        image = materialized(functools.partial(_to_image, tiling=tiling))(layers, background)
         needs = Needs(
             strips=lists.strips, pairs=lists.pairs, chunks=chunks.needed, max_chunks=chunks.deepest
         )
@@ -158,7 +158,7 @@ def _place(
     """The corners of each slot's triangle, x and y in turn, and the first pixel of its tile."""
     dtype = corners.dtype
 
-    @one_pass
+    @materialized
     def gather(corners, found, chunks):
         triangle = chunks.triangle.reshape(-1)
         clamped = jnp.where(found.finite[:, None, None], corners, 0.0)
@@ -169,7 +169,7 @@ def _place(
         six = [x[0], y[0], x[1], y[1], x[2], y[2]]
         return jnp.stack([jnp.where(filled, entry, -_FARTHEST) for entry in six])
 
-    @one_pass
+    @materialized
     def locate(chunks):
         tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape).reshape(-1)
         return jnp.stack([c.astype(dtype) for c in tiling.first_sample(tile)])
@@ -178,7 +178,7 @@ def _place(
 
 
 def _carried(scene: Scene, found: Reaches, plan: Plan) -> Carried:
-    @one_pass
+    @materialized
     def turn_corners(colors, uv, vertex, triangles, orientation):
         def turn_each(corners):
             corners = corners.transpose(1, 2, 0)
@@ -209,7 +209,7 @@ def add_signed(
 ) -> Float[Array, "4 tiles pixels"]:
     """Signed sum: a triangle that is turned against the whole takes away what it covers."""
 
-    @one_pass
+    @materialized
     def add(opacity, colors, sign, chunks):
         signed = opacity * sign[chunks.triangle][..., None]
         parts = [signed * colors[:, :, channel] for channel in range(3)] + [signed]

@@ -10,7 +10,7 @@ from ..binning.lists import Chunks
 from ..binning.reach import Reaches
 from ..coverage import area, centroid
 from ..coverage.edge_lines import Sides
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..options import Area
 from ..planning.effects import EFFECTS
 from ..shading.pixel_color import Shaded
@@ -52,7 +52,7 @@ class AreaMode(AnalyticMode):
     ) -> Measured:
         """By area; corners are weighted at the centroid of the part of the triangle in a pixel."""
         outline_of = functools.partial(area.outline_of, side=side, signed=self.is_sum(coverage))
-        outline = one_pass(outline_of)(corners, tile, sides)
+        outline = materialized(outline_of)(corners, tile, sides)
         return Measured(
             area.measure(side), outline, centroid.weights(side), centroid.Shape(outline, sides)
         )

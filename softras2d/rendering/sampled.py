@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..binning.expansion import saturated_sum
 from ..binning.lists import Chunks, Steps, cut_chunks, cut_steps
-from ..binning.tiles import TileLists, list_tiles, saturated_sum
+from ..binning.tiles import TileLists, list_tiles
 from ..compositing import deferred_shading, opaque, over
 from ..coverage.depth_test import Depths, keep_nearest
 from ..coverage.sampled import covered_rows, hide
@@ -24,7 +25,7 @@ from ..gradients.crossings import Sides, is_steep, lines_crossed, runs_of
 from ..gradients.interior_term import ride, weight_gradients
 from ..gradients.layered_samples import Layers
 from ..gradients.visible_front import Front, Opaque
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..options import Hard
 from ..planning.capacities import HARD_HEADROOM, Needs, choose_capacity, count_lists
 from ..planning.effects import EFFECTS, is_occluder, is_shaded, is_translucent, varies
@@ -97,7 +98,7 @@ class SampledMode(CoverageMode):
         )
         needs = Needs(strips=lists.strips, pairs=lists.pairs)
         if projected.outlines is not None:
-            needs = needs._replace(crossings=one_pass(_count_runs)(projected.outlines.count))
+            needs = needs._replace(crossings=materialized(_count_runs)(projected.outlines.count))
         steps = None
         if is_translucent(scene) or scene.depth is not None:
             steps = cut_steps(lists, capacity=capacity.steps)
@@ -129,7 +130,7 @@ def _project(scene: Scene, plan: Plan) -> Projected:
         plan.hard.fill_rule,
         cut=cut,
         weights=varies(scene) or scene.depth is not None,
-        apart=one_pass,
+        apart=materialized,
     )
     corners, segments, edges, box, weights, beyond = projection
     orientation = segments.orientation
@@ -140,14 +141,14 @@ def _project(scene: Scene, plan: Plan) -> Projected:
     surface = _surface(scene, edges, weights, outlines, orientation, plan)
     depths = None
     if scene.depth is not None:
-        corner_depth = one_pass(_turned)(scene.depth, scene.triangles, orientation)
+        corner_depth = materialized(_turned)(scene.depth, scene.triangles, orientation)
         depths = Depths(edges, weights, jax.lax.stop_gradient(corner_depth))
-    hides = one_pass(is_occluder)(scene, orientation)
+    hides = materialized(is_occluder)(scene, orientation)
     return Projected(edges, box, outlines, surface, depths, hides, unforeseen)
 
 
 def _outlines(corners: fixed_point.Corners, segments, edges: Edges, triangles, grid) -> Outlines:
-    @one_pass
+    @materialized
     def draw(corners, segments, triangles):
         orientation = segments.orientation
         vertex = turn(triangles.T, orientation).T
@@ -158,7 +159,7 @@ def _outlines(corners: fixed_point.Corners, segments, edges: Edges, triangles, g
     # Apart: a picture needs none of the first, and how many there are for its room.
     sides, vertex = draw(corners.high, segments, triangles)
     first, count = (
-        one_pass(lambda segments, which=which: lines_crossed(segments, grid)[which])(segments)
+        materialized(lambda segments, which=which: lines_crossed(segments, grid)[which])(segments)
         for which in (0, 1)
     )
     return Outlines(sides, edges, vertex, first, count)
@@ -177,7 +178,7 @@ def _surface(
     orientation,
     plan: Plan,
 ) -> Surface:
-    @one_pass
+    @materialized
     def turn_corners(colors, uv, inverse_w, triangles, orientation):
         colors = colors.transpose(1, 2, 0)
         if colors.shape[0] == 3:
@@ -253,7 +254,7 @@ def _paint(
         passed = rows
     else:
 
-        @one_pass
+        @materialized
         def arrange(listed, chunks):
             rows = listed.at[chunks.place].get(mode="clip")
             return jnp.where(chunks.filled[..., None], rows, jnp.uint32(0))
@@ -291,13 +292,13 @@ def _sum_slots(surface: Surface, visible: Array, chunks: Chunks, tiling: Tiling)
     colors = surface.corners.color
     interpolated = colors.shape[0] == 3
     sums = opaque.sample_sums(visible, tiling, moments=interpolated)
-    gather = one_pass(lambda colors, triangle: colors[triangle])
-    colors = one_pass(lambda colors: colors.transpose(2, 0, 1))(colors)
+    gather = materialized(lambda colors, triangle: colors[triangle])
+    colors = materialized(lambda colors: colors.transpose(2, 0, 1))(colors)
     if not interpolated:
         return opaque.sum_flat(sums, gather(colors[:, 0], chunks.triangle), tiling)
     tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
 
-    @one_pass
+    @materialized
     def weigh(surface, triangle, tile):
         edges, area, planes = surface[:3]
         return slot_weights(edges, area, triangle, tile, tiling, planes)

@@ -10,11 +10,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, UInt32
 
-from ..binning.tiles import expand, saturated_sum
+from ..binning.expansion import expand, saturated_sum
 from ..geometry.barycentric import Weights
 from ..geometry.fixed_point import Edge, Edges
 from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from .triangle_color import Points, pick_lanes
 
 
@@ -57,18 +57,18 @@ def cut_fragments(
     """The fragments that show; beyond `capacity` of them, some are missing."""
     height = tiling.height
 
-    @one_pass
+    @materialized
     def count_pixels(visible):
         seen = pixels_seen(visible, tiling).reshape(-1)
         return seen, jax.lax.population_count(seen).astype(jnp.int32)
 
-    @one_pass
+    @materialized
     def place(counts):
         owner, rank = expand(counts, capacity)
         total = saturated_sum(counts)
         return owner, rank, jnp.arange(capacity, dtype=jnp.int32) < total, total
 
-    @one_pass
+    @materialized
     def find(seen, owner, rank):
         return owner // height, _place_of_bit(seen[owner], rank, tiling), owner % height
 
@@ -89,7 +89,7 @@ def pick_bits(
     """The samples of each fragment's pixel in the words of its slot; none where `column` is -1."""
     rate, height = tiling.grid.rate, tiling.height
 
-    @one_pass
+    @materialized
     def pick(words, slot, column, row):
         sub_row = jnp.arange(rate, dtype=jnp.int32)[:, None]
         place = (slot * tiling.sample_rows + row)[None] + sub_row * height
@@ -138,11 +138,11 @@ def shading_points(
     """
     rate = tiling.grid.rate
 
-    @one_pass
+    @materialized
     def locate(edge, triangle, tile):
-        return edge_terms(edge, triangle, *tiling.first_sample(tile))
+        return edge.gather(triangle).rebased(*tiling.first_sample(tile))
 
-    @one_pass
+    @materialized
     def add_samples(bits):
         count, across, down = (jnp.zeros(bits.shape[1], jnp.int32) for _ in range(3))
         for sub, word in enumerate(bits):
@@ -152,12 +152,12 @@ def shading_points(
                 across = across + i * ((word >> jnp.uint32(i)) & jnp.uint32(1)).astype(jnp.int32)
         return count, across, down
 
-    @one_pass
+    @materialized
     def is_central(weights, middle, column, row, count):
-        terms = [EdgeTerms(*(entry[k] for entry in weights[:5])) for k in (0, 1)]
+        terms = [weights.edges.gather(k) for k in (0, 1)]
         return holds([*terms, middle], _centre(column, row, rate)) | (count == 0)
 
-    @one_pass
+    @materialized
     def choose(central, column, row, count, across, down):
         middle = _centre(column, row, rate)
         return Points(
@@ -180,35 +180,13 @@ def _centre(column: Array, row: Array, rate: int) -> Points:
     return Points(jnp.full_like(column, 2), column * twice + (rate - 1), row * twice + (rate - 1))
 
 
-class EdgeTerms(NamedTuple):
-    """An edge function from a tile's first sample on: `value` wrapped, and as the float `near`."""
-
-    value: Array
-    near: Array
-    right: Array
-    down: Array
-    fraction: Array
-
-
-def edge_terms(edge: Edge, triangle: Array, column: Array, row: Array) -> EdgeTerms:
-    """An edge of each triangle at a sample."""
-    right, down, start, estimate, fraction = edge.of(triangle)
-    steps = right.astype(jnp.float32) * column.astype(jnp.float32)
-    steps = steps + down.astype(jnp.float32) * row.astype(jnp.float32)
-    return EdgeTerms(start + right * column + down * row, estimate + steps, right, down, fraction)
-
-
-def holds(edges: list[EdgeTerms], points: Points) -> Bool[Array, "*points"]:
+def holds(edges: list[Edge], points: Points) -> Bool[Array, "*points"]:
     """Whether the closed triangle holds each point; exact, between samples too."""
     count, across, down = points
     assert count is not None
     inside = jnp.ones(count.shape, bool)
-    for value, near, right, step, fraction in edges:
-        moved = across * right + down * step
-        wrapped = count * value + moved
-        number = count.astype(jnp.float32)
-        # Near zero the integer is exact in a float, and so is the sum's sign.
-        exact = wrapped.astype(jnp.float32) + number * fraction.astype(jnp.float32) >= 0
-        around = number * near + moved.astype(jnp.float32)
-        inside = inside & jnp.where(jnp.abs(around) < 2.0**29, exact, around > 0)
+    number = count.astype(jnp.float32)
+    for edge in edges:
+        remainder = number * edge.fraction.astype(jnp.float32)
+        inside = inside & edge.sum_over(count, across, down).is_inside(remainder)
     return inside

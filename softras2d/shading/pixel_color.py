@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from ..binning.lists import Chunks
 from ..coverage.analytic import Measure, cover
 from ..coverage.edge_lines import Sides
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from .triangle_color import (
     Corner3,
     Corners,
@@ -73,7 +73,7 @@ def shade_slots(
     """Opacity, colour and depth; `weights` measures those of corners 1 and 2, of a `shape`."""
     triangle = chunks.triangle.reshape(-1)
 
-    @one_pass
+    @materialized
     def pick(held):
         return jax.tree.map(lambda entry: entry[..., triangle, None], held)
 
@@ -85,18 +85,20 @@ def shade_slots(
         second, third = cover(weights, corners, shape, none)
         at = (1.0 - second - third, second, third)
     if at is not None and depth is not None:
-        depth = one_pass(lambda at, depth: mix(at, depth[:, None])[0])(at, depth)
+        depth = materialized(lambda at, depth: mix(at, depth[:, None])[0])(at, depth)
     if carried.skin is not None and at is not None:
         color = _shade_texture(own, texture, carried.skin, at, sides)
-        opacity, color = one_pass(_part)(covered, color)
+        opacity, color = materialized(_part)(covered, color)
     else:
         color = (
-            own.color[0] if at is None else one_pass(mix)(in_space(at, own.inverse_w), own.color)
+            own.color[0]
+            if at is None
+            else materialized(mix)(in_space(at, own.inverse_w), own.color)
         )
         opacity = covered
         if color.shape[0] == 4:
-            opacity = one_pass(jnp.multiply)(covered, color[3])
-        color = one_pass(lambda color: color[:3].transpose(1, 0, 2))(color)
+            opacity = materialized(jnp.multiply)(covered, color[3])
+        color = materialized(lambda color: color[:3].transpose(1, 0, 2))(color)
     layers = chunks.triangle.shape
     return Shaded(
         opacity.reshape(*layers, -1),
@@ -110,7 +112,7 @@ def _shade_texture(
 ) -> Float[Array, "channels slots pixels"]:
     """Premultiplied colours."""
 
-    @one_pass
+    @materialized
     def read_at(skin, at, own, texture, sides, uv):
         # A corner is as far from the opposite edge as its weight says.
         edges = (sides.edges[2], sides.edges[0])
@@ -121,7 +123,7 @@ def _shade_texture(
         seen = None if own.inverse_w is None else (at, uv)
         return read_texture(skin, (across, down), own, texture, seen)
 
-    bent = one_pass(in_space)(at, own.inverse_w)
+    bent = materialized(in_space)(at, own.inverse_w)
 
     def read(uv):
         return read_at(skin, bent, own, texture, sides, uv)

@@ -22,7 +22,7 @@ from ..geometry.fixed_point import Edges
 from ..geometry.guard_band import Planes
 from ..geometry.tiling import Tiling
 from ..numerics import safe
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from ..options import Filter
 from ..texture.filtering import Lookup, read_levels, tap_levels
 from ..texture.level_of_detail import Footprint, Levels, choose_levels, probes
@@ -68,7 +68,7 @@ class Skin(NamedTuple):
         """None without textures."""
         if pyramid is None:
             return None
-        return cls(pyramid, one_pass(jnp.transpose)(pyramid.texels), filter)
+        return cls(pyramid, materialized(jnp.transpose)(pyramid.texels), filter)
 
 
 class Surface(NamedTuple):
@@ -125,7 +125,7 @@ def surface_of(
     filter: Filter,
 ) -> Surface:
     """What shading needs of the triangles."""
-    area = one_pass(lambda edges: twice_area(edges, corners.color.dtype))(edges)
+    area = materialized(lambda edges: twice_area(edges, corners.color.dtype))(edges)
     return Surface(edges, area, planes, corners, texture, Skin.of(pyramid, filter), filter)
 
 
@@ -139,7 +139,7 @@ def view(
 ) -> Lanes:
     """The surface seen from lanes."""
 
-    @one_pass
+    @materialized
     def weigh(surface, triangle, tile):
         edges, area, planes = surface[:3]
         return slot_weights(edges, area, triangle, tile, tiling, planes)
@@ -156,7 +156,7 @@ def view(
 def pick_lanes(held: Held, lane: Int[Array, " lanes"]) -> Held:
     """Entries `[..., lanes]` of some of the lanes, a lane often."""
 
-    @one_pass
+    @materialized
     def pick(held, lane):
         def one(entry):
             # From one axis: a gather along one of two stores what it found transposed.
@@ -185,7 +185,7 @@ def add_shade(
     `surface.channels` of them. Of several probes, it is the share of one: sum over `probe` in
     `0..filter.anisotropy - 1`. Added here, since what is read of the texture is then not stored.
     """
-    at = one_pass(_weights_at)(lanes.weights, lanes.corners.inverse_w, points)
+    at = materialized(_weights_at)(lanes.weights, lanes.corners.inverse_w, points)
     read = read_on_lanes(surface, lanes, at, tiling)
     return add_color(
         total, at, lanes.corners, lanes.texture, surface.skin, read, shown=shown, probe=probe
@@ -227,18 +227,18 @@ def add_color(
 
     color = corners.color
     # A single corner is not copied.
-    color = color[0] if color.shape[0] == 1 else one_pass(mix)(at, color)
+    color = color[0] if color.shape[0] == 1 else materialized(mix)(at, color)
     if skin is None:
-        return one_pass(lambda t, s, c: add(t, s, _premultiply(c)))(total, shown, color)
+        return materialized(lambda t, s, c: add(t, s, _premultiply(c)))(total, shown, color)
     assert corners.uv is not None and texture is not None
     with jax.named_scope("texture"):
-        uv = one_pass(mix)(at, corners.uv)
+        uv = materialized(mix)(at, corners.uv)
         reading = read(uv)
         assert reading is not None
         uv, share = _probe(uv, reading, jnp.asarray(probe))
         lookup = Lookup(skin.filter.pixel, skin.pyramid.border, skin.pyramid.addressing)
 
-        @one_pass
+        @materialized
         def finish(total, shown, color, texels, taps, texture, share):
             return add(total, shown, _tint(color, read_levels(texels, taps), texture, share))
 
@@ -304,7 +304,7 @@ def _read_lanes(
     seen: tuple[Corner3, Array] | None,
     tiling: Tiling,
 ) -> Reading:
-    @one_pass
+    @materialized
     def read(skin, weights, corners, texture, seen):
         steps = (_steps(weights, 0, tiling), _steps(weights, 1, tiling))
         return read_texture(skin, steps, corners, texture, seen)
@@ -341,7 +341,7 @@ def read_texture(
 
 def _steps(weights: Weights, axis: int, tiling: Tiling) -> Step:
     """Along x (0) or y (1)."""
-    steps = weights.right if axis == 0 else weights.down
+    steps = weights.edges.right if axis == 0 else weights.edges.down
     step = steps.astype(weights.per_value.dtype) * weights.per_value[None]
     if weights.plane is not None and weights.beyond is not None:
         step = jnp.where(weights.beyond[None], weights.plane[1 + axis], step)
@@ -377,7 +377,7 @@ def _probe(uv: Array, reading: Reading, probe: Array) -> tuple[Array, Array | No
     if count is None or axis is None:
         return uv, None
 
-    @one_pass
+    @materialized
     def move(uv, count, axis, probe):
         number = probe.astype(uv.dtype).reshape((1,) * count.ndim)
         taken = number < count

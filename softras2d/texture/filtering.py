@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..numerics.fusion_barrier import one_pass
+from ..numerics.fusion_barrier import materialized
 from .level_of_detail import Level, Levels
 
 
@@ -45,7 +45,7 @@ class LevelTaps(NamedTuple):
 
 def tap_levels(levels: Levels, uv: Float[Array, "2 *points"], lookup: Lookup) -> LevelTaps:
     """What is read at `uv`."""
-    taps = one_pass(functools.partial(_taps, lookup=lookup))
+    taps = materialized(functools.partial(_taps, lookup=lookup))
     fine = taps(levels.fine, uv)
     if levels.coarse is None:
         return LevelTaps(fine)

@@ -68,7 +68,7 @@ def covered_by(projection: Projection, on: Canvas) -> np.ndarray:
     left, right, top, bottom = projection.bounds
     inside = (column >= left) & (column <= right) & (row >= top) & (row <= bottom)
     for edge in projection.edges:
-        inside = inside & (edge.at(column, row) >= 0)
+        inside = inside & edge.at(column, row).is_inside()
     return inside
 
 

@@ -1,0 +1,84 @@
+"""Integers of more than 32 bits, as a wrapped 32-bit integer beside a float32 estimate.
+
+Edge values need up to 43 bits. Neither part knows one alone: the wrapped integer has lost the
+multiple of 2^32, and the float its last digits. Together they determine the value. This module is
+the only one that evaluates the two parts together. Written for numpy and jax arrays alike.
+"""
+
+from typing import NamedTuple
+
+from ..numerics.array_types import DTypeLike, HostOrDeviceArray
+
+FAR = 2**30
+"""Size from which on a value is taken from its estimate alone."""
+
+
+class WrappedValue(NamedTuple):
+    """Integers `[*shape]`, known exactly wherever they are near zero.
+
+    - `wrapped`: the value modulo 2^32, as int32. Sums and products of it wrap, which is correct.
+    - `estimate`: the value as float32, with an error below 2^29.
+
+    **Why the parts are enough.** Where the estimate is below 2^30 in size, the value is below
+    2^30 + 2^29, so that it fits 32 bits and equals `wrapped`. Elsewhere the value is above
+    2^30 - 2^29, and its sign is that of the estimate. An error below 2^31 determines the multiple
+    of 2^32 that was lost, and thus the value itself.
+
+    **Why the bound holds.** The estimate of one edge value errs by less than 2^20 at every sample
+    of the canvas (`fixed_point`), the sum over the at most 256 samples of a pixel by less than
+    2^28, and twice the area, a sum of three edge values, by less than 2^22.
+    """
+
+    wrapped: HostOrDeviceArray
+    estimate: HostOrDeviceArray
+
+    def moved(self, *moves: tuple[HostOrDeviceArray, HostOrDeviceArray]) -> "WrappedValue":
+        """Add `step * count` for each pair of integers `(step, count)`, each below 2^24 in size."""
+        wrapped, estimate = self
+        f32 = estimate.dtype
+        for step, count in moves:
+            wrapped = wrapped + step * count
+            estimate = estimate + step.astype(f32) * count.astype(f32)
+        return WrappedValue(wrapped, estimate)
+
+    def times(self, count: HostOrDeviceArray) -> "WrappedValue":
+        """Multiply by an integer `count` of at most 256."""
+        return WrappedValue(count * self.wrapped, count.astype(self.estimate.dtype) * self.estimate)
+
+    @property
+    def is_near_zero(self) -> HostOrDeviceArray:
+        """Whether `wrapped` is the value itself."""
+        xp = self.estimate.__array_namespace__()
+        return xp.abs(self.estimate) < float(FAR)
+
+    def is_inside(self, remainder: HostOrDeviceArray | None = None) -> HostOrDeviceArray:
+        """Whether the value is not negative, which for an edge value means inside.
+
+        `remainder`: a float to add to the value first, 0 to 256.
+        """
+        xp = self.estimate.__array_namespace__()
+        exact = self.wrapped
+        if remainder is not None:
+            # The sign is right although the float may round the integer: one that does not fit a
+            # float is larger than any remainder.
+            exact = exact.astype(self.estimate.dtype) + remainder
+        return xp.where(self.is_near_zero, exact >= 0, self.estimate > 0)
+
+    def sign(self) -> HostOrDeviceArray:
+        """The sign of the value as int32: -1, 0 or 1."""
+        xp = self.estimate.__array_namespace__()
+        far = xp.sign(self.estimate).astype(self.wrapped.dtype)
+        return xp.where(self.is_near_zero, xp.sign(self.wrapped), far)
+
+    def clamped(self) -> HostOrDeviceArray:
+        """The value as int32 where it is near zero; elsewhere +-2^30."""
+        xp = self.estimate.__array_namespace__()
+        far = xp.where(self.estimate > 0, FAR, -FAR).astype(xp.int32)
+        return xp.where(self.is_near_zero, self.wrapped, far)
+
+    def to_float(self, dtype: DTypeLike) -> HostOrDeviceArray:
+        """The value, rounded once where it is below 2^31 in size, else three times."""
+        xp = self.estimate.__array_namespace__()
+        lost = self.estimate - self.wrapped.astype(self.estimate.dtype)
+        multiple = xp.round(lost * 2.0**-32)
+        return self.wrapped.astype(dtype) + multiple.astype(dtype) * 2.0**32
