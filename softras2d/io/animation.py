@@ -10,7 +10,7 @@ from jaxtyping import UInt8
 
 from . import gif
 from .drafts import whole
-from .images import as_pixels, check_place, to_bytes
+from .images import as_pixels, check_writable_path, to_bytes
 from .palette import quantized
 
 ANIMATED = (".gif",)
@@ -42,7 +42,7 @@ def write_animation(
     path = Path(path)
     if path.suffix.lower() not in ANIMATED:
         raise ValueError(f"{path}: the suffix must be {' or '.join(ANIMATED)}.")
-    check_place(path)
+    check_writable_path(path)
     delay = _hundredths("seconds_per_frame", seconds_per_frame, _SHORTEST)
     last_delay = delay + _hundredths("hold_seconds", hold_seconds, 0)
     if last_delay > gif.LONGEST:
