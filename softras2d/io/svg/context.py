@@ -7,7 +7,7 @@ import numpy as np
 
 from .assets import Assets
 from .display_list import DisplayList
-from .document import in_one_line
+from .document import Attributes, in_one_line
 
 SILENT = frozenset({"title", "desc", "metadata"})
 """Elements that draw nothing in any SVG, so that nothing is missed without them."""
@@ -38,6 +38,10 @@ class Context:
     background: tuple[float, float, float] | None = None
     elements: Counter[str] = field(default_factory=Counter)
     ignored: Counter[str] = field(default_factory=Counter)
+
+    def declare_texture(self, attributes: Attributes) -> None:
+        """Let the `texid` of a `texture` element name its file, for elements after it."""
+        self.assets.declare(attributes.get("texid", ""), attributes.get("filename", ""))
 
     def warning(self) -> str | None:
         """One line that names all that was left out, with counts."""

@@ -24,6 +24,10 @@ MAX_DEPTH = 100_000
 """Deeper nesting is refused: elements within elements, not an amount that a drawing needs."""
 
 
+Attributes = dict[str, str]
+"""Attributes of an element, by name, as the document writes them."""
+
+
 class Document(NamedTuple):
     """Bytes of a document, the name that errors call it, and the folder its files start from."""
 
@@ -44,11 +48,11 @@ class Children(enum.Enum):
 class Reader(Protocol):
     """Who reads the elements of a document."""
 
-    def open(self, tag: str, attributes: dict[str, str], line: int) -> Children:
+    def open(self, tag: str, attributes: Attributes, line: int) -> Children:
         """An element begins."""
         ...
 
-    def inside(self, tag: str, attributes: dict[str, str], line: int) -> None:
+    def inside(self, tag: str, attributes: Attributes, line: int) -> None:
         """An element directly inside one whose children are NAMED."""
         ...
 
@@ -126,7 +130,7 @@ def walk(document: Document, reader: Reader, budget: Budget | None = None) -> No
     depth = 0
     names_children = False
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
+    def start(tag: str, attributes: Attributes) -> None:
         nonlocal skipped, depth, names_children
         depth += 1
         line = parser.CurrentLineNumber
@@ -168,7 +172,7 @@ def root(document: Document) -> tuple[str, dict[str, str]]:
     parser = expat.ParserCreate()
     found: list[tuple[str, dict[str, str]]] = []
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
+    def start(tag: str, attributes: Attributes) -> None:
         found.append((tag, attributes))
         raise Found
 

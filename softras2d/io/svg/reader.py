@@ -2,7 +2,7 @@
 
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
@@ -15,13 +15,17 @@ from ...texture.pyramid import TexturePyramid
 from ..budget import Budget
 from .assets import Assets
 from .context import Context
-from .course_dialect import CourseReader
+from .course_dialect import CourseDialect
 from .display_list import DisplayList, Triangles
 from .document import UNFORESEEN, Document, SvgError, from_text, load, reason, root, walk
-from .svg_dialect import StandardReader
-from .view_box import MAX_SIDE, own_size, round_up
+from .elements import Dialect, ElementReader
+from .svg_dialect import StandardDialect
+from .view_box import MAX_SIDE, document_size, round_up
 
-_READERS = {"svg": StandardReader, "course": CourseReader}
+_DIALECTS: dict[str, Callable[[Context], Dialect[Any]]] = {
+    "svg": StandardDialect,
+    "course": CourseDialect,
+}
 
 
 def read_svg(
@@ -94,13 +98,13 @@ def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int
     Raises `ValueError`, one line, if the file has no size.
     """
     _check_dialect(dialect)
-    return _own_size(load(path), dialect)
+    return _document_size(load(path), dialect)
 
 
-def _own_size(document: Document, dialect: str) -> tuple[int, int]:
+def _document_size(document: Document, dialect: str) -> tuple[int, int]:
     tag, attributes = root(document)
     try:
-        size = own_size(attributes, dialect)
+        size = document_size(attributes, dialect)
         if size is None:
             known = "width and height" if dialect == "course" else "width, height or viewBox"
             raise ValueError(f"has no size of its own ({known}): give `height` and `width`.")
@@ -143,7 +147,7 @@ def _scene(
     )
     # Overflow shows as a coordinate that is not finite, which is an error of its own.
     with np.errstate(over="ignore", invalid="ignore"):
-        walk(document, _READERS[dialect](context), budget)
+        walk(document, ElementReader(_DIALECTS[dialect](context), context), budget)
         with _named(document):
             triangles = context.display.finish(height, width)
     if message := context.warning():
@@ -168,7 +172,7 @@ def _canvas(
     document: Document, dialect: str, height: int | None, width: int | None
 ) -> tuple[int, int]:
     if height is None or width is None:
-        own_height, own_width = _own_size(document, dialect)
+        own_height, own_width = _document_size(document, dialect)
         height = own_height if height is None else height
         width = own_width if width is None else width
     if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
@@ -180,7 +184,7 @@ def _canvas(
 
 
 def _check_dialect(dialect: str) -> None:
-    if dialect not in _READERS:
+    if dialect not in _DIALECTS:
         raise ValueError(f"`dialect` must be 'svg' or 'course'; got {dialect!r}.")
 
 
