@@ -87,7 +87,7 @@ def test_imports_are_seen():
     source = "def f():\n from . import info\n from ..io.images import read_image as r\nimport jax"
     found = list(imports("softras2d.cli.made_up", Path("made_up.py"), source))
     assert found == ["softras2d.cli.info", "softras2d.io.images"]
-    found = list(imports("softras2d.camera", Path("__init__.py"), "from .near_plane import Cut"))
+    found = list(imports("softras2d.camera", Path("__init__.py"), "from .near_plane import clip"))
     assert found == ["softras2d.camera.near_plane"]
     assert "softras2d.scene" in GRAPH["softras2d.plot.overlay"]
 
