@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from . import gif
-from .drafts import whole
+from .drafts import atomic_file
 from .images import as_pixels, check_writable_path, to_bytes
 from .palette import quantized
 
@@ -50,7 +50,7 @@ def write_animation(
             "`seconds_per_frame` and `hold_seconds` together must be at most "
             f"{gif.LONGEST / 100}; got {last_delay / 100}."
         )
-    with whole(path) as draft, draft.open("wb") as file:
+    with atomic_file(path) as draft, draft.open("wb") as file:
         shown = None
         for image, is_last in _marked(_images(path, frames)):
             if shown is None:

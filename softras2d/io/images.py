@@ -26,7 +26,7 @@ import numpy as np
 import OpenImageIO as oiio
 from jaxtyping import Float32, UInt8
 
-from .drafts import whole
+from .drafts import atomic_file
 
 WRITABLE = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff")
 """Suffixes that `write_image` knows."""
@@ -109,7 +109,7 @@ def write_image(
     else:
         pixels = _on_colors(linear_to_srgb, pixels) if linear else pixels
         pixels = to_bytes(pixels, truncate=truncate)
-    with whole(path) as draft:
+    with atomic_file(path) as draft:
         _save(draft, path, pixels)
 
 
