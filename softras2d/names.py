@@ -14,6 +14,17 @@ LevelFilter = Literal["zero", "nearest", "linear"]
 TextureBorder = Literal["clamp", "repeat"]
 TextureAddressing = Literal["half_texel", "corners"]
 
+SvgDialect = Literal["svg", "course"]
+ImageFormat = Literal["png", "exr", "jpg", "tif"]
+
+FitFamily = Literal["layers", "mesh"]
+FitShading = Literal["flat", "gouraud", "linear"]
+FitStart = Literal["error", "uniform", "delaunay"]
+Solver = Literal["adam", "lm", "dogleg", "bfgs", "lbfgs"]
+ColorMethod = Literal["together", "solve", "polish"]
+Loss = Literal["squared", "l1", "ssim"]
+LossSpace = Literal["display", "linear"]
+
 
 def check_name(argument: str, value: object, names: Any) -> None:
     """Raise `ValueError` unless `value` is one of `names`, a `Literal` of this module."""

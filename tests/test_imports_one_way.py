@@ -84,10 +84,10 @@ def place(module: str) -> str:
 
 
 def test_imports_are_seen():
-    source = "def f():\n from . import view\n from ..io.images import read_image as r\nimport jax"
+    source = "def f():\n from . import info\n from ..io.images import read_image as r\nimport jax"
     found = list(imports("softras2d.cli.made_up", Path("made_up.py"), source))
-    assert found == ["softras2d.cli.view", "softras2d.io.images"]
-    found = list(imports("softras2d.camera", Path("__init__.py"), "from .near_plane import Cut"))
+    assert found == ["softras2d.cli.info", "softras2d.io.images"]
+    found = list(imports("softras2d.camera", Path("__init__.py"), "from .near_plane import clip"))
     assert found == ["softras2d.camera.near_plane"]
     assert "softras2d.scene" in GRAPH["softras2d.plot.overlay"]
 

@@ -1,70 +1,80 @@
-"""Triangles in homogeneous clip space, clipped against the near plane before the division by w."""
+"""Clips triangles against the near plane in homogeneous clip space, before the division by w."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 
-class Cut(NamedTuple):
-    """Triangles beyond the near plane, and where each corner lies in the triangle it came from.
+class ClippedTriangles(NamedTuple):
+    """Triangles beyond the near plane, and the position of each corner on its source triangle.
 
-    - `vertices`: `[vertices, 4]` in clip space, `triangles` `[triangles, 3]`.
-    - `owner`: `[triangles]`, the triangle that each is a part of.
-    - `kept`, `lost`, `t`: `[triangles, 3]`; a corner is at `t` from the owner's corner `kept` to
-      its corner `lost`, which are the same where nothing is cut.
+    - `vertices`: `[vertices, 4]`, in clip space.
+    - `triangles`: `[triangles, 3]`, indices of vertices.
+    - `source`: `[triangles]`, the input triangle of which each is a part.
+    - `inside`, `outside`, `t`: `[triangles, 3]`. A corner lies on an edge of the source triangle,
+      at the fraction `t` of the way from its corner `inside` to its corner `outside`. For a corner
+      that is not clipped, both are that corner.
     """
 
     vertices: np.ndarray
     triangles: np.ndarray
-    owner: np.ndarray
-    kept: np.ndarray
-    lost: np.ndarray
+    source: np.ndarray
+    inside: np.ndarray
+    outside: np.ndarray
     t: np.ndarray
 
-    def carry(self, values: np.ndarray) -> np.ndarray:
-        """`[triangles, 1 or 3, channels]` of the owners, at the corners of the parts; float32."""
+    def interpolate(self, values: np.ndarray) -> np.ndarray:
+        """Attributes of the clipped triangles, float32, from those of the input triangles.
+
+        `values` are `[triangles, 1 or 3, channels]`: one per triangle, or one per corner.
+        """
         if values.shape[1] == 1:
-            return values[self.owner].astype(np.float32)
-        rows = self.owner[:, None]
-        kept, lost = values[rows, self.kept], values[rows, self.lost]
-        return (kept + self.t[..., None] * (lost - kept)).astype(np.float32)
+            return values[self.source].astype(np.float32)
+        rows = self.source[:, None]
+        inside, outside = values[rows, self.inside], values[rows, self.outside]
+        return (inside + self.t[..., None] * (outside - inside)).astype(np.float32)
 
 
 _FAN = np.array([[0, 1, 2], [0, 2, 3]])
 """The triangles of a polygon of three or four vertices."""
 
 
-def cut_near(vertices: np.ndarray, triangles: np.ndarray) -> Cut:
-    """Clip against z >= 0, in homogeneous space, where edges are straight on both sides of w = 0.
+def clip_near(vertices: np.ndarray, triangles: np.ndarray) -> ClippedTriangles:
+    """Clip triangles against z >= 0.
+
+    In homogeneous space edges stay straight across w = 0, so a triangle may reach behind the
+    viewer. `vertices` are `[vertices, 4]` in clip space, `triangles` `[triangles, 3]`.
 
     **Source:** Sutherland and Hodgman, *Reentrant polygon clipping* (1974); Blinn and Newell,
     *Clipping using homogeneous coordinates* (1978).
     """
     z = vertices[triangles, 2]
-    # NaN, of what overflowed, counts as beyond: whoever divides by w sees it.
+    # NaN, the result of an overflow, counts as inside; the division by w reports it.
     crosses = np.sign(z) * np.sign(np.roll(z, -1, axis=1)) < 0
-    # Around the triangle: corner 0, the cut of edge 01, corner 1, ... A corner on the plane is
-    # kept and makes no cut, so a triangle that only touches it from in front has too few.
-    there = np.stack([~(z < 0), crosses], axis=-1).reshape(-1, 6)
-    around = np.argsort(~there, axis=1, kind="stable")[:, :4]
-    owner, part = np.nonzero(there.sum(axis=1)[:, None] >= [3, 4])
-    spot = around[owner[:, None], _FAN[part]]
-    rows = owner[:, None]
-    start, end = spot // 2, (spot + 1) // 2 % 3
-    # From the end that is kept, whichever way round: neighbours compute the same cut.
+    # The clipped polygon has up to six candidates, in order around the triangle: corner 0, the
+    # intersection of edge 01 with the plane, corner 1, ... A corner on the plane is inside and
+    # makes no intersection, so a triangle that touches the plane from outside has fewer than three.
+    is_candidate = np.stack([~(z < 0), crosses], axis=-1).reshape(-1, 6)
+    polygon = np.argsort(~is_candidate, axis=1, kind="stable")[:, :4]
+    source, part = np.nonzero(is_candidate.sum(axis=1)[:, None] >= [3, 4])
+    candidate = polygon[source[:, None], _FAN[part]]
+    rows = source[:, None]
+    start, end = candidate // 2, (candidate + 1) // 2 % 3
+    # Intersections are computed from the inside end, so that both triangles of an edge get the same
+    # float.
     swap = z[rows, start] < 0
-    kept, lost = np.where(swap, end, start), np.where(swap, start, end)
-    # One vertex for each that is kept, in their order, and then one for each edge that is cut.
+    inside, outside = np.where(swap, end, start), np.where(swap, start, end)
+    # New vertices: those inside, in their order, then one for each edge that crosses the plane.
     count = max(1, len(vertices))
-    tail, head = triangles[rows, kept].astype(np.int64), triangles[rows, lost]
-    key = np.where(kept == lost, tail, (1 + tail) * count + head)
+    tail, head = triangles[rows, inside].astype(np.int64), triangles[rows, outside]
+    key = np.where(inside == outside, tail, (1 + tail) * count + head)
     key, corners = np.unique(key, return_inverse=True)
     is_cut = key >= count
     tail, head = (vertices[np.where(is_cut, end, key)] for end in np.divmod(key - count, count))
-    fall = np.where(is_cut, tail[:, 2] - head[:, 2], 1.0)
-    t = np.where(is_cut, tail[:, 2] / fall, 0.0)
+    z_span = np.where(is_cut, tail[:, 2] - head[:, 2], 1.0)
+    t = np.where(is_cut, tail[:, 2] / z_span, 0.0)
     with np.errstate(over="ignore", invalid="ignore"):
         points = tail + t[:, None] * (head - tail)
     points[is_cut, 2] = 0.0
     corners = corners.reshape(-1, 3)
-    return Cut(points, corners, owner, kept, lost, t[corners])
+    return ClippedTriangles(points, corners, source, inside, outside, t[corners])

@@ -1,11 +1,6 @@
-"""From vertices in space to a scene: the matrices of a viewer, the near plane, the viewport.
+"""View and projection matrices, and the projection of a mesh to a scene.
 
-Matrices are 4x4 in float64 and act on columns (x, y, z, 1).
-
-- **View space** is right-handed: x right, y up, and the viewer at the origin looks down -z.
-- **Clip space** is (x, y, z, w). The picture is -w..w across and up; z is 0 on the near plane, w
-  on the far one.
-- **Depth** is z / w: 0 on the near plane, 1 on the far one, growing away.
+`softras2d.camera` (`__init__.py`) states the conventions of matrices and spaces.
 """
 
 import math
@@ -18,13 +13,15 @@ from jax.core import Tracer
 from ..numerics.device import to_device
 from ..scene import Scene, check
 from ..texture.pyramid import TexturePyramid
-from .near_plane import Cut, cut_near
+from .near_plane import ClippedTriangles, clip_near
 
 
 def look_at(eye: Any, target: Any, up: Any = (0.0, 1.0, 0.0)) -> np.ndarray:
-    """World to view space for a viewer at `eye` who sees `target` in the middle, `up` upwards.
+    """View matrix `[4, 4]` of a viewer at `eye` who sees `target` in the middle of the image.
 
-    Raises `ValueError` where those leave a direction open.
+    `up` is a direction in world space that points upwards in the image; it need not be a unit
+    vector, nor at a right angle to the line of sight. Raises `ValueError` if `target` equals `eye`
+    or if `up` is parallel to the line between them.
     """
     eye, target, up = (
         _numbers(name, value, (3,))
@@ -32,11 +29,12 @@ def look_at(eye: Any, target: Any, up: Any = (0.0, 1.0, 0.0)) -> np.ndarray:
     )
     forward = target - eye
     right = np.cross(forward, up)
-    # Rounding alone leaves a part in 1e16 of parallel ones.
+    # The cross product of parallel vectors is not exactly 0, but about 1e-16 of their lengths.
     if not np.linalg.norm(right) > 1e-12 * np.linalg.norm(forward) * np.linalg.norm(up):
         raise ValueError(
-            "`target` must lie apart from `eye`, and `up` off the line between them; "
-            f"got {eye.tolist()}, {target.tolist()}, {up.tolist()}."
+            "`target` must differ from `eye`, and `up` must not be parallel to the line between "
+            "them; "
+            f"got eye {eye.tolist()}, target {target.tolist()}, up {up.tolist()}."
         )
     forward = forward / np.linalg.norm(forward)
     right = right / np.linalg.norm(right)
@@ -49,29 +47,29 @@ def look_at(eye: Any, target: Any, up: Any = (0.0, 1.0, 0.0)) -> np.ndarray:
 def perspective(
     fov_y_degrees: float | int, aspect: float | int, near: float | int, far: float | int
 ) -> np.ndarray:
-    """View to clip space: w is the distance along the line of sight; depth is 0..1.
+    """Projection matrix `[4, 4]`; w is the distance along the line of sight, depth is in 0..1.
 
-    - `fov_y_degrees`: the angle from the lower to the upper border of the picture.
-    - `aspect`: width / height.
+    - `fov_y_degrees`: vertical field of view, in degrees.
+    - `aspect`: width / height of the image.
     - `near`, `far`: distances with 0 < near < far; `far` may be infinite.
 
     Raises `ValueError` for numbers outside these ranges.
     """
     given = (fov_y_degrees, aspect, near, far)
-    numbers = all(isinstance(value, float | int | np.number) for value in given)
-    if not (numbers and 0 < fov_y_degrees < 180 and 0 < aspect < math.inf and 0 < near < far):
+    are_numbers = all(isinstance(value, float | int | np.number) for value in given)
+    if not (are_numbers and 0 < fov_y_degrees < 180 and 0 < aspect < math.inf and 0 < near < far):
         raise ValueError(
-            "wanted 0 < `fov_y_degrees` < 180, `aspect` > 0 and 0 < `near` < `far`; "
+            "a projection needs 0 < `fov_y_degrees` < 180, `aspect` > 0 and 0 < `near` < `far`; "
             f"got {', '.join(map(repr, given))}."
         )
     focal = 1.0 / math.tan(math.radians(fov_y_degrees) / 2)
-    # far / (far - near), which has a limit for far at infinity.
-    stretch = 1.0 / (1.0 - near / far)
+    # far / (far - near), written so that it is 1 for an infinite `far`.
+    depth_scale = 1.0 / (1.0 - near / far)
     return np.array(
         [
             [focal / aspect, 0.0, 0.0, 0.0],
             [0.0, focal, 0.0, 0.0],
-            [0.0, 0.0, -stretch, -stretch * near],
+            [0.0, 0.0, -depth_scale, -depth_scale * near],
             [0.0, 0.0, -1.0, 0.0],
         ]
     )
@@ -93,21 +91,27 @@ def project(
     textures: TexturePyramid | None = None,
     background: Any = None,
 ) -> Scene:
-    """The scene that the viewer sees, with `depth` z / w and `inverse_w` 1 / w at each vertex.
+    """Project a mesh in space to the scene that the viewer sees.
 
-    - `vertices` `[vertices, 3]`, `triangles` `[triangles, 3]`, in draw order.
-    - `model`, `view`, `projection`: applied in this order; `model` is the identity unless given.
+    The scene has depth (z / w) and `inverse_w` (1 / w) at each vertex, so that it is rendered with
+    a z-buffer and perspective-correct interpolation.
+
+    - `vertices`: `[vertices, 3]`, in the space that `model` maps from (world space without it).
+    - `triangles`: `[triangles, 3]` vertex indices, in draw order.
+    - `height`, `width`: size of the image, in pixels.
+    - `model`, `view`, `projection`: matrices `[4, 4]`, applied in this order; `model` is the
+      identity by default.
     - `vertex_colors` or `triangle_colors`, and the rest: as for `Scene.from_mesh`.
 
-    Triangles that reach in front of the near plane are clipped there, into one or two that stay
-    next to each other in the draw order; colours and uv are interpolated along the cut edges.
-    Triangles wholly in front of it are dropped, and so are vertices that no triangle is left to
-    use. Nothing is cut at the far plane or at the borders.
+    Triangles that cross the near plane are clipped: each becomes one or two triangles, next to each
+    other in draw order, with colours and uv interpolated along the cut edges. Triangles between the
+    viewer and the near plane are dropped, and so are vertices without triangles. Nothing is clipped
+    at the far plane or at the borders of the image.
 
-    Host side: numpy in float64, rounded once to float32. Needs concrete values, and has no
-    derivatives in them; `textures` and `background` are passed on as they are. Raises `ValueError`
-    for shapes, indices and values that no scene has, for a singular `view` or `projection`, and
-    for what a `projection` sends to w <= 0 beyond its near plane.
+    Runs on the host, in numpy and float64, and rounds once to float32. It needs concrete values and
+    has no derivatives with respect to them; `textures` and `background` are passed on unchanged.
+    Raises `ValueError` for shapes, indices and values that a scene cannot have, for a singular
+    `view` or `projection`, and if `projection` maps a point beyond its near plane to w <= 0.
     """
     given = (vertices, triangles, model, vertex_colors, triangle_colors, uv, texture_index)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((given, view, projection))):
@@ -118,8 +122,8 @@ def project(
         )
     vertices = _numbers("vertices", vertices, (None, 3))
     rest: dict[str, Any] = {"background": background, "textures": textures}
-    # The scene's own checks, before the cut renumbers what they would name.
-    whole = Scene.from_mesh(
+    # Checked before clipping, so that errors name the indices of the caller's arrays.
+    unclipped = Scene.from_mesh(
         np.zeros((len(vertices), 2), np.float32),
         triangles,
         vertex_colors=vertex_colors,
@@ -128,56 +132,59 @@ def project(
         texture_index=texture_index,
         **rest,
     )
-    triangles = np.asarray(whole.triangles)
+    triangles = np.asarray(unclipped.triangles)
     matrix = _invertible("projection", projection) @ _invertible("view", view)
     if model is not None:
         matrix = matrix @ _numbers("model", model, (4, 4))
-    cut = cut_near(_transformed(matrix, vertices), triangles)
-    seen = _on_screen(cut, height, width)
+    clipped = clip_near(_transformed(matrix, vertices), triangles)
+    on_screen = _to_screen(clipped, height, width)
     if uv is not None:
-        rest["uv"] = cut.carry(np.asarray(uv, np.float64))
-        rest["texture_index"] = np.asarray(texture_index)[cut.owner]
+        rest["uv"] = clipped.interpolate(np.asarray(uv, np.float64))
+        rest["texture_index"] = np.asarray(texture_index)[clipped.source]
     if vertex_colors is not None:
         colors = np.asarray(vertex_colors, np.float64)[triangles]
     else:
-        colors = np.asarray(triangle_colors, np.float64).reshape(whole.colors.shape)
+        colors = np.asarray(triangle_colors, np.float64).reshape(unclipped.colors.shape)
     scene = Scene(
-        positions=to_device(seen[:, :2]),
-        triangles=to_device(cut.triangles, np.int32),
-        colors=to_device(cut.carry(colors), np.float32),
-        background=whole.background,
+        positions=to_device(on_screen[:, :2]),
+        triangles=to_device(clipped.triangles, np.int32),
+        colors=to_device(clipped.interpolate(colors), np.float32),
+        background=unclipped.background,
         uv=to_device(rest["uv"], np.float32) if uv is not None else None,
         texture_index=to_device(rest["texture_index"], np.int32) if uv is not None else None,
-        textures=whole.textures,
-        depth=to_device(seen[:, 2]),
-        inverse_w=to_device(seen[:, 3]),
+        textures=unclipped.textures,
+        depth=to_device(on_screen[:, 2]),
+        inverse_w=to_device(on_screen[:, 3]),
     )
     check(scene)
     return scene
 
 
-def _on_screen(cut: Cut, height: int, width: int) -> np.ndarray:
-    """`[vertices, 4]` in float32: x and y in pixels, depth and 1 / w.
+def _to_screen(clipped: ClippedTriangles, height: int, width: int) -> np.ndarray:
+    """Perspective division and viewport: `[vertices, 4]` float32 of x, y (pixels), depth, 1 / w.
 
-    Raises `ValueError` for the first triangle that cannot be shown.
+    Raises `ValueError` for the first triangle with a point that is not finite, or with w <= 0.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        x, y, z, w = cut.vertices.T
-        seen = [(1 + x / w) * (width / 2), (1 - y / w) * (height / 2), z / w, 1 / w]
-        seen = np.stack(seen, axis=-1).astype(np.float32)
-    shown = np.isfinite(seen).all(axis=1) & (seen[:, 3] > 0)
-    for bad in np.flatnonzero(~shown[cut.triangles].all(axis=1))[:1]:
+        x, y, z, w = clipped.vertices.T
+        columns = [(1 + x / w) * (width / 2), (1 - y / w) * (height / 2), z / w, 1 / w]
+        screen = np.stack(columns, axis=-1).astype(np.float32)
+    is_valid = np.isfinite(screen).all(axis=1) & (screen[:, 3] > 0)
+    for bad in np.flatnonzero(~is_valid[clipped.triangles].all(axis=1))[:1]:
         raise ValueError(
             "beyond the near plane (z >= 0) `projection` must give finite points with w > 0; "
-            f"it does not for triangle {cut.owner[bad]}."
+            f"it does not for triangle {clipped.source[bad]}."
         )
-    return seen
+    return screen
 
 
 def _transformed(matrix: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-    """Clip space of `vertices`, equal for equal vertices, which a BLAS does not promise."""
+    """Vertices in clip space, `[vertices, 4]`.
+
+    Equal vertices must give bitwise equal results, which a BLAS product does not promise.
+    """
     x, y, z = vertices.T[:, :, None]
-    # What is too large for float64 is refused on the screen.
+    # `_to_screen` reports what overflows.
     with np.errstate(over="ignore", invalid="ignore"):
         return x * matrix[:, 0] + y * matrix[:, 1] + z * matrix[:, 2] + matrix[:, 3]
 
@@ -190,7 +197,7 @@ def _invertible(name: str, value: Any) -> np.ndarray:
 
 
 def _numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> np.ndarray:
-    """Finite float64 of a shape, in which None is any size."""
+    """`value` as a finite float64 array of a shape, in which None stands for any size."""
     wanted = f"`{name}` must be [{', '.join(str(size or 'n') for size in shape)}] finite numbers"
     try:
         array = np.asarray(value)

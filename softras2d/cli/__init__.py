@@ -1,7 +1,7 @@
 """The command line: `softras2d render`, `softras2d fit`, `softras2d info`, `softras2d demo`.
 
-One file per command. Whatever is heavy (JAX, OpenImageIO) is imported inside the commands, so that
-`--help` answers at once.
+There is one file per command. Heavy packages (JAX, OpenImageIO) are imported inside the commands,
+so that `--help` answers at once.
 """
 
 import sys
@@ -44,19 +44,19 @@ def _about(
         ),
     ] = False,
 ) -> None:
-    """Draw triangle scenes exactly, and fit them to pictures.
+    """Render triangle scenes exactly, and fit triangles to pictures.
 
     Try it:  [bold]softras2d demo pictures/[/bold]   [bold]softras2d fit[/bold]
 
-    Compiled programs are kept in your cache folder, so the second run starts faster.
-    SOFTRAS2D_DEBUG=1 shows the whole traceback of an error.
+    Compiled programs are kept in your cache folder, so that the next run starts faster.
+    Set SOFTRAS2D_DEBUG=1 to see the whole traceback of an error.
     """
 
 
 def main() -> None:
-    """The entry point: exit code 0, 1 (failed), 2 (misused) or 130 (interrupted)."""
+    """Run the command line. Exit code: 0, 1 (failed), 2 (wrong usage) or 130 (interrupted)."""
     try:
         app()
     except KeyboardInterrupt:
-        # Before or after a command; within one, its session tells.
+        # Interrupted before or after a command; within one, its session prints a line.
         sys.exit(130)

@@ -1,4 +1,4 @@
-"""JAX's persistent compilation cache, in the user's cache folder."""
+"""Sets up JAX's persistent compilation cache in the user's cache folder."""
 
 import hashlib
 import os
@@ -6,15 +6,15 @@ import platform
 import sys
 from pathlib import Path
 
-_LARGEST = 512 * 2**20
-"""Bytes. JAX itself only bounds the cache with the help of another package (`filelock`)."""
+_MAX_BYTES = 512 * 2**20
+"""Size limit of the cache. JAX bounds it only if another package, `filelock`, is installed."""
 
 
 def keep_compiled_programs() -> None:
-    """Let JAX keep every compiled program on disk; where it cannot write, go on without.
+    """Make JAX keep every compiled program on disk, if there is a folder that it can write to.
 
-    A folder that the user chose (`JAX_COMPILATION_CACHE_DIR`) stays. Several processes may share
-    it: JAX answers an entry that it cannot read by compiling.
+    A folder that the user has set (`JAX_COMPILATION_CACHE_DIR`) is left as it is. Several processes
+    may share the cache: JAX compiles again if it cannot read an entry.
 
     **Source:** docs.jax.dev, *Persistent compilation cache*.
     """
@@ -24,22 +24,22 @@ def keep_compiled_programs() -> None:
         return
     try:
         folder = cache_folder()
-        # JAX runs what it finds there, so nobody else may write.
+        # JAX runs the programs in this folder, so nobody else may write to it.
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         _trim(folder)
     except (OSError, RuntimeError):
         return
     if os.access(folder, os.W_OK):
         jax.config.update("jax_compilation_cache_dir", str(folder))
-        # By default only programs that took a second to compile are kept. Ours take less, each.
+        # By default JAX keeps only programs that took a second to compile; most of ours take less.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
 def cache_folder() -> Path:
-    """Where the user's system keeps what can be computed again, and a folder for this processor.
+    """The cache folder of the user's system, with a subfolder for this type of processor.
 
-    `XDG_CACHE_HOME` is honoured everywhere. Raises `RuntimeError` if there is no home.
+    `XDG_CACHE_HOME` is honoured on every system. Raises `RuntimeError` if there is no home folder.
     """
     chosen = os.environ.get("XDG_CACHE_HOME", "")
     # Relative paths are to be ignored (XDG Base Directory Specification).
@@ -55,10 +55,10 @@ def cache_folder() -> Path:
 
 
 def _processor() -> str:
-    """A name for the instructions that this processor has.
+    """A name that identifies the instruction set of this processor.
 
-    XLA compiles for those of the machine it runs on, and JAX's key does not hold them: a home
-    shared by two machines would hand one the other's programs.
+    XLA compiles for the processor it runs on, and JAX's cache key does not include its type.
+    Without this name, machines that share a home folder would load each other's programs.
     """
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
@@ -69,14 +69,14 @@ def _processor() -> str:
 
 
 def _trim(folder: Path) -> None:
-    """Beyond the largest size, delete the oldest programs until half of it is left."""
+    """If the cache exceeds its limit, delete the oldest programs down to half the limit."""
     entries = [(entry.stat(), entry) for entry in os.scandir(folder) if entry.is_file()]
-    size = sum(facts.st_size for facts, _ in entries)
-    if size <= _LARGEST:
+    size = sum(status.st_size for status, _ in entries)
+    if size <= _MAX_BYTES:
         return
-    for facts, entry in sorted(entries, key=lambda pair: pair[0].st_mtime):
-        # Another process may have been faster.
+    for status, entry in sorted(entries, key=lambda pair: pair[0].st_mtime):
+        # Another process may have deleted it already.
         Path(entry).unlink(missing_ok=True)
-        size -= facts.st_size
-        if size <= _LARGEST // 2:
+        size -= status.st_size
+        if size <= _MAX_BYTES // 2:
             return

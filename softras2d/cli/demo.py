@@ -1,4 +1,4 @@
-"""`softras2d demo`: the bundled scenes at three sample rates."""
+"""`softras2d demo`: renders the bundled scenes at three sample rates."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,14 +10,20 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from .session import session
 
 _RATES = (1, 4, 16)
+"""Samples per pixel."""
 
 
 def make_demo(
     folder: Annotated[
-        Path, typer.Argument(metavar="OUTDIR", show_default=False, help="Made where missing.")
+        Path,
+        typer.Argument(
+            metavar="OUTDIR",
+            show_default=False,
+            help="Folder for the images; created if it does not exist.",
+        ),
     ],
 ) -> None:
-    """Render the bundled scenes at 1, 4 and 16 samples, and a contact sheet of them.
+    """Render the bundled scenes at 1, 4 and 16 samples per pixel, with a contact sheet.
 
     [bold]softras2d demo pictures/[/bold]
     """
@@ -25,7 +31,7 @@ def make_demo(
         from .. import scenes
         from ..io.contact_sheet import Strip, contact_sheet
         from ..io.images import write_image
-        from .gallery import pictures
+        from .gallery import render_all
 
         folder.mkdir(parents=True, exist_ok=True)
         names = scenes.names()
@@ -38,7 +44,7 @@ def make_demo(
         )
         with Progress(*columns, console=console, transient=True) as progress:
             task = progress.add_task("", total=len(names) * len(_RATES))
-            for name, samples, image in pictures(_RATES):
+            for name, samples, image in render_all(_RATES):
                 images[name, samples] = image
                 write_image(folder / f"{name}-{samples}.png", image)
                 progress.advance(task)
@@ -50,5 +56,5 @@ def make_demo(
         sheet = folder / "contact_sheet.png"
         write_image(sheet, contact_sheet(strips))
         Console(soft_wrap=True, highlight=False).print(
-            f"{len(images)} pictures in {folder}, side by side in {sheet}", markup=False
+            f"{len(images)} pictures in {folder}; all of them side by side: {sheet}", markup=False
         )

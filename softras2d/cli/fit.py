@@ -1,4 +1,4 @@
-"""`softras2d fit`: a picture to triangles, while the error falls."""
+"""`softras2d fit`: fits triangles to a picture."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -13,14 +13,14 @@ from . import fit_options
 from .fit_options import SECONDS
 from .session import session
 
-_FILM_SECONDS = 5.0
-"""Set aside for drawing an animation, and at most three tenths of the time."""
+_ANIMATION_SECONDS = 5.0
+"""Time reserved for drawing an animation; at most three tenths of the time limit."""
 
 _BROWSER_SECONDS = 4.0
-"""Set aside for drawing the gradients of an SVG as browsers do; at most a fifth of the time."""
+"""Time reserved for drawing an SVG's gradients as browsers do; at most a fifth of the limit."""
 
 _BUNDLED = "valley"
-"""The picture that is fitted where none is named."""
+"""The bundled picture that is fitted if the command names none."""
 
 
 def fit_picture(
@@ -43,87 +43,109 @@ def fit_picture(
     start: fit_options.Start = "error",
     resume: fit_options.Resume = None,
 ) -> None:
-    """Fit triangles to a picture; without one, to a bundled one.
+    """Fit triangles to a picture: yours, or a bundled one.
 
     [bold]softras2d fit photo.jpg -n 1000 -o photo.svg -o photo.png[/bold]
 
     [bold]softras2d fit photo.jpg --family mesh -n 5000 --seconds 240 -o photo.npz[/bold]
 
-    Ctrl-C ends the search; the best so far is written, with exit code 130.
+    Ctrl-C stops the fit early: the best result so far is written, and the exit code is 130.
     """
-    # What was imported before is time of the user's too.
+    # Importing Python and this package took time that the user's limit includes.
     began = time.perf_counter() - time.process_time()
-    with session(lasting=True) as console:
+    with session(long_running=True) as console:
         from ..fitting.fit import fit
         from ..fitting.result import FitResult
-        from ..io.images import read_image
-        from .fit_files import Film, check_outputs, told_of_browsers, write_all
-        from .fit_start import read_start
+        from .fit_files import AnimationFrames, find_suffix, write_all
 
-        picture, name = _target(target)
-        outputs = output or [Path(f"{name}.fit.svg")]
-        read = {target: "the picture to fit", weights: "the picture of weights"}
-        read[Path(start)] = "what the fit starts from"
-        check_outputs(outputs, {path: what for path, what in read.items() if path}, picture)
-        films = any(path.suffix.lower() == ".gif" for path in outputs)
-        draws = any(path.suffix.lower() == ".svg" for path in outputs)
-        kept = next((path for path in outputs if path.suffix.lower() == ".npz"), None)
-        _check_time(steps, seconds)
+        picture, outputs = _prepare_files(target, output, weights, start)
+        _check_budget(steps, seconds)
         earlier = None if resume is None else FitResult.load(resume)
-        film = Film(picture.shape[:2]) if films else None
-        begin = "error" if earlier else read_start(start, family, size, *picture.shape[:2])
-        mask = None if weights is None else read_image(weights)[..., :3].mean(-1)
+        frames = AnimationFrames(picture.shape[:2]) if find_suffix(outputs, ".gif") else None
+        initial = "error" if earlier else _read_start(start, family, size, picture)
+        pixel_weights = _read_weights(weights)
         if steps is None:
-            elapsed = time.perf_counter() - began
-            seconds = SECONDS if seconds is None else seconds
-            spared = elapsed + films * min(_FILM_SECONDS, 0.3 * seconds)
-            if draws and _is_interpolated(family, shading):
-                spared += min(_BROWSER_SECONDS, 0.2 * seconds)
-            seconds = max(1e-3, seconds - spared)
-        with _progress(console, film) as report:
+            gradients = bool(find_suffix(outputs, ".svg")) and _has_corner_colors(family, shading)
+            seconds = _seconds_of_fit(seconds, began, frames is not None, gradients)
+        with _progress_bar(console, frames) as report:
             result = fit(
                 picture, triangles=triangles, family=family, shading=shading,
                 translucent=translucent, seconds=seconds, steps=steps, solver=solver, size=size,
-                seed=seed, softness=_softness(softness), colors=colors, loss=loss, light=light,
-                weights=mask, start=begin, resume=earlier, report=report, checkpoint=kept,
+                seed=seed, softness=_parse_softness(softness), colors=colors, loss=loss,
+                light=light, weights=pixel_weights, start=initial, resume=earlier, report=report,
+                checkpoint=find_suffix(outputs, ".npz"),
             )  # fmt: skip
-        write_all(outputs, result, film)
-        told = f"{result.scene.triangles.shape[0]} triangles, PSNR {result.psnr:.2f} dB, "
-        beside = told_of_browsers(result) if draws else ""
-        told += f"SSIM {result.ssim:.3f}, {time.perf_counter() - began:.1f} s{beside}"
-        Console(soft_wrap=True, highlight=False).print(
-            f"{', '.join(map(str, outputs))}: {told}", markup=False
-        )
+        write_all(outputs, result, frames)
+        _print_summary(outputs, result, began)
         if result.interrupted:
             raise KeyboardInterrupt
 
 
-def _check_time(steps: int | None, seconds: float | None) -> None:
-    """Raise `ValueError` for a budget that is none."""
+def _prepare_files(
+    target: Path | None, output: list[Path] | None, weights: Path | None, start: str
+) -> tuple[Any, list[Path]]:
+    """Read the picture and check the files to write, before the work of a fit.
+
+    Raises `ValueError` for an output that cannot be written or that would replace an input.
+    """
+    from ..io.images import read_image
+    from .fit_files import check_outputs
+
+    if target is None:
+        from .. import pictures
+
+        picture, name = read_image(pictures.path(_BUNDLED)), _BUNDLED
+    else:
+        picture, name = read_image(target), str(target.with_suffix(""))
+    outputs = output or [Path(f"{name}.fit.svg")]
+    inputs = {target: "the picture to fit", weights: "the picture of weights"}
+    inputs[Path(start)] = "what the fit starts from"
+    check_outputs(outputs, {path: role for path, role in inputs.items() if path}, picture)
+    return picture, outputs
+
+
+def _check_budget(steps: int | None, seconds: float | None) -> None:
+    """Raise `ValueError` for a time limit that is not positive, or given together with steps."""
     if steps is not None and seconds is not None:
         raise ValueError("give one of --steps and --seconds.")
     if seconds is not None and not 0 < seconds < float("inf"):
         raise ValueError(f"--seconds must be a number above 0; got {seconds}.")
 
 
-def _is_interpolated(family: str, shading: str | None) -> bool:
-    """Whether triangles will have corner colours, as far as the options say."""
+def _read_start(start: str, family: str, size: int | None, picture: Any) -> Any:
+    from .fit_start import read_start
+
+    return read_start(start, family, size, *picture.shape[:2])
+
+
+def _read_weights(path: Path | None) -> Any:
+    """Weights `[height, width]`: the mean of the three colour channels of an image."""
+    from ..io.images import read_image
+
+    return None if path is None else read_image(path)[..., :3].mean(-1)
+
+
+def _has_corner_colors(family: str, shading: str | None) -> bool:
+    """Whether the triangles of the fit will have one colour per corner."""
     return shading != "flat" if family == "mesh" else shading not in (None, "flat")
 
 
-def _target(target: Path | None) -> tuple[Any, str]:
-    """The picture, and what files made from it are called."""
-    from ..io.images import read_image
+def _seconds_of_fit(seconds: float | None, began: float, animation: bool, gradients: bool) -> float:
+    """Seconds that are left for the fit itself.
 
-    if target is not None:
-        return read_image(target), str(target.with_suffix(""))
-    from .. import pictures
+    - `seconds`: time limit of the whole command, of which the time since `began` is over.
+    - `animation`, `gradients`: whether an animation, or an SVG with gradients, is drawn afterwards.
+    """
+    elapsed = time.perf_counter() - began
+    limit = SECONDS if seconds is None else seconds
+    reserved = elapsed + animation * min(_ANIMATION_SECONDS, 0.3 * limit)
+    if gradients:
+        reserved += min(_BROWSER_SECONDS, 0.2 * limit)
+    return max(1e-3, limit - reserved)
 
-    return read_image(pictures.path(_BUNDLED)), _BUNDLED
 
-
-def _softness(text: str) -> Any:
-    """A width, or two."""
+def _parse_softness(text: str) -> Any:
+    """One width of soft edges, or a list of two."""
     try:
         widths = [float(part) for part in text.split(":")]
     except ValueError:
@@ -132,29 +154,45 @@ def _softness(text: str) -> Any:
 
 
 @contextmanager
-def _progress(console: Console, film: Any) -> Iterator[Callable[[Any], None]]:
-    """A bar with what matters; the function to call after each chunk."""
+def _progress_bar(console: Console, frames: Any) -> Iterator[Callable[[Any], None]]:
+    """Show a progress bar, and yield the function that the fit calls after each chunk of steps.
+
+    `frames` is an `AnimationFrames` that collects the scenes of the fit, or None.
+    """
     columns = (
         TextColumn("fitting"),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
-        TextColumn("{task.fields[told]}"),
+        TextColumn("{task.fields[status]}"),
     )
-    # Elsewhere than on a terminal, rich would still print an empty line.
-    shown = console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=not shown) as progress:
-        task = progress.add_task("", total=1.0, told="starting")
+    # When stderr is not a terminal, rich would still print an empty line.
+    is_shown = console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=not is_shown) as progress:
+        task = progress.add_task("", total=1.0, status="starting")
 
         def report(moment: Any) -> None:
             record = moment.record
-            told = (
+            status = (
                 f"PSNR {record.psnr:.2f} dB, {record.active} of {moment.triangles} triangles, "
                 f"step {record.steps}"
             )
+            # NaN means that the time left is not known yet.
             if moment.seconds_left == moment.seconds_left:
-                told += f", {moment.seconds_left:.0f} s left"
-            progress.update(task, completed=moment.share, told=told)
-            if film is not None:
-                film.add(moment)
+                status += f", {moment.seconds_left:.0f} s left"
+            progress.update(task, completed=moment.share, status=status)
+            if frames is not None:
+                frames.add(moment)
 
         yield report
+
+
+def _print_summary(outputs: list[Path], result: Any, began: float) -> None:
+    """Print one line with the files written, the scores and the time since `began`."""
+    from .fit_files import browser_note, find_suffix
+
+    scores = f"{result.scene.triangles.shape[0]} triangles, PSNR {result.psnr:.2f} dB, "
+    note = browser_note(result) if find_suffix(outputs, ".svg") else ""
+    scores += f"SSIM {result.ssim:.3f}, {time.perf_counter() - began:.1f} s{note}"
+    Console(soft_wrap=True, highlight=False).print(
+        f"{', '.join(map(str, outputs))}: {scores}", markup=False
+    )

@@ -11,7 +11,7 @@ from ..fitting.mesh.vertex_colors import Image
 from ..fitting.result import FitResult
 from ..fitting.score import Scorer
 from ..io.animation import write_animation
-from ..io.images import WRITABLE, check_place, write_image
+from ..io.images import WRITABLE, check_writable_path, write_image
 from ..io.svg.gradients import in_browsers
 from ..io.svg.writer import write_svg
 from ..numerics.device import to_device
@@ -20,48 +20,57 @@ from ..rendering.planner import plan
 from ..rendering.render import render
 from ..scene import Scene
 
-_KNOWN = (".svg", *WRITABLE, ".gif", ".npz", ".json")
+_SUFFIXES = (".svg", *WRITABLE, ".gif", ".npz", ".json")
 
-_FRAMES, _SIDE = 40, 320
-"""Pictures of a film at most, and their longer side in pixels."""
+_MAX_FRAMES = 40
+"""Scenes of the fit that an animation shows, before the last one."""
+
+_MAX_SIDE = 320
+"""Longer side of an animation, in pixels."""
 
 
-def check_outputs(paths: list[Path], given: dict[Path, str], picture: Image) -> None:
-    """Raise `ValueError` for a file that could not be written, before the work of a fit.
+def find_suffix(paths: list[Path], suffix: str) -> Path | None:
+    """The first path with a suffix, in either case; None if there is none."""
+    return next((path for path in paths if path.suffix.lower() == suffix), None)
 
-    `given`: files that are read and are to stay, and what they are; `picture`: what is fitted.
+
+def check_outputs(paths: list[Path], inputs: dict[Path, str], picture: Image) -> None:
+    """Raise `ValueError` for a file that cannot be written, before the work of a fit.
+
+    `inputs` maps files that must not be overwritten to their roles, for the message; `picture` is
+    the picture to fit.
     """
-    clear = picture.shape[-1] == 4 and bool((picture[..., 3] < 1).any())
+    has_alpha = picture.shape[-1] == 4 and bool((picture[..., 3] < 1).any())
     for path in paths:
-        if path.suffix.lower() not in _KNOWN:
-            raise ValueError(f"{path}: the suffix must be one of {', '.join(_KNOWN)}.")
-        check_place(path)
+        if path.suffix.lower() not in _SUFFIXES:
+            raise ValueError(f"{path}: the suffix must be one of {', '.join(_SUFFIXES)}.")
+        check_writable_path(path)
         if not os.access(path.parent, os.W_OK):
             raise ValueError(f"{path}: the folder {path.parent} cannot be written to.")
-        if clear and path.suffix.lower() in (".jpg", ".jpeg"):
-            raise ValueError(f"{path}: JPEG holds no alpha, and the picture to fit has it.")
-        for own, name in given.items():
-            if path.exists() and own.exists() and path.samefile(own):
-                raise ValueError(f"{path}: that is {name}.")
+        if has_alpha and path.suffix.lower() in (".jpg", ".jpeg"):
+            raise ValueError(f"{path}: JPEG stores no alpha, which the picture to fit has.")
+        for input_path, role in inputs.items():
+            if path.exists() and input_path.exists() and path.samefile(input_path):
+                raise ValueError(f"{path}: that is {role}.")
     if len(set(paths)) < len(paths):
         raise ValueError("the same --output is given twice.")
 
 
-def write_all(paths: list[Path], result: FitResult, film: "Film | None") -> None:
-    """Every file; one that fails keeps no other from being written. Raises `ValueError`."""
-    failed = []
+def write_all(paths: list[Path], result: FitResult, frames: "AnimationFrames | None") -> None:
+    """Write every file, also after one of them failed; then raise `ValueError` for those."""
+    failures = []
     for path in paths:
         try:
-            write(path, result, film)
+            _write(path, result, frames)
         except (ValueError, OSError, MemoryError) as error:
-            told = " ".join(str(error).split())
-            failed.append(told if str(path) in told else f"{path}: {told}")
-    if failed:
-        raise ValueError("; ".join(failed))
+            message = " ".join(str(error).split())
+            failures.append(message if str(path) in message else f"{path}: {message}")
+    if failures:
+        raise ValueError("; ".join(failures))
 
 
-def write(path: Path, result: FitResult, film: "Film | None") -> None:
-    """One file of a fit, by its suffix."""
+def _write(path: Path, result: FitResult, frames: "AnimationFrames | None") -> None:
+    """Write one file of a fit, in the format that its suffix names."""
     suffix = path.suffix.lower()
     if suffix == ".svg":
         scene, height, width = result.scene, result.height, result.width
@@ -71,52 +80,53 @@ def write(path: Path, result: FitResult, film: "Film | None") -> None:
     elif suffix == ".json":
         result.write_report(path)
     elif suffix == ".gif":
-        assert film is not None
-        film.write(path, result.scene)
+        assert frames is not None
+        frames.write(path, result.scene)
     else:
         write_image(path, result.image)
 
 
-def told_of_browsers(result: FitResult) -> str:
-    """How far the SVG's picture in a browser is from the fit's, to be put after its scores.
+def browser_note(result: FitResult) -> str:
+    """Describe how close the SVG in a browser comes to the fit; continues the line of scores.
 
-    An estimate without a browser: the scene is drawn in the colours that the gradients reach.
+    The number is an estimate made without a browser: the scene is drawn in the colours that the
+    SVG's gradients can express.
     """
-    told = "; a browser shows the SVG "
+    note = "; a browser shows the SVG "
     shown = in_browsers(result.scene)
     if np.array_equal(shown.colors, result.scene.colors):
-        return told + "in the same colours"
+        return note + "in the same colours"
     psnr = Scorer(result.image).score(shown).psnr
-    return told + f"by linear gradients, {psnr:.1f} dB from this, antialiasing aside"
+    return note + f"by linear gradients, {psnr:.1f} dB from this, antialiasing aside"
 
 
-class Film:
-    """Scenes of a fit, some of them kept, to be drawn at the end."""
+class AnimationFrames:
+    """Scenes collected during a fit, evenly spaced over its duration, and drawn at its end."""
 
     def __init__(self, size: tuple[int, int]):
         self._height, self._width = size
         self._scenes: list[tuple[float, Scene]] = []
 
     def add(self, moment: Moment) -> None:
-        """Keep the scene if enough has happened since the last one kept."""
-        if not self._scenes or moment.share - self._scenes[-1][0] >= 1 / _FRAMES:
+        """Keep the current scene if the fit has advanced by one frame since the last one kept."""
+        if not self._scenes or moment.share - self._scenes[-1][0] >= 1 / _MAX_FRAMES:
             self._scenes.append((moment.share, moment.scene()))
 
     def write(self, path: Path, last: Scene) -> None:
-        """The film; it ends with the last scene."""
-        scale = min(1.0, _SIDE / max(self._height, self._width))
+        """Write the animation, which ends with the scene `last`."""
+        scale = min(1.0, _MAX_SIDE / max(self._height, self._width))
         height, width = (max(1, round(side * scale)) for side in (self._height, self._width))
-        scenes = [_shrunk(scene, scale) for _, scene in self._scenes]
+        scenes = [_scaled(scene, scale) for _, scene in self._scenes]
         hard = Hard(samples=4, edge_gradients=False)
-        # One plan for those of one size: one program.
         frames = []
         if scenes:
+            # Scenes during a fit have equal shapes, so that one plan compiles one program for all.
             shared = plan(scenes, height=height, width=width, coverage=hard)
             frames = [np.asarray(render(scene, shared))[..., :3] for scene in scenes]
-        end = _shrunk(last, scale)
+        end = _scaled(last, scale)
         final = render(end, plan(end, height=height, width=width, coverage=hard))
         write_animation(path, [*frames, np.asarray(final)[..., :3]])
 
 
-def _shrunk(scene: Scene, scale: float) -> Scene:
+def _scaled(scene: Scene, scale: float) -> Scene:
     return replace(scene, positions=to_device(np.asarray(scene.positions) * np.float32(scale)))

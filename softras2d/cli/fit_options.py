@@ -1,40 +1,52 @@
-"""What a user may say on the command line about a fit."""
+"""Options of `softras2d fit`."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, get_args
 
 import typer
 
+from .. import names
+
 _RESULT = "The result"
-_SEARCH = "The search"
+_SEARCH = "The optimisation"
 
 SECONDS = 30.0
-"""Of a fit that is not told how long."""
+"""Time limit of a command that is given neither seconds nor steps."""
 
 Target = Annotated[
     Path | None,
-    typer.Argument(metavar="[PHOTO]", show_default=False, help="An image file."),
+    typer.Argument(
+        metavar="PHOTO", show_default=False, help="Image to fit. Default: a bundled picture."
+    ),
 ]
 Triangles = Annotated[
-    int, typer.Option("-n", "--triangles", help="At most so many.", rich_help_panel=_RESULT)
+    int,
+    typer.Option("-n", "--triangles", help="Maximum number of triangles.", rich_help_panel=_RESULT),
 ]
 Family = Annotated[
-    Literal["layers", "mesh"],
+    names.FitFamily,
     typer.Option(
-        help="Free triangles over each other, or a tiling that shares vertices.",
+        help="layers: separate triangles that may overlap; mesh: triangles that share vertices "
+        "and tile the image.",
         rich_help_panel=_RESULT,
     ),
 ]
 Shading = Annotated[
-    Literal["flat", "gouraud", "linear"] | None,
+    names.FitShading | None,
     typer.Option(
-        help="Colours: flat, shared at the corners, or (mesh) of each corner alone.",
-        show_default="flat layers, gouraud meshes",
+        help="Colours. flat: one per triangle; gouraud: interpolated between vertices; linear "
+        "(mesh only): interpolated, with separate corner colours for each triangle.",
+        show_default="flat for layers, gouraud for a mesh",
         rich_help_panel=_RESULT,
     ),
 ]
 Translucent = Annotated[
-    bool, typer.Option("--translucent", help="Layers may let through.", rich_help_panel=_RESULT)
+    bool,
+    typer.Option(
+        "--translucent",
+        help="Also fit the opacity of each triangle (layers only).",
+        rich_help_panel=_RESULT,
+    ),
 ]
 Output = Annotated[
     list[Path] | None,
@@ -43,69 +55,83 @@ Output = Annotated[
         "-o",
         metavar="OUT.svg|png|gif|npz|json",
         show_default="PHOTO.fit.svg",
-        help="Several may be given: vector file, image, film of the fit, all of it, report.",
+        help="File to write; may be repeated. svg: vector image; png: image; gif: animation of "
+        "the fit; npz: the whole fit, for --resume and --start; json: report.",
         rich_help_panel=_RESULT,
     ),
 ]
 Seconds = Annotated[
     float | None,
     typer.Option(
-        help="From the start of the command to its end.",
+        help="Stop after this many seconds, counted from the start of the command.",
         show_default=f"{SECONDS:.0f}",
         rich_help_panel=_SEARCH,
     ),
 ]
 Steps = Annotated[
     int | None,
-    typer.Option(help="Of the solver, instead of seconds.", rich_help_panel=_SEARCH),
+    typer.Option(
+        help="Stop after this many optimizer steps, instead of a number of seconds.",
+        rich_help_panel=_SEARCH,
+    ),
 ]
-Solver = Annotated[
-    Literal["adam", "lm", "dogleg", "bfgs", "lbfgs"],
-    typer.Option(help="Of optimistix.", rich_help_panel=_SEARCH),
-]
+Solver = Annotated[names.Solver, typer.Option(help="Optimizer.", rich_help_panel=_SEARCH)]
 Size = Annotated[
     int | None,
     typer.Option(
         metavar="PIXELS",
-        help="Longer side at which to fit.",
-        show_default="256 for layers, its own for meshes",
+        help="Longer side, in pixels, of the image during the fit.",
+        show_default="256 for layers, the photo's size for a mesh",
         rich_help_panel=_SEARCH,
     ),
 ]
-Seed = Annotated[int, typer.Option(help="Of what is random.", rich_help_panel=_SEARCH)]
+Seed = Annotated[int, typer.Option(help="Random seed.", rich_help_panel=_SEARCH)]
 Softness = Annotated[
     str,
     typer.Option(
         metavar="PIXELS[:PIXELS]",
-        help="Width of the soft edges of layers; at the start, and later.",
+        help="Width of the soft edges of layers, in pixels. Two numbers: at the start, and from "
+        "the middle of the fit on.",
         rich_help_panel=_SEARCH,
     ),
 ]
 Colors = Annotated[
-    Literal["together", "solve", "polish"],
+    names.ColorMethod,
     typer.Option(
-        help="With the geometry; or in closed form, always or at the end.",
+        help="How colours are fitted. together: by the optimizer, with the geometry; solve: by "
+        "linear least squares throughout; polish: by linear least squares at the end.",
         rich_help_panel=_SEARCH,
     ),
 ]
 Loss = Annotated[
-    Literal["squared", "l1", "ssim"], typer.Option(help="The error.", rich_help_panel=_SEARCH)
+    names.Loss,
+    typer.Option(
+        help="Loss: squared error, absolute error (l1), or SSIM with squared error (ssim).",
+        rich_help_panel=_SEARCH,
+    ),
 ]
 Light = Annotated[
-    Literal["display", "linear"],
-    typer.Option(help="In which it is measured.", rich_help_panel=_SEARCH),
+    names.LossSpace,
+    typer.Option(
+        help="Colour space in which the loss is computed: sRGB (display) or linear.",
+        rich_help_panel=_SEARCH,
+    ),
 ]
 Weights = Annotated[
     Path | None,
     typer.Option(
-        metavar="IMAGE", help="Bright where the error counts more.", rich_help_panel=_SEARCH
+        metavar="IMAGE",
+        help="Image that weights the error of each pixel: brighter pixels count more.",
+        rich_help_panel=_SEARCH,
     ),
 ]
 Start = Annotated[
     str,
     typer.Option(
-        metavar="error|uniform|delaunay|FILE",
-        help="Triangles placed where the error is; or only moved from there: SVG or NPZ.",
+        metavar="|".join([*get_args(names.FitStart), "FILE"]),
+        help="Initial triangles. error: added during the fit, where the error is largest. With "
+        "uniform, delaunay (random, denser where the image changes), or an SVG or NPZ file, "
+        "triangles are moved but none are added.",
         rich_help_panel=_SEARCH,
     ),
 ]
@@ -113,7 +139,7 @@ Resume = Annotated[
     Path | None,
     typer.Option(
         metavar="FIT.npz",
-        help="Go on from there, by its options: of these, time and files count.",
+        help="Continue a saved fit with its settings; only --seconds, --steps and --output apply.",
         rich_help_panel=_SEARCH,
     ),
 ]

@@ -1,4 +1,4 @@
-"""Where `softras2d fit` starts: a word, or a scene in a file. Imports JAX: for use in a command."""
+"""Reads the start of a fit: a name or a file. Imports JAX: for use within a command."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -16,10 +16,11 @@ from ..scene import Scene
 
 
 def read_start(text: str, family: str, size: int | None, height: int, width: int) -> Any:
-    """What `fit` takes as its start for a target of that height and width, fitted at `size`.
+    """The `start` argument of `fit` that the option `--start` stands for.
 
-    An SVG is drawn to the size of the target, a fit saved as `.npz` is stretched to it. Raises
-    `ValueError` for what is none of these.
+    `height` and `width` are those of the target in pixels, `size` is the longer side of the fit. An
+    SVG is read at the size of the target; a fit saved as `.npz` is stretched to it. Raises
+    `ValueError` for text that is neither a name nor such a file.
     """
     if text in STARTS:
         return text
@@ -31,24 +32,28 @@ def read_start(text: str, family: str, size: int | None, height: int, width: int
         known = "an .npz" if family == "mesh" else "an .svg or .npz"
         raise ValueError(f"--start must be one of {', '.join(STARTS)}, or {known}; got {text!r}.")
     earlier = FitResult.load(path)
-    own = earlier.settings["family"]
-    if own != family:
-        raise ValueError(f"{path}: that is a fit of {own}, and --family is {family}.")
+    saved_family = earlier.settings["family"]
+    if saved_family != family:
+        raise ValueError(f"{path}: a fit of family {saved_family}, but --family is {family}.")
     if family == "mesh":
         return _mesh(earlier, Frame.of(height, width, {"family": family, "size": size}))
     return _stretched(earlier.scene, width / earlier.width, height / earlier.height)
 
 
 def _mesh(earlier: FitResult, frame: Frame) -> Mesh:
-    """In pixels of the fit; what is on the border but for a rounding of float32 is put there."""
-    whole = np.array([earlier.width, earlier.height], np.float64)
-    share = np.asarray(earlier.scene.positions, np.float64) / whole
-    share = np.where(np.abs(share - 1) < 1e-6, 1.0, share)
-    positions = share * [frame.width, frame.height]
+    """The mesh of a saved fit, scaled to the pixels of the new fit.
+
+    Vertices within rounding of the right or bottom border are put exactly on it.
+    """
+    canvas = np.array([earlier.width, earlier.height], np.float64)
+    relative = np.asarray(earlier.scene.positions, np.float64) / canvas
+    # A mesh must tile the canvas, and float32 positions are off by up to 1e-7 of its size.
+    relative = np.where(np.abs(relative - 1) < 1e-6, 1.0, relative)
+    positions = relative * [frame.width, frame.height]
     triangles = np.asarray(earlier.scene.triangles)
     return make_mesh(positions, triangles, height=frame.height, width=frame.width)
 
 
-def _stretched(scene: Scene, across: float, down: float) -> Scene:
-    positions = np.asarray(scene.positions) * np.array([[across, down]], np.float32)
+def _stretched(scene: Scene, x_scale: float, y_scale: float) -> Scene:
+    positions = np.asarray(scene.positions) * np.array([[x_scale, y_scale]], np.float32)
     return replace(scene, positions=to_device(positions))

@@ -1,4 +1,8 @@
-"""The bundled scenes, drawn with few programs. Imports JAX: for use within a command."""
+"""Renders all bundled scenes with few compiled programs. Imports JAX: for use within a command.
+
+Scenes of equal structure and equal array shapes share one compiled program. Compiling takes most of
+the time, so scenes of equal structure are padded to equal shapes.
+"""
 
 import dataclasses
 import os
@@ -16,40 +20,43 @@ from ..options import Hard
 from ..rendering.planner import plan
 from ..scene import Scene
 from ..texture.pyramid import TexturePyramid
-from .view import draw
+from .render_steps import render_image
 
 
-class Family(NamedTuple):
-    """Scenes of one structure: one program a sample rate draws them."""
+class SceneGroup(NamedTuple):
+    """Scenes of equal structure and shapes: one program per sample rate renders them all."""
 
     names: list[str]
     scenes: list[Scene]
 
 
-def families() -> list[Family]:
-    """The bundled scenes by structure, those of one family with arrays of equal lengths."""
-    found: dict[tuple, Family] = {}
+def scene_groups() -> list[SceneGroup]:
+    """Group the bundled scenes by structure, and pad those of each group to equal shapes."""
+    groups: dict[tuple, SceneGroup] = {}
     for name in scenes.names():
         scene = scenes.read(name)
-        # Which arrays there are, how they are sampled, and the axes that cannot be lengthened.
+        # Which arrays exist, the static fields, and the sizes of axes that cannot be padded.
         key = (
             jax.tree.structure(scene),
             scene.colors.shape[1:],
             scene.background.shape,
             scene.textures and (scene.textures.count, scene.textures.texels.shape[1]),
         )
-        family = found.setdefault(key, Family([], []))
-        family.names.append(name)
-        family.scenes.append(scene)
-    return [family._replace(scenes=_as_long(family.scenes)) for family in found.values()]
+        group = groups.setdefault(key, SceneGroup([], []))
+        group.names.append(name)
+        group.scenes.append(scene)
+    return [group._replace(scenes=_padded_scenes(group.scenes)) for group in groups.values()]
 
 
-def pictures(rates: tuple[int, ...]) -> Iterator[tuple[str, int, np.ndarray]]:
-    """`(name, samples, image)` of every bundled scene at every rate, as they are done."""
-    found = families()
+def render_all(rates: tuple[int, ...]) -> Iterator[tuple[str, int, np.ndarray]]:
+    """Render every bundled scene at every number of samples per pixel in `rates`.
+
+    Yields `(name, samples, image)` in the order in which they are finished.
+    """
+    groups = scene_groups()
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        # Compiling takes one core for each program and most of the time.
-        jobs = [pool.submit(_at, family, rate) for rate in rates for family in found]
+        # XLA compiles each program on one core, so programs are compiled in parallel.
+        jobs = [pool.submit(_render_group, group, rate) for rate in rates for group in groups]
         try:
             for job in as_completed(jobs):
                 yield from job.result()
@@ -57,65 +64,65 @@ def pictures(rates: tuple[int, ...]) -> Iterator[tuple[str, int, np.ndarray]]:
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _at(family: Family, samples: int) -> list[tuple[str, int, np.ndarray]]:
+def _render_group(group: SceneGroup, samples: int) -> list[tuple[str, int, np.ndarray]]:
     hard = Hard(samples=samples)
-    shared = plan(family.scenes, height=scenes.SIZE, width=scenes.SIZE, coverage=hard)
-    drawn = (draw(scene, shared) for scene in family.scenes)
-    return [(name, samples, image) for name, image in zip(family.names, drawn, strict=True)]
+    shared = plan(group.scenes, height=scenes.SIZE, width=scenes.SIZE, coverage=hard)
+    images = (render_image(scene, shared) for scene in group.scenes)
+    return [(name, samples, image) for name, image in zip(group.names, images, strict=True)]
 
 
-def _as_long(alike: list[Scene]) -> list[Scene]:
-    """The scenes, each with as many triangles, vertices and texels as the largest of them."""
-    triangles = max(scene.triangles.shape[0] for scene in alike)
-    # One vertex more, for the triangles that are added.
-    vertices = 1 + max(scene.positions.shape[0] for scene in alike)
-    textures = _textures_as_long([scene.textures for scene in alike])
+def _padded_scenes(group: list[Scene]) -> list[Scene]:
+    """Pad each scene to the largest number of triangles, vertices and texels of the group."""
+    triangles = max(scene.triangles.shape[0] for scene in group)
+    # The padding triangles have all three corners in one additional vertex.
+    vertices = 1 + max(scene.positions.shape[0] for scene in group)
+    textures = _padded_textures([scene.textures for scene in group])
     return [
         dataclasses.replace(
             scene,
-            # All three corners in one point outside the canvas: they cover nothing.
-            positions=_lengthened(scene.positions, vertices, -2.0),
-            triangles=_lengthened(scene.triangles, triangles, vertices - 1),
-            colors=_lengthened(scene.colors, triangles, 0.0),
-            uv=_lengthened(scene.uv, triangles, 0.0),
-            texture_index=_lengthened(scene.texture_index, triangles, -1),
+            # That vertex lies outside the canvas, so padding triangles cover no sample.
+            positions=_pad(scene.positions, vertices, -2.0),
+            triangles=_pad(scene.triangles, triangles, vertices - 1),
+            colors=_pad(scene.colors, triangles, 0.0),
+            uv=_pad(scene.uv, triangles, 0.0),
+            texture_index=_pad(scene.texture_index, triangles, -1),
             textures=pyramid,
-            depth=_lengthened(scene.depth, vertices, 0.0),
-            inverse_w=_lengthened(scene.inverse_w, vertices, 1.0),
+            depth=_pad(scene.depth, vertices, 0.0),
+            inverse_w=_pad(scene.inverse_w, vertices, 1.0),
         )
-        for scene, pyramid in zip(alike, textures, strict=True)
+        for scene, pyramid in zip(group, textures, strict=True)
     ]
 
 
-def _textures_as_long(pyramids: list[TexturePyramid | None]) -> list[TexturePyramid | None]:
-    """With as many texels and levels as the largest; the last level, one texel, is repeated."""
-    given = [pyramid for pyramid in pyramids if pyramid is not None]
-    if len(given) < len(pyramids):
+def _padded_textures(pyramids: list[TexturePyramid | None]) -> list[TexturePyramid | None]:
+    """Pad texels and levels to the largest numbers; the last level, one texel, is repeated."""
+    present = [pyramid for pyramid in pyramids if pyramid is not None]
+    if len(present) < len(pyramids):
         return pyramids
-    texels = max(pyramid.texels.shape[0] for pyramid in given)
-    levels = max(pyramid.levels.shape[1] for pyramid in given)
-    longer = []
-    for pyramid in given:
+    texels = max(pyramid.texels.shape[0] for pyramid in present)
+    levels = max(pyramid.levels.shape[1] for pyramid in present)
+    padded = []
+    for pyramid in present:
         table = np.asarray(pyramid.levels)
         last = table[:, -1:].repeat(levels - table.shape[1], axis=1)
-        longer.append(
+        padded.append(
             dataclasses.replace(
                 pyramid,
-                texels=_lengthened(pyramid.texels, texels, 0.0),
+                texels=_pad(pyramid.texels, texels, 0.0),
                 levels=to_device(np.concatenate([table, last], axis=1)),
             )
         )
-    return longer
+    return padded
 
 
 @overload
-def _lengthened(array: Array, length: int, value: float | int) -> Array: ...
+def _pad(array: Array, length: int, value: float | int) -> Array: ...
 @overload
-def _lengthened(array: None, length: int, value: float | int) -> None: ...
-def _lengthened(array: Array | None, length: int, value: float | int) -> Array | None:
-    """`array` with entries of `value` behind, up to `length`; None stays."""
+def _pad(array: None, length: int, value: float | int) -> None: ...
+def _pad(array: Array | None, length: int, value: float | int) -> Array | None:
+    """Append entries of `value` to the first axis, up to `length`; None stays None."""
     if array is None:
         return None
     host = np.asarray(array)
-    more = np.full((length - len(host), *host.shape[1:]), value, host.dtype)
-    return to_device(np.concatenate([host, more]))
+    padding = np.full((length - len(host), *host.shape[1:]), value, host.dtype)
+    return to_device(np.concatenate([host, padding]))

@@ -1,4 +1,4 @@
-"""`softras2d info`: what a scene holds, what drawing it will take, and what each effect costs."""
+"""`softras2d info`: describes a scene and its plan, and measures the cost of each effect."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,17 +9,21 @@ from rich.console import Console
 from rich.table import Table
 
 from . import options
-from .options import View
+from .options import RenderOptions
 from .session import session
 
 
 def describe_scene(
-    scene: Annotated[
-        Path, typer.Argument(metavar="SCENE.svg", show_default=False, help="An SVG file.")
+    path: Annotated[
+        Path, typer.Argument(metavar="SCENE.svg", show_default=False, help="SVG file to describe.")
     ],
     cost: Annotated[
         bool,
-        typer.Option("--cost", help="Measure what each effect costs; compiles a program for each."),
+        typer.Option(
+            "--cost",
+            help="Also measure the time and memory that each effect costs. Takes a while: one "
+            "program is compiled per effect.",
+        ),
     ] = False,
     samples: options.Samples = 16,
     size: options.SizeOption = None,
@@ -32,39 +36,39 @@ def describe_scene(
     frame: options.Frame = None,
     opacity: options.Opacity = True,
 ) -> None:
-    """Tell what a scene holds and what its plan sees.
+    """Describe a scene: its contents, the effects it needs, and the plan to render it.
 
     [bold]softras2d info scene.svg --samples 16 --size 800x600[/bold]
 
     [bold]softras2d info scene.svg --cost[/bold]
     """
-    view = View(
+    how = RenderOptions(
         samples, size, dialect, assets, shading=shading, pixel_filter=pixel_filter,
         level_filter=level_filter, anisotropy=anisotropy, frame=frame, opacity=opacity,
     )  # fmt: skip
-    with session() as progress:
+    with session() as status_console:
         from ..io.svg.reader import svg_size
-        from .view import facts, plan_of, read
+        from .render_steps import make_plan, read_scene, scene_properties
 
-        held, height, width = read(scene, view)
-        own_height, own_width = svg_size(scene, dialect=dialect)
+        scene, height, width = read_scene(path, how)
+        file_height, file_width = svg_size(path, dialect=dialect)
         table = Table(box=box.SIMPLE, show_header=False, pad_edge=False)
         table.add_column(style="bold")
         table.add_column(overflow="fold")
-        table.add_row("scene", str(scene))
-        table.add_row("own size", f"{own_width} x {own_height}")
-        for name, value in facts(held):
+        table.add_row("file", str(path))
+        table.add_row("size in file", f"{file_width} x {file_height} pixels")
+        for name, value in scene_properties(scene):
             table.add_row(name, value)
         console = Console(highlight=False)
         console.print(table)
-        plan = plan_of(held, height, width, view)
+        plan = make_plan(scene, height, width, how)
         console.print(str(plan), markup=False, soft_wrap=True)
         if cost:
-            console.print(_prices(held, plan, progress))
+            console.print(_cost_table(scene, plan, status_console))
 
 
-def _prices(scene: Any, plan: Any, progress: Console) -> Table:
-    """What the scene takes, and what it takes less each effect."""
+def _cost_table(scene: Any, plan: Any, status_console: Console) -> Table:
+    """Measured cost of the scene, and of the scene without each of its effects."""
     from ..rendering.cost import Price, price_effects
 
     table = Table(box=box.SIMPLE, pad_edge=False)
@@ -80,9 +84,9 @@ def _prices(scene: Any, plan: Any, progress: Console) -> Table:
             f"{price.traffic / 2**20:,.0f} MiB",
         )
 
-    with progress.status("measuring the whole scene") as status:
-        for done, (effect, _, less) in enumerate(price_effects(scene, plan)):
-            row("this scene" if effect is None else f"without {effect}", less)
+    with status_console.status("measuring the whole scene") as status:
+        for done, (effect, _, price) in enumerate(price_effects(scene, plan)):
+            row("this scene" if effect is None else f"without {effect}", price)
             following = plan.effects[done : done + 1]
             status.update(f"measuring without {following[0]}" if following else "done")
     return table

@@ -1,31 +1,36 @@
-"""What a user may say on the command line about a scene and its picture, and how it is read."""
+"""Options that `softras2d render` and `softras2d info` share: how a scene is read and drawn."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, NamedTuple
 
 import typer
 
-_SCENE = "The scene"
-_PICTURE = "The picture"
+from .. import names
+
+_SCENE = "Reading the scene"
+_PICTURE = "Drawing the image"
 
 
 class Size(NamedTuple):
-    """Pixels. Without a `height`, `width` is the longer side and the aspect is the scene's."""
+    """Size of an image in pixels.
+
+    If `height` is None, `width` is the longer side, and the scene gives the aspect ratio.
+    """
 
     width: int
     height: int | None
 
 
 class Pixel(NamedTuple):
-    """A pixel of the scene."""
+    """Whole-pixel coordinates in the scene; x right, y down."""
 
     x: int
     y: int
 
 
 class Color(NamedTuple):
-    """Straight sRGB in 0..1."""
+    """An sRGB colour with straight alpha, each channel in 0..1."""
 
     red: float
     green: float
@@ -34,7 +39,7 @@ class Color(NamedTuple):
 
 
 def parse_size(text: str | Size) -> Size:
-    """`800x600`, or `800` for the longer side."""
+    """Parse `800x600`, or `800` for the longer side."""
     # typer hands its own default through the parser.
     if isinstance(text, Size):
         return text
@@ -45,7 +50,7 @@ def parse_size(text: str | Size) -> Size:
 
 
 def parse_pixel(text: str | Pixel) -> Pixel:
-    """`X,Y`, integers of either sign."""
+    """Parse `X,Y`: two integers, which may be negative."""
     if isinstance(text, Pixel):
         return text
     try:
@@ -56,21 +61,24 @@ def parse_pixel(text: str | Pixel) -> Pixel:
 
 
 def parse_color(text: str | Color) -> Color:
-    """A CSS colour: a name, `#rrggbb`, `rgb(...)` or `transparent`."""
+    """Parse a CSS colour: a name, `#rrggbb`, `rgb(...)` or `transparent`."""
     if isinstance(text, Color):
         return text
     from tinycss2.color3 import parse_color as parse_css
 
-    found = parse_css(text)
-    if found is None or isinstance(found, str):
+    color = parse_css(text)
+    if color is None or isinstance(color, str):
         raise typer.BadParameter(f"{text!r} is not a CSS colour, such as white or #336699.")
-    return Color(*map(float, found))
+    return Color(*map(float, color))
 
 
 Samples = Annotated[
     int,
     typer.Option(
-        "--samples", "-s", help="Samples a pixel: 1, 4, 9, 16, 64 or 256.", rich_help_panel=_PICTURE
+        "--samples",
+        "-s",
+        help="Samples per pixel: 1, 4, 9, 16, 64 or 256.",
+        rich_help_panel=_PICTURE,
     ),
 ]
 SizeOption = Annotated[
@@ -79,7 +87,8 @@ SizeOption = Annotated[
         "--size",
         metavar="WIDTHxHEIGHT",
         parser=parse_size,
-        help="Pixels; one number is the longer side. Default: the scene's own size.",
+        help="Size of the image, in pixels; one number sets the longer side. "
+        "Default: the size that the scene gives.",
         rich_help_panel=_PICTURE,
     ),
 ]
@@ -88,7 +97,7 @@ Origin = Annotated[
     typer.Option(
         metavar="X,Y",
         parser=parse_pixel,
-        help="The pixel of the scene that becomes the top left. Default: 0,0.",
+        help="Pixel of the scene at the top left corner of the image. Default: 0,0.",
         rich_help_panel=_PICTURE,
     ),
 ]
@@ -97,53 +106,65 @@ Background = Annotated[
     typer.Option(
         metavar="COLOUR",
         parser=parse_color,
-        help="A CSS colour or 'transparent', instead of the scene's.",
+        help="Background: a CSS colour or 'transparent'. Default: the scene's background.",
         rich_help_panel=_PICTURE,
     ),
 ]
 FillRule = Annotated[
-    Literal["inclusive", "top_left"],
+    names.FillRule,
     typer.Option(
-        help="Samples exactly on an edge: in every triangle there, or in one.",
+        help="Which triangles cover a sample exactly on an edge: every triangle with that edge "
+        "(inclusive), or only one of them (top_left).",
         rich_help_panel=_PICTURE,
     ),
 ]
 Shading = Annotated[
-    Literal["sample", "pixel"],
-    typer.Option(help="Colours at each sample, or once a pixel.", rich_help_panel=_PICTURE),
+    names.Shading,
+    typer.Option(
+        help="Compute colours at each sample, or once per pixel.", rich_help_panel=_PICTURE
+    ),
 ]
 PixelFilter = Annotated[
-    Literal["bilinear", "nearest"],
-    typer.Option(help="Textures, within a level.", rich_help_panel=_PICTURE),
+    names.PixelFilter,
+    typer.Option(help="Texture filter within a mip level.", rich_help_panel=_PICTURE),
 ]
 LevelFilter = Annotated[
-    Literal["linear", "nearest", "zero"],
-    typer.Option(help="Textures, between levels.", rich_help_panel=_PICTURE),
+    names.LevelFilter,
+    typer.Option(
+        help="Texture filter between mip levels; zero always uses the full-size level.",
+        rich_help_panel=_PICTURE,
+    ),
 ]
 Anisotropy = Annotated[
     int,
     typer.Option(
         min=1,
         max=16,
-        help="Textures, probes along a stretched footprint: 1 to 16.",
+        help="Maximum number of texture probes along a stretched footprint, 1 to 16.",
         rich_help_panel=_PICTURE,
     ),
 ]
 Linear = Annotated[
     bool,
-    typer.Option("--linear", help="Average in linear light.", rich_help_panel=_PICTURE),
+    typer.Option(
+        "--linear",
+        help="Blend and average colours in linear light instead of sRGB.",
+        rich_help_panel=_PICTURE,
+    ),
 ]
 Dialect = Annotated[
-    Literal["svg", "course"],
+    names.SvgDialect,
     typer.Option(
-        help="Standard SVG, or the rules of the rasterizer course.", rich_help_panel=_SCENE
+        help="How the file is interpreted: as standard SVG, or by the rules of the rasterizer "
+        "course.",
+        rich_help_panel=_SCENE,
     ),
 ]
 Assets = Annotated[
     Path | None,
     typer.Option(
         metavar="DIR",
-        help="The folder of files that a scene names. Default: the scene's own.",
+        help="Folder outside of which no image is read. Default: the folder of the scene.",
         rich_help_panel=_SCENE,
     ),
 ]
@@ -151,29 +172,34 @@ Frame = Annotated[
     bool | None,
     typer.Option(
         "--frame/--no-frame",
-        help="The black frame of the course. Default: with its dialect.",
+        help="Draw the course's black frame around the drawing. Default: drawn with "
+        "--dialect course, which it needs.",
         show_default=False,
         rich_help_panel=_SCENE,
     ),
 ]
 Opacity = Annotated[
     bool,
-    typer.Option("--opacity/--no-opacity", help="Honour opacity.", rich_help_panel=_SCENE),
+    typer.Option(
+        "--opacity/--no-opacity",
+        help="Apply opacity and alpha, or draw everything opaque.",
+        rich_help_panel=_SCENE,
+    ),
 ]
 
 
 @dataclass(frozen=True)
-class View:
-    """How scenes are read and seen: the options above, for `view.py` to act on."""
+class RenderOptions:
+    """The values of the options above, as one argument for the functions of `render_steps.py`."""
 
     samples: int = 16
     size: Size | None = None
-    dialect: Literal["svg", "course"] = "svg"
+    dialect: names.SvgDialect = "svg"
     assets: Path | None = None
-    fill_rule: Literal["inclusive", "top_left"] = "inclusive"
-    shading: Literal["sample", "pixel"] = "sample"
-    pixel_filter: Literal["bilinear", "nearest"] = "bilinear"
-    level_filter: Literal["linear", "nearest", "zero"] = "linear"
+    fill_rule: names.FillRule = "inclusive"
+    shading: names.Shading = "sample"
+    pixel_filter: names.PixelFilter = "bilinear"
+    level_filter: names.LevelFilter = "linear"
     anisotropy: int = 1
     frame: bool | None = None
     opacity: bool = True

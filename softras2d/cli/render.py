@@ -1,23 +1,25 @@
-"""`softras2d render`: scenes to image files."""
+"""`softras2d render`: renders scene files to image files."""
 
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from .. import names
 from . import options
-from .options import View
-from .session import debugging, failure_line, session, show
+from .options import RenderOptions
+from .session import debugging, failure_line, print_message, session
 
 
 def render_scenes(
     scenes: Annotated[
-        list[Path], typer.Argument(metavar="SCENE.svg", show_default=False, help="SVG files.")
+        list[Path],
+        typer.Argument(metavar="SCENE.svg", show_default=False, help="SVG files to render."),
     ],
     output: Annotated[
         Path,
@@ -26,15 +28,19 @@ def render_scenes(
             "-o",
             metavar="OUT.png|FOLDER",
             show_default=False,
-            help="An image file, or a folder, which is made where it is missing.",
+            help="Image file to write, or a folder, which is created if it does not exist.",
         ),
     ],
     kind: Annotated[
-        Literal["png", "exr", "jpg", "tif"],
-        typer.Option("--format", help="Of the images in a folder."),
+        names.ImageFormat,
+        typer.Option("--format", help="Format of the images if the output is a folder."),
     ] = "png",
     truncate: Annotated[
-        bool, typer.Option("--truncate", help="Bytes by truncation, as the course, not rounding.")
+        bool,
+        typer.Option(
+            "--truncate",
+            help="Convert to 8 bits by truncating, as the rasterizer course, instead of rounding.",
+        ),
     ] = False,
     samples: options.Samples = 16,
     size: options.SizeOption = None,
@@ -57,9 +63,9 @@ def render_scenes(
 
     [bold]softras2d render scenes/*.svg -o pictures/ --dialect course --truncate[/bold]
 
-    A scene that fails is named at the end, with exit code 1; the others are written.
+    If a scene fails, the others are still rendered; errors are listed at the end (exit code 1).
     """
-    view = View(
+    how = RenderOptions(
         samples, size, dialect, assets, fill_rule, shading, pixel_filter, level_filter,
         anisotropy, frame, opacity, background, origin, linear,
     )  # fmt: skip
@@ -68,17 +74,17 @@ def render_scenes(
         started = time.perf_counter()
         failures: list[str] = []
         try:
-            told = _render_each(scenes, targets, view, truncate, console, failures)
+            summary = _render_each(scenes, targets, how, truncate, console, failures)
         finally:
-            # Also after Ctrl-C, by which time many scenes may have failed.
+            # Also after Ctrl-C: errors before it must not get lost.
             for failure in failures:
-                show("error", failure, console)
+                print_message("error", failure, console)
         seconds = time.perf_counter() - started
         written = len(scenes) - len(failures)
         if len(scenes) > 1:
-            told = f"{written} of {len(scenes)} images in {seconds:.1f} s: {output}"
+            summary = f"{written} of {len(scenes)} images in {seconds:.1f} s: {output}"
         if written:
-            Console(soft_wrap=True, highlight=False).print(told, markup=False)
+            Console(soft_wrap=True, highlight=False).print(summary, markup=False)
         if failures:
             raise typer.Exit(1)
 
@@ -86,33 +92,33 @@ def render_scenes(
 def _render_each(
     scenes: list[Path],
     targets: list[Path],
-    view: View,
+    how: RenderOptions,
     truncate: bool,
     console: Console,
     failures: list[str],
 ) -> str:
-    """What was told of the last one drawn. One line for each that failed is added to `failures`.
+    """Render every scene, whatever is raised for one of them.
 
-    Whatever is raised for one scene, the next is drawn: an unforeseen error is a line, too.
+    Returns a line about the last image written. Adds one line to `failures` for each that failed.
     """
     from ..numerics.compiled_programs import drop_programs
 
-    told = ""
-    with _progress(len(scenes), console) as advance:
+    summary = ""
+    with _progress_bar(len(scenes), console) as advance:
         for scene, target in zip(scenes, targets, strict=True):
             try:
-                told = _render(scene, target, view, truncate)
+                summary = _render(scene, target, how, truncate)
             except Exception as error:
                 if debugging():
                     raise
                 failures.append(failure_line(error, scene))
             drop_programs()
             advance()
-    return told
+    return summary
 
 
 def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
-    """The image file of every scene. Makes the folder if `output` is one."""
+    """The image file of every scene. Creates the folder if `output` is one."""
     from ..io.images import WRITABLE
 
     suffix = output.suffix.lower()
@@ -132,25 +138,25 @@ def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
     return list(targets)
 
 
-def _render(scene: Path, target: Path, view: View, truncate: bool) -> str:
-    """Write one picture and tell of it, on one line."""
+def _render(path: Path, target: Path, how: RenderOptions, truncate: bool) -> str:
+    """Render one scene to one file; returns a line about the image."""
     from ..io.images import write_image
-    from .view import draw, plan_of, read
+    from .render_steps import make_plan, read_scene, render_image
 
     started = time.perf_counter()
-    held, height, width = read(scene, view)
-    image = draw(held, plan_of(held, height, width, view))
+    scene, height, width = read_scene(path, how)
+    image = render_image(scene, make_plan(scene, height, width, how))
     seconds = time.perf_counter() - started
-    write_image(target, image, linear=view.linear, truncate=truncate)
+    write_image(target, image, linear=how.linear, truncate=truncate)
     return (
-        f"{target}: {width} x {height} pixels at {view.samples} samples a pixel, "
-        f"{held.triangles.shape[0]} triangles, {1e3 * seconds:.0f} ms"
+        f"{target}: {width} x {height} pixels at {how.samples} samples per pixel, "
+        f"{scene.triangles.shape[0]} triangles, {1e3 * seconds:.0f} ms"
     )
 
 
 @contextmanager
-def _progress(total: int, console: Console) -> Iterator:
-    """A bar for many files; the function to call after each."""
+def _progress_bar(total: int, console: Console) -> Iterator:
+    """Show a progress bar for several files; yields the function to call after each."""
     if total == 1:
         yield lambda: None
         return
@@ -158,15 +164,15 @@ def _progress(total: int, console: Console) -> Iterator:
         TextColumn("rendering"),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("{task.fields[each]}"),
+        TextColumn("{task.fields[status]}"),
     )
     started = time.perf_counter()
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("", total=total, each="")
+        task = progress.add_task("", total=total, status="")
 
         def advance() -> None:
             done = progress.tasks[task].completed + 1
-            each = 1e3 * (time.perf_counter() - started) / done
-            progress.update(task, completed=done, each=f"{each:.0f} ms an image")
+            milliseconds = 1e3 * (time.perf_counter() - started) / done
+            progress.update(task, completed=done, status=f"{milliseconds:.0f} ms per image")
 
         yield advance

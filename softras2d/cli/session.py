@@ -14,26 +14,27 @@ from .compilation_cache import keep_compiled_programs
 
 
 @contextmanager
-def session(*, lasting: bool = False) -> Iterator[Console]:
-    """The body of a command, given the console for stderr.
+def session(*, long_running: bool = False) -> Iterator[Console]:
+    """Run the body of a command; yields a console for stderr.
 
-    `lasting`: whether it runs its programs for longer than it compiles them.
+    `long_running`: whether the command spends more time running its programs than compiling them.
 
-    Errors of the user's making end it with one red line and exit code 1, Ctrl-C with one line and
-    130. Warnings are one yellow line each. SOFTRAS2D_DEBUG keeps the traceback.
+    Expected errors (see `is_expected`) end the command with one red line and exit code 1, Ctrl-C
+    with one line and exit code 130. Each warning is one yellow line. If SOFTRAS2D_DEBUG is set,
+    errors keep their traceback.
     """
     console = Console(stderr=True)
     if not debugging():
-        # XLA logs from C++, several lines for each cached program that it tuned for this CPU. What
-        # matters of it comes as an exception too.
+        # XLA logs several lines from C++ for each cached program that it tuned for this CPU. Its
+        # errors are raised as exceptions too, so nothing is lost.
         os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-    # A command draws little and compiles much. XLA's older CPU emitters took 20 to 35 % less
-    # processor time to compile a render, and what they emitted took 15 to 30 % more to run.
+    # Most commands compile for longer than they run. XLA's older CPU emitters took 20 to 35 % less
+    # processor time to compile a render; their programs took 15 to 30 % more to run.
     flags = os.environ.get("XLA_FLAGS", "")
-    if not lasting and "xla_cpu_use_fusion_emitters" not in flags:
+    if not long_running and "xla_cpu_use_fusion_emitters" not in flags:
         os.environ["XLA_FLAGS"] = f"{flags} --xla_cpu_use_fusion_emitters=false".strip()
     try:
-        with _shown_in_one_line(console):
+        with _one_line_warnings(console):
             keep_compiled_programs()
             yield console
     except KeyboardInterrupt:
@@ -42,24 +43,24 @@ def session(*, lasting: bool = False) -> Iterator[Console]:
     except Exception as error:
         if debugging() or not is_expected(error):
             raise
-        show("error", one_line(error), console)
+        print_message("error", one_line(error), console)
         raise typer.Exit(1) from None
 
 
 def debugging() -> bool:
-    """Whether errors shall keep their traceback."""
+    """Whether errors keep their traceback (environment variable SOFTRAS2D_DEBUG)."""
     return os.environ.get("SOFTRAS2D_DEBUG", "") not in ("", "0")
 
 
 def is_expected(error: Exception) -> bool:
-    """Whether an error tells of the input or the machine, rather than of a fault in the package."""
+    """Whether an error is about the input or the machine, rather than a bug of the package."""
     if type(error).__name__ == "JaxRuntimeError":
         return "RESOURCE_EXHAUSTED" in str(error)
     return isinstance(error, ValueError | OSError | MemoryError)
 
 
 def one_line(error: Exception, subject: Path | None = None) -> str:
-    """What `error` says, on one line that names `subject`."""
+    """The message of an error, on one line that names the file `subject`."""
     if isinstance(error, OSError) and error.strerror:
         text = error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
     else:
@@ -68,25 +69,27 @@ def one_line(error: Exception, subject: Path | None = None) -> str:
 
 
 def failure_line(error: Exception, subject: Path) -> str:
-    """As `one_line`, also for an error that is a fault of the package: those say their type."""
+    """Like `one_line`, but messages of bugs of the package include the type of the error."""
     if is_expected(error):
         return one_line(error, subject)
-    said = one_line(error)
+    message = one_line(error)
     kind = type(error).__name__
-    said = kind if said == kind else f"{kind}: {said}"
-    return f"{subject}: unexpected {said} (SOFTRAS2D_DEBUG=1 shows where)"
+    message = kind if message == kind else f"{kind}: {message}"
+    return f"{subject}: unexpected {message} (SOFTRAS2D_DEBUG=1 shows where)"
 
 
-def show(kind: str, message: str, console: Console) -> None:
-    """Print `error: ...` in red or `warning: ...` in yellow. Paths are not markup, nor wrapped."""
+def print_message(kind: str, message: str, console: Console) -> None:
+    """Print `error: ...` in red or `warning: ...` in yellow, on one line, without markup."""
     style = {"error": "bold red", "warning": "yellow"}[kind]
     console.print(Text.assemble((f"{kind}: ", style), (message, style)), soft_wrap=True)
 
 
 @contextmanager
-def _shown_in_one_line(console: Console) -> Iterator[None]:
+def _one_line_warnings(console: Console) -> Iterator[None]:
+    """Show each `UserWarning` on one line, and ignore those about the compilation cache."""
+
     def show_warning(message: Warning | str, *_: object, **__: object) -> None:
-        show("warning", " ".join(str(message).split()), console)
+        print_message("warning", " ".join(str(message).split()), console)
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)

@@ -11,7 +11,7 @@ from typing import Any
 
 import jax
 
-from ..io.images import check_place
+from ..io.images import check_writable_path
 from ..numerics.compiled_programs import drop_programs
 from . import choices
 from .interrupt import Interrupt, held_interrupt
@@ -123,7 +123,7 @@ _STARTING = 0.35
 def _check_checkpoint(path: Path) -> None:
     if path.suffix.lower() != ".npz":
         raise ValueError(f"{path}: the suffix of a checkpoint must be .npz.")
-    check_place(path)
+    check_writable_path(path)
 
 
 def _run(

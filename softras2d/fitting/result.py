@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from .. import __version__
-from ..io.drafts import whole
+from ..io.drafts import atomic_file
 from ..scene import Scene
 from . import saved_fit
 from .archive import MAX_BYTES, read_arrays
@@ -99,7 +99,7 @@ class FitResult:
         """`report` as a JSON file, which appears whole or not at all."""
         text = json.dumps(self.report(), indent=1) + "\n"
         path = Path(path)
-        with whole(path) as draft:
+        with atomic_file(path) as draft:
             draft.write_text(text, encoding="utf-8")
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -128,7 +128,7 @@ class FitResult:
         held = sum(array.nbytes for array in arrays.values())
         if held > MAX_BYTES:
             raise ValueError(f"{path}: a fit of {held} bytes is too large; {MAX_BYTES} at most.")
-        with whole(path) as draft, draft.open("wb") as file:
+        with atomic_file(path) as draft, draft.open("wb") as file:
             np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
 
     @staticmethod

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import UInt8
 
 from . import gif
-from .drafts import whole
-from .images import as_pixels, check_place, to_bytes
+from .drafts import atomic_file
+from .images import as_pixels, check_writable_path, to_bytes
 from .palette import quantized
 
 ANIMATED = (".gif",)
@@ -42,7 +42,7 @@ def write_animation(
     path = Path(path)
     if path.suffix.lower() not in ANIMATED:
         raise ValueError(f"{path}: the suffix must be {' or '.join(ANIMATED)}.")
-    check_place(path)
+    check_writable_path(path)
     delay = _hundredths("seconds_per_frame", seconds_per_frame, _SHORTEST)
     last_delay = delay + _hundredths("hold_seconds", hold_seconds, 0)
     if last_delay > gif.LONGEST:
@@ -50,7 +50,7 @@ def write_animation(
             "`seconds_per_frame` and `hold_seconds` together must be at most "
             f"{gif.LONGEST / 100}; got {last_delay / 100}."
         )
-    with whole(path) as draft, draft.open("wb") as file:
+    with atomic_file(path) as draft, draft.open("wb") as file:
         shown = None
         for image, is_last in _marked(_images(path, frames)):
             if shown is None:

@@ -14,7 +14,7 @@ _STEM = 80
 
 
 @contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def atomic_file(path: Path) -> Iterator[Path]:
     """A temporary name beside `path`, with its suffix, moved onto it once it is written.
 
     Whatever is raised leaves no draft, and an old file as it was. `OSError` becomes `ValueError`,

@@ -26,7 +26,7 @@ import numpy as np
 import OpenImageIO as oiio
 from jaxtyping import Float32, UInt8
 
-from .drafts import whole
+from .drafts import atomic_file
 
 WRITABLE = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff")
 """Suffixes that `write_image` knows."""
@@ -109,7 +109,7 @@ def write_image(
     else:
         pixels = _on_colors(linear_to_srgb, pixels) if linear else pixels
         pixels = to_bytes(pixels, truncate=truncate)
-    with whole(path) as draft:
+    with atomic_file(path) as draft:
         _save(draft, path, pixels)
 
 
@@ -287,7 +287,7 @@ def _writable(path: Path, image: np.ndarray) -> np.ndarray:
     pixels = as_pixels(str(path), image)
     if image.shape[-1] == 4 and path.suffix.lower() in (".jpg", ".jpeg"):
         raise ValueError(f"{path}: JPEG holds no alpha; write PNG, TIFF or EXR.")
-    check_place(path)
+    check_writable_path(path)
     return pixels
 
 
@@ -312,7 +312,7 @@ def _check_finite(where: str, pixels: np.ndarray) -> None:
         raise ValueError(f"{where}: row {row}, column {column}, channel {channel} is {value}.")
 
 
-def check_place(path: Path) -> None:
+def check_writable_path(path: Path) -> None:
     """Raise `ValueError` if no file can be at `path`."""
     if path.is_dir():
         raise ValueError(f"{path}: a folder, not a file to write.")

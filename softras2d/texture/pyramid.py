@@ -1,7 +1,7 @@
 """Mip pyramids: every level of every texture in one stacked array with an offset table."""
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from ..color import check_whole_colors, warn_of_bytes
+from ..names import TextureAddressing, TextureBorder
 from ..numerics.device import to_device, to_host
 
 
@@ -26,8 +27,8 @@ class TexturePyramid(eqx.Module):
 
     texels: Float[Array, "texels channels"]
     levels: Int[Array, "textures levels 3"]
-    border: Literal["clamp", "repeat"] = eqx.field(static=True, default="clamp")
-    addressing: Literal["half_texel", "corners"] = eqx.field(static=True, default="half_texel")
+    border: TextureBorder = eqx.field(static=True, default="clamp")
+    addressing: TextureAddressing = eqx.field(static=True, default="half_texel")
 
     @property
     def count(self) -> int:
@@ -47,8 +48,8 @@ class TexturePyramid(eqx.Module):
     @staticmethod
     def build(
         images: Sequence[Any],
-        border: Literal["clamp", "repeat"] = "clamp",
-        addressing: Literal["half_texel", "corners"] = "half_texel",
+        border: TextureBorder = "clamp",
+        addressing: TextureAddressing = "half_texel",
         linear: bool = False,
     ) -> "TexturePyramid":
         """The pyramids of `images`, each `[height, width, 3 or 4]` in 0..1, of any sizes.

@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 
 import softras2d as sr
 from softras2d import scenes
-from softras2d.cli import app, compilation_cache, demo, options, view
+from softras2d.cli import app, compilation_cache, demo, options, render_steps
 from softras2d.io.contact_sheet import Strip, contact_sheet
 from softras2d.io.images import read_image
 
@@ -66,12 +66,16 @@ def stand_in(monkeypatch):
             warnings.warn(f"{path}: circle, path are not supported", UserWarning, stacklevel=2)
         if "slow" in path.name:
             raise KeyboardInterrupt
-        height, width = view.canvas(asked.size, (30, 40))
+        height, width = render_steps.canvas_size(asked.size, (30, 40))
         return SimpleNamespace(triangles=np.zeros((7, 3))), height, width
 
-    monkeypatch.setattr(view, "read", read)
-    monkeypatch.setattr(view, "plan_of", lambda scene, height, width, asked: (height, width))
-    monkeypatch.setattr(view, "draw", lambda scene, plan: np.full((*plan, 3), 0.5, np.float32))
+    monkeypatch.setattr(render_steps, "read_scene", read)
+    monkeypatch.setattr(
+        render_steps, "make_plan", lambda scene, height, width, asked: (height, width)
+    )
+    monkeypatch.setattr(
+        render_steps, "render_image", lambda scene, plan: np.full((*plan, 3), 0.5, np.float32)
+    )
     return views
 
 
@@ -94,7 +98,7 @@ def test_help_has_an_example(command):
 def test_one_scene_into_a_file(stand_in, tmp_path):
     result = run("render", "a.svg", "-o", tmp_path / "a.png")
     assert result.exit_code == 0 and result.stderr == ""
-    assert "40 x 30 pixels at 16 samples a pixel, 7 triangles" in result.stdout
+    assert "40 x 30 pixels at 16 samples per pixel, 7 triangles" in result.stdout
     assert read_image(tmp_path / "a.png").shape == (30, 40, 3)
 
 
@@ -107,7 +111,7 @@ def test_every_option_reaches_the_view(stand_in, tmp_path):
     )  # fmt: skip
     assert result.exit_code == 0, result.stderr
     assert stand_in == [
-        options.View(
+        options.RenderOptions(
             samples=4,
             size=options.Size(64, 48),
             dialect="course",
@@ -216,10 +220,10 @@ def test_interruption_is_one_line_and_130(stand_in, tmp_path):
 
 def test_sizes():
     own = (30, 40)
-    assert view.canvas(None, own) == own
-    assert view.canvas(options.parse_size("800x600"), own) == (600, 800)
-    assert view.canvas(options.parse_size("800"), own) == (600, 800)
-    assert view.canvas(options.parse_size("7"), (1000, 1)) == (7, 1)
+    assert render_steps.canvas_size(None, own) == own
+    assert render_steps.canvas_size(options.parse_size("800x600"), own) == (600, 800)
+    assert render_steps.canvas_size(options.parse_size("800"), own) == (600, 800)
+    assert render_steps.canvas_size(options.parse_size("7"), (1000, 1)) == (7, 1)
     with pytest.raises(typer.BadParameter):
         options.parse_size("-3")
 
@@ -392,6 +396,6 @@ class TestCompilationCache:
         for age in range(10):
             (folder / f"{age}-cache").write_bytes(bytes(100))
             os.utime(folder / f"{age}-cache", (1e9 - age, 1e9 - age))
-        monkeypatch.setattr(compilation_cache, "_LARGEST", 900)
+        monkeypatch.setattr(compilation_cache, "_MAX_BYTES", 900)
         compilation_cache.keep_compiled_programs()
         assert sorted(path.name for path in folder.iterdir()) == [f"{i}-cache" for i in range(4)]

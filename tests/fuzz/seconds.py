@@ -1,4 +1,4 @@
-"""How long a fuzz test goes on, and the case that it is at."""
+"""Time limit, seeds and damaged files, shared by the fuzz tests."""
 
 import os
 import time
@@ -7,14 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 SECONDS = float(os.environ.get("SOFTRAS2D_FUZZ_SECONDS", "20"))
-"""Of each module; more by the environment variable `SOFTRAS2D_FUZZ_SECONDS`."""
+"""Seconds that each module runs; set by the environment variable `SOFTRAS2D_FUZZ_SECONDS`."""
 
 SEED = int(os.environ.get("SOFTRAS2D_FUZZ_SEED", "0"))
-"""Of the first case; a failure names the case, `SOFTRAS2D_FUZZ_SEED` begins with it."""
+"""Number of the first case. A failure names its case; `SOFTRAS2D_FUZZ_SEED` starts there."""
 
 
 def cases(share: float = 1.0) -> Iterator[tuple[int, np.random.Generator]]:
-    """Numbers of cases and their random generators, for that share of the module's time."""
+    """Yield the numbers of cases and their random generators, for a share of the module's time."""
     end = time.monotonic() + share * SECONDS
     number = SEED
     while number == SEED or time.monotonic() < end:
@@ -23,7 +23,7 @@ def cases(share: float = 1.0) -> Iterator[tuple[int, np.random.Generator]]:
 
 
 def flipped(data: bytes, rng: np.random.Generator, *, first: int = 0) -> bytes:
-    """Up to eight bytes from `first` on replaced, or the end cut off, or a piece doubled."""
+    """Damage `data`: replace up to eight bytes after `first`, cut off the end or repeat a part."""
     changed = bytearray(data)
     kind = rng.integers(4)
     if kind == 0:

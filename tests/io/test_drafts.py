@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from softras2d.io.drafts import whole
+from softras2d.io.drafts import atomic_file
 
 KILLED = """
 import os, pathlib, signal, sys
-from softras2d.io.drafts import whole
-with whole(pathlib.Path(sys.argv[1])) as draft:
+from softras2d.io.drafts import atomic_file
+with atomic_file(pathlib.Path(sys.argv[1])) as draft:
     draft.write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -27,7 +27,7 @@ def abandon(path: Path) -> Path:
 
 
 def write(path: Path, text: str = "whole") -> None:
-    with whole(path) as draft:
+    with atomic_file(path) as draft:
         draft.write_text(text)
 
 
@@ -47,7 +47,7 @@ class TestAbandonedDrafts:
 
     def test_those_that_are_being_written_stay(self, tmp_path):
         path = tmp_path / "a.txt"
-        with whole(path) as first:
+        with atomic_file(path) as first:
             first.write_text("first")
             write(path, "second")
             assert first.exists()
@@ -65,7 +65,7 @@ def test_names_may_be_as_long_as_the_file_system_allows(tmp_path, stem):
 @pytest.mark.parametrize("kind", [ValueError, OSError])
 def test_errors_name_the_file_and_not_its_draft(tmp_path, kind):
     path = tmp_path / "a.txt"
-    with pytest.raises(ValueError) as caught, whole(path) as draft:
+    with pytest.raises(ValueError) as caught, atomic_file(path) as draft:
         raise kind(f"{draft}: the library says\nthat {draft.name} is bad")
     message = str(caught.value)
     assert str(path) in message and draft.name not in message and "\n" not in message
@@ -75,7 +75,7 @@ def test_errors_name_the_file_and_not_its_draft(tmp_path, kind):
 def test_an_old_file_stays_where_the_new_one_fails(tmp_path):
     path = tmp_path / "a.txt"
     write(path, "old")
-    with pytest.raises(ZeroDivisionError), whole(path) as draft:
+    with pytest.raises(ZeroDivisionError), atomic_file(path) as draft:
         draft.write_text("new")
         raise ZeroDivisionError
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]

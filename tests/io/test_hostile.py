@@ -106,7 +106,7 @@ READERS = {
     "style": lambda text: style._declarations(text, lambda name: None),
     "view_box": lambda text: view_box.view_box({"viewBox": text}),
     "aspect": lambda text: view_box.fit(view_box.Box(0.0, 0.0, 1.0, 1.0), 1.0, 1.0, text),
-    "width": lambda text: view_box.own_size({"width": text, "height": "1"}, "svg"),
+    "width": lambda text: view_box.document_size({"width": text, "height": "1"}, "svg"),
     "data": assets._embedded,
     "file": lambda text: assets.Assets(Path(), Path(), alpha=True).declare("0", text),
 }

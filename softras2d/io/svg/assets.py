@@ -1,4 +1,4 @@
-"""The pictures that a document names: which files it may read, and the textures they become."""
+"""Image files that a document refers to: which ones may be read, and the textures they become."""
 
 import base64
 import binascii
@@ -16,12 +16,12 @@ _DATA = re.compile(r"data:(image/[^;,]*+)?+(?:;(?!base64,)[^;,]*+)*+;base64,")
 
 
 class Assets:
-    """Pictures by name. Each is read once, when first asked for, as RGB or straight RGBA in sRGB.
+    """Images by name, as sRGB with straight alpha. Each is read once, when it is first used.
 
-    - `folder`: where relative names start, the document's own.
-    - `root`: the folder in which every file must lie, links followed.
-    - `alpha`: whether textures keep that channel; one that is opaque loses it in any case.
-    - `budget`: charged with the pixels of each, as its header states them.
+    - `folder`: folder of the document, to which names are relative.
+    - `root`: folder that must contain every file, after symbolic links are resolved.
+    - `alpha`: whether textures keep an alpha channel; a channel that is 1 everywhere is dropped.
+    - `budget`: charged with the pixels that the header of each image claims.
     """
 
     def __init__(
@@ -37,21 +37,21 @@ class Assets:
         self.textures: list[np.ndarray] = []
 
     def declare(self, texid: str, filename: str) -> None:
-        """Let `texid` mean a file from here on; `ValueError` for one that may not be read."""
+        """Let `texid` name a file. Raises `ValueError` for a file that may not be read."""
         self._declared[texid] = self._path(filename)
 
     def texture(self, texid: str) -> int:
-        """The index in `textures` of a declared texture."""
+        """Index in `textures` of a declared texture."""
         if texid not in self._declared:
-            raise ValueError(f"there is no texture {texid!r} before it.")
+            raise ValueError(f"no texture {texid!r} is declared before it.")
         return self._index(self._declared[texid])
 
     def linked(self, href: str) -> int:
-        """The index in `textures` of what an `image` refers to."""
+        """Index in `textures` of the image that the `href` of an `image` element refers to."""
         return self._index(self._key(href))
 
     def picture(self, href: str) -> np.ndarray:
-        """The picture that an `image` refers to, `[height, width, 3 or 4]`."""
+        """The image `[height, width, 3 or 4]` that the `href` of an `image` element refers to."""
         return self._read(self._key(href))
 
     def _key(self, href: str) -> Path | str:
@@ -69,7 +69,7 @@ class Assets:
         return self._indices[key]
 
     def _read(self, key: Path | str) -> np.ndarray:
-        # Imported here: scenes without pictures need no image library.
+        # Imported here, since scenes without images need no image library.
         from ..images import read_charged
 
         if key not in self._pictures:
@@ -86,7 +86,7 @@ class Assets:
         self._budget.charge("texels", pixels)
 
     def _path(self, name: str) -> Path:
-        """The file of a name, if it is there and inside the root."""
+        """The file of a name. Raises `ValueError` unless it exists inside the root."""
         if not name:
             raise ValueError("no file is named.")
         if _SCHEME.match(name):
@@ -96,12 +96,12 @@ class Assets:
         try:
             root = self._root.resolve()
             path = (self._folder / name).resolve()
-            inside, there = path.is_relative_to(root), path.is_file()
+            is_inside, exists = path.is_relative_to(root), path.is_file()
         except (OSError, RuntimeError, ValueError) as error:
             raise ValueError(f"{name[:60]!r} cannot be a file: {error}.") from None
-        if not inside:
+        if not is_inside:
             raise ValueError(f"{name!r} lies outside the folder {root}; see `assets`.")
-        if not there:
+        if not exists:
             raise ValueError(f"{name!r}: there is no such file ({path}).")
         return path
 

@@ -1,4 +1,4 @@
-"""What the readers of both dialects share while they read one document."""
+"""State of reading one document, shared by both dialects."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -7,24 +7,29 @@ import numpy as np
 
 from .assets import Assets
 from .display_list import DisplayList
-from .document import in_one_line
+from .document import Attributes, in_one_line
 
 SILENT = frozenset({"title", "desc", "metadata"})
-"""Elements that draw nothing in any SVG, so that nothing is missed without them."""
+"""Elements that draw nothing in SVG, and are therefore skipped without a warning."""
 
 FALLBACK = "data-fallback"
 """Attribute of elements that `write_svg` adds for browsers alone, such as a gradient below a
-`colortri`. Both dialects skip them, with all that they hold, and without a warning."""
+`colortri`. Both dialects skip these elements and their children without a warning."""
 
 
 @dataclass
 class Context:
-    """One reading: where it goes, what it may open, and what it could not draw.
+    """Options of one reading, and what it has collected so far.
 
-    - `height`, `width`: of the canvas in pixels.
-    - `transform`: the caller's map from svg to pixels, or None for the dialect's own view.
-    - `opacity`: whether opacities and alpha are honoured.
-    - `frame`: whether the course's outline of the canvas is drawn.
+    - `name`: what errors and warnings call the document.
+    - `height`, `width`: size of the canvas in pixels.
+    - `transform`: the caller's map `[3, 3]` from SVG units to pixels; None for the dialect's view.
+    - `opacity`: whether opacities and alpha are applied.
+    - `frame`: whether the course's outline of the drawing is drawn.
+    - `assets`: the image files that may be read; `display`: the shapes so far.
+    - `background`: sRGB of a rect that has become the background, or None.
+    - `elements`, `ignored`: counts of elements that are not supported, and of properties and
+      values without effect.
     """
 
     name: str
@@ -39,8 +44,12 @@ class Context:
     elements: Counter[str] = field(default_factory=Counter)
     ignored: Counter[str] = field(default_factory=Counter)
 
+    def declare_texture(self, attributes: Attributes) -> None:
+        """Let the `texid` of a `texture` element name its file, for elements after it."""
+        self.assets.declare(attributes.get("texid", ""), attributes.get("filename", ""))
+
     def warning(self) -> str | None:
-        """One line that names all that was left out, with counts."""
+        """One line that names everything that is not supported, with counts; None if nothing is."""
         parts = []
         if self.elements:
             parts.append(f"not drawn: {_counts(self.elements)}")
@@ -51,11 +60,11 @@ class Context:
         return in_one_line(f"{self.name}: {'; '.join(parts)}.") if parts else None
 
 
-_MOST_NAMES = 50
-"""Names in a warning. A hostile file may have as many as it has elements."""
+_MAX_NAMES = 50
+"""Names in a warning. A hostile file may have a different name for each element."""
 
 
 def _counts(counter: Counter[str]) -> str:
     names = [f"{name[:60]} ({count})" for name, count in sorted(counter.items())]
-    more = [f"{len(names) - _MOST_NAMES} more"] if len(names) > _MOST_NAMES else []
-    return ", ".join(names[:_MOST_NAMES] + more)
+    more = [f"{len(names) - _MAX_NAMES} more"] if len(names) > _MAX_NAMES else []
+    return ", ".join(names[:_MAX_NAMES] + more)

@@ -1,4 +1,4 @@
-"""Reads elements with the meaning of the course's dialect, quirks included."""
+"""The SVG subset of the classic rasterizer course (dialect `"course"`), with its deviations."""
 
 import re
 
@@ -6,31 +6,33 @@ import numpy as np
 
 from ...geometry import affine_maps
 from ..budget import MAX_TRIANGLES
-from .context import FALLBACK, SILENT, Context
-from .document import Children
+from .context import Context
+from .document import Attributes
 from .numbers import blank_separated, leading_float, number_pairs
 from .style import Rgba
 from .transform_attribute import course_transform
-from .view_box import course_view, own_size
+from .view_box import course_view, document_size
 
 _HEX = re.compile(r"\s*+#?+([0-9a-fA-F]*+)")
 
 _PIXELS_AT_ONCE = 2**18
-"""Pixels of an `image` that become rectangles together."""
+"""Pixels of an `image` that are made into rectangles in one block, which bounds memory."""
 
 
-class CourseReader:
-    """Draws a document into its context.
+class CourseDialect:
+    """Draws elements with their meaning in the course, including its deviations from SVG.
 
-    Style is the element's own: only `transform` passes down. Elements without meaning are left out
-    with all that they hold.
+    Only `transform` is inherited: every element has its own style. The state is the homogeneous map
+    `[3, 3]` to pixels.
     """
+
+    groups = frozenset({"g"})
+    definitions: frozenset[str] = frozenset()
 
     def __init__(self, context: Context):
         self._context = context
-        self._maps: list[np.ndarray] = []
         self._size = (0.0, 0.0)
-        self._shapes = {
+        self.shapes = {
             "colortri": self._colortri,
             "image": self._image,
             "line": self._line,
@@ -40,73 +42,59 @@ class CourseReader:
             "textri": self._textri,
         }
 
-    def open(self, tag: str, attributes: dict[str, str], line: int) -> Children:
-        """Draw the element, or go into it."""
-        self._context.display.line = line
-        if not self._maps:
-            self._root(tag, attributes)
-            return Children.READ
-        if FALLBACK in attributes:
-            return Children.SKIPPED
-        if tag == "texture":
-            self._context.assets.declare(
-                attributes.get("texid", ""), attributes.get("filename", "")
-            )
-            return Children.NAMED
-        if tag != "g" and tag not in self._shapes:
-            # Prefixed names are other vocabularies.
-            if tag not in SILENT and ":" not in tag:
-                self._context.elements[tag] += 1
-            return Children.SKIPPED
-        map3 = self._maps[-1]
-        if "transform" in attributes:
-            map3 = map3 @ course_transform(attributes["transform"], self._unknown_function)
-        if tag == "g":
-            self._maps.append(map3)
-            return Children.READ
-        self._shapes[tag](map3, attributes)
-        return Children.NAMED
+    def local_name(self, tag: str, attributes: Attributes) -> str:
+        """The name itself; empty for every name with a prefix."""
+        return "" if ":" in tag else tag
 
-    def inside(self, tag: str, attributes: dict[str, str], line: int) -> None:
-        """A child of a shape, which is not looked at."""
-        if tag not in SILENT and ":" not in tag and FALLBACK not in attributes:
-            self._context.elements[tag] += 1
-
-    def close(self) -> None:
-        """Back out of a group; out of the root, draw the frame."""
-        map3 = self._maps.pop()
-        if not self._maps and self._context.frame:
-            self._frame(map3)
-
-    def _root(self, tag: str, attributes: dict[str, str]) -> None:
+    def root_state(self, tag: str, attributes: Attributes) -> np.ndarray:
+        """The course's view of the drawing, unless the caller gave a transform."""
         if tag != "svg":
             raise ValueError("is the root, which must be <svg>.")
-        size = own_size(attributes, "course")
+        size = document_size(attributes, "course")
         map3 = self._context.transform
         if map3 is None:
             if size is None:
-                raise ValueError("has no width and height, by which the course places a drawing.")
+                raise ValueError("needs width and height in the course's dialect; it has none.")
             map3 = course_view(size, self._context.height, self._context.width)
         self._size = size or (0.0, 0.0)
-        self._maps.append(map3)
+        return map3
+
+    def child_state(self, parent: np.ndarray, attributes: Attributes) -> np.ndarray:
+        """The parent's map after the element's own transform."""
+        if "transform" not in attributes:
+            return parent
+        return parent @ course_transform(attributes["transform"], self._unknown_function)
+
+    def is_flat(self, state: np.ndarray) -> bool:
+        """Always False: the course draws flattened shapes too."""
+        return False
+
+    def undrawn_child(self, name: str, attributes: Attributes) -> None:
+        """Count the child of a shape: the course ignores all of them."""
+        self._context.elements[name] += 1
+
+    def close_root(self, state: np.ndarray) -> None:
+        """Draw the frame, if it is wanted."""
+        if self._context.frame:
+            self._frame(state)
 
     def _unknown_function(self, name: str) -> None:
         self._context.ignored[f"transform {name!r}"] += 1
 
-    def _color(self, attributes: dict[str, str], name: str) -> Rgba:
-        """A paint: hex digits, without any the black 0; with its opacity if that is honoured."""
+    def _color(self, attributes: Attributes, name: str) -> Rgba:
+        """The colour that an attribute gives in hex digits; black if it has none."""
         found = _HEX.match(attributes.get(name, ""))
         code = min(int((found and found[1]) or "0", 16), 0xFFFFFFFF)
         red, green, blue = (float(np.float32((code >> shift & 255) / 255)) for shift in (16, 8, 0))
         return red, green, blue, self._opacity(attributes, name)
 
-    def _opacity(self, attributes: dict[str, str], name: str) -> float:
+    def _opacity(self, attributes: Attributes, name: str) -> float:
         text = attributes.get(f"{name}-opacity")
         if text is None or not self._context.opacity:
             return 1.0
         return min(max(leading_float(text), 0.0), 1.0)
 
-    def _rect(self, map3: np.ndarray, attributes: dict[str, str]) -> None:
+    def _rect(self, map3: np.ndarray, attributes: Attributes) -> None:
         x, y, width, height = (
             leading_float(attributes.get(n)) for n in ("x", "y", "width", "height")
         )
@@ -122,13 +110,14 @@ class CourseReader:
             self._context.display.add_triangles(np.array([[a, b, c], [c, b, d]]), fill)
         self._outline(corners[[0, 1, 3, 2]], attributes)
 
-    def _point(self, place: np.ndarray, color: Rgba) -> None:
-        x, y = np.floor(place.astype(np.float32)).astype(np.float64)
+    def _point(self, position: np.ndarray, color: Rgba) -> None:
+        """Fill the pixel that contains a position, if it lies on the canvas."""
+        x, y = np.floor(position.astype(np.float32)).astype(np.float64)
         if 0 <= x < self._context.width and 0 <= y < self._context.height:
             rectangle = np.array([[x, y, x + 1, y + 1]])
             self._context.display.add_pixels(rectangle, np.array([color]))
 
-    def _polygon(self, map3: np.ndarray, attributes: dict[str, str]) -> None:
+    def _polygon(self, map3: np.ndarray, attributes: Attributes) -> None:
         points = number_pairs(attributes.get("points", ""))
         plane = np.array(points, np.float32).reshape(-1, 2)
         corners = affine_maps.apply(map3, plane)
@@ -136,18 +125,18 @@ class CourseReader:
             self._context.display.add_ears(plane, corners, self._color(attributes, "fill"))
         self._outline(corners, attributes)
 
-    def _outline(self, corners: np.ndarray, attributes: dict[str, str]) -> None:
-        """The closed chain of pixel lines, if there is a stroke; `none` is one, and black."""
+    def _outline(self, corners: np.ndarray, attributes: Attributes) -> None:
+        """Draw pixel lines around the corners if there is a `stroke`; `stroke="none"` is black."""
         if "stroke" in attributes and len(corners):
             self._lines(corners, np.roll(corners, -1, axis=0), self._color(attributes, "stroke"))
 
-    def _polyline(self, map3: np.ndarray, attributes: dict[str, str]) -> None:
+    def _polyline(self, map3: np.ndarray, attributes: Attributes) -> None:
         points = np.array(number_pairs(attributes.get("points", ""))).reshape(-1, 2)
         if len(points) > 1:
             corners = affine_maps.apply(map3, points)
             self._lines(corners[:-1], corners[1:], self._color(attributes, "stroke"))
 
-    def _line(self, map3: np.ndarray, attributes: dict[str, str]) -> None:
+    def _line(self, map3: np.ndarray, attributes: Attributes) -> None:
         ends = [leading_float(attributes.get(name)) for name in ("x1", "y1", "x2", "y2")]
         if "stroke" in attributes:
             start, end = affine_maps.apply(map3, np.reshape(ends, (2, 2)))
@@ -156,13 +145,13 @@ class CourseReader:
     def _lines(self, starts: np.ndarray, ends: np.ndarray, color: Rgba) -> None:
         self._context.display.add_hairlines(np.concatenate([starts, ends], axis=1), color)
 
-    def _colortri(self, map3: np.ndarray, attributes: dict[str, str]) -> None:
+    def _colortri(self, map3: np.ndarray, attributes: Attributes) -> None:
         points = _numbers(attributes, "points", 6).reshape(3, 2)
         colors = _numbers(attributes, "colors", 12).reshape(3, 4)
         colors[:, 3] = self._opacity(attributes, "fill")
         self._context.display.add_triangles(affine_maps.apply(map3, points)[None], colors)
 
-    def _textri(self, map3: np.ndarray, attributes: dict[str, str]) -> None:
+    def _textri(self, map3: np.ndarray, attributes: Attributes) -> None:
         points = _numbers(attributes, "points", 6).reshape(3, 2)
         uv = _numbers(attributes, "uvs", 6).reshape(3, 2)
         texture = self._context.assets.texture(attributes.get("texid", ""))
@@ -171,8 +160,8 @@ class CourseReader:
             affine_maps.apply(map3, points), white, uv, texture, False
         )
 
-    def _image(self, map3: np.ndarray, attributes: dict[str, str]) -> None:
-        """A point for every pixel between the two corners; a mirrored image draws nothing."""
+    def _image(self, map3: np.ndarray, attributes: Attributes) -> None:
+        """Fill every pixel between the two corners; a mirrored image draws nothing."""
         x, y, width, height = (
             leading_float(attributes.get(n)) for n in ("x", "y", "width", "height")
         )
@@ -188,28 +177,29 @@ class CourseReader:
             return
         display = self._context.display
         display.budget.charge("steps", len(columns) * len(rows))
-        # A few rows at a time, and no more than can be drawn: `add_pixels` refuses these.
+        # Rows are sampled in blocks. Once there are more rectangles than the budget allows, the
+        # rest is not sampled: `add_pixels` will raise.
         step = max(_PIXELS_AT_ONCE // len(columns), 1)
         rectangles, colors, count = [], [], 0
         for block in range(0, len(rows), step):
-            some, some_v = rows[block : block + step], v[block : block + step]
-            places, shades = _merged(some, columns, _bilinear(picture, u, some_v))
-            rectangles.append(places)
-            colors.append(np.pad(shades, ((0, 0), (0, 1)), constant_values=1.0))
-            count += len(places)
+            block_rows, block_v = rows[block : block + step], v[block : block + step]
+            runs, run_colors = _merge_runs(block_rows, columns, _bilinear(picture, u, block_v))
+            rectangles.append(runs)
+            colors.append(np.pad(run_colors, ((0, 0), (0, 1)), constant_values=1.0))
+            count += len(runs)
             if 2 * count > MAX_TRIANGLES:
                 break
         display.add_pixels(np.concatenate(rectangles), np.concatenate(colors))
 
     def _frame(self, map3: np.ndarray) -> None:
-        """The black outline of the drawing, moved out by a pixel across and in by one along."""
+        """Draw the black outline of the drawing: a pixel wider and a pixel lower at each end."""
         height, width = self._size
         corners = affine_maps.apply(map3, [[0, 0], [width, 0], [0, height], [width, height]])
         a, b, c, d = corners + np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
         self._lines(np.array([a, a, d, d]), np.array([b, c, b, c]), (0.0, 0.0, 0.0, 1.0))
 
 
-def _numbers(attributes: dict[str, str], name: str, count: int) -> np.ndarray:
+def _numbers(attributes: Attributes, name: str, count: int) -> np.ndarray:
     try:
         numbers = blank_separated(attributes.get(name, ""))
     except ValueError as error:
@@ -222,7 +212,7 @@ def _numbers(attributes: dict[str, str], name: str, count: int) -> np.ndarray:
 
 
 def _pixels(ends: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
-    """The pixels on the canvas from one end to the other, and where in the picture each lies."""
+    """Pixels on the canvas between two ends, and the position of each in the picture, 0..1."""
     low, high = float(ends[0]), float(ends[1])
     first, last = max(np.floor(low), 0.0), min(np.floor(high), side - 1.0)
     if high < low or last < first:
@@ -232,7 +222,10 @@ def _pixels(ends: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bilinear(picture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Colours `[rows, columns, 3]` between the four texels around each position."""
+    """Colours `[rows, columns, 3]`, interpolated between the four texels around each position.
+
+    The course maps 0 and 1 to the centres of the first and last texel.
+    """
     tall, wide = picture.shape[:2]
     x, y = u * (wide - 1), v * (tall - 1)
     left, top = np.floor(x), np.floor(y)
@@ -246,15 +239,15 @@ def _bilinear(picture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return upper * (1 - down) + lower * down
 
 
-def _merged(
+def _merge_runs(
     rows: np.ndarray, columns: np.ndarray, colors: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rectangles `[k, 4]` and RGB `[k, 3]`: neighbours of equal colour in a row are one."""
+    """Merge runs of equal colour in each row into rectangles `[k, 4]` with RGB `[k, 3]`."""
     changes = np.ones(colors.shape[:2], bool)
     changes[:, 1:] = (colors[:, 1:] != colors[:, :-1]).any(axis=-1)
-    row, place = np.nonzero(changes)
+    row, start = np.nonzero(changes)
     # A run ends where the next begins, or with the row.
-    following = np.append(place[1:], len(columns))
-    ends = np.where(following > place, following, len(columns))
-    rectangles = np.stack([columns[place], rows[row], columns[ends - 1] + 1, rows[row] + 1], axis=1)
-    return rectangles, colors[row, place]
+    following = np.append(start[1:], len(columns))
+    ends = np.where(following > start, following, len(columns))
+    rectangles = np.stack([columns[start], rows[row], columns[ends - 1] + 1, rows[row] + 1], axis=1)
+    return rectangles, colors[row, start]

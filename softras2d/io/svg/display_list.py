@@ -1,4 +1,8 @@
-"""What a drawing draws, in order: collected element by element, made into triangles all at once."""
+"""Collects the shapes of a drawing in order, and triangulates all of them at the end.
+
+Shapes of one kind are triangulated together, which is much faster than one by one. A **draw** is
+the index of a shape in draw order; sorting triangles by draw restores the order between kinds.
+"""
 
 from typing import NamedTuple
 
@@ -14,12 +18,14 @@ from .document import SvgError
 
 
 class Triangles(NamedTuple):
-    """Triangles back to front; all float32 but the indices.
+    """Triangles of a drawing, in draw order; all arrays are float32 except `texture`.
 
-    - `corners`: `[triangles, 3, 2]` in pixels.
-    - `colors`: `[triangles, 1 or 3, 4]`, straight; three corners if any triangle needs them.
-    - `uv`: `[triangles, 3, 2]`, zero without a texture.
-    - `texture`: `[triangles]`, -1 without.
+    - `corners`: `[triangles, 3, 2]`, in pixels.
+    - `colors`: `[triangles, 1 or 3, 4]`, straight alpha; one colour per corner if any triangle
+      needs it.
+    - `uv`: `[triangles, 3, 2]`; zero for triangles without texture, and of length 0 if no triangle
+      has one.
+    - `texture`: `[triangles]`, index of the texture, or -1.
     """
 
     corners: np.ndarray
@@ -29,7 +35,7 @@ class Triangles(NamedTuple):
 
 
 class _Batch(NamedTuple):
-    """Triangles of one kind: the draw that each belongs to, corners and uv in float32."""
+    """Triangles of one kind of shape: the draw of each, its corners and uv in float32."""
 
     draw: np.ndarray
     corners: np.ndarray
@@ -37,10 +43,11 @@ class _Batch(NamedTuple):
 
 
 class DisplayList:
-    """Fills, lines, pixels and triangles, in pixels, float64. Each draws over all before it.
+    """Shapes in draw order. Coordinates are in pixels, float64.
 
-    `line` is the number of the line that is being read, for errors that show at the end.
-    `approximated` counts, then, the course's polygons that were filled by the nonzero rule.
+    - `line`: line number of the element that is being read, for errors found by `finish`.
+    - `approximated`: number of the course's polygons that `finish` filled by the nonzero rule
+      instead of the course's ear clipping.
     """
 
     def __init__(self, name: str, budget: Budget | None = None):
@@ -48,11 +55,11 @@ class DisplayList:
         self.budget = budget or Budget()
         self.line = 0
         self.approximated = 0
-        # Per draw: where it was read, its colour or the colours of its corners, its texture.
+        # By draw: its line number, its colour or the colours of its corners, its texture.
         self._lines: list[int] = []
         self._colors: list[Rgba | np.ndarray] = []
         self._textures: dict[int, int] = {}
-        # By kind: the draw and what it draws.
+        # By kind of shape: the draws and their geometry.
         self._triangles: list[tuple[int, np.ndarray, np.ndarray | None]] = []
         self._polygons: list[tuple[int, np.ndarray, bool]] = []
         self._ears: list[tuple[int, np.ndarray, np.ndarray]] = []
@@ -63,49 +70,52 @@ class DisplayList:
     def __len__(self) -> int:
         return len(self._lines)
 
-    def _next(self, color: Rgba | np.ndarray) -> int:
+    def _new_draw(self, color: Rgba | np.ndarray) -> int:
         self._lines.append(self.line)
         self._colors.append(color)
         return len(self._lines) - 1
 
     def add_triangles(self, corners: np.ndarray, color: Rgba | np.ndarray) -> None:
-        """`corners` `[k, 3, 2]`; one colour, or those of the three corners `[3, 4]`."""
+        """Add triangles `[k, 3, 2]` of one colour, or of one colour per corner `[3, 4]`."""
         self.budget.charge("triangles", len(corners))
-        self._triangles.append((self._next(color), corners, None))
+        self._triangles.append((self._new_draw(color), corners, None))
 
     def add_textured(
         self, points: np.ndarray, color: Rgba, uv: np.ndarray, texture: int, translucent: bool
     ) -> None:
-        """A convex polygon `[n, 2]` that shows a texture, `uv` `[n, 2]` at its corners."""
+        """Add a convex polygon `[n, 2]` with a texture; `uv` `[n, 2]` at its corners."""
         both = np.concatenate([points, uv], axis=1)[None]
         both = (fan_inside if translucent and len(points) > 3 else fan)(both)[0]
         self.budget.charge("triangles", len(both))
-        draw = self._next(color)
+        draw = self._new_draw(color)
         self._textures[draw] = texture
         self._triangles.append((draw, both[..., :2], both[..., 2:]))
 
     def add_polygon(self, points: np.ndarray, color: Rgba, evenodd: bool = False) -> None:
-        """The inside of a closed contour `[n, 2]`."""
+        """Add the inside of a closed contour `[n, 2]`, by the nonzero or the even-odd rule."""
         self.budget.charge("points", len(points))
-        self._polygons.append((self._next(color), points, evenodd))
+        self._polygons.append((self._new_draw(color), points, evenodd))
 
     def add_ears(self, plane: np.ndarray, points: np.ndarray, color: Rgba) -> None:
-        """The inside of a contour as the course finds it: on `plane` `[n, 2]`, float32."""
+        """Add a polygon that is triangulated by the course's ear clipping.
+
+        Ears are chosen on `plane` `[n, 2]`, float32, the points before they are mapped to pixels.
+        """
         self.budget.charge("points", len(points))
-        self._ears.append((self._next(color), plane, points))
+        self._ears.append((self._new_draw(color), plane, points))
 
     def add_stroke(self, outline: Outline, map3: np.ndarray, color: Rgba) -> None:
-        """A stroke, made in the outline's units and then mapped to pixels."""
+        """Add a stroke, which is triangulated in the outline's units and then mapped to pixels."""
         self.budget.charge("points", len(outline.points))
-        self._strokes.append((self._next(color), outline, map3))
+        self._strokes.append((self._new_draw(color), outline, map3))
 
     def add_hairlines(self, segments: np.ndarray, color: Rgba) -> None:
-        """Lines `[k, 4]` (x0, y0, x1, y1), one pixel wide, each over the one before."""
+        """Add lines `[k, 4]` (x0, y0, x1, y1), one pixel wide, each over the one before."""
         self.budget.charge("points", len(segments))
-        self._hairlines.append((self._next(color), segments))
+        self._hairlines.append((self._new_draw(color), segments))
 
     def add_pixels(self, rectangles: np.ndarray, colors: np.ndarray) -> None:
-        """Rectangles of whole pixels `[k, 4]` (x0, y0, x1, y1), each of its colour `[k, 4]`."""
+        """Add rectangles of whole pixels `[k, 4]` (x0, y0, x1, y1) with colours `[k, 4]`."""
         self.budget.charge("triangles", 2 * len(rectangles))
         first = len(self)
         self._lines += [self.line] * len(rectangles)
@@ -113,7 +123,10 @@ class DisplayList:
         self._pixels.append((np.arange(first, len(self)), rectangles))
 
     def finish(self, height: int, width: int) -> Triangles:
-        """All as triangles; `ValueError` for coordinates beyond float32 and for too much work."""
+        """Triangulate all shapes on a canvas of `height` x `width` pixels.
+
+        Raises `ValueError` for coordinates beyond float32, and for too much work.
+        """
         batches = [
             _Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
             self._from_triangles(),
@@ -136,7 +149,7 @@ class DisplayList:
         return Triangles(corners, self._color_table()[draw], uv, texture[draw])
 
     def _color_table(self) -> np.ndarray:
-        """The colours of each draw, `[draws, 1 or 3, 4]`; `ValueError` for one beyond float32."""
+        """Colours of all draws, `[draws, 1 or 3, 4]`; `ValueError` for one beyond float32."""
         if not any(isinstance(color, np.ndarray) for color in self._colors):
             table = np.array(self._colors, np.float64).reshape(-1, 1, 4)
             return self._float32(table, np.arange(len(table)), "a colour")
@@ -149,7 +162,7 @@ class DisplayList:
         return self._float32(table, np.arange(len(table)), "a colour")
 
     def _is_translucent(self, draws: np.ndarray) -> np.ndarray:
-        """Which of these draws, all of one colour, are not opaque."""
+        """Which draws are not opaque. Each must have one colour."""
         return np.array([self._colors[draw][3] < 1 for draw in draws.tolist()], bool)
 
     def _batch(self, draw: np.ndarray, corners: np.ndarray) -> _Batch:
@@ -158,7 +171,10 @@ class DisplayList:
     def _float32(
         self, values: np.ndarray, draws: np.ndarray, what: str = "a coordinate"
     ) -> np.ndarray:
-        """Numbers `[k, ...]` of the given draws, rounded to float32; `what`: what they are."""
+        """Round numbers `[k, ...]` to float32.
+
+        Raises `ValueError` with the line of the draw for one that overflows; `what` names them.
+        """
         with np.errstate(over="ignore"):
             rounded = values.astype(np.float32)
         bad = ~np.isfinite(rounded).all(axis=tuple(range(1, rounded.ndim)))
@@ -187,7 +203,7 @@ class DisplayList:
             return None
         draw, contours, evenodd = zip(*self._polygons, strict=True)
         draw = np.array(draw)
-        # Checked first, as GEOS must see no infinities.
+        # Checked first, since GEOS does not handle infinities.
         self._float32(np.concatenate(contours), np.repeat(draw, [len(part) for part in contours]))
         try:
             corners, index = triangulate(
@@ -227,10 +243,10 @@ class DisplayList:
         except BudgetError as error:
             raise self._error(int(draw[error.index]), f"the stroke {error}") from None
         corners = self._mapped(np.array(maps), corners, owner, draw)
-        glassy = self._is_translucent(draw)
-        made, draws = [corners[~glassy[owner]]], [draw[owner[~glassy[owner]]]]
-        for index in np.flatnonzero(glassy).tolist():
-            # The pieces overlap at joins, where they must not be seen twice.
+        translucent = self._is_translucent(draw)
+        made, draws = [corners[~translucent[owner]]], [draw[owner[~translucent[owner]]]]
+        for index in np.flatnonzero(translucent).tolist():
+            # Pieces of a stroke overlap at joins, where translucent ones would show twice.
             first, last = np.searchsorted(owner, [index, index + 1])
             try:
                 region = np.array([union(corners[first:last], self.budget)])
@@ -244,7 +260,7 @@ class DisplayList:
     def _mapped(
         self, maps: np.ndarray, corners: np.ndarray, owner: np.ndarray, draw: np.ndarray
     ) -> np.ndarray:
-        """Each triangle of `[t, 3, 2]` by the map `[3, 3]` of its owner."""
+        """Map each triangle of `[t, 3, 2]` to pixels by the map `[3, 3]` of its owner."""
         maps = maps[owner]
         with np.errstate(over="ignore", invalid="ignore"):
             mapped = np.einsum("tij,tcj->tci", maps[..., :2], corners) + maps[:, None, :, 2]
@@ -276,16 +292,16 @@ class DisplayList:
         return self._rectangles(np.concatenate(draw), np.concatenate(rectangles))
 
     def _rectangles(self, draw: np.ndarray, rectangles: np.ndarray) -> _Batch:
-        """Two triangles for each opaque rectangle, four for a translucent one (see `polygons`)."""
+        """Two triangles per opaque rectangle, four per translucent one (`polygons.py` says why)."""
         x0, y0, x1, y1 = rectangles.astype(np.float64).T
         quads = np.stack([x0, y0, x1, y0, x1, y1, x0, y1], axis=-1).reshape(-1, 4, 2)
-        glassy = self._is_translucent(draw)
-        made, place = [], []
-        for chosen, fill in ((~glassy, fan), (glassy, fan_inside)):
+        translucent = self._is_translucent(draw)
+        made, rectangle = [], []
+        for chosen, fill in ((~translucent, fan), (translucent, fan_inside)):
             triangles = fill(quads[chosen])
             made.append(triangles.reshape(-1, 3, 2))
-            place.append(np.repeat(np.flatnonzero(chosen), triangles.shape[1]))
-        # Lines of one draw may cross, so they stay in their order.
-        place = np.concatenate(place)
-        order = np.argsort(place, kind="stable")
-        return self._batch(draw[place[order]], np.concatenate(made)[order])
+            rectangle.append(np.repeat(np.flatnonzero(chosen), triangles.shape[1]))
+        # Rectangles of one draw may overlap, so their order is kept.
+        rectangle = np.concatenate(rectangle)
+        order = np.argsort(rectangle, kind="stable")
+        return self._batch(draw[rectangle[order]], np.concatenate(made)[order])

@@ -1,8 +1,8 @@
-"""XML read safely, element by element: no tree, no entities, no network, errors with a line.
+"""Parses XML element by element, safely: no entities, no network, errors with line numbers.
 
-Expat is Python's own parser. It fetches nothing unless asked to, and nothing here asks: a doctype
-is skipped with whatever it refers to. A document that declares entities is refused, so none is ever
-expanded.
+Expat is the parser of Python's standard library. It fetches nothing by itself: a doctype is skipped
+with whatever it refers to. A document that declares entities is refused, so that none is ever
+expanded. No tree is built.
 """
 
 import contextlib
@@ -18,14 +18,23 @@ import shapely.errors
 from ..budget import MAX_DEFAULTS, Budget
 
 MAX_BYTES = 64 * 2**20
-"""Larger documents are refused unread."""
+"""Size limit of a document. Larger ones are refused before they are parsed."""
 
 MAX_DEPTH = 100_000
-"""Deeper nesting is refused: elements within elements, not an amount that a drawing needs."""
+"""Limit of elements within elements."""
+
+
+Attributes = dict[str, str]
+"""Attributes of an element, by name, as the document writes them."""
 
 
 class Document(NamedTuple):
-    """Bytes of a document, the name that errors call it, and the folder its files start from."""
+    """A document that is not parsed yet.
+
+    - `data`: its bytes.
+    - `name`: what errors call it.
+    - `folder`: folder to which names of image files are relative, or None.
+    """
 
     data: bytes
     name: str
@@ -33,48 +42,48 @@ class Document(NamedTuple):
 
 
 class Children(enum.Enum):
-    """What becomes of the elements inside an element."""
+    """How the children of an element are treated."""
 
-    READ = "read, and closed later"
-    NAMED = "not read, but those directly inside are handed over"
-    SKIPPED = "not read"
+    READ = "opened and closed like any element"
+    NAMED = "not opened; direct children are passed to `Reader.inside`"
+    SKIPPED = "ignored"
 
 
 @runtime_checkable
 class Reader(Protocol):
-    """Who reads the elements of a document."""
+    """Receives the elements of a document from `walk`, in document order."""
 
-    def open(self, tag: str, attributes: dict[str, str], line: int) -> Children:
-        """An element begins."""
+    def open(self, tag: str, attributes: Attributes, line: int) -> Children:
+        """An element begins; the result says how its children are treated."""
         ...
 
-    def inside(self, tag: str, attributes: dict[str, str], line: int) -> None:
-        """An element directly inside one whose children are NAMED."""
+    def inside(self, tag: str, attributes: Attributes, line: int) -> None:
+        """A direct child of an element whose children are NAMED."""
         ...
 
     def close(self) -> None:
-        """The innermost element whose children were READ ends."""
+        """The innermost open element whose children are READ ends."""
         ...
 
 
 class SvgError(ValueError):
-    """A fault of a document: one line with its name and the line number."""
+    """An error in a document: one line with its name and the line number."""
 
     def __init__(self, message: str):
         super().__init__(in_one_line(message))
 
 
 def in_one_line(text: str) -> str:
-    """The text with a blank for each line break, of which a document's attributes may hold some."""
+    """The text with line breaks, which attributes may contain, replaced by blanks."""
     return " ".join(text.splitlines())
 
 
 def load(path: str | os.PathLike[str]) -> Document:
-    """The document in a file. Raises `ValueError` if there is none, or too much of it."""
+    """Load a file. Raises `ValueError` if it cannot be read or is too large."""
     path = Path(path)
     try:
         with path.open("rb") as file:
-            # Read, not asked for: the size of a device or a pipe says nothing.
+            # The size is not asked for, since that of a device or a pipe says nothing.
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise SvgError(f"{path}: cannot be read: {error.strerror or error}.") from None
@@ -82,7 +91,7 @@ def load(path: str | os.PathLike[str]) -> Document:
 
 
 def from_text(text: str | bytes, name: str) -> Document:
-    """The document in a string."""
+    """The document of a string; errors call it `name`."""
     return _checked(Document(text.encode() if isinstance(text, str) else text, name, None))
 
 
@@ -94,15 +103,15 @@ def _checked(document: Document) -> Document:
     return document
 
 
-UNFORESEEN = (ArithmeticError, MemoryError, RecursionError, shapely.errors.ShapelyError)
-"""What extreme values may raise in the libraries beneath, besides `ValueError`."""
+LIBRARY_ERRORS = (ArithmeticError, MemoryError, RecursionError, shapely.errors.ShapelyError)
+"""Errors besides `ValueError` that extreme values may cause in libraries."""
 
 
 _LONGEST_REASON = 500
 
 
 def reason(error: Exception) -> str:
-    """What an error says, on one line; its kind where the library beneath says nothing clear."""
+    """The message of an error on one line; a plain sentence for errors of libraries."""
     text = " ".join(str(error).split())
     # Messages quote attributes, which may be as long as the document.
     text = text if len(text) <= _LONGEST_REASON else f"{text[:_LONGEST_REASON]}..."
@@ -114,19 +123,19 @@ def reason(error: Exception) -> str:
 
 
 def walk(document: Document, reader: Reader, budget: Budget | None = None) -> None:
-    """Hand every element to `reader`, in document order.
+    """Pass every element to `reader`, in document order, and charge attributes to `budget`.
 
-    Attributes are charged to `budget`.
-
-    Its `ValueError`s and those of the XML become one line: name, line number, element, message.
+    Raises `SvgError`, one line with name, line number, element and message, for errors in the XML
+    and for `ValueError`s of `reader`.
     """
     budget = budget or Budget()
     parser = expat.ParserCreate()
-    skipped = 0  # How deep we are inside an element whose children are not read; 0: they are.
+    # Depth inside an element whose children are not read; 0 outside of such elements.
+    skipped = 0
     depth = 0
     names_children = False
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
+    def start(tag: str, attributes: Attributes) -> None:
         nonlocal skipped, depth, names_children
         depth += 1
         line = parser.CurrentLineNumber
@@ -140,7 +149,7 @@ def walk(document: Document, reader: Reader, budget: Budget | None = None) -> No
                 skipped += 1
                 return
             children = reader.open(tag, attributes, line)
-        except (ValueError, *UNFORESEEN) as error:
+        except (ValueError, *LIBRARY_ERRORS) as error:
             message = f"{document.name}:{line}: <{tag[:60]}> {reason(error)}"
             raise SvgError(message) from None
         if children is not Children.READ:
@@ -160,7 +169,7 @@ def walk(document: Document, reader: Reader, budget: Budget | None = None) -> No
 
 
 def root(document: Document) -> tuple[str, dict[str, str]]:
-    """Name and attributes of the first element. What comes after it is not looked at."""
+    """Name and attributes of the first element. The rest of the document is not parsed."""
 
     class Found(Exception):
         pass
@@ -168,7 +177,7 @@ def root(document: Document) -> tuple[str, dict[str, str]]:
     parser = expat.ParserCreate()
     found: list[tuple[str, dict[str, str]]] = []
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
+    def start(tag: str, attributes: Attributes) -> None:
         found.append((tag, attributes))
         raise Found
 
@@ -188,7 +197,7 @@ def _parse(document: Document, parser: expat.XMLParserType) -> None:
 
     defaults = 0
 
-    def declared(*attribute: object) -> None:
+    def count_default(*attribute: object) -> None:
         nonlocal defaults
         _, _, _, default, _ = attribute
         defaults += default is not None
@@ -198,7 +207,7 @@ def _parse(document: Document, parser: expat.XMLParserType) -> None:
                 f"{MAX_DEFAULTS} attribute defaults."
             )
 
-    parser.AttlistDeclHandler = declared
+    parser.AttlistDeclHandler = count_default
     parser.EntityDeclHandler = refuse("the document declares an entity")
     parser.SkippedEntityHandler = refuse("an entity is used that is not declared")
     try:
@@ -209,5 +218,5 @@ def _parse(document: Document, parser: expat.XMLParserType) -> None:
     except SvgError:
         raise
     except (ValueError, LookupError) as error:
-        # Of the encoding that the document declares.
+        # Raised for an encoding that Python does not know or that does not fit the bytes.
         raise SvgError(f"{document.name}:1: cannot be decoded: {error}.") from None

@@ -1,27 +1,32 @@
-"""SVG files to scenes, in two dialects: SVG as it is defined, and the course's subset of it."""
+"""Reads SVG files as scenes, in two dialects: standard SVG, and the rasterizer course's subset."""
 
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from ...geometry.affine_maps import check_map
+from ...names import TextureAddressing
 from ...scene import Scene
 from ...texture.pyramid import TexturePyramid
 from ..budget import Budget
 from .assets import Assets
 from .context import Context
-from .course_dialect import CourseReader
+from .course_dialect import CourseDialect
 from .display_list import DisplayList, Triangles
-from .document import UNFORESEEN, Document, SvgError, from_text, load, reason, root, walk
-from .svg_dialect import StandardReader
-from .view_box import MAX_SIDE, own_size, round_up
+from .document import LIBRARY_ERRORS, Document, SvgError, from_text, load, reason, root, walk
+from .elements import Dialect, ElementReader
+from .svg_dialect import StandardDialect
+from .view_box import MAX_SIDE, document_size, round_up
 
-_READERS = {"svg": StandardReader, "course": CourseReader}
+_DIALECTS: dict[str, Callable[[Context], Dialect[Any]]] = {
+    "svg": StandardDialect,
+    "course": CourseDialect,
+}
 
 
 def read_svg(
@@ -36,31 +41,38 @@ def read_svg(
     frame: bool | None = None,
     linear: bool = False,
 ) -> Scene:
-    """The scene of an SVG file, with the smallest structure that holds it, over white.
+    """Read an SVG file as a scene.
 
-    - `height`, `width`: the canvas in pixels; the file's own size, rounded up, unless given. The
-      drawing is fitted into it: by viewBox and preserveAspectRatio, or by the course's rule.
-    - `dialect`: `"svg"`, standard meaning, or `"course"`, the classic rasterizer course's, with
-      unantialiased lines. Both know `colortri`, `textri` and `texture`.
-    - `transform`: a homogeneous 3x3 map from the file's units to pixels, instead of that fit.
-    - `assets`: the folder in which files that the scene names must lie; by default the scene's own.
-    - `opacity=False` ignores every opacity and alpha.
-    - `frame`: whether the course's outline of the canvas is drawn; it is, by default, there.
-    - `linear=True` decodes colours and textures from sRGB to linear light.
+    The scene has the smallest structure that can represent the file, and a white background unless
+    the file has another.
 
-    In `svg` a first opaque rect over viewBox and canvas becomes the `background`. Group opacity is
-    multiplied into the children. Vertices are mapped in float64 and rounded to float32. Elements
-    and properties that are not drawn are named, with counts, in one `UserWarning`.
+    - `height`, `width`: size of the canvas in pixels; by default the size that the file gives,
+      rounded up. The drawing is fitted into the canvas by its viewBox and preserveAspectRatio, or
+      by the course's rule.
+    - `dialect`: `"svg"`, standard SVG; or `"course"`, the classic rasterizer course's rules, with
+      lines one pixel wide that are not antialiased. Both have the additional elements `colortri`,
+      `textri` and `texture`.
+    - `transform`: homogeneous 3x3 map from the file's units to pixels, used instead of that fit.
+    - `assets`: folder outside of which no image file is read; by default the folder of the file.
+    - `opacity`: whether opacities and alpha are applied; if not, everything is opaque.
+    - `frame`: whether the course's outline of the drawing is drawn; by default it is in dialect
+      `"course"`. `True` is an error in dialect `"svg"`.
+    - `linear`: whether colours and textures are decoded from sRGB to linear light.
+
+    In dialect `"svg"`, if the first shape is an opaque rect that covers viewBox and canvas, it
+    becomes the `background`. The opacity of a group is multiplied into its children. Vertices are
+    mapped to pixels in float64 and rounded to float32. One `UserWarning` names the elements and
+    properties that are not supported, with counts.
 
     Raises `ValueError`, one line with file and line number, for a document that is not well-formed,
-    declares entities or is larger than 64 MB, for numbers that are none, for pictures that are
-    missing or outside `assets`, and for a `transform` that is singular or sends points to infinity.
-    Also for a document that asks for more work than the limits in `softras2d.io.budget` allow,
-    which are counted before the work is done: 2,097,152 triangles, 4,194,304 points, 100,000 points
-    in which polygons cross themselves, 67,108,864 pixels in all pictures together (1 GiB), and
-    others.
+    declares entities or is larger than 64 MB, for text that is no number where a number is
+    expected, for images that are missing or outside `assets`, and for a `transform` that is
+    singular or sends points to infinity. Also for a document that exceeds a limit of
+    `softras2d.io.budget`, such as 2,097,152 triangles, 4,194,304 points, 100,000 points in which
+    polygons cross themselves, or 67,108,864 pixels in all images together (1 GiB). Limits are
+    checked before the work is done.
     """
-    return _scene(
+    return _read(
         load(path), height, width, dialect, transform, assets, opacity, frame, linear, stacklevel=3
     )
 
@@ -78,38 +90,39 @@ def parse_svg(
     frame: bool | None = None,
     linear: bool = False,
 ) -> Scene:
-    """As `read_svg`, from the text of a file, which errors call `name`.
+    """Like `read_svg`, for the text of an SVG file; errors call it `name`.
 
-    Files that the text names start from `assets`; without it there are none.
+    Names of image files are relative to `assets`; without it, no file is read.
     """
     document = from_text(text, name)
-    return _scene(
+    return _read(
         document, height, width, dialect, transform, assets, opacity, frame, linear, stacklevel=3
     )
 
 
 def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int, int]:
-    """The file's own (height, width) in pixels, rounded up; in `svg` from the viewBox if need be.
+    """The (height, width) in pixels that an SVG file gives, rounded up.
 
-    Raises `ValueError`, one line, if the file has no size.
+    In dialect `"svg"`, a side that is missing follows from the viewBox. Raises `ValueError`, one
+    line, if the file gives no size.
     """
     _check_dialect(dialect)
-    return _own_size(load(path), dialect)
+    return _document_size(load(path), dialect)
 
 
-def _own_size(document: Document, dialect: str) -> tuple[int, int]:
+def _document_size(document: Document, dialect: str) -> tuple[int, int]:
     tag, attributes = root(document)
     try:
-        size = own_size(attributes, dialect)
+        size = document_size(attributes, dialect)
         if size is None:
             known = "width and height" if dialect == "course" else "width, height or viewBox"
-            raise ValueError(f"has no size of its own ({known}): give `height` and `width`.")
-    except (ValueError, *UNFORESEEN) as error:
+            raise ValueError(f"gives no size ({known}): pass `height` and `width`.")
+    except (ValueError, *LIBRARY_ERRORS) as error:
         raise SvgError(f"{document.name}: <{tag[:60]}> {reason(error)}") from None
     return round_up(size)
 
 
-def _scene(
+def _read(
     document: Document,
     height: int | None,
     width: int | None,
@@ -123,8 +136,8 @@ def _scene(
 ) -> Scene:
     _check_dialect(dialect)
     if frame and dialect != "course":
-        raise ValueError("`frame=True` belongs to dialect 'course'.")
-    height, width = _canvas(document, dialect, height, width)
+        raise ValueError(f"`frame=True` needs dialect 'course'; got dialect {dialect!r}.")
+    height, width = _canvas_size(document, dialect, height, width)
     budget = Budget()
     context = Context(
         name=document.name,
@@ -141,60 +154,60 @@ def _scene(
         ),
         display=DisplayList(document.name, budget),
     )
-    # Overflow shows as a coordinate that is not finite, which is an error of its own.
+    # An overflow gives a coordinate that is not finite, which the display list reports.
     with np.errstate(over="ignore", invalid="ignore"):
-        walk(document, _READERS[dialect](context), budget)
-        with _named(document):
+        walk(document, ElementReader(_DIALECTS[dialect](context), context), budget)
+        with _errors_named(document):
             triangles = context.display.finish(height, width)
     if message := context.warning():
         warnings.warn(message, UserWarning, stacklevel=stacklevel)
     addressing = "corners" if dialect == "course" else "half_texel"
-    with _named(document), np.errstate(over="ignore", invalid="ignore"):
-        return _assembled(context, triangles, addressing, linear)
+    with _errors_named(document), np.errstate(over="ignore", invalid="ignore"):
+        return _make_scene(context, triangles, addressing, linear)
 
 
 @contextmanager
-def _named(document: Document) -> Iterator[None]:
-    """Name the document in errors that do not: of checks, and of libraries beneath."""
+def _errors_named(document: Document) -> Iterator[None]:
+    """Name the document in errors of checks and libraries, which do not know it."""
     try:
         yield
     except SvgError:
         raise
-    except (ValueError, *UNFORESEEN) as error:
+    except (ValueError, *LIBRARY_ERRORS) as error:
         raise SvgError(f"{document.name}: {reason(error)}") from None
 
 
-def _canvas(
+def _canvas_size(
     document: Document, dialect: str, height: int | None, width: int | None
 ) -> tuple[int, int]:
     if height is None or width is None:
-        own_height, own_width = _own_size(document, dialect)
-        height = own_height if height is None else height
-        width = own_width if width is None else width
+        file_height, file_width = _document_size(document, dialect)
+        height = file_height if height is None else height
+        width = file_width if width is None else width
     if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
         raise ValueError(
-            f"{document.name}: a canvas has 1 to {MAX_SIDE} pixels a side; "
-            f"`height` is {height} and `width` {width}."
+            f"{document.name}: `height` and `width` must be 1 to {MAX_SIDE} pixels; "
+            f"got {height} and {width}."
         )
     return int(height), int(width)
 
 
 def _check_dialect(dialect: str) -> None:
-    if dialect not in _READERS:
+    if dialect not in _DIALECTS:
         raise ValueError(f"`dialect` must be 'svg' or 'course'; got {dialect!r}.")
 
 
-def _assembled(
+def _make_scene(
     context: Context,
     triangles: Triangles,
-    addressing: Literal["corners", "half_texel"],
+    addressing: TextureAddressing,
     linear: bool,
 ) -> Scene:
-    """The scene, without what no triangle of it needs."""
+    """The scene of these triangles, without arrays and channels that none of them needs."""
     colors = triangles.colors
     background = np.array(context.background or (1.0, 1.0, 1.0))
     if linear:
-        # Imported here: it brings an image library.
+        # Imported here, since it loads an image library.
         from ..images import srgb_to_linear
 
         colors = np.concatenate([srgb_to_linear(colors[..., :3]), colors[..., 3:]], axis=-1)

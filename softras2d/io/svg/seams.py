@@ -1,15 +1,16 @@
-"""Triangles that abut, as browsers draw them: without seams.
+"""Hides the seams that browsers show between triangles that abut.
 
 A browser blends antialiased polygons one by one. Along an edge shared by two opaque triangles, the
 first covers a share `a` of a pixel and the second 1 - a, and `a (1 - a)` of what lies below still
-shows: the wireframe of a mesh. Two cures are written:
+shows, so that a mesh looks like a wireframe. `write_svg` adds two remedies:
 
-- **Seams.** A line in the colour of the triangle that is drawn first, below its part of the mesh.
+- **Seam lines.** A line in the colour of the triangle that is drawn first, below the mesh.
   What shows through is then the colour that the first triangle lacks, and the pixel is exact:
   `(1 - a) B + a (a A + (1 - a) A)`. Pixels that hold a vertex stay approximate. Any SVG renderer
   can draw lines.
-- **Sums.** Where triangles tile the canvas without overlap, the mode `plus-lighter` adds what each
-  covers, vertices included. Only some renderers know it, so a style sheet asks for it.
+- **Sums.** Where triangles tile the canvas without overlap, the blend mode `plus-lighter` adds the
+  colours times the coverage of all triangles, which is exact at vertices too. Only some renderers
+  support the mode, so a style sheet tests for it.
 """
 
 from typing import NamedTuple
@@ -20,11 +21,11 @@ from jaxtyping import Bool, Float, Int
 from .context import FALLBACK
 
 SEAM_WIDTH = 1.4
-"""Width of seam lines, in pixels: the diagonal of one.
+"""Width of seam lines, in pixels: about the diagonal of a pixel.
 
-A line must cover the pixels that its edge halves, and what it covers beyond the outline of a mesh
-is seen. In Chromium, without sums, a flat mesh of 10,000 triangles has 37.9 dB with a width of 1.0
-and 39.0 with 1.4; one of 1,000 has 45.1 dB with 1.2, 46.3 with 1.4 and 44.7 with 3.
+A line must cover the pixels that its edge crosses, but is visible where it reaches beyond the
+outline of a mesh. In Chromium, without sums, a flat mesh of 10,000 triangles has 37.9 dB with a
+width of 1.0 and 39.0 with 1.4; one of 1,000 has 45.1 dB with 1.2, 46.4 with 1.4 and 44.7 with 3.
 """
 
 _TOLERANCE = 1e-3
@@ -35,7 +36,7 @@ class Edges(NamedTuple):
     """Distinct edges of triangles. Vertices are equal where their positions are.
 
     - `count`: triangles that have the edge.
-    - `first`: where it is first met, three times the index of a triangle plus 0, 1 or 2.
+    - `first`: its first side, as three times the index of the triangle plus 0, 1 or 2.
     - `edge_of_side`: the edge of each side; side k of a triangle goes from corner k to k + 1.
     - `is_forward`: whether a side goes from the lower to the higher vertex number of its edge.
     """
@@ -47,7 +48,7 @@ class Edges(NamedTuple):
 
 
 def find_edges(points: Float[np.ndarray, "triangles 3 2"]) -> Edges:
-    """The edges of a soup of triangles `points`, float32."""
+    """Find the distinct edges of triangles that are given by their corners, float32."""
     # Adding zero makes -0 and 0 the same bits, and bits sort faster than pairs of floats.
     bits = np.ascontiguousarray(points.reshape(-1, 2) + np.float32(0.0)).view(np.uint64)
     _, vertex = np.unique(bits.ravel(), return_inverse=True)
@@ -87,7 +88,7 @@ def tiles_canvas(points: Float[np.ndarray, "triangles 3 2"], height: int, width:
 
 
 def shares_edge(points: Float[np.ndarray, "triangles 3 2"]) -> Bool[np.ndarray, " triangles"]:
-    """Whether each triangle has an edge with another in common."""
+    """Whether each triangle shares an edge with another one."""
     edges = find_edges(points)
     return np.asarray((edges.count[edges.edge_of_side] > 1).any(axis=1))
 
@@ -116,7 +117,7 @@ def seams(
     # Bit k: side k of the triangle is a seam of its colour.
     sides = np.zeros(len(points), np.int64)
     np.bitwise_or.at(sides, triangle, 1 << side)
-    # Backwards, so that where several lines meet, the triangle drawn first has the last word.
+    # Backwards, so that where several lines meet, that of the triangle drawn first is on top.
     drawn = np.flatnonzero(sides)[::-1]
     first = np.unique(part, return_index=True)[1]
     groups: dict[int, list[str]] = {}
@@ -134,7 +135,7 @@ _STARTS = (0, 0, 1, 0, 2, 2, 1, 0)
 
 
 def _line(corners: list[list[str]], sides: int) -> str:
-    """Path data along the sides of a triangle that a bit mask names."""
+    """Path data along the sides of a triangle whose bits are set in `sides`."""
     start, count = _STARTS[sides], sides.bit_count()
     order = [corners[(start + k) % 3] for k in range(min(count + 1, 3))]
     return "M" + " ".join(f"{x} {y}" for x, y in order) + ("z" if count == 3 else "")

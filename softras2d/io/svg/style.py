@@ -1,4 +1,4 @@
-"""Style with SVG's meaning: presentation attributes, `style`, inheritance, paints."""
+"""Computes the style of elements: presentation attributes, `style`, inheritance and paints."""
 
 import re
 from collections.abc import Callable
@@ -12,12 +12,12 @@ from .numbers import finite, fraction, length
 _PLAIN_STYLE = re.compile(r"[^\"'\\{}\[\]@/]*+\Z")
 _URL = re.compile(r"url\((?:[^()\"']|\"[^\"]*+\"|'[^']*+')*+\)")
 
-_DEEPEST = 32
-"""Brackets within brackets of a `style` attribute. The parser beneath calls itself for each."""
+_MAX_NESTING = 32
+"""Limit of brackets within brackets in a `style` attribute, since tinycss2 recurses for each."""
 
 
 class Style(NamedTuple):
-    """Computed style of an element. `opacity` holds that of all its ancestors too."""
+    """Computed style of an element. `opacity` is the product with that of all ancestors."""
 
     fill: Rgba | str | None = (0.0, 0.0, 0.0, 1.0)
     stroke: Rgba | str | None = None
@@ -34,29 +34,29 @@ class Style(NamedTuple):
     visibility: str = "visible"
 
     def fill_rgba(self, opacity: bool) -> Rgba | None:
-        """The colour to fill with, opacities included if `opacity`; None: no fill."""
+        """The fill colour; None for no fill. If `opacity` is False, it is opaque."""
         return self._rgba(self.fill, self.fill_opacity, opacity)
 
     def stroke_rgba(self, opacity: bool) -> Rgba | None:
-        """The colour to stroke with; None: no stroke."""
+        """The stroke colour; None for no stroke. If `opacity` is False, it is opaque."""
         if self.stroke_width == 0 or (opacity and self.stroke_opacity * self.opacity == 0):
             return None
         return self._rgba(self.stroke, self.stroke_opacity, opacity)
 
-    def _rgba(self, paint: Rgba | str | None, own: float, opacity: bool) -> Rgba | None:
+    def _rgba(self, paint: Rgba | str | None, paint_opacity: float, opacity: bool) -> Rgba | None:
         paint = self.color if paint == CURRENT else paint
         if paint is None or isinstance(paint, str) or self.visibility != "visible":
             return None
         red, green, blue, alpha = paint
         if alpha == 0:
             return None
-        return red, green, blue, alpha * own * self.opacity if opacity else 1.0
+        return red, green, blue, alpha * paint_opacity * self.opacity if opacity else 1.0
 
 
 INITIAL = Style()
 
 UNSUPPORTED = {
-    # Properties that would change the picture, and the values with which they do not.
+    # Properties that would change the image, and their values that do not.
     "clip-path": ("none",),
     "filter": ("none",),
     "marker": ("none",),
@@ -74,14 +74,15 @@ UNSUPPORTED = {
 def computed(
     attributes: dict[str, str], parent: Style, diagonal: float, note: Callable[[str], None]
 ) -> Style:
-    """The style of an element inside one of style `parent`.
+    """Compute the style of an element from its attributes and the style of its parent.
 
-    `diagonal` is what 100 % of a stroke width are. `note` is told of properties and values that
-    have no effect here. Raises `ValueError` for numbers that are none.
+    `diagonal` is the length that 100 % of a stroke width stand for. `note` is called with the names
+    of properties and values that are not supported. Raises `ValueError` for text that is no number
+    where a number is expected.
     """
     declared = attributes
     if "style" in attributes:
-        # CSS goes before presentation attributes.
+        # CSS declarations take precedence over presentation attributes.
         css = _declarations(attributes["style"], note)
         if "transform" in css:
             note("style: transform")
@@ -97,7 +98,7 @@ def computed(
             continue
         value = value.strip()
         if value == "inherit":
-            # What a property that is inherited does anyway.
+            # Inherited properties do so anyway; `opacity` is not inherited.
             if field == "opacity":
                 note("opacity: inherit")
             continue
@@ -123,12 +124,12 @@ def _parsed(
     diagonal: float,
     note: Callable[[str], None],
 ) -> dict[str, object]:
-    """The field with its new value; empty where CSS ignores the declaration, which `note` hears."""
+    """The field with its new value; empty, after calling `note`, for an invalid declaration."""
     try:
         if field in ("fill", "stroke", "color"):
             paint = _paint(value, note)
             if paint is not False and (paint is not None or field != "color"):
-                # `color: currentColor` is what the parent has.
+                # `color: currentColor` means the colour of the parent.
                 return {} if field == "color" and paint == CURRENT else {field: paint}
         elif field == "opacity":
             return {field: parent.opacity * fraction(value)}
@@ -149,9 +150,9 @@ def _parsed(
 
 
 def _paint(text: str, note: Callable[[str], None]) -> Rgba | str | bool | None:
-    """A colour, None for `none`, False for what is no paint.
+    """Parse a paint: a colour, None for `none`, False for text that is no paint.
 
-    A paint server (`url(...)`) is not drawn; its fallback is.
+    Paint servers (`url(...)`) are not supported; the fallback colour after them is used.
     """
     if found := _URL.match(text):
         note("url(...) paint")
@@ -163,13 +164,13 @@ def _paint(text: str, note: Callable[[str], None]) -> Rgba | str | bool | None:
 
 
 def _declarations(text: str, note: Callable[[str], None]) -> dict[str, str]:
-    """Property names and values of a `style` attribute, the last of equal names."""
+    """Names and values in a `style` attribute; of equal names, the last."""
     if _PLAIN_STYLE.match(text) and "(" not in text:
         pairs = (part.partition(":") for part in text.split(";"))
         plain = {name.strip().lower(): value for name, _, value in pairs if name.strip()}
-        return {name: _unmarked(value) for name, value in plain.items()}
-    if nesting(text) > _DEEPEST:
-        raise ValueError(f"style: brackets are nested deeper than {_DEEPEST}.")
+        return {name: _without_important(value) for name, value in plain.items()}
+    if nesting(text) > _MAX_NESTING:
+        raise ValueError(f"style: brackets are nested deeper than {_MAX_NESTING}.")
     found = {}
     for node in tinycss2.parse_blocks_contents(text, skip_comments=True, skip_whitespace=True):
         if node.type == "declaration":
@@ -179,5 +180,5 @@ def _declarations(text: str, note: Callable[[str], None]) -> dict[str, str]:
     return found
 
 
-def _unmarked(value: str) -> str:
+def _without_important(value: str) -> str:
     return value.replace("!important", "").strip()

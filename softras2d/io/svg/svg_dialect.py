@@ -1,4 +1,4 @@
-"""Reads elements with SVG's meaning, and the course's `colortri`, `textri`, `texture` with them."""
+"""Standard SVG, with the course's additional elements `colortri`, `textri` and `texture`."""
 
 import math
 from typing import NamedTuple
@@ -7,20 +7,23 @@ import numpy as np
 
 from ...geometry import affine_maps
 from ..shapes.strokes import Outline
-from .context import FALLBACK, SILENT, Context
-from .document import Children
+from .context import Context
+from .document import Attributes
 from .numbers import length, number_list
 from .style import INITIAL, Rgba, Style, computed
 from .transform_attribute import transform_list
-from .view_box import Box, fit, own_size, round_up, view_box
+from .view_box import Box, document_size, fit, round_up, view_box
 
 _SVG = "http://www.w3.org/2000/svg"
 
-_CONTAINERS = frozenset({"a", "defs", "g"})
-
 
 class _State(NamedTuple):
-    """What an element hands down: its style and its map to pixels."""
+    """What an element passes on to its children.
+
+    - `map3`: homogeneous map `[3, 3]` from the element's units to pixels.
+    - `is_flat`: whether `map3` maps the plane to a line or a point.
+    - `scale`: largest stretch of `map3`, in pixels per unit.
+    """
 
     style: Style
     map3: np.ndarray
@@ -29,28 +32,29 @@ class _State(NamedTuple):
 
     @staticmethod
     def of(style: Style, map3: np.ndarray) -> "_State":
-        """With what follows from the map: whether it flattens the plane, and pixels per unit."""
+        """The state with this style and map; `ValueError` if the map is not finite."""
         if not np.isfinite(map3).all():
             raise ValueError("transform: the numbers are too large.")
         stretch = float(np.linalg.norm(map3[:2, :2], 2) / abs(map3[2, 2] or 1.0))
         return _State(style, map3, bool(np.linalg.det(map3) == 0.0), stretch)
 
 
-class StandardReader:
-    """Draws a document into its context.
+class StandardDialect:
+    """Draws elements with their meaning in SVG.
 
-    A group's opacity is multiplied into its children, which differs from blending the finished
-    group where the children overlap. Children of `defs` are not drawn. A matrix that flattens the
-    plane draws nothing.
+    A group's opacity is multiplied into that of its children. This differs from blending the
+    finished group where its children overlap. A transform that flattens the plane draws nothing.
     """
+
+    groups = frozenset({"a", "g"})
+    definitions = frozenset({"defs"})
 
     def __init__(self, context: Context):
         self._context = context
-        self._states: list[_State] = []
-        self._namespaces: dict[str, str] = {}
+        self._namespaces: Attributes = {}
         self._box = Box(0.0, 0.0, 0.0, 0.0)
         self._diagonal = 0.0
-        self._shapes = {
+        self.shapes = {
             "colortri": self._colortri,
             "image": self._image,
             "line": self._line,
@@ -60,63 +64,23 @@ class StandardReader:
             "textri": self._textri,
         }
 
-    def open(self, tag: str, attributes: dict[str, str], line: int) -> Children:
-        """Draw the element, or go into it."""
-        name = self._local(tag, attributes)
-        if not self._states:
-            self._root(name, attributes)
-            hidden = self._states[-1].style.display == "none"
-            return Children.SKIPPED if hidden else Children.READ
-        if name == "" or name in SILENT:
-            return Children.SKIPPED
-        if name == "defs":
-            return Children.NAMED
-        if name == "texture":
-            self._context.assets.declare(*_texture(attributes))
-            return Children.NAMED
-        if name not in self._shapes and name not in ("g", "a"):
-            self._context.elements[name] += 1
-            return Children.SKIPPED
-        state = self._state(self._states[-1], attributes)
-        if state.style.display == "none":
-            return Children.SKIPPED
-        if name in ("g", "a"):
-            self._states.append(state)
-            return Children.READ
-        if not state.is_flat:
-            self._context.display.line = line
-            self._shapes[name](state, attributes)
-        return Children.NAMED
-
-    def inside(self, tag: str, attributes: dict[str, str], line: int) -> None:
-        """A child of `defs` or of a shape: declare textures, and tell what is missed."""
-        name = self._local(tag, attributes)
-        if name == "texture":
-            self._context.assets.declare(*_texture(attributes))
-        elif name and name not in SILENT and name not in self._shapes and name not in _CONTAINERS:
-            self._context.elements[name] += 1
-
-    def close(self) -> None:
-        """Back out of a group."""
-        self._states.pop()
-
-    def _local(self, tag: str, attributes: dict[str, str]) -> str:
-        """The name without its prefix; empty for other vocabularies and `write_svg`'s fallbacks."""
-        if self._states and FALLBACK in attributes:
-            return ""
+    def local_name(self, tag: str, attributes: Attributes) -> str:
+        """The name without a prefix that stands for SVG; empty for other prefixes."""
         prefix, colon, name = tag.rpartition(":")
         if not colon:
             return name
         key = "xmlns:" + prefix
-        if not self._states:
-            self._namespaces = {k: v for k, v in attributes.items() if k.startswith("xmlns:")}
         return name if attributes.get(key, self._namespaces.get(key)) == _SVG else ""
 
-    def _root(self, name: str, attributes: dict[str, str]) -> None:
-        if name != "svg":
+    def root_state(self, tag: str, attributes: Attributes) -> _State | None:
+        """Fit the viewBox into the canvas."""
+        if ":" in tag:
+            # Prefixes of children are those that a prefixed root declares.
+            self._namespaces = {k: v for k, v in attributes.items() if k.startswith("xmlns:")}
+        if self.local_name(tag, attributes) != "svg":
             raise ValueError("is the root, which must be <svg>.")
         context = self._context
-        size = own_size(attributes, "svg")
+        size = document_size(attributes, "svg")
         box = view_box(attributes)
         if box is None:
             height, width = size or (float(context.height), float(context.width))
@@ -126,23 +90,39 @@ class StandardReader:
         if map3 is None:
             height, width = float(context.height), float(context.width)
             if size is not None and round_up(size) == (context.height, context.width):
-                # The canvas is the drawing's own: no stretching by the part pixel at its ends.
+                # The canvas has the document's size, rounded up: do not stretch to the rounding.
                 height, width = size
             map3 = fit(box, height, width, attributes.get("preserveAspectRatio", ""))
-        # What 100 % are of a length that is neither across nor along (SVG 2, section 8.9).
+        # 100 % of a length that is neither horizontal nor vertical (SVG 2, section 8.9).
         self._diagonal = math.hypot(box.width, box.height) / math.sqrt(2.0)
-        self._states.append(self._state(_State.of(INITIAL, map3), attributes))
+        return self.child_state(_State.of(INITIAL, map3), attributes)
 
-    def _state(self, parent: _State, attributes: dict[str, str]) -> _State:
+    def child_state(self, parent: _State, attributes: Attributes) -> _State | None:
+        """Apply the element's style and transform to those of its parent."""
         style = computed(attributes, parent.style, self._diagonal, self._ignore)
+        state = parent._replace(style=style)
         if "transform" in attributes:
-            return _State.of(style, parent.map3 @ transform_list(attributes["transform"]))
-        return parent._replace(style=style)
+            state = _State.of(style, parent.map3 @ transform_list(attributes["transform"]))
+        return None if style.display == "none" else state
+
+    def is_flat(self, state: _State) -> bool:
+        """Whether the map to pixels has no inverse."""
+        return state.is_flat
+
+    def undrawn_child(self, name: str, attributes: Attributes) -> None:
+        """Declare a texture; count elements that would not be supported elsewhere either."""
+        if name == "texture":
+            self._context.declare_texture(attributes)
+        elif not (name in self.shapes or name in self.groups or name in self.definitions):
+            self._context.elements[name] += 1
+
+    def close_root(self, state: _State) -> None:
+        """Nothing is drawn after the elements."""
 
     def _ignore(self, name: str) -> None:
         self._context.ignored[name] += 1
 
-    def _length(self, attributes: dict[str, str], name: str, default: float = 0.0) -> float:
+    def _length(self, attributes: Attributes, name: str, default: float = 0.0) -> float:
         if name not in attributes or attributes[name].strip() == "auto":
             return default
         along_x = name in ("x", "x1", "x2", "width")
@@ -151,7 +131,7 @@ class StandardReader:
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from None
 
-    def _rect(self, state: _State, attributes: dict[str, str]) -> None:
+    def _rect(self, state: _State, attributes: Attributes) -> None:
         box = Box(*(self._length(attributes, name) for name in ("x", "y", "width", "height")))
         if any(name in attributes and self._length(attributes, name) != 0 for name in ("rx", "ry")):
             self._ignore("rx or ry of rect")
@@ -159,18 +139,19 @@ class StandardReader:
             self._ignore("rect of negative size")
         if box.width <= 0 or box.height <= 0:
             return
-        points = _corners(box)
+        points = _box_corners(box)
         fill = state.style.fill_rgba(self._context.opacity)
-        if fill is not None and self._is_background(state, box, points, fill):
+        if fill is not None and self._becomes_background(state, box, points, fill):
             self._context.background = fill[:3]
             return
         self._fill(state, points)
         self._stroke(state, points, closed=True)
 
-    def _is_background(self, state: _State, box: Box, points: np.ndarray, fill: Rgba) -> bool:
-        """Whether this is the first thing drawn, and an opaque rect over viewBox and canvas.
+    def _becomes_background(self, state: _State, box: Box, points: np.ndarray, fill: Rgba) -> bool:
+        """Whether a rect is the first shape, opaque, and covers the viewBox and the canvas.
 
-        The canvas too: where a viewBox leaves margins, they show the page and not the rect.
+        A viewBox may leave margins on the canvas. They show the page, not the rect, so a rect that
+        covers the viewBox alone is no background.
         """
         context = self._context
         if (
@@ -195,24 +176,24 @@ class StandardReader:
             and y1 >= context.height - slack
         )
 
-    def _polygon(self, state: _State, attributes: dict[str, str]) -> None:
+    def _polygon(self, state: _State, attributes: Attributes) -> None:
         points = self._points(attributes)
         self._fill(state, points)
         self._stroke(state, points, closed=True)
 
-    def _polyline(self, state: _State, attributes: dict[str, str]) -> None:
+    def _polyline(self, state: _State, attributes: Attributes) -> None:
         points = self._points(attributes)
         self._fill(state, points)
         self._stroke(state, points, closed=False)
 
-    def _line(self, state: _State, attributes: dict[str, str]) -> None:
+    def _line(self, state: _State, attributes: Attributes) -> None:
         ends = [self._length(attributes, name) for name in ("x1", "y1", "x2", "y2")]
         self._stroke(state, np.array(ends).reshape(2, 2), closed=False)
 
-    def _points(self, attributes: dict[str, str]) -> np.ndarray:
+    def _points(self, attributes: Attributes) -> np.ndarray:
         numbers = number_list(attributes.get("points", ""))
         if len(numbers) % 2:
-            # SVG draws up to the fault.
+            # SVG draws what comes before an error in the list.
             self._ignore("last of an odd number of coordinates")
             numbers.pop()
         return np.array(numbers, np.float64).reshape(-1, 2)
@@ -239,7 +220,7 @@ class StandardReader:
         )
         self._context.display.add_stroke(outline, state.map3, color)
 
-    def _colortri(self, state: _State, attributes: dict[str, str]) -> None:
+    def _colortri(self, state: _State, attributes: Attributes) -> None:
         points = _numbers(attributes, "points", 6).reshape(3, 2)
         colors = _numbers(attributes, "colors", 12).reshape(3, 4)
         if not ((colors[:, 3] >= 0) & (colors[:, 3] <= 1)).all():
@@ -252,7 +233,7 @@ class StandardReader:
                 affine_maps.apply(state.map3, points)[None], colors * white
             )
 
-    def _textri(self, state: _State, attributes: dict[str, str]) -> None:
+    def _textri(self, state: _State, attributes: Attributes) -> None:
         points = _numbers(attributes, "points", 6).reshape(3, 2)
         uv = _numbers(attributes, "uvs", 6).reshape(3, 2)
         texture = self._context.assets.texture(attributes.get("texid", ""))
@@ -266,7 +247,7 @@ class StandardReader:
         style = state.style._replace(fill=(1.0, 1.0, 1.0, 1.0))
         return style.fill_rgba(self._context.opacity)
 
-    def _image(self, state: _State, attributes: dict[str, str]) -> None:
+    def _image(self, state: _State, attributes: Attributes) -> None:
         href = attributes.get("href", attributes.get("xlink:href"))
         if href is None:
             self._ignore("image without href")
@@ -278,7 +259,7 @@ class StandardReader:
         height = self._length(attributes, "height", math.inf)
         if width <= 0 or height <= 0:
             return
-        # `auto`, here infinity, follows from the picture (SVG 2, section 12.3).
+        # Infinity stands for `auto`: the side follows from the picture (SVG 2, section 12.3).
         if width == math.inf:
             width = float(wide) if height == math.inf else height * wide / tall
         if height == math.inf:
@@ -289,24 +270,21 @@ class StandardReader:
             width,
             attributes.get("preserveAspectRatio", ""),
         )
-        # In fractions of the picture: what `slice` cuts off lies outside 0..1 of the viewport.
+        # `slice` lets the picture reach beyond the viewport, which clips it. Texture coordinates
+        # are fractions of the picture.
         low, high = affine_maps.apply(inner, [[0.0, 0.0], [wide, tall]])
         start, end = np.maximum(low, 0.0), np.minimum(high, [width, height])
-        uv = _corners(Box(*((start - low) / (high - low)), *((end - start) / (high - low))))
+        uv = _box_corners(Box(*((start - low) / (high - low)), *((end - start) / (high - low))))
         origin = np.array([self._length(attributes, "x"), self._length(attributes, "y")])
-        points = affine_maps.apply(state.map3, _corners(Box(*(origin + start), *(end - start))))
-        # `fill-opacity` is about fills: an image has none.
+        points = affine_maps.apply(state.map3, _box_corners(Box(*(origin + start), *(end - start))))
+        # `fill-opacity` does not apply to images.
         white = self._white(state._replace(style=state.style._replace(fill_opacity=1.0)))
         if white is not None:
             translucent = white[3] < 1 or assets.textures[texture].shape[-1] == 4
             self._context.display.add_textured(points, white, uv, texture, translucent)
 
 
-def _texture(attributes: dict[str, str]) -> tuple[str, str]:
-    return attributes.get("texid", ""), attributes.get("filename", "")
-
-
-def _numbers(attributes: dict[str, str], name: str, count: int) -> np.ndarray:
+def _numbers(attributes: Attributes, name: str, count: int) -> np.ndarray:
     try:
         numbers = number_list(attributes.get(name, ""))
     except ValueError as error:
@@ -317,12 +295,15 @@ def _numbers(attributes: dict[str, str], name: str, count: int) -> np.ndarray:
 
 
 def _fits_float32(color: Rgba) -> bool:
-    """Whether a colour can be held; one that cannot is drawn, and refused with its line."""
+    """Whether float32 can represent a colour.
+
+    Other colours are drawn as shapes, so that the error names their line.
+    """
     return all(abs(value) <= np.finfo(np.float32).max for value in color)
 
 
-def _corners(box: Box) -> np.ndarray:
-    """Top left, top right, bottom right, bottom left."""
+def _box_corners(box: Box) -> np.ndarray:
+    """Corners `[4, 2]`: top left, top right, bottom right, bottom left."""
     x, y = box.x, box.y
     return np.array(
         [[x, y], [x + box.width, y], [x + box.width, y + box.height], [x, y + box.height]]

@@ -34,11 +34,12 @@ def view_box(attributes: dict[str, str]) -> Box | None:
     return Box(*numbers)
 
 
-def own_size(attributes: dict[str, str], dialect: str) -> tuple[float, float] | None:
-    """(height, width) in px of the drawing itself, not rounded; None if it does not say.
+def document_size(attributes: dict[str, str], dialect: str) -> tuple[float, float] | None:
+    """(height, width) in px that the root's `attributes` give, not rounded; None if they do not.
 
-    In `svg` a side that is missing, `auto` or in percent follows from the viewBox: alone, so that
-    its proportions are kept; percentages are parts of it.
+    In dialect `svg`, a percentage is a part of the viewBox. A side that is missing, `auto` or 100 %
+    follows from the other side, so that the proportions of the viewBox are kept, or from the
+    viewBox if both are missing.
     """
     if dialect == "course":
         size = leading_float(attributes.get("height")), leading_float(attributes.get("width"))

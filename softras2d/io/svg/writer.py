@@ -11,7 +11,7 @@ import numpy as np
 
 from ...scene import Scene, check
 from ...texture.pyramid import TexturePyramid
-from ..drafts import whole
+from ..drafts import atomic_file
 from .browsers import elements_for_browsers
 
 _POLYGON = '<polygon points="{},{} {},{} {},{}" {}/>'
@@ -72,7 +72,7 @@ def write_svg(
     # The pictures first: a file that is there has all that it names.
     for name, image in images.items():
         _write_png(path.with_name(name), image)
-    with whole(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_text("\n".join(lines), encoding="utf-8")
 
 
@@ -235,7 +235,7 @@ def _write_png(path: Path, image: np.ndarray) -> None:
     spec = oiio.ImageSpec(width, height, channels, "uint8" if exact else "uint16")
     # PNG holds straight alpha.
     spec.attribute("oiio:UnassociatedAlpha", 1)
-    with whole(path) as temporary:
+    with atomic_file(path) as temporary:
         output = oiio.ImageOutput.create("png")
         assert output is not None, "OpenImageIO without PNG"
         done = output.open(str(temporary), spec) and output.write_image(pixels)

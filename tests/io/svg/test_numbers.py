@@ -223,10 +223,10 @@ def test_course_view_has_its_closed_form(height, width, tall, wide):
 
 
 def size_of(dialect="svg", **attributes):
-    return view_box.own_size(attributes, dialect)
+    return view_box.document_size(attributes, dialect)
 
 
-def test_own_size():
+def test_document_size():
     assert size_of(width="20", height="10") == (10, 20)
     assert size_of(width="1in", height="72pt") == (96, 96)
     assert size_of(viewBox="5 5 30 40") == (40, 30)

@@ -1,0 +1,104 @@
+"""Reads, plans and renders one scene as the options say. Imports JAX: for use within a command."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from ..io.images import srgb_to_linear
+from ..io.svg.reader import read_svg, svg_size
+from ..numerics.device import to_device
+from ..options import Filter, Hard
+from ..planning.plan import Plan
+from ..rendering.planner import plan
+from ..rendering.render import render_checked
+from ..scene import Scene
+from .options import RenderOptions, Size
+
+
+def read_scene(path: Path, options: RenderOptions) -> tuple[Scene, int, int]:
+    """Read a scene file; returns the scene, and the height and width of its image in pixels."""
+    needs_file_size = not (options.size and options.size.height)
+    file_size = svg_size(path, dialect=options.dialect) if needs_file_size else None
+    height, width = canvas_size(options.size, file_size)
+    scene = read_svg(
+        path,
+        height=height,
+        width=width,
+        dialect=options.dialect,
+        assets=options.assets,
+        opacity=options.opacity,
+        frame=options.frame,
+        linear=options.linear,
+    )
+    if options.background is not None:
+        # Three channels make the image opaque, four give it an alpha channel.
+        channels = 3 if options.background.alpha == 1 else 4
+        color = np.asarray(options.background[:channels], np.float32)
+        if options.linear:
+            color[:3] = srgb_to_linear(color[:3])
+        scene = dataclasses.replace(scene, background=to_device(color))
+    return scene, height, width
+
+
+def canvas_size(size: Size | None, file_size: tuple[int, int] | None) -> tuple[int, int]:
+    """Height and width of the image, in pixels.
+
+    `file_size` is the (height, width) that the scene file gives. It may be None only if `size` has
+    a height.
+    """
+    if size is not None and size.height is not None:
+        return size.height, size.width
+    assert file_size is not None
+    if size is None:
+        return file_size
+    scale = size.width / max(file_size)
+    height, width = (max(1, round(side * scale)) for side in file_size)
+    return height, width
+
+
+def make_plan(scene: Scene, height: int, width: int, options: RenderOptions) -> Plan:
+    """Plan a hard-mode image of `height` x `width` pixels."""
+    return plan(
+        scene,
+        height=height,
+        width=width,
+        coverage=Hard(
+            samples=options.samples, fill_rule=options.fill_rule, shading=options.shading
+        ),
+        filter=Filter(
+            pixel=options.pixel_filter, level=options.level_filter, anisotropy=options.anisotropy
+        ),
+        origin=(0, 0) if options.origin is None else tuple(options.origin),
+    )
+
+
+def render_image(scene: Scene, plan: Plan) -> np.ndarray:
+    """Render a scene to a numpy image.
+
+    Raises `ValueError` if the scene exceeds a capacity of the plan, so that an image never lacks
+    triangles.
+    """
+    image, overflow = render_checked(scene, plan)
+    if bool(overflow):
+        raise ValueError("the scene exceeds the capacity of its plan.")
+    return np.asarray(image)
+
+
+def scene_properties(scene: Scene) -> list[tuple[str, str]]:
+    """Pairs of name and value that describe a scene, for a table."""
+    triangles, corners, channels = scene.colors.shape
+    colors = "flat" if corners == 1 else "one per corner"
+    alpha = "opaque" if channels == 3 else "with alpha"
+    properties = [
+        ("triangles", f"{triangles:,} over {scene.positions.shape[0]:,} vertices"),
+        ("colours", f"{colors}, {alpha}"),
+        ("background", " ".join(f"{float(value):.3g}" for value in scene.background)),
+    ]
+    if scene.textures is not None:
+        properties.append(("textures", f"{scene.textures.count} ({scene.textures.border})"))
+    if scene.depth is not None:
+        properties.append(("depth", "nearest in front"))
+    if scene.inverse_w is not None:
+        properties.append(("perspective", "yes"))
+    return properties
