@@ -42,7 +42,7 @@ class Grid(NamedTuple):
     bits: int
 
     @staticmethod
-    def of(height: int, width: int, rate: int, bits: int | None = None) -> "Grid":
+    def for_canvas(height: int, width: int, rate: int, bits: int | None = None) -> "Grid":
         """The grid of a canvas: extents of it and its guard band stay within 2^23 units.
 
         The guard band is half the longer side wide, all around. `bits` asks for a coarser grid than
@@ -82,7 +82,7 @@ class Grid(NamedTuple):
         return (-margin, -margin), (self.width + margin, self.height + margin)
 
 
-class Segments(NamedTuple):
+class GridTriangles(NamedTuple):
     """The directed edges of each triangle on the grid, `[3, triangles]`: from (x, y) by (dx, dy).
 
     - `orientation`: `[triangles]`, the sign of the area as drawn. The edges follow the triangle
@@ -142,7 +142,7 @@ Edges = tuple[Edge, Edge, Edge]
 """Edge 0 runs from corner 0 to corner 1, edge 1 to corner 2, edge 2 back."""
 
 
-class Bounds(NamedTuple):
+class SampleBounds(NamedTuple):
     """Sample columns `left..right` and rows `top..bottom`, inclusive, on the canvas; `[triangles]`.
 
     Empty where `left > right` or `top > bottom`.
@@ -153,9 +153,9 @@ class Bounds(NamedTuple):
     top: Any
     bottom: Any
 
-    def gather(self, triangle: Any) -> "Bounds":
+    def gather(self, triangle: Any) -> "SampleBounds":
         """The bounds of some triangles, by their indices."""
-        return Bounds(*(entry[triangle] for entry in self))
+        return SampleBounds(*(entry[triangle] for entry in self))
 
 
 def sign_of_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
@@ -241,14 +241,14 @@ def orient(snapped: Snapped) -> Any:
     return sign_of_cross(x[1] - x[0], y[1] - y[0], x[2] - x[0], y[2] - y[0])
 
 
-def directed(snapped: Snapped, orientation: Any) -> Segments:
+def directed_triangles(snapped: Snapped, orientation: Any) -> GridTriangles:
     """The edges of the triangles, turned to positive orientation."""
     x, y, finite = snapped
     xp = x.__array_namespace__()
-    x, y = turn(x, orientation), turn(y, orientation)
+    x, y = reorient(x, orientation), reorient(y, orientation)
     right = xp.where(finite, xp.max(x, axis=0), -(2**23))
     next_x, next_y = (xp.stack([c[1], c[2], c[0]]) for c in (x, y))
-    return Segments(
+    return GridTriangles(
         x,
         y,
         next_x - x,
@@ -270,7 +270,7 @@ def to_grid(pixels: Any, grid: Grid, axis: int) -> Any:
     return units.astype(xp.int32)
 
 
-def turn(corners: Any, orientation: Any) -> Any:
+def reorient(corners: Any, orientation: Any) -> Any:
     """`[3, triangles]` with corners 1 and 2 exchanged where the orientation is negative."""
     xp = corners.__array_namespace__()
     return xp.where(
@@ -278,7 +278,7 @@ def turn(corners: Any, orientation: Any) -> Any:
     )
 
 
-def edge_functions(segments: Segments, grid: Grid, fill_rule: str) -> Edge:
+def edge_functions(segments: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
     """The three edge functions of each triangle, every entry `[3, triangles]`.
 
     With `"top_left"`, an edge that does not own its boundary is lowered by one unit of the exact
@@ -322,13 +322,13 @@ def edge_functions(segments: Segments, grid: Grid, fill_rule: str) -> Edge:
     return Edge(-dy, dx, start, estimate, fraction)
 
 
-def separate(edges: Edge) -> Edges:
+def split_edges(edges: Edge) -> Edges:
     """Edge functions `[3, triangles]` as one `Edge` for each side."""
     first, second, third = (edges.gather(k) for k in range(3))
     return first, second, third
 
 
-def bounds(segments: Segments, grid: Grid) -> Bounds:
+def sample_bounds(segments: GridTriangles, grid: Grid) -> SampleBounds:
     """Samples within the bounding box of each triangle and on the canvas."""
     xp = segments.x.__array_namespace__()
     half = 1 << (grid.bits - 1)
@@ -340,7 +340,7 @@ def bounds(segments: Segments, grid: Grid) -> Bounds:
 
     left, right = samples(segments.left, segments.right, grid.rate * grid.width)
     top, bottom = samples(segments.top, segments.bottom, grid.rate * grid.height)
-    return Bounds(left, right, top, bottom)
+    return SampleBounds(left, right, top, bottom)
 
 
 def within_guard(corners: Corners, grid: Grid) -> Any:

@@ -63,12 +63,12 @@ class Plan(eqx.Module):
     @property
     def grid(self) -> Grid:
         """Canvas, samples and snapping grid."""
-        return Grid.of(self.height, self.width, _rate(self.coverage), self.grid_bits)
+        return Grid.for_canvas(self.height, self.width, _rate(self.coverage), self.grid_bits)
 
     @property
     def tiling(self) -> Tiling:
         """How the canvas is cut into tiles."""
-        return Tiling.square(self.grid, self.side) if self.side else Tiling.of(self.grid)
+        return Tiling.square(self.grid, self.side) if self.side else Tiling.one_word_wide(self.grid)
 
     def holds(self, other: "Plan") -> bool:
         """Whether there is room for all that `other`, of the same canvas, has room for."""
@@ -169,7 +169,7 @@ def plan(
         check(one)
         refuse_missing(one, coverage)
     origin = _pixel(origin)
-    grid = Grid.of(height, width, _rate(coverage), grid_bits)
+    grid = Grid.for_canvas(height, width, _rate(coverage), grid_bits)
     filter = Filter() if filter is None else filter
     if not isinstance(filter, Filter):
         raise ValueError(f"`filter` must be Filter(...); got {filter!r}.")

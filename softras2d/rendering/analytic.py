@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..binning.lists import Chunks, cut_chunks
-from ..binning.reach import Reaches, reaches
+from ..binning.reach import ReachedTriangles, reached_triangles
 from ..binning.tiles import list_tiles
 from ..compositing import analytic_over, depth_softmax
 from ..compositing.opaque import sum_chunks
@@ -16,7 +16,7 @@ from ..coverage import area, centroid, nearest_weights, soft
 from ..coverage.analytic import cover
 from ..coverage.edge_lines import Sides, sides_of
 from ..coverage.profiles import SUPPORT
-from ..geometry.fixed_point import corners_of, turn
+from ..geometry.fixed_point import corners_of, reorient
 from ..numerics.fusion_barrier import materialized
 from ..options import Area, Soft
 from ..planning.capacities import Capacity
@@ -52,7 +52,7 @@ def draw(scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Dra
     summed = isinstance(coverage, Area) and coverage.compositing == "sum"
     corners = materialized(corners_of)(scene.positions, scene.triangles, plan.origin)
     parameter, reach = _softness(coverage, corners.dtype)
-    found = materialized(lambda corners, reach: reaches(corners, plan.grid, reach))(
+    found = materialized(lambda corners, reach: reached_triangles(corners, plan.grid, reach))(
         jax.lax.stop_gradient(corners), reach
     )
     hides = materialized(hiding)(scene, found.orientation) & (not summed)
@@ -101,7 +101,7 @@ def _softness(coverage: Soft | Area, dtype: Any) -> tuple[Array, Array]:
 
 
 def _place(
-    corners: Float[Array, "triangles 3 2"], found: Reaches, chunks: Chunks, plan: Plan
+    corners: Float[Array, "triangles 3 2"], found: ReachedTriangles, chunks: Chunks, plan: Plan
 ) -> Placed:
     tiling = plan.tiling
     dtype = corners.dtype
@@ -111,7 +111,7 @@ def _place(
         triangle = chunks.triangle.reshape(-1)
         held = jnp.where(found.finite[:, None, None], corners, 0.0)
         held = jnp.clip(held, -_FARTHEST, _FARTHEST)
-        x, y = (turn(held[:, :, axis].T, found.orientation)[:, triangle] for axis in (0, 1))
+        x, y = (reorient(held[:, :, axis].T, found.orientation)[:, triangle] for axis in (0, 1))
         # An empty slot is a corner out of reach.
         filled = chunks.filled.reshape(-1)
         six = [x[0], y[0], x[1], y[1], x[2], y[2]]
@@ -132,17 +132,17 @@ def _place(
     return Placed(slots, sides, outline)
 
 
-def _carried(scene: Scene, found: Reaches, plan: Plan) -> Carried:
+def _carried(scene: Scene, found: ReachedTriangles, plan: Plan) -> Carried:
     @materialized
     def turn_corners(colors, uv, vertex, triangles, orientation):
         def turn_each(corners):
             corners = corners.transpose(1, 2, 0)
             if corners.shape[0] == 1:
                 return corners
-            return jax.vmap(turn, (1, None), 1)(corners, orientation)
+            return jax.vmap(reorient, (1, None), 1)(corners, orientation)
 
         inverse_w, depth = (
-            None if entry is None else turn(entry[triangles].T, orientation) for entry in vertex
+            None if entry is None else reorient(entry[triangles].T, orientation) for entry in vertex
         )
         return Corners(turn_each(colors), inverse_w, None if uv is None else turn_each(uv)), depth
 
@@ -155,7 +155,7 @@ def _carried(scene: Scene, found: Reaches, plan: Plan) -> Carried:
 
 
 def _composite(
-    shaded: Shaded, found: Reaches, chunks: Chunks, plan: Plan
+    shaded: Shaded, found: ReachedTriangles, chunks: Chunks, plan: Plan
 ) -> Float[Array, "4 tiles pixels"]:
     coverage, most = plan.coverage, plan.capacity.depth
     opacity, color, depth = shaded
@@ -171,7 +171,7 @@ def _composite(
 def _add(
     opacity: Float[Array, "chunks layers pixels"],
     colors: Float[Array, "chunks layers 3 #pixels"],
-    found: Reaches,
+    found: ReachedTriangles,
     chunks: Chunks,
     *,
     depth: int,
