@@ -61,7 +61,7 @@ class Triangle(NamedTuple):
 
 def triangles(scene: sr.Scene, size: int) -> Iterator[Triangle]:
     """In draw order, on the grid to which the package snaps."""
-    unit = 2.0 ** Grid.of(size, size, 1).bits
+    unit = 2.0 ** Grid.for_canvas(size, size, 1).bits
     positions = np.round(np.asarray(scene.positions, np.float64) * unit) / unit
     none = np.zeros(len(positions))
     depth = none if scene.depth is None else np.asarray(scene.depth, np.float64)

@@ -71,7 +71,7 @@ class Table(NamedTuple):
         side = soup.size * traversal.RATE
         return Table(
             soup,
-            Grid.of(soup.size, soup.size, traversal.RATE).bits,
+            Grid.for_canvas(soup.size, soup.size, traversal.RATE).bits,
             np.ascontiguousarray(soup.colors[:, 0, :3]),
             np.empty((side, side), np.int32),
             np.empty((soup.size, soup.size, 3), np.float32),

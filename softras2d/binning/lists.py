@@ -1,8 +1,8 @@
-"""Uneven lists of triangles as dense arrays, in two shapes.
+"""Tile lists of different lengths as dense arrays, in two layouts.
 
-*Chunks* cut each tile's list into runs of a few slots: all of them are worked on at once, as an
-array `[chunks, layers]`. *Steps* take tiles in blocks of `BLOCK`, longest lists first, and
-visit the lists of a block place by place: for what must go front to back.
+*Chunks* cut each tile's list into pieces of a few slots. All chunks are computed at once, as an
+array `[chunks, layers]`. *Steps* take tiles in blocks of `BLOCK`, longest lists first. One step
+visits one entry in the list of each tile of a block: for work that must go in order.
 """
 
 import functools
@@ -17,17 +17,17 @@ from .expansion import expand
 from .tiles import TileLists
 
 BLOCK = 64
-"""Tiles of a block: the state of their samples stays in a core's cache."""
+"""Number of tiles in a block: the state of their samples fits a core's cache."""
 
 
 class Chunks(NamedTuple):
     """Lists of triangles in chunks; those of a tile follow each other, nearest first.
 
-    - `triangle`, `filled`: which triangle is in each slot, and whether there is one.
-    - `place`: where it is in the lists.
-    - `tile`, `index`: the tile of a chunk, and the chunk's place among those of its tile.
-    - `first`, `count`: per tile, its first chunk and how many it has.
-    - `needed`, `deepest`: how many chunks in all, and of the fullest tile.
+    - `triangle`, `filled`: the triangle in each slot, and whether the slot has one.
+    - `place`: index of the slot's entry in the tile lists.
+    - `tile`, `index`: the tile of a chunk, and the chunk's number among those of its tile.
+    - `first`, `count`: the first chunk of each tile, and how many it has.
+    - `needed`, `deepest`: number of chunks in all, and of the tile that has most.
     """
 
     triangle: Int[Array, "chunks layers"]
@@ -42,13 +42,13 @@ class Chunks(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """Visits of blocks of tiles, front to back, block after block.
+    """Steps through the lists of blocks of tiles, block after block, each list from its start.
 
-    - `block`, `place`: per step, the block and the place in the lists of its tiles.
-    - `tile`, `start`, `count`: per block, its tiles and their lists; a place beyond the last tile
-      is an empty list of tile 0.
-    - `slot`: per tile, where it is among the blocks' tiles.
-    - `needed`: how many steps.
+    - `block`, `place`: the block of each step, and which entry of its tiles' lists is visited.
+    - `tile`, `start`, `count`: the tiles of each block, and the first entry and length of their
+      lists. The last block is filled up with empty lists of tile 0.
+    - `slot`: index of each tile among the tiles of all blocks.
+    - `needed`: number of steps.
     """
 
     block: Int[Array, " steps"]

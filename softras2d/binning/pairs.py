@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int
 
-from ..geometry.fixed_point import Bounds, Edges
+from ..geometry.fixed_point import Edges, SampleBounds
 from ..geometry.tiling import Tiling
 from ..numerics.array_types import HostOrDeviceArray
 from .expansion import Expand, Expansion
@@ -42,7 +42,7 @@ class Pairs(NamedTuple):
 
 def find_pairs(
     edges: Edges | Lines,
-    bounds: Bounds,
+    bounds: SampleBounds,
     is_occluder: Bool[HostOrDeviceArray, " triangles"],
     tiling: Tiling,
     *,
@@ -82,13 +82,13 @@ def _wrap(
     return materialize(functools.partial(stage, **fixed))
 
 
-def _expand_strips(bounds: Bounds, tiling: Tiling, expand: Expand) -> Expansion:
+def _expand_strips(bounds: SampleBounds, tiling: Tiling, expand: Expand) -> Expansion:
     """One entry for each strip; its owner is the triangle."""
     return expand(count_strips(bounds, tiling))
 
 
 def _gather_row_edges(
-    edges: Edges | Lines, bounds: Bounds, strip_list: Expansion, tiling: Tiling
+    edges: Edges | Lines, bounds: SampleBounds, strip_list: Expansion, tiling: Tiling
 ) -> RowEdges:
     """The edges of each strip's triangle in the strip's row of tiles."""
     triangle, rank = strip_list.owner, strip_list.rank
@@ -98,7 +98,7 @@ def _gather_row_edges(
 
 def _find_strips(
     edges: RowEdges,
-    bounds: Bounds,
+    bounds: SampleBounds,
     is_occluder: Bool[HostOrDeviceArray, " triangles"],
     strip_list: Expansion,
     tiling: Tiling,

@@ -7,7 +7,7 @@ exact: a rounding is added to the reach, and a tile too many changes no pixel.
 
 from typing import Any, NamedTuple
 
-from ..geometry.fixed_point import Bounds, Grid
+from ..geometry.fixed_point import Grid, SampleBounds
 
 
 class Line(NamedTuple):
@@ -36,7 +36,7 @@ class Line(NamedTuple):
         )
 
 
-class Reaches(NamedTuple):
+class ReachedTriangles(NamedTuple):
     """Triangles as lists see them, `[triangles]`.
 
     - `area`: twice it, signed; `orientation`: its sign, 0 for those that are not finite.
@@ -44,13 +44,13 @@ class Reaches(NamedTuple):
     """
 
     lines: tuple[Line, Line, Line]
-    bounds: Bounds
+    bounds: SampleBounds
     area: Any
     orientation: Any
     finite: Any
 
 
-def reaches(corners: Any, grid: Grid, reach: Any) -> Reaches:
+def reached_triangles(corners: Any, grid: Grid, reach: Any) -> ReachedTriangles:
     """Of `corners` `[triangles, 3, 2]` in pixels; `reach` is a float. For numpy and jax alike."""
     xp = corners.__array_namespace__()
     f32 = xp.float32
@@ -84,5 +84,5 @@ def reaches(corners: Any, grid: Grid, reach: Any) -> Reaches:
     left, right = pixels(xp.min(x, axis=0), xp.max(x, axis=0), grid.width)
     top, bottom = pixels(xp.min(y, axis=0), xp.max(y, axis=0), grid.height)
     orientation = xp.where(finite, xp.sign(area), 0.0).astype(xp.int32)
-    box = Bounds(left, right, top, bottom)
-    return Reaches((lines[0], lines[1], lines[2]), box, area, orientation, finite)
+    box = SampleBounds(left, right, top, bottom)
+    return ReachedTriangles((lines[0], lines[1], lines[2]), box, area, orientation, finite)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from jaxtyping import Bool, Float, Int
 
-from ..geometry.fixed_point import Bounds, Edge
+from ..geometry.fixed_point import Edge, SampleBounds
 from ..geometry.tiling import Tiling
 from ..numerics.array_types import HostOrDeviceArray
 from .reach import Line
@@ -64,7 +64,7 @@ RowEdges = tuple[RowEdge, RowEdge, RowEdge]
 """The three edges of each strip's triangle."""
 
 
-def count_strips(bounds: Bounds, tiling: Tiling) -> Int[HostOrDeviceArray, " triangles"]:
+def count_strips(bounds: SampleBounds, tiling: Tiling) -> Int[HostOrDeviceArray, " triangles"]:
     """Number of rows of tiles under the bounding box of each triangle."""
     xp = bounds.left.__array_namespace__()
     empty = (bounds.left > bounds.right) | (bounds.top > bounds.bottom)
@@ -74,7 +74,7 @@ def count_strips(bounds: Bounds, tiling: Tiling) -> Int[HostOrDeviceArray, " tri
 
 def row_edges(
     edges: tuple[Edge | Line, Edge | Line, Edge | Line],
-    bounds: Bounds,
+    bounds: SampleBounds,
     rank: Int[HostOrDeviceArray, " strips"],
     tiling: Tiling,
 ) -> RowEdges:
@@ -106,7 +106,7 @@ def _row_edge(
 
 def narrow_strips(
     edges: RowEdges,
-    bounds: Bounds,
+    bounds: SampleBounds,
     is_occluder: Bool[HostOrDeviceArray, " strips"],
     rank: Int[HostOrDeviceArray, " strips"],
     is_used: Bool[HostOrDeviceArray, " strips"],

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from ..geometry.fixed_point import Bounds, Edges
+from ..geometry.fixed_point import Edges, SampleBounds
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..numerics.prefix import cumulative_sum
@@ -39,7 +39,7 @@ class TileLists(NamedTuple):
 
 def list_tiles(
     edges: Edges | Lines,
-    bounds: Bounds,
+    bounds: SampleBounds,
     is_occluder: Bool[Array, " triangles"],
     tiling: Tiling,
     *,

@@ -22,7 +22,7 @@ from ..binning.lists import Steps
 from ..binning.tiles import TileLists
 from ..geometry.barycentric import Weights, slot_weights, twice_area, weight_sums
 from ..geometry.fixed_point import Edges
-from ..geometry.guard_band import Planes
+from ..geometry.guard_band import WeightPlanes
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from .sampled import row_order
@@ -32,7 +32,7 @@ class Depths(NamedTuple):
     """Triangles as the depth test sees them; `depth` of the corners, turned."""
 
     edges: Edges
-    planes: Planes | None
+    planes: WeightPlanes | None
     depth: Float[Array, "3 triangles"]
 
 

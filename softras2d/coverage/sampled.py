@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, UInt32
 
 from ..binning.lists import Chunks
-from ..geometry.fixed_point import Bounds, Edges
+from ..geometry.fixed_point import Edges, SampleBounds
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 
@@ -73,7 +73,7 @@ class Lines(NamedTuple):
 
 def covered_rows(
     edges: Edges,
-    bounds: Bounds,
+    bounds: SampleBounds,
     triangle: Int[Array, "*slots"],
     tile: Int[Array, "*slots"],
     filled: Bool[Array, "*slots"],
@@ -86,7 +86,7 @@ def covered_rows(
 
 
 def place_lines(
-    edges: Edges, bounds: Bounds, triangle: Any, tile: Any, filled: Any, tiling: Tiling
+    edges: Edges, bounds: SampleBounds, triangle: Any, tile: Any, filled: Any, tiling: Tiling
 ) -> Lines:
     """The lines of each slot. For numpy and jax alike."""
     xp = triangle.__array_namespace__()

@@ -1,9 +1,9 @@
 """Barycentric weights from edge functions, accurate on slivers and far from the origin.
 
-Twice the area of a triangle is the sum of its three edge values at any point, and each value's
-share is the weight of the corner across from that edge. Values are summed as integers, modulo
-2^32, and a float32 estimate supplies the multiple of 2^32: nothing is subtracted in floats, so a
-weight is as accurate as one float division however thin the triangle is.
+The three edge values at a point add up to twice the area of the triangle. The share of each edge
+value is the weight of the corner opposite that edge. Values are summed as integers (`WrappedValue`)
+and rounded to floats once. Nothing is subtracted in floats, so a weight is as accurate as one float
+division however thin the triangle is.
 """
 
 from collections.abc import Callable
@@ -15,40 +15,41 @@ from jaxtyping import Array, Float, Int
 
 from ..numerics import safe
 from .fixed_point import Edge, Edges
-from .guard_band import Planes
+from .guard_band import WeightPlanes
 from .tiling import Tiling
 from .wrapped_value import WrappedValue
 
 
 class Weights(NamedTuple):
-    """What the weights of corners 1 and 2 need, for each slot: `[2, *slots]` or `[*slots]`.
+    """Terms of the weights of corners 1 and 2, gathered for each slot.
 
     - `edges`: the edge functions across from both corners, edge 2 and edge 0, side by side as
       `[2, *slots]`; samples count from the first sample of the slot's tile.
     - `per_value`: weight for each unit of the edge value; 0 without area.
     - `offset`: 1/3 for triangles without area, which take the mean of their corners; else 0.
-    - `plane`: where triangles reach past the guard band, their weights as floats: `[3, 2, *slots]`
-      of the value at the tile's first sample and its steps right and down, and `beyond`, for which.
+    - `plane`: weights of triangles past the guard band as floats, `[3, 2, *slots]`: the weight at
+      the tile's first sample, its step right, and its step down. None if no triangle may be there.
+    - `is_far`: whether the slot's triangle is past the guard band, so that `plane` holds for it.
     """
 
     edges: Edge
     per_value: Array
     offset: Array
     plane: Array | None = None
-    beyond: Array | None = None
+    is_far: Array | None = None
 
     def map_slots(self, change: Callable[[Array], Array]) -> "Weights":
         """Index or reshape the slot axes of every entry by `change`."""
         edges = Edge(*(jax.vmap(change)(entry) for entry in self.edges))
         weights = Weights(edges, change(self.per_value), change(self.offset))
-        if self.plane is None or self.beyond is None:
+        if self.plane is None or self.is_far is None:
             return weights
         plane = jax.vmap(jax.vmap(change))(self.plane)
-        return weights._replace(plane=plane, beyond=change(self.beyond))
+        return weights._replace(plane=plane, is_far=change(self.is_far))
 
 
 def twice_area(edges: Edges, dtype: Any) -> Float[Array, " triangles"]:
-    """Twice the area of each triangle, in units of the edge value."""
+    """Twice the area of each triangle, in units of the edge value: 0 or more, rounded once."""
     start, estimate, fraction = (
         first + second + third for first, second, third in list(zip(*edges, strict=True))[2:]
     )
@@ -61,9 +62,9 @@ def slot_weights(
     triangle: Int[Array, "*slots"],
     tile: Int[Array, "*slots"],
     tiling: Tiling,
-    planes: Planes | None = None,
+    planes: WeightPlanes | None = None,
 ) -> Weights:
-    """Gather the terms of each slot's weights; `area` is `twice_area`."""
+    """Gather the terms of each slot's weights, for a triangle in a tile; `area` is `twice_area`."""
     column, row = tiling.first_sample(tile)
     opposite = [edges[k].gather(triangle).rebased(column, row) for k in (2, 0)]
     opposite = [edge._replace(fraction=edge.fraction.astype(area.dtype)) for edge in opposite]
@@ -76,7 +77,7 @@ def slot_weights(
         return weights
     start, right, down = (entry[:, triangle].astype(area.dtype) for entry in planes[:3])
     start = start + right * column.astype(area.dtype)[None] + down * row.astype(area.dtype)[None]
-    return weights._replace(plane=jnp.stack([start, right, down]), beyond=planes.used[triangle])
+    return weights._replace(plane=jnp.stack([start, right, down]), is_far=planes.is_far[triangle])
 
 
 def weight_sums(
@@ -85,10 +86,11 @@ def weight_sums(
     across: Int[Array, "*#shape"],
     down: Int[Array, "*#shape"],
 ) -> tuple[Float[Array, "*#shape"], Float[Array, "*#shape"], Float[Array, "*#shape"]]:
-    """Sums of the three corners' weights over `count` samples of a tile.
+    """Sum the weight of each corner over `count` samples of a tile, at most 256.
 
-    `across` and `down` are the sums of the samples' columns and rows in the tile; `weights` has
-    slot axes that broadcast against them.
+    `across` and `down` are the sums of the samples' columns and rows in the tile. The slot axes of
+    `weights` broadcast against them. Where the area is zero each weight is 1/3 of `count`. Weights
+    of triangles past the guard band are clamped to 0..1.
     """
     dtype = weights.per_value.dtype
     number = count.astype(dtype)
@@ -98,10 +100,10 @@ def weight_sums(
         value = opposite.sum_over(count, across, down).to_float(dtype)
         exact = value + number * opposite.fraction
         total = exact * weights.per_value + number * weights.offset
-        if weights.plane is not None and weights.beyond is not None:
+        if weights.plane is not None and weights.is_far is not None:
             start, right, step = weights.plane[:, edge]
             plane = number * start + across.astype(dtype) * right + down.astype(dtype) * step
             # Far corners leave rounding errors; a weight is still one.
-            total = jnp.where(weights.beyond, jnp.clip(plane, 0.0, number), total)
+            total = jnp.where(weights.is_far, jnp.clip(plane, 0.0, number), total)
         sums.append(total)
     return number - sums[0] - sums[1], sums[0], sums[1]

@@ -1,8 +1,9 @@
-"""Vertices on a fixed grid, and edge functions on it that are exact in 32-bit integers.
+"""Vertices on a fixed-point grid, and edge functions that are exact in 32-bit integers.
 
 A coordinate v in pixels is snapped to the integer n = round(v 2^k), with k the same for every
-sample rate; everything decided about coverage is exact for the snapped triangle. With S samples
-along a pixel, S n counts units of 1 / (S 2^k) pixel, and sample i lies at (2i + 1) 2^(k-1) of them.
+number of samples. Every decision about coverage is exact for the snapped triangle. With S samples
+along a pixel, S n is a multiple of 1 / (S 2^k) pixel, and in the same unit sample i lies at
+(2i + 1) 2^(k-1).
 
 The edge function from corner p to corner q, dx (y - p_y) - dy (x - p_x), is positive inside a
 positively oriented triangle. From one sample to the next it changes by dx 2^k down and by -dy 2^k
@@ -10,10 +11,10 @@ right, so its floor after division by 2^k,
 
     e(i, j) = constant - dy i + dx j,
 
-has the same sign at every sample, steps by integers below 2^24, and leaves a remainder that is
-the same at all samples of the image. The constant may need 43 bits. It is kept modulo 2^32, beside
-a float32 estimate that is good to 2^20: where the estimate stays below 2^30 the wrapped sum is the
-true one, and elsewhere no sample of the tile can change sign, so the value is set to +-2^30.
+is negative at the same samples, steps by integers below 2^24, and leaves a remainder that is the
+same at all samples of the image. The constant may need 43 bits. It is kept modulo 2^32 beside a
+float32 estimate with an error below 2^20, as a `WrappedValue`, which recovers the sign and the
+value from both. Within a tile, a value beyond 2^30 cannot change sign: it may be clamped to that.
 
 Everything here is written for numpy and jax arrays alike (the array API's namespace): a plan
 counts on the host what a render does on the device.
@@ -23,7 +24,9 @@ import operator
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
+from ..numerics.array_types import HostOrDeviceArray
 from ..numerics.double_float import sum_of
 from .wrapped_value import WrappedValue
 
@@ -34,7 +37,12 @@ _LOW = 12  # bits of the lower half of a 24-bit extent
 
 
 class Grid(NamedTuple):
-    """The canvas in pixels, samples along a pixel's side, and the grid of 2^-bits pixel."""
+    """The canvas and its fixed-point grid.
+
+    - `height`, `width`: of the canvas, in pixels.
+    - `rate`: samples along a pixel's side.
+    - `bits`: vertices are snapped to multiples of 2^-bits pixel.
+    """
 
     height: int
     width: int
@@ -42,8 +50,8 @@ class Grid(NamedTuple):
     bits: int
 
     @staticmethod
-    def of(height: int, width: int, rate: int, bits: int | None = None) -> "Grid":
-        """The grid of a canvas: extents of it and its guard band stay within 2^23 units.
+    def for_canvas(height: int, width: int, rate: int, bits: int | None = None) -> "Grid":
+        """Choose the finest grid on which the canvas with its guard band is within 2^23 units.
 
         The guard band is half the longer side wide, all around. `bits` asks for a coarser grid than
         the finest that fits, such as that of a larger canvas which is drawn in pieces. Raises
@@ -72,7 +80,7 @@ class Grid(NamedTuple):
 
     @property
     def samples(self) -> int:
-        """Samples of a pixel."""
+        """Number of samples of a pixel."""
         return self.rate**2
 
     @property
@@ -82,41 +90,43 @@ class Grid(NamedTuple):
         return (-margin, -margin), (self.width + margin, self.height + margin)
 
 
-class Segments(NamedTuple):
+class GridTriangles(NamedTuple):
     """The directed edges of each triangle on the grid, `[3, triangles]`: from (x, y) by (dx, dy).
 
-    - `orientation`: `[triangles]`, the sign of the area as drawn. The edges follow the triangle
-      turned to positive orientation: where it was -1, corners 1 and 2 have changed places.
+    - `orientation`: `[triangles]`, the sign of the area as drawn. The edges are those of the
+      reoriented triangle: where the sign was -1, corners 1 and 2 are exchanged.
     - `left, right, top, bottom`: the bounding box, `[triangles]`; empty (`left > right`) for a
       triangle that covers nothing because a corner is not finite.
-    - `constant`: `[3, triangles]`, 0 for an edge to test; else the sign that it has everywhere.
+    - `constant`: `[3, triangles]`, 0 for an edge to test; else the sign that its edge function is
+      to have everywhere, so that all samples are inside (1) or outside (-1).
     """
 
-    x: Any
-    y: Any
-    dx: Any
-    dy: Any
-    orientation: Any
-    left: Any
-    right: Any
-    top: Any
-    bottom: Any
-    constant: Any
+    x: Int[HostOrDeviceArray, "3 triangles"]
+    y: Int[HostOrDeviceArray, "3 triangles"]
+    dx: Int[HostOrDeviceArray, "3 triangles"]
+    dy: Int[HostOrDeviceArray, "3 triangles"]
+    orientation: Int[HostOrDeviceArray, " triangles"]
+    left: Int[HostOrDeviceArray, " triangles"]
+    right: Int[HostOrDeviceArray, " triangles"]
+    top: Int[HostOrDeviceArray, " triangles"]
+    bottom: Int[HostOrDeviceArray, " triangles"]
+    constant: Int[HostOrDeviceArray, "3 triangles"]
 
 
 class Edge(NamedTuple):
     """One edge function of each triangle, `[triangles]`.
 
-    - `right`, `down`: steps from a sample to the next, in units of the edge value.
-    - `start`, `estimate`: the value at sample (0, 0), modulo 2^32 and as float32.
-    - `fraction`: what the floor left of the exact value, in units of the edge value, 0..1.
+    - `right`, `down`: change of the value from a sample to the next one to the right or below.
+    - `start`, `estimate`: the value at sample (0, 0), modulo 2^32 and as float32: the two parts of
+      a `WrappedValue`.
+    - `fraction`: what the floor took off the exact value, 0..1; the same at all samples.
     """
 
-    right: Any
-    down: Any
-    start: Any
-    estimate: Any
-    fraction: Any
+    right: Int[HostOrDeviceArray, "*triangles"]
+    down: Int[HostOrDeviceArray, "*triangles"]
+    start: Int[HostOrDeviceArray, "*triangles"]
+    estimate: Float[HostOrDeviceArray, "*triangles"]
+    fraction: Float[HostOrDeviceArray, "*triangles"]
 
     def gather(self, index: Any) -> "Edge":
         """The entries at an index or an array of indices along the first axis."""
@@ -142,20 +152,21 @@ Edges = tuple[Edge, Edge, Edge]
 """Edge 0 runs from corner 0 to corner 1, edge 1 to corner 2, edge 2 back."""
 
 
-class Bounds(NamedTuple):
-    """Sample columns `left..right` and rows `top..bottom`, inclusive, on the canvas; `[triangles]`.
+class SampleBounds(NamedTuple):
+    """Samples in the bounding box of each triangle and on the canvas.
 
-    Empty where `left > right` or `top > bottom`.
+    Columns are `left..right` and rows `top..bottom`, both inclusive. The box is empty where
+    `left > right` or `top > bottom`.
     """
 
-    left: Any
-    right: Any
-    top: Any
-    bottom: Any
+    left: Int[HostOrDeviceArray, " triangles"]
+    right: Int[HostOrDeviceArray, " triangles"]
+    top: Int[HostOrDeviceArray, " triangles"]
+    bottom: Int[HostOrDeviceArray, " triangles"]
 
-    def gather(self, triangle: Any) -> "Bounds":
+    def gather(self, triangle: Any) -> "SampleBounds":
         """The bounds of some triangles, by their indices."""
-        return Bounds(*(entry[triangle] for entry in self))
+        return SampleBounds(*(entry[triangle] for entry in self))
 
 
 def sign_of_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
@@ -167,7 +178,7 @@ def sign_of_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
 
 
 def corners_of(positions: Any, triangles: Any, origin: Any) -> Any:
-    """Corners `[triangles, 3, 2]` in pixels of the canvas whose upper left pixel is `origin`.
+    """Gather corners `[triangles, 3, 2]`, in pixels of the canvas whose first pixel is `origin`.
 
     Subtracted in the dtype of the positions. A triangle that names one vertex three times is
     padding (`size_classes.pad`). Its corners are NaN, so that it covers nothing in any mode and its
@@ -193,9 +204,9 @@ class Corners(NamedTuple):
       put at (0, 0) and covers nothing.
     """
 
-    high: Any
-    low: Any
-    finite: Any
+    high: Float[HostOrDeviceArray, "triangles 3 2"]
+    low: Float[HostOrDeviceArray, "triangles 3 2"]
+    finite: Bool[HostOrDeviceArray, " triangles"]
 
 
 def snapped_corners(positions: Any, triangles: Any, origin: Any, grid: Grid) -> Corners:
@@ -224,9 +235,9 @@ def snapped_corners(positions: Any, triangles: Any, origin: Any, grid: Grid) -> 
 class Snapped(NamedTuple):
     """Corners in grid units, `[3, triangles]`, as drawn; `finite` as in `Corners`."""
 
-    x: Any
-    y: Any
-    finite: Any
+    x: Int[HostOrDeviceArray, "3 triangles"]
+    y: Int[HostOrDeviceArray, "3 triangles"]
+    finite: Bool[HostOrDeviceArray, " triangles"]
 
 
 def snap(corners: Corners, grid: Grid) -> Snapped:
@@ -241,14 +252,14 @@ def orient(snapped: Snapped) -> Any:
     return sign_of_cross(x[1] - x[0], y[1] - y[0], x[2] - x[0], y[2] - y[0])
 
 
-def directed(snapped: Snapped, orientation: Any) -> Segments:
-    """The edges of the triangles, turned to positive orientation."""
+def directed_triangles(snapped: Snapped, orientation: Any) -> GridTriangles:
+    """Reorient triangles to positive area, and list their directed edges."""
     x, y, finite = snapped
     xp = x.__array_namespace__()
-    x, y = turn(x, orientation), turn(y, orientation)
+    x, y = reorient(x, orientation), reorient(y, orientation)
     right = xp.where(finite, xp.max(x, axis=0), -(2**23))
     next_x, next_y = (xp.stack([c[1], c[2], c[0]]) for c in (x, y))
-    return Segments(
+    return GridTriangles(
         x,
         y,
         next_x - x,
@@ -263,23 +274,23 @@ def directed(snapped: Snapped, orientation: Any) -> Segments:
 
 
 def to_grid(pixels: Any, grid: Grid, axis: int) -> Any:
-    """Coordinates in pixels along x (0) or y (1) to grid units, held within the guard band."""
+    """Coordinates in pixels along x (0) or y (1) to grid units, clamped to the guard band."""
     xp = pixels.__array_namespace__()
     low, high = (limits[axis] for limits in grid.guard)
     units = xp.round(xp.clip(pixels, low, high) * 2.0**grid.bits)
     return units.astype(xp.int32)
 
 
-def turn(corners: Any, orientation: Any) -> Any:
-    """`[3, triangles]` with corners 1 and 2 exchanged where the orientation is negative."""
+def reorient(corners: Any, orientation: Any) -> Any:
+    """Exchange corners 1 and 2 of `[3, triangles]` where the orientation is negative."""
     xp = corners.__array_namespace__()
     return xp.where(
         (orientation < 0)[None], xp.stack([corners[0], corners[2], corners[1]]), corners
     )
 
 
-def edge_functions(segments: Segments, grid: Grid, fill_rule: str) -> Edge:
-    """The three edge functions of each triangle, every entry `[3, triangles]`.
+def edge_functions(segments: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
+    """Set up the three edge functions of each triangle, every entry `[3, triangles]`.
 
     With `"top_left"`, an edge that does not own its boundary is lowered by one unit of the exact
     value, so that `>= 0` becomes `> 0`; a triangle without area is pushed out everywhere.
@@ -322,13 +333,13 @@ def edge_functions(segments: Segments, grid: Grid, fill_rule: str) -> Edge:
     return Edge(-dy, dx, start, estimate, fraction)
 
 
-def separate(edges: Edge) -> Edges:
-    """Edge functions `[3, triangles]` as one `Edge` for each side."""
+def split_edges(edges: Edge) -> Edges:
+    """Split edge functions `[3, triangles]` into one `Edge` for each side."""
     first, second, third = (edges.gather(k) for k in range(3))
     return first, second, third
 
 
-def bounds(segments: Segments, grid: Grid) -> Bounds:
+def sample_bounds(segments: GridTriangles, grid: Grid) -> SampleBounds:
     """Samples within the bounding box of each triangle and on the canvas."""
     xp = segments.x.__array_namespace__()
     half = 1 << (grid.bits - 1)
@@ -340,7 +351,7 @@ def bounds(segments: Segments, grid: Grid) -> Bounds:
 
     left, right = samples(segments.left, segments.right, grid.rate * grid.width)
     top, bottom = samples(segments.top, segments.bottom, grid.rate * grid.height)
-    return Bounds(left, right, top, bottom)
+    return SampleBounds(left, right, top, bottom)
 
 
 def within_guard(corners: Corners, grid: Grid) -> Any:

@@ -1,4 +1,4 @@
-"""Triangles that reach past the guard band: cut to it, so that the grid stays fine.
+"""Clipping of triangles that reach past the guard band, so that the grid stays fine.
 
 Each edge is cut to the band by itself, one axis after the other. Near the canvas a triangle is
 bounded by those parts of its edges that come near, and it is convex: an edge that does not come
@@ -27,7 +27,7 @@ from ..numerics.double_float import (
     scale,
     subtract,
 )
-from .fixed_point import Corners, Grid, Segments, to_grid, turn
+from .fixed_point import Corners, Grid, GridTriangles, reorient, to_grid
 
 _FARTHEST_BITS = 30
 """Coordinates beyond 2^30 pixels are scaled down by a power of two: their products stay finite."""
@@ -36,51 +36,51 @@ _SURE = 2.0**-40
 """Share of the products in an area below which its sign could be a rounding: no area then."""
 
 
-class Planes(NamedTuple):
+class WeightPlanes(NamedTuple):
     """Weights of corners 1 and 2 of triangles past the band, as floats; `[2, triangles]`.
 
     - `start`: at sample (0, 0); `right`, `down`: change from sample to sample.
-    - `used`: `[triangles]`, which triangles these are.
+    - `is_far`: `[triangles]`, whether a triangle is past the band; entries of others are undefined.
     """
 
     start: Any
     right: Any
     down: Any
-    used: Any
+    is_far: Any
 
 
 class FarTriangles(NamedTuple):
-    """Triangles past the band; the others are put at pixel (0, 0).
+    """All triangles, with the corners of those past the band; the others are put at pixel (0, 0).
 
-    - `beyond`: `[triangles]`, which triangles these are.
+    - `is_far`: `[triangles]`, whether a triangle is past the band.
     - `orientation`: `[triangles]`, the sign of the area as drawn; 0 without area.
-    - `x`, `y`: corners turned to positive orientation, pairs of `[3, triangles]`.
+    - `x`, `y`: corners reoriented to positive area, pairs of `[3, triangles]`.
     """
 
-    beyond: Any
+    is_far: Any
     orientation: Any
     x: Pair
     y: Pair
 
 
-def far_triangles(corners: Corners, beyond: Any) -> FarTriangles:
-    """The triangles past the band, with their exact orientation."""
-    xp = beyond.__array_namespace__()
+def far_triangles(corners: Corners, is_far: Any) -> FarTriangles:
+    """Select the triangles past the band, reorient them, and give their exact orientation."""
+    xp = is_far.__array_namespace__()
 
     def kept(entry: Any, axis: int) -> Any:
-        values = xp.where(beyond[:, None], entry[:, :, axis], xp.zeros_like(entry[:, :, axis]))
+        values = xp.where(is_far[:, None], entry[:, :, axis], xp.zeros_like(entry[:, :, axis]))
         return values.T
 
     x, y = ((kept(corners.high, axis), kept(corners.low, axis)) for axis in (0, 1))
     area, bound = _area(*_scaled(x, y))
     sure = xp.abs(area[0]) > bound * _SURE
     orientation = xp.where(sure, xp.sign(area[0]), xp.zeros_like(area[0])).astype(xp.int32)
-    x, y = ((turn(c[0], orientation), turn(c[1], orientation)) for c in (x, y))
-    return FarTriangles(beyond, orientation, x, y)
+    x, y = ((reorient(c[0], orientation), reorient(c[1], orientation)) for c in (x, y))
+    return FarTriangles(is_far, orientation, x, y)
 
 
-def clip(far: FarTriangles, segments: Segments, grid: Grid) -> Segments:
-    """`segments` with the edges of triangles past the band cut to it."""
+def clip(far: FarTriangles, segments: GridTriangles, grid: Grid) -> GridTriangles:
+    """Cut the edges of triangles past the band to it; other triangles stay as they are."""
     xp = far.orientation.__array_namespace__()
     start: Point = (far.x, far.y)
     end: Point = (_next(far.x), _next(far.y))
@@ -99,21 +99,21 @@ def clip(far: FarTriangles, segments: Segments, grid: Grid) -> Segments:
     surrounds = _surrounds_center(far, grid) & has_area
     empty = ~xp.any(hit, axis=0) & ~surrounds
     constant = xp.where(hit, 0, xp.where(empty[None], -1, 1)).astype(xp.int32)
-    cut = Segments(
+    cut = GridTriangles(
         from_x, from_y, to_x - from_x, to_y - from_y, far.orientation, *segments[5:9], constant
     )
-    return Segments(
+    return GridTriangles(
         *(
-            xp.where(far.beyond if new.ndim == 1 else far.beyond[None], new, old)
+            xp.where(far.is_far if new.ndim == 1 else far.is_far[None], new, old)
             for new, old in zip(cut, segments, strict=True)
         )
     )
 
 
-def planes(far: FarTriangles, grid: Grid) -> Planes:
-    """The weights of triangles past the band, as floats; those of the others mean nothing.
+def planes(far: FarTriangles, grid: Grid) -> WeightPlanes:
+    """Compute the weights of triangles past the band as floats; those of others are undefined.
 
-    A triangle without area has the mean of its corners everywhere.
+    In a triangle without area each corner weighs 1/3 everywhere.
     """
     xp = far.orientation.__array_namespace__()
     x, y, shrink_x, shrink_y = _scaled(far.x, far.y)
@@ -143,7 +143,7 @@ def planes(far: FarTriangles, grid: Grid) -> Planes:
         xp.where(has_area[None], xp.stack(pair), xp.full_like(area[0], empty)[None])
         for pair, empty in zip(zip(*entries, strict=True), (1 / 3, 0.0, 0.0), strict=True)
     )
-    return Planes(start, right, down, far.beyond)
+    return WeightPlanes(start, right, down, far.is_far)
 
 
 def _next(corners: Pair) -> Pair:
@@ -158,7 +158,7 @@ def _entry(corners: Pair, k: int) -> Pair:
 
 
 def _shrink(*values: Pair) -> Any:
-    """The power of two, at most 1, that brings values below 2^30."""
+    """Largest power of two, at most 1, that scales values to below 2^30."""
     xp = values[0][0].__array_namespace__()
     reach = xp.abs(values[0][0])
     for value in values[1:]:
@@ -172,7 +172,10 @@ def _resized(point: Point, factors: tuple[Any, Any]) -> Point:
 
 
 def _scaled(x: Pair, y: Pair) -> tuple[Pair, Pair, Any, Any]:
-    """Corners below 2^30, and the factor of each axis: weights and signs do not depend on them."""
+    """Scale corners to below 2^30; return x, y and the factor of each axis.
+
+    Weights and signs of areas do not depend on the factors.
+    """
     xp = x[0].__array_namespace__()
     factors = []
     for c in (x, y):
@@ -187,7 +190,7 @@ def _scaled(x: Pair, y: Pair) -> tuple[Pair, Pair, Any, Any]:
 
 
 def _area(x: Pair, y: Pair, *_: Any) -> tuple[Pair, Any]:
-    """Twice the signed area, and the sum of the products that it is the difference of."""
+    """Twice the signed area, and the sum of the sizes of the two products that it subtracts."""
     xp = x[0].__array_namespace__()
     first, second = (
         (subtract(_entry(x, k), _entry(x, 0)), subtract(_entry(y, k), _entry(y, 0))) for k in (1, 2)
@@ -211,8 +214,9 @@ def _surrounds_center(far: FarTriangles, grid: Grid) -> Any:
 def _near_canvas(start: tuple[Any, Any], end: tuple[Any, Any], grid: Grid) -> Any:
     """Whether the cut edges meet the canvas grown by a pixel, or by less where the band is narrow.
 
-    Others bound nothing that shows. Their cuts may be a few units long, next to the band's border,
-    and such a line would point anywhere; one that comes near the canvas is long.
+    Other edges bound nothing that is visible, and must not be used: what the cut leaves of them may
+    be a few grid units long, too short for its direction to mean anything. An edge that comes near
+    the canvas is long.
     """
     xp = start[0].__array_namespace__()
     growth = min(1.0, max(grid.height, grid.width) / 4)

@@ -1,15 +1,20 @@
-"""How the canvas is cut into tiles."""
+"""Tiling: the canvas cut into equal tiles, which each hold a short list of triangles."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from ..numerics.array_types import HostOrDeviceArray
 from .fixed_point import Grid
 
-# Height and width by samples a side. Columns fill a word; rows are few where pixels are many.
+# Height and width of a tile in pixels, by the samples along a pixel's side. A row of samples fills
+# a 32-bit word, or nearly.
 _PIXELS = {1: (8, 32), 2: (8, 16), 3: (8, 10), 4: (8, 8), 8: (4, 4), 16: (2, 2)}
 
 
 class Tiling(NamedTuple):
-    """How the canvas is cut: tiles of `height` x `width` pixels, `rows` x `columns` of them."""
+    """Tiles of `height` x `width` pixels, in `rows` rows and `columns` columns.
+
+    Tiles are numbered row by row. The last row and column may reach beyond the canvas.
+    """
 
     grid: Grid
     height: int
@@ -18,23 +23,23 @@ class Tiling(NamedTuple):
     columns: int
 
     @staticmethod
-    def of(grid: Grid) -> "Tiling":
-        """The tiling of a canvas: a row of a tile's samples is one word."""
+    def one_word_wide(grid: Grid) -> "Tiling":
+        """Tiles in which a row of samples is one 32-bit word, for sampled coverage."""
         height, width = _PIXELS[grid.rate]
         return Tiling(grid, height, width, -(-grid.height // height), -(-grid.width // width))
 
     @staticmethod
     def square(grid: Grid, side: int) -> "Tiling":
-        """Tiles of `side` x `side` pixels, with a sample in the middle of each pixel."""
+        """Tiles of `side` x `side` pixels, for analytic coverage; `grid.rate` is 1."""
         return Tiling(grid, side, side, -(-grid.height // side), -(-grid.width // side))
 
     @property
     def count(self) -> int:
-        """How many tiles."""
+        """Number of tiles."""
         return self.rows * self.columns
 
-    def first_sample(self, tile: Any) -> tuple[Any, Any]:
-        """Column and row of the first sample of each tile."""
+    def first_sample(self, tile: HostOrDeviceArray) -> tuple[HostOrDeviceArray, HostOrDeviceArray]:
+        """Column and row of the first sample of each tile on the canvas, from tile numbers."""
         return (tile % self.columns) * self.sample_columns, (
             tile // self.columns
         ) * self.sample_rows
@@ -44,16 +49,16 @@ class Tiling(NamedTuple):
         """Height and width in pixels of all the tiles together."""
         return self.rows * self.height, self.columns * self.width
 
-    def crop(self, image: Any) -> Any:
-        """The canvas out of an image of `padded_shape`."""
+    def crop(self, image: HostOrDeviceArray) -> HostOrDeviceArray:
+        """Cut an image of `padded_shape` to the canvas."""
         return image[: self.grid.height, : self.grid.width]
 
     @property
     def sample_rows(self) -> int:
-        """Rows of samples in a tile."""
+        """Number of sample rows in a tile."""
         return self.height * self.grid.rate
 
     @property
     def sample_columns(self) -> int:
-        """Columns of samples in a tile, at most 32."""
+        """Number of sample columns in a tile, at most 32."""
         return self.width * self.grid.rate

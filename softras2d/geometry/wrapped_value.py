@@ -71,7 +71,11 @@ class WrappedValue(NamedTuple):
         return xp.where(self.is_near_zero, xp.sign(self.wrapped), far)
 
     def clamped(self) -> HostOrDeviceArray:
-        """The value as int32 where it is near zero; elsewhere +-2^30."""
+        """The value as int32 where it is near zero; elsewhere +-2^30.
+
+        Within a tile an edge value moves by less than 34 |dy| + 31 |dx| < 2^30: one that is clamped
+        at the tile's first sample has the same sign in all of the tile.
+        """
         xp = self.estimate.__array_namespace__()
         far = xp.where(self.estimate > 0, FAR, -FAR).astype(xp.int32)
         return xp.where(self.is_near_zero, self.wrapped, far)

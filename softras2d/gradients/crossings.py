@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..binning.expansion import expand
-from ..geometry.fixed_point import Edges, Grid, Segments
+from ..geometry.fixed_point import Edges, Grid, GridTriangles
 from ..geometry.wrapped_value import WrappedValue
 from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
@@ -77,7 +77,7 @@ class Sides(NamedTuple):
         return safe.divide(jnp.where(usable, other, jnp.zeros_like(other)), length)
 
 
-def lines_crossed(segments: Segments, grid: Grid) -> tuple[Any, Any]:
+def lines_crossed(segments: GridTriangles, grid: Grid) -> tuple[Any, Any]:
     """First line of samples that each edge `[3, triangles]` crosses, and how many on the canvas.
 
     For numpy and jax alike.
@@ -97,7 +97,7 @@ def lines_crossed(segments: Segments, grid: Grid) -> tuple[Any, Any]:
     return first.astype(xp.int32), count.astype(xp.int32)
 
 
-def is_steep(segments: Segments) -> Any:
+def is_steep(segments: GridTriangles) -> Any:
     """Whether each edge rises no less than it runs. For numpy and jax alike."""
     xp = segments.x.__array_namespace__()
     return xp.abs(segments.dy) >= xp.abs(segments.dx)

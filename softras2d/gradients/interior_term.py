@@ -18,14 +18,14 @@ from jaxtyping import Array, Float, Int
 
 from ..geometry.barycentric import twice_area
 from ..geometry.fixed_point import Edges, Grid
-from ..geometry.guard_band import Planes
+from ..geometry.guard_band import WeightPlanes
 from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
 from ..shading.triangle_color import Corners
 
 
 def weight_gradients(
-    edges: Edges, planes: Planes | None, grid: Grid, dtype
+    edges: Edges, planes: WeightPlanes | None, grid: Grid, dtype
 ) -> Float[Array, "2 3 triangles"]:
     """Derivatives by x and y, per pixel, of the weights of the corners; 0 without area.
 
@@ -43,7 +43,7 @@ def weight_gradients(
         ]
         if planes is not None:
             far = (planes.right.astype(dtype), planes.down.astype(dtype))
-            steps = [jnp.where(planes.used[None], f, s) for f, s in zip(far, steps, strict=True)]
+            steps = [jnp.where(planes.is_far[None], f, s) for f, s in zip(far, steps, strict=True)]
         others = jnp.stack(steps) * grid.rate
         others = jnp.clip(others, -float(grid.rate), float(grid.rate))
         return jnp.concatenate([-jnp.sum(others, 1, keepdims=True), others], 1)

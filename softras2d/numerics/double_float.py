@@ -1,8 +1,11 @@
-"""Arithmetic in twice the precision of the array's floats: each number is a pair (high, low).
+"""Double-float arithmetic: each number is a pair of floats, for twice their precision.
 
-The value of a pair is the exact sum of both parts, and `low` is below half a unit in the last
-place of `high`. Relative errors are about 2^-44 for float32. Written for numpy and jax arrays
+The value of a pair (high, low) is the exact sum of both, and `low` is at most half a unit in the
+last place of `high`. Relative errors are about 2^-44 for float32. Written for numpy and jax arrays
 alike.
+
+Products split their factors and would overflow in the split, so everything that multiplies
+(`product_of`, `multiply`, `divide`, `cross`) takes numbers below 2^100 in size.
 
 XLA may contract a product and a sum into one operation with one rounding. Every formula here stays
 correct to that precision with or without it.
@@ -16,7 +19,7 @@ from typing import Any
 import numpy as np
 
 Pair = tuple[Any, Any]
-"""A number as the sum of a float and of what was rounded off it."""
+"""A number as (high, low): the nearest float, and the rest."""
 
 Point = tuple[Pair, Pair]
 """Two coordinates, x and y."""
@@ -55,20 +58,23 @@ def subtract(a: Pair, b: Pair) -> Pair:
 
 
 def multiply(a: Pair, b: Pair) -> Pair:
-    """The product of two pairs."""
+    """The product of two pairs, each below 2^100 in size."""
     high, low = product_of(a[0], b[0])
     return _normalized(high, low + (a[0] * b[1] + a[1] * b[0]))
 
 
 def divide(a: Pair, b: Pair) -> Pair:
-    """The quotient of two pairs; the divisor's `high` must not be zero."""
+    """The quotient of two pairs, for a divisor whose `high` is not zero.
+
+    Divisor and quotient must be below 2^100 in size, as they are multiplied.
+    """
     first = a[0] / b[0]
     rest = subtract(a, multiply(pair_of(first), b))
     return _normalized(first, rest[0] / b[0])
 
 
 def cross(a: Point, b: Point) -> Pair:
-    """The cross product a_x b_y - a_y b_x."""
+    """The cross product a_x b_y - a_y b_x; coordinates are below 2^100 in size."""
     return subtract(multiply(a[0], b[1]), multiply(a[1], b[0]))
 
 

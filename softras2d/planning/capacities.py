@@ -21,8 +21,8 @@ from jaxtyping import Array, Int
 from ..binning.expansion import Expansion, expand_on_host
 from ..binning.lists import BLOCK
 from ..binning.pairs import find_pairs
-from ..binning.reach import reaches
-from ..geometry.fixed_point import Bounds, Grid, corners_of
+from ..binning.reach import reached_triangles
+from ..geometry.fixed_point import Grid, SampleBounds, corners_of
 from ..geometry.projection import project
 from ..geometry.tiling import Tiling
 from ..gradients.crossings import lines_crossed, runs_of
@@ -132,7 +132,7 @@ class Counts(NamedTuple):
 
 def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) -> Counts:
     """Count, in numpy, what `tiles.list_tiles` will find; `ValueError` for too many pairs."""
-    tiling = Tiling.of(grid)
+    tiling = Tiling.one_word_wide(grid)
     scene = jax.tree.map(np.asarray, scene)
     projection = project(
         scene.positions, scene.triangles, origin, grid, coverage.fill_rule, cut=True
@@ -158,7 +158,7 @@ def count_fading(
     """
     scene = jax.tree.map(np.asarray, scene)
     corners = corners_of(scene.positions, scene.triangles, origin)
-    found = reaches(corners, tiling.grid, np.float32(reach))
+    found = reached_triangles(corners, tiling.grid, np.float32(reach))
     hides = is_occluder(scene, found.orientation) & (not summed)
     pairs = _list_pairs(found.lines, found.bounds, hides, tiling)
     return Counts(pairs.strips, pairs.pairs, pairs.listed)
@@ -173,7 +173,7 @@ class _Listed(NamedTuple):
     listed: np.ndarray
 
 
-def _list_pairs(edges: Any, boxes: Bounds, hides: np.ndarray, tiling: Tiling) -> _Listed:
+def _list_pairs(edges: Any, boxes: SampleBounds, hides: np.ndarray, tiling: Tiling) -> _Listed:
     """What `tiles.list_tiles` lists on the device, by the same `find_pairs`."""
     found = find_pairs(
         edges,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..coverage.sampled import draw_lines, place_lines, row_order
-from ..geometry.fixed_point import Bounds, Edges, Grid
+from ..geometry.fixed_point import Edges, Grid, SampleBounds
 from ..geometry.tiling import Tiling
 from ..scene import Scene
 from ..shading.fragments import pixels_seen
@@ -39,7 +39,7 @@ class DepthPlanes(NamedTuple):
 
 
 def count_fragments(
-    edges: Edges, bounds: Bounds, pairs: Pairs, depth: DepthPlanes | None, tiling: Tiling
+    edges: Edges, bounds: SampleBounds, pairs: Pairs, depth: DepthPlanes | None, tiling: Tiling
 ) -> int:
     """Number of fragments of an opaque scene.
 

@@ -47,12 +47,12 @@ class Plan(eqx.Module):
     @property
     def grid(self) -> Grid:
         """Canvas, samples and snapping grid."""
-        return Grid.of(self.height, self.width, self.coverage.rate, self.grid_bits)
+        return Grid.for_canvas(self.height, self.width, self.coverage.rate, self.grid_bits)
 
     @property
     def tiling(self) -> Tiling:
         """How the canvas is cut into tiles."""
-        return Tiling.square(self.grid, self.side) if self.side else Tiling.of(self.grid)
+        return Tiling.square(self.grid, self.side) if self.side else Tiling.one_word_wide(self.grid)
 
     def holds(self, other: "Plan") -> bool:
         """Whether every capacity is at least that of `other`, a plan of the same canvas."""

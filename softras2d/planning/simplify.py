@@ -29,7 +29,7 @@ def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = N
 
     Vertices keep their indices. Raises `ValueError` for invalid values.
     """
-    grid = Grid.of(height, width, 1)
+    grid = Grid.for_canvas(height, width, 1)
     if filter is not None and not isinstance(filter, Filter):
         raise ValueError(f"`filter` must be Filter(...) or None; got {filter!r}.")
     check(scene)

@@ -11,14 +11,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..binning.lists import Chunks, cut_chunks
-from ..binning.reach import Reaches, reaches
+from ..binning.reach import ReachedTriangles, reached_triangles
 from ..binning.tile_side import choose_side
 from ..binning.tiles import list_tiles
 from ..compositing import analytic_over
 from ..compositing.opaque import sum_chunks
 from ..coverage.analytic import Measure, cover
 from ..coverage.edge_lines import Sides, sides_of
-from ..geometry.fixed_point import Grid, corners_of, turn
+from ..geometry.fixed_point import Grid, corners_of, reorient
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..planning.capacities import (
@@ -82,7 +82,12 @@ class AnalyticMode(CoverageMode):
         return False
 
     def composite(
-        self, coverage: Any, shaded: Shaded, found: Reaches, chunks: Chunks, max_chunks: int
+        self,
+        coverage: Any,
+        shaded: Shaded,
+        found: ReachedTriangles,
+        chunks: Chunks,
+        max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
         """The layers of each pixel in one: premultiplied colour, and alpha."""
         return analytic_over.composite(shaded.opacity, shaded.color, chunks, depth=max_chunks)
@@ -115,7 +120,7 @@ class AnalyticMode(CoverageMode):
         coverage, tiling, capacity = plan.coverage, plan.tiling, plan.capacity
         corners = materialized(corners_of)(scene.positions, scene.triangles, plan.origin)
         parameter, reach = self.parameter(coverage, corners.dtype)
-        found = materialized(lambda corners, reach: reaches(corners, plan.grid, reach))(
+        found = materialized(lambda corners, reach: reached_triangles(corners, plan.grid, reach))(
             jax.lax.stop_gradient(corners), reach
         )
         hides = materialized(is_occluder)(scene, found.orientation) & (not self.is_sum(coverage))
@@ -153,7 +158,7 @@ def _to_image(
 
 
 def _place(
-    corners: Float[Array, "triangles 3 2"], found: Reaches, chunks: Chunks, tiling: Tiling
+    corners: Float[Array, "triangles 3 2"], found: ReachedTriangles, chunks: Chunks, tiling: Tiling
 ) -> tuple[Float[Array, "6 slots"], Float[Array, "2 slots"]]:
     """The corners of each slot's triangle, x and y in turn, and the first pixel of its tile."""
     dtype = corners.dtype
@@ -163,7 +168,7 @@ def _place(
         triangle = chunks.triangle.reshape(-1)
         clamped = jnp.where(found.finite[:, None, None], corners, 0.0)
         clamped = jnp.clip(clamped, -_FARTHEST, _FARTHEST)
-        x, y = (turn(clamped[:, :, axis].T, found.orientation)[:, triangle] for axis in (0, 1))
+        x, y = (reorient(clamped[:, :, axis].T, found.orientation)[:, triangle] for axis in (0, 1))
         # An empty slot is a corner out of reach.
         filled = chunks.filled.reshape(-1)
         six = [x[0], y[0], x[1], y[1], x[2], y[2]]
@@ -177,17 +182,17 @@ def _place(
     return gather(corners, found, chunks), locate(chunks)
 
 
-def _carried(scene: Scene, found: Reaches, plan: Plan) -> Carried:
+def _carried(scene: Scene, found: ReachedTriangles, plan: Plan) -> Carried:
     @materialized
     def turn_corners(colors, uv, vertex, triangles, orientation):
         def turn_each(corners):
             corners = corners.transpose(1, 2, 0)
             if corners.shape[0] == 1:
                 return corners
-            return jax.vmap(turn, (1, None), 1)(corners, orientation)
+            return jax.vmap(reorient, (1, None), 1)(corners, orientation)
 
         inverse_w, depth = (
-            None if entry is None else turn(entry[triangles].T, orientation) for entry in vertex
+            None if entry is None else reorient(entry[triangles].T, orientation) for entry in vertex
         )
         return Corners(turn_each(colors), inverse_w, None if uv is None else turn_each(uv)), depth
 
@@ -202,7 +207,7 @@ def _carried(scene: Scene, found: Reaches, plan: Plan) -> Carried:
 def add_signed(
     opacity: Float[Array, "chunks layers pixels"],
     colors: Float[Array, "chunks layers 3 #pixels"],
-    found: Reaches,
+    found: ReachedTriangles,
     chunks: Chunks,
     *,
     max_chunks: int,

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..binning.lists import Chunks
-from ..binning.reach import Reaches
+from ..binning.reach import ReachedTriangles
 from ..coverage import area, centroid
 from ..coverage.edge_lines import Sides
 from ..numerics.fusion_barrier import materialized
@@ -58,7 +58,12 @@ class AreaMode(AnalyticMode):
         )
 
     def composite(
-        self, coverage: Area, shaded: Shaded, found: Reaches, chunks: Chunks, max_chunks: int
+        self,
+        coverage: Area,
+        shaded: Shaded,
+        found: ReachedTriangles,
+        chunks: Chunks,
+        max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
         """Draw order, or the sum of signed areas."""
         if not self.is_sum(coverage):

@@ -55,7 +55,7 @@ def plan(
     for one in scenes:
         check(one)
     origin = _checked_origin(origin)
-    grid = Grid.of(height, width, coverage.rate, grid_bits)
+    grid = Grid.for_canvas(height, width, coverage.rate, grid_bits)
     filter = Filter() if filter is None else filter
     if not isinstance(filter, Filter):
         raise ValueError(f"`filter` must be Filter(...); got {filter!r}.")

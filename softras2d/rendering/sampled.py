@@ -16,8 +16,8 @@ from ..coverage.depth_test import Depths, keep_nearest
 from ..coverage.sampled import covered_rows, hide
 from ..geometry import fixed_point
 from ..geometry.barycentric import slot_weights
-from ..geometry.fixed_point import Bounds, Edges, Grid, turn
-from ..geometry.guard_band import Planes
+from ..geometry.fixed_point import Edges, Grid, SampleBounds, reorient
+from ..geometry.guard_band import WeightPlanes
 from ..geometry.projection import project
 from ..geometry.tiling import Tiling
 from ..gradients.boundary_term import Outlines, Shape, slopes
@@ -48,7 +48,7 @@ class Projected(NamedTuple):
     """
 
     edges: Edges
-    bounds: Bounds
+    bounds: SampleBounds
     outlines: Outlines | None
     surface: Surface
     depths: Depths | None
@@ -130,7 +130,7 @@ def _project(scene: Scene, plan: Plan) -> Projected:
         plan.hard.fill_rule,
         cut=cut,
         weights=varies(scene) or scene.depth is not None,
-        apart=materialized,
+        materialize=materialized,
     )
     corners, segments, edges, box, weights, beyond = projection
     orientation = segments.orientation
@@ -151,8 +151,8 @@ def _outlines(corners: fixed_point.Corners, segments, edges: Edges, triangles, g
     @materialized
     def draw(corners, segments, triangles):
         orientation = segments.orientation
-        vertex = turn(triangles.T, orientation).T
-        x, y = (turn(corners[:, :, axis].T, orientation).T for axis in (0, 1))
+        vertex = reorient(triangles.T, orientation).T
+        x, y = (reorient(corners[:, :, axis].T, orientation).T for axis in (0, 1))
         start = jnp.stack([x, y])
         return Sides(start, jnp.roll(start, -1, 2), is_steep(segments).T), vertex
 
@@ -167,13 +167,13 @@ def _outlines(corners: fixed_point.Corners, segments, edges: Edges, triangles, g
 
 def _turned(vertex: Array, triangles: Array, orientation: Array) -> Array:
     """A vertex value at the corners `[3, triangles]`, turned to positive orientation."""
-    return turn(vertex[triangles].T, orientation)
+    return reorient(vertex[triangles].T, orientation)
 
 
 def _surface(
     scene: Scene,
     edges: Edges,
-    weights: Planes | None,
+    weights: WeightPlanes | None,
     outlines: Outlines | None,
     orientation,
     plan: Plan,
@@ -189,7 +189,7 @@ def _surface(
         return Corners(colors, inverse_w, uv)
 
     def turn_each(corners, orientation):
-        return jax.vmap(turn, (1, None), 1)(corners, orientation)
+        return jax.vmap(reorient, (1, None), 1)(corners, orientation)
 
     bent = scene.inverse_w if varies(scene) else None
     corners = turn_corners(scene.colors, scene.uv, bent, scene.triangles, orientation)

@@ -10,7 +10,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from ..binning.lists import Chunks
-from ..binning.reach import Reaches
+from ..binning.reach import ReachedTriangles
 from ..compositing import depth_softmax
 from ..coverage import nearest_weights, soft
 from ..coverage.edge_lines import Sides
@@ -59,7 +59,12 @@ class SoftMode(AnalyticMode):
         )
 
     def composite(
-        self, coverage: Soft, shaded: Shaded, found: Reaches, chunks: Chunks, max_chunks: int
+        self,
+        coverage: Soft,
+        shaded: Shaded,
+        found: ReachedTriangles,
+        chunks: Chunks,
+        max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
         """Draw order, or a mixture by depth if the scene has depth."""
         opacity, color, depth = shaded

@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..geometry.barycentric import Weights, slot_weights, twice_area, weight_sums
 from ..geometry.fixed_point import Edges
-from ..geometry.guard_band import Planes
+from ..geometry.guard_band import WeightPlanes
 from ..geometry.tiling import Tiling
 from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
@@ -81,7 +81,7 @@ class Surface(NamedTuple):
 
     edges: Edges
     area: Float[Array, " triangles"]
-    planes: Planes | None
+    planes: WeightPlanes | None
     corners: Corners
     texture: Int[Array, " triangles"] | None
     skin: Skin | None
@@ -118,7 +118,7 @@ class Lanes(NamedTuple):
 
 def surface_of(
     edges: Edges,
-    planes: Planes | None,
+    planes: WeightPlanes | None,
     corners: Corners,
     texture: Array | None,
     pyramid: TexturePyramid | None,
@@ -343,8 +343,8 @@ def _steps(weights: Weights, axis: int, tiling: Tiling) -> Step:
     """Along x (0) or y (1)."""
     steps = weights.edges.right if axis == 0 else weights.edges.down
     step = steps.astype(weights.per_value.dtype) * weights.per_value[None]
-    if weights.plane is not None and weights.beyond is not None:
-        step = jnp.where(weights.beyond[None], weights.plane[1 + axis], step)
+    if weights.plane is not None and weights.is_far is not None:
+        step = jnp.where(weights.is_far[None], weights.plane[1 + axis], step)
     second, third = step * tiling.grid.rate
     return second, third
 

@@ -67,7 +67,7 @@ def test_coverage_up_to_a_thousand_canvases_away():
         expected = np.zeros((height * on.rate, width * on.rate), bool)
         expected[owned.rows, owned.columns] = owned.inside
         wrong = covered_by(projection, on) != expected
-        cut = bool(projection.beyond[0])
+        cut = bool(projection.is_far[0])
         assert not (wrong & ~(near_an_edge(true, on) & cut)).any(), (corners, on)
 
 

@@ -52,7 +52,7 @@ def project_one(corners: np.ndarray, on: Canvas) -> Projection:
         corners,
         np.array([[0, 1, 2]], np.int32),
         np.array(on.origin, np.int32),
-        Grid.of(on.height, on.width, on.rate),
+        Grid.for_canvas(on.height, on.width, on.rate),
         on.fill_rule,
         cut=True,
         weights=True,
@@ -107,7 +107,7 @@ def test_coverage_orientation_and_weights(origin):
         wrong = covered_by(projection, on) != expected
         assert not (wrong & ~near_an_edge(true, on)).any()
         uncertain += int(wrong.sum())
-        if not projection.beyond[0] or area == 0:
+        if not projection.is_far[0] or area == 0:
             continue
         planes = projection.planes
         assert planes is not None
