@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..binning.lists import Chunks, cut_chunks
 from ..binning.reach import ReachedTriangles, reached_triangles
@@ -36,7 +36,7 @@ from ..shading.triangle_color import Corners, Skin
 from .coverage_mode import CoverageMode, Drawn, Layout
 
 _FARTHEST = 2.0**30
-"""Pixels at which corners are held: their squares stay finite."""
+"""Pixels at which far corners are clamped, so that their squares stay finite."""
 
 
 class Measured(NamedTuple):
@@ -85,7 +85,7 @@ class AnalyticMode(CoverageMode):
         self,
         coverage: Any,
         shaded: Shaded,
-        found: ReachedTriangles,
+        triangles: ReachedTriangles,
         chunks: Chunks,
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
@@ -120,23 +120,29 @@ class AnalyticMode(CoverageMode):
         coverage, tiling, capacity = plan.coverage, plan.tiling, plan.capacity
         corners = materialized(corners_of)(scene.positions, scene.triangles, plan.origin)
         parameter, reach = self.parameter(coverage, corners.dtype)
-        found = materialized(lambda corners, reach: reached_triangles(corners, plan.grid, reach))(
-            jax.lax.stop_gradient(corners), reach
-        )
-        hides = materialized(is_occluder)(scene, found.orientation) & (not self.is_sum(coverage))
+        triangles = materialized(
+            lambda corners, reach: reached_triangles(corners, plan.grid, reach)
+        )(jax.lax.stop_gradient(corners), reach)
+        occluders = materialized(is_occluder)(scene, triangles.orientation)
+        occluders = occluders & (not self.is_sum(coverage))
         lists = list_tiles(
-            found.lines, found.bounds, hides, tiling, strips=capacity.strips, pairs=capacity.pairs
+            triangles.lines,
+            triangles.bounds,
+            occluders,
+            tiling,
+            strips=capacity.strips,
+            pairs=capacity.pairs,
         )
         chunks = cut_chunks(lists, layers=capacity.layers, capacity=capacity.chunks)
-        slots, tile = _place(corners, found, chunks, tiling)
+        slots, tile = _place(corners, triangles, chunks, tiling)
         sides = materialized(sides_of)(slots, tile)
         measured = self.measures(coverage, slots, tile, sides, tiling.width)
         covered = cover(measured.coverage, slots, measured.coverage_shape, parameter)
-        carried = _carried(scene, found, plan)
+        carried = _carried(scene, triangles, plan)
         shaded = shade_slots(
             carried, covered, measured.weights, slots, measured.weights_shape, sides, chunks
         )
-        layers = self.composite(coverage, shaded, found, chunks, capacity.max_chunks)
+        layers = self.composite(coverage, shaded, triangles, chunks, capacity.max_chunks)
         image = materialized(functools.partial(_to_image, tiling=tiling))(layers, background)
         needs = Needs(
             strips=lists.strips, pairs=lists.pairs, chunks=chunks.needed, max_chunks=chunks.deepest
@@ -157,76 +163,112 @@ def _to_image(
     return tiling.crop(image)
 
 
+def _find_reached(
+    corners: Float[Array, "triangles 3 2"], reach: Float[Array, ""], *, grid: Grid
+) -> ReachedTriangles:
+    return reached_triangles(corners, grid, reach)
+
+
 def _place(
-    corners: Float[Array, "triangles 3 2"], found: ReachedTriangles, chunks: Chunks, tiling: Tiling
+    corners: Float[Array, "triangles 3 2"],
+    triangles: ReachedTriangles,
+    chunks: Chunks,
+    tiling: Tiling,
 ) -> tuple[Float[Array, "6 slots"], Float[Array, "2 slots"]]:
     """The corners of each slot's triangle, x and y in turn, and the first pixel of its tile."""
-    dtype = corners.dtype
-
-    @materialized
-    def gather(corners, found, chunks):
-        triangle = chunks.triangle.reshape(-1)
-        clamped = jnp.where(found.finite[:, None, None], corners, 0.0)
-        clamped = jnp.clip(clamped, -_FARTHEST, _FARTHEST)
-        x, y = (reorient(clamped[:, :, axis].T, found.orientation)[:, triangle] for axis in (0, 1))
-        # An empty slot is a corner out of reach.
-        filled = chunks.filled.reshape(-1)
-        six = [x[0], y[0], x[1], y[1], x[2], y[2]]
-        return jnp.stack([jnp.where(filled, entry, -_FARTHEST) for entry in six])
-
-    @materialized
-    def locate(chunks):
-        tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape).reshape(-1)
-        return jnp.stack([c.astype(dtype) for c in tiling.first_sample(tile)])
-
-    return gather(corners, found, chunks), locate(chunks)
+    first_pixel = materialized(functools.partial(_first_pixel, tiling=tiling, dtype=corners.dtype))
+    return materialized(_slot_corners)(corners, triangles, chunks), first_pixel(chunks)
 
 
-def _carried(scene: Scene, found: ReachedTriangles, plan: Plan) -> Carried:
-    @materialized
-    def turn_corners(colors, uv, vertex, triangles, orientation):
-        def turn_each(corners):
-            corners = corners.transpose(1, 2, 0)
-            if corners.shape[0] == 1:
-                return corners
-            return jax.vmap(reorient, (1, None), 1)(corners, orientation)
+def _slot_corners(
+    corners: Float[Array, "triangles 3 2"], triangles: ReachedTriangles, chunks: Chunks
+) -> Float[Array, "6 slots"]:
+    """Gather the corners of each slot's triangle, in positive orientation."""
+    triangle = chunks.triangle.reshape(-1)
+    clamped = jnp.where(triangles.finite[:, None, None], corners, 0.0)
+    clamped = jnp.clip(clamped, -_FARTHEST, _FARTHEST)
+    x, y = (reorient(clamped[:, :, axis].T, triangles.orientation)[:, triangle] for axis in (0, 1))
+    # An empty slot is a corner out of reach.
+    filled = chunks.filled.reshape(-1)
+    coordinates = [x[0], y[0], x[1], y[1], x[2], y[2]]
+    return jnp.stack([jnp.where(filled, entry, -_FARTHEST) for entry in coordinates])
 
-        inverse_w, depth = (
-            None if entry is None else reorient(entry[triangles].T, orientation) for entry in vertex
-        )
-        return Corners(turn_each(colors), inverse_w, None if uv is None else turn_each(uv)), depth
 
-    bent = scene.inverse_w if varies(scene) else None
-    corners, depth = turn_corners(
-        scene.colors, scene.uv, (bent, scene.depth), scene.triangles, found.orientation
+def _first_pixel(chunks: Chunks, *, tiling: Tiling, dtype: Any) -> Float[Array, "2 slots"]:
+    """Column and row of the first pixel of each slot's tile."""
+    tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape).reshape(-1)
+    return jnp.stack([index.astype(dtype) for index in tiling.first_sample(tile)])
+
+
+def _carried(scene: Scene, triangles: ReachedTriangles, plan: Plan) -> Carried:
+    """Corner attributes, textures and depth, for shading."""
+    inverse_w = scene.inverse_w if varies(scene) else None
+    corners, depth = materialized(_corner_attributes)(
+        scene.colors,
+        scene.uv,
+        (inverse_w, scene.depth),
+        scene.triangles,
+        triangles.orientation,
     )
     skin = Skin.of(scene.textures, plan.filter)
     return Carried(corners, scene.texture_index, skin, depth)
 
 
+def _corner_attributes(
+    colors: Float[Array, "triangles corners channels"],
+    uv: Float[Array, "triangles 3 2"] | None,
+    vertex_values: tuple[Float[Array, " vertices"] | None, Float[Array, " vertices"] | None],
+    triangles: Int[Array, "triangles 3"],
+    orientation: Int[Array, " triangles"],
+) -> tuple[Corners, Float[Array, "3 triangles"] | None]:
+    """Attributes of the corners in positive orientation, and their depth.
+
+    `vertex_values` are `inverse_w` and depth.
+    """
+
+    def reorient_each(values: Array) -> Array:
+        values = values.transpose(1, 2, 0)
+        if values.shape[0] == 1:
+            return values
+        return jax.vmap(reorient, (1, None), 1)(values, orientation)
+
+    inverse_w, depth = (
+        None if values is None else reorient(values[triangles].T, orientation)
+        for values in vertex_values
+    )
+    uv = None if uv is None else reorient_each(uv)
+    return Corners(reorient_each(colors), inverse_w, uv), depth
+
+
 def add_signed(
     opacity: Float[Array, "chunks layers pixels"],
     colors: Float[Array, "chunks layers 3 #pixels"],
-    found: ReachedTriangles,
+    triangles: ReachedTriangles,
     chunks: Chunks,
     *,
     max_chunks: int,
 ) -> Float[Array, "4 tiles pixels"]:
-    """Signed sum: a triangle that is turned against the whole takes away what it covers."""
+    """Add areas times colours, with the sign of each triangle's orientation.
 
-    @materialized
-    def add(opacity, colors, sign, chunks):
-        signed = opacity * sign[chunks.triangle][..., None]
-        parts = [signed * colors[:, :, channel] for channel in range(3)] + [signed]
-        return [
-            functools.reduce(jnp.add, [part[:, k] for k in range(part.shape[1])]) for part in parts
-        ]
-
-    whole = jnp.sum(found.area)
+    A triangle that is oriented against the sum of all areas subtracts what it covers.
+    """
+    total_area = jnp.sum(triangles.area)
     # Without area either sign will do, but 0 would hide from a collapsed triangle how to open.
-    turned = (found.orientation < 0) == (whole < 0)
-    sign = jnp.where(turned, 1.0, -1.0).astype(opacity.dtype)
-    parts = add(opacity, colors, sign, chunks)
+    is_reversed = (triangles.orientation < 0) == (total_area < 0)
+    sign = jnp.where(is_reversed, 1.0, -1.0).astype(opacity.dtype)
+    parts = materialized(_add_slots)(opacity, colors, sign, chunks)
     return jnp.stack(
         [sum_chunks(part[:, None, None], chunks, depth=max_chunks)[:, 0, 0] for part in parts]
     )
+
+
+def _add_slots(
+    opacity: Float[Array, "chunks layers pixels"],
+    colors: Float[Array, "chunks layers 3 #pixels"],
+    sign: Float[Array, " triangles"],
+    chunks: Chunks,
+) -> list[Float[Array, "chunks pixels"]]:
+    """Sum premultiplied colours and alpha over the slots of each chunk."""
+    signed = opacity * sign[chunks.triangle][..., None]
+    parts = [signed * colors[:, :, channel] for channel in range(3)] + [signed]
+    return [functools.reduce(jnp.add, [part[:, k] for k in range(part.shape[1])]) for part in parts]

@@ -61,11 +61,11 @@ class AreaMode(AnalyticMode):
         self,
         coverage: Area,
         shaded: Shaded,
-        found: ReachedTriangles,
+        triangles: ReachedTriangles,
         chunks: Chunks,
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
         """Draw order, or the sum of signed areas."""
         if not self.is_sum(coverage):
-            return super().composite(coverage, shaded, found, chunks, max_chunks)
-        return add_signed(shaded.opacity, shaded.color, found, chunks, max_chunks=max_chunks)
+            return super().composite(coverage, shaded, triangles, chunks, max_chunks)
+        return add_signed(shaded.opacity, shaded.color, triangles, chunks, max_chunks=max_chunks)

@@ -1,12 +1,13 @@
 """The pipeline of sampled coverage: each sample is inside or outside, decided in integers."""
 
+import functools
 from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from ..binning.expansion import saturated_sum
 from ..binning.lists import Chunks, Steps, cut_chunks, cut_steps
@@ -15,8 +16,8 @@ from ..compositing import deferred_shading, opaque, over
 from ..coverage.depth_test import Depths, keep_nearest
 from ..coverage.sampled import covered_rows, hide
 from ..geometry import fixed_point
-from ..geometry.barycentric import slot_weights
-from ..geometry.fixed_point import Edges, Grid, SampleBounds, reorient
+from ..geometry.barycentric import Weights, slot_weights
+from ..geometry.fixed_point import Edges, Grid, GridTriangles, SampleBounds, reorient
 from ..geometry.guard_band import WeightPlanes
 from ..geometry.projection import project
 from ..geometry.tiling import Tiling
@@ -37,14 +38,15 @@ from .coverage_mode import CoverageMode, Drawn, Layout
 
 
 class Projected(NamedTuple):
-    """The scene on the sample grid.
+    """The scene on the sample grid; all triangles are in positive orientation.
 
-    - `edges`, `bounds`: of each triangle, turned to positive orientation.
-    - `outlines`: what the derivative with respect to positions needs, if it is asked for.
-    - `surface`: what their colours need, corners turned alike.
-    - `depths`: what the depth test needs, if the scene has depth.
-    - `hides`: triangles through which nothing shows.
-    - `unforeseen`: whether one leaves a guard band that the plan did not expect to be left.
+    - `edges`, `bounds`: edge functions of each triangle, and the samples that bound it.
+    - `outlines`: what the boundary term needs; None if no derivative by positions is wanted.
+    - `surface`: what shading needs.
+    - `depths`: what the depth test needs; None without depth.
+    - `is_occluder`: whether nothing shows through each triangle.
+    - `leaves_guard_band`: whether a triangle reaches past the guard band, and the plan has no
+      program for that.
     """
 
     edges: Edges
@@ -52,8 +54,8 @@ class Projected(NamedTuple):
     outlines: Outlines | None
     surface: Surface
     depths: Depths | None
-    hides: Bool[Array, " triangles"]
-    unforeseen: Bool[Array, ""]
+    is_occluder: Bool[Array, " triangles"]
+    leaves_guard_band: Bool[Array, ""]
 
 
 class SampledMode(CoverageMode):
@@ -91,7 +93,7 @@ class SampledMode(CoverageMode):
         lists = list_tiles(
             projected.edges,
             projected.bounds,
-            projected.hides,
+            projected.is_occluder,
             tiling,
             strips=capacity.strips,
             pairs=capacity.pairs,
@@ -111,7 +113,7 @@ class SampledMode(CoverageMode):
             needs = needs._replace(
                 chunks=chunks.needed, max_chunks=chunks.deepest, fragments=fragments
             )
-        return Drawn(image, needs, projected.unforeseen)
+        return Drawn(image, needs, projected.leaves_guard_band)
 
 
 def _count_runs(count: Int[Array, "3 triangles"]) -> Int[Array, ""]:
@@ -134,30 +136,29 @@ def _project(scene: Scene, plan: Plan) -> Projected:
     )
     corners, segments, edges, box, weights, beyond = projection
     orientation = segments.orientation
-    unforeseen = jnp.zeros((), bool) if cut else jnp.any(beyond)
+    leaves_guard_band = jnp.zeros((), bool) if cut else jnp.any(beyond)
     outlines = None
     if plan.hard.edge_gradients:
         outlines = _outlines(corners, segments, edges, scene.triangles, grid)
     surface = _surface(scene, edges, weights, outlines, orientation, plan)
     depths = None
     if scene.depth is not None:
-        corner_depth = materialized(_turned)(scene.depth, scene.triangles, orientation)
+        corner_depth = materialized(_at_corners)(scene.depth, scene.triangles, orientation)
         depths = Depths(edges, weights, jax.lax.stop_gradient(corner_depth))
-    hides = materialized(is_occluder)(scene, orientation)
-    return Projected(edges, box, outlines, surface, depths, hides, unforeseen)
+    occluders = materialized(is_occluder)(scene, orientation)
+    return Projected(edges, box, outlines, surface, depths, occluders, leaves_guard_band)
 
 
-def _outlines(corners: fixed_point.Corners, segments, edges: Edges, triangles, grid) -> Outlines:
-    @materialized
-    def draw(corners, segments, triangles):
-        orientation = segments.orientation
-        vertex = reorient(triangles.T, orientation).T
-        x, y = (reorient(corners[:, :, axis].T, orientation).T for axis in (0, 1))
-        start = jnp.stack([x, y])
-        return Sides(start, jnp.roll(start, -1, 2), is_steep(segments).T), vertex
-
-    # Apart: a picture needs none of the first, and how many there are for its room.
-    sides, vertex = draw(corners.high, segments, triangles)
+def _outlines(
+    corners: fixed_point.Corners,
+    segments: GridTriangles,
+    edges: Edges,
+    triangles: Int[Array, "triangles 3"],
+    grid: Grid,
+) -> Outlines:
+    """The edges of all triangles, and the lines of samples that they cross."""
+    # Separate programs: an image needs only the number of crossings, for its capacity.
+    sides, vertex = materialized(_reoriented_sides)(corners.high, segments, triangles)
     first, count = (
         materialized(lambda segments, which=which: lines_crossed(segments, grid)[which])(segments)
         for which in (0, 1)
@@ -165,9 +166,45 @@ def _outlines(corners: fixed_point.Corners, segments, edges: Edges, triangles, g
     return Outlines(sides, edges, vertex, first, count)
 
 
-def _turned(vertex: Array, triangles: Array, orientation: Array) -> Array:
-    """A vertex value at the corners `[3, triangles]`, turned to positive orientation."""
-    return reorient(vertex[triangles].T, orientation)
+def _reoriented_sides(
+    corners: Float[Array, "triangles 3 2"],
+    segments: GridTriangles,
+    triangles: Int[Array, "triangles 3"],
+) -> tuple[Sides, Int[Array, "triangles 3"]]:
+    """The sides of the triangles in positive orientation, and the vertex of each corner."""
+    orientation = segments.orientation
+    vertex = reorient(triangles.T, orientation).T
+    x, y = (reorient(corners[:, :, axis].T, orientation).T for axis in (0, 1))
+    start = jnp.stack([x, y])
+    return Sides(start, jnp.roll(start, -1, 2), is_steep(segments).T), vertex
+
+
+def _at_corners(
+    values: Float[Array, " vertices"],
+    triangles: Int[Array, "triangles 3"],
+    orientation: Int[Array, " triangles"],
+) -> Float[Array, "3 triangles"]:
+    """Gather vertex values at the corners of triangles in positive orientation."""
+    return reorient(values[triangles].T, orientation)
+
+
+def _corner_attributes(
+    colors: Float[Array, "triangles corners channels"],
+    uv: Float[Array, "triangles 3 2"] | None,
+    inverse_w: Float[Array, " vertices"] | None,
+    triangles: Int[Array, "triangles 3"],
+    orientation: Int[Array, " triangles"],
+) -> Corners:
+    """The corner attributes of triangles in positive orientation, triangles on the last axis."""
+
+    def reorient_each(values: Array) -> Array:
+        return jax.vmap(reorient, (1, None), 1)(values.transpose(1, 2, 0), orientation)
+
+    colors = reorient_each(colors) if colors.shape[1] == 3 else colors.transpose(1, 2, 0)
+    uv = None if uv is None else reorient_each(uv)
+    if inverse_w is not None:
+        inverse_w = _at_corners(inverse_w, triangles, orientation)
+    return Corners(colors, inverse_w, uv)
 
 
 def _surface(
@@ -175,24 +212,14 @@ def _surface(
     edges: Edges,
     weights: WeightPlanes | None,
     outlines: Outlines | None,
-    orientation,
+    orientation: Int[Array, " triangles"],
     plan: Plan,
 ) -> Surface:
-    @materialized
-    def turn_corners(colors, uv, inverse_w, triangles, orientation):
-        colors = colors.transpose(1, 2, 0)
-        if colors.shape[0] == 3:
-            colors = turn_each(colors, orientation)
-        uv = None if uv is None else turn_each(uv.transpose(1, 2, 0), orientation)
-        if inverse_w is not None:
-            inverse_w = _turned(inverse_w, triangles, orientation)
-        return Corners(colors, inverse_w, uv)
-
-    def turn_each(corners, orientation):
-        return jax.vmap(reorient, (1, None), 1)(corners, orientation)
-
-    bent = scene.inverse_w if varies(scene) else None
-    corners = turn_corners(scene.colors, scene.uv, bent, scene.triangles, orientation)
+    """All that shading needs; with outlines, colours receive the interior term by positions."""
+    inverse_w = scene.inverse_w if varies(scene) else None
+    corners = materialized(_corner_attributes)(
+        scene.colors, scene.uv, inverse_w, scene.triangles, orientation
+    )
     if outlines is not None and varies(scene):
         gradients = weight_gradients(edges, weights, plan.grid, scene.positions.dtype)
         corners = ride(corners, scene.positions, outlines.vertex, gradients)
@@ -207,9 +234,9 @@ def _blend(
     scene: Scene,
     plan: Plan,
 ) -> Array:
-    """Translucent triangles: composite each sample, front to back."""
+    """Composite translucent triangles at each sample, front to back."""
     tiling, shading = plan.tiling, plan.hard.shading
-    covered, passed = _listed_rows(projected, lists, steps, plan)
+    covered, passed = _listed_words(projected, lists, steps, plan)
     shading = shading if is_shaded(scene, shading) else None
     sums = over.composite(projected.surface, passed, covered, lists, steps, tiling, shading=shading)
     image = over.to_image(sums, background, tiling)
@@ -220,16 +247,24 @@ def _blend(
     return image
 
 
-def _listed_rows(
+def _listed_words(
     projected: Projected, lists: TileLists, steps: Steps, plan: Plan
 ) -> tuple[Array, Array]:
-    """The samples of each listed pair that its triangle covers, and those of them not too deep."""
+    """Coverage words of each listed pair, and those of them that pass the depth test."""
     edges, boxes, tiling = projected.edges, projected.bounds, plan.tiling
-    everywhere = jnp.ones(lists.triangle.shape, bool)
-    rows = covered_rows(edges, boxes, lists.triangle, lists.tile, everywhere, tiling)
+    all_valid = jnp.ones(lists.triangle.shape, bool)
+    covered = covered_rows(edges, boxes, lists.triangle, lists.tile, all_valid, tiling)
     if projected.depths is None:
-        return rows, rows
-    return rows, keep_nearest(projected.depths, rows, lists, steps, tiling)
+        return covered, covered
+    return covered, keep_nearest(projected.depths, covered, lists, steps, tiling)
+
+
+def _gather_slots(
+    pair_words: UInt32[Array, "pairs rows"], chunks: Chunks
+) -> UInt32[Array, "chunks layers rows"]:
+    """Words of listed pairs at the slots of chunks; none in empty slots."""
+    words = pair_words.at[chunks.place].get(mode="clip")
+    return jnp.where(chunks.filled[..., None], words, jnp.uint32(0))
 
 
 def _paint(
@@ -241,67 +276,72 @@ def _paint(
     scene: Scene,
     plan: Plan,
 ) -> tuple[Array, Array]:
-    """Opaque triangles: find the visible samples of each, and sum their colours in each pixel.
+    """Find the visible samples of opaque triangles, and sum their colours in each pixel.
 
     Also returns how many fragments were needed.
     """
-    tiling, room = plan.tiling, plan.capacity
+    tiling, capacity = plan.tiling, plan.capacity
     if steps is None:
         tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
-        rows = covered_rows(
+        covered = covered_rows(
             projected.edges, projected.bounds, chunks.triangle, tile, chunks.filled, tiling
         )
-        passed = rows
+        passed = covered
     else:
-
-        @materialized
-        def arrange(listed, chunks):
-            rows = listed.at[chunks.place].get(mode="clip")
-            return jnp.where(chunks.filled[..., None], rows, jnp.uint32(0))
-
-        listed = _listed_rows(projected, lists, steps, plan)
-        rows, passed = (arrange(words, chunks) for words in listed)
-    visible, covered = hide(passed, chunks, depth=room.max_chunks)
+        covered, passed = (
+            materialized(_gather_slots)(words, chunks)
+            for words in _listed_words(projected, lists, steps, plan)
+        )
+    visible, covered_so_far = hide(passed, chunks, depth=capacity.max_chunks)
     surface = projected.surface
     if background.shape[0] == 4:
         opaque_corners = opaque.with_alpha(surface.corners.color)
         surface = surface._replace(corners=surface.corners._replace(color=opaque_corners))
-    needed = jnp.zeros((), jnp.int32)
+    fragment_count = jnp.zeros((), jnp.int32)
     shading = plan.hard.shading
     if is_shaded(scene, shading):
-        fragments = cut_fragments(visible, tiling, capacity=room.fragments)
+        fragments = cut_fragments(visible, tiling, capacity=capacity.fragments)
         totals = deferred_shading.sum_shaded(
-            surface, fragments, rows, chunks, tiling, shading=shading
+            surface, fragments, covered, chunks, tiling, shading=shading
         )
-        needed = fragments.needed
+        fragment_count = fragments.needed
     else:
         parts = _sum_slots(surface, visible, chunks, tiling)
-        totals = opaque.sum_chunks(parts, chunks, depth=room.max_chunks)
-    totals = opaque.add_background(totals, covered, chunks, background, tiling)
+        totals = opaque.sum_chunks(parts, chunks, depth=capacity.max_chunks)
+    totals = opaque.add_background(totals, covered_so_far, chunks, background, tiling)
     image = opaque.to_image(totals, tiling)
     if projected.outlines is not None:
-        front = Front(visible, covered, chunks)
-        seen = Opaque(front, rows, surface, projected.depths, background)
-        shape = Shape(tiling, image.shape[-1], room.crossings, room.max_chunks, not varies(scene))
-        image = image + slopes(shape, scene.positions, scene.depth, projected.outlines, seen)
-    return image, needed
+        front = Front(visible, covered_so_far, chunks)
+        samples = Opaque(front, covered, surface, projected.depths, background)
+        shape = Shape(
+            tiling, image.shape[-1], capacity.crossings, capacity.max_chunks, not varies(scene)
+        )
+        image = image + slopes(shape, scene.positions, scene.depth, projected.outlines, samples)
+    return image, fragment_count
 
 
 def _sum_slots(surface: Surface, visible: Array, chunks: Chunks, tiling: Tiling) -> Array:
-    """Sums over each slot's visible samples: of colours that are affine on the screen."""
+    """Sum colours that are affine on the screen over each slot's visible samples."""
     colors = surface.corners.color
-    interpolated = colors.shape[0] == 3
-    sums = opaque.sample_sums(visible, tiling, moments=interpolated)
+    is_interpolated = colors.shape[0] == 3
+    sums = opaque.sample_sums(visible, tiling, moments=is_interpolated)
     gather = materialized(lambda colors, triangle: colors[triangle])
     colors = materialized(lambda colors: colors.transpose(2, 0, 1))(colors)
-    if not interpolated:
+    if not is_interpolated:
         return opaque.sum_flat(sums, gather(colors[:, 0], chunks.triangle), tiling)
     tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
-
-    @materialized
-    def weigh(surface, triangle, tile):
-        edges, area, planes = surface[:3]
-        return slot_weights(edges, area, triangle, tile, tiling, planes)
-
+    weigh = materialized(functools.partial(_slot_weights, tiling=tiling))
     weights = weigh(surface, chunks.triangle, tile)
     return opaque.sum_interpolated(sums, weights, gather(colors, chunks.triangle), tiling)
+
+
+def _slot_weights(
+    surface: Surface,
+    triangle: Int[Array, "chunks layers"],
+    tile: Int[Array, "chunks layers"],
+    *,
+    tiling: Tiling,
+) -> Weights:
+    """Barycentric weights of each slot's triangle, as seen from its tile."""
+    edges, area, planes = surface[:3]
+    return slot_weights(edges, area, triangle, tile, tiling, planes)

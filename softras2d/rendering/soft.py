@@ -62,14 +62,14 @@ class SoftMode(AnalyticMode):
         self,
         coverage: Soft,
         shaded: Shaded,
-        found: ReachedTriangles,
+        triangles: ReachedTriangles,
         chunks: Chunks,
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
         """Draw order, or a mixture by depth if the scene has depth."""
         opacity, color, depth = shaded
         if depth is None:
-            return super().composite(coverage, shaded, found, chunks, max_chunks)
+            return super().composite(coverage, shaded, triangles, chunks, max_chunks)
         temperature = jnp.asarray(coverage.temperature).astype(opacity.dtype)
         return depth_softmax.mix(opacity, color, depth, temperature, chunks, most=max_chunks)
 
