@@ -114,12 +114,7 @@ def project(
     `view` or `projection`, and if `projection` maps a point beyond its near plane to w <= 0.
     """
     given = (vertices, triangles, model, vertex_colors, triangle_colors, uv, texture_index)
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((given, view, projection))):
-        raise ValueError("`project` needs concrete values: call it outside jit, vmap and grad.")
-    if not all(isinstance(side, int | np.integer) and side >= 1 for side in (height, width)):
-        raise ValueError(
-            f"`height` and `width` must be positive integers; got {height!r} and {width!r}."
-        )
+    _check_arguments((given, view, projection), height, width)
     vertices = _numbers("vertices", vertices, (None, 3))
     rest: dict[str, Any] = {"background": background, "textures": textures}
     # Checked before clipping, so that errors name the indices of the caller's arrays.
@@ -158,6 +153,16 @@ def project(
     )
     check(scene)
     return scene
+
+
+def _check_arguments(arrays: Any, height: Any, width: Any) -> None:
+    """Raise `ValueError` for traced arrays, and for a size that is no positive integer."""
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arrays)):
+        raise ValueError("`project` needs concrete values: call it outside jit, vmap and grad.")
+    if not all(isinstance(side, int | np.integer) and side >= 1 for side in (height, width)):
+        raise ValueError(
+            f"`height` and `width` must be positive integers; got {height!r} and {width!r}."
+        )
 
 
 def _to_screen(clipped: ClippedTriangles, height: int, width: int) -> np.ndarray:

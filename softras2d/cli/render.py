@@ -15,33 +15,38 @@ from . import options
 from .options import RenderOptions
 from .session import debugging, failure_line, print_message, session
 
+Scenes = Annotated[
+    list[Path],
+    typer.Argument(metavar="SCENE.svg", show_default=False, help="SVG files to render."),
+]
+Output = Annotated[
+    Path,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="OUT.png|FOLDER",
+        show_default=False,
+        help="Image file to write, or a folder, which is created if it does not exist.",
+    ),
+]
+Format = Annotated[
+    names.ImageFormat,
+    typer.Option("--format", help="Format of the images if the output is a folder."),
+]
+Truncate = Annotated[
+    bool,
+    typer.Option(
+        "--truncate",
+        help="Convert to 8 bits by truncating, as the rasterizer course, instead of rounding.",
+    ),
+]
+
 
 def render_scenes(
-    scenes: Annotated[
-        list[Path],
-        typer.Argument(metavar="SCENE.svg", show_default=False, help="SVG files to render."),
-    ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="OUT.png|FOLDER",
-            show_default=False,
-            help="Image file to write, or a folder, which is created if it does not exist.",
-        ),
-    ],
-    kind: Annotated[
-        names.ImageFormat,
-        typer.Option("--format", help="Format of the images if the output is a folder."),
-    ] = "png",
-    truncate: Annotated[
-        bool,
-        typer.Option(
-            "--truncate",
-            help="Convert to 8 bits by truncating, as the rasterizer course, instead of rounding.",
-        ),
-    ] = False,
+    scenes: Scenes,
+    output: Output,
+    kind: Format = "png",
+    truncate: Truncate = False,
     samples: options.Samples = 16,
     size: options.SizeOption = None,
     origin: options.Origin = None,

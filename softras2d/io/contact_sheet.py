@@ -1,4 +1,4 @@
-"""Pictures side by side with their names, as one image."""
+"""Arranges images with captions on one sheet."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,8 +8,10 @@ import OpenImageIO as oiio
 from jaxtyping import Float32
 
 _MARGIN = 16
+"""Space around images, in pixels."""
+
 _TITLE, _CAPTION = 22, 15
-"""Pixels: the space around pictures, and the two sizes of type."""
+"""Heights of text, in pixels."""
 
 _PAPER, _INK, _GREY = 0.96, (0.1, 0.1, 0.12), (0.4, 0.4, 0.42)
 

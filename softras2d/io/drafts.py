@@ -10,16 +10,16 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _STEM = 80
-"""Characters of a name that its draft repeats: a file system allows 255 bytes in all."""
+"""Bytes of a name that its draft repeats, since file systems allow 255 bytes in all."""
 
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
-    """A temporary name beside `path`, with its suffix, moved onto it once it is written.
+    """Yield the name of a draft beside `path`, which replaces `path` at the end of the block.
 
-    Whatever is raised leaves no draft, and an old file as it was. `OSError` becomes `ValueError`,
-    one line that names `path`, and no error names the draft. Drafts that a process killed while
-    it wrote this file has left are removed.
+    If the block raises, the draft is removed and an old file at `path` stays as it was. `OSError`
+    becomes a `ValueError` of one line that names `path`; no error names the draft. Drafts of `path`
+    left by processes that were killed are removed.
     """
     _remove_abandoned(path)
     draft = path.with_name(f"{_prefix(path)}{os.getpid()}-{secrets.token_hex(4)}{path.suffix}")
@@ -40,7 +40,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 
 def _prefix(path: Path) -> str:
-    """What the drafts of `path` begin with on this machine, a folder being shared with others."""
+    """Start of the names of drafts of `path`; differs between machines that share a folder."""
     told = f"{platform.node()}\0{path.name}".encode(errors="replace")
     # Of characters of four bytes, a third as many fit.
     stem = path.stem.encode(errors="replace")[:_STEM].decode(errors="ignore")
@@ -48,14 +48,14 @@ def _prefix(path: Path) -> str:
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove the drafts of `path` whose processes are gone."""
-    # Elsewhere `os.kill` does what its name says.
+    """Remove the drafts of `path` whose processes do not run any more."""
+    # On other systems, `os.kill` with signal 0 would end the process.
     if os.name != "posix":
         return
     pattern = re.compile(
         re.escape(_prefix(path)) + r"(\d{1,9})-[0-9a-f]{8}" + re.escape(path.suffix)
     )
-    # Where the folder cannot be listed, the write itself tells why.
+    # If the folder cannot be listed, the write itself will report why.
     with suppress(OSError), os.scandir(path.parent) as entries:
         for entry in entries:
             found = pattern.fullmatch(entry.name)
@@ -70,12 +70,12 @@ def _is_running(process: int) -> bool:
     except ProcessLookupError:
         return False
     except OSError:
-        # Somebody else's.
+        # The process belongs to another user.
         return True
     return True
 
 
 def _named(message: str, draft: Path, path: Path) -> str:
-    """One line that names the file instead of its draft."""
+    """The message on one line, with the name of the file instead of that of its draft."""
     told = message.replace(str(draft), str(path)).replace(draft.name, path.name)
     return " ".join(told.split())

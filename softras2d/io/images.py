@@ -1,16 +1,16 @@
-"""Image files in and out, through OpenImageIO.
+"""Reads and writes image files, through OpenImageIO.
 
-In memory an image is `[height, width, channels]`, float32, straight alpha, and holds the values
-that the file shows: sRGB, or linear light where the caller said `linear=True`. Files have the
-meaning of their format:
+In memory an image is `[height, width, channels]`, float32, with straight alpha. Its values are
+sRGB, or linear light with `linear=True`. What the numbers in a file mean depends on its format:
 
 - integer pixels (PNG, JPEG, 8- and 16-bit TIFF) are sRGB with straight alpha; TIFF may say that its
   alpha is premultiplied;
 - float pixels (EXR, float TIFF, HDR) are linear light, and EXR colour is premultiplied.
 
-So `linear=True` decodes the first kind, its absence encodes the second, and what was written is
-read back under the same `linear`. An EXR of an image without alpha, written and read with
-`linear=True`, keeps every float32 bit.
+So reading decodes integer pixels if `linear=True`, and encodes float pixels if not; writing does
+the opposite. An image that is read with the same `linear` as it was written with is the same, up to
+the precision of the format. An EXR of an image without alpha, written and read with `linear=True`,
+keeps every float32 bit.
 """
 
 import os
@@ -29,12 +29,12 @@ from jaxtyping import Float32, UInt8
 from .drafts import atomic_file
 
 WRITABLE = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff")
-"""Suffixes that `write_image` knows."""
+"""Suffixes that `write_image` accepts."""
 
 MAX_IMAGE_BYTES = 2**30
-"""Memory of a picture as float32, with all the channels of its file and at least three. A few bytes
-can claim any size, so a larger picture is refused by its header, before it is decoded. As RGB that
-is 89 million pixels, as RGBA 67 million (8192 x 8192)."""
+"""Limit of the memory of an image as float32, with all channels of its file and at least three. The
+header of a tiny file can claim any size, so larger images are refused before they are decoded. The
+limit is 89 million RGB pixels, or 67 million RGBA pixels (8192 x 8192)."""
 
 _STEPS = {"uint8": (oiio.UINT8, 255), "uint16": (oiio.UINT16, 65535)}
 
@@ -42,12 +42,12 @@ _STEPS = {"uint8": (oiio.UINT8, 255), "uint16": (oiio.UINT16, 65535)}
 def read_image(
     path: str | os.PathLike[str], *, linear: bool = False
 ) -> Float32[np.ndarray, "height width channels"]:
-    """The image in a file: RGB, or RGBA with straight alpha; grey is repeated to RGB.
+    """Read an image file as RGB, or as RGBA with straight alpha; grey is repeated to RGB.
 
-    Integers become k/255 (k/65535) exactly rounded. `linear=True` gives linear light, else sRGB.
-    The orientation that a camera noted is applied. Of several images in one file the first is read.
-    Raises `ValueError`, one line, for what is not a whole image file, for NaN and infinity, and for
-    a picture that takes more than `MAX_IMAGE_BYTES`, 1 GiB.
+    Integers become k/255 (8 bits) or k/65535 (16 bits), correctly rounded. Values are linear light
+    if `linear=True`, else sRGB. The EXIF orientation is applied. Of several images in one file, the
+    first is read. Raises `ValueError`, one line, if the file is missing, damaged or not an image,
+    for NaN and infinity, and for an image of more than `MAX_IMAGE_BYTES`, 1 GiB.
     """
     return _load(Path(path), str(path), linear)
 
@@ -55,9 +55,9 @@ def read_image(
 def read_charged(
     source: Path | bytes, name: str, charge: Callable[[int], None]
 ) -> Float32[np.ndarray, "height width channels"]:
-    """As `read_image` or `decode_image`, once `charge` has accepted the number of pixels.
+    """Like `read_image` or `decode_image`, but call `charge` before the image is decoded.
 
-    `charge` hears the number that the header claims before anything is decoded, and may raise.
+    `charge` is given the number of pixels that the header claims, and may raise.
     """
     if isinstance(source, bytes):
         with _as_file(source) as path:
@@ -68,15 +68,15 @@ def read_charged(
 def decode_image(
     data: bytes, name: str, *, linear: bool = False
 ) -> Float32[np.ndarray, "height width channels"]:
-    """As `read_image`, from the bytes of a file of any format; errors call it `name`."""
+    """Like `read_image`, for the bytes of an image file of any format; errors call it `name`."""
     with _as_file(data) as path:
         return _load(path, name, linear)
 
 
 @contextmanager
 def _as_file(data: bytes) -> Iterator[Path]:
-    """A temporary file of these bytes."""
-    # OpenImageIO's Python face reads files only. It knows the format by the content.
+    """A temporary file that contains `data`."""
+    # OpenImageIO reads only files from Python. It detects the format from the content.
     with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
         path = Path(folder) / "image"
         path.write_bytes(data)
@@ -88,10 +88,10 @@ def write_image(
 ) -> None:
     """Write floats `[height, width, 1, 3 or 4]` as PNG, JPEG or TIFF (8 bits) or EXR (float32).
 
-    The suffix decides. 8-bit files hold values clipped to 0..1 and rounded to the nearest k/255;
-    `truncate=True` takes floor(255 x) in float32 instead, the bytes of the course, which k/255
-    survives for every k. `linear=True` says that the image is linear light; see the top of this
-    file. The file appears whole or not at all. Raises `ValueError`, one line, for NaN and infinity,
+    The suffix of `path` chooses the format. In 8-bit files, values are clipped to 0..1 and rounded
+    to the nearest k/255. `truncate=True` takes floor(255 x) in float32 instead, as the course does;
+    it keeps k/255 for every k. `linear=True` means that the image is linear light. The file appears
+    whole or not at all. Raises `ValueError`, one line, for NaN and infinity,
     another shape or dtype, an unknown suffix, or a folder that is not there.
     """
     path = Path(path)
@@ -101,7 +101,7 @@ def write_image(
     pixels = _writable(path, np.asarray(image))
     if suffix == ".exr":
         pixels = pixels if linear else _on_colors(srgb_to_linear, pixels)
-        # What is finite in sRGB may be too bright for float32 in linear light.
+        # Finite values in sRGB may overflow float32 in linear light.
         _check_finite(str(path), pixels)
         with np.errstate(over="ignore"):
             pixels = _premultiply(pixels)
@@ -116,25 +116,25 @@ def write_image(
 def to_bytes(
     pixels: Float32[np.ndarray, "*shape"], *, truncate: bool = False
 ) -> UInt8[np.ndarray, "*shape"]:
-    """Clipped to 0..1 and rounded to the nearest k/255, or down if `truncate`."""
+    """Clip to 0..1 and round to the nearest k/255, or down if `truncate`."""
     scaled = np.clip(pixels, 0.0, 1.0) * np.float32(255.0)
     return np.floor(scaled if truncate else scaled + np.float32(0.5)).astype(np.uint8)
 
 
 def srgb_to_linear(values: np.ndarray) -> np.ndarray:
-    """sRGB to linear light, odd about zero; 1 stays 1.
+    """Convert sRGB to linear light. Negative values are the negative of positive ones; 1 stays 1.
 
     **Source:** IEC 61966-2-1.
     """
     size = np.abs(values)
-    # What is too bright for the type becomes infinite; the branch that is not taken may overflow.
+    # Values too bright for the type become infinite; the branch that is not chosen may overflow.
     with np.errstate(over="ignore"):
         light = np.where(size <= 0.04045, size / 12.92, ((size + 0.055) / 1.055) ** 2.4)
     return np.copysign(light, values).astype(values.dtype)
 
 
 def linear_to_srgb(values: np.ndarray) -> np.ndarray:
-    """Linear light to sRGB: the inverse of `srgb_to_linear`."""
+    """Convert linear light to sRGB; the inverse of `srgb_to_linear`."""
     size = np.abs(values)
     with np.errstate(over="ignore"):
         code = np.where(size <= 0.04045 / 12.92, size * 12.92, 1.055 * size ** (1 / 2.4) - 0.055)
@@ -152,7 +152,7 @@ def _load(
         pixels, spec = _pixels(path, name, charge)
         channels = [channel.upper() for channel in spec.channelnames]
     except UnicodeDecodeError:
-        # Of OpenImageIO, which takes the names in a file, and what it says of them, for UTF-8.
+        # OpenImageIO decodes names in a file, and messages that contain them, as UTF-8.
         raise ValueError(f"{name}: the image is damaged: a name in it is not UTF-8.") from None
     pixels = _channels(pixels, channels)
     floats = np.dtype(str(spec.format).replace("half", "float16")).kind == "f"
@@ -168,10 +168,10 @@ def _load(
 
 
 def _pixels(path: Path, name: str, charge: Callable[[int], None] | None) -> tuple[np.ndarray, Any]:
-    """The raw channels as float32, and the file's `ImageSpec`."""
-    _refuse_cut_png(path, name)
+    """The channels of a file as float32, before any conversion, and its `ImageSpec`."""
+    _check_png_chunks(path, name)
     hint = oiio.ImageSpec()
-    # Otherwise PNG colours come multiplied by alpha, and rounded to bytes after that.
+    # Without this hint, PNG colours are premultiplied and rounded to bytes.
     hint.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(str(path), hint)
     if source is None:
@@ -183,15 +183,15 @@ def _pixels(path: Path, name: str, charge: Callable[[int], None] | None) -> tupl
             charge(spec.width * spec.height)
         kind, step = _STEPS.get(str(spec.format), (oiio.FLOAT, 1))
         pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
-        # A cut JPEG comes back filled with grey: the error is the only sign.
+        # A truncated JPEG is filled up with grey; the error is the only sign of it.
         error = source.geterror()
     finally:
         source.close()
     if pixels is None or error:
         raise ValueError(f"{name}: the image is damaged or cut short{_why(error, path)}.")
     shape = (spec.height, spec.width, spec.nchannels)
-    # Dividing rounds correctly; OpenImageIO multiplies by a rounded 1/255.
-    # A signalling NaN warns, and is refused later on by its place.
+    # Division rounds correctly; OpenImageIO multiplies by a rounded 1/255. A signalling NaN makes
+    # numpy warn here, and is reported by `_check_finite` later.
     with np.errstate(invalid="ignore"):
         floats = np.array(pixels, np.float32).reshape(shape)
         floats /= np.float32(step)
@@ -199,7 +199,7 @@ def _pixels(path: Path, name: str, charge: Callable[[int], None] | None) -> tupl
 
 
 def _check_size(name: str, spec: Any) -> None:
-    """Raise for a header that claims more than `MAX_IMAGE_BYTES`."""
+    """Raise `ValueError` for a header that claims more than `MAX_IMAGE_BYTES`."""
     size = spec.width * spec.height * max(spec.depth, 1) * max(spec.nchannels, 3) * 4
     if size > MAX_IMAGE_BYTES:
         raise ValueError(
@@ -208,8 +208,8 @@ def _check_size(name: str, spec: Any) -> None:
         )
 
 
-def _refuse_cut_png(path: Path, name: str) -> None:
-    """Raise for a PNG whose chunks are not whole, about which libpng itself prints to stderr."""
+def _check_png_chunks(path: Path, name: str) -> None:
+    """Raise `ValueError` for a PNG with incomplete chunks, for which libpng prints to stderr."""
     with path.open("rb") as file:
         if file.read(8) != b"\x89PNG\r\n\x1a\n":
             return
@@ -226,7 +226,7 @@ def _refuse_cut_png(path: Path, name: str) -> None:
 
 
 def _channels(pixels: np.ndarray, names: list[str]) -> np.ndarray:
-    """RGB or RGBA out of the channels that a file has."""
+    """Select RGB or RGBA from the channels of a file, by their names."""
     plain = [index for index, name in enumerate(names) if name != "A"] or [0]
     if {"R", "G", "B"} <= set(names):
         chosen = [names.index(name) for name in "RGB"]
@@ -238,7 +238,7 @@ def _channels(pixels: np.ndarray, names: list[str]) -> np.ndarray:
 
 
 def _is_premultiplied(path: Path, spec: Any) -> bool:
-    """EXR is so by convention, TIFF says so; the formats left have straight alpha."""
+    """Whether colours are premultiplied: in EXR always, in TIFF if it says so, else never."""
     with path.open("rb") as file:
         magic = file.read(4)
     if magic == b"\x76\x2f\x31\x01":
@@ -248,7 +248,7 @@ def _is_premultiplied(path: Path, spec: Any) -> bool:
 
 
 def _on_colors(convert: Any, pixels: np.ndarray) -> np.ndarray:
-    """`convert` applied to all channels but alpha."""
+    """Apply `convert` to all channels except alpha."""
     colors = 3 if pixels.shape[-1] == 4 else pixels.shape[-1]
     return np.concatenate([convert(pixels[..., :colors]), pixels[..., colors:]], axis=-1)
 
@@ -260,7 +260,7 @@ def _premultiply(pixels: np.ndarray) -> np.ndarray:
 
 
 def _unpremultiply(pixels: np.ndarray) -> np.ndarray:
-    """Straight colours; zero where alpha is zero."""
+    """Divide colours by alpha; colours are 0 where alpha is 0."""
     if pixels.shape[-1] != 4:
         return pixels
     alpha = pixels[..., 3:]
@@ -269,9 +269,9 @@ def _unpremultiply(pixels: np.ndarray) -> np.ndarray:
 
 
 def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """Rows from the top, columns from the left, for EXIF orientations 1 to 8.
+    """Rotate and mirror an image of EXIF orientation 1 to 8, so that it is upright.
 
-    **Source:** EXIF 2.32, tag 0x0112. From 5 on the stored rows are the columns of the picture.
+    **Source:** EXIF 2.32, tag 0x0112. From 5 on, the stored rows are the columns of the image.
     """
     if orientation in (5, 6, 7, 8):
         pixels = pixels.swapaxes(0, 1)
@@ -283,16 +283,18 @@ def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
 
 
 def _writable(path: Path, image: np.ndarray) -> np.ndarray:
-    """`image` as float32, after every check that needs no disk but the folder's."""
+    """Check everything that can be checked before writing; returns `image` as float32."""
     pixels = as_pixels(str(path), image)
     if image.shape[-1] == 4 and path.suffix.lower() in (".jpg", ".jpeg"):
-        raise ValueError(f"{path}: JPEG holds no alpha; write PNG, TIFF or EXR.")
+        raise ValueError(
+            f"{path}: JPEG stores no alpha, which the image has; write PNG, TIFF or EXR."
+        )
     check_writable_path(path)
     return pixels
 
 
 def as_pixels(where: str, image: np.ndarray) -> Float32[np.ndarray, "height width channels"]:
-    """`image` as float32. Raises `ValueError`, which begins with `where`, if it is no image."""
+    """`image` as float32. Raises `ValueError`, which begins with `where`, if it is not an image."""
     if image.ndim != 3 or image.shape[-1] not in (1, 3, 4) or 0 in image.shape:
         raise ValueError(f"{where}: an image is [height, width, 1, 3 or 4]; got {image.shape}.")
     if image.dtype not in (np.float16, np.float32, np.float64):
@@ -313,7 +315,7 @@ def _check_finite(where: str, pixels: np.ndarray) -> None:
 
 
 def check_writable_path(path: Path) -> None:
-    """Raise `ValueError` if no file can be at `path`."""
+    """Raise `ValueError` if `path` is a folder, or if its folder does not exist."""
     if path.is_dir():
         raise ValueError(f"{path}: a folder, not a file to write.")
     if not path.parent.is_dir():
@@ -322,12 +324,14 @@ def check_writable_path(path: Path) -> None:
 
 def _save(draft: Path, path: Path, pixels: np.ndarray) -> None:
     height, width, channels = pixels.shape
-    # The JPEG library ends the whole process when the disk is full.
+    # The JPEG library terminates the process if the disk is full.
     if shutil.disk_usage(draft.parent).free < pixels.nbytes + 2**16:
-        raise ValueError(f"{path}: no room, {pixels.nbytes / 1e6:.1f} MB may be needed.")
+        raise ValueError(
+            f"{path}: not enough space on the disk: {pixels.nbytes / 1e6:.1f} MB may be needed."
+        )
     spec = oiio.ImageSpec(width, height, channels, str(pixels.dtype).replace("float32", "float"))
     if draft.suffix != ".exr":
-        # Without it OpenImageIO takes the colours for premultiplied and divides them.
+        # Without this, OpenImageIO assumes premultiplied colours and divides them by alpha.
         spec.attribute("oiio:UnassociatedAlpha", 1)
     if draft.suffix in (".jpg", ".jpeg"):
         spec.attribute("compression", "jpeg:95")
@@ -336,13 +340,13 @@ def _save(draft: Path, path: Path, pixels: np.ndarray) -> None:
     if target is None:
         raise ValueError(f"{path}: cannot be written{_why(oiio.geterror(), draft)}.")
     done = target.open(str(draft), spec) and target.write_image(np.ascontiguousarray(pixels))
-    # Closing writes what is buffered, so it may be what finds the disk full.
+    # Closing writes buffered data, so it may fail if the disk is full.
     if not (target.close() and done) or not _is_whole(draft):
         raise ValueError(f"{path}: cannot be written{_why(target.geterror(), draft)}.")
 
 
 def _is_whole(draft: Path) -> bool:
-    """Whether a PNG ends as one does: OpenImageIO does not tell when the disk was full."""
+    """Whether a PNG is complete: OpenImageIO does not report a full disk."""
     if draft.suffix != ".png":
         return True
     with draft.open("rb") as file:
@@ -351,7 +355,7 @@ def _is_whole(draft: Path) -> bool:
 
 
 def _why(message: str, path: Path) -> str:
-    """OpenImageIO's first line, without the name of a file that the user never named."""
+    """First line of a message of OpenImageIO, without the name of a temporary file."""
     first = message.strip().splitlines()[0] if message.strip() else ""
     for quoted in (f' ("{path}")', f" ({path})"):
         first = first.replace(quoted, "")

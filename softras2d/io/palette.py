@@ -1,4 +1,4 @@
-"""A picture in few colours."""
+"""Reduces images to 256 colours."""
 
 import heapq
 
@@ -11,10 +11,11 @@ COLORS = 256
 def quantized(
     image: UInt8[np.ndarray, "height width 3"],
 ) -> tuple[UInt8[np.ndarray, "height width"], UInt8[np.ndarray, "colors 3"]]:
-    """Indices into a palette of at most 256 colours, and the palette.
+    """Reduce an image to at most 256 colours; returns indices and the palette.
 
-    Exact if the image has no more; else each colour is the mean of those that it stands for.
-    Without dithering: what stands still does not flicker, and is stored in fewer bytes.
+    The result is exact if the image has no more colours; otherwise each colour of the palette is
+    the mean of the pixels that use it. There is no dithering, so that still parts of an animation
+    do not flicker, and take fewer bytes.
     """
     codes = image.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
     found, place, counts = np.unique(codes, return_inverse=True, return_counts=True)
@@ -52,9 +53,9 @@ def _boxes(colors: Float[np.ndarray, "n 3"], counts: Int[np.ndarray, "n"]) -> In
 def _measured(
     box: int, members: np.ndarray, colors: np.ndarray, counts: np.ndarray
 ) -> tuple[float, int, np.ndarray, int, float]:
-    """Less the squared error, so that the largest comes first; the box, and where to cut it."""
-    own, weights = colors[members], counts[members]
-    means = weights @ own / weights.sum()
-    errors = weights @ (own - means) ** 2
+    """Heap entry of a box: minus its squared error, the box, its members, and where to cut it."""
+    member_colors, weights = colors[members], counts[members]
+    means = weights @ member_colors / weights.sum()
+    errors = weights @ (member_colors - means) ** 2
     channel = int(np.argmax(errors))
     return -float(errors.sum()), box, members, channel, float(means[channel])

@@ -1,4 +1,4 @@
-"""Maps of how an image differs from a reference."""
+"""Shows how an image differs from a reference."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""How fits came on."""
+"""Plots the convergence of fits."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal

@@ -1,4 +1,4 @@
-"""Triangles and arrows over an image, in its pixels."""
+"""Draws triangles and arrows over an image, in pixel coordinates."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -1,4 +1,4 @@
-"""One image, its pixels and a part of it enlarged."""
+"""Shows one image, optionally with a pixel grid and an enlarged inset."""
 
 from typing import Any
 
@@ -14,10 +14,10 @@ _PAPER = (1.0, 0.9)
 """Greys of the checkerboard behind images with alpha."""
 
 _MOST_LINES = 64
-"""Of the pixel grid, along a side."""
+"""Maximum number of lines of the pixel grid along a side."""
 
 _LARGEST_INSET = 0.6
-"""Share of a side of the image."""
+"""Maximum size of an inset, as a fraction of a side of the image."""
 
 
 def show(
@@ -62,15 +62,15 @@ def show(
 
 
 def checked_image(name: str, image: Any) -> np.ndarray:
-    """`image` as float32. Raises `ValueError`, which begins with `name`, if it is none."""
-    # OpenImageIO, which that room imports, is not wanted by who only imports this one.
+    """`image` as float32. Raises `ValueError`, which begins with `name`, if it is not an image."""
+    # Imported here, since it loads OpenImageIO, which `import softras2d.plot` does not need.
     from ..io.images import as_pixels
 
     return as_pixels(name, np.asarray(image))
 
 
 def fit_pixels(axes: Axes, height: int, width: int) -> str:
-    """How matplotlib shall resample an image of that size: `"nearest"` if `axes` has room."""
+    """Interpolation for an image of this size: `"nearest"` if `axes` has a dot for each pixel."""
     box = axes.get_window_extent()
     dots = min(box.width / width, box.height / height)
     # Layouts may still shrink the axes; "auto" decides when it is drawn, by the dots there are.

@@ -1,4 +1,4 @@
-"""A picture that depends on a value: a strip for every page, a slider where someone can move it."""
+"""Shows an image that depends on a value: as a film strip, and with a slider in a notebook."""
 
 # pyright: reportMissingImports=false
 

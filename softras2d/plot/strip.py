@@ -1,4 +1,4 @@
-"""Several images: beside each other, as the levels of a pyramid, or one after the other."""
+"""Shows several images: side by side, as the levels of a mip pyramid, or as an animation."""
 
 import os
 from collections.abc import Iterable, Iterator, Sequence

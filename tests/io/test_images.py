@@ -229,7 +229,7 @@ def test_files_are_as_readable_as_the_user_asked(tmp_path):
         ("image.png", np.zeros((2, 2)), r"got \(2, 2\)"),
         ("image.png", np.zeros((2, 0, 3)), r"got \(2, 0, 3\)"),
         ("image.png", np.zeros((2, 2, 3), np.uint8), "got uint8"),
-        ("image.jpg", np.zeros((2, 2, 4)), "JPEG holds no alpha"),
+        ("image.jpg", np.zeros((2, 2, 4)), "JPEG stores no alpha"),
         ("none/image.png", np.zeros((2, 2, 3)), "there is no folder"),
         ("folder.png", np.zeros((2, 2, 3)), "a folder"),
     ],
@@ -259,7 +259,7 @@ def test_a_failure_keeps_the_old_file_and_no_draft(tmp_path, monkeypatch):
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
 def test_a_full_disk_is_found_beforehand(tmp_path, monkeypatch, suffix):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1000))
-    with pytest.raises(ValueError, match="no room"):
+    with pytest.raises(ValueError, match="not enough space"):
         write_image(tmp_path / f"image{suffix}", np.zeros((2, 2, 3)))
     assert not list(tmp_path.iterdir())
 

@@ -1,7 +1,8 @@
-"""The course's triangulation: ear clipping in float32, defects included.
+"""Triangulates polygons as the course does: by ear clipping in float32, with its defects.
 
-Which triangles come out matters where a polygon crosses itself or is degenerate: there they do not
-fill what a fill rule would. Polygons of as many vertices are clipped together, in step.
+Where a polygon crosses itself or is degenerate, the triangles do not fill what a fill rule would,
+so the image depends on which ears are clipped. Polygons with equal numbers of vertices are clipped
+together.
 """
 
 from collections.abc import Sequence
@@ -17,44 +18,44 @@ from .polygons import distinct_edges, triangulate
 _LEAST_CROSS = np.float32(1e-10)
 
 EXACT_TO = 256
-"""Vertices up to which ears are clipped in any case. Larger simple polygons, whose triangulation
-cannot be seen, are left to a faster one."""
+"""Maximum number of vertices for which ears are always clipped. Larger simple polygons look alike
+however they are triangulated, so a faster method is used."""
 
 CLIPPED_TO = 1024
-"""Vertices up to which self-crossing polygons are clipped, in a time that grows with the cube."""
+"""Maximum number of vertices of a self-crossing polygon whose ears are clipped, in cubic time."""
 
 
 def clip_ears(
     contours: Sequence[np.ndarray],
     budget: Budget | None = None,
 ) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarray, "triangles 3"], list[int]]:
-    """The contour of each triangle, and its three vertices; and what was left out.
+    """Triangulate contours `[n, 2]`, float32, by clipping ears.
 
-    `contours` are `[n, 2]`, float32.
-
-    Triangles of one contour follow each other in the order in which they are clipped. Fewer than
-    three points give none. The list names the contours that are not triangulated here: simple ones
-    of more than `EXACT_TO` vertices and others of more than `CLIPPED_TO`. Raises
-    `BudgetError`, with the index of the contour, for what is too much for the `budget`.
+    Returns the contour of each triangle, its three vertices, and the contours that are not
+    triangulated here: simple ones of more than `EXACT_TO` vertices, and others of more than
+    `CLIPPED_TO`. Triangles of one contour are consecutive, in the order in which they are clipped.
+    Fewer than three points give none. Raises `BudgetError`, with the index of the contour, if the
+    work exceeds `budget`.
 
     **Source:** Ratcliff, *Efficient polygon triangulation* (flipcode, 2000), as the course has it.
     """
     budget = budget or Budget()
     counts = np.array([len(contour) for contour in contours], np.int64)
-    owners, corners, rest = [np.zeros(0, np.int64)], [np.zeros((0, 3), np.int64)], []
+    owners, corners, skipped = [np.zeros(0, np.int64)], [np.zeros((0, 3), np.int64)], []
     for count in np.unique(counts[counts >= 3]).tolist():
         where = np.flatnonzero(counts == count)
         if count > EXACT_TO:
             if count > CLIPPED_TO:
-                rest += where.tolist()
+                skipped += where.tolist()
                 continue
             simple = np.array([is_simple(contours[index]) for index in where.tolist()])
-            rest += where[simple].tolist()
+            skipped += where[simple].tolist()
             where = where[~simple]
         if len(where) == 0:
             continue
         budget.charge_each("triangles", np.full(len(where), count - 2), where.tolist())
-        # Products of far coordinates may overflow: an infinite area is one, NaN is no ear.
+        # Products of large coordinates may overflow. An infinite area counts as area, and a corner
+        # with NaN is no ear.
         with np.errstate(over="ignore", invalid="ignore", under="ignore"):
             try:
                 index, ears = _clip(np.stack([contours[i] for i in where.tolist()]), budget)
@@ -62,7 +63,7 @@ def clip_ears(
                 raise BudgetError(str(error), int(where[error.index])) from None
         owners.append(where[index])
         corners.append(ears)
-    return np.concatenate(owners), np.concatenate(corners), rest
+    return np.concatenate(owners), np.concatenate(corners), skipped
 
 
 def is_simple(contour: Float32[np.ndarray, "n 2"]) -> bool:
@@ -71,7 +72,7 @@ def is_simple(contour: Float32[np.ndarray, "n 2"]) -> bool:
 
 
 def crosses_itself(contour: Float32[np.ndarray, "n 2"], budget: Budget, index: int) -> bool:
-    """The opposite of `is_simple`, for contours of any size: charges `budget`, as shape `index`."""
+    """Whether a contour of any size crosses or touches itself; charges `budget` for `index`."""
     points = contour.astype(np.float64)
     points = points[(points != np.roll(points, 1, axis=0)).any(axis=1)]
     if len(points) > FEW:
@@ -82,22 +83,22 @@ def crosses_itself(contour: Float32[np.ndarray, "n 2"], budget: Budget, index: i
     return len(points) < 3 or not is_simple(points.astype(np.float32))
 
 
-def fill_simply(
+def fill_nonzero(
     contour: Float[np.ndarray, "n 2"], budget: Budget | None = None
 ) -> Float[np.ndarray, "triangles 3 2"]:
-    """What the nonzero rule fills: for contours that `clip_ears` leaves out."""
+    """Triangulate a contour that `clip_ears` skips, by the nonzero rule."""
     return triangulate([contour], [False], [False], budget)[0]
 
 
 def _clip(points: np.ndarray, budget: Budget) -> tuple[np.ndarray, np.ndarray]:
-    """Ears of `m` polygons `[m, n, 2]`: the polygon of each and its vertices `[t, 3]`."""
+    """Clip `m` polygons `[m, n, 2]`; returns the polygon and the vertices `[t, 3]` of each ear."""
     m, n = points.shape[:2]
     x, y = points[..., 0], points[..., 1]
-    # Summed one after the other: float32 addition is not associative.
+    # Summed in the course's order, since float32 addition is not associative.
     area = np.add.accumulate(np.roll(x, 1, axis=1) * y - x * np.roll(y, 1, axis=1), axis=1)
     forward = area[:, -1:] > 0
-    # The vertices left of each polygon, in its first `sizes` places.
-    left = np.where(forward, np.arange(n), np.arange(n)[::-1])
+    # The vertices that remain of each polygon: the first `sizes` entries of its row.
+    remaining = np.where(forward, np.arange(n), np.arange(n)[::-1])
     sizes, middles, trials = np.full(m, n), np.full(m, n - 1), np.full(m, 2 * n)
     owners, ears = [np.zeros(0, np.int64)], [np.zeros((0, 3), np.int64)]
     active = np.arange(m)
@@ -109,14 +110,15 @@ def _clip(points: np.ndarray, budget: Budget) -> tuple[np.ndarray, np.ndarray]:
         w = (v + 1) % size
         trials[active] -= 1
         row = np.arange(len(active))
-        order = left[active]
+        order = remaining[active]
         places = np.stack([u, v, w], axis=1)
         is_ear = _are_ears(points[active[:, None], order], size, places)
         clipped = active[is_ear]
         owners.append(clipped)
         ears.append(order[row[:, None], places][is_ear])
         shifted = np.arange(n) + (np.arange(n) >= v[is_ear, None])
-        left[clipped] = np.take_along_axis(left[clipped], np.minimum(shifted, n - 1), axis=1)
+        kept = np.minimum(shifted, n - 1)
+        remaining[clipped] = np.take_along_axis(remaining[clipped], kept, axis=1)
         sizes[clipped] -= 1
         trials[clipped] = 2 * sizes[clipped]
         middles[active] = v
@@ -127,10 +129,10 @@ def _clip(points: np.ndarray, budget: Budget) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _are_ears(points: np.ndarray, size: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Which corners turn left and have no other vertex in or on their triangle.
+    """Whether corners turn left and have no other vertex inside or on their triangle.
 
-    `points` `[m, n, 2]` count up to `size`; `places` `[m, 3]` are the previous vertex, the corner
-    and the next one.
+    The first `size` of `points` `[m, n, 2]` are valid. `places` `[m, 3]` are the indices of the
+    previous vertex, the corner and the next vertex.
     """
     row = np.arange(len(points))[:, None]
     a, b, c = (points[row[:, 0], place][:, None] for place in places.T)

@@ -1,7 +1,8 @@
-"""Outlines with a width, as triangles: a quad per segment, joins between them, caps at open ends.
+"""Triangulates strokes: a quad per segment, joins between segments, caps at open ends.
 
-All outlines of a drawing are made at once. The pieces of one overlap; a translucent stroke is their
-`union`. Dashes and markers are not made, nor the joins `arcs` and `miter-clip`.
+All strokes of a drawing are triangulated together. The pieces of one stroke overlap, so a
+translucent stroke is replaced by their `union`. Dashes, markers and the joins `arcs` and
+`miter-clip` are not supported.
 """
 
 from collections.abc import Sequence
@@ -15,14 +16,16 @@ from ..budget import Budget
 from .overlaps import charge_overlaps
 
 _TOLERANCE = 0.02
-"""Pixels by which the chords of round joins and caps may stay inside the circle."""
+"""Maximum distance, in pixels, between the chords of round joins and caps and the circle."""
 
 
 class Outline(NamedTuple):
     """A chain of segments to stroke.
 
-    - `points`: `[n, 2]`; `closed` joins the last to the first.
-    - `width`: in the points' units; `scale` is pixels per unit, for the fineness of arcs.
+    - `points`: `[n, 2]`.
+    - `closed`: whether a segment joins the last point to the first.
+    - `width`: in the units of the points.
+    - `scale`: pixels per unit, from which the number of chords of an arc follows.
     - `cap`: `butt`, `square` or `round`.
     - `join`: `miter`, `bevel` or `round`; a miter longer than `miterlimit` widths is a bevel.
     """
@@ -39,10 +42,11 @@ class Outline(NamedTuple):
 def stroke(
     outlines: Sequence[Outline], budget: Budget | None = None
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
-    """Triangles `[t, 3, 2]` that cover the strokes, and the outline of each, in order.
+    """Triangulate strokes; returns triangles `[t, 3, 2]` and the outline of each, in order.
 
-    Segments of no length are left out; if none is left, round and square caps still draw a dot.
-    Raises `BudgetError`, with the index of the outline, for more triangles than `budget` has left.
+    Segments of zero length are dropped; an outline without segments draws a dot if its caps are
+    round or square. Raises `BudgetError`, with the index of the outline, if the triangles exceed
+    `budget`.
 
     **Source:** SVG 2, sections 13.5.4 to 13.5.6.
     """
@@ -95,9 +99,9 @@ def stroke(
 def union(
     triangles: Float[np.ndarray, "triangles 3 2"], budget: Budget | None = None, index: int = 0
 ) -> Any:
-    """What overlapping triangles cover together, as a shapely (multi)polygon.
+    """Union of overlapping triangles, as a shapely (multi)polygon.
 
-    The pairs that overlap are charged to `budget`, as those of shape `index`.
+    Pairs of triangles that overlap are charged to `budget`; `index` is the shape in errors.
     """
     edges = np.diff(triangles, axis=1)
     areas = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
@@ -108,7 +112,7 @@ def union(
 
 
 class _Edges(NamedTuple):
-    """Segments of some length, in order; `along` is their unit direction."""
+    """Segments of positive length, in order: outline, ends and unit direction `along`."""
 
     owner: np.ndarray
     start: np.ndarray
@@ -117,7 +121,12 @@ class _Edges(NamedTuple):
 
 
 class _Bends(NamedTuple):
-    """Where two segments meet: the outer side's radii `first` and `last`, and the turn between."""
+    """Corners at which two segments meet.
+
+    - `owner`: the outline; `place`: the position of the corner.
+    - `first`, `last`: vectors from the corner to the outer side of the segment before and after.
+    - `turn`: angle between the segments, in radians, positive from x to y.
+    """
 
     owner: np.ndarray
     place: np.ndarray
@@ -148,7 +157,7 @@ def _edges(outlines: Sequence[Outline]) -> _Edges:
 
 
 def _bends(edges: _Edges, closed: np.ndarray, half: np.ndarray) -> _Bends:
-    """The joins that are not straight on."""
+    """The corners of all outlines at which the direction changes."""
     count = len(edges.owner)
     firsts = np.flatnonzero(np.diff(edges.owner, prepend=-1))
     after = np.arange(count)
@@ -167,7 +176,7 @@ def _bends(edges: _Edges, closed: np.ndarray, half: np.ndarray) -> _Bends:
 
 
 def _is_sharp(bends: _Bends, limit: np.ndarray) -> np.ndarray:
-    """Whether a miter, 1 / cos(turn / 2) widths long, exceeds its limit."""
+    """Whether a miter, whose length is 1 / cos(turn / 2) widths, exceeds its limit."""
     return limit[bends.owner] * np.cos(bends.turn / 2) < 1.0
 
 
@@ -186,23 +195,23 @@ def _miters(bends: _Bends) -> _Piece:
 def _ends(
     edges: _Edges, closed: np.ndarray, outlines: Sequence[Outline]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Owner, place and outward direction of what gets a cap."""
+    """Owner, position and outward direction of every end that gets a cap."""
     firsts = np.flatnonzero(np.diff(edges.owner, prepend=-1))
     lasts = np.append(firsts[1:], len(edges.owner))[: len(firsts)] - 1
     is_open = ~closed[edges.owner[firsts]]
     firsts, lasts = firsts[is_open], lasts[is_open]
-    bare = np.setdiff1d(np.arange(len(outlines)), edges.owner)
-    bare = np.array([i for i in bare.tolist() if len(outlines[i].points)], np.int64)
-    dots = np.array([outlines[i].points[0] for i in bare.tolist()]).reshape(-1, 2)
-    right = np.tile([1.0, 0.0], (len(bare), 1))
-    owner = np.concatenate([edges.owner[firsts], edges.owner[lasts], bare, bare])
+    lone = np.setdiff1d(np.arange(len(outlines)), edges.owner)
+    lone = np.array([i for i in lone.tolist() if len(outlines[i].points)], np.int64)
+    dots = np.array([outlines[i].points[0] for i in lone.tolist()]).reshape(-1, 2)
+    right = np.tile([1.0, 0.0], (len(lone), 1))
+    owner = np.concatenate([edges.owner[firsts], edges.owner[lasts], lone, lone])
     place = np.concatenate([edges.start[firsts], edges.end[lasts], dots, dots])
     outward = np.concatenate([-edges.along[firsts], edges.along[lasts], right, -right])
     return owner, place, outward
 
 
 def _quads(owner: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> _Piece:
-    """Two triangles for each quad whose corners are rows of a, b, c, d, in order around it."""
+    """Two triangles per quad, whose corners are the rows of a, b, c and d, in order around it."""
     return np.repeat(owner, 2), np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3, 2)
 
 
@@ -213,30 +222,30 @@ def _sectors(
     turn: np.ndarray,
     radius_px: np.ndarray,
 ) -> _Piece:
-    """Circular sectors from the radius `first`, turned by `turn` radians, as fans."""
+    """Circular sectors as fans of triangles, from the radius `first` through `turn` radians."""
     counts = _sector_counts(owner, turn, radius_px)
     which = np.repeat(np.arange(len(owner)), counts)
     part_index = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
     angle = turn[which] / counts[which]
-    rim = [place[which] + _turned(first[which], angle * (part_index + k)) for k in (0, 1)]
+    rim = [place[which] + _rotate(first[which], angle * (part_index + k)) for k in (0, 1)]
     return owner[which], np.stack([place[which], *rim], axis=1)
 
 
 def _sector_counts(owner: np.ndarray, turn: np.ndarray, radius_px: np.ndarray) -> np.ndarray:
-    """The triangles of each sector."""
+    """Number of triangles of each sector, so that chords stay within `_TOLERANCE`."""
     radius = np.maximum(radius_px[owner], _TOLERANCE)
     part = np.maximum(2 * np.arccos(1.0 - _TOLERANCE / radius), np.pi / 512)
     return np.maximum(np.ceil(np.abs(turn) / part), 1).astype(np.int64)
 
 
-def _turned(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
+def _rotate(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
     cos, sin = np.cos(angle), np.sin(angle)
     x, y = vectors.T
     return np.stack([x * cos - y * sin, x * sin + y * cos], axis=-1)
 
 
 def _left(along: np.ndarray) -> np.ndarray:
-    """A quarter turn from x to y."""
+    """Directions turned by 90 degrees, from x to y."""
     return np.stack([-along[:, 1], along[:, 0]], axis=-1)
 
 

@@ -1,8 +1,8 @@
-"""Large polygons cut into small ones, so that triangulating them takes a time linear in their size.
+"""Cuts large polygons into small ones, so that triangulating them is fast.
 
-GEOS clips ears, which takes the square of the number of vertices where a polygon winds inwards: a
-spiral of 20,000 vertices took it 85 s. Cut at the median of its vertices, again and again, a
-polygon becomes pieces of bounded size in n log n.
+GEOS clips ears, which takes quadratic time for polygons such as spirals: one of 20,000 vertices
+took 85 s. Cutting a polygon at the median of its vertices, recursively, gives pieces of bounded
+size in n log n time.
 """
 
 from typing import Any
@@ -12,10 +12,10 @@ import shapely
 from jaxtyping import Int
 
 LARGEST = 512
-"""Vertices up to which a region stays in one piece."""
+"""Regions of at most this many vertices stay in one piece."""
 
 _PIECE = 128
-"""Vertices of a piece at which cutting ends."""
+"""Pieces of at most this many vertices are not cut further."""
 
 
 _FEW_CUTS = 512
@@ -27,7 +27,7 @@ near the cut or not, which took 100 times as long for a star of 20,000 spikes.""
 def cut_large_regions(
     regions: np.ndarray, owner: Int[np.ndarray, " regions"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Shapely polygons that cover what `regions` do, and the owner of each, in the order given.
+    """Cut large shapely polygons into pieces; returns pieces and the owner of each, in order.
 
     Regions of at most `LARGEST` vertices are returned as they are.
     """
@@ -51,7 +51,7 @@ def _pieces_of(region: Any) -> np.ndarray:
         piece = open_pieces.pop()
         size = shapely.get_num_coordinates(piece)
         halves = _halves(piece) if size > _PIECE else []
-        # A cut through nearly every edge, or through none, leads nowhere.
+        # Stop if a cut crosses nearly every edge or none: the halves would be as large.
         if not halves or max(map(shapely.get_num_coordinates, halves)) > 0.95 * size:
             finished.append(piece)
         else:
@@ -60,7 +60,7 @@ def _pieces_of(region: Any) -> np.ndarray:
 
 
 def _halves(piece: Any) -> list[Any]:
-    """The polygons on both sides of a line that crosses few edges; empty if there is none."""
+    """Cut a polygon along a line that crosses few edges; empty if there is no such line."""
     points = shapely.get_coordinates(piece)
     low, high = points.min(axis=0), points.max(axis=0)
     # The coordinate is one of float32, so that rounding moves no corner off the line. It is no
@@ -87,7 +87,7 @@ def _halves(piece: Any) -> list[Any]:
 
 
 def _clipped(piece: Any, boxes: list[Any]) -> np.ndarray | None:
-    """The parts of a polygon in each box; None where clipping leaves out or adds something."""
+    """Clip a polygon to each box; None if clipping by boxes has changed the total area."""
     halves: Any = [shapely.clip_by_rect(piece, *shapely.bounds(box)) for box in boxes]
     area = float(shapely.area(piece))
     if abs(float(shapely.area(halves).sum()) - area) > 1e-9 * area:

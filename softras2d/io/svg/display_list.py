@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..budget import Budget, BudgetError
-from ..shapes.ear_clipping import clip_ears, crosses_itself, fill_simply
+from ..shapes.ear_clipping import clip_ears, crosses_itself, fill_nonzero
 from ..shapes.pixel_lines import pixel_lines
 from ..shapes.polygons import fan, fan_inside, fill_regions, triangulate
 from ..shapes.strokes import Outline, stroke, union
@@ -218,16 +218,16 @@ class DisplayList:
             return None
         draw, planes, contours = zip(*self._ears, strict=True)
         try:
-            owner, ears, rest = clip_ears(planes, self.budget)
+            owner, ears, skipped = clip_ears(planes, self.budget)
         except BudgetError as error:
             raise self._error(draw[error.index], f"the polygon {error}") from None
         starts = np.cumsum([0, *map(len, contours)])
         corners, owners = [np.concatenate(contours)[starts[owner, None] + ears]], [owner]
-        for index in rest:
+        for index in skipped:
             self._float32(contours[index], np.full(len(contours[index]), draw[index]))
             try:
                 self.approximated += crosses_itself(planes[index], self.budget, index)
-                corners.append(fill_simply(contours[index], self.budget))
+                corners.append(fill_nonzero(contours[index], self.budget))
             except BudgetError as error:
                 raise self._error(draw[index], f"the polygon {error}") from None
             owners.append(np.full(len(corners[-1]), index))

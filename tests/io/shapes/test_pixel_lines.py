@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softras2d.io.shapes.pixel_lines import carry, pixel_lines
+from softras2d.io.shapes.pixel_lines import advance, pixel_lines
 
 COORDINATE = st.floats(-300, 300, width=32)
 
@@ -101,12 +101,12 @@ def test_many_lines_keep_their_order():
 def test_carry_is_repeated_addition(start, step, count):
     start, step = np.float32(start), np.float32(step)
     value = np.add.accumulate(np.append(start, np.full(count, step)), dtype=np.float32)
-    found, done = carry(start, step, count)
+    found, done = advance(start, step, count)
     assert found == value[-1]
     assert done == count
     goal = float(value[-1])
     first = int(np.argmax(value >= goal if step > 0 else value <= goal))
-    assert carry(start, step, 10**9, goal) == (value[first], first)
+    assert advance(start, step, 10**9, goal) == (value[first], first)
 
 
 def test_carry_far():
@@ -114,7 +114,7 @@ def test_carry_far():
         start, step = np.float32(start), np.float32(step)
         count = 5_000_000
         value = np.add.accumulate(np.append(start, np.full(count, step)), dtype=np.float32)
-        assert carry(start, step, count)[0] == value[-1]
+        assert advance(start, step, count)[0] == value[-1]
 
 
 @pytest.mark.parametrize(
