@@ -26,7 +26,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from .color import check_whole_colors, warn_of_bytes
+from .numerics.byte_colors import check_whole_colors, warn_of_bytes
 from .numerics.device import to_device, to_host
 from .texture.pyramid import TexturePyramid
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from softras2d import pictures
-from softras2d.io.images import linear_to_srgb, write_image
+from softras2d.color import linear_to_srgb
+from softras2d.io.images import write_image
 
 from .fruit import fruit
 from .valley import valley

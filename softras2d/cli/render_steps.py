@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..io.images import srgb_to_linear
+from ..color import srgb_to_linear
 from ..io.svg.reader import read_svg, svg_size
 from ..numerics.device import to_device
 from ..options import Filter, Hard

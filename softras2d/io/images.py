@@ -26,6 +26,7 @@ import numpy as np
 import OpenImageIO as oiio
 from jaxtyping import Float32, UInt8
 
+from ..color import linear_to_srgb, premultiply, srgb_to_linear, unpremultiply
 from .drafts import atomic_file
 
 WRITABLE = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -104,7 +105,7 @@ def write_image(
         # Finite values in sRGB may overflow float32 in linear light.
         _check_finite(str(path), pixels)
         with np.errstate(over="ignore"):
-            pixels = _premultiply(pixels)
+            pixels = premultiply(pixels)
         _check_finite(str(path), pixels)
     else:
         pixels = _on_colors(linear_to_srgb, pixels) if linear else pixels
@@ -119,26 +120,6 @@ def to_bytes(
     """Clip to 0..1 and round to the nearest k/255, or down if `truncate`."""
     scaled = np.clip(pixels, 0.0, 1.0) * np.float32(255.0)
     return np.floor(scaled if truncate else scaled + np.float32(0.5)).astype(np.uint8)
-
-
-def srgb_to_linear(values: np.ndarray) -> np.ndarray:
-    """Convert sRGB to linear light. Negative values are the negative of positive ones; 1 stays 1.
-
-    **Source:** IEC 61966-2-1.
-    """
-    size = np.abs(values)
-    # Values too bright for the type become infinite; the branch that is not chosen may overflow.
-    with np.errstate(over="ignore"):
-        light = np.where(size <= 0.04045, size / 12.92, ((size + 0.055) / 1.055) ** 2.4)
-    return np.copysign(light, values).astype(values.dtype)
-
-
-def linear_to_srgb(values: np.ndarray) -> np.ndarray:
-    """Convert linear light to sRGB; the inverse of `srgb_to_linear`."""
-    size = np.abs(values)
-    with np.errstate(over="ignore"):
-        code = np.where(size <= 0.04045 / 12.92, size * 12.92, 1.055 * size ** (1 / 2.4) - 0.055)
-    return np.copysign(code, values).astype(values.dtype)
 
 
 def _load(
@@ -158,7 +139,7 @@ def _load(
     floats = np.dtype(str(spec.format).replace("half", "float16")).kind == "f"
     if _is_premultiplied(path, spec):
         with np.errstate(over="ignore", invalid="ignore"):
-            pixels = _unpremultiply(pixels)
+            pixels = unpremultiply(pixels)
     _check_finite(name, pixels)
     if floats and not linear:
         pixels = _on_colors(linear_to_srgb, pixels)
@@ -251,21 +232,6 @@ def _on_colors(convert: Any, pixels: np.ndarray) -> np.ndarray:
     """Apply `convert` to all channels except alpha."""
     colors = 3 if pixels.shape[-1] == 4 else pixels.shape[-1]
     return np.concatenate([convert(pixels[..., :colors]), pixels[..., colors:]], axis=-1)
-
-
-def _premultiply(pixels: np.ndarray) -> np.ndarray:
-    if pixels.shape[-1] != 4:
-        return pixels
-    return np.concatenate([pixels[..., :3] * pixels[..., 3:], pixels[..., 3:]], axis=-1)
-
-
-def _unpremultiply(pixels: np.ndarray) -> np.ndarray:
-    """Divide colours by alpha; colours are 0 where alpha is 0."""
-    if pixels.shape[-1] != 4:
-        return pixels
-    alpha = pixels[..., 3:]
-    colors = np.where(alpha > 0, pixels[..., :3] / np.where(alpha > 0, alpha, 1.0), 0.0)
-    return np.concatenate([colors.astype(np.float32), alpha], axis=-1)
 
 
 def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:

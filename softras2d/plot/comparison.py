@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from ..color import premultiply
 from .library import Axes, import_pyplot
 from .picture import checked_image, fit_pixels
 
@@ -58,15 +59,8 @@ def _difference(image: Any, reference: Any) -> np.ndarray:
         raise ValueError(
             f"`image` and `reference` must have one shape; got {first.shape} and {second.shape}."
         )
-    return _premultiplied(first) - _premultiplied(second)
-
-
-def _premultiplied(pixels: np.ndarray) -> np.ndarray:
-    """Colours times alpha, in float64: a transparent pixel's colour does not show."""
-    pixels = pixels.astype(np.float64)
-    if pixels.shape[-1] == 4:
-        pixels[..., :3] *= pixels[..., 3:]
-    return pixels
+    # The colour of a transparent pixel does not show.
+    return premultiply(first.astype(np.float64)) - premultiply(second.astype(np.float64))
 
 
 def _limit(limit: int | float | None, values: np.ndarray) -> float:

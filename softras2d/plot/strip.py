@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..color import unpremultiply
 from .cells import columns_for, new_cells
 from .library import AnyFigure
 from .picture import checked_image, show
@@ -67,7 +68,7 @@ def pyramid(
     table = np.unique(np.asarray(textures.levels)[index], axis=0)
     texels = np.asarray(textures.texels)
     levels = [
-        _straight(texels[offset : offset + height * width]).reshape(height, width, -1)
+        unpremultiply(texels[offset : offset + height * width]).reshape(height, width, -1)
         for offset, height, width in table.tolist()
     ]
     titles = [
@@ -104,11 +105,3 @@ def _opaque(path: Path, frames: Iterable[Any]) -> Iterator[np.ndarray]:
             colors, alpha = np.clip(pixels[..., :3], 0, 1), np.clip(pixels[..., 3:], 0, 1)
             pixels = colors * alpha + (1 - alpha)
         yield np.repeat(pixels, 3, axis=-1) if pixels.shape[-1] == 1 else pixels
-
-
-def _straight(texels: np.ndarray) -> np.ndarray:
-    """Texels `[n, 3 or 4]`, premultiplied, with straight alpha; black where nothing is."""
-    if texels.shape[-1] == 3:
-        return texels
-    alpha = texels[:, 3:]
-    return np.concatenate([texels[:, :3] / np.where(alpha > 0, alpha, 1), alpha], axis=-1)

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..color import premultiply
 from ..geometry.barycentric import Weights, slot_weights, twice_area, weight_sums
 from ..geometry.fixed_point import Edges
 from ..geometry.guard_band import WeightPlanes
@@ -229,7 +230,7 @@ def add_color(
     # A single corner is not copied.
     color = color[0] if color.shape[0] == 1 else materialized(mix)(at, color)
     if skin is None:
-        return materialized(lambda t, s, c: add(t, s, _premultiply(c)))(total, shown, color)
+        return materialized(lambda t, s, c: add(t, s, premultiply(c, axis=0)))(total, shown, color)
     assert corners.uv is not None and texture is not None
     with jax.named_scope("texture"):
         uv = materialized(mix)(at, corners.uv)
@@ -397,9 +398,3 @@ def _tint(color: Array, texel: Array, texture: Array, share: Array | None) -> Ar
     if color.shape[0] == 3:
         return jnp.concatenate([texel[:3] * color, texel[3:]])
     return jnp.concatenate([texel[:3] * color[:3], texel[3:]]) * color[3:]
-
-
-def _premultiply(color: Float[Array, "channels lanes"]) -> Array:
-    if color.shape[0] == 3:
-        return color
-    return jnp.concatenate([color[:3] * color[3:], color[3:]])

@@ -9,8 +9,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from ..color import check_whole_colors, warn_of_bytes
+from ..color import premultiply, srgb_to_linear
 from ..names import TextureAddressing, TextureBorder
+from ..numerics.byte_colors import check_whole_colors, warn_of_bytes
 from ..numerics.device import to_device, to_host
 
 
@@ -69,7 +70,7 @@ class TexturePyramid(eqx.Module):
             raise ValueError("`images` must hold at least one texture; got none.")
         channels = max(base.shape[-1] for base in bases)
         chains = [
-            _chain(_premultiplied(_decode(base) if linear else base, channels)) for base in bases
+            _chain(_with_channels(_decode(base) if linear else base, channels)) for base in bases
         ]
         depth = max(map(len, chains))
         table, flat, offset = [], [], 0
@@ -106,23 +107,17 @@ def _image(image: Any, index: int) -> Any:
 
 
 def _decode(image: Any) -> Any:
-    """sRGB to linear light (IEC 61966-2-1), alpha untouched."""
+    """Convert the colours of an image from sRGB to linear light; alpha stays."""
     xp = image.__array_namespace__()
-    rgb = image[..., :3]
-    light = xp.where(
-        rgb <= 0.04045, rgb / 12.92, (xp.maximum(rgb, 0.0) + 0.055) / 1.055
-    ) ** xp.where(rgb <= 0.04045, 1.0, 2.4)
-    return xp.concatenate([light.astype(image.dtype), image[..., 3:]], axis=-1)
+    return xp.concat([srgb_to_linear(image[..., :3]), image[..., 3:]], axis=-1)
 
 
-def _premultiplied(image: Any, channels: int) -> Any:
-    """The image with `channels`, alpha one where it has none; RGB times alpha."""
+def _with_channels(image: Any, channels: int) -> Any:
+    """The image premultiplied, with an alpha of 1 appended where it lacks the fourth channel."""
+    if image.shape[-1] == channels or image.shape[-1] == 4:
+        return premultiply(image)
     xp = image.__array_namespace__()
-    if image.shape[-1] == 4:
-        return xp.concatenate([image[..., :3] * image[..., 3:], image[..., 3:]], axis=-1)
-    if channels == 3:
-        return image
-    return xp.concatenate([image, xp.ones((*image.shape[:2], 1), image.dtype)], axis=-1)
+    return xp.concat([image, xp.ones((*image.shape[:2], 1), dtype=image.dtype)], axis=-1)
 
 
 def _chain(base: Any) -> list[Any]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
+from softras2d.color import srgb_to_linear
 from softras2d.fitting.closed_form import best_colors
 from softras2d.fitting.layers.unknowns import (
     UNIT,
@@ -20,7 +21,6 @@ from softras2d.fitting.layers.unknowns import (
 from softras2d.fitting.loss import Loss
 from softras2d.fitting.resample import shrink
 from softras2d.fitting.score import ssim
-from softras2d.io.images import srgb_to_linear
 from tests.cases.pictures import blobs
 
 RNG = np.random.default_rng(0)

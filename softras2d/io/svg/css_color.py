@@ -3,9 +3,13 @@
 import functools
 import math
 import re
+from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
 import tinycss2.color4
+
+from ...color import linear_to_srgb
 
 Rgba = tuple[float, float, float, float]
 """Straight sRGB and alpha, 0..1."""
@@ -87,7 +91,7 @@ def _srgb(color: Any) -> tuple[float, ...] | None:
     if color.space in ("srgb", "hsl", "hwb"):
         return tuple(color.to("srgb").coordinates)
     if color.space == "srgb-linear":
-        return tuple(map(_encode, (part or 0.0 for part in color.coordinates)))
+        return _encode(part or 0.0 for part in color.coordinates)
     if color.space in ("lab", "lch", "oklab", "oklch"):
         near = tuple(part and _limited(part, _FARTHEST) for part in color.coordinates)
         color = tinycss2.color4.Color(color.space, near, color.alpha)
@@ -101,7 +105,7 @@ def _srgb(color: Any) -> tuple[float, ...] | None:
         xyz = _product(_D50_TO_D65, color.to("xyz-d50").coordinates)
     else:
         return None
-    return tuple(map(_encode, _product(_XYZ_TO_LINEAR, xyz)))
+    return _encode(_product(_XYZ_TO_LINEAR, xyz))
 
 
 # CSS Color 4, section 17 (sample code): Bradford adaptation, then IEC 61966-2-1 primaries.
@@ -121,9 +125,6 @@ def _product(matrix: tuple[tuple[float, ...], ...], vector: tuple[float, ...]) -
     return tuple(sum(a * b for a, b in zip(row, vector, strict=True)) for row in matrix)
 
 
-def _encode(light: float) -> float:
-    """Linear light to sRGB, odd about zero (IEC 61966-2-1)."""
-    if abs(light) <= 0.0031308:
-        return 12.92 * light
-    size = 1.055 * abs(light) ** (1 / 2.4) - 0.055
-    return size if light > 0 else -size
+def _encode(light: Iterable[float]) -> tuple[float, ...]:
+    """Convert linear light to sRGB."""
+    return tuple(linear_to_srgb(np.array(list(light), np.float64)).tolist())

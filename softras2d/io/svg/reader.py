@@ -208,7 +208,7 @@ def _make_scene(
     background = np.array(context.background or (1.0, 1.0, 1.0))
     if linear:
         # Imported here, since it loads an image library.
-        from ..images import srgb_to_linear
+        from ...color import srgb_to_linear
 
         colors = np.concatenate([srgb_to_linear(colors[..., :3]), colors[..., 3:]], axis=-1)
         background = srgb_to_linear(background)

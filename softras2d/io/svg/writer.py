@@ -9,6 +9,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from ...color import unpremultiply
 from ...scene import Scene, check
 from ...texture.pyramid import TexturePyramid
 from ..drafts import atomic_file
@@ -210,18 +211,9 @@ def _images(path: Path, textures: TexturePyramid) -> dict[str, np.ndarray]:
     """The base level of each texture `[height, width, 3 or 4]` by the name of its file."""
     texels, images = np.asarray(textures.texels), {}
     for index, (offset, height, width) in enumerate(np.asarray(textures.levels)[:, 0].tolist()):
-        base = _straight(texels[offset : offset + height * width]).reshape(height, width, -1)
-        images[f"{path.stem}_texture{index}.png"] = base
+        base = unpremultiply(texels[offset : offset + height * width].reshape(height, width, -1))
+        images[f"{path.stem}_texture{index}.png"] = np.minimum(base, 1.0)
     return images
-
-
-def _straight(texels: np.ndarray) -> np.ndarray:
-    """Straight alpha from premultiplied; colour 0 where alpha is 0."""
-    if texels.shape[1] == 3:
-        return texels
-    alpha = texels[:, 3:]
-    color = np.divide(texels[:, :3], alpha, out=np.zeros_like(texels[:, :3]), where=alpha > 0)
-    return np.concatenate([np.minimum(color, 1.0), alpha], axis=1)
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:

@@ -1,0 +1,65 @@
+"""Detects colours given as bytes in 0..255: certain cases are errors, likely ones are warnings.
+
+Black is 0 and white is 1 everywhere in the package. Integers above 1 can only be bytes, so they are
+refused. Floats above 1 may mean light brighter than white, so they are drawn as they are.
+"""
+
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+_PACKAGE = str(Path(__file__).parent.parent)
+
+
+def check_whole_colors(what: str, colors: Any) -> None:
+    """Raise `ValueError` for integer colours above 1; the message begins with `what`.
+
+    Under a trace values are not known, so all unsigned integers are refused there as bytes.
+    """
+    if not jnp.issubdtype(colors.dtype, jnp.integer):
+        return
+    if isinstance(colors, Tracer):
+        bytes_given = jnp.issubdtype(colors.dtype, jnp.unsignedinteger)
+    else:
+        bytes_given = colors.size > 0 and colors.max() > 1
+    if bytes_given:
+        raise ValueError(f"{what} must be in 0..1: divide bytes by 255; got {colors.dtype}.")
+
+
+def warn_of_bytes(arrays: dict[str, Any]) -> None:
+    """Warn once, naming every array in which all colours look like bytes.
+
+    `arrays` maps names to colours `[..., 3 or 4]`. They look like bytes if red, green and blue are
+    whole numbers in 0..255, and the largest is above 1.5.
+    """
+    names = [name for name, colors in arrays.items() if _look_like_bytes(colors)]
+    if names:
+        told = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        warnings.warn(
+            f"bytes in 0..255? White is 1, so divide them by 255. They are in {told}.",
+            UserWarning,
+            stacklevel=_level_of_caller(),
+        )
+
+
+def _look_like_bytes(colors: Any) -> bool:
+    if isinstance(colors, Tracer):
+        return False
+    rgb = np.asarray(colors)[..., :3]
+    # The maximum is tested first: it decides nearly all cases.
+    return bool(
+        rgb.size and 1.5 < rgb.max() <= 255 and rgb.min() >= 0 and (rgb == np.floor(rgb)).all()
+    )
+
+
+def _level_of_caller() -> int:
+    """The `stacklevel` of the first frame outside the package, for a warning by the caller."""
+    level, frame = 1, sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        level, frame = level + 1, frame.f_back
+    return level
