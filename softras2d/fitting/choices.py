@@ -7,10 +7,10 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Float
 
+from .families import FAMILIES
 from .loss import Kind, Light, Loss
 from .solvers import Solver
 
-_SHADINGS = {"layers": ("flat", "gouraud"), "mesh": ("flat", "gouraud", "linear")}
 STARTS = ("error", "uniform", "delaunay")
 """What a start may be but a scene or a mesh."""
 
@@ -24,7 +24,10 @@ def settle(settings: dict[str, Any]) -> dict[str, Any]:
     """The settings in plain types: numbers of Python, the first and last softness, a shading."""
     plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
     if plain["shading"] is None:
-        plain["shading"] = "gouraud" if plain["family"] == "mesh" else "flat"
+        # An unknown family is refused by `check`, after this.
+        name = plain["family"]
+        family = FAMILIES.get(name) if isinstance(name, str) else None
+        plain["shading"] = "flat" if family is None else family.default_shading
     softness = plain["softness"]
     if _is_number(softness):
         softness = (softness, softness)
@@ -35,13 +38,14 @@ def settle(settings: dict[str, Any]) -> dict[str, Any]:
 
 def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
     """Raise `ValueError` unless the arguments of `fit`, settled, make sense together."""
-    family = settings["family"]
-    _one_of("family", family, tuple(_SHADINGS))
-    _one_of("shading", settings["shading"], _SHADINGS[family], f" of a {family} fit")
+    name = settings["family"]
+    _one_of("family", name, tuple(FAMILIES))
+    family = FAMILIES[name]
+    _one_of("shading", settings["shading"], family.shadings, f" of a {name} fit")
     _one_of("colors", settings["colors"], _COLORS)
     _one_of("loss", settings["loss"], get_args(Kind))
     _one_of("light", settings["light"], get_args(Light))
-    _whole("triangles", settings["triangles"], 1 if family == "layers" else 2)
+    _whole("triangles", settings["triangles"], family.min_triangles)
     _whole("seed", settings["seed"], 0)
     if settings["size"] is not None:
         _whole("size", settings["size"], 1)
@@ -58,7 +62,7 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
             "`softness` must be pixels above 0, 64 at most, or the first and the last of them; got "
             f"{softness!r:.60}."
         )
-    if settings["translucent"] and family == "mesh":
+    if settings["translucent"] and not family.translucent:
         raise ValueError("a mesh covers the canvas: `translucent` is for layers.")
     if settings["colors"] != "together" and settings["loss"] != "squared":
         raise ValueError("colours in closed form are those of `loss='squared'`.")

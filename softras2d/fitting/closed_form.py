@@ -14,7 +14,7 @@ import lineax as lx
 from jaxtyping import Array, Float
 
 from .loss import Light
-from .solve import Residual, as_libraries_expect
+from .solve import Residual, default_promotion
 
 _PRODUCTS = 24
 """Of the derivative and its transpose: colours that many triangles blur need them."""
@@ -43,7 +43,7 @@ def best_colors(fn: Residual, y: Any, args: Any, light: Light = "display") -> An
     def improve(_, colors):
         off, push = jax.linearize(residual, colors)
         operator = lx.FunctionLinearOperator(push, jax.eval_shape(lambda: y.colors))
-        with as_libraries_expect():
+        with default_promotion():
             step = lx.linear_solve(operator, -off, solver, throw=False).value
         found = jnp.clip(colors + step, 0.0, 1.0)
         better = jnp.sum(residual(found) ** 2) < jnp.sum(off**2)

@@ -1,4 +1,4 @@
-"""Fit triangles to an image: the public face of this room."""
+"""Fit triangles to an image: the public function `fit`."""
 
 import os
 import time
@@ -13,12 +13,14 @@ import jax
 
 from ..io.images import check_place
 from ..numerics.compiled_programs import drop_programs
+from ..scene import Scene
 from . import choices
-from .interrupt import Interrupt, held_interrupt
+from .interrupt import deferred_interrupt
 from .loop import Budget, Moment, run
-from .prepare import STEPS, check_images, check_resume, resumed
+from .prepare import DEFAULT_STEPS, check_images, check_resume, settings_to_resume
 from .result import FitResult
 from .solvers import Solver
+from .target import Target
 from .task import Task
 
 
@@ -83,44 +85,47 @@ def fit(
     arguments that make no sense.
     """
     began = time.perf_counter()
-    # A program that fits many images compiles for each count of triangles and each size.
+    # A program that fits many images would otherwise keep compiled code for each size and number.
     drop_programs()
-    (target,) = check_images([target])
+    (image,) = check_images([target])
     settings: dict[str, Any] = {
         "triangles": triangles, "family": family, "solver": solver, "seed": seed, "size": size,
         "shading": shading, "translucent": translucent, "softness": softness, "colors": colors,
         "loss": loss, "light": light, "start": start,
     }  # fmt: skip
     if resume is not None:
-        check_resume(resume, target)
-        settings = resumed(settings, resume)
+        check_resume(resume, image)
+        settings = settings_to_resume(settings, resume)
         weights = resume.state.get("weights.given")
     settings = choices.settle(settings)
     choices.check(settings, steps, seconds)
     if checkpoint is not None:
         _check_checkpoint(Path(checkpoint))
     if steps is None and seconds is None:
-        steps = STEPS
+        steps = DEFAULT_STEPS
     deadline = None if seconds is None else began + seconds
-    with jax.enable_x64(False), held_interrupt() as interrupt:
+    with jax.enable_x64(False), deferred_interrupt() as interrupt:
 
-        def hurry() -> bool:
-            late = seconds is not None and time.perf_counter() - began > _STARTING * seconds
-            return late or interrupt.asked
+        def must_start() -> bool:
+            late = seconds is not None and time.perf_counter() - began > _MAX_START_SHARE * seconds
+            return late or interrupt.requested
 
-        task = Task(target, choices.prepare_weights(weights, target), settings, resume, hurry)
-        interrupted = _run(task, began, steps, deadline, report, checkpoint, interrupt)
-        if task.polishes and not (interrupted or interrupt.asked):
-            task.course.polish()
+        weighted = Target(image, choices.prepare_weights(weights, image))
+        task = Task(weighted, settings, resume, must_start)
+        stop = lambda: interrupt.requested  # noqa: E731
+        interrupted = _run(task, began, steps, deadline, report, checkpoint, stop)
+        if task.polishes and not (interrupted or interrupt.requested):
+            task.fit.polish()
         result = task.result(interrupted)
-    return replace(result, interrupted=True) if interrupt.asked else result
+    return replace(result, interrupted=True) if interrupt.requested else result
 
 
-_STARTING = 0.35
-"""Of the seconds of a fit, after which a start that is still sought is taken as it is."""
+_MAX_START_SHARE = 0.35
+"""Share of the `seconds` of a fit after which the search for a start ends with what it has."""
 
 
 def _check_checkpoint(path: Path) -> None:
+    """Raise `ValueError` for a checkpoint that could not be written, before the work of a fit."""
     if path.suffix.lower() != ".npz":
         raise ValueError(f"{path}: the suffix of a checkpoint must be .npz.")
     check_place(path)
@@ -133,9 +138,17 @@ def _run(
     deadline: float | None,
     report: Callable[[Moment], None] | None,
     checkpoint: str | os.PathLike[str] | None,
-    interrupt: Interrupt,
+    stop: Callable[[], bool],
 ) -> bool:
-    """To the end of the budget; whether Ctrl-C came first."""
+    """Run a fit to the end of its budget; return whether Ctrl-C came first."""
+
+    def best_scene() -> Scene:
+        return task.frame.enlarge(task.fit.scene(padded=True))
+
+    def report_moment(share: float, seconds_left: float) -> None:
+        if report is not None:
+            last, most = task.history[-1], task.fit.max_triangles
+            report(Moment(last, share, seconds_left, most, best_scene))
 
     def save() -> None:
         if checkpoint is None:
@@ -145,11 +158,11 @@ def _run(
         except (ValueError, OSError) as error:
             warnings.warn(f"the checkpoint was not written: {error}", stacklevel=2)
 
-    rehearse = task.rehearsal(deadline is not None)
-    # What comes last compiles beside the first steps; what it takes is set aside.
+    warm_up = task.warm_up(deadline is not None)
+    # The programs of the end compile beside the first steps, and their time is set aside.
     with ThreadPoolExecutor(1) as pool:
-        budget = Budget(steps, deadline, pool.submit(rehearse), began, task.spent)
+        budget = Budget(steps, deadline, pool.submit(warm_up), began, task.seconds_before)
         return run(
-            task.course, budget, task.records, steps=task.done, room=task.room, report=report,
-            enlarge=task.frame.enlarge, stop=lambda: interrupt.asked, save=save,
+            [task.fit], [task.history], budget, steps=task.steps_before, max_steps=task.max_steps,
+            stop=stop, report=report_moment, save=save,
         )  # fmt: skip

@@ -10,13 +10,13 @@ from typing import Any
 
 @dataclass
 class Interrupt:
-    """`asked`: whether Ctrl-C has been pressed."""
+    """`requested`: whether Ctrl-C has been pressed."""
 
-    asked: bool = False
+    requested: bool = False
 
 
 @contextmanager
-def held_interrupt() -> Iterator[Interrupt]:
+def deferred_interrupt() -> Iterator[Interrupt]:
     """Within, the first Ctrl-C is only noted, so that nothing is left half changed; the second is
     raised.
 
@@ -28,9 +28,9 @@ def held_interrupt() -> Iterator[Interrupt]:
         return
 
     def note(number: int, frame: Any) -> None:
-        if noted.asked:
+        if noted.requested:
             raise KeyboardInterrupt
-        noted.asked = True
+        noted.requested = True
 
     before = signal.signal(signal.SIGINT, note)
     try:

@@ -44,7 +44,7 @@ class Loss(eqx.Module):
         alpha = image[..., 3:]
         return jnp.concatenate([color * alpha, alpha], -1)
 
-    def of(
+    def residual(
         self,
         image: Float[Array, "height width channels"],
         prepared: Float[Array, "height width channels"],

@@ -16,6 +16,7 @@ from ..io.drafts import whole
 from ..scene import Scene
 from . import saved_fit
 from .archive import MAX_BYTES, read_arrays
+from .entries import Entries, Size
 
 
 class Record(NamedTuple):
@@ -121,7 +122,7 @@ class FitResult:
             "scores": np.array([self.psnr, self.ssim]),
             "history": np.array([tuple(map(float, one)) for one in self.history]).reshape(-1, 6),
         }
-        for entry in saved_fit.SCENE:
+        for entry in saved_fit.SCENE_FIELDS:
             arrays[f"scene.{entry}"] = np.asarray(getattr(self.scene, entry))
         for name, value in self.state.items():
             arrays[f"{_STATE}{name}"] = np.asarray(value)
@@ -150,7 +151,7 @@ class FitResult:
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "lineax", "optax", "optimistix", "numpy", "scipy")
 
-assert set(saved_fit.SCENE) < {one.name for one in fields(Scene)}
+assert set(saved_fit.SCENE_FIELDS) < {one.name for one in fields(Scene)}
 
 
 def _result(arrays: dict[str, np.ndarray]) -> FitResult:
@@ -160,7 +161,7 @@ def _result(arrays: dict[str, np.ndarray]) -> FitResult:
         for name, value in arrays.items()
         if name.startswith(_STATE)
     }
-    entries = saved_fit.Entries({k: v for k, v in arrays.items() if not k.startswith(_STATE)})
+    entries = Entries({k: v for k, v in arrays.items() if not k.startswith(_STATE)})
     settings, interrupted = saved_fit.read_facts(entries)
     image = saved_fit.read_image(entries)
     psnr, ssim = saved_fit.read_scores(entries)
@@ -169,7 +170,7 @@ def _result(arrays: dict[str, np.ndarray]) -> FitResult:
     entries.end()
     if state:
         steps = history[-1].steps if history else 0
-        saved_fit.check_state(state, settings, saved_fit.Size(*image.shape), steps)
+        saved_fit.check_state(state, settings, Size(*image.shape), steps)
     return FitResult(scene, image, psnr, ssim, history, settings, interrupted, state)
 
 

@@ -85,14 +85,14 @@ class Scorer:
         self._target = premultiplied(to_device(target))
         self._plan: Plan | None = None
 
-    def prepare(self, likely: Scene) -> float:
+    def warm_up(self, likely: Scene) -> float:
         """Compile for scenes like this one; the seconds that a score takes after that."""
         self.score(likely)
         began = time.perf_counter()
         self.score(likely)
         return time.perf_counter() - began
 
-    def adopt(self, other: "Scorer") -> None:
+    def share_plan(self, other: "Scorer") -> None:
         """Draw as another does, whose target has the same size: one program for both."""
         self._plan = other._plan
 

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 
 from ..mesh.pixel_weights import PixelWeights, pixel_weights
 from ..mesh.triangulation import cross, disjoint
-from ..mesh.vertex_colors import Image, PixelMap
+from ..target import Image, PixelMap
 
 Corners = Float[np.ndarray, "triangles 3 2"]
 

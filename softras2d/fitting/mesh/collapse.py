@@ -5,10 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..target import Image, PixelMap
 from .pixel_weights import pixel_weights
 from .splits import State, evaluate, plane_error
 from .triangulation import Mesh, cross, disjoint, make_mesh, signed_areas
-from .vertex_colors import Colors, Image, Moments, PixelMap, gather, moments, solve
+from .vertex_colors import Colors, Moments, gather, moments, solve
 
 LEAST_AREA = 0.5
 """Of a triangle that a collapse makes, in square pixels."""

@@ -3,10 +3,11 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..target import Image, PixelMap
 from .pixel_weights import pixel_weights
 from .splits import State, evaluate, plane_error
 from .triangulation import Edges, Mesh, cross, disjoint, find_edges
-from .vertex_colors import Colors, Image, Moments, PixelMap, gather, moments, normal_matrix
+from .vertex_colors import Colors, Moments, gather, moments, normal_matrix
 
 LEAST_AREA = 0.5
 """Of a triangle that a flip makes, in square pixels."""

@@ -6,11 +6,12 @@ from collections.abc import Callable
 import numpy as np
 from scipy.ndimage import gaussian_gradient_magnitude
 
+from ..target import Image, PixelMap
 from .collapse import collapse
 from .edge_flips import flip_edges, flip_to_delaunay
 from .insertion import insert
 from .triangulation import Mesh, delaunay_mesh
-from .vertex_colors import Colors, Image, PixelMap
+from .vertex_colors import Colors
 
 COARSE = 60
 """Vertices of the even mesh into which the others are inserted."""
@@ -87,7 +88,7 @@ def error_start(
     weights: PixelMap | None = None,
     seed: int = 0,
     exchanges: int = 16,
-    hurry: Callable[[], bool] = lambda: False,
+    must_start: Callable[[], bool] = lambda: False,
 ) -> Mesh:
     """A mesh of `vertices` points, inserted round by round where they lower the error most.
 
@@ -95,13 +96,13 @@ def error_start(
     round the mesh is made Delaunay, which keeps its triangles from degenerating, and then edges are
     flipped to lower the error. Then `exchanges` rounds move the vertices that matter least to where
     they matter most: worth 2 dB on photographs. `seed` moves the coarse mesh that comes first.
-    Fewer vertices come out if there is nothing left to gain. As soon as `hurry()` says so, the mesh
-    is taken as it is. Raises `ValueError` as `uniform_start` does.
+    Fewer vertices come out if there is nothing left to gain. As soon as `must_start()` is true, the
+    mesh is returned as it is. Raises `ValueError` as `uniform_start` does.
     """
     height, width = target.shape[:2]
     first = min(vertices, COARSE, max(4, height * width // 16))
     mesh = uniform_start(height, width, first, jitter=0.1, seed=seed)
-    while (have := len(mesh.positions)) < vertices and not hurry():
+    while (have := len(mesh.positions)) < vertices and not must_start():
         more = min(max(1, int(have * GROWTH)), vertices - have)
         mesh = insert(mesh, target, more, colors=colors, weights=weights)
         if len(mesh.positions) == have:
@@ -109,7 +110,7 @@ def error_start(
         mesh = flip_to_delaunay(mesh)
         mesh = flip_edges(mesh, target, colors=colors, weights=weights, rounds=1)
     for share in np.linspace(EXCHANGED, 0.0, exchanges, endpoint=False):
-        if hurry():
+        if must_start():
             return mesh
         mesh = exchange(mesh, target, int(share * vertices), colors=colors, weights=weights)
     return flip_edges(mesh, target, colors=colors, weights=weights)
