@@ -41,14 +41,21 @@ def fit_batch(
     report: Callable[[list[Record]], None] | None = None,
     resume: Sequence[FitResult] | None = None,
 ) -> list[FitResult]:
-    """`fit` by layers of several targets of one shape, their steps batched by `jax.vmap`.
+    """Fit layers to several targets of one shape, with their steps batched by `jax.vmap`.
 
-    Arguments are those of `fit`; image k has the seed `seed` + k, and its result is that of a fit
-    alone up to rounding and to where chunks end. `weights` (`[height, width]` or `[images, height,
-    width]`) and `start` serve for all or are one for each target; `resume` are the results of an
-    earlier batch, whose settings and weights count. `report` is called after each chunk with the
-    last record of each image; the seconds there are those of all together. Ctrl-C acts as in `fit`.
-    Raises `ValueError`, one line, as `fit` does, and for targets of different shapes or none.
+    Arguments are those of `fit`, with these differences:
+
+    - `targets`: images of one shape.
+    - `seed`: image k has the seed `seed` + k. Its result is that of a fit alone, up to rounding and
+      to where chunks end.
+    - `weights`: `[height, width]` for all targets, or `[images, height, width]`.
+    - `start`: one for all targets, or a sequence with one for each.
+    - `resume`: the results of an earlier batch, whose settings and weights count.
+    - `report`: called after each chunk with the last record of each image. The seconds of a record
+      are those of the whole batch.
+
+    Ctrl-C acts as in `fit`. Raises `ValueError`, one line, as `fit` does, and for no targets or
+    targets of different shapes.
     """
     began = time.perf_counter()
     drop_programs()

@@ -1,4 +1,4 @@
-"""What a user may ask of a fit: each thing that makes no sense is refused in one line."""
+"""Check the arguments of `fit`: each one that makes no sense is refused in one line."""
 
 import math
 from typing import Any, get_args
@@ -12,16 +12,16 @@ from .loss import Kind, Light, Loss
 from .solvers import Solver
 
 STARTS = ("error", "uniform", "delaunay")
-"""What a start may be but a scene or a mesh."""
+"""Values of the option `start` other than a scene or a mesh."""
 
 GIVEN = "given"
-"""A start that was handed over: the settings name it so, and the state holds where it led."""
+"""Name in saved settings of a start that was an object. A resumed fit needs only its state."""
 
 _COLORS = ("together", "solve", "polish")
 
 
 def settle(settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings in plain types: numbers of Python, the first and last softness, a shading."""
+    """Fill in the shading, make `softness` a pair, and turn NumPy scalars into Python numbers."""
     plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
     if plain["shading"] is None:
         # An unknown family is refused by `check`, after this.
@@ -37,7 +37,7 @@ def settle(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
-    """Raise `ValueError` unless the arguments of `fit`, settled, make sense together."""
+    """Raise `ValueError` unless the arguments of `fit`, after `settle`, make sense together."""
     name = settings["family"]
     _one_of("family", name, tuple(FAMILIES))
     family = FAMILIES[name]
@@ -69,7 +69,7 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
 
 
 def check_loss(solver: Solver, loss: Loss) -> None:
-    """Raise `ValueError` where a solver of least squares is given another loss."""
+    """Raise `ValueError` if a least-squares solver is given a loss other than squared error."""
     if isinstance(solver, optx.AbstractLeastSquaresSolver) and loss.kind != "squared":
         raise ValueError(
             f"solvers of least squares take `loss='squared'`; got {loss.kind!r}: use 'adam'."
@@ -79,8 +79,11 @@ def check_loss(solver: Solver, loss: Loss) -> None:
 def prepare_weights(
     weights: Any, target: Float[np.ndarray, "height width channels"]
 ) -> Float[np.ndarray, "height width"] | None:
-    """`weights` as float32 with a mean of 1, or None; `ValueError` for others than a weight for
-    each pixel."""
+    """Scale weights to a mean of 1, as float32; None stays None.
+
+    Raises `ValueError` unless there is one finite weight for each pixel, none below 0, and some
+    above.
+    """
     if weights is None:
         return None
     array = np.asarray(weights)

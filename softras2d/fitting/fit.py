@@ -48,41 +48,46 @@ def fit(
 ) -> FitResult:
     """Find the triangles that together look most like an image.
 
-    - `target`: `[height, width, 3 or 4]` floats 0..1, straight alpha, as `read_image` gives them.
-    - `triangles`: at most so many.
-    - `family`: `"layers"`, free triangles over each other and over the mean colour, or `"mesh"`, a
-      tiling of the canvas by triangles that share vertices.
-    - `solver`: `"adam"`, `"lm"`, `"dogleg"`, `"bfgs"`, `"lbfgs"`, or a solver of optimistix.
-    - `seed`: the same seed gives the same result on one machine, for a budget of `steps`.
-    - `steps`: of the solver, in all, those of `resume` among them (1000); or `seconds`, of this
-      call, compilation and scoring included.
-    - `size`: pixels along the longer side at which to fit: 256 for layers, the target's own for a
-      mesh.
-    - `shading`: `"flat"`; `"gouraud"`, interpolated between the corners, which share the colours of
-      a mesh's vertices; of a mesh also `"linear"`, interpolated between corners of their own.
-      Layers are flat unless told, a mesh is `"gouraud"`.
-    - `translucent`: whether the opacity of layers is sought too.
+    - `target`: `[height, width, 3 or 4]` floats in 0..1 with straight alpha, as `read_image` gives
+      them.
+    - `triangles`: maximum number of triangles.
+    - `family`: `"layers"`, free triangles drawn over each other and over the mean colour; or
+      `"mesh"`, triangles that share vertices and tile the canvas.
+    - `solver`: `"adam"`, `"lm"`, `"dogleg"`, `"bfgs"`, `"lbfgs"`, or a solver object of optimistix.
+    - `seed`: of all random choices. With a budget of `steps`, the same seed gives the same result
+      on the same machine.
+    - `steps`: number of solver steps in all, those of `resume` included. The default is 1000.
+    - `seconds`: in place of `steps`, how long this call may take, compiling and scoring included.
+    - `size`: pixels along the longer side at which to fit. The default is 256 for layers, and the
+      size of the target for a mesh. A fit is never larger than its target.
+    - `shading`: `"flat"`, one colour per triangle; `"gouraud"`, colours interpolated between the
+      corners, which in a mesh are those of the shared vertices; or, for a mesh alone, `"linear"`,
+      interpolated between three corner colours that each triangle has for itself. The default is
+      `"flat"` for layers and `"gouraud"` for a mesh.
+    - `translucent`: whether to fit the opacity of each triangle too; for layers alone.
     - `softness`: width of the soft edges of layers, in pixels of the fit; or a pair, the width at
-      the start and that from the middle on.
-    - `colors`: found `"together"` with the geometry; or, for squared error, in closed form:
-      `"solve"` after each chunk and at the end, `"polish"` at the end.
-    - `loss`, `light`: `"squared"`, `"l1"` or `"ssim"` (with squared error), in `"display"` or
-      `"linear"` light. Solvers of least squares take `"squared"` alone; where triangles are placed
-      is decided by squared error in display light.
+      the start and the width from the middle of the fit on.
+    - `colors`: `"together"`, the solver changes colours and geometry together; or, for squared
+      error, solved for in closed form: `"solve"` before each chunk of steps and at the end,
+      `"polish"` at the end alone.
+    - `loss`: `"squared"`, `"l1"` or `"ssim"` (SSIM with squared error). Least-squares solvers take
+      `"squared"` alone. Triangles are placed by squared error in display light in any case.
+    - `light`: colour space in which the loss is computed: `"display"` (sRGB) or `"linear"`.
     - `weights`: `[height, width]`, how much the error of each pixel counts.
-    - `start`: `"error"`, triangles placed where the error is largest as the fit goes on, and those
-      that matter least put to use elsewhere; or they are only moved, from a `"uniform"` start, from
-      the `"delaunay"` mesh of random points that are denser where the image changes, from a scene
-      (layers) in pixels of the target, or from a `Mesh` in pixels of the fit.
-    - `report`: called with a `Moment` after each chunk.
-    - `resume`: the result of an earlier fit of this target: goes on where that ended, under its
-      settings and weights; of these only `steps`, `seconds`, `report` and `checkpoint` count.
-    - `checkpoint`: an `.npz` to write every half minute, from which to resume; one that fails is a
-      warning.
+    - `start`: `"error"`, triangles are added where the error is largest, and those that matter
+      least are moved, as the fit goes on. With any other start they are only fitted from there:
+      `"uniform"`; `"delaunay"`, a mesh of random points that are denser where the image changes;
+      a `Scene` in pixels of the target (layers); or a `Mesh` in pixels of the fit.
+    - `report`: called with a `Moment` after each chunk of steps.
+    - `resume`: the result of an earlier fit of this target. The fit goes on where that one ended,
+      with its settings and weights; of these arguments only `steps`, `seconds`, `report` and
+      `checkpoint` count.
+    - `checkpoint`: path of an `.npz` to write every half minute, from which the fit can be resumed.
+      A checkpoint that cannot be written is a warning.
 
     The first Ctrl-C ends the fit, which returns the best so far with `interrupted` set; a second
-    one is raised. A fit is of float32, whatever JAX is set to. Raises `ValueError`, one line, for
-    arguments that make no sense.
+    one is raised. A fit computes in float32, whatever JAX is set to. Raises `ValueError`, one line,
+    for arguments that make no sense.
     """
     began = time.perf_counter()
     # A program that fits many images would otherwise keep compiled code for each size and number.
