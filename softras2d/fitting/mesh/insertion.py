@@ -1,4 +1,4 @@
-"""New vertices where they lower the error most."""
+"""Insert vertices where they lower the error most."""
 
 import numpy as np
 
@@ -8,7 +8,9 @@ from .triangulation import Mesh, disjoint, make_mesh
 from .vertex_colors import Colors
 
 LEAST_AREA = 1.0
-"""Of the pieces of a split triangle, in square pixels: each should hold a pixel centre."""
+"""Least area of the pieces of a split triangle, in square pixels.
+
+Each piece should hold a pixel centre."""
 
 
 def insert(

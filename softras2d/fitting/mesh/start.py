@@ -1,5 +1,4 @@
-"""Meshes to start a fit from: even ones, ones whose vertices lie where the image changes, and ones
-where they lie where the error was."""
+"""Meshes to start a fit from: even ones, and ones whose vertices follow the image or the error."""
 
 from collections.abc import Callable
 
@@ -17,14 +16,14 @@ COARSE = 60
 """Vertices of the even mesh into which the others are inserted."""
 
 GROWTH = 0.5
-"""Vertices that a round adds, for each that is there."""
+"""Vertices that a round adds, as a share of those that the mesh has."""
 
 EXCHANGED = 0.3
 """Share of the vertices that the first exchange moves elsewhere; it falls to zero at the last."""
 
 
 _EVEN = 0.2
-"""Of the mean change of an image: what draws points of a Delaunay start to where there is none."""
+"""Share of the mean gradient that is added everywhere, so that flat regions get points too."""
 
 
 def uniform_start(
@@ -55,11 +54,11 @@ def uniform_start(
 def delaunay_start(
     target: Image, vertices: int, *, weights: PixelMap | None = None, seed: int = 0
 ) -> Mesh:
-    """A Delaunay mesh of points drawn at random, the more of them the more the image changes there.
+    """A Delaunay mesh of random points, which are denser where the image changes more.
 
-    `vertices` points, at least the four corners, those on the border in even steps; fewer, where
-    the image has not as many pixels. Where `weights` are 0 hardly any lie. What low-polygon filters
-    do, and nothing of it is sought: to compare with, or to move.
+    It has `vertices` points, at least the four corners, of which those on the border are evenly
+    spaced; fewer if the image has fewer pixels. Hardly any lie where `weights` are 0. This is what
+    low-polygon filters do, without any fitting: a baseline, or a start.
     """
     height, width = target.shape[:2]
     rng = np.random.default_rng(seed)
@@ -75,7 +74,7 @@ def delaunay_start(
     chance = (change + _EVEN * change.mean() + 1e-12).ravel()
     inner = min(max(0, vertices - sum(map(len, border))), chance.size)
     pick = rng.choice(chance.size, inner, replace=False, p=chance / chance.sum())
-    # Never quite on the border of the canvas, as a pixel's own may be.
+    # Kept off the edges of the pixel, so that no inner point lies on the border of the canvas.
     inside = np.stack([pick % width, pick // width], 1) + rng.uniform(0.05, 0.95, (inner, 2))
     return delaunay_mesh(np.concatenate([*border, inside]), height=height, width=width)
 
@@ -124,7 +123,7 @@ def exchange(
     colors: Colors = "vertex",
     weights: PixelMap | None = None,
 ) -> Mesh:
-    """Up to `count` vertices collapsed, as many inserted, and edges flipped once."""
+    """Collapse up to `count` vertices, insert as many elsewhere, and flip edges once."""
     vertices = len(mesh.positions)
     mesh = collapse(mesh, target, count, colors=colors, weights=weights)
     removed = vertices - len(mesh.positions)
