@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from ..fitting.loop import Moment
-from ..fitting.mesh.vertex_colors import Image
 from ..fitting.result import FitResult
 from ..fitting.score import Scorer
+from ..fitting.target import Image
 from ..io.animation import write_animation
 from ..io.images import WRITABLE, check_writable_path, write_image
 from ..io.svg.gradients import in_browsers

@@ -1,4 +1,4 @@
-"""Many images of one size fitted together: one program takes a step of each."""
+"""Fit many images of one size together: one compiled program takes a step of each."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -7,22 +7,17 @@ from dataclasses import replace
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..numerics.compiled_programs import drop_programs
-from ..rendering.planner import plan
 from ..scene import Scene
 from . import choices
-from .chunk import solve_between
-from .interrupt import Interrupt, held_interrupt
-from .layers.family import LayersFit
-from .layers.unknowns import LayersResidual, layers_scene
-from .loop import SCORING, Budget, measure
+from .interrupt import deferred_interrupt
+from .loop import SCORING_SECONDS, Budget, run
 from .mesh.triangulation import Mesh
-from .prepare import STEPS, check_images, check_resume, resumed
+from .prepare import DEFAULT_STEPS, check_images, check_resume, settings_to_resume
 from .result import FitResult, Record
-from .solve import RENEWALS, advance_each, move
+from .target import Target
 from .task import Task
 
 
@@ -46,14 +41,21 @@ def fit_batch(
     report: Callable[[list[Record]], None] | None = None,
     resume: Sequence[FitResult] | None = None,
 ) -> list[FitResult]:
-    """`fit` by layers of several targets of one shape, their steps batched by `jax.vmap`.
+    """Fit layers to several targets of one shape, with their steps batched by `jax.vmap`.
 
-    Arguments are those of `fit`; image k has the seed `seed` + k, and its result is that of a fit
-    alone up to rounding and to where chunks end. `weights` (`[height, width]` or `[images, height,
-    width]`) and `start` serve for all or are one for each target; `resume` are the results of an
-    earlier batch, whose settings and weights count. `report` is called after each chunk with the
-    last record of each image; the seconds there are those of all together. Ctrl-C acts as in `fit`.
-    Raises `ValueError`, one line, as `fit` does, and for targets of different shapes or none.
+    Arguments are those of `fit`, with these differences:
+
+    - `targets`: images of one shape.
+    - `seed`: image k has the seed `seed` + k. Its result is that of a fit alone, up to rounding and
+      to where chunks end.
+    - `weights`: `[height, width]` for all targets, or `[images, height, width]`.
+    - `start`: one for all targets, or a sequence with one for each.
+    - `resume`: the results of an earlier batch, whose settings and weights count.
+    - `report`: called after each chunk with the last record of each image. The seconds of a record
+      are those of the whole batch.
+
+    Ctrl-C acts as in `fit`. Raises `ValueError`, one line, as `fit` does, and for no targets or
+    targets of different shapes.
     """
     began = time.perf_counter()
     drop_programs()
@@ -67,33 +69,37 @@ def fit_batch(
         "colors": colors, "loss": loss, "light": light,
     }  # fmt: skip
     count = len(images)
-    earlier = _each("resume", resume, count)
+    earlier = _for_each("resume", resume, count)
     if resume is not None:
-        for one in earlier:
-            check_resume(one, images[0])
-    own = _settings(given, _each("start", start, count), earlier, steps, seconds)
-    maps = _maps(weights, count)
+        for result in earlier:
+            check_resume(result, images[0])
+    settings = _settings(given, _for_each("start", start, count), earlier, steps, seconds)
+    weight_maps = _weight_maps(weights, count)
     if resume is not None:
-        maps = [one.state.get("weights.given") for one in earlier]
-    if len({one is None for one in maps}) > 1:
+        weight_maps = [result.state.get("weights.given") for result in earlier]
+    if len({weight_map is None for weight_map in weight_maps}) > 1:
         raise ValueError("`weights` must be given for every target or for none.")
     if steps is None and seconds is None:
-        steps = STEPS
+        steps = DEFAULT_STEPS
     deadline = None if seconds is None else began + seconds
-    with jax.enable_x64(False), held_interrupt() as interrupt:
+    with jax.enable_x64(False), deferred_interrupt() as interrupt:
         tasks = [
-            Task(image, choices.prepare_weights(one, image), each, before)
-            for image, one, each, before in zip(images, maps, own, earlier, strict=True)
+            Task(Target(image, choices.prepare_weights(weight_map, image)), own_settings, result)
+            for image, weight_map, own_settings, result in zip(
+                images, weight_maps, settings, earlier, strict=True
+            )
         ]
-        interrupted = _run(tasks, began, steps, deadline, report, interrupt)
+        interrupted = _run(tasks, began, steps, deadline, report, lambda: interrupt.requested)
         results = []
         for task in tasks:
-            # Prepared in `_run`.
-            task.scorer.adopt(tasks[0].scorer)
-            if task.polishes and not (interrupted or interrupt.asked):
-                task.course.polish()
+            # The first scorer was warmed up in `_run`; all targets have one size.
+            task.scorer.share_plan(tasks[0].scorer)
+            if task.polishes and not (interrupted or interrupt.requested):
+                task.fit.polish()
             results.append(task.result(interrupted))
-    return [replace(result, interrupted=True) if interrupt.asked else result for result in results]
+    if interrupt.requested:
+        return [replace(result, interrupted=True) for result in results]
+    return results
 
 
 def _settings(
@@ -103,39 +109,43 @@ def _settings(
     steps: Any,
     seconds: Any,
 ) -> list[dict[str, Any]]:
-    """Those of each fit, settled; `ValueError` where they make no sense, or not together."""
-    every = choices.settle(given | {"start": None})
-    choices.check(every, steps, seconds)
-    own = []
-    for k, (start, before) in enumerate(zip(starts, earlier, strict=True)):
-        each = every | {"seed": every["seed"] + k, "start": start}
-        own.append(each if before is None else choices.settle(resumed(each, before)))
-    alike = {"seed": 0, "start": None}
-    if any(each | alike != own[0] | alike for each in own):
+    """The settings of each fit; `ValueError` if they make no sense, or not as one batch."""
+    common = choices.settle(given | {"start": None})
+    choices.check(common, steps, seconds)
+    settings = []
+    for k, (start, result) in enumerate(zip(starts, earlier, strict=True)):
+        each = common | {"seed": common["seed"] + k, "start": start}
+        if result is not None:
+            each = choices.settle(settings_to_resume(each, result))
+        settings.append(each)
+    # All must share programs; seeds and starts are the only values that no program depends on.
+    ignored = {"seed": 0, "start": None}
+    if any(each | ignored != settings[0] | ignored for each in settings):
         raise ValueError("`resume` must be fits with the same settings.")
-    if own[0]["family"] != "layers":
-        raise ValueError(f"`resume` must be fits of layers; got those of a {own[0]['family']}.")
+    if settings[0]["family"] != "layers":
+        family = settings[0]["family"]
+        raise ValueError(f"`resume` must be fits of layers; got those of a {family}.")
     if len({one.history[-1:] and one.history[-1].steps for one in earlier if one}) > 1:
         raise ValueError("`resume` must be fits of as many steps each.")
-    return own
+    return settings
 
 
-def _each(name: str, value: Any, count: int) -> list[Any]:
-    """One for each target: the entries of a sequence, or the one that serves for all."""
+def _for_each(name: str, value: Any, count: int) -> list[Any]:
+    """One value for each target: the entries of a sequence, or one value for all."""
     if value is None or isinstance(value, str | Scene | Mesh):
         return [value] * count
-    several = isinstance(value, Sequence | np.ndarray | jax.Array)
-    if not several or len(value) != count:
-        told = f"{len(value)}" if several else f"{value!r:.60}"
-        raise ValueError(f"`{name}` must be one for each of {count} targets; got {told}.")
+    is_sequence = isinstance(value, Sequence | np.ndarray | jax.Array)
+    if not is_sequence or len(value) != count:
+        got = f"{len(value)}" if is_sequence else f"{value!r:.60}"
+        raise ValueError(f"`{name}` must be one for each of {count} targets; got {got}.")
     return list(value)
 
 
-def _maps(weights: Any, count: int) -> list[Any]:
-    """Weights of each target: one map for all, or as many as targets."""
-    several = isinstance(weights, list | tuple) and len(weights) > 0 and np.ndim(weights[0]) != 1
-    if several or (isinstance(weights, np.ndarray | jax.Array) and weights.ndim == 3):
-        return _each("weights", weights, count)
+def _weight_maps(weights: Any, count: int) -> list[Any]:
+    """The weights of each target: one map for all, or as many maps as targets."""
+    is_list = isinstance(weights, list | tuple) and len(weights) > 0 and np.ndim(weights[0]) != 1
+    if is_list or (isinstance(weights, np.ndarray | jax.Array) and weights.ndim == 3):
+        return _for_each("weights", weights, count)
     return [weights] * count
 
 
@@ -145,77 +155,21 @@ def _run(
     steps: int | None,
     deadline: float | None,
     report: Callable[[list[Record]], None] | None,
-    interrupt: Interrupt,
+    stop: Callable[[], bool],
 ) -> bool:
-    """All of them to the end of the budget, a record of each chunk; whether Ctrl-C came first."""
-    courses = [task.course for task in tasks if isinstance(task.course, LayersFit)]
-    room = tasks[0].room if steps is None else min(tasks[0].room, max(1, steps))
-    least = np.full(len(tasks), np.inf)
-    accepted = np.array([task.records[-1].accepted if task.records else 0 for task in tasks])
-    done, first, pace, figures = tasks[0].done, None, None, 0.0
-    rehearse = tasks[0].rehearsal(deadline is not None)
+    """Run all fits to the end of the budget; return whether Ctrl-C came first."""
+
+    def report_records(share: float, seconds_left: float) -> None:
+        if report is not None:
+            report([task.history[-1] for task in tasks])
+
+    first, count = tasks[0], len(tasks)
+    warm_up = first.warm_up(deadline is not None)
     with ThreadPoolExecutor(1) as pool:
-        ending = pool.submit(lambda: len(tasks) * rehearse())
-        guess = SCORING * len(tasks)
-        budget = Budget(steps, deadline, ending, began, tasks[0].spent, guess)
-        while budget.share(done, first) < 1:
-            if interrupt.asked:
-                return True
-            start = time.perf_counter()
-            for course in courses:
-                course.refine(budget.share(done, first))
-            losses = _advance(courses, budget.next_steps(done, room, pace, figures), room)
-            # The first chunk compiles: what a step takes is not known after it.
-            now = time.perf_counter()
-            pace = (now - start) / len(losses[0]) if first else None
-            done += len(losses[0])
-            for k, task in enumerate(tasks):
-                for one in losses[k][np.isfinite(losses[k])]:
-                    accepted[k] += one < least[k]
-                    least[k] = min(least[k], one)
-                found = measure(task.course)
-                own = Record(done, budget.seconds(), *found, int(accepted[k]), task.course.active)
-                task.records.append(own)
-            if first:
-                figures = time.perf_counter() - now
-            first = first or now
-            if report is not None:
-                try:
-                    report([task.records[-1] for task in tasks])
-                except KeyboardInterrupt:
-                    return True
-    return False
-
-
-def _advance(courses: list[LayersFit], steps: int, room: int) -> list[np.ndarray]:
-    """Losses of so many steps of each; of half as many under another plan if one outgrows theirs,
-    as in `solve.advance_within_plan`."""
-    first = courses[0]
-    old, most = first.residual.plan, max(first.choice.softness)
-    for course in courses:
-        solve_between(course)
-    seen = [first.likely()]
-    seen += [layers_scene(course.progress.y, course.data.background) for course in courses]
-    for _ in range(RENEWALS):
-        found = advance_each(
-            first.solver,
-            first.residual,
-            [course.progress for course in courses],
-            [course.data for course in courses],
-            steps=steps,
-            room=room,
-        )
-        if not any(bool(jnp.any(outgrown)) for _, _, (_, outgrown) in found):
-            for course, (after, _, (image, _)) in zip(courses, found, strict=True):
-                course.progress, course.image = after, np.asarray(image)
-            return [np.asarray(losses) for _, losses, _ in found]
-        for course, (after, _, _) in zip(courses, found, strict=True):
-            seen.append(layers_scene(after.y, course.data.background))
-        held = plan(seen, height=old.height, width=old.width, coverage=old.coverage, max_width=most)
-        steps = max(1, steps // 2)
-        for course in courses:
-            course.residual = LayersResidual(held, first.loss)
-            course.progress = move(
-                course.solver, course.residual, course.progress, course.progress.y, course.data
-            )
-    raise RuntimeError("a plan stays too small for the scenes that it was made for.")
+        scoring = pool.submit(lambda: count * warm_up())
+        guess = count * SCORING_SECONDS
+        budget = Budget(steps, deadline, scoring, began, first.seconds_before, guess)
+        return run(
+            [task.fit for task in tasks], [task.history for task in tasks], budget,
+            steps=first.steps_before, max_steps=first.max_steps, stop=stop, report=report_records,
+        )  # fmt: skip

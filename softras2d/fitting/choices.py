@@ -1,4 +1,4 @@
-"""What a user may ask of a fit: each thing that makes no sense is refused in one line."""
+"""Check the arguments of `fit`: each one that makes no sense is refused in one line."""
 
 import math
 from typing import Any, get_args
@@ -7,24 +7,26 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Float
 
-from .loss import Kind, Light, Loss
+from .. import names
+from .families import FAMILIES
+from .loss import Loss
 from .solvers import Solver
 
-_SHADINGS = {"layers": ("flat", "gouraud"), "mesh": ("flat", "gouraud", "linear")}
-STARTS = ("error", "uniform", "delaunay")
-"""What a start may be but a scene or a mesh."""
+STARTS = get_args(names.FitStart)
+"""Values of the option `start` other than a scene or a mesh."""
 
 GIVEN = "given"
-"""A start that was handed over: the settings name it so, and the state holds where it led."""
-
-_COLORS = ("together", "solve", "polish")
+"""Name in saved settings of a start that was an object. A resumed fit needs only its state."""
 
 
 def settle(settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings in plain types: numbers of Python, the first and last softness, a shading."""
+    """Fill in the shading, make `softness` a pair, and turn NumPy scalars into Python numbers."""
     plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
     if plain["shading"] is None:
-        plain["shading"] = "gouraud" if plain["family"] == "mesh" else "flat"
+        # An unknown family is refused by `check`, after this.
+        name = plain["family"]
+        family = FAMILIES.get(name) if isinstance(name, str) else None
+        plain["shading"] = "flat" if family is None else family.default_shading
     softness = plain["softness"]
     if _is_number(softness):
         softness = (softness, softness)
@@ -34,14 +36,15 @@ def settle(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
-    """Raise `ValueError` unless the arguments of `fit`, settled, make sense together."""
-    family = settings["family"]
-    _one_of("family", family, tuple(_SHADINGS))
-    _one_of("shading", settings["shading"], _SHADINGS[family], f" of a {family} fit")
-    _one_of("colors", settings["colors"], _COLORS)
-    _one_of("loss", settings["loss"], get_args(Kind))
-    _one_of("light", settings["light"], get_args(Light))
-    _whole("triangles", settings["triangles"], 1 if family == "layers" else 2)
+    """Raise `ValueError` unless the arguments of `fit`, after `settle`, make sense together."""
+    name = settings["family"]
+    _one_of("family", name, tuple(FAMILIES))
+    family = FAMILIES[name]
+    _one_of("shading", settings["shading"], family.shadings, f" of a {name} fit")
+    _one_of("colors", settings["colors"], get_args(names.ColorMethod))
+    _one_of("loss", settings["loss"], get_args(names.Loss))
+    _one_of("light", settings["light"], get_args(names.LossSpace))
+    _whole("triangles", settings["triangles"], family.min_triangles)
     _whole("seed", settings["seed"], 0)
     if settings["size"] is not None:
         _whole("size", settings["size"], 1)
@@ -58,14 +61,14 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
             "`softness` must be pixels above 0, 64 at most, or the first and the last of them; got "
             f"{softness!r:.60}."
         )
-    if settings["translucent"] and family == "mesh":
+    if settings["translucent"] and not family.translucent:
         raise ValueError("a mesh covers the canvas: `translucent` is for layers.")
     if settings["colors"] != "together" and settings["loss"] != "squared":
         raise ValueError("colours in closed form are those of `loss='squared'`.")
 
 
 def check_loss(solver: Solver, loss: Loss) -> None:
-    """Raise `ValueError` where a solver of least squares is given another loss."""
+    """Raise `ValueError` if a least-squares solver is given a loss other than squared error."""
     if isinstance(solver, optx.AbstractLeastSquaresSolver) and loss.kind != "squared":
         raise ValueError(
             f"solvers of least squares take `loss='squared'`; got {loss.kind!r}: use 'adam'."
@@ -75,8 +78,11 @@ def check_loss(solver: Solver, loss: Loss) -> None:
 def prepare_weights(
     weights: Any, target: Float[np.ndarray, "height width channels"]
 ) -> Float[np.ndarray, "height width"] | None:
-    """`weights` as float32 with a mean of 1, or None; `ValueError` for others than a weight for
-    each pixel."""
+    """Scale weights to a mean of 1, as float32; None stays None.
+
+    Raises `ValueError` unless there is one finite weight for each pixel, none below 0, and some
+    above.
+    """
     if weights is None:
         return None
     array = np.asarray(weights)

@@ -1,7 +1,8 @@
-"""Colours of least squared error for given geometry: an image is affine in its colours.
+"""Colours of least squared error for given geometry, by linear least squares.
 
-In linear light it is not, and they are approached by steps of Gauss and Newton. For any scene and
-coverage, by products with the derivative alone; nothing is assembled.
+An image is affine in its colours, so one linear solve is exact. In linear light it is not affine,
+and a few Gauss-Newton steps are taken. This works for any scene and coverage: the solver uses only
+products with the Jacobian and its transpose, which is never assembled.
 """
 
 import time
@@ -13,23 +14,24 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float
 
-from .loss import Light
-from .solve import Residual, as_libraries_expect
+from ..names import LossSpace
+from .solve import Residual, default_promotion
 
 _PRODUCTS = 24
-"""Of the derivative and its transpose: colours that many triangles blur need them."""
+"""Products with the Jacobian, and as many with its transpose, in one solve. Pixels that mix the
+colours of many triangles need that many."""
 
 
-_STEPS: dict[Light, int] = {"display": 1, "linear": 4}
-"""Of Gauss and Newton: in display light one is exact, and the curve to linear light is mild."""
+_STEPS: dict[LossSpace, int] = {"display": 1, "linear": 4}
+"""Gauss-Newton steps. In display light one is exact; the curve to linear light bends little."""
 
 
 @eqx.filter_jit
-def best_colors(fn: Residual, y: Any, args: Any, light: Light = "display") -> Any:
-    """`y`, which has `colors`, with those that lower the squared residual `fn` most, held to 0..1.
+def best_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -> Any:
+    """The unknowns `y` with the `colors` that minimise the squared residual `fn`, clipped to 0..1.
 
-    `light`: in which `fn` compares. If holding them leaves the error higher than it was, the
-    colours stay.
+    `light`: that of the loss of `fn`. The colours stay as they were if clipping makes the error
+    higher than it was.
     """
 
     def residual(colors: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -37,23 +39,23 @@ def best_colors(fn: Residual, y: Any, args: Any, light: Light = "display") -> An
         return out[0] if isinstance(out, tuple) else out
 
     solver = lx.LSMR(rtol=1e-6, atol=1e-6, max_steps=_PRODUCTS)
-    # Inside 0..1, where the residual is affine and not only has the slope of it.
+    # The residual is affine only inside 0..1; outside, only its derivative is that of inside.
     colors = jnp.clip(y.colors, 0.0, 1.0)
 
-    def improve(_, colors):
-        off, push = jax.linearize(residual, colors)
-        operator = lx.FunctionLinearOperator(push, jax.eval_shape(lambda: y.colors))
-        with as_libraries_expect():
-            step = lx.linear_solve(operator, -off, solver, throw=False).value
-        found = jnp.clip(colors + step, 0.0, 1.0)
-        better = jnp.sum(residual(found) ** 2) < jnp.sum(off**2)
-        return jnp.where(better, found, colors)
+    def improve(_: Any, colors: Array) -> Array:
+        error, jvp = jax.linearize(residual, colors)
+        operator = lx.FunctionLinearOperator(jvp, jax.eval_shape(lambda: y.colors))
+        with default_promotion():
+            step = lx.linear_solve(operator, -error, solver, throw=False).value
+        solved = jnp.clip(colors + step, 0.0, 1.0)
+        better = jnp.sum(residual(solved) ** 2) < jnp.sum(error**2)
+        return jnp.where(better, solved, colors)
 
     return y._replace(colors=jax.lax.fori_loop(0, _STEPS[light], improve, colors))
 
 
-def time_colors(fn: Residual, y: Any, args: Any, light: Light = "display") -> float:
-    """The seconds that `best_colors` takes once it is compiled."""
+def time_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -> float:
+    """Compile `best_colors` for these arguments, and return the seconds that it then takes."""
     jax.block_until_ready(best_colors(fn, y, args, light))
     began = time.perf_counter()
     jax.block_until_ready(best_colors(fn, y, args, light))

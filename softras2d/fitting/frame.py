@@ -1,4 +1,4 @@
-"""The size at which an image is fitted."""
+"""The size at which an image is fitted, and the way between its pixels and the target's."""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -7,36 +7,44 @@ import numpy as np
 
 from ..numerics.device import to_device
 from ..scene import Scene
-
-_LAYERS_SIZE = 256
-"""Pixels along the longer side at which layers are fitted unless told."""
+from .families import FAMILIES
+from .resample import shrink
+from .target import Target
 
 
 class Frame(NamedTuple):
-    """The size of the fit, and how many pixels of the target one of its pixels is."""
+    """The size of the fit in pixels, and the width and height of its pixels in the target's."""
 
     height: int
     width: int
-    across: float
-    down: float
+    pixel_width: float
+    pixel_height: float
 
     @staticmethod
     def of(height: int, width: int, settings: dict[str, Any]) -> "Frame":
-        """For a target of that size."""
+        """The frame for a target of `height` x `width` pixels; never larger than the target."""
         longer = max(height, width)
         wanted = settings["size"]
         if wanted is None:
-            wanted = _LAYERS_SIZE if settings["family"] == "layers" else longer
+            default = FAMILIES[settings["family"]].default_size
+            wanted = longer if default is None else default
         scale = min(1.0, wanted / longer)
         rows, columns = (max(1, round(side * scale)) for side in (height, width))
         return Frame(rows, columns, width / columns, height / rows)
 
     def enlarge(self, scene: Scene) -> Scene:
-        """A scene in pixels of the fit, in those of the target."""
-        factors = np.array([[self.across, self.down]], np.float32)
+        """Convert a scene from pixels of the fit to pixels of the target."""
+        factors = np.array([[self.pixel_width, self.pixel_height]], np.float32)
         return replace(scene, positions=to_device(np.asarray(scene.positions) * factors))
 
     def shrink(self, scene: Scene) -> Scene:
-        """A scene in pixels of the target, in those of the fit."""
-        factors = np.array([[self.across, self.down]], np.float32)
+        """Convert a scene from pixels of the target to pixels of the fit."""
+        factors = np.array([[self.pixel_width, self.pixel_height]], np.float32)
         return replace(scene, positions=to_device(np.asarray(scene.positions) / factors))
+
+    def shrink_target(self, target: Target) -> Target:
+        """The target and its weights at the size of the fit."""
+        weights = target.weights
+        if weights is not None:
+            weights = shrink(weights[..., None], self.height, self.width)[..., 0]
+        return Target(shrink(target.image, self.height, self.width), weights)

@@ -1,4 +1,4 @@
-"""Ctrl-C that waits for a good moment."""
+"""Ctrl-C that takes effect between two chunks of steps."""
 
 import signal
 import threading
@@ -10,17 +10,17 @@ from typing import Any
 
 @dataclass
 class Interrupt:
-    """`asked`: whether Ctrl-C has been pressed."""
+    """Whether Ctrl-C has been pressed (`requested`)."""
 
-    asked: bool = False
+    requested: bool = False
 
 
 @contextmanager
-def held_interrupt() -> Iterator[Interrupt]:
-    """Within, the first Ctrl-C is only noted, so that nothing is left half changed; the second is
-    raised.
+def deferred_interrupt() -> Iterator[Interrupt]:
+    """Note the first Ctrl-C instead of raising it, so that nothing is left half changed.
 
-    In other threads than the main one, which Ctrl-C never reaches, nothing is ever noted.
+    The second one is raised. Python delivers Ctrl-C to the main thread alone, so in any other
+    thread nothing is ever noted.
     """
     noted = Interrupt()
     if threading.current_thread() is not threading.main_thread():
@@ -28,9 +28,9 @@ def held_interrupt() -> Iterator[Interrupt]:
         return
 
     def note(number: int, frame: Any) -> None:
-        if noted.asked:
+        if noted.requested:
             raise KeyboardInterrupt
-        noted.asked = True
+        noted.requested = True
 
     before = signal.signal(signal.SIGINT, note)
     try:

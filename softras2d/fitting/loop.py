@@ -1,67 +1,50 @@
-"""The loop: chunks of steps within a budget, a record of each, Ctrl-C with the best kept."""
+"""The loop: chunks of steps within a budget, a record of each, and progress reports.
+
+One loop serves `fit` and `fit_batch`: it advances a list of fits together, of which `fit` has one.
+"""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
+from ..color import premultiply
 from ..numerics.device import to_device
 from ..scene import Scene
-from .mesh.vertex_colors import Image
+from .chunk import advance_fits
+from .family import AbstractFit
 from .result import Record
-from .score import compare, premultiplied
+from .score import compare
 
-_AIM = 0.5
-"""Seconds that a chunk is to take: what a user waits for Ctrl-C, and sees between two figures."""
+_CHUNK_SECONDS = 0.5
+"""Length of a chunk that a fit by `seconds` aims at: how long a user waits for Ctrl-C to act, and
+between two reports."""
 
-_WATCHED = 10.0
-"""How many times as long as its figures take a chunk is to be at least."""
+_LEAST_WORK = 10.0
+"""How many times as long as measuring its image a chunk should take at least."""
 
-_CHUNKS = 8
-"""Into which a fit of few steps is cut at least: triangles are placed between them."""
+_MIN_CHUNKS = 8
+"""A fit of few steps has at least this many chunks: triangles are added between them."""
 
-_BETWEEN = 30.0
-"""Seconds between two checkpoints at least."""
+_CHECKPOINT_SECONDS = 30.0
+"""Least number of seconds between two checkpoints."""
 
-SCORING = 3.0
-"""Seconds set aside for the score of an image while it is not known what it takes."""
-
-
-@runtime_checkable
-class Course(Protocol):
-    """A fit of either family."""
-
-    target: Image
-    image: Image
-    active: int
-
-    @property
-    def most(self) -> int:
-        """Triangles that there may be."""
-        ...
-
-    def advance(self, steps: int, room: int) -> np.ndarray:
-        """The losses of so many steps, or of fewer."""
-        ...
-
-    def refine(self, share: float) -> None:
-        """What the host does between chunks, `share` of the way through the fit."""
-        ...
-
-    def scene(self, *, padded: bool = False) -> Scene:
-        """The best so far, in pixels of the fit; `padded` to the size that it may reach."""
-        ...
+SCORING_SECONDS = 3.0
+"""Seconds set aside for scoring a result, until it is known how long that takes."""
 
 
 class Moment(NamedTuple):
-    """What a user is shown of a fit.
+    """What `report` is told about a running fit.
 
-    - `record`: the last one; `share`: how far the fit is, 0..1; `seconds_left`: for steps, as they
-      go now, NaN while that is not known; `triangles`: how many there may be.
-    - `scene()`: the best at the time of asking, in pixels of the target; triangles that wait for
-      their use lie outside or have no area, so that all scenes of a fit have one size.
+    - `record`: the last record.
+    - `share`: how far the fit is, 0..1.
+    - `seconds_left`: estimated time to the last step; NaN until it is known.
+    - `triangles`: the largest number of triangles that the fit may have.
+    - `scene()`: the best scene at the time of the call, in pixels of the target. All scenes of a
+      fit have the same shapes: triangles not in use lie outside the canvas or have no area.
     """
 
     record: Record
@@ -72,10 +55,13 @@ class Moment(NamedTuple):
 
 
 class Budget(NamedTuple):
-    """How long a fit may take: `steps` in all, or until `deadline`, as `time.perf_counter` has it.
+    """How long a fit may take: `steps` in all, or until `deadline`.
 
-    `scoring`: the seconds that come after the last step, as soon as they are known, and `guess`
-    before that; `start`: when this call began; `spent`: seconds of the fit before that.
+    - `steps`: those of a resumed fit included; None with a deadline.
+    - `deadline`, `start`: on the clock of `time.perf_counter`; `start` is when this call began.
+    - `scoring`: the seconds that come after the last step, once they are known.
+    - `spent`: seconds of the fit that is resumed.
+    - `guess`: the seconds to set aside until `scoring` is known.
     """
 
     steps: int | None
@@ -83,100 +69,127 @@ class Budget(NamedTuple):
     scoring: Future[float]
     start: float
     spent: float
-    guess: float = SCORING
+    guess: float = SCORING_SECONDS
 
-    def share(self, steps: int, began: float | None) -> float:
-        """How far a fit is after so many steps, from 0 to 1; `began`: when the first was done."""
+    def share(self, steps: int, compiled_at: float | None) -> float:
+        """How far a fit is after `steps` steps, 0..1.
+
+        `compiled_at`: when the first chunk ended, None before that. Compiling is no progress.
+        """
         if self.steps is not None:
             return steps / self.steps if self.steps else 1.0
-        # What compiling takes is no part of the way.
-        done = self.spent + (0.0 if began is None else time.perf_counter() - began)
-        return min(1.0, done / max(done + self.left(), 1e-9))
+        passed = 0.0 if compiled_at is None else time.perf_counter() - compiled_at
+        done = self.spent + passed
+        return min(1.0, done / max(done + self.seconds_for_steps(), 1e-9))
 
-    def left(self) -> float:
-        """Seconds for steps."""
+    def seconds_for_steps(self) -> float:
+        """Seconds left for steps, of a fit with a deadline."""
         assert self.deadline is not None
         scoring = self.scoring.result() if self.scoring.done() else self.guess
         return max(0.0, self.deadline - scoring - time.perf_counter())
 
-    def remaining(self, steps: int, pace: float) -> float:
-        """Seconds to the end, after so many steps of which each takes `pace`."""
-        return self.left() if self.steps is None else max(0, self.steps - steps) * pace
+    def seconds_left(self, steps: int, step_seconds: float) -> float:
+        """Seconds to the last step, after `steps` steps that took `step_seconds` each."""
+        if self.steps is None:
+            return self.seconds_for_steps()
+        return max(0, self.steps - steps) * step_seconds
 
     def seconds(self) -> float:
-        """Of the fit so far."""
+        """Seconds of the fit so far, those of the fit that it resumes included."""
         return self.spent + time.perf_counter() - self.start
 
-    def next_steps(self, steps: int, room: int, pace: float | None, figures: float) -> int:
-        """Of the chunk that comes next; `pace` is the seconds that a step takes, once known, and
-        `figures` those that it takes to tell how good the picture has become."""
+    def next_steps(
+        self, steps: int, max_steps: int, step_seconds: float | None, measure_seconds: float
+    ) -> int:
+        """Number of steps of the next chunk, after `steps` steps; at most `max_steps`.
+
+        - `step_seconds`: how long a step takes; None until it is known.
+        - `measure_seconds`: how long it takes to measure the image after a chunk.
+        """
         if self.steps is not None:
-            return chunk_of(self.steps, steps, room)
-        if pace is None:
+            return min(max_steps, -(-self.steps // _MIN_CHUNKS), self.steps - steps)
+        if step_seconds is None:
             return 1
-        return int(np.clip(min(max(_AIM, _WATCHED * figures), self.left()) / pace, 1, room))
+        wanted = max(_CHUNK_SECONDS, _LEAST_WORK * measure_seconds)
+        return int(np.clip(min(wanted, self.seconds_for_steps()) / step_seconds, 1, max_steps))
 
 
-def chunk_of(steps: int, done: int, room: int) -> int:
-    """How many of so many steps come next, at most `room`, for a fit that is not told seconds."""
-    return min(room, -(-steps // _CHUNKS), steps - done)
+class AcceptedSteps:
+    """Counts the steps of a fit whose loss is lower than all losses before it in this call."""
+
+    def __init__(self, before: int):
+        self._accepted = before
+        self._least = np.inf
+
+    def add(self, losses: Float[np.ndarray, " steps"]) -> int:
+        """Count the accepted steps of a chunk; return their number so far."""
+        for loss in losses[np.isfinite(losses)]:
+            self._accepted += bool(loss < self._least)
+            self._least = min(self._least, loss)
+        return self._accepted
 
 
 def run(
-    course: Course,
+    fits: Sequence[AbstractFit],
+    histories: Sequence[list[Record]],
     budget: Budget,
-    records: list[Record],
     *,
     steps: int,
-    room: int,
-    report: Callable[[Moment], None] | None,
-    enlarge: Callable[[Scene], Scene],
+    max_steps: int,
     stop: Callable[[], bool],
+    report: Callable[[float, float], None] | None = None,
     save: Callable[[], None] | None = None,
 ) -> bool:
-    """Go on from `steps` to the end of the budget; whether `stop()` or Ctrl-C came first.
+    """Advance fits together to the end of the budget; return whether they were interrupted.
 
-    `room`: the most steps of a chunk. Appends to `records`. `save` is called now and then. A
-    `KeyboardInterrupt` of `report` is a Ctrl-C; whatever else it raises passes.
+    - `histories`: one for each fit, to which a record is appended after each chunk.
+    - `steps`: those taken before; `max_steps`: the largest number of steps of a chunk.
+    - `stop()`: whether Ctrl-C was pressed; asked before each chunk.
+    - `report(share, seconds_left)`: called after each chunk. A `KeyboardInterrupt` from it counts
+      as Ctrl-C; any other exception is passed on.
+    - `save()`: writes a checkpoint; called every half minute.
     """
-    least, first = np.inf, None
-    accepted = records[-1].accepted if records else 0
-    pace, figures, saved = None, 0.0, time.perf_counter()
-    while budget.share(steps, first) < 1:
+    counters = [AcceptedSteps(past[-1].accepted if past else 0) for past in histories]
+    compiled_at: float | None = None
+    step_seconds: float | None = None
+    measure_seconds = 0.0
+    saved_at = time.perf_counter()
+    while budget.share(steps, compiled_at) < 1:
         if stop():
             return True
-        number = budget.next_steps(steps, room, pace, figures)
+        number = budget.next_steps(steps, max_steps, step_seconds, measure_seconds)
         began = time.perf_counter()
-        course.refine(budget.share(steps, first))
-        losses = course.advance(number, room)
+        for fit in fits:
+            fit.refine(budget.share(steps, compiled_at))
+        losses = advance_fits(fits, number, max_steps)
         now = time.perf_counter()
-        # The first chunk compiles: what a step takes is not known after it.
-        pace = (now - began) / len(losses) if first else None
-        steps += len(losses)
-        for loss in losses[np.isfinite(losses)]:
-            accepted += bool(loss < least)
-            least = min(least, loss)
-        found = measure(course)
-        if first:
-            figures = time.perf_counter() - now
-        first = first or now
-        records.append(Record(steps, budget.seconds(), *found, accepted, course.active))
+        # The first chunk compiles, so it does not tell how long a step takes.
+        step_seconds = (now - began) / len(losses[0]) if compiled_at else None
+        steps += len(losses[0])
+        for fit, history, counter, own_losses in zip(
+            fits, histories, counters, losses, strict=True
+        ):
+            accepted, (psnr, ssim) = counter.add(own_losses), measure(fit)
+            record = Record(steps, budget.seconds(), psnr, ssim, accepted, fit.active)
+            history.append(record)
+        if compiled_at:
+            measure_seconds = time.perf_counter() - now
+        compiled_at = compiled_at or now
         if report is not None:
-            share, left = budget.share(steps, first), budget.remaining(steps, pace or np.nan)
-            scene = lambda: enlarge(course.scene(padded=True))  # noqa: E731
+            left = budget.seconds_left(steps, step_seconds or np.nan)
             try:
-                report(Moment(records[-1], share, left, course.most, scene))
+                report(budget.share(steps, compiled_at), left)
             except KeyboardInterrupt:
                 return True
-        if save is not None and time.perf_counter() - saved > _BETWEEN:
+        if save is not None and time.perf_counter() - saved_at > _CHECKPOINT_SECONDS:
             save()
-            saved = time.perf_counter()
+            saved_at = time.perf_counter()
     return False
 
 
-def measure(course: Course) -> tuple[float, float]:
-    """PSNR and SSIM of the image that the last step saw; of both lights the one that is shown."""
+def measure(fit: AbstractFit) -> tuple[float, float]:
+    """PSNR and SSIM, in display light, of the image that the last step saw."""
     image, target = (
-        premultiplied(to_device(one, np.float32)) for one in (course.image, course.target)
+        premultiply(to_device(array, np.float32)) for array in (fit.image, fit.request.target.image)
     )
     return compare(image, target)

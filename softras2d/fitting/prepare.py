@@ -1,76 +1,69 @@
-"""From a target and settings to a fit that is ready for its first step."""
+"""Make a fit from a target and settings, and check targets and fits to be resumed."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import optimistix as optx
-from jaxtyping import Float
 
 from ..scene import Scene
-from . import choices, saved_fit, snapshot
+from . import choices, saved_fit
+from .entries import Size
+from .families import FAMILIES
+from .family import AbstractFit, FitRequest
 from .frame import Frame
-from .layers.family import LayersChoice, LayersFit
 from .loss import Loss
-from .mesh.family import TilingChoice, TilingFit
-from .mesh.vertex_colors import Colors
-from .resample import shrink
 from .result import FitResult
-from .solvers import SOLVERS, Solver, solver_of
+from .solvers import SOLVERS, Solver, is_rate_adjustable, solver_of
+from .target import Image, Target
 
-STEPS = 1000
-"""Of a fit that is not told how long."""
+DEFAULT_STEPS = 1000
+"""Steps of a fit that is given neither `steps` nor `seconds`."""
 
 
-def make_course(
-    target: np.ndarray,
-    weights: np.ndarray | None,
+def make_fit(
+    target: Target,
     settings: dict[str, Any],
     frame: Frame,
     resume: FitResult | None,
-    hurry: Callable[[], bool] = lambda: False,
-) -> LayersFit | TilingFit:
-    """The fit of either family, before its first step or where an earlier one ended.
+    must_start: Callable[[], bool],
+) -> AbstractFit:
+    """A fit of the family that the settings name, before its first step.
 
-    `hurry()`: whether a start that is still sought is to be taken as it is.
+    `must_start()`: whether a start that is still being searched for must be taken as it is. The
+    shapes are those of `resume`; its values are restored later, by `state.restore_state`.
     """
-    small = shrink(target, frame.height, frame.width)
-    if weights is not None:
-        weights = shrink(weights[..., None], frame.height, frame.width)[..., 0]
     solver = solver_of(settings["solver"])
     loss = Loss(settings["loss"], settings["light"])
     choices.check_loss(solver, loss)
-    solve, exchange = settings["colors"] == "solve", settings["start"] == "error"
-    tuned = settings["solver"] == "adam"
-    if settings["family"] == "layers":
-        begin = settings["start"] if resume is None else "uniform"
-        choice = LayersChoice(
-            settings["triangles"], settings["shading"] == "gouraud", settings["translucent"],
-            settings["softness"], solve,
-            frame.shrink(begin) if isinstance(begin, Scene) else begin, exchange, tuned,
-        )  # fmt: skip
-        length = None if resume is None else snapshot.layers_length(resume.state)
-        return LayersFit(small, weights, choice, loss, solver, settings["seed"], length)
-    models: dict[str, Colors] = {"flat": "triangle", "gouraud": "vertex", "linear": "linear"}
-    colors = models[settings["shading"]]
-    begin = settings["start"] if resume is None else snapshot.mesh_of(resume.state)
-    # With four vertices on the border; with more, so many have fewer triangles.
-    vertices = max(4, (settings["triangles"] + 6) // 2)
-    return TilingFit(
-        small, weights, TilingChoice(vertices, colors, solve, begin, exchange, tuned), loss,
-        solver, settings["seed"], hurry,
-    )  # fmt: skip
+    start = settings["start"]
+    request = FitRequest(
+        target=frame.shrink_target(target),
+        settings=settings,
+        start=frame.shrink(start) if isinstance(start, Scene) else start,
+        loss=loss,
+        solver=solver,
+        seed=settings["seed"],
+        adjustable_rate=is_rate_adjustable(settings["solver"]),
+        resume_state=None if resume is None else resume.state,
+        must_start=must_start,
+    )
+    return FAMILIES[settings["family"]].make(request)
 
 
-def room_of(solver: Solver, frame: Frame) -> int:
-    """Steps of a chunk at most."""
+def max_chunk_steps(solver: Solver, frame: Frame) -> int:
+    """Largest number of steps of a chunk.
+
+    The arrays of a chunk's program are of this length. Steps of least-squares solvers, and those at
+    large sizes, take long, and a user waits for the end of a chunk.
+    """
     if isinstance(solver, optx.AbstractLeastSquaresSolver):
         return 2
     return 25 if frame.height * frame.width <= 2**17 else 8
 
 
-def check_image(target: Any) -> Float[np.ndarray, "height width channels"]:
-    """A target as float32; `ValueError` for what is no image."""
+def check_image(target: Any) -> Image:
+    """Convert a target to float32; raise `ValueError` if it is no image with values 0..1."""
     image = np.asarray(target)
     fits = image.ndim == 3 and image.shape[-1] in (3, 4) and image.size > 0
     if not fits or image.dtype.kind != "f":
@@ -83,16 +76,16 @@ def check_image(target: Any) -> Float[np.ndarray, "height width channels"]:
     return image.astype(np.float32)
 
 
-def check_images(targets: Sequence[Any]) -> list[Float[np.ndarray, "height width channels"]]:
-    """Targets as float32, without an alpha that is 1 in all of them; `ValueError` as above."""
+def check_images(targets: Sequence[Any]) -> list[Image]:
+    """Convert targets as `check_image` does, and drop the alpha channel if all of it is 1."""
     images = [check_image(target) for target in targets]
     if all(image.shape[-1] == 4 and (image[..., 3] == 1).all() for image in images):
         return [image[..., :3] for image in images]
     return images
 
 
-def check_resume(resume: Any, target: Float[np.ndarray, "height width channels"]) -> None:
-    """`ValueError` for what is no earlier fit, one that cannot go on, or one of another size."""
+def check_resume(resume: Any, target: Image) -> None:
+    """Raise `ValueError` unless `resume` is a fit that can go on, of a target of this size."""
     if not isinstance(resume, FitResult):
         raise ValueError(f"`resume` must be what an earlier fit gave; got {resume!r:.60}.")
     if (resume.height, resume.width) != target.shape[:2]:
@@ -104,15 +97,15 @@ def check_resume(resume: Any, target: Float[np.ndarray, "height width channels"]
         raise ValueError("`resume` has no state from which a fit could go on.")
     try:
         saved_fit.check_settings(resume.settings)
-        size = saved_fit.Size(*resume.image.shape)
+        size = Size(*resume.image.shape)
         steps = resume.history[-1].steps if resume.history else 0
         saved_fit.check_state(resume.state, resume.settings, size, steps)
     except ValueError as error:
         raise ValueError(f"`resume`: {error}") from None
 
 
-def kept(settings: dict[str, Any]) -> dict[str, Any]:
-    """What a file can hold of the settings: a solver that was handed over by its name alone."""
+def settings_to_save(settings: dict[str, Any]) -> dict[str, Any]:
+    """The settings in types that JSON has: a solver or start given as an object becomes a word."""
     start, solver = settings["start"], settings["solver"]
     first, last = settings["softness"]
     return settings | {
@@ -122,8 +115,11 @@ def kept(settings: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def resumed(settings: dict[str, Any], earlier: FitResult) -> dict[str, Any]:
-    """Those of the earlier fit, and the solver object now given where it had one."""
+def settings_to_resume(settings: dict[str, Any], earlier: FitResult) -> dict[str, Any]:
+    """The settings of an earlier fit, with the solver object now given if it had one.
+
+    Raises `ValueError` if the earlier fit had a solver object and none of its type is given now.
+    """
     solver, given = earlier.settings["solver"], settings["solver"]
     if solver not in SOLVERS:
         if type(given).__name__ != solver:

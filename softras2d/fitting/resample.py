@@ -1,4 +1,4 @@
-"""Images made smaller by the mean over the area of each new pixel."""
+"""Shrink images: each new pixel is the mean over its area."""
 
 import numpy as np
 from jaxtyping import Float
@@ -7,10 +7,9 @@ from jaxtyping import Float
 def shrink(
     image: Float[np.ndarray, "rows columns channels"], height: int, width: int
 ) -> Float[np.ndarray, "{height} {width} channels"]:
-    """The mean of a piecewise constant image over the pixels of a coarser grid; exact for any
-    ratio.
+    """Shrink an image to `height` x `width`; exact for any ratio.
 
-    Straight alpha weighs the colours it goes with.
+    The image is taken as constant over each pixel. Colours with straight alpha are weighted by it.
     """
     if image.shape[:2] == (height, width):
         return image
@@ -27,7 +26,7 @@ def shrink(
 
 
 def _overlaps(old: int, new: int) -> np.ndarray:
-    """`[new, old]`: which share of a new pixel each old one fills, along one axis."""
+    """`[new, old]`: the share of each new pixel that each old one fills, along one axis."""
     edges = np.linspace(0, old, new + 1)
     low = np.maximum(edges[:-1, None], np.arange(old))
     high = np.minimum(edges[1:, None], np.arange(1, old + 1))

@@ -1,4 +1,4 @@
-"""What comes out of a fit, and its files."""
+"""The result of a fit, and the files that hold it."""
 
 import json
 import os
@@ -16,16 +16,17 @@ from ..io.drafts import atomic_file
 from ..scene import Scene
 from . import saved_fit
 from .archive import MAX_BYTES, read_arrays
+from .entries import Entries, Size
 
 
 class Record(NamedTuple):
-    """A fit at one moment.
+    """The state of a fit after a chunk of steps.
 
-    - `steps`, `seconds`: since it began.
+    - `steps`, `seconds`: since the fit began, resumed parts included.
     - `psnr` (dB), `ssim`: of the image that the last step saw, at the size and with the coverage of
       the fit.
-    - `accepted`: steps that found a lower loss than any before them in this call; `active`:
-      triangles in use.
+    - `accepted`: number of steps with a loss lower than all before them in their call of `fit`.
+    - `active`: number of triangles in use.
     """
 
     steps: int
@@ -38,14 +39,14 @@ class Record(NamedTuple):
 
 @dataclass(frozen=True)
 class FitResult:
-    """A fitted scene, and how it came about.
+    """A fitted scene, its scores, and the history of the fit.
 
-    - `scene`: in pixels of the target, which has `height` and `width`.
-    - `image`: the scene in hard mode with 16 samples, `[height, width, channels]`; `psnr` (dB) and
-      `ssim` are its.
-    - `history`: a record for each chunk of steps.
+    - `scene`: in pixels of the target.
+    - `image`: the scene drawn in hard mode with 16 samples, `[height, width, channels]`.
+    - `psnr` (dB), `ssim`: of `image` against the target.
+    - `history`: one record for each chunk of steps.
     - `settings`: the arguments of the fit.
-    - `interrupted`: whether Ctrl-C ended it.
+    - `interrupted`: whether Ctrl-C ended the fit.
     - `state`: arrays by name, from which `fit(..., resume=)` goes on.
     """
 
@@ -60,16 +61,16 @@ class FitResult:
 
     @property
     def height(self) -> int:
-        """Of the target, in pixels."""
+        """Height of the target, in pixels."""
         return self.image.shape[0]
 
     @property
     def width(self) -> int:
-        """Of the target, in pixels."""
+        """Width of the target, in pixels."""
         return self.image.shape[1]
 
     def report(self) -> dict[str, Any]:
-        """What a JSON file can hold of it: settings, versions, machine, scores and history."""
+        """Settings, scores, history, versions and machine, in types that JSON has."""
         last = self.history[-1] if self.history else Record(0, 0.0, -np.inf, 0.0, 0, 0)
         return {
             "settings": self.settings,
@@ -96,16 +97,17 @@ class FitResult:
         }
 
     def write_report(self, path: str | os.PathLike[str]) -> None:
-        """`report` as a JSON file, which appears whole or not at all."""
+        """Write `report` as a JSON file. A failure leaves no partial file."""
         text = json.dumps(self.report(), indent=1) + "\n"
         path = Path(path)
         with atomic_file(path) as draft:
             draft.write_text(text, encoding="utf-8")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """An `.npz` that `load` gives back exactly; it appears whole or not at all.
+        """Write an `.npz` from which `load` restores the result exactly.
 
-        Raises `ValueError`, one line, for another suffix and for a fit of more than a GiB.
+        A failure leaves no partial file. Raises `ValueError`, one line, for another suffix and
+        for a fit of more than a GiB.
         """
         path = Path(path)
         if path.suffix.lower() != ".npz":
@@ -121,7 +123,7 @@ class FitResult:
             "scores": np.array([self.psnr, self.ssim]),
             "history": np.array([tuple(map(float, one)) for one in self.history]).reshape(-1, 6),
         }
-        for entry in saved_fit.SCENE:
+        for entry in saved_fit.SCENE_FIELDS:
             arrays[f"scene.{entry}"] = np.asarray(getattr(self.scene, entry))
         for name, value in self.state.items():
             arrays[f"{_STATE}{name}"] = np.asarray(value)
@@ -133,7 +135,7 @@ class FitResult:
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> "FitResult":
-        """What `save` wrote, looked at entry by entry before any of it is used.
+        """Read a file that `save` wrote. Every entry is checked before it is used.
 
         Raises `ValueError`, one line that names the file, the entry and what was expected, for any
         other file, and for one that unpacks to more than a GiB.
@@ -150,17 +152,17 @@ class FitResult:
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "lineax", "optax", "optimistix", "numpy", "scipy")
 
-assert set(saved_fit.SCENE) < {one.name for one in fields(Scene)}
+assert set(saved_fit.SCENE_FIELDS) < {one.name for one in fields(Scene)}
 
 
 def _result(arrays: dict[str, np.ndarray]) -> FitResult:
-    """The fit in the arrays of a file; `ValueError` names the entry that is not of one."""
+    """The result in the arrays of a file; a `ValueError` names the entry that is wrong."""
     state = {
         name.removeprefix(_STATE): value
         for name, value in arrays.items()
         if name.startswith(_STATE)
     }
-    entries = saved_fit.Entries({k: v for k, v in arrays.items() if not k.startswith(_STATE)})
+    entries = Entries({k: v for k, v in arrays.items() if not k.startswith(_STATE)})
     settings, interrupted = saved_fit.read_facts(entries)
     image = saved_fit.read_image(entries)
     psnr, ssim = saved_fit.read_scores(entries)
@@ -169,7 +171,7 @@ def _result(arrays: dict[str, np.ndarray]) -> FitResult:
     entries.end()
     if state:
         steps = history[-1].steps if history else 0
-        saved_fit.check_state(state, settings, saved_fit.Size(*image.shape), steps)
+        saved_fit.check_state(state, settings, Size(*image.shape), steps)
     return FitResult(scene, image, psnr, ssim, history, settings, interrupted, state)
 
 
@@ -182,5 +184,5 @@ def _record(row: np.ndarray) -> Record:
 
 
 def _plain(value: Any) -> Any:
-    """JSON has no infinities: an exact image has a PSNR of null."""
+    """A value for JSON, which has no infinity: the PSNR of an exact image becomes null."""
     return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -1,11 +1,10 @@
-"""What a saved fit must hold: the type, shape and range of every entry, and that they agree.
+"""What a saved fit must hold: the type, shape and range of each entry, and that entries agree.
 
-Files come from anywhere, so nothing of them is used before it has been looked at here. Each fault
-is one `ValueError` that names the entry and what was expected of it.
+Files come from anywhere, so no entry is used before it was checked here. Every fault is a one-line
+`ValueError` that names the entry and what was expected.
 """
 
-import json
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,19 +13,17 @@ import numpy as np
 import optimistix as optx
 
 from ..numerics.device import to_device
-from ..planning.size_classes import fine_class
 from ..scene import Scene, check
 from . import choices
+from .entries import Entries, Size, read_json
+from .families import FAMILIES
 from .frame import Frame
-from .layers.unknowns import Layers
-from .mesh.triangulation import Mesh, check_tiling
-from .mesh.unknowns import Tiling
 from .solve import begin
 from .solvers import SOLVERS, solver_of
 
 FORMAT = 3
 
-SCENE = ("positions", "triangles", "colors", "background")
+SCENE_FIELDS = ("positions", "triangles", "colors", "background")
 """Fields of a fitted scene."""
 
 _SETTINGS = (
@@ -34,86 +31,19 @@ _SETTINGS = (
     "colors", "loss", "light", "start",
 )  # fmt: skip
 
-_LONGEST_FACTS = 2**20
-"""Bytes of JSON."""
+_MAX_FACTS = 2**20
+"""Largest number of bytes of JSON in `facts`."""
 
 _MAX_SIDE = 2**16
-"""Pixels along a side of an image that is read."""
-
-
-_TINY = float(np.finfo(np.float32).tiny)
-
-
-class Size(NamedTuple):
-    """Of an image: pixels and channels."""
-
-    height: int
-    width: int
-    channels: int
-
-
-class Entries:
-    """Arrays by name, each taken once; what is left at the end is no part of a fit."""
-
-    def __init__(self, arrays: dict[str, Any], prefix: str = ""):
-        self._left = dict(arrays)
-        self._prefix = prefix
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._left
-
-    def length(self, name: str) -> int | None:
-        """Size of an entry's first axis, without taking it; None if it has none."""
-        shape = np.shape(self._left.get(name, ()))
-        return shape[0] if shape else None
-
-    def take(self, name: str, dtype: Any, shape: tuple[int | str, ...]) -> np.ndarray:
-        """The array of that type and shape, in which a word is any size."""
-        told = ", ".join(map(str, shape))
-        wanted = f"`{self._prefix}{name}` must be {np.dtype(dtype)} [{told}]"
-        if name not in self._left:
-            raise ValueError(f"{wanted}; it is missing.")
-        array = np.asarray(self._left.pop(name))
-        fits = array.ndim == len(shape) and all(
-            isinstance(size, str) or size == own
-            for size, own in zip(shape, array.shape, strict=True)
-        )
-        if not fits or array.dtype != dtype:
-            raise ValueError(f"{wanted}; got {array.dtype} {list(array.shape)}.")
-        return array
-
-    def finite(
-        self,
-        name: str,
-        dtype: Any,
-        shape: tuple[int | str, ...],
-        low: float = -np.inf,
-        high: float = np.inf,
-    ) -> np.ndarray:
-        """`take`, of finite numbers in a range."""
-        array = self.take(name, dtype, shape)
-        if not (np.isfinite(array) & (array >= low) & (array <= high)).all():
-            between = "" if np.isinf([low, high]).all() else f" in {low:g}..{high:g}"
-            raise ValueError(f"`{self._prefix}{name}` must hold finite numbers{between}.")
-        return array
-
-    def drop(self, name: str) -> None:
-        """Let an array pass that is looked at elsewhere."""
-        self._left.pop(name)
-
-    def end(self) -> None:
-        """Raise `ValueError` for what no fit has."""
-        for name in self._left:
-            shown = "".join(c if c.isprintable() else "?" for c in name[:80])
-            raise ValueError(f"`{self._prefix}{shown}` is no entry of a fit.")
+"""Largest height and width, in pixels, of an image that is read."""
 
 
 def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
-    """The settings, and whether Ctrl-C ended the fit."""
-    packed = entries.take("facts", np.uint8, ("bytes",))
-    if packed.size > _LONGEST_FACTS:
-        raise ValueError(f"`facts` must be {_LONGEST_FACTS} bytes at most; got {packed.size}.")
-    facts = _json("facts", packed)
+    """Take `facts`: the settings, and whether Ctrl-C ended the fit."""
+    data = entries.take("facts", np.uint8, ("bytes",))
+    if data.size > _MAX_FACTS:
+        raise ValueError(f"`facts` must be {_MAX_FACTS} bytes at most; got {data.size}.")
+    facts = read_json("facts", data)
     if facts.get("format") != FORMAT:
         raise ValueError(
             "it was not saved by this version of softras2d: `facts` must have the format "
@@ -128,7 +58,7 @@ def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
 
 
 def check_settings(settings: Any) -> None:
-    """Raise `ValueError` for others than a fit can have had."""
+    """Raise `ValueError` for settings that no fit can have had."""
     if not isinstance(settings, dict):
         raise ValueError("`facts` must have the `settings` of the fit; they are missing.")
     for name in _SETTINGS:
@@ -151,7 +81,7 @@ def check_settings(settings: Any) -> None:
 
 
 def read_image(entries: Entries) -> np.ndarray:
-    """The picture of the fit."""
+    """Take `image`, the hard image of the fit."""
     image = entries.finite("image", np.float32, ("height", "width", "3 or 4"))
     if 0 in image.shape or max(image.shape[:2]) > _MAX_SIDE or image.shape[2] not in (3, 4):
         raise ValueError(
@@ -162,7 +92,7 @@ def read_image(entries: Entries) -> np.ndarray:
 
 
 def read_scores(entries: Entries) -> tuple[float, float]:
-    """PSNR, which may be infinite, and SSIM."""
+    """Take `scores`: PSNR in dB, which may be infinite, and SSIM."""
     psnr, ssim = entries.take("scores", np.float64, (2,)).tolist()
     if np.isnan(psnr) or not -1.01 <= ssim <= 1.01:
         raise ValueError(f"`scores` must be a PSNR and an SSIM in -1..1; got {psnr}, {ssim}.")
@@ -170,7 +100,7 @@ def read_scores(entries: Entries) -> tuple[float, float]:
 
 
 def read_history(entries: Entries) -> np.ndarray:
-    """Rows of records; those whose numbers are counts hold whole numbers."""
+    """Take `history`, one row per record; steps and other counts must be whole numbers."""
     history = entries.take("history", np.float64, ("records", 6))
     counts, seconds = history[:, [0, 4, 5]], history[:, 1]
     with np.errstate(invalid="ignore"):
@@ -183,18 +113,17 @@ def read_history(entries: Entries) -> np.ndarray:
 
 
 def read_scene(entries: Entries, settings: dict[str, Any], channels: int) -> Scene:
-    """The fitted scene."""
+    """Take the fitted scene, which must suit the settings and have a valid structure."""
     corners = 1 if settings["shading"] == "flat" else 3
-    clear = 4 if settings["translucent"] else 3
+    color_channels = 4 if settings["translucent"] else 3
     triangles = entries.take("scene.triangles", np.int32, ("triangles", 3))
-    count = len(triangles)
-    most = max(2, settings["triangles"])
+    count, most = len(triangles), max(2, settings["triangles"])
     if count > most:
         raise ValueError(f"`scene.triangles` must be {most} at most, as `settings` say.")
     arrays = {
         "positions": entries.take("scene.positions", np.float32, ("vertices", 2)),
         "triangles": triangles,
-        "colors": entries.take("scene.colors", np.float32, (count, corners, clear)),
+        "colors": entries.take("scene.colors", np.float32, (count, corners, color_channels)),
         "background": entries.take("scene.background", np.float32, (channels,)),
     }
     scene = Scene(**jax.tree.map(to_device, arrays))
@@ -208,119 +137,40 @@ def read_scene(entries: Entries, settings: dict[str, Any], channels: int) -> Sce
 def check_state(
     state: dict[str, Any], settings: dict[str, Any], size: Size, steps: int, prefix: str = "state."
 ) -> None:
-    """Raise `ValueError` unless a fit with these settings, of an image of that size, can go on.
+    """Raise `ValueError` unless a fit with these settings can be resumed from this state.
 
-    `steps`: those of the history's last record.
+    - `size`: of the target.
+    - `steps`: those of the last record of the history.
+    - `prefix`: what the names of entries begin with in errors.
     """
     entries = Entries(state, prefix)
     frame = Frame.of(size.height, size.width, settings)
-    small = Size(frame.height, frame.width, size.channels)
+    fit_size = Size(frame.height, frame.width, size.channels)
     if entries.take("steps", np.int64, ()) != steps:
         raise ValueError(f"`{prefix}steps` must be {steps}, as in the history.")
-    entries.finite("image", np.float32, small)
+    entries.finite("image", np.float32, fit_size)
     entries.take("target", np.uint8, (16,))
-    active, exchanged = entries.finite("host", np.float64, (2,), low=0.0).tolist()
-    if not active.is_integer() or active > max(2, settings["triangles"]) or exchanged > 1:
+    active, last_exchange = entries.finite("host", np.float64, (2,), low=0.0).tolist()
+    if not active.is_integer() or active > max(2, settings["triangles"]) or last_exchange > 1:
         raise ValueError(f"`{prefix}host` must be how many triangles are used, and a share.")
     if "weights" in entries or "weights.given" in entries:
-        entries.finite("weights", np.float32, small[:2], low=0.0)
+        entries.finite("weights", np.float32, fit_size[:2], low=0.0)
         given = entries.finite("weights.given", np.float32, size[:2], low=0.0)
         if not given.any():
             raise ValueError(f"`{prefix}weights.given` must not be 0 everywhere.")
-    if settings["family"] == "layers":
-        y = _read_layers(entries, settings, size.channels, prefix)
-    else:
-        y = _read_mesh(entries, settings, small, int(active), prefix)
-    _read_solve(entries, settings, y, small)
+    family = FAMILIES[settings["family"]]
+    shapes = family.check_state(entries, settings, fit_size, int(active))
+    _check_solve(entries, settings, shapes, fit_size)
     entries.end()
 
 
-def _read_layers(
-    entries: Entries, settings: dict[str, Any], channels: int, prefix: str
-) -> list[tuple[int, ...]]:
-    """What only layers have; the shapes of their unknowns."""
-    corners = 1 if settings["shading"] == "flat" else 3
-    count = settings["triangles"]
-    # Earlier files have arrays of that many triangles, later ones of a size class.
-    if entries.length("solve.0") != count:
-        count = fine_class(count)
-    shapes: list[tuple[int, ...]] = [(count, 3, 2), (count, corners, 3)]
-    shapes += [(count,)] if settings["translucent"] else []
-    entries.finite("beyond", np.float64, (), low=0.0)
-    entries.finite("width", np.float32, (), low=_TINY, high=64.0)
-    entries.finite("background", np.float32, (channels,))
-    drawn = _json(f"{prefix}random", entries.take("random", np.uint8, ("bytes",)))
-    try:
-        np.random.default_rng(0).bit_generator.state = drawn
-    except Exception:
-        # Of NumPy: which one depends on what is wrong.
-        raise ValueError(f"`{prefix}random` must be the state of a PCG64 generator.") from None
-    if "kept" in entries:
-        entries.finite("kept", np.float64, (), low=0.0)
-        for number, shape in enumerate(shapes):
-            entries.finite(f"kept.{number}", np.float32, shape)
-    return shapes
-
-
-def _read_mesh(
-    entries: Entries, settings: dict[str, Any], size: Size, active: int, prefix: str
-) -> list[tuple[int, ...]]:
-    """What only a mesh has; the shapes of its unknowns."""
-    most = max(4, (settings["triangles"] + 6) // 2)
-    vertices = _take_mesh(entries, "mesh", size, prefix, most, active)
-    shapes = _mesh_shapes(settings["shading"], vertices)
-    entries.finite("scale", np.float32, (vertices, 1), low=_TINY)
-    if "kept" in entries:
-        entries.finite("kept", np.float64, (), low=0.0)
-        own = _take_mesh(entries, "kept.mesh", size, prefix, most, None)
-        entries.finite("kept.scale", np.float32, (own, 1), low=_TINY)
-        for number, shape in enumerate(_mesh_shapes(settings["shading"], own)):
-            entries.finite(f"kept.{number}", np.float32, shape)
-    return shapes
-
-
-def _mesh_shapes(shading: str, vertices: int) -> list[tuple[int, ...]]:
-    if shading == "gouraud":
-        return [(vertices, 2), (vertices, 3)]
-    return [(vertices, 2), (2 * vertices - 6, 1 if shading == "flat" else 3, 3)]
-
-
-def _take_mesh(
-    entries: Entries, name: str, size: Size, prefix: str, most: int, active: int | None
-) -> int:
-    """Check a tiling of the canvas; how many vertices it has."""
-    positions = entries.finite(f"{name}.positions", np.float64, ("vertices", 2))
-    count = len(positions)
-    if not 4 <= count <= most:
-        raise ValueError(f"`{prefix}{name}.positions` must be 4 to {most} vertices; got {count}.")
-    triangles = entries.take(
-        f"{name}.triangles", np.int32, ("triangles" if active is None else active, 3)
-    )
-    if not ((triangles >= 0) & (triangles < count)).all() or len(triangles) > 2 * count - 6:
-        raise ValueError(
-            f"`{prefix}{name}.triangles` must be {2 * count - 6} at most, of vertices in "
-            f"0..{count - 1}."
-        )
-    free = [entries.take(f"{name}.{axis}", bool, (count,)) for axis in ("free_x", "free_y")]
-    mesh = Mesh(positions, triangles, *free)
-    if (positions < 0).any() or (positions.max(0) != [size.width, size.height]).any():
-        raise ValueError(
-            f"`{prefix}{name}` must cover the fit, {size.width} x {size.height} pixels."
-        )
-    try:
-        check_tiling(mesh)
-    except ValueError as error:
-        raise ValueError(f"`{prefix}{name}` must tile the canvas: {error}") from None
-    return count
-
-
-def _read_solve(
+def _check_solve(
     entries: Entries, settings: dict[str, Any], shapes: list[tuple[int, ...]], size: Size
 ) -> None:
-    """The unknowns and the solver's own arrays, in the order in which JAX flattens them."""
+    """Check the unknowns and the solver's arrays, which come in the order of `jax.tree.leaves`."""
     expected = _solver_arrays(settings, shapes, size)
     if expected is None:
-        # Of a solver that was handed over: `resume` compares them with what it is given.
+        # Arrays of a solver object can only be compared with that object, which `resume` does.
         for number, shape in enumerate(shapes):
             entries.take(f"solve.{number}", np.float32, shape)
         number = len(shapes)
@@ -335,19 +185,19 @@ def _read_solve(
 def _solver_arrays(
     settings: dict[str, Any], shapes: list[tuple[int, ...]], size: Size
 ) -> list[tuple[Any, tuple[int, ...]]] | None:
-    """Types and shapes of what a solver known by name holds, found by tracing its first step."""
+    """Types and shapes of the arrays of a solve, found by tracing the solver's first step.
+
+    None for a solver that was given as an object, of which the file has the name alone.
+    """
     if settings["solver"] not in SOLVERS:
         return None
     solver = solver_of(settings["solver"])
     leaves = [jax.ShapeDtypeStruct(shape, np.float32) for shape in shapes]
     if isinstance(solver, optx.AbstractLeastSquaresSolver):
         # The unknowns, the best of them, and their loss.
-        own = [*leaves, *leaves, jax.ShapeDtypeStruct((), np.float32)]
-        return [(leaf.dtype, leaf.shape) for leaf in own]
-    if settings["family"] == "layers":
-        y = Layers(*leaves, *([None] if len(leaves) == 2 else []))  # pyright: ignore[reportArgumentType]
-    else:
-        y = Tiling(*leaves)  # pyright: ignore[reportArgumentType]
+        saved = [*leaves, *leaves, jax.ShapeDtypeStruct((), np.float32)]
+        return [(leaf.dtype, leaf.shape) for leaf in saved]
+    y = FAMILIES[settings["family"]].unknowns(leaves)
 
     def loss(y: Any, args: Any) -> Any:
         total = sum((jnp.sum(leaf) for leaf in jax.tree.leaves(y)), jnp.float32(0))
@@ -355,16 +205,5 @@ def _solver_arrays(
 
     with jax.enable_x64(False):
         progress = eqx.filter_eval_shape(begin, solver, loss, y, None)
-    whole = jax.tree.leaves((y, progress.state))
-    return [(leaf.dtype, leaf.shape) for leaf in whole if isinstance(leaf, jax.ShapeDtypeStruct)]
-
-
-def _json(name: str, packed: np.ndarray) -> dict[str, Any]:
-    """The object in the bytes of an entry."""
-    try:
-        found = json.loads(packed.tobytes().decode())
-    except (ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict):
-        raise ValueError(f"`{name}` must be an object in JSON.")
-    return found
+    traced = jax.tree.leaves((y, progress.state))
+    return [(leaf.dtype, leaf.shape) for leaf in traced if isinstance(leaf, jax.ShapeDtypeStruct)]

@@ -1,4 +1,4 @@
-"""How like its target an image is: PSNR and SSIM, of values 0..1.
+"""Similarity of an image to its target: PSNR and SSIM, for values 0..1.
 
 **Source:** Wang, Bovik, Sheikh and Simoncelli, *Image Quality Assessment: From Error Visibility to
 Structural Similarity* (IEEE TIP 13(4), 2004), section III-B, for SSIM and its constants.
@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..color import premultiply
 from ..numerics.device import to_device
 from ..options import Hard
 from ..planning.plan import Plan
@@ -21,10 +22,10 @@ from ..rendering.render import render, render_checked
 from ..scene import Scene
 
 _SIGMA, _RADIUS = 1.5, 5
-"""The window: a Gaussian in pixels, cut to 11 x 11."""
+"""Standard deviation and radius of the Gaussian window, in pixels: 11 x 11."""
 
 _LUMINANCE, _CONTRAST = 0.01**2, 0.03**2
-"""Constants that keep the quotients finite, for a range of values of 1."""
+"""Constants that keep the quotients finite, for values that range over 1."""
 
 
 def psnr(
@@ -37,10 +38,10 @@ def psnr(
 def ssim(
     image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
 ) -> Float[Array, ""]:
-    """Structural similarity, the mean over channels and over windows that lie in the image; 1 where
-    equal.
+    """Structural similarity, in -1..1, which is 1 for equal images.
 
-    An image of less than 11 pixels along a side has smaller windows along it.
+    It is the mean over channels and over all windows that lie inside the image. Along a side of
+    fewer than 11 pixels the window is smaller.
     """
 
     def blur(x):
@@ -58,6 +59,7 @@ def ssim(
 
 
 def _blur_along(x: Float[Array, "height width channels"], axis: int) -> Array:
+    """Weighted mean over the window along one axis; the result is shorter by twice its radius."""
     radius = min(_RADIUS, (x.shape[axis] - 1) // 2)
     taps = [math.exp(-0.5 * (k / _SIGMA) ** 2) for k in range(-radius, radius + 1)]
     length = x.shape[axis] - 2 * radius
@@ -69,7 +71,7 @@ def _blur_along(x: Float[Array, "height width channels"], axis: int) -> Array:
 
 
 class Score(NamedTuple):
-    """A verdict, and the image that it is of."""
+    """An image, its PSNR in dB (infinite if equal to the target), and its SSIM."""
 
     image: np.ndarray
     psnr: float
@@ -77,34 +79,34 @@ class Score(NamedTuple):
 
 
 class Scorer:
-    """The verdict on a scene: PSNR and SSIM of its hard image with 16 samples.
+    """Scores scenes against one target: PSNR and SSIM of the hard image with 16 samples.
 
-    Of targets with alpha both are compared premultiplied, alpha as a fourth colour.
+    Images with alpha are compared premultiplied, with alpha as a fourth channel.
     """
 
     def __init__(self, target: Float[np.ndarray, "height width channels"]):
-        self._target = premultiplied(to_device(target))
+        self._target = premultiply(to_device(target))
         self._plan: Plan | None = None
 
-    def prepare(self, likely: Scene) -> float:
-        """Compile for scenes like this one; the seconds that a score takes after that."""
+    def warm_up(self, likely: Scene) -> float:
+        """Compile for scenes of this size; return the seconds that a score takes after that."""
         self.score(likely)
         began = time.perf_counter()
         self.score(likely)
         return time.perf_counter() - began
 
-    def adopt(self, other: "Scorer") -> None:
-        """Draw as another does, whose target has the same size: one program for both."""
+    def share_plan(self, other: "Scorer") -> None:
+        """Take the plan of another scorer, whose target has the same size, to share its program."""
         self._plan = other._plan
 
     def score(self, scene: Scene) -> Score:
-        """The image, its PSNR in dB (infinite where equal) and SSIM."""
+        """Draw a scene, in pixels of the target, and score it."""
         drawn = self.draw(scene)
-        image = premultiplied(drawn)
+        image = premultiply(drawn)
         return Score(np.asarray(drawn), *compare(image, self._target))
 
     def draw(self, scene: Scene) -> Float[Array, "height width channels"]:
-        """The hard image; under the last plan if there is room, which saves compiling."""
+        """The hard image. The last plan serves again if it suffices, which saves compiling."""
         if self._plan is not None:
             image, outgrown = render_checked(scene, self._plan)
             if not outgrown:
@@ -118,16 +120,8 @@ class Scorer:
 def compare(
     image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
 ) -> tuple[float, float]:
-    """PSNR in dB (infinite where equal) and SSIM, of images as `premultiplied` gives them."""
+    """PSNR in dB (infinite if equal) and SSIM, of images as `premultiply` gives them."""
     return float(psnr(image, target)), float(_ssim(image, target))
 
 
 _ssim = jax.jit(ssim)
-
-
-def premultiplied(image: Array) -> Array:
-    """As images are compared: colours times alpha, and alpha as a fourth."""
-    if image.shape[-1] == 3:
-        return image
-    alpha = image[..., 3:]
-    return jnp.concatenate([image[..., :3] * alpha, alpha], -1)

@@ -1,11 +1,11 @@
-"""A solve in chunks of steps: each chunk is one compiled program.
+"""A solve in chunks of steps, each of them one run of a compiled program.
 
-Between chunks the host looks at the error, changes arguments that are arrays, stops, or goes on,
-and nothing compiles again. The best point so far is kept, however the solver wanders.
+Between chunks the host can look at the loss, change arguments that are arrays, stop, or go on;
+nothing compiles again. The best point so far is kept, wherever the solver goes after it.
 """
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -19,14 +19,15 @@ from ..numerics.device import to_device
 from .solvers import Solver
 
 Residual = Callable[[Any, Any], tuple[Any, Any]]
-"""From what is sought and arguments: the residual, or a loss, and two trees of arrays beside it.
+"""Maps `(unknowns, arguments)` to `(out, (last, each))`.
 
-Of the first tree only what the last step of a chunk gave is kept, of the second what each gave.
+`out` is a residual, whose squares are summed, or a scalar loss. `last` and `each` are trees of
+arrays: a chunk returns `last` of its last step alone, and `each` of every step.
 """
 
 
 class Progress(NamedTuple):
-    """A solve between two chunks: what was reached, the solver's state, and steps taken."""
+    """A solve between two chunks: unknowns, solver state, and number of steps taken."""
 
     y: Any
     state: Any
@@ -38,84 +39,89 @@ class Progress(NamedTuple):
         return self.state.best_y
 
     @property
-    def least(self) -> Float[Array, ""]:
-        """The loss there, infinite before the first step."""
+    def best_loss(self) -> Float[Array, ""]:
+        """The loss at `best`; infinite before the first step."""
         return self.state.best_loss
 
 
-def begin(solver: Solver, fn: Residual, y: Any, args: Any) -> Progress:
+class Chunk(NamedTuple):
+    """What a chunk of steps gave.
+
+    - `progress`: the solve after it.
+    - `losses`: one for each step.
+    - `aux`: `last` and `each` of the residual, the second with a leading axis of steps.
+    """
+
+    progress: Progress
+    losses: Float[Array, " steps"]
+    aux: tuple[Any, Any]
+
+
+def begin(solver: Solver, residual: Residual, y: Any, args: Any) -> Progress:
     """A solve that has not taken a step."""
-    return Progress(y, _begin(solver, fn, y, args), 0)
-
-
-Found = tuple[Progress, Float[Array, " steps"], tuple[Any, Any]]
-"""Of a chunk: where it led, the loss at each step, and what the residual gave beside it."""
+    return Progress(y, _begin(solver, residual, y, args), 0)
 
 
 def advance(
     solver: Solver,
-    fn: Residual,
+    residual: Residual,
     progress: Progress,
     args: Any,
     *,
     steps: int,
-    room: int | None = None,
-) -> Found:
-    """A chunk of steps, at most `room` of them: chunks of one room share a program.
+    max_steps: int | None = None,
+) -> Chunk:
+    """Take `steps` steps, at most `max_steps`; chunks of equal `max_steps` share a program.
 
-    A loss is that of the solver's last evaluation: where the step begins for solvers of first
-    order, else where the last one would lead, if it is accepted.
+    The loss of a step is that of the solver's last evaluation. Solvers of first order evaluate
+    where the step begins; others where it would end, whether or not they accept it.
     """
-    room = steps if room is None else room
-    y, state, losses, (latest, every) = _advance(
-        solver, fn, progress.y, progress.state, args, to_device(np.int32(steps)), room
+    max_steps = steps if max_steps is None else max_steps
+    y, state, losses, (last, each) = _advance(
+        solver, residual, progress.y, progress.state, args, to_device(np.int32(steps)), max_steps
     )
-    every = jax.tree.map(lambda leaf: leaf[:steps], every)
-    return Progress(y, state, progress.steps + steps), losses[:steps], (latest, every)
+    each = jax.tree.map(lambda leaf: leaf[:steps], each)
+    return Chunk(Progress(y, state, progress.steps + steps), losses[:steps], (last, each))
 
 
-def advance_within_plan(
+def advance_each(
     solver: Solver,
-    fn: Residual,
-    progress: Progress,
-    args: Any,
+    residual: Residual,
+    many: Sequence[Progress],
+    args: Sequence[Any],
     *,
     steps: int,
-    room: int,
-    replan: Callable[[list[Any]], Residual],
-) -> tuple[Residual, Found]:
-    """`advance` of a residual that gives an image and, for each step, whether it outgrew its plan.
-
-    Such steps are taken again by `replan(ys)`, a residual with room for where they led; the one
-    that served is returned too. Each time they are half as many: the last one looks where there is
-    room for certain.
-    """
-    led = [progress.y]
-    while True:
-        found = advance(solver, fn, progress, args, steps=steps, room=room)
-        after, _, (_, outgrown) = found
-        if steps == 0 or not bool(jnp.any(outgrown)):
-            return fn, found
-        led.append(after.y)
-        fn, steps = replan(led), max(1, steps // 2)
-        # Solvers of least squares hold the old derivative, whose arrays have the old plan's sizes.
-        progress = move(solver, fn, progress, progress.y, args)
-        if len(led) > RENEWALS:
-            raise RuntimeError("a plan stays too small for the scene that it was made for.")
-
-
-RENEWALS = 12
-"""Of a plan before a fault is supposed."""
+    max_steps: int | None = None,
+) -> list[Chunk]:
+    """`advance` several solves, whose arrays have the same shapes, by one program."""
+    max_steps = steps if max_steps is None else max_steps
+    solves = [(one.y, one.state, own_args) for one, own_args in zip(many, args, strict=True)]
+    split = [eqx.partition(solve, eqx.is_array) for solve in solves]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(arrays for arrays, _ in split))
+    static = split[0][1]
+    results = _advance_stacked(
+        solver, residual, stacked, static, to_device(np.int32(steps)), max_steps
+    )
+    chunks = []
+    for index, progress in enumerate(many):
+        y, state, losses, (last, each) = jax.tree.map(lambda leaf, at=index: leaf[at], results)
+        _, static_state, _ = static
+        state = eqx.combine(state, static_state)
+        each = jax.tree.map(lambda leaf: leaf[:steps], each)
+        after = Progress(y, state, progress.steps + steps)
+        chunks.append(Chunk(after, losses[:steps], (last, each)))
+    return chunks
 
 
-def move(solver: Solver, fn: Residual, progress: Progress, y: Any, args: Any) -> Progress:
+def move(solver: Solver, residual: Residual, progress: Progress, y: Any, args: Any) -> Progress:
     """The same solve from another point, with the best so far.
 
-    Solvers other than those of optax hold what they know of the old one: they begin anew.
+    Solvers other than those of optax remember the loss and derivative at their last point, which
+    no longer hold: they begin anew.
     """
     if isinstance(solver, optx.OptaxMinimiser):
         return progress._replace(y=y)
-    fresh = begin(solver, fn, y, args)
+    fresh = begin(solver, residual, y, args)
     old = progress.state
     state = eqx.tree_at(
         lambda state: (state.best_y, state.best_loss), fresh.state, (old.best_y, old.best_loss)
@@ -123,72 +129,45 @@ def move(solver: Solver, fn: Residual, progress: Progress, y: Any, args: Any) ->
     return Progress(y, state, progress.steps)
 
 
-def advance_each(
-    solver: Solver,
-    fn: Residual,
-    many: list[Progress],
-    args: list[Any],
-    *,
-    steps: int,
-    room: int | None = None,
-) -> list[Found]:
-    """`advance` of several solves of one shape, by one program."""
-    room = steps if room is None else room
-    held = [(progress.y, progress.state, own) for progress, own in zip(many, args, strict=True)]
-    parts = [eqx.partition(one, eqx.is_array) for one in held]
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(arrays for arrays, _ in parts))
-    still = parts[0][1]
-    found = _advance_stacked(solver, fn, stacked, still, to_device(np.int32(steps)), room)
-    results = []
-    for place, progress in enumerate(many):
-        y, state, losses, (latest, every) = jax.tree.map(lambda leaf, at=place: leaf[at], found)
-        _, whole, _ = still
-        state = eqx.combine(state, whole)
-        every = jax.tree.map(lambda leaf: leaf[:steps], every)
-        after = Progress(y, state, progress.steps + steps)
-        results.append((after, losses[:steps], (latest, every)))
-    return results
+def set_learning_rate(progress: Progress, learning_rate: float) -> Progress:
+    """The same solve with another learning rate; unchanged if its solver's cannot be set."""
 
-
-def set_rate(progress: Progress, rate: float) -> Progress:
-    """The same solve with another rate, if its solver has one (`adam`); else as it is."""
-
-    def rate_of(progress):
+    def rate_of(progress: Progress) -> Any:
+        # An array, or what Equinox puts in its place while it looks where it is.
         return progress.state.state.opt_state.hyperparams["learning_rate"]
 
     try:
         old = rate_of(progress)
     except AttributeError:
         return progress
-    return eqx.tree_at(rate_of, progress, to_device(rate, old.dtype))
+    return eqx.tree_at(rate_of, progress, to_device(learning_rate, old.dtype))
 
 
 def forget_best(progress: Progress) -> Progress:
-    """The same solve where arguments have changed, and losses with them."""
-    infinite = jnp.full_like(progress.least, jnp.inf)
+    """The same solve without a best point: for new arguments, with which losses do not compare."""
+    infinite = jnp.full_like(progress.best_loss, jnp.inf)
     state = eqx.tree_at(lambda state: state.best_loss, progress.state, infinite)
     return progress._replace(state=state)
 
 
-def _given(solver: Solver, fn: Residual) -> tuple[Solver, Residual]:
-    """The solver that keeps the best, and what it is given: loss or residual, with losses beside
-    it."""
+def _keep_best(solver: Solver, residual: Residual) -> tuple[Solver, Residual]:
+    """A solver that keeps the best point, and the function it lowers, with its loss as aux."""
 
-    def residual(y, args):
-        out, aux = fn(y, args)
+    def with_loss(y: Any, args: Any) -> tuple[Any, Any]:
+        out, aux = residual(y, args)
         return out, (_loss(out), aux)
 
-    def loss(y, args):
-        out, aux = fn(y, args)
+    def loss_alone(y: Any, args: Any) -> tuple[Any, Any]:
+        out, aux = residual(y, args)
         return _loss(out), (_loss(out), aux)
 
     if isinstance(solver, optx.AbstractLeastSquaresSolver):
-        return optx.BestSoFarLeastSquares(solver), residual
-    return optx.BestSoFarMinimiser(solver), loss
+        return optx.BestSoFarLeastSquares(solver), with_loss
+    return optx.BestSoFarMinimiser(solver), loss_alone
 
 
 def _loss(out: Any) -> Float[Array, ""]:
-    """A residual's sum of squares; a number is a loss already."""
+    """The sum of squares of a residual; a scalar is a loss already."""
     leaves = jax.tree.leaves(out)
     if len(leaves) == 1 and leaves[0].ndim == 0:
         return leaves[0]
@@ -199,19 +178,20 @@ def _loss(out: Any) -> Float[Array, ""]:
 
 
 @contextlib.contextmanager
-def as_libraries_expect() -> Iterator[None]:
-    """Solvers mix dtypes and ranks, which a caller may have forbidden."""
+def default_promotion() -> Iterator[None]:
+    """Allow mixed dtypes and ranks, which solvers use and a caller may have forbidden."""
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         yield
 
 
 @eqx.filter_jit
-def _begin(solver: Solver, fn: Residual, y: Any, args: Any) -> Any:
-    best, given = _given(solver, fn)
-    out, aux = eqx.filter_eval_shape(given, y, args)
-    with as_libraries_expect():
-        state = best.init(given, y, args, {}, out, aux, frozenset())
-    # Types that are to be decided yet would be decided by the first chunk, and the second compile.
+def _begin(solver: Solver, residual: Residual, y: Any, args: Any) -> Any:
+    """The first state of a solver that keeps the best point."""
+    best, function = _keep_best(solver, residual)
+    out, aux = eqx.filter_eval_shape(function, y, args)
+    with default_promotion():
+        state = best.init(function, y, args, {}, out, aux, frozenset())
+    # The first chunk would turn weak types into strong ones, and the second would compile again.
     return jax.tree.map(
         lambda x: jax.lax.convert_element_type(x, x.dtype) if eqx.is_array(x) else x, state
     )
@@ -219,52 +199,62 @@ def _begin(solver: Solver, fn: Residual, y: Any, args: Any) -> Any:
 
 @eqx.filter_jit
 def _advance(
-    solver: Solver, fn: Residual, y: Any, state: Any, args: Any, steps: Array, room: int
+    solver: Solver,
+    residual: Residual,
+    y: Any,
+    state: Any,
+    args: Any,
+    steps: Array,
+    max_steps: int,
 ) -> tuple[Any, Any, Array, tuple[Any, Any]]:
-    moving, still = eqx.partition(state, eqx.is_array)
-    y, moving, losses, seen = _take_steps(solver, fn, y, moving, still, args, steps, room)
-    return y, eqx.combine(moving, still), losses, seen
+    """`advance` on the device, with losses and `each` of length `max_steps`."""
+    arrays, static = eqx.partition(state, eqx.is_array)
+    y, arrays, losses, aux = _take_steps(
+        solver, residual, y, arrays, static, args, steps, max_steps
+    )
+    return y, eqx.combine(arrays, static), losses, aux
 
 
 @eqx.filter_jit
 def _advance_stacked(
-    solver: Solver, fn: Residual, stacked: Any, still: Any, steps: Array, room: int
+    solver: Solver, residual: Residual, stacked: Any, static: Any, steps: Array, max_steps: int
 ) -> Any:
-    fixed_y, fixed_state, fixed_args = still
+    """`_advance` along a leading axis of `stacked`, the arrays of unknowns, state and arguments."""
+    static_y, static_state, static_args = static
 
-    def one(y, moving, args):
-        y, args = eqx.combine(y, fixed_y), eqx.combine(args, fixed_args)
-        return _take_steps(solver, fn, y, moving, fixed_state, args, steps, room)
+    def take(y: Any, arrays: Any, args: Any) -> Any:
+        y, args = eqx.combine(y, static_y), eqx.combine(args, static_args)
+        return _take_steps(solver, residual, y, arrays, static_state, args, steps, max_steps)
 
-    return jax.vmap(one)(*stacked)
+    return jax.vmap(take)(*stacked)
 
 
 def _take_steps(
     solver: Solver,
-    fn: Residual,
+    residual: Residual,
     y: Any,
-    moving: Any,
-    still: Any,
+    arrays: Any,
+    static: Any,
     args: Any,
     steps: Array,
-    room: int,
+    max_steps: int,
 ) -> tuple[Any, Any, Array, tuple[Any, Any]]:
-    """`moving` and `still`: the solver's state, what is an array and what is not."""
-    best, given = _given(solver, fn)
+    """The loop over steps. `arrays` and `static` are the two parts of the solver's state."""
+    best, function = _keep_best(solver, residual)
 
-    def step(number, carry):
-        y, moving, _, found = carry
-        state = eqx.combine(moving, still)
-        with as_libraries_expect():
-            y, state, (loss, (latest, every)) = best.step(given, y, args, {}, state, frozenset())
-        found = jax.tree.map(lambda all, one: all.at[number].set(one), found, (loss, every))
-        return y, eqx.filter(state, eqx.is_array), latest, found
+    def step(number: Array, carry: Any) -> Any:
+        y, arrays, _, recorded = carry
+        state = eqx.combine(arrays, static)
+        with default_promotion():
+            y, state, (loss, (last, each)) = best.step(function, y, args, {}, state, frozenset())
+        recorded = jax.tree.map(lambda all, one: all.at[number].set(one), recorded, (loss, each))
+        return y, eqx.filter(state, eqx.is_array), last, recorded
 
-    def none(leaf, *axes):
+    def zeros(leaf: Any, *axes: int) -> Array:
         return jnp.zeros((*axes, *leaf.shape), leaf.dtype)
 
-    loss, (latest, every) = eqx.filter_eval_shape(given, y, args)[1]
-    found = jax.tree.map(lambda leaf: none(leaf, room), (loss, every))
-    start = (y, moving, jax.tree.map(none, latest), found)
-    y, moving, latest, (losses, every) = jax.lax.fori_loop(0, steps, step, start)
-    return y, moving, losses, (latest, every)
+    loss, (last, each) = eqx.filter_eval_shape(function, y, args)[1]
+    recorded = jax.tree.map(lambda leaf: zeros(leaf, max_steps), (loss, each))
+    start = (y, arrays, jax.tree.map(zeros, last), recorded)
+    y, arrays, last, (losses, each) = jax.lax.fori_loop(0, steps, step, start)
+    return y, arrays, losses, (last, each)

@@ -1,4 +1,4 @@
-"""Solvers from optimistix by name, set up for residuals that are known by products alone.
+"""Solvers of optimistix by name, for residuals whose Jacobian is too large to be assembled.
 
 **Source:** Levenberg (1944) and Marquardt (1963) for the damping, Powell (1970) for the dogleg,
 Kingma and Ba, *Adam* (ICLR 2015); Fong and Saunders, *LSMR* (SIAM J. Sci. Comput. 33(5), 2011), for
@@ -7,7 +7,7 @@ the linear systems.
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import lineax as lx
@@ -17,13 +17,14 @@ import optimistix as optx
 Solver = optx.AbstractLeastSquaresSolver | optx.AbstractMinimiser
 
 _TRUST = 0.6
-"""Share of the predicted fall above which the damping falls.
+"""Share of the predicted decrease of the loss above which a step lowers the damping.
 
-The 0.99 of optimistix is hardly ever reached where edges meet pixels, and damping never falls."""
+The 0.99 of optimistix is hardly ever reached with this residual, which bends wherever an edge
+crosses a pixel: the damping would never fall."""
 
 
 class ByProducts(optx.AbstractGaussNewton):
-    """A method of Gauss-Newton type that knows the Jacobian by its products alone."""
+    """A Gauss-Newton method that uses the Jacobian only in products with vectors."""
 
     rtol: float
     atol: float
@@ -41,12 +42,13 @@ class ByProducts(optx.AbstractGaussNewton):
 
 
 def levenberg_marquardt(products: int = 20, *, trust: float = _TRUST) -> ByProducts:
-    """Levenberg-Marquardt with that many products of the Jacobian, and of its transpose, a step."""
+    """Levenberg-Marquardt, with at most `products` products with the Jacobian and as many with its
+    transpose in each step."""
     return ByProducts(optx.DampedNewtonDescent(linear_solver=_inner(products)), trust=trust)
 
 
 def dogleg(products: int = 20, *, trust: float = _TRUST) -> ByProducts:
-    """Powell's dogleg, likewise."""
+    """Powell's dogleg, with at most as many products in each step."""
     return ByProducts(optx.DoglegDescent(linear_solver=_inner(products)), trust=trust)
 
 
@@ -59,28 +61,48 @@ def _silent(**_: Any) -> None:
     return None
 
 
-def _adam(rate: float) -> optx.OptaxMinimiser:
-    # The rate is held by the state, so that a host can let it fall.
-    adam = optax.inject_hyperparams(optax.adam, static_args=_NUMBERS)(rate, b2=0.99)
+def _adam(learning_rate: float) -> optx.OptaxMinimiser:
+    # The state holds the learning rate, so that the host can lower it without compiling again.
+    adam = optax.inject_hyperparams(optax.adam, static_args=_FIXED)(learning_rate, b2=0.99)
     return optx.OptaxMinimiser(adam, rtol=0.0, atol=0.0)
 
 
-_NUMBERS = ("b1", "b2", "eps", "eps_root", "mu_dtype", "nesterov")
-"""Of Adam, but for its rate."""
+_FIXED = ("b1", "b2", "eps", "eps_root", "mu_dtype", "nesterov")
+"""Adam's hyperparameters other than the learning rate, which changes during a fit."""
 
 
-SOLVERS: dict[str, Callable[[float], Solver]] = {
-    "adam": _adam,
-    "lm": lambda rate: levenberg_marquardt(),
-    "dogleg": lambda rate: dogleg(),
-    "bfgs": lambda rate: optx.BFGS(rtol=0.0, atol=0.0),
-    "lbfgs": lambda rate: optx.LBFGS(rtol=0.0, atol=0.0),
+class NamedSolver(NamedTuple):
+    """A row of the table of solvers.
+
+    - `make`: the solver, for a learning rate that only first-order solvers use.
+    - `adjustable_rate`: whether a fit may lower the learning rate between chunks of steps, by
+      `solve.set_learning_rate`. Such a solver must be of optax, and keep nothing of its last point
+      but arrays that have one number per unknown.
+    """
+
+    make: Callable[[float], Solver]
+    adjustable_rate: bool
+
+
+SOLVERS: dict[str, NamedSolver] = {
+    "adam": NamedSolver(_adam, adjustable_rate=True),
+    "lm": NamedSolver(lambda learning_rate: levenberg_marquardt(), adjustable_rate=False),
+    "dogleg": NamedSolver(lambda learning_rate: dogleg(), adjustable_rate=False),
+    "bfgs": NamedSolver(lambda learning_rate: optx.BFGS(rtol=0.0, atol=0.0), adjustable_rate=False),
+    "lbfgs": NamedSolver(
+        lambda learning_rate: optx.LBFGS(rtol=0.0, atol=0.0), adjustable_rate=False
+    ),
 }
-"""Solvers by name, for a rate that those of first order take as the length of a step."""
+"""Solvers by the names that the option `solver` takes."""
 
 
-def solver_of(solver: str | Solver, *, rate: float = 0.02) -> Solver:
-    """A solver by name, or the one given; `ValueError` for anything else."""
+def is_rate_adjustable(solver: str | Solver) -> bool:
+    """Whether a fit may lower the solver's learning rate; never that of a solver object."""
+    return isinstance(solver, str) and SOLVERS[solver].adjustable_rate
+
+
+def solver_of(solver: str | Solver, *, learning_rate: float = 0.02) -> Solver:
+    """The solver of that name, or the solver object given; `ValueError` for anything else."""
     if isinstance(solver, optx.AbstractLeastSquaresSolver | optx.AbstractMinimiser):
         return solver
     if not isinstance(solver, str) or solver not in SOLVERS:
@@ -88,10 +110,10 @@ def solver_of(solver: str | Solver, *, rate: float = 0.02) -> Solver:
         raise ValueError(
             f"`solver` must be an optimistix solver or one of {names}; got {solver!r:.60}."
         )
-    return _by_name(solver, rate)
+    return _by_name(solver, learning_rate)
 
 
 @functools.cache
-def _by_name(solver: str, rate: float) -> Solver:
-    # One object: optax makes new functions each time, for which programs would be compiled anew.
-    return SOLVERS[solver](rate)
+def _by_name(solver: str, learning_rate: float) -> Solver:
+    # Cached, because optax makes new functions each time, for which programs would compile anew.
+    return SOLVERS[solver].make(learning_rate)

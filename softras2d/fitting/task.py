@@ -1,75 +1,74 @@
-"""A fit on its way from arguments to a result."""
+"""A fit of one target on its way from arguments to a result."""
 
 from collections.abc import Callable
 from typing import Any
 
 import jax
-import numpy as np
-from jaxtyping import Float
 
-from . import snapshot
 from .closed_form import time_colors
 from .frame import Frame
-from .prepare import kept, make_course, room_of
-from .result import FitResult
+from .prepare import make_fit, max_chunk_steps, settings_to_save
+from .result import FitResult, Record
 from .score import Scorer
+from .state import restore_state, save_state
+from .target import Target
 
 
 class Task:
-    """A fit of one target: its course, its records, and who judges it.
+    """A fit of one target, with its history and the scorer of its result.
 
-    - `frame`: the size of the fit; `room`: steps of a chunk at most.
-    - `done`, `spent`: steps and seconds of the fit that it goes on from.
+    - `frame`: the size of the fit; `max_steps`: the largest number of steps of a chunk.
+    - `steps_before`, `seconds_before`: steps and seconds of the fit that is resumed.
     """
 
     def __init__(
         self,
-        target: Float[np.ndarray, "height width channels"],
-        weights: Float[np.ndarray, "height width"] | None,
+        target: Target,
         settings: dict[str, Any],
         resume: FitResult | None,
-        hurry: Callable[[], bool] = lambda: False,
+        must_start: Callable[[], bool] = lambda: False,
     ):
-        self.settings, self.weights = settings, weights
-        self.frame = Frame.of(target.shape[0], target.shape[1], settings)
-        self.course = make_course(target, weights, settings, self.frame, resume, hurry)
-        self.records = [] if resume is None else list(resume.history)
-        self.done = 0 if resume is None else snapshot.restore(self.course, resume.state)
-        self.spent = self.records[-1].seconds if self.records else 0.0
-        self.room = room_of(self.course.solver, self.frame)
-        self.scorer = Scorer(target)
+        self.target, self.settings = target, settings
+        height, width = target.image.shape[:2]
+        self.frame = Frame.of(height, width, settings)
+        self.fit = make_fit(target, settings, self.frame, resume, must_start)
+        self.history: list[Record] = [] if resume is None else list(resume.history)
+        self.steps_before = 0 if resume is None else restore_state(self.fit, resume.state)
+        self.seconds_before = self.history[-1].seconds if self.history else 0.0
+        self.max_steps = max_chunk_steps(self.fit.request.solver, self.frame)
+        self.scorer = Scorer(target.image)
 
     @property
     def polishes(self) -> bool:
-        """Whether colours are found in closed form at the end."""
+        """Whether colours are solved for in closed form at the end."""
         return self.settings["colors"] != "together"
 
-    def rehearsal(self, timed: bool) -> Callable[[], float]:
-        """A function that compiles what comes after the last step; the seconds that it will take.
+    def warm_up(self, timed: bool) -> Callable[[], float]:
+        """A function that compiles what comes after the last step, and returns its seconds.
 
-        `timed`: whether those of colours are asked for. It holds the scene and the colours of this
-        moment, so that it may run in another thread while the fit goes on.
+        It may run in another thread while the fit goes on, because it holds the scene and the
+        unknowns of now. `timed`: whether to include the time of solving for colours.
         """
-        likely = self.frame.enlarge(self.course.likely())
+        fit = self.fit
+        likely = self.frame.enlarge(fit.likely_scene())
         polished = None
         if timed and self.polishes:
-            course = self.course
-            polished = course.residual, course.progress.y, course.data, course.loss.light
+            polished = fit.residual, fit.progress.y, fit.data, fit.request.loss.light
 
-        def rehearse() -> float:
+        def compile_and_time() -> float:
             with jax.enable_x64(False):
                 polishing = 0.0 if polished is None else time_colors(*polished)
-                return self.scorer.prepare(likely) + polishing
+                return self.scorer.warm_up(likely) + polishing
 
-        return rehearse
+        return compile_and_time
 
     def result(self, interrupted: bool) -> FitResult:
-        """The best so far. Scored with its spare triangles, which do not show: one program."""
-        score = self.scorer.score(self.frame.enlarge(self.course.scene(padded=True)))
-        scene = self.frame.enlarge(self.course.scene())
-        state = snapshot.take(self.course, self.records[-1].steps if self.records else 0)
-        if self.weights is not None:
-            state["weights.given"] = self.weights
-        return FitResult(
-            scene, *score, tuple(self.records), kept(self.settings), interrupted, state
-        )
+        """The best so far."""
+        # Scored with its spare triangles, which do not show, so that one program scores all scenes.
+        score = self.scorer.score(self.frame.enlarge(self.fit.scene(padded=True)))
+        scene = self.frame.enlarge(self.fit.scene())
+        state = save_state(self.fit, self.history[-1].steps if self.history else 0)
+        if self.target.weights is not None:
+            state["weights.given"] = self.target.weights
+        settings = settings_to_save(self.settings)
+        return FitResult(scene, *score, tuple(self.history), settings, interrupted, state)

@@ -13,10 +13,10 @@ import pytest
 import softras2d as sr
 from softras2d.fitting import loop
 from softras2d.fitting.choices import settle
-from softras2d.fitting.interrupt import held_interrupt
+from softras2d.fitting.interrupt import deferred_interrupt
 from softras2d.fitting.layers.family import LayersFit
 from softras2d.fitting.loop import Budget
-from softras2d.fitting.mesh.family import TilingFit
+from softras2d.fitting.mesh.family import MeshFit
 from softras2d.fitting.solvers import levenberg_marquardt
 from tests.cases.pictures import blobs
 
@@ -50,13 +50,19 @@ def test_a_plan_that_is_outgrown_is_renewed(solver, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("solver", ["adam", "lm"])
 def test_plans_of_a_batch_that_are_outgrown_are_renewed(solver, monkeypatch):
+    """The first plan of each fit is that of an empty scene."""
+    plans = []
     own = LayersFit._plan
 
     def tight(self, scenes):
+        plans.append(len(scenes))
+        if len(plans) > 2:
+            return own(self, scenes)
         return own(self, [sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)))])
 
     monkeypatch.setattr(LayersFit, "_plan", tight)
     many = sr.fit_batch([TARGET, TARGET[::-1]], triangles=600, solver=solver, steps=6)
+    assert len(plans) > 2
     for result in many:
         assert result.history[-1].steps == 6
         assert result.psnr > 10
@@ -96,17 +102,19 @@ def test_a_solver_handed_over_is_asked_for_again():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("family", [LayersFit, TilingFit])
+@pytest.mark.parametrize("family", [LayersFit, MeshFit])
 def test_stopped_after_an_exchange_the_best_before_it_is_returned(family, monkeypatch, tmp_path):
     """To put triangles to use elsewhere raises the error for a while."""
-    records, own = [], family._exchange
+    records, own, advance = [], family._exchange, loop.advance_fits
 
     def exchange(self, count):
         own(self, count)
         if len(records) > 8:
             signal.raise_signal(signal.SIGINT)
             # One step makes up for no exchange.
-            self.advance = lambda steps, room: family.advance(self, 1, room)
+            monkeypatch.setattr(
+                loop, "advance_fits", lambda fits, steps, max_steps: advance(fits, 1, max_steps)
+            )
 
     monkeypatch.setattr(family, "_exchange", exchange)
     name = "layers" if family is LayersFit else "mesh"
@@ -128,7 +136,7 @@ def test_stopped_after_an_exchange_the_best_before_it_is_returned(family, monkey
 
 @pytest.mark.slow
 def test_checkpoints_can_be_resumed(tmp_path, monkeypatch):
-    monkeypatch.setattr(loop, "_BETWEEN", 0.0)
+    monkeypatch.setattr(loop, "_CHECKPOINT_SECONDS", 0.0)
     path = tmp_path / "fit.npz"
     sr.fit(TARGET, triangles=6, steps=50, checkpoint=path)
     found = sr.FitResult.load(path)
@@ -185,8 +193,8 @@ class TestBudget:
 
     def test_scoring_is_set_aside(self, clock):
         clock[0] = 110.0
-        assert self.budget(2.0).left() == 18.0
-        assert self.budget(None).left() == 17.0
+        assert self.budget(2.0).seconds_for_steps() == 18.0
+        assert self.budget(None).seconds_for_steps() == 17.0
 
     def test_it_ends_before_what_is_set_aside(self, clock):
         budget = self.budget(2.0)
@@ -211,7 +219,7 @@ class TestBudget:
         budget = replace_steps(self.budget(None), 30)
         assert [budget.next_steps(done, 25, None, 0.0) for done in (0, 28)] == [4, 2]
         assert budget.share(15, None) == 0.5
-        assert budget.remaining(20, 0.5) == 5.0
+        assert budget.seconds_left(20, 0.5) == 5.0
 
 
 def replace_steps(budget, steps):
@@ -220,11 +228,11 @@ def replace_steps(budget, steps):
 
 class TestInterrupt:
     def test_the_first_is_noted_and_the_second_raised(self):
-        with held_interrupt() as noted:
-            assert not noted.asked
+        with deferred_interrupt() as noted:
+            assert not noted.requested
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.01)
-            assert noted.asked
+            assert noted.requested
             with pytest.raises(KeyboardInterrupt):
                 os.kill(os.getpid(), signal.SIGINT)
                 time.sleep(1)
@@ -236,8 +244,8 @@ class TestInterrupt:
         seen = []
 
         def work():
-            with held_interrupt() as noted:
-                seen.append(noted.asked)
+            with deferred_interrupt() as noted:
+                seen.append(noted.requested)
 
         thread = threading.Thread(target=work)
         thread.start()

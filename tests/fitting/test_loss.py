@@ -11,16 +11,15 @@ import softras2d as sr
 from softras2d.color import srgb_to_linear
 from softras2d.fitting.closed_form import best_colors
 from softras2d.fitting.layers.unknowns import (
-    UNIT,
-    Layers,
     LayersData,
     LayersResidual,
-    held,
+    LayersUnknowns,
     layers_scene,
 )
 from softras2d.fitting.loss import Loss
 from softras2d.fitting.resample import shrink
 from softras2d.fitting.score import ssim
+from softras2d.fitting.units import POSITION_UNIT, clip_straight_through
 from tests.cases.pictures import blobs
 
 RNG = np.random.default_rng(0)
@@ -30,14 +29,16 @@ WEIGHTS = jnp.asarray(RNG.random((12, 14)), jnp.float32)
 
 def test_losses_by_hand():
     off = np.asarray(IMAGE) - np.asarray(TARGET)
-    residual = Loss("squared").of(IMAGE, TARGET, None)
+    residual = Loss("squared").residual(IMAGE, TARGET, None)
     np.testing.assert_allclose(residual, off, atol=1e-6)
-    weighed = Loss("squared").of(IMAGE, TARGET, WEIGHTS)
+    weighed = Loss("squared").residual(IMAGE, TARGET, WEIGHTS)
     squares = (off**2 * np.asarray(WEIGHTS)[..., None]).sum()
     assert float(jnp.sum(weighed**2)) == pytest.approx(squares, rel=1e-5)
-    assert float(Loss("l1").of(IMAGE, TARGET, None)) == pytest.approx(np.abs(off).sum(), rel=1e-5)
+    assert float(Loss("l1").residual(IMAGE, TARGET, None)) == pytest.approx(
+        np.abs(off).sum(), rel=1e-5
+    )
     both = (off**2).sum() + 0.02 * off.size * (1 - float(ssim(IMAGE, TARGET)))
-    assert float(Loss("ssim").of(IMAGE, TARGET, None)) == pytest.approx(both, rel=1e-5)
+    assert float(Loss("ssim").residual(IMAGE, TARGET, None)) == pytest.approx(both, rel=1e-5)
 
 
 def test_linear_light_and_alpha():
@@ -51,7 +52,9 @@ def test_linear_light_and_alpha():
 
 
 def test_held_values_have_a_slope_outside():
-    value, slope = jax.value_and_grad(lambda x: jnp.sum(held(x)))(jnp.asarray([-0.5, 0.5, 1.5]))
+    value, slope = jax.value_and_grad(lambda x: jnp.sum(clip_straight_through(x)))(
+        jnp.asarray([-0.5, 0.5, 1.5])
+    )
     assert float(value) == 1.5
     np.testing.assert_array_equal(slope, 1.0)
 
@@ -87,7 +90,7 @@ def test_colors_of_layers_in_closed_form(light):
     """The slope of the squared error by each colour is zero, for colours that need no holding."""
     target = 0.5 + 0.3 * (blobs() - 0.5)
     corners = np.array([[[4, 4], [30, 6], [8, 34]], [[20, 10], [44, 12], [30, 38]]], np.float32)
-    y = Layers(jnp.asarray(corners / UNIT), jnp.full((2, 3, 3), 0.5), None)
+    y = LayersUnknowns(jnp.asarray(corners / POSITION_UNIT), jnp.full((2, 3, 3), 0.5), None)
     background = jnp.asarray([0.5, 0.5, 0.5])
     plan = sr.plan(layers_scene(y, background), height=40, width=48, coverage=sr.Soft(0.8))
     loss = Loss(light=light)

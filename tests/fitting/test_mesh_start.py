@@ -245,6 +245,6 @@ def test_tiny_targets(size):
 def test_a_start_in_a_hurry_is_taken_as_it_is():
     target = _noise(0)
     looks = iter([False, True, True, True])
-    mesh = error_start(target, 200, hurry=lambda: next(looks))
+    mesh = error_start(target, 200, must_start=lambda: next(looks))
     assert 60 <= len(mesh.positions) < 200
     check_tiling(mesh)

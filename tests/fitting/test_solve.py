@@ -5,7 +5,14 @@ import numpy as np
 import optimistix as optx
 import pytest
 
-from softras2d.fitting.solve import advance, advance_each, begin, forget_best, move, set_rate
+from softras2d.fitting.solve import (
+    advance,
+    advance_each,
+    begin,
+    forget_best,
+    move,
+    set_learning_rate,
+)
 from softras2d.fitting.solvers import SOLVERS, levenberg_marquardt, solver_of
 
 ANSWER = np.array([0.3, -1.2, 0.8, 2.0], np.float32)
@@ -24,9 +31,9 @@ STEPS = {"adam": 600, "lm": 12, "dogleg": 20, "bfgs": 60, "lbfgs": 60}
 
 @pytest.mark.parametrize("name", SOLVERS)
 def test_every_solver_finds_the_answer_in_chunks(name):
-    solver = solver_of(name, rate=0.05)
+    solver = solver_of(name, learning_rate=0.05)
     progress = begin(solver, residual, jnp.zeros(4), jnp.float32(1.0))
-    assert np.isinf(progress.least)
+    assert np.isinf(progress.best_loss)
     losses = []
     for _ in range(4):
         progress, found, (off, sums) = advance(
@@ -38,12 +45,12 @@ def test_every_solver_finds_the_answer_in_chunks(name):
     assert progress.steps == STEPS[name]
     assert losses[-1] < 1e-3 * losses[0]
     np.testing.assert_allclose(progress.best, ANSWER, atol=2e-2)
-    assert float(progress.least) == pytest.approx(min(losses), rel=1e-6)
+    assert float(progress.best_loss) == pytest.approx(min(losses), rel=1e-6)
 
 
 @pytest.mark.parametrize("name", SOLVERS)
 def test_a_solve_goes_on_from_where_it_is_moved_to(name):
-    solver, scale = solver_of(name, rate=0.05), jnp.float32(1.0)
+    solver, scale = solver_of(name, learning_rate=0.05), jnp.float32(1.0)
     progress = begin(solver, residual, jnp.zeros(4), scale)
     progress, before, _ = advance(solver, residual, progress, scale, steps=3)
     far = jnp.full(4, 3.0)
@@ -52,7 +59,7 @@ def test_a_solve_goes_on_from_where_it_is_moved_to(name):
     progress, losses, _ = advance(solver, residual, progress, scale, steps=1)
     assert losses[0] == pytest.approx(float((residual(far, scale)[0] ** 2).sum()), rel=1e-5)
     # The best is still that of before.
-    assert float(progress.least) == pytest.approx(min(before.tolist()), rel=1e-6)
+    assert float(progress.best_loss) == pytest.approx(min(before.tolist()), rel=1e-6)
 
 
 def test_chunks_are_as_one():
@@ -66,7 +73,7 @@ def test_chunks_are_as_one():
 
 
 def test_other_arguments_compile_nothing(count_compilations):
-    solver = solver_of("adam", rate=0.05)
+    solver = solver_of("adam", learning_rate=0.05)
     progress = begin(solver, residual, jnp.zeros(4), jnp.float32(1.0))
     progress, _, _ = advance(solver, residual, progress, jnp.float32(1.0), steps=5)
     with count_compilations() as compiled:
@@ -78,21 +85,21 @@ def test_the_best_is_kept_where_the_solver_wanders():
     def wild(y, args):
         return jnp.where(y[0] > 0.5, jnp.nan, (y[0] - 1.0) ** 2), (None, None)
 
-    solver = solver_of("adam", rate=0.2)
+    solver = solver_of("adam", learning_rate=0.2)
     progress = begin(solver, wild, jnp.zeros(1), None)
     progress, losses, _ = advance(solver, wild, progress, None, steps=12)
     assert np.isnan(losses[-1])
     assert np.isfinite(progress.best).all()
-    assert np.isfinite(progress.least)
+    assert np.isfinite(progress.best_loss)
 
 
 def test_a_changed_loss_starts_a_new_best():
-    solver = solver_of("adam", rate=0.05)
+    solver = solver_of("adam", learning_rate=0.05)
     progress = begin(solver, residual, jnp.zeros(4), jnp.float32(0.1))
     progress, _, _ = advance(solver, residual, progress, jnp.float32(0.1), steps=5)
     progress = forget_best(progress)
     progress, losses, _ = advance(solver, residual, progress, jnp.float32(1.0), steps=5)
-    assert float(progress.least) == pytest.approx(float(losses.min()), rel=1e-6)
+    assert float(progress.best_loss) == pytest.approx(float(losses.min()), rel=1e-6)
 
 
 def test_any_solver_of_optimistix_is_taken():
@@ -111,7 +118,7 @@ def test_an_unknown_solver_is_named():
 @pytest.mark.slow
 def test_several_at_once_are_as_each_alone():
     for name in ("adam", "lm"):
-        solver = solver_of(name, rate=0.05)
+        solver = solver_of(name, learning_rate=0.05)
         scales = [jnp.float32(1.0), jnp.float32(3.0)]
         starts = [jnp.zeros(4), jnp.ones(4)]
         many = [begin(solver, residual, y, s) for y, s in zip(starts, scales, strict=True)]
@@ -121,18 +128,18 @@ def test_several_at_once_are_as_each_alone():
             np.testing.assert_allclose(found[0].y, alone[0].y, atol=1e-5)
             np.testing.assert_allclose(found[1], alone[1], rtol=1e-4)
             assert found[0].steps == 4
-            assert np.isfinite(found[0].least)
+            assert np.isfinite(found[0].best_loss)
 
 
 def test_a_rate_can_be_set_without_compiling(count_compilations):
-    solver = solver_of("adam", rate=0.05)
+    solver = solver_of("adam", learning_rate=0.05)
     scale = jnp.float32(1.0)
     progress = begin(solver, residual, jnp.zeros(4), scale)
     progress, _, _ = advance(solver, residual, progress, scale, steps=2)
-    still = set_rate(progress, 0.0)
+    still = set_learning_rate(progress, 0.0)
     with count_compilations() as compiled:
         after, _, _ = advance(solver, residual, still, scale, steps=2)
     assert not compiled.names
     np.testing.assert_array_equal(after.y, progress.y)
     other = begin(solver_of("bfgs"), residual, jnp.zeros(4), scale)
-    assert set_rate(other, 0.1) is other
+    assert set_learning_rate(other, 0.1) is other

@@ -1,170 +1,168 @@
-"""A fit of layers between chunks of steps: triangles placed, put to use again, plans renewed."""
+"""Fit of free triangles: they are added where the error is, and moved where they matter more.
 
-from dataclasses import dataclass
+The arrays have one length for the whole fit. Triangles that are not in use yet wait outside the
+canvas, beyond the reach of any soft edge, where they cost next to nothing. As the fit goes on:
+
+- until `_GROWTH_END`, triangles are added where the error is largest;
+- then, until `_LAST_EXCHANGE`, those whose removal costs least are moved to where they gain more;
+- in the last part, nothing changes any more and the learning rate falls.
+"""
+
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...color import premultiply
 from ...numerics.device import to_device
 from ...options import Soft
 from ...planning.plan import Plan
 from ...planning.size_classes import fine_class
 from ...rendering.planner import plan
 from ...scene import Scene
-from ..chunk import take_steps
 from ..closed_form import best_colors
-from ..loss import Loss
-from ..mesh.vertex_colors import Image, PixelMap
-from ..solve import begin, forget_best, move, set_rate
-from ..solvers import Solver
+from ..family import AbstractFit, FitRequest
+from ..solve import begin, forget_best, move, set_learning_rate
+from ..units import POSITION_UNIT
+from . import saved
 from .placement import place, random_triangles, removal_costs
 from .start import background_of, start_of
-from .unknowns import UNIT, Layers, LayersData, LayersResidual, layers_scene
+from .unknowns import LayersData, LayersResidual, LayersUnknowns, layers_scene
 
-_GROWTH = 0.4
-"""Share of the fit after which all triangles are there."""
+_GROWTH_END = 0.4
+"""Share of the fit after which all triangles are in use."""
 
-_EXCHANGE = 0.3
-"""Share of the triangles that the first exchange puts to use again; it falls to zero at the end."""
+_FIRST_EXCHANGE_PART = 0.3
+"""Part of the triangles that the first exchange moves; it falls to zero at the end of the fit."""
 
-_PAUSE, _LAST = 0.02, 0.85
-"""Share of the fit between two exchanges, and after which there is none."""
+_EXCHANGE_INTERVAL, _LAST_EXCHANGE = 0.02, 0.85
+"""Share of the fit between two exchanges, and after which there are none."""
 
-_SIZE, _FINER = 0.9, 0.35
-"""Circumradius of a new triangle, in sides of the square that each has on average; and how much
-smaller those are that replace others."""
+_NEW_SIZE, _EXCHANGED_SIZE = 0.9, 0.35
+"""Circumradius of new triangles, as a multiple of the side of the square that each triangle has on
+average; and by how much smaller those are that an exchange places."""
 
-_HOPE = 10.0
-"""How many times what a new triangle gains at once is what it will have gained at the end."""
+_GAIN_TO_COME = 10.0
+"""Factor from what a new triangle gains at once to what it is expected to gain once it is fitted.
+An exchange is made if that is more than the removal costs."""
 
-_RATE = 0.025
-"""Of steps that have one: half a pixel, and half that of colour at its start. It falls at the end
-in a straight line."""
+_LEARNING_RATE = 0.025
+"""Half a pixel of position, or 0.025 of colour, per step."""
 
-_FALL, _LEAST = 0.3, 0.02
+_RATE_FALL, _LEAST_RATE = 0.3, 0.02
+"""Share of the fit, at its end, in which the learning rate falls linearly; and the factor at which
+it ends."""
 
-_ASIDE, _PER_WIDTH = -16.0, -4.0
-"""Where triangles wait that are not drawn yet: pixels, and widths of the softest edge."""
+_WAIT_AT, _WAIT_WIDTHS = -16.0, -4.0
+"""Both coordinates of triangles that wait: pixels, and widths of the softest edge, from the
+canvas."""
 
-_BEYOND = 0.4
-"""Canvas sides that a corner may go beyond the canvas, or as many as a scene to start from does:
-hard mode clips what is half a side out."""
+_OVERSHOOT = 0.4
+"""Canvas sides by which a corner may leave the canvas, or more if the scene to start from does.
+Hard mode clips what is more than half a side outside."""
 
-_ANNEALED = 0.5
+_SHARPENED = 0.5
 """Share of the fit after which soft edges have their last width."""
 
 
-@dataclass(frozen=True)
-class LayersChoice:
-    """How the triangles are to be.
+class _Earlier(NamedTuple):
+    """The best unknowns before triangles were moved elsewhere, and their loss."""
 
-    - `triangles`: how many; `gouraud`: whether they have corner colours; `translucent`: whether
-      opacity is an unknown; `softness`: the first and last width of soft edges in pixels.
-    - `solve`: whether colours are solved for between chunks.
-    - `start`: `"error"`, `"uniform"`, `"delaunay"`, or a scene in pixels of the fit; `exchange`:
-      whether triangles are placed where the error is, and anew.
-    - `tuned`: whether the solver is our own `"adam"`, whose rate and memory, one number for each
-      unknown, this fit knows.
+    loss: float
+    y: LayersUnknowns
+
+
+class LayersFit(AbstractFit):
+    """A fit of free triangles, flat or with corner colours, opaque or translucent.
+
+    - `length`: number of triangles in the arrays, a size class, so that fits of nearby numbers of
+      triangles share programs. A resumed fit has the length that was saved.
     """
 
-    triangles: int
-    gouraud: bool
-    translucent: bool
-    softness: tuple[float, float]
-    solve: bool
-    start: str | Scene
-    exchange: bool
-    tuned: bool
+    data: LayersData
 
-
-class Kept(NamedTuple):
-    """The best there was before triangles were put to use elsewhere."""
-
-    least: float
-    y: Layers
-
-
-class LayersFit:
-    """The state of a fit: what `advance` and `refine` change."""
-
-    def __init__(
-        self,
-        target: Image,
-        weights: PixelMap | None,
-        choice: LayersChoice,
-        loss: Loss,
-        solver: Solver,
-        seed: int,
-        length: int | None = None,
-    ):
-        """`length`: triangles of the arrays, of a saved fit; by default a size class, so that fits
-        of like size share programs. What is beyond `most` waits outside for good."""
-        self.choice, self.loss, self.solver = choice, loss, solver
-        self.length = fine_class(choice.triangles) if length is None else length
-        self.target, self.weights = target, weights
-        self.height, self.width = target.shape[:2]
-        self.rng = np.random.default_rng(seed)
-        self.background = background_of(choice.start, target, weights)
+    def __init__(self, request: FitRequest):
+        self.request = request
+        image, settings = request.target.image, request.settings
+        self.height, self.width = image.shape[:2]
+        self._gouraud = settings["shading"] == "gouraud"
+        self._translucent: bool = settings["translucent"]
+        self._softness: tuple[float, float] = settings["softness"]
+        state = request.resume_state
+        self.length = fine_class(self.max_triangles)
+        if state is not None:
+            self.length = saved.length_of(state)
+        # A resumed fit gets its triangles from its state; any start of the right shapes will do.
+        start = request.start if state is None else "uniform"
+        self._rng = np.random.default_rng(request.seed)
+        self._background = background_of(start, request.target)
+        weights = request.target.weights
         self.data = LayersData(
-            loss.prepare(to_device(target)),
+            request.loss.prepare(to_device(image)),
             None if weights is None else to_device(weights, np.float32),
-            to_device(self.background),
-            to_device(choice.softness[0], np.float32),
+            to_device(self._background),
+            to_device(self._softness[0], np.float32),
         )
-        y, self.active = self._start()
-        self.beyond = _BEYOND
-        if isinstance(choice.start, Scene):
-            self.beyond = max(_BEYOND, self._reach(y))
-        self.residual = LayersResidual(self._plan([self.likely()]), loss)
-        self.progress = begin(solver, self.residual, y, self.data)
-        self.kept: Kept | None = None
-        self.image = np.broadcast_to(self.background, target.shape)
-        self.exchanged = 0.0
+        y, self.active = self._start(start)
+        self._overshoot = _OVERSHOOT
+        if isinstance(start, Scene):
+            self._overshoot = max(_OVERSHOOT, self._overshoot_of(y))
+        self.residual = LayersResidual(self._plan([self.likely_scene()]), request.loss)
+        self.progress = begin(request.solver, self.residual, y, self.data)
+        self._earlier: _Earlier | None = None
+        self.image = np.broadcast_to(self._background, image.shape)
+        self.last_exchange = 0.0
 
     @property
-    def most(self) -> int:
-        """Triangles that there may be."""
-        return self.choice.triangles
+    def max_triangles(self) -> int:
+        """The option `triangles`."""
+        return self.request.settings["triangles"]
 
     @property
-    def _aside(self) -> float:
+    def _wait_at(self) -> float:
         """Both coordinates of triangles that wait, in pixels."""
-        return _ASIDE + _PER_WIDTH * max(self.choice.softness)
+        return _WAIT_AT + _WAIT_WIDTHS * max(self._softness)
 
-    def _start(self) -> tuple[Layers, int]:
+    def _start(self, start: str | Scene) -> tuple[LayersUnknowns, int]:
         """The unknowns, and how many triangles are in use."""
-        choice = self.choice
-        count, corners = choice.triangles, 3 if choice.gouraud else 1
-        found = start_of(
-            choice.start, self.target, self.weights, self.rng, triangles=count,
-            gouraud=choice.gouraud, translucent=choice.translucent,
-            circumradius=_SIZE * self._spacing(count),
+        count = self.max_triangles
+        first = start_of(
+            start, self.request.target, self._rng, triangles=count,
+            gouraud=self._gouraud, translucent=self._translucent,
+            circumradius=_NEW_SIZE * self._spacing(count),
         )  # fmt: skip
-        active, length = len(found.corners), self.length
-        places = np.full((length, 3, 2), self._aside, np.float32)
-        colors = np.full((length, corners, 3), 0.5, np.float32)
+        active, length = len(first.corners), self.length
+        corners = np.full((length, 3, 2), self._wait_at, np.float32)
+        colors = np.full((length, 3 if self._gouraud else 1, 3), 0.5, np.float32)
         opacity = np.ones(length, np.float32)
-        places[:active], colors[:active], opacity[:active] = found
-        held = to_device(opacity) if choice.translucent else None
-        return Layers(to_device(places / UNIT, np.float32), to_device(colors), held), active
+        corners[:active], colors[:active], opacity[:active] = first
+        return self._unknowns(corners, colors, opacity), active
+
+    def _unknowns(
+        self, corners: np.ndarray, colors: np.ndarray, opacity: np.ndarray
+    ) -> LayersUnknowns:
+        """Unknowns on the device, from corners in pixels."""
+        return LayersUnknowns(
+            to_device(corners / POSITION_UNIT, np.float32),
+            to_device(colors),
+            to_device(opacity) if self._translucent else None,
+        )
 
     def _spacing(self, count: int) -> float:
-        """Side of the square that each of so many triangles has, in pixels."""
+        """Side of the square, in pixels, that each of `count` triangles has on average."""
         return float(np.sqrt(self.height * self.width / max(count, 1)))
 
-    def likely(self) -> Scene:
-        """A scene like those that the fit will go through, to plan for."""
-        count = self.choice.triangles
+    def likely_scene(self) -> Scene:
+        """Random triangles, as many as there may be, somewhat larger than new ones."""
+        count = self.max_triangles
         rng = np.random.default_rng(0)
         middle = rng.random((count, 2)) * [self.width, self.height]
-        corners = np.full((self.length, 3, 2), self._aside)
+        corners = np.full((self.length, 3, 2), self._wait_at)
         corners[:count] = random_triangles(rng, middle, 1.6 * self._spacing(count))
-        colors = np.zeros((self.length, 3 if self.choice.gouraud else 1, 3), np.float32)
-        opacity = np.full(self.length, 0.5, np.float32) if self.choice.translucent else None
-        held = None if opacity is None else to_device(opacity)
-        y = Layers(to_device(corners / UNIT, np.float32), to_device(colors), held)
+        colors = np.zeros((self.length, 3 if self._gouraud else 1, 3), np.float32)
+        opacity = np.full(self.length, 0.5, np.float32)
+        y = self._unknowns(corners, colors, opacity)
         return layers_scene(y, self.data.background)
 
     def _plan(self, scenes: list[Scene]) -> Plan:
@@ -172,159 +170,180 @@ class LayersFit:
             scenes,
             height=self.height,
             width=self.width,
-            coverage=Soft(self.choice.softness[1]),
-            max_width=max(self.choice.softness),
+            coverage=Soft(self._softness[1]),
+            max_width=max(self._softness),
         )
 
     @property
-    def y(self) -> Layers:
+    def _best(self) -> LayersUnknowns:
         """The best unknowns so far."""
-        least = float(self.progress.least)
-        if self.kept is not None and not self.kept.least > least:
-            return self.kept.y
-        return self.progress.best if np.isfinite(least) else self.progress.y
+        loss = float(self.progress.best_loss)
+        if self._earlier is not None and not self._earlier.loss > loss:
+            return self._earlier.y
+        return self.progress.best if np.isfinite(loss) else self.progress.y
 
     def scene(self, *, padded: bool = False) -> Scene:
-        """The best scene so far, in pixels of the fit; `padded` by triangles that wait outside."""
+        """The best scene so far; `padded` by the triangles that wait outside."""
         drawn = slice(None if padded else self.active)
-        y = jax.tree.map(lambda leaf: leaf[drawn], self.y)
-        return layers_scene(self._near(y), self.data.background)
+        y = jax.tree.map(lambda leaf: leaf[drawn], self._best)
+        return layers_scene(self._near_canvas(y), self.data.background)
 
     def polish(self) -> None:
-        """The best unknowns so far, with the colours of least squared error."""
-        y = self.y
-        # Of before an exchange it may not fit the plan of now.
-        room = self._plan([self.likely(), layers_scene(y, self.data.background)])
-        if not self.residual.plan.holds(room):
-            self.residual = LayersResidual(room, self.loss)
-        y = best_colors(self.residual, y, self.data, self.loss.light)
-        self.kept = None
-        self.progress = forget_best(move(self.solver, self.residual, self.progress, y, self.data))
+        """Go to the best unknowns so far, with the colours of least squared error."""
+        y, loss = self._best, self.request.loss
+        # The best unknowns may be older than the last exchange, and not fit the plan of now.
+        needed = self._plan([self.likely_scene(), layers_scene(y, self.data.background)])
+        if not self.residual.plan.holds(needed):
+            self.residual = LayersResidual(needed, loss)
+        y = best_colors(self.residual, y, self.data, loss.light)
+        self._earlier = None
+        moved = move(self.request.solver, self.residual, self.progress, y, self.data)
+        self.progress = forget_best(moved)
 
-    @property
-    def solves(self) -> bool:
-        """Whether colours are solved for between chunks."""
-        return self.choice.solve
-
-    def replan(self, led: list[Layers]) -> LayersResidual:
-        """A residual with room for where the unknowns led."""
-        seen = [layers_scene(y, self.data.background) for y in led]
-        return LayersResidual(self._plan([self.likely(), *seen]), self.loss)
-
-    def advance(self, steps: int, room: int) -> np.ndarray:
-        """Losses of so many steps, or of fewer."""
-        return take_steps(self, steps, room)
+    def replan(self, reached: list[LayersUnknowns]) -> LayersResidual:
+        """A residual with capacity for these unknowns and for the likely scene."""
+        scenes = [layers_scene(y, self.data.background) for y in reached]
+        return LayersResidual(self._plan([self.likely_scene(), *scenes]), self.request.loss)
 
     def refine(self, share: float) -> None:
-        """What the host does between chunks, `share` of the way through the fit."""
-        total = self.choice.triangles
+        """Sharpen edges, lower the learning rate, and add or exchange triangles."""
+        total = self.max_triangles
         self._sharpen(share)
-        if self.choice.tuned:
-            rate = _RATE * max(_LEAST, min(1.0, (1 - share) / _FALL))
-            self.progress = set_rate(self.progress, rate)
+        if self.request.adjustable_rate:
+            factor = max(_LEAST_RATE, min(1.0, (1 - share) / _RATE_FALL))
+            self.progress = set_learning_rate(self.progress, _LEARNING_RATE * factor)
             y = self.progress.y
             waits = jnp.arange(self.length)[:, None, None] >= self.active
-            corners = jnp.where(waits, y.corners, self._near(y).corners)
+            corners = jnp.where(waits, y.corners, self._near_canvas(y).corners)
             self.progress = self.progress._replace(y=y._replace(corners=corners))
-        if not self.choice.exchange:
+        if not self.request.exchanges:
             return
-        wanted = int(min(total, max(8, total * min(1.0, share / _GROWTH) ** 1.5)))
+        wanted = int(min(total, max(8, total * min(1.0, share / _GROWTH_END) ** 1.5)))
         missing = max(0, wanted - self.active)
+        # Few large additions are better than many small ones: each restarts solvers of 2nd order.
         if missing >= max(1, self.active // 20) or (missing and wanted == total):
-            self._place(missing, _SIZE)
-        elif self.active == total and share < _LAST and share - self.exchanged >= _PAUSE:
-            self.exchanged = share
-            self._exchange(max(1, int(total * _EXCHANGE * (1 - share))))
+            self._add(missing)
+        elif (
+            self.active == total
+            and share < _LAST_EXCHANGE
+            and share - self.last_exchange >= _EXCHANGE_INTERVAL
+        ):
+            self.last_exchange = share
+            self._exchange(max(1, int(total * _FIRST_EXCHANGE_PART * (1 - share))))
 
     def _sharpen(self, share: float) -> None:
-        """Soft edges as wide as they are to be by now; losses at other widths do not compare."""
-        first, last = self.choice.softness
-        width = np.float32(first * (last / first) ** min(1.0, share / _ANNEALED))
+        """Set the width of soft edges for this share of the fit.
+
+        Losses at different widths do not compare, so a new width forgets the best so far.
+        """
+        first, last = self._softness
+        width = np.float32(first * (last / first) ** min(1.0, share / _SHARPENED))
         if width != np.float32(self.data.width):
             self.data = self.data._replace(width=to_device(width))
-            self.kept, self.progress = None, forget_best(self.progress)
+            self._earlier, self.progress = None, forget_best(self.progress)
 
-    def _reach(self, y: Layers) -> float:
-        """Canvas sides that triangles in use go beyond the canvas."""
+    def _overshoot_of(self, y: LayersUnknowns) -> float:
+        """By how many canvas sides the triangles in use leave the canvas."""
         side = max(self.height, self.width)
-        far = np.abs(np.asarray(y.corners[: self.active]) * UNIT / side - 0.5) - 0.5
-        return float(far.max(initial=0.0))
+        outside = np.abs(np.asarray(y.corners[: self.active]) * POSITION_UNIT / side - 0.5) - 0.5
+        return float(outside.max(initial=0.0))
 
-    def _near(self, y: Layers) -> Layers:
-        """With corners held near the canvas."""
+    def _near_canvas(self, y: LayersUnknowns) -> LayersUnknowns:
+        """The unknowns with their corners clipped to the neighbourhood of the canvas."""
         side = max(self.height, self.width)
-        low, high = -self.beyond * side / UNIT, (1 + self.beyond) * side / UNIT
+        low = -self._overshoot * side / POSITION_UNIT
+        high = (1 + self._overshoot) * side / POSITION_UNIT
         return y._replace(corners=jnp.clip(y.corners, low, high))
 
-    def _place(self, count: int, size: float) -> None:
-        found = place(
-            self.rng, premultiplied(self.image), premultiplied(self.target), count,
-            size=size * self._spacing(self.active + count), weights=self.weights,
+    def _add(self, count: int) -> None:
+        """Put up to `count` waiting triangles in front, where they lower the error most."""
+        target = self.request.target
+        new = place(
+            self._rng, premultiply(self.image), premultiply(target.image), count,
+            size=_NEW_SIZE * self._spacing(self.active + count), weights=target.weights,
         )  # fmt: skip
-        number = len(found.corners)
+        number = len(new.corners)
         if number == 0:
             return
-        order = np.arange(self.length)
-        self._change(order, self.active, found.corners, found.colors)
+        self._replace_triangles(np.arange(self.length), self.active, new.corners, new.colors)
         self.active += number
 
     def _exchange(self, count: int) -> None:
-        """The triangles that matter least are drawn last instead, where they matter more."""
-        total = self.choice.triangles
+        """Move up to `count` triangles whose removal costs least to where they gain more, in front.
+
+        Only those move whose expected gain is more than the cost of their removal.
+        """
+        total, target = self.max_triangles, self.request.target
+        goal = premultiply(target.image)
         y = jax.tree.map(lambda leaf: np.asarray(leaf)[:total], self.progress.y)
         opacity = None if y.opacity is None else np.clip(y.opacity, 0, 1)
         costs = removal_costs(
-            y.corners * UNIT, np.clip(y.colors, 0, 1), opacity, premultiplied(self.target),
-            self.background, self.weights,
+            y.corners * POSITION_UNIT, np.clip(y.colors, 0, 1), opacity, goal,
+            self._background, target.weights,
         )  # fmt: skip
-        found = place(
-            self.rng, premultiplied(self.image), premultiplied(self.target), count,
-            size=_SIZE * _FINER * self._spacing(self.choice.triangles), weights=self.weights,
+        new = place(
+            self._rng, premultiply(self.image), goal, count,
+            size=_NEW_SIZE * _EXCHANGED_SIZE * self._spacing(total), weights=target.weights,
         )  # fmt: skip
-        best = np.argsort(-found.gains)
+        best = np.argsort(-new.gains)
         least = np.argsort(costs)[: len(best)]
-        useful = int(np.sum(_HOPE * found.gains[best] > costs[least]))
+        useful = int(np.sum(_GAIN_TO_COME * new.gains[best] > costs[least]))
         if useful == 0:
             return
-        dropped, best = least[:useful], best[:useful]
-        stay, spare = np.setdiff1d(np.arange(total), dropped), np.arange(total, self.length)
-        order = np.concatenate([stay, dropped, spare])
-        first = total - useful
-        self._change(order, first, found.corners[best], found.colors[best])
+        removed, best = least[:useful], best[:useful]
+        staying, spare = np.setdiff1d(np.arange(total), removed), np.arange(total, self.length)
+        order = np.concatenate([staying, removed, spare])
+        self._replace_triangles(order, total - useful, new.corners[best], new.colors[best])
 
-    def _change(self, order: np.ndarray, first: int, corners: Any, colors: Any) -> None:
-        """Triangles in another order, and from `first` on new ones."""
+    def _replace_triangles(
+        self, order: np.ndarray, first: int, corners: np.ndarray, colors: np.ndarray
+    ) -> None:
+        """Put the triangles into `order`, then replace those from `first` on by new ones.
+
+        `corners`: `[new, 3, 2]` in pixels; `colors`: `[new, 3]`. The loss rises for a while after
+        this, so the best so far is kept aside.
+        """
         stop, total = first + len(corners), len(order)
-        if np.isfinite(self.progress.least):
-            self.kept = Kept(min(float(self.progress.least), _least(self.kept)), self.y)
+        if np.isfinite(self.progress.best_loss):
+            earlier = np.inf if self._earlier is None else self._earlier.loss
+            self._earlier = _Earlier(min(float(self.progress.best_loss), earlier), self._best)
 
-        def put(values: Any, new: Any) -> Any:
+        def reordered(values: Any, new: Any) -> Any:
             host = np.asarray(values)[order]
             host[first:stop] = new
             return to_device(host)
 
-        def forget(leaf: Any) -> Any:
-            follows = isinstance(leaf, jax.Array) and leaf.ndim and leaf.shape[0] == total
-            return put(leaf, 0) if follows else leaf
+        def reordered_memory(leaf: Any) -> Any:
+            per_triangle = isinstance(leaf, jax.Array) and leaf.ndim and leaf.shape[0] == total
+            return reordered(leaf, 0) if per_triangle else leaf
 
         y = self.progress.y
-        opacity = None if y.opacity is None else put(y.opacity, 0.9)
-        y = Layers(put(y.corners, corners / UNIT), put(y.colors, colors[:, None]), opacity)
-        if self.choice.tuned:
-            state = jax.tree.map(forget, self.progress.state)
-            self.progress = forget_best(self.progress._replace(y=y, state=state))
+        opacity = None if y.opacity is None else reordered(y.opacity, 0.9)
+        y = LayersUnknowns(
+            reordered(y.corners, corners / POSITION_UNIT),
+            reordered(y.colors, colors[:, None]),
+            opacity,
+        )
+        if self.request.adjustable_rate:
+            # Adam's memory has one number per unknown: it follows, and starts at 0 for new ones.
+            solver_state = jax.tree.map(reordered_memory, self.progress.state)
+            self.progress = forget_best(self.progress._replace(y=y, state=solver_state))
         else:
-            fresh = begin(self.solver, self.residual, y, self.data)
+            fresh = begin(self.request.solver, self.residual, y, self.data)
             self.progress = fresh._replace(steps=self.progress.steps)
 
+    def own_state(self) -> dict[str, np.ndarray]:
+        """Random generator, background, edge width, and the best before the last exchange."""
+        best = None if self._earlier is None else (self._earlier.loss, self._earlier.y)
+        return saved.pack(best, self._overshoot, self.data.width, self._background, self._rng)
 
-def premultiplied(image: Image) -> Image:
-    """Colours times alpha, and alpha; an image without alpha as it is."""
-    if image.shape[-1] == 3:
-        return image
-    alpha = image[..., 3:]
-    return np.concatenate([image[..., :3] * alpha, alpha], -1)
-
-
-def _least(kept: Kept | None) -> float:
-    return np.inf if kept is None else kept.least
+    def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
+        """Undo `own_state`."""
+        self._background, self._overshoot = arrays["background"], float(arrays["beyond"])
+        self.data = self.data._replace(
+            background=to_device(self._background), width=to_device(arrays["width"])
+        )
+        saved.restore_generator(self._rng, arrays)
+        best = saved.unpack_best(self.progress.y, arrays)
+        if best is not None:
+            self._earlier = _Earlier(*best)

@@ -1,7 +1,7 @@
-"""New triangles where they lower the error most, and what each of those that are there is worth.
+"""Where new triangles lower the error most, and what the removal of each present one costs.
 
-On the host and for one sample a pixel: the error with and without a triangle is known exactly
-there, so that both can be compared.
+Both are computed on the host with one sample per pixel. With that coverage the error with and
+without a triangle is known exactly, so gains and costs can be compared.
 """
 
 from typing import NamedTuple
@@ -12,23 +12,23 @@ from scipy.ndimage import gaussian_filter
 
 from ..mesh.pixel_weights import PixelWeights, pixel_weights
 from ..mesh.triangulation import cross, disjoint
-from ..mesh.vertex_colors import Image, PixelMap
+from ..target import Image, PixelMap
 
 Corners = Float[np.ndarray, "triangles 3 2"]
 
 _TRIES = 24
-"""Candidates for each triangle that is placed."""
+"""Candidates drawn at random for each triangle that is placed."""
 
 
 _PAIRS = 2.0**21
-"""Of a candidate and a pixel that are looked at together: some 100 bytes each."""
+"""Largest number of (candidate, pixel) pairs in memory at once; each takes some 100 bytes."""
 
 _ROUNDING = 1e-9
-"""Of a squared colour, for each pixel: a gain of less is none."""
+"""Squared error per pixel of the image below which a gain is taken for rounding."""
 
 
 class Placed(NamedTuple):
-    """New triangles, flat: corners in pixels, colours, and by how much each lowers the error."""
+    """New flat triangles: corners in pixels, colours, and by how much each lowers the error."""
 
     corners: np.ndarray
     colors: np.ndarray
@@ -44,12 +44,15 @@ def place(
     size: float,
     weights: PixelMap | None = None,
 ) -> Placed:
-    """At most `count` opaque triangles over `image`, the best of many that lie where it errs.
+    """At most `count` opaque triangles over `image`: the best of many random ones.
 
-    Of four channels, premultiplied, the last is alpha, which is 1 in a triangle.
-    `size`: their typical circumradius in pixels. Each has the mean of the target beneath it as its
-    colour. They hardly overlap, so that their gains add up. Fewer come out, or none, where nothing
-    is gained.
+    Candidates are drawn where the error is large. Each has the mean colour of the target beneath
+    it. The chosen ones hardly overlap, so that their gains add up. Fewer are returned, or none, if
+    too few gain anything.
+
+    - `image`, `target`: three channels, or four premultiplied ones, of which the last is alpha.
+    - `size`: typical circumradius, in pixels.
+    - `weights`: of the error of each pixel; None: all 1.
     """
     height, width = target.shape[:2]
     scale = np.ones((height, width)) if weights is None else weights
@@ -61,7 +64,7 @@ def place(
     corners = random_triangles(rng, middle, size)
     parts = [_gains(corners[own], target, error, scale) for own in _blocks(corners, height * width)]
     color, gains = (np.concatenate(held) for held in zip(*parts, strict=True))
-    # One to a square as wide as a triangle.
+    # At most one triangle in each square that is as wide as a triangle.
     square = (middle // max(size, 1.0)).astype(np.int64)
     across = int(width // max(size, 1.0)) + 1
     claims = (square[:, 1] * across + square[:, 0])[:, None]
@@ -73,8 +76,10 @@ def place(
 def random_triangles(
     rng: np.random.Generator, middle: Float[np.ndarray, "triangles 2"], size: float
 ) -> Corners:
-    """Triangles of positive orientation about their middles: equilateral ones of a circumradius
-    near `size`, turned, and stretched along any direction."""
+    """Random triangles of positive orientation around the centres `middle`.
+
+    They are equilateral with a circumradius near `size`, rotated and stretched at random.
+    """
     count = len(middle)
     third = 2 * np.pi / 3 * np.arange(3)
     angle = rng.uniform(0, 2 * np.pi, (count, 1)) + third
@@ -89,7 +94,7 @@ def random_triangles(
 
 
 def _blocks(corners: Corners, pixels: int) -> list[slice]:
-    """Candidates cut so that those of one block cover about `_PAIRS` of the pixels."""
+    """Split candidates into blocks that each cover about `_PAIRS` pixels."""
     area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     before = np.cumsum(np.minimum(area, pixels)) // _PAIRS
     starts = np.flatnonzero(np.diff(before, prepend=-1))
@@ -99,7 +104,7 @@ def _blocks(corners: Corners, pixels: int) -> list[slice]:
 def _gains(
     corners: Corners, target: Image, error: PixelMap, scale: PixelMap
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of each triangle: its colour, and by how much it lowers the error if it is drawn."""
+    """The colour of each triangle, and by how much it lowers the error if it is drawn."""
     height, width = error.shape
     pairs = soup_pixels(corners, height=height, width=width)
     weight = scale.ravel()[pairs.pixel]
@@ -121,10 +126,10 @@ def removal_costs(
     background: Float[np.ndarray, " channels"],
     weights: PixelMap | None = None,
 ) -> Float[np.ndarray, " triangles"]:
-    """By how much the error rises without each triangle; 0 where it is not seen, below 0 where it
-    does harm.
+    """By how much the squared error rises if one triangle is removed, for each triangle.
 
-    Triangles lie over each other in their order. `target` and `background` are premultiplied.
+    The cost of a hidden triangle is 0; that of a triangle that does harm is below 0. Later
+    triangles lie in front. `target` and `background` are premultiplied.
     """
     height, width = target.shape[:2]
     pairs = soup_pixels(corners, height=height, width=width)
@@ -149,7 +154,7 @@ def removal_costs(
     for rank in ranks:
         seen[rank] = clear[pixel[rank]]
         clear[pixel[rank]] *= 1 - share[rank]
-    # Without it the image is lower by `part`.
+    # Removing the triangle lowers the image by `part`.
     part = (seen * share)[:, None] * (color - behind)
     off = (drawn - target.reshape(-1, channels))[pixel]
     rise = (part * (part - 2 * off)).sum(-1)
@@ -159,11 +164,13 @@ def removal_costs(
 
 
 def soup_pixels(corners: Corners, *, height: int, width: int) -> PixelWeights:
-    """The pixel centres in each triangle of either orientation; of none without area, or not
-    finite."""
+    """The pixel centres in each triangle, of either orientation.
+
+    A triangle without area, or with a corner that is not finite, has none.
+    """
     area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     usable = np.isfinite(area) & (np.abs(area) > 1e-6)
-    # In place of the others: one beside the canvas.
+    # The others are replaced by a triangle outside the canvas, which holds no pixel centre.
     aside = np.array([[-3.0, -3.0], [-2.0, -3.0], [-3.0, -2.0]])
     kept = np.where(usable[:, None, None], corners, aside).astype(np.float64)
     index = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Where layers start: nowhere yet, evenly, along what is seen, or where a scene has them."""
+"""Triangles to start a fit of layers from: none, random ones, a Delaunay mesh, or a scene."""
 
 from typing import NamedTuple
 
@@ -7,17 +7,20 @@ from jaxtyping import Float
 
 from ...scene import Scene
 from ..mesh.start import delaunay_start
-from ..mesh.vertex_colors import Image, PixelMap, at_corners, solve_colors
+from ..mesh.vertex_colors import at_corners, solve_colors
+from ..target import Target
 from .placement import random_triangles
 
 _OPACITY = 0.8
-"""Where it is sought and the start has none."""
+"""First opacity of translucent triangles, unless a scene to start from gives one."""
 
 
 class LayersStart(NamedTuple):
-    """The first triangles, in pixels of the fit: those in use, which may be none.
+    """The triangles in use at the start, in pixels of the fit; there may be none.
 
-    - `corners`: `[triangles, 3, 2]`; `colors`: `[triangles, corners, 3]`; `opacity`: `[triangles]`.
+    - `corners`: `[triangles, 3, 2]`.
+    - `colors`: `[triangles, 1 or 3, 3]`.
+    - `opacity`: `[triangles]`.
     """
 
     corners: np.ndarray
@@ -27,8 +30,7 @@ class LayersStart(NamedTuple):
 
 def start_of(
     start: str | Scene,
-    target: Image,
-    weights: PixelMap | None,
+    target: Target,
     rng: np.random.Generator,
     *,
     triangles: int,
@@ -36,90 +38,93 @@ def start_of(
     translucent: bool,
     circumradius: float,
 ) -> LayersStart:
-    """At most so many triangles; `ValueError` for a start that is none, or does not fit.
+    """At most `triangles` triangles to start from.
 
-    `circumradius`: in pixels, of those of a `"uniform"` start.
+    `circumradius`: typical one of the triangles of a `"uniform"` start, in pixels. Raises
+    `ValueError` for an unknown word, and for a scene that cannot be fitted.
     """
     if isinstance(start, Scene):
-        return _taken(start, triangles, gouraud, translucent)
+        return _from_scene(start, triangles, gouraud, translucent)
     if start == "uniform":
-        corners, colors = _even(target, rng, triangles, circumradius)
+        corners, colors = _random(target, rng, triangles, circumradius)
     elif start == "delaunay":
-        corners, colors = _abutting(target, weights, rng, triangles, gouraud)
+        corners, colors = _delaunay(target, rng, triangles, gouraud)
     elif start == "error":
+        # The fit adds triangles between its chunks.
         corners, colors = np.zeros((0, 3, 2)), np.zeros((0, 1, 3))
     else:
         raise ValueError(
             f"`start` must be 'error', 'uniform', 'delaunay' or a Scene; got {start!r:.60}."
         )
-    return LayersStart(corners, _of_corners(colors, gouraud), np.full(len(corners), _OPACITY))
+    opacity = np.full(len(corners), _OPACITY)
+    return LayersStart(corners, _for_shading(colors, gouraud), opacity)
 
 
-def background_of(
-    start: str | Scene, target: Image, weights: PixelMap | None
-) -> Float[np.ndarray, " channels"]:
-    """That of a scene to start from; else the mean colour, and nothing behind a target with
-    alpha."""
+def background_of(start: str | Scene, target: Target) -> Float[np.ndarray, " channels"]:
+    """Background of the fit, with as many channels as the target.
+
+    A scene to start from gives its own. Otherwise it is the mean colour, or transparent for a
+    target with alpha.
+    """
+    channels = target.image.shape[-1]
     if isinstance(start, Scene):
-        own = np.asarray(start.background, np.float32)
-        channels = target.shape[-1]
-        return np.append(own[:3], np.float32(1))[:channels] if len(own) != channels else own
-    if target.shape[-1] == 4:
+        given = np.asarray(start.background, np.float32)
+        if len(given) == channels:
+            return given
+        return np.append(given[:3], np.float32(1))[:channels]
+    if channels == 4:
         return np.zeros(4, np.float32)
-    flat = target.reshape(-1, 3).astype(np.float64)
-    return np.average(flat, 0, None if weights is None else weights.ravel()).astype(np.float32)
+    pixels = target.image.reshape(-1, 3).astype(np.float64)
+    weights = None if target.weights is None else target.weights.ravel()
+    return np.average(pixels, 0, weights).astype(np.float32)
 
 
-def _even(
-    target: Image, rng: np.random.Generator, triangles: int, circumradius: float
+def _random(
+    target: Target, rng: np.random.Generator, triangles: int, circumradius: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles anywhere, of the colour that is seen in their middle."""
-    height, width = target.shape[:2]
-    middle = rng.random((triangles, 2)) * [width, height]
-    corners = random_triangles(rng, middle, circumradius)
-    pixel = np.clip(middle.astype(int), 0, [width - 1, height - 1])
-    return corners, target[pixel[:, 1], pixel[:, 0], :3][:, None]
+    """Random triangles, each in the colour of the pixel at its centre."""
+    height, width = target.image.shape[:2]
+    centers = rng.random((triangles, 2)) * [width, height]
+    corners = random_triangles(rng, centers, circumradius)
+    pixel = np.clip(centers.astype(int), 0, [width - 1, height - 1])
+    return corners, target.image[pixel[:, 1], pixel[:, 0], :3][:, None]
 
 
-def _abutting(
-    target: Image,
-    weights: PixelMap | None,
-    rng: np.random.Generator,
-    triangles: int,
-    gouraud: bool,
+def _delaunay(
+    target: Target, rng: np.random.Generator, triangles: int, gouraud: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """The triangles of a Delaunay mesh, with the colours of least squared error."""
-    # With four vertices on the border; with more, so many have fewer triangles.
-    mesh = delaunay_start(
-        target, max(4, (triangles + 6) // 2), weights=weights, seed=int(rng.integers(2**31))
-    )
+    # A mesh with four vertices on its border has 2 v - 6 triangles; with more there, it has fewer.
+    vertices = max(4, (triangles + 6) // 2)
+    seed = int(rng.integers(2**31))
+    mesh = delaunay_start(target.image, vertices, weights=target.weights, seed=seed)
     model = "vertex" if gouraud else "triangle"
-    found = solve_colors(mesh, target[..., :3], colors=model, weights=weights)
-    colors = at_corners(mesh, np.clip(found, 0, 1), model)[:, : 3 if gouraud else 1]
+    solved = solve_colors(mesh, target.image[..., :3], colors=model, weights=target.weights)
+    colors = at_corners(mesh, np.clip(solved, 0, 1), model)[:, : 3 if gouraud else 1]
     return mesh.positions[mesh.triangles][:triangles], colors[:triangles]
 
 
-def _taken(scene: Scene, triangles: int, gouraud: bool, translucent: bool) -> LayersStart:
-    """The triangles of a scene."""
+def _from_scene(scene: Scene, triangles: int, gouraud: bool, translucent: bool) -> LayersStart:
+    """The triangles of a scene; `ValueError` if they are too many or have what is not fitted."""
     count = scene.triangles.shape[0]
     if count > triangles:
         raise ValueError(f"`start` has {count} triangles; `triangles` is {triangles}.")
-    carried = [k for k in ("textures", "depth", "inverse_w") if getattr(scene, k) is not None]
-    if carried:
-        raise ValueError(f"`start` must be free of what is not fitted; it has {carried[0]}.")
+    extras = [k for k in ("textures", "depth", "inverse_w") if getattr(scene, k) is not None]
+    if extras:
+        raise ValueError(f"`start` must be free of what is not fitted; it has {extras[0]}.")
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
-    own = np.asarray(scene.colors)
-    held = corners, own, np.asarray(scene.background)
-    if not all(np.isfinite(one).all() for one in held):
+    colors = np.asarray(scene.colors)
+    values = corners, colors, np.asarray(scene.background)
+    if not all(np.isfinite(array).all() for array in values):
         raise ValueError("positions, colours and background of `start` must be finite.")
-    if not translucent and own.shape[-1] == 4 and (own[..., 3] < 1).any():
+    if not translucent and colors.shape[-1] == 4 and (colors[..., 3] < 1).any():
         raise ValueError("triangles of `start` let through: fit with `translucent=True`.")
-    opacity = own[..., 3].mean(1) if own.shape[-1] == 4 else np.ones(count)
-    return LayersStart(corners, _of_corners(own[..., :3], gouraud), opacity)
+    opacity = colors[..., 3].mean(1) if colors.shape[-1] == 4 else np.ones(count)
+    return LayersStart(corners, _for_shading(colors[..., :3], gouraud), opacity)
 
 
-def _of_corners(colors: np.ndarray, gouraud: bool) -> np.ndarray:
-    """Colours of corners, or their mean."""
+def _for_shading(colors: np.ndarray, gouraud: bool) -> np.ndarray:
+    """One colour per corner with Gouraud shading, else per triangle: the mean of its corners."""
     if gouraud:
         return np.broadcast_to(colors, (len(colors), 3, 3))
     return colors.mean(1, keepdims=True)

@@ -1,9 +1,8 @@
-"""Free triangles drawn over each other: what is sought, and the scene that it makes."""
+"""Free triangles drawn over each other: the unknowns, the scene they make, and its residual."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -11,18 +10,15 @@ from ...planning.plan import Plan
 from ...rendering.render import render_checked
 from ...scene import Scene
 from ..loss import Loss
-
-UNIT = 20.0
-"""Pixels to a unit of position: solvers see changes of like effect as equally long, and 0.05 of
-colour changes an image about as much as a pixel."""
+from ..units import POSITION_UNIT, clip_straight_through
 
 
-class Layers(NamedTuple):
-    """Unknowns of comparable units.
+class LayersUnknowns(NamedTuple):
+    """What the solver changes, in units in which equal steps change the image about equally.
 
-    - `corners`: in `UNIT` pixels.
-    - `colors`: of each triangle, or of its corners; beyond 0..1 they are taken as the nearer end.
-    - `opacity`: likewise; None is opaque.
+    - `corners`: in units of `POSITION_UNIT` pixels.
+    - `colors`: one per triangle, or one per corner; drawn clipped to 0..1.
+    - `opacity`: one per triangle, drawn clipped to 0..1; None: all are opaque.
     """
 
     corners: Float[Array, "triangles 3 2"]
@@ -30,10 +26,19 @@ class Layers(NamedTuple):
     opacity: Float[Array, " triangles"] | None
 
 
-class LayersData(NamedTuple):
-    """Arrays that may change between chunks of steps.
+def layers_of(leaves: list[Any]) -> LayersUnknowns:
+    """The unknowns from their leaves, two of opaque triangles and three of translucent ones."""
+    corners, colors, *opacity = leaves
+    return LayersUnknowns(corners, colors, opacity[0] if opacity else None)
 
-    `target` as the loss prepares it; `width` of the soft edges in pixels.
+
+class LayersData(NamedTuple):
+    """Arrays that may change between chunks without compiling again.
+
+    - `target`: the image as `Loss.prepare` gives it.
+    - `weights`: of the error of each pixel; None: all 1.
+    - `background`: colour behind all triangles, straight alpha.
+    - `width`: of the soft edges, in pixels.
     """
 
     target: Float[Array, "height width channels"]
@@ -42,29 +47,27 @@ class LayersData(NamedTuple):
     width: Float[Array, ""]
 
 
-def layers_scene(y: Layers, background: Float[Array, " channels"]) -> Scene:
+def layers_scene(y: LayersUnknowns, background: Float[Array, " channels"]) -> Scene:
     """The scene, in pixels of the fit."""
     count = y.corners.shape[0]
-    colors = held(y.colors)
+    colors = clip_straight_through(y.colors)
     if y.opacity is not None:
-        alpha = jnp.broadcast_to(held(y.opacity)[:, None, None], (*colors.shape[:2], 1))
+        opacity = clip_straight_through(y.opacity)[:, None, None]
+        alpha = jnp.broadcast_to(opacity, (*colors.shape[:2], 1))
         colors = jnp.concatenate([colors, alpha], -1)
     triangles = jnp.arange(3 * count, dtype=jnp.int32).reshape(count, 3)
-    return Scene((y.corners * UNIT).reshape(-1, 2), triangles, colors, background)
+    return Scene((y.corners * POSITION_UNIT).reshape(-1, 2), triangles, colors, background)
 
 
 class LayersResidual(eqx.Module):
-    """From unknowns and data to a residual, the image, and whether that outgrew its plan."""
+    """Map unknowns and data to the residual, the image, and whether the scene outgrew its plan."""
 
     plan: Plan
     loss: Loss
 
-    def __call__(self, y: Layers, data: LayersData) -> tuple[Array, tuple[Array, Bool[Array, ""]]]:
+    def __call__(
+        self, y: LayersUnknowns, data: LayersData
+    ) -> tuple[Array, tuple[Array, Bool[Array, ""]]]:
         plan = eqx.tree_at(lambda plan: plan.coverage.width, self.plan, data.width)
         image, outgrown = render_checked(layers_scene(y, data.background), plan)
-        return self.loss.of(image, data.target, data.weights), (image, outgrown)
-
-
-def held(values: Array) -> Array:
-    """Values brought to 0..1, with a slope of one everywhere: what left can come back."""
-    return values + jax.lax.stop_gradient(jnp.clip(values, 0.0, 1.0) - values)
+        return self.loss.residual(image, data.target, data.weights), (image, outgrown)

@@ -1,17 +1,18 @@
-"""Vertices taken away where that costs least: each is drawn onto a neighbour."""
+"""Remove vertices where that costs least: each is collapsed onto a neighbour."""
 
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..target import Image, PixelMap
 from .pixel_weights import pixel_weights
 from .splits import State, evaluate, plane_error
 from .triangulation import Mesh, cross, disjoint, make_mesh, signed_areas
-from .vertex_colors import Colors, Image, Moments, PixelMap, gather, moments, solve
+from .vertex_colors import Colors, Moments, gather, moments, solve
 
 LEAST_AREA = 0.5
-"""Of a triangle that a collapse makes, in square pixels."""
+"""Least area of a triangle that a collapse makes, in square pixels."""
 
 _EXAMINED = 3
 """Candidates for each vertex to be removed whose cost is found from their pixels."""

@@ -1,22 +1,24 @@
-"""The other diagonal of two neighbouring triangles, where it is better."""
+"""Flip edges: give two neighbouring triangles the other diagonal where that is better."""
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..target import Image, PixelMap
 from .pixel_weights import pixel_weights
 from .splits import State, evaluate, plane_error
 from .triangulation import Edges, Mesh, cross, disjoint, find_edges
-from .vertex_colors import Colors, Image, Moments, PixelMap, gather, moments, normal_matrix
+from .vertex_colors import Colors, Moments, gather, moments, normal_matrix
 
 LEAST_AREA = 0.5
-"""Of a triangle that a flip makes, in square pixels."""
+"""Least area of a triangle that a flip makes, in square pixels."""
 
 _RELATIVE_GAIN = 1e-6
-"""Of the mean squared error of a pixel: less is rounding, and flips could go in circles."""
+"""Least gain of a flip, as a share of the mean squared error of a pixel. A smaller one may be
+rounding, and flips could go in circles."""
 
 
 def flip_to_delaunay(mesh: Mesh, *, rounds: int = 1000) -> Mesh:
-    """Flips edges until no circle through three corners of a triangle holds the next one.
+    """Flip edges until no circle through three corners of a triangle holds the next one.
 
     **Source:** Lawson, *Software for C1 surface interpolation* (1977); Delaunay (1934).
     """
@@ -40,7 +42,7 @@ def flip_edges(
     rounds: int = 4,
     least_area: float = LEAST_AREA,
 ) -> Mesh:
-    """Flips edges where that lowers the squared error, colours of the four corners solved anew.
+    """Flip edges where that lowers the squared error, colours of the four corners solved anew.
 
     A round flips edges that share no triangle, the best first, and solves all colours again.
     """

@@ -1,7 +1,11 @@
-"""A fit of a mesh between chunks of steps: no triangle flipped, vertices put to use again."""
+"""Fit of a mesh that tiles the canvas: kept untangled, and refined by exchanging vertices.
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+Between chunks of steps, vertices are pulled back until no triangle is turned over. A few times in
+a fit, at the shares in `_EXCHANGES`, the vertices that matter least are collapsed and as many are
+inserted where the error is. That keeps the number of vertices, and so the compiled program.
+"""
+
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,247 +16,259 @@ from ...options import Area
 from ...planning.plan import Plan
 from ...rendering.planner import plan
 from ...scene import Scene
-from ..chunk import take_steps
 from ..closed_form import best_colors
-from ..layers.unknowns import UNIT
-from ..loss import Loss
-from ..solve import begin, forget_best, move, set_rate
-from ..solvers import Solver
+from ..family import AbstractFit, FitRequest
+from ..solve import begin, forget_best, move, set_learning_rate
+from ..trees import fill_tree, tree_arrays
+from ..units import POSITION_UNIT
+from . import saved
 from .start import delaunay_start, error_start, exchange, uniform_start
 from .triangulation import Mesh, check_tiling, signed_areas
-from .unknowns import Tiling, TilingData, TilingResidual, tiling_scene, vertices_of
+from .unknowns import MeshData, MeshResidual, MeshUnknowns, mesh_scene, vertices_of
 from .untangle import untangle
-from .vertex_colors import Colors, Image, PixelMap, solve_colors
+from .vertex_colors import Colors, solve_colors
 
-_RATE = 0.03
-"""Of steps that have one: two thirds of a pixel, and as much of colour. It falls as a cosine."""
+_LEARNING_RATE = 0.03
+"""0.6 pixels of position, or 0.03 of colour, per step. It falls as a cosine."""
 
 _LEAST_RATE = 0.02
-"""Of it, at the end."""
+"""Factor at which the learning rate ends."""
 
-_THIN, _LEAST_SCALE = 0.3, 0.02
-"""Units of position per pixel of altitude, up to one; and the least."""
+_ALTITUDE_SCALE, _LEAST_SCALE = 0.3, 0.02
+"""Scale of a vertex, in `POSITION_UNIT`s, per pixel of its triangles' least altitude, at most 1;
+and the smallest scale."""
 
 _EXCHANGES = (
     (0.1, 0.15), (0.2, 0.12), (0.3, 0.1), (0.4, 0.08), (0.5, 0.06), (0.6, 0.05), (0.7, 0.04),
 )  # fmt: skip
-"""How far the fit is, and which share of the vertices is then put to use elsewhere."""
+"""Share of the fit at which vertices are exchanged, and which part of them."""
+
+_MODELS: dict[str, Colors] = {"flat": "triangle", "gouraud": "vertex", "linear": "linear"}
+"""Which colours are unknowns, by the option `shading`."""
 
 
-@dataclass(frozen=True)
-class TilingChoice:
-    """How the mesh is to be.
+class _Best(NamedTuple):
+    """A point of the fit: its loss and unknowns, and the mesh and data to which they belong."""
 
-    - `vertices`: how many; `colors`: the model; `solve`: whether they are solved for between
-      chunks.
-    - `start`: `"error"`, `"uniform"`, `"delaunay"`, or a mesh; `exchange`: whether vertices are put
-      to use elsewhere.
-    - `tuned`: whether the solver is our own `"adam"`.
+    loss: float
+    y: MeshUnknowns
+    mesh: Mesh
+    data: MeshData
+
+
+class MeshFit(AbstractFit):
+    """A fit of a mesh: the positions of its vertices, and colours of vertices or of triangles.
+
+    Raises `ValueError` for a target with alpha, because a mesh covers the canvas.
     """
 
-    vertices: int
-    colors: Colors
-    solve: bool
-    start: str | Mesh
-    exchange: bool
-    tuned: bool
+    data: MeshData
 
-
-class Kept(NamedTuple):
-    """The best there was before vertices were put to use elsewhere."""
-
-    least: float
-    y: Tiling
-    mesh: Mesh
-    data: TilingData
-
-
-class TilingFit:
-    """The state of a fit: what `advance` and `refine` change."""
-
-    def __init__(
-        self,
-        target: Image,
-        weights: PixelMap | None,
-        choice: TilingChoice,
-        loss: Loss,
-        solver: Solver,
-        seed: int,
-        hurry: Callable[[], bool] = lambda: False,
-    ):
-        if target.shape[-1] == 4:
+    def __init__(self, request: FitRequest):
+        image = request.target.image
+        if image.shape[-1] == 4:
             raise ValueError("a mesh covers the canvas: fit targets with alpha by layers.")
-        self.choice, self.loss, self.solver = choice, loss, solver
-        self.target, self.weights = target, weights
-        self.height, self.width = target.shape[:2]
-        self.image = target
-        self.exchanged = 0.0
-        self.kept: Kept | None = None
-        mesh = self._start(seed, hurry)
-        data, y = self.prepare(mesh)
-        self.residual = TilingResidual(self._plan([tiling_scene(y, data)]), loss)
+        self.request = request
+        self.height, self.width = image.shape[:2]
+        self._colors: Colors = _MODELS[request.settings["shading"]]
+        self.image = image
+        self.last_exchange = 0.0
+        self._earlier: _Best | None = None
+        mesh = self._start()
+        data, y = self._prepare(mesh)
+        self.residual = MeshResidual(self._plan([mesh_scene(y, data)]), request.loss)
         self._begin(mesh, data, y)
 
     @property
-    def most(self) -> int:
-        """Triangles that there may be."""
+    def max_triangles(self) -> int:
+        """As many as are in use: a mesh starts with all of its vertices."""
         return self.active
 
-    def _start(self, seed: int, hurry: Callable[[], bool]) -> Mesh:
-        choice = self.choice
-        if isinstance(choice.start, Mesh):
-            return self._checked(choice.start)
-        if choice.start == "uniform":
-            return uniform_start(self.height, self.width, choice.vertices, seed=seed)
-        if choice.start == "delaunay":
-            return delaunay_start(self.target, choice.vertices, weights=self.weights, seed=seed)
-        if choice.start != "error":
+    def _start(self) -> Mesh:
+        """The mesh to start from; that of its state if a fit is resumed."""
+        request, target = self.request, self.request.target
+        if request.resume_state is not None:
+            return self._checked(saved.mesh_of(request.resume_state))
+        start, seed = request.start, request.seed
+        if isinstance(start, Mesh):
+            return self._checked(start)
+        vertices = saved.max_vertices(request.settings)
+        if start == "uniform":
+            return uniform_start(self.height, self.width, vertices, seed=seed)
+        if start == "delaunay":
+            return delaunay_start(target.image, vertices, weights=target.weights, seed=seed)
+        if start != "error":
             raise ValueError(
-                "`start` must be 'error', 'uniform', 'delaunay' or a Mesh; got "
-                f"{choice.start!r:.60}."
+                f"`start` must be 'error', 'uniform', 'delaunay' or a Mesh; got {start!r:.60}."
             )
         return error_start(
-            self.target, choice.vertices, colors=choice.colors, weights=self.weights, seed=seed,
-            hurry=hurry,
+            target.image, vertices, colors=self._colors, weights=target.weights, seed=seed,
+            must_start=request.must_start,
         )  # fmt: skip
 
     def _checked(self, mesh: Mesh) -> Mesh:
+        """A given mesh, if it tiles the canvas and is not too large; else `ValueError`."""
         if (mesh.height, mesh.width) != (self.height, self.width):
             raise ValueError(
                 f"`start` is a mesh of {mesh.width} x {mesh.height} pixels; the fit has "
                 f"{self.width} x {self.height}."
             )
-        if len(mesh.positions) > self.choice.vertices:
+        most = saved.max_vertices(self.request.settings)
+        if len(mesh.positions) > most:
             raise ValueError(
-                f"`start` has {len(mesh.positions)} vertices; `triangles` allows "
-                f"{self.choice.vertices}."
+                f"`start` has {len(mesh.positions)} vertices; `triangles` allows {most}."
             )
         check_tiling(mesh)
         return mesh
 
-    def prepare(self, mesh: Mesh, scale: np.ndarray | None = None) -> tuple[TilingData, Tiling]:
-        """Arguments and unknowns of a mesh, with the colours of least squared error.
+    def _prepare(
+        self, mesh: Mesh, scale: Float[np.ndarray, "vertices 1"] | None = None
+    ) -> tuple[MeshData, MeshUnknowns]:
+        """Data and unknowns of a mesh, with the colours of least squared error.
 
-        `scale`: that of `TilingData`, if the mesh is not to tell it.
+        `scale`: that of `MeshData`; None: from the altitudes of the mesh's triangles.
         """
-        # As many as a mesh of so many vertices can have: with four on the border.
-        room, active = 2 * len(mesh.positions) - 6, len(mesh.triangles)
-        triangles = np.zeros((room, 3), np.int32)
+        target = self.request.target
+        # As many triangles as so many vertices can have: those with only four on the border.
+        capacity, active = 2 * len(mesh.positions) - 6, len(mesh.triangles)
+        triangles = np.zeros((capacity, 3), np.int32)
         triangles[:active] = mesh.triangles
         if scale is None:
-            scale = UNIT * np.clip(_THIN * _altitudes(mesh)[:, None], _LEAST_SCALE, 1.0)
-        data = TilingData(
-            self.loss.prepare(to_device(self.target, np.float32)),
-            None if self.weights is None else to_device(self.weights, np.float32),
+            altitudes = _least_altitudes(mesh)[:, None]
+            scale = POSITION_UNIT * np.clip(_ALTITUDE_SCALE * altitudes, _LEAST_SCALE, 1.0)
+        data = MeshData(
+            self.request.loss.prepare(to_device(target.image, np.float32)),
+            None if target.weights is None else to_device(target.weights, np.float32),
             to_device(np.zeros(3, np.float32)),
             to_device(triangles),
             to_device(np.stack([mesh.free_x, mesh.free_y], 1)),
             to_device(mesh.positions, np.float32),
             to_device(scale, np.float32),
         )
-        found = solve_colors(mesh, self.target, colors=self.choice.colors, weights=self.weights)
-        found = np.clip(found, 0, 1)
-        if self.choice.colors != "vertex":
-            found = found[:, None] if found.ndim == 2 else found
-            found = np.concatenate([found, np.zeros((room - active, *found.shape[1:]))])
+        colors = solve_colors(mesh, target.image, colors=self._colors, weights=target.weights)
+        colors = np.clip(colors, 0, 1)
+        if self._colors != "vertex":
+            colors = colors[:, None] if colors.ndim == 2 else colors
+            colors = np.concatenate([colors, np.zeros((capacity - active, *colors.shape[1:]))])
         positions = to_device(mesh.positions / scale, np.float32)
-        return data, Tiling(positions, to_device(found, np.float32))
+        return data, MeshUnknowns(positions, to_device(colors, np.float32))
 
-    def _begin(self, mesh: Mesh, data: TilingData, y: Tiling) -> None:
-        self.progress = begin(self.solver, self.residual, y, data)
-        self.mesh, self.data, self.active = mesh, data, len(mesh.triangles)
+    def _begin(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
+        """Start a solve on this mesh."""
+        self.progress = begin(self.request.solver, self.residual, y, data)
+        self._mesh, self.data, self.active = mesh, data, len(mesh.triangles)
 
-    def likely(self) -> Scene:
-        """A scene like those that the fit will go through, to plan for."""
-        return tiling_scene(self.progress.y, self.data)
+    def likely_scene(self) -> Scene:
+        """The scene of the unknowns as they are."""
+        return mesh_scene(self.progress.y, self.data)
 
     def _plan(self, scenes: list[Scene]) -> Plan:
         return plan(scenes, height=self.height, width=self.width, coverage=Area("sum"))
 
-    def best(self) -> Kept:
-        """The best so far, its mesh untangled."""
-        least = float(self.progress.least)
-        if self.kept is not None and not self.kept.least > least:
-            return self.kept
-        y = self.progress.best if np.isfinite(least) else self.progress.y
-        mesh, y = _mended(y, self.mesh, self.data)
-        return Kept(least, y, mesh, self.data)
+    def _best(self) -> _Best:
+        """The best point so far, with its mesh untangled."""
+        loss = float(self.progress.best_loss)
+        if self._earlier is not None and not self._earlier.loss > loss:
+            return self._earlier
+        y = self.progress.best if np.isfinite(loss) else self.progress.y
+        mesh, y = _untangled(y, self._mesh, self.data)
+        return _Best(loss, y, mesh, self.data)
 
     def scene(self, *, padded: bool = False) -> Scene:
-        """The best scene so far, in pixels of the fit; `padded` by triangles without area."""
-        best = self.best()
-        scene = tiling_scene(best.y, best.data)
+        """The best scene so far; `padded` by triangles without area."""
+        best = self._best()
+        scene = mesh_scene(best.y, best.data)
         drawn = slice(None if padded else len(best.mesh.triangles))
         triangles, colors = (
-            to_device(np.asarray(whole)[drawn]) for whole in (scene.triangles, scene.colors)
+            to_device(np.asarray(array)[drawn]) for array in (scene.triangles, scene.colors)
         )
         return replace(scene, triangles=triangles, colors=colors)
 
     def polish(self) -> None:
-        """The best unknowns so far, with the colours of least squared error."""
-        _, y, self.mesh, self.data = self.best()
-        self.active, self.kept = len(self.mesh.triangles), None
-        # Of before an exchange it may not fit the plan of now.
-        room = self._plan([tiling_scene(y, self.data)])
-        if not self.residual.plan.holds(room):
-            self.residual = TilingResidual(room, self.loss)
-        y = best_colors(self.residual, y, self.data, self.loss.light)
-        self.progress = forget_best(move(self.solver, self.residual, self.progress, y, self.data))
+        """Go to the best unknowns so far, with the colours of least squared error."""
+        _, y, self._mesh, self.data = self._best()
+        self.active, self._earlier = len(self._mesh.triangles), None
+        # The best unknowns may be older than the last exchange, and not fit the plan of now.
+        needed = self._plan([mesh_scene(y, self.data)])
+        if not self.residual.plan.holds(needed):
+            self.residual = MeshResidual(needed, self.request.loss)
+        y = best_colors(self.residual, y, self.data, self.request.loss.light)
+        moved = move(self.request.solver, self.residual, self.progress, y, self.data)
+        self.progress = forget_best(moved)
 
-    @property
-    def solves(self) -> bool:
-        """Whether colours are solved for between chunks."""
-        return self.choice.solve
-
-    def replan(self, led: list[Tiling]) -> TilingResidual:
-        """A residual with room for where the unknowns led."""
-        return TilingResidual(self._plan([tiling_scene(y, self.data) for y in led]), self.loss)
-
-    def advance(self, steps: int, room: int) -> np.ndarray:
-        """Losses of so many steps, or of fewer."""
-        return take_steps(self, steps, room)
+    def replan(self, reached: list[MeshUnknowns]) -> MeshResidual:
+        """A residual with capacity for these unknowns."""
+        plan = self._plan([mesh_scene(y, self.data) for y in reached])
+        return MeshResidual(plan, self.request.loss)
 
     def refine(self, share: float) -> None:
-        """What the host does between chunks, `share` of the way through the fit."""
-        due = [part for at, part in _EXCHANGES if self.exchanged < at <= share]
+        """Untangle the mesh, exchange vertices when due, and lower the learning rate."""
+        due = [part for at, part in _EXCHANGES if self.last_exchange < at <= share]
         if self.progress.steps:
             self._untangle()
-        if due and self.choice.exchange:
-            self.exchanged = share
-            self._exchange(max(1, int(due[-1] * len(self.mesh.positions))))
-        if self.choice.tuned:
-            rate = _RATE * max(_LEAST_RATE, 0.5 + 0.5 * np.cos(np.pi * share))
-            self.progress = set_rate(self.progress, float(rate))
+        if due and self.request.exchanges:
+            self.last_exchange = share
+            self._exchange(max(1, int(due[-1] * len(self._mesh.positions))))
+        if self.request.adjustable_rate:
+            factor = max(_LEAST_RATE, 0.5 + 0.5 * np.cos(np.pi * share))
+            self.progress = set_learning_rate(self.progress, float(_LEARNING_RATE * factor))
 
     def _untangle(self) -> None:
-        """Other solvers keep what they know of a point, and go on from it."""
-        self.mesh, y = _mended(self.progress.y, self.mesh, self.data)
-        if self.choice.tuned:
+        """Pull vertices back until no triangle is turned over.
+
+        Solvers other than Adam remember their last point, so for them the unknowns stay as they are
+        and only the mesh, from which an exchange starts, is untangled.
+        """
+        self._mesh, y = _untangled(self.progress.y, self._mesh, self.data)
+        if self.request.adjustable_rate:
             self.progress = self.progress._replace(y=y)
 
     def _exchange(self, count: int) -> None:
-        """The vertices that matter least go where they matter more."""
-        steps = self.progress.steps
-        vertices = len(self.mesh.positions)
+        """Collapse the `count` vertices that matter least, and insert as many where they gain most.
+
+        Nothing changes if fewer could be inserted than were collapsed.
+        """
+        steps, target = self.progress.steps, self.request.target
+        vertices = len(self._mesh.positions)
         mesh = exchange(
-            self.mesh, self.target, count, colors=self.choice.colors, weights=self.weights
+            self._mesh, target.image, count, colors=self._colors, weights=target.weights
         )
         if len(mesh.positions) == vertices:
-            if np.isfinite(self.progress.least):
-                self.kept = self.best()
-            self._begin(mesh, *self.prepare(mesh))
+            if np.isfinite(self.progress.best_loss):
+                self._earlier = self._best()
+            self._begin(mesh, *self._prepare(mesh))
             self.progress = self.progress._replace(steps=steps)
 
+    def own_state(self) -> dict[str, np.ndarray]:
+        """The mesh and the scale of its positions, and both of the best before an exchange."""
+        # The scale is that of the mesh at the last exchange, not of the vertices where they are.
+        arrays = {"scale": np.asarray(self.data.scale)} | saved.mesh_arrays("mesh", self._mesh)
+        if self._earlier is not None:
+            arrays["kept"] = np.array(self._earlier.loss)
+            arrays |= tree_arrays("kept", self._earlier.y)
+            arrays |= saved.mesh_arrays("kept.mesh", self._earlier.mesh)
+            arrays["kept.scale"] = np.asarray(self._earlier.data.scale)
+        return arrays
 
-def _mended(y: Tiling, mesh: Mesh, data: TilingData) -> tuple[Mesh, Tiling]:
-    """The mesh where the unknowns are, without triangles turned over."""
+    def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
+        """Undo `own_state`; the mesh itself was restored by the constructor."""
+        self.data = self.data._replace(scale=to_device(arrays["scale"]))
+        if "kept" in arrays:
+            mesh = saved.mesh_of(arrays, "kept.mesh")
+            data, shaped = self._prepare(mesh, arrays["kept.scale"])
+            y = fill_tree(shaped, "kept", arrays)
+            self._earlier = _Best(float(arrays["kept"]), y, mesh, data)
+
+
+def _untangled(y: MeshUnknowns, mesh: Mesh, data: MeshData) -> tuple[Mesh, MeshUnknowns]:
+    """The mesh at the unknowns' positions, and the unknowns, with no triangle turned over."""
     mesh = untangle(mesh, np.asarray(vertices_of(y, data), np.float64))
     positions = mesh.positions.astype(np.float32) / np.asarray(data.scale)
     return mesh, y._replace(positions=to_device(positions))
 
 
-def _altitudes(mesh: Mesh) -> Float[np.ndarray, " vertices"]:
-    """Of each vertex, the least altitude of its triangles, in pixels."""
+def _least_altitudes(mesh: Mesh) -> Float[np.ndarray, " vertices"]:
+    """The least altitude, in pixels, of the triangles around each vertex."""
     corners = mesh.positions[mesh.triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=-1).max(1)
     least = np.full(len(mesh.positions), np.inf)

@@ -1,13 +1,16 @@
-"""New vertices where they lower the error most."""
+"""Insert vertices where they lower the error most."""
 
 import numpy as np
 
+from ..target import Image, PixelMap
 from .splits import Splits, best_splits, evaluate
 from .triangulation import Mesh, disjoint, make_mesh
-from .vertex_colors import Colors, Image, PixelMap
+from .vertex_colors import Colors
 
 LEAST_AREA = 1.0
-"""Of the pieces of a split triangle, in square pixels: each should hold a pixel centre."""
+"""Least area of the pieces of a split triangle, in square pixels.
+
+Each piece should hold a pixel centre."""
 
 
 def insert(

@@ -11,13 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..target import Image, PixelMap
 from .pixel_weights import PixelWeights
 from .triangulation import Edges, Mesh, find_edges, signed_areas
 from .vertex_colors import (
     Colors,
-    Image,
     Moments,
-    PixelMap,
     at_corners,
     corner_colors,
     gather,

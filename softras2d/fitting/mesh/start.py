@@ -1,29 +1,29 @@
-"""Meshes to start a fit from: even ones, ones whose vertices lie where the image changes, and ones
-where they lie where the error was."""
+"""Meshes to start a fit from: even ones, and ones whose vertices follow the image or the error."""
 
 from collections.abc import Callable
 
 import numpy as np
 from scipy.ndimage import gaussian_gradient_magnitude
 
+from ..target import Image, PixelMap
 from .collapse import collapse
 from .edge_flips import flip_edges, flip_to_delaunay
 from .insertion import insert
 from .triangulation import Mesh, delaunay_mesh
-from .vertex_colors import Colors, Image, PixelMap
+from .vertex_colors import Colors
 
 COARSE = 60
 """Vertices of the even mesh into which the others are inserted."""
 
 GROWTH = 0.5
-"""Vertices that a round adds, for each that is there."""
+"""Vertices that a round adds, as a share of those that the mesh has."""
 
 EXCHANGED = 0.3
 """Share of the vertices that the first exchange moves elsewhere; it falls to zero at the last."""
 
 
 _EVEN = 0.2
-"""Of the mean change of an image: what draws points of a Delaunay start to where there is none."""
+"""Share of the mean gradient that is added everywhere, so that flat regions get points too."""
 
 
 def uniform_start(
@@ -54,11 +54,11 @@ def uniform_start(
 def delaunay_start(
     target: Image, vertices: int, *, weights: PixelMap | None = None, seed: int = 0
 ) -> Mesh:
-    """A Delaunay mesh of points drawn at random, the more of them the more the image changes there.
+    """A Delaunay mesh of random points, which are denser where the image changes more.
 
-    `vertices` points, at least the four corners, those on the border in even steps; fewer, where
-    the image has not as many pixels. Where `weights` are 0 hardly any lie. What low-polygon filters
-    do, and nothing of it is sought: to compare with, or to move.
+    It has `vertices` points, at least the four corners, of which those on the border are evenly
+    spaced; fewer if the image has fewer pixels. Hardly any lie where `weights` are 0. This is what
+    low-polygon filters do, without any fitting: a baseline, or a start.
     """
     height, width = target.shape[:2]
     rng = np.random.default_rng(seed)
@@ -74,7 +74,7 @@ def delaunay_start(
     chance = (change + _EVEN * change.mean() + 1e-12).ravel()
     inner = min(max(0, vertices - sum(map(len, border))), chance.size)
     pick = rng.choice(chance.size, inner, replace=False, p=chance / chance.sum())
-    # Never quite on the border of the canvas, as a pixel's own may be.
+    # Kept off the edges of the pixel, so that no inner point lies on the border of the canvas.
     inside = np.stack([pick % width, pick // width], 1) + rng.uniform(0.05, 0.95, (inner, 2))
     return delaunay_mesh(np.concatenate([*border, inside]), height=height, width=width)
 
@@ -87,7 +87,7 @@ def error_start(
     weights: PixelMap | None = None,
     seed: int = 0,
     exchanges: int = 16,
-    hurry: Callable[[], bool] = lambda: False,
+    must_start: Callable[[], bool] = lambda: False,
 ) -> Mesh:
     """A mesh of `vertices` points, inserted round by round where they lower the error most.
 
@@ -95,13 +95,13 @@ def error_start(
     round the mesh is made Delaunay, which keeps its triangles from degenerating, and then edges are
     flipped to lower the error. Then `exchanges` rounds move the vertices that matter least to where
     they matter most: worth 2 dB on photographs. `seed` moves the coarse mesh that comes first.
-    Fewer vertices come out if there is nothing left to gain. As soon as `hurry()` says so, the mesh
-    is taken as it is. Raises `ValueError` as `uniform_start` does.
+    Fewer vertices come out if there is nothing left to gain. As soon as `must_start()` is true, the
+    mesh is returned as it is. Raises `ValueError` as `uniform_start` does.
     """
     height, width = target.shape[:2]
     first = min(vertices, COARSE, max(4, height * width // 16))
     mesh = uniform_start(height, width, first, jitter=0.1, seed=seed)
-    while (have := len(mesh.positions)) < vertices and not hurry():
+    while (have := len(mesh.positions)) < vertices and not must_start():
         more = min(max(1, int(have * GROWTH)), vertices - have)
         mesh = insert(mesh, target, more, colors=colors, weights=weights)
         if len(mesh.positions) == have:
@@ -109,7 +109,7 @@ def error_start(
         mesh = flip_to_delaunay(mesh)
         mesh = flip_edges(mesh, target, colors=colors, weights=weights, rounds=1)
     for share in np.linspace(EXCHANGED, 0.0, exchanges, endpoint=False):
-        if hurry():
+        if must_start():
             return mesh
         mesh = exchange(mesh, target, int(share * vertices), colors=colors, weights=weights)
     return flip_edges(mesh, target, colors=colors, weights=weights)
@@ -123,7 +123,7 @@ def exchange(
     colors: Colors = "vertex",
     weights: PixelMap | None = None,
 ) -> Mesh:
-    """Up to `count` vertices collapsed, as many inserted, and edges flipped once."""
+    """Collapse up to `count` vertices, insert as many elsewhere, and flip edges once."""
     vertices = len(mesh.positions)
     mesh = collapse(mesh, target, count, colors=colors, weights=weights)
     removed = vertices - len(mesh.positions)

@@ -1,8 +1,8 @@
-"""A mesh that tiles the canvas: what is sought, and the scene that it makes.
+"""A mesh that tiles the canvas: the unknowns, the scene they make, and its residual.
 
-The signed sum of exact areas is the box-filtered image of a tiling, so value and gradient are exact
-and no seam shows. Triangles that turn over would be drawn with negative sign, and lower the error
-by that: a residual of their own keeps them from it.
+Under `Area("sum")` the image of a tiling is exact, as are its derivatives, and no seam shows. A
+triangle that turns over would be drawn with negative area, and could lower the error by that. A
+second residual, of triangles with too little area, keeps the solver from it.
 """
 
 from typing import Any, NamedTuple
@@ -14,36 +14,40 @@ from jaxtyping import Array, Bool, Float, Int
 from ...planning.plan import Plan
 from ...rendering.render import render_checked
 from ...scene import Scene
-from ..layers.unknowns import held
 from ..loss import Loss
+from ..units import clip_straight_through
 
-_SMALL = 0.3
-"""Square pixels: triangles of less area are pushed to have more."""
+_SMALL_AREA = 0.3
+"""Square pixels: triangles of less area have a residual that grows as they shrink."""
 
-_PUSH = 0.5
+_FOLD_RESIDUAL = 0.5
 """The residual of a triangle without area, as a colour error of one pixel."""
 
 
-class Tiling(NamedTuple):
-    """Unknowns of comparable units.
+class MeshUnknowns(NamedTuple):
+    """What the solver changes, in units in which equal steps change the image about equally.
 
-    - `positions`: in the units of `TilingData.scale`.
-    - `colors`: `[vertices, 3]`, `[triangles, 1, 3]` or `[triangles, 3, 3]`; beyond 0..1 they are
-      taken as the nearer end.
+    - `positions`: in the units of `MeshData.scale`.
+    - `colors`: `[vertices, 3]`, or of each triangle `[triangles, 1 or 3, 3]`; drawn clipped to
+      0..1.
     """
 
     positions: Float[Array, "vertices 2"]
     colors: Float[Array, "..."]
 
 
-class TilingData(NamedTuple):
-    """Arrays that may change between chunks of steps.
+class MeshData(NamedTuple):
+    """Arrays that may change between chunks without compiling again.
 
-    - `target` as the loss prepares it.
-    - `triangles`: those that name one vertex three times fill up the room.
-    - `free`: which coordinates a border does not hold; the others are those of `fixed`, in pixels.
-    - `scale`: pixels to a unit of position, less where triangles are thin: a step is to be a like
-      part of them.
+    - `target`: the image as `Loss.prepare` gives it.
+    - `weights`: of the error of each pixel; None: all 1.
+    - `background`: black; a tiling never shows it.
+    - `triangles`: vertex indices. Spare triangles, which name one vertex three times, fill the
+      array up to as many as a mesh of so many vertices can have.
+    - `free`: whether a coordinate may move. Those on a border may not: they are taken from `fixed`.
+    - `fixed`: positions in pixels.
+    - `scale`: pixels per unit of position, smaller at thin triangles, so that one step moves a
+      vertex by a similar part of its triangles everywhere.
     """
 
     target: Float[Array, "height width channels"]
@@ -55,39 +59,45 @@ class TilingData(NamedTuple):
     scale: Float[Array, "vertices 1"]
 
 
-def vertices_of(y: Tiling, data: TilingData) -> Float[Array, "vertices 2"]:
-    """In pixels; those on a side of the canvas slide along it."""
+def vertices_of(y: MeshUnknowns, data: MeshData) -> Float[Array, "vertices 2"]:
+    """Vertex positions in pixels; those on a side of the canvas can only slide along it."""
     return jnp.where(data.free, y.positions * data.scale, data.fixed)
 
 
-def tiling_scene(y: Tiling, data: TilingData) -> Scene:
+def mesh_scene(y: MeshUnknowns, data: MeshData) -> Scene:
     """The scene, in pixels of the fit."""
-    colors = held(y.colors)
-    corners = colors[data.triangles] if colors.ndim == 2 else colors
-    return Scene(vertices_of(y, data), data.triangles, corners, data.background)
+    colors = clip_straight_through(y.colors)
+    corner_colors = colors[data.triangles] if colors.ndim == 2 else colors
+    return Scene(vertices_of(y, data), data.triangles, corner_colors, data.background)
 
 
-class TilingResidual(eqx.Module):
-    """From unknowns and data to a residual, the image, and whether that outgrew its plan."""
+class MeshResidual(eqx.Module):
+    """Map unknowns and data to the residual, the image, and whether the scene outgrew its plan."""
 
     plan: Plan
     loss: Loss
 
-    def __call__(self, y: Tiling, data: TilingData) -> tuple[Any, tuple[Array, Bool[Array, ""]]]:
-        image, outgrown = render_checked(tiling_scene(y, data), self.plan)
-        off = self.loss.of(image, data.target, data.weights)
-        folds = _folds(vertices_of(y, data), data.triangles)
-        out = (off, folds) if off.ndim else off + jnp.sum(folds * folds)
+    def __call__(
+        self, y: MeshUnknowns, data: MeshData
+    ) -> tuple[Any, tuple[Array, Bool[Array, ""]]]:
+        image, outgrown = render_checked(mesh_scene(y, data), self.plan)
+        error = self.loss.residual(image, data.target, data.weights)
+        folds = _fold_residual(vertices_of(y, data), data.triangles)
+        # A loss other than squared error is a scalar, to which the squares are added.
+        out = (error, folds) if error.ndim else error + jnp.sum(folds * folds)
         return out, (image, outgrown)
 
 
-def _folds(
+def _fold_residual(
     positions: Float[Array, "vertices 2"], triangles: Int[Array, "triangles 3"]
 ) -> Float[Array, " triangles"]:
-    """How far each triangle is from having area; 0, with slope 0, where it has enough."""
+    """By how much each triangle falls short of `_SMALL_AREA`; grows on as it turns over.
+
+    Zero, with zero gradient, for triangles that are large enough and for spare ones.
+    """
     a, b, c = (positions[triangles[:, corner]] for corner in range(3))
     ab, ac = b - a, c - a
     area = 0.5 * (ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
     spare = triangles[:, 0] == triangles[:, 1]
-    short = (area < _SMALL) & ~spare
-    return jnp.where(short, _PUSH * (1.0 - area / _SMALL), 0.0)
+    small = (area < _SMALL_AREA) & ~spare
+    return jnp.where(small, _FOLD_RESIDUAL * (1.0 - area / _SMALL_AREA), 0.0)

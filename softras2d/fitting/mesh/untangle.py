@@ -1,4 +1,4 @@
-"""Moved vertices pulled back until no triangle is flipped."""
+"""Pull moved vertices back until no triangle is flipped."""
 
 import numpy as np
 
@@ -12,7 +12,8 @@ def untangle(mesh: Mesh, moved: Points, *, least_area: float = 0.05) -> Mesh:
 
     Coordinates bound to a border stay, the others stay inside the canvas. Each vertex goes a
     fraction 1, 1/2, 1/4, ... of its way, halved as often as one of its triangles would be smaller
-    than `least_area` square pixels, or than it was if it was smaller. Not finite: it stays.
+    than `least_area` square pixels, or than it was if it was smaller. A vertex whose goal is not
+    finite stays.
     """
     start = mesh.positions
     size = np.array([mesh.width, mesh.height], np.float64)

@@ -11,12 +11,11 @@ from jaxtyping import Float
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
+from ..target import Image, PixelMap
 from .pixel_weights import PixelWeights, pixel_weights
 from .triangulation import Mesh
 
 Colors = Literal["vertex", "triangle", "linear"]
-Image = Float[np.ndarray, "height width channels"]
-PixelMap = Float[np.ndarray, "height width"]
 
 RIDGE = 1e-4
 """How much a guess at each colour weighs, in pixels: what holds colours that no pixel decides."""

@@ -1,0 +1,86 @@
+"""The entries of a saved fit that only layers have: written, read back, and checked."""
+
+import json
+from typing import Any
+
+import numpy as np
+
+from ...planning.size_classes import fine_class
+from ..entries import TINY, Entries, Size, read_json
+from ..trees import fill_tree, tree_arrays
+from .unknowns import LayersUnknowns
+
+
+def pack(
+    best: tuple[float, LayersUnknowns] | None,
+    overshoot: float,
+    width: Any,
+    background: np.ndarray,
+    rng: np.random.Generator,
+) -> dict[str, np.ndarray]:
+    """The entries.
+
+    - `kept`, `kept.0`, ...: loss and unknowns of `best`, the best before triangles were moved.
+    - `beyond`: canvas sides by which corners may leave the canvas.
+    - `width`: of soft edges, in pixels.
+    - `background`: its colour.
+    - `random`: the random generator's state, as JSON.
+    """
+    arrays: dict[str, np.ndarray] = {}
+    if best is not None:
+        loss, y = best
+        arrays["kept"] = np.array(loss)
+        arrays |= tree_arrays("kept", y)
+    arrays["beyond"] = np.array(overshoot)
+    arrays["width"] = np.asarray(width)
+    arrays["background"] = np.asarray(background)
+    generator = json.dumps(rng.bit_generator.state).encode()
+    arrays["random"] = np.frombuffer(generator, np.uint8)
+    return arrays
+
+
+def unpack_best(
+    y: LayersUnknowns, arrays: dict[str, np.ndarray]
+) -> tuple[float, LayersUnknowns] | None:
+    """The `best` that `pack` was given; `y` says which shapes it must have."""
+    if "kept" not in arrays:
+        return None
+    return float(arrays["kept"]), fill_tree(y, "kept", arrays)
+
+
+def restore_generator(rng: np.random.Generator, arrays: dict[str, np.ndarray]) -> None:
+    """Bring a random generator to the saved state."""
+    rng.bit_generator.state = json.loads(arrays["random"].tobytes().decode())
+
+
+def length_of(arrays: dict[str, Any]) -> int:
+    """Number of triangles in the arrays of a saved fit."""
+    return len(arrays["solve.0"])
+
+
+def check_layers_state(
+    entries: Entries, settings: dict[str, Any], size: Size, active: int
+) -> list[tuple[int, ...]]:
+    """Check the entries; return the shapes of the unknowns. Raises `ValueError`."""
+    corners = 1 if settings["shading"] == "flat" else 3
+    count = settings["triangles"]
+    # Early files have arrays of just that length; later ones have a size class.
+    if entries.length("solve.0") != count:
+        count = fine_class(count)
+    shapes: list[tuple[int, ...]] = [(count, 3, 2), (count, corners, 3)]
+    shapes += [(count,)] if settings["translucent"] else []
+    entries.finite("beyond", np.float64, (), low=0.0)
+    entries.finite("width", np.float32, (), low=TINY, high=64.0)
+    entries.finite("background", np.float32, (size.channels,))
+    random = entries.full_name("random")
+    generator = read_json(random, entries.take("random", np.uint8, ("bytes",)))
+    try:
+        np.random.default_rng(0).bit_generator.state = generator
+    except Exception:
+        # NumPy raises different types, depending on what is wrong.
+        raise ValueError(f"`{random}` must be the state of a PCG64 generator.") from None
+    if "kept" in entries:
+        entries.finite("kept", np.float64, (), low=0.0)
+        for number, shape in enumerate(shapes):
+            entries.finite(f"kept.{number}", np.float32, shape)
+    return shapes
