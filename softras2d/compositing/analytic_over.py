@@ -34,26 +34,25 @@ def composite(
     colors: Float[Array, "chunks layers 3 #pixels"],
     chunks: Chunks,
     *,
-    depth: int,
+    max_chunks: int,
 ) -> Float[Array, "4 tiles pixels"]:
     """Premultiplied colour and alpha of each pixel, without background.
 
-    Opacity is coverage times alpha, 0 in slots that are not filled; `depth` bounds the chunks of a
-    tile.
+    Opacity is coverage times alpha, 0 in empty slots; `max_chunks` bounds the chunks of a tile.
     """
-    return _composite(depth, opacity, colors, chunks)
+    return _composite(max_chunks, opacity, colors, chunks)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _composite(depth: int, opacity: Array, colors: Array, chunks: Chunks) -> Array:
-    return _join(depth, _blend(opacity, colors), _cover(opacity), chunks)
+def _composite(max_chunks: int, opacity: Array, colors: Array, chunks: Chunks) -> Array:
+    return _join(max_chunks, _blend(opacity, colors), _cover(opacity), chunks)
 
 
 @functools.partial(_composite.defjvp, symbolic_zeros=True)
-def _composite_jvp(depth, primals, tangents):
+def _composite_jvp(max_chunks, primals, tangents):
     opacity, colors, chunks = primals
     sums, covered = _blend(opacity, colors), _cover(opacity)
-    out = _join(depth, sums, covered, chunks)
+    out = _join(max_chunks, sums, covered, chunks)
     change = jnp.zeros_like(out)
     fixed = opacity, colors, chunks, sums, covered
     if not isinstance(tangents[0], SymbolicZero):
@@ -62,24 +61,24 @@ def _composite_jvp(depth, primals, tangents):
             opacity, colors, chunks, sums, covered = fixed
             changes = _blend_change(opacity, moved, colors)
             return _join_change(
-                depth, sums, covered, changes, _cover_change(opacity, moved), chunks
+                max_chunks, sums, covered, changes, _cover_change(opacity, moved), chunks
             )
 
         def to_opacity(fixed, weight):
             opacity, colors, chunks, _, covered = fixed
-            return _opacity_weights(depth, opacity, colors, covered, chunks, weight)
+            return _opacity_weights(max_chunks, opacity, colors, covered, chunks, weight)
 
         change = linear_map(by_opacity, to_opacity)(fixed, tangents[0])
     if not isinstance(tangents[1], SymbolicZero):
 
         def by_color(fixed, moved):
             opacity, _, chunks, _, covered = fixed
-            shown = _join(depth, _blend(opacity, moved), covered, chunks)
+            shown = _join(max_chunks, _blend(opacity, moved), covered, chunks)
             return shown.at[3].set(0.0)
 
         def to_color(fixed, weight):
             opacity, colors, chunks, _, covered = fixed
-            return _color_weights(depth, opacity, colors, covered, chunks, weight)
+            return _color_weights(max_chunks, opacity, colors, covered, chunks, weight)
 
         change = change + linear_map(by_color, to_color)(fixed, tangents[1])
     return out, change
@@ -129,7 +128,7 @@ def _cover_change(opacity: Array, moved: Array) -> Array:
 
 
 def _join(
-    depth: int, sums: list[Array], covered: Array, chunks: Chunks
+    max_chunks: int, sums: list[Array], covered: Array, chunks: Chunks
 ) -> Float[Array, "4 tiles pixels"]:
     """The chunks of each tile as layers."""
 
@@ -143,14 +142,14 @@ def _join(
 
         shape = (chunks.count.shape[0], covered.shape[1])
         start = jnp.ones(shape, covered.dtype), [jnp.zeros(shape, covered.dtype)] * 3
-        through, total = _through_tile(depth, chunks, add, start)
+        through, total = _through_tile(max_chunks, chunks, add, start)
         return jnp.stack([*total, 1.0 - through])
 
     return join(sums, covered, chunks)
 
 
 def _join_change(
-    depth: int,
+    max_chunks: int,
     sums: list[Array],
     covered: Array,
     changes: list[Array],
@@ -168,7 +167,7 @@ def _join_change(
 
         zero = jnp.zeros((chunks.count.shape[0], covered.shape[1]), covered.dtype)
         start = jnp.ones_like(zero), zero, [zero] * 3
-        _, drop, total = _through_tile(depth, chunks, add, start)
+        _, drop, total = _through_tile(max_chunks, chunks, add, start)
         return jnp.stack([*total, -drop])
 
     return join(sums, covered, changes, gained, chunks)
@@ -181,16 +180,18 @@ def _of_chunk(k: Any, entries: list[Array], chunks: Chunks) -> list[Array]:
     return [jnp.where(there, entry.at[place].get(mode="clip"), 0.0) for entry in entries]
 
 
-def _through_tile(depth: int, chunks: Chunks, add: Callable[[Any, Any], Any], state: Any) -> Any:
+def _through_tile(
+    max_chunks: int, chunks: Chunks, add: Callable[[Any, Any], Any], state: Any
+) -> Any:
     """`add(k, state)` for each chunk k of a tile."""
-    if depth <= _UNROLLED:
-        for k in range(depth):
+    if max_chunks <= _UNROLLED:
+        for k in range(max_chunks):
             state = add(k, state)
         return state
     return jax.lax.fori_loop(0, jnp.max(chunks.count), add, state)
 
 
-def _in_front(depth: int, covered: Array, chunks: Chunks) -> Array:
+def _in_front(max_chunks: int, covered: Array, chunks: Chunks) -> Array:
     """The transmittance of the chunks in front of each chunk."""
 
     @materialized
@@ -199,15 +200,15 @@ def _in_front(depth: int, covered: Array, chunks: Chunks) -> Array:
             rest = jnp.where((chunks.index >= j)[:, None], 1.0 - _shift(covered, j), 1.0)
             return through * rest
 
-        return _through_chunks(depth, chunks, add, jnp.ones_like(covered))
+        return _through_chunks(max_chunks, chunks, add, jnp.ones_like(covered))
 
     return look(covered, chunks)
 
 
-def _through_chunks(depth: int, chunks: Chunks, add, state):
+def _through_chunks(max_chunks: int, chunks: Chunks, add, state):
     """`add(j, state)` for each distance j between chunks of a tile."""
-    if depth <= _UNROLLED:
-        for j in range(1, depth):
+    if max_chunks <= _UNROLLED:
+        for j in range(1, max_chunks):
             state = add(j, state)
         return state
     return jax.lax.fori_loop(1, jnp.max(chunks.count), add, state)
@@ -219,7 +220,7 @@ def _shift(x: Array, j) -> Array:
 
 
 def _opacity_weights(
-    depth: int, opacity: Array, colors: Array, covered: Array, chunks: Chunks, weight: Array
+    max_chunks: int, opacity: Array, colors: Array, covered: Array, chunks: Chunks, weight: Array
 ) -> Float[Array, "chunks layers pixels"]:
     """The transpose of the change by opacities."""
     layers = opacity.shape[1]
@@ -250,7 +251,7 @@ def _opacity_weights(
             return through * rest, behind + jnp.where(there, through * _shift(total, -j), 0.0)
 
         state = jnp.ones_like(covered), jnp.zeros_like(covered)
-        return _through_chunks(depth, chunks, add, state)[1]
+        return _through_chunks(max_chunks, chunks, add, state)[1]
 
     @materialized
     def differ(opacity, met, through, behind, chunks):
@@ -266,13 +267,13 @@ def _opacity_weights(
         )
 
     met = meet(colors, weight, chunks)
-    through = _in_front(depth, covered, chunks)
+    through = _in_front(max_chunks, covered, chunks)
     behind = look_behind(covered, blend(opacity, met), chunks)
     return differ(opacity, met, through, behind, chunks)
 
 
 def _color_weights(
-    depth: int, opacity: Array, colors: Array, covered: Array, chunks: Chunks, weight: Array
+    max_chunks: int, opacity: Array, colors: Array, covered: Array, chunks: Chunks, weight: Array
 ) -> Float[Array, "chunks layers 3 #pixels"]:
     """The transpose of the change by colours."""
     layers, flat = opacity.shape[1], colors.shape[3] == 1
@@ -293,5 +294,5 @@ def _color_weights(
         rows = [part.reshape(-1, part.shape[2]) for part in parts]
         return jnp.stack(sum_pixels(*rows), -1).reshape(colors.shape)
 
-    through = _in_front(depth, covered, chunks)
+    through = _in_front(max_chunks, covered, chunks)
     return gather(see(opacity, through), weight, chunks)

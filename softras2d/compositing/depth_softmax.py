@@ -31,9 +31,9 @@ def mix(
     temperature: Float[Array, ""],
     chunks: Chunks,
     *,
-    most: int,
+    max_chunks: int,
 ) -> Float[Array, "4 tiles pixels"]:
-    """Premultiplied colour and alpha of each pixel; `most` bounds the chunks of a tile."""
+    """Premultiplied colour and alpha of each pixel; `max_chunks` bounds the chunks of a tile."""
     nearest, reference = _nearest(*jax.lax.stop_gradient((opacity, depth, colors)), chunks)
 
     @materialized
@@ -57,8 +57,10 @@ def mix(
         ]
 
     parts = weigh(opacity, colors, depth, temperature, nearest, reference, chunks)
-    sums = [sum_chunks(part[:, None, None], chunks, depth=most)[:, 0, 0] for part in parts]
-    alpha = composite(opacity, jnp.zeros_like(colors), chunks, depth=most)[3]
+    sums = [
+        sum_chunks(part[:, None, None], chunks, max_chunks=max_chunks)[:, 0, 0] for part in parts
+    ]
+    alpha = composite(opacity, jnp.zeros_like(colors), chunks, max_chunks=max_chunks)[3]
 
     @materialized
     def divide(sums, alpha, reference):

@@ -178,9 +178,9 @@ _GATHERED = 32
 
 
 def sum_chunks(
-    parts: Float[Array, "chunks channels fields places"], chunks: Chunks, *, depth: int
+    parts: Float[Array, "chunks channels fields places"], chunks: Chunks, *, max_chunks: int
 ) -> Float[Array, "tiles channels fields places"]:
-    """Sum over the chunks of each tile; `depth` is the most that a tile has."""
+    """Sum over the chunks of each tile; `max_chunks` is the most that a tile has."""
 
     @materialized
     def gather(parts, chunks):
@@ -189,7 +189,7 @@ def sum_chunks(
             return jnp.where(there, parts.at[chunks.first + k].get(mode="clip"), 0.0)
 
         total = place(0)
-        for k in range(1, min(depth, _GATHERED)):
+        for k in range(1, min(max_chunks, _GATHERED)):
             total = total + place(k)
         return total
 
@@ -202,7 +202,7 @@ def sum_chunks(
 
     def add(chunks, parts):
         total = gather(parts, chunks)
-        return total if depth <= _GATHERED else scatter(total, parts, chunks)
+        return total if max_chunks <= _GATHERED else scatter(total, parts, chunks)
 
     @materialized
     def spread(chunks, total):

@@ -113,10 +113,10 @@ def draw_lines(lines: Lines, tiling: Tiling) -> Any:
     return word
 
 
-def hide(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, depth: int):
+def hide(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, max_chunks: int):
     """Remove from each slot the samples that nearer slots of the tile cover.
 
-    Also returns what a chunk and those before it cover. `depth` bounds the chunks of a tile.
+    Also returns what a chunk and those before it cover. `max_chunks` bounds the chunks of a tile.
     """
     layers = rows.shape[1]
 
@@ -130,7 +130,7 @@ def hide(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, depth: in
     # Inclusive OR over the chunks of a tile, in log steps (Hillis and Steele 1986).
     covered = union(rows)
     reach = 1
-    while reach < depth:
+    while reach < max_chunks:
         covered = materialized(functools.partial(_or_before, reach=reach))(covered, chunks.index)
         reach *= 2
 

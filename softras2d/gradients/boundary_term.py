@@ -33,9 +33,9 @@ from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from .crossings import LINES, Crossings, Sides, find_crossings, list_runs
 from .interpenetration import depth_changes, image_change
-from .layered_samples import Layers, addition
+from .layered_samples import LayeredSamples, addition
 from .thin_strips import ends_before_edge, fill_strips
-from .visible_front import Opaque, color_at, color_on_edge, triangle_at
+from .visible_front import OpaqueSamples, color_at, color_on_edge, triangle_at
 
 
 class Sweep(NamedTuple):
@@ -71,7 +71,7 @@ def edge_speeds(
     return project(velocity, vertex, sides)
 
 
-def swept(
+def image_tangent(
     speeds: tuple[Float[Array, " edges"], Float[Array, " edges"]], sweep: Sweep, grid: Grid
 ) -> Float[Array, "height width channels"]:
     """Rate of change of the image. Linear in the speeds."""
@@ -114,23 +114,28 @@ class Outlines(NamedTuple):
     count: Int[Array, "3 triangles"]
 
 
-class Shape(NamedTuple):
-    """What is compiled: `crossings` and `depth` are capacities; `flat`: one colour a triangle."""
+class BoundaryShape(NamedTuple):
+    """Static parameters of the compiled boundary term.
+
+    - `channels`: of the image.
+    - `crossings`, `max_chunks`: capacities of the plan.
+    - `flat`: whether each triangle has one colour.
+    """
 
     tiling: Tiling
     channels: int
     crossings: int
-    depth: int
+    max_chunks: int
     flat: bool
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def slopes(
-    shape: Shape,
+def boundary_term(
+    shape: BoundaryShape,
     positions: Float[Array, "vertices 2"],
     depth: Float[Array, " vertices"] | None,
     outlines: Outlines,
-    seen: Opaque | Layers,
+    samples: OpaqueSamples | LayeredSamples,
 ) -> Float[Array, "height width channels"]:
     """Zero; its derivative with respect to positions and depth is that of the box-filtered image.
 
@@ -144,29 +149,29 @@ def slopes(
     return jnp.broadcast_to(zero, (grid.height, grid.width, shape.channels))
 
 
-@functools.partial(slopes.defjvp, symbolic_zeros=True)
+@functools.partial(boundary_term.defjvp, symbolic_zeros=True)
 def _(shape, primals, tangents):
-    positions, depth, outlines, seen = jax.lax.stop_gradient(primals)
-    value = slopes(shape, positions, depth, outlines, seen)
+    positions, depth, outlines, samples = jax.lax.stop_gradient(primals)
+    value = boundary_term(shape, positions, depth, outlines, samples)
     velocity, depth_change = (
         None if isinstance(tangent, SymbolicZero) else tangent for tangent in tangents[:2]
     )
     change = jnp.zeros_like(value)
     if velocity is not None:
         with jax.named_scope("edge_slopes"):
-            sweep = _sweep(shape, outlines, seen)
+            sweep = _sweep(shape, outlines, samples)
         speeds = edge_speeds(velocity, outlines.vertex, outlines.sides)
-        change = swept(speeds, sweep, shape.tiling.grid)
-    if depth is None or not isinstance(seen, Opaque) or seen.depths is None:
+        change = image_tangent(speeds, sweep, shape.tiling.grid)
+    if depth is None or not isinstance(samples, OpaqueSamples) or samples.depths is None:
         return value, change
     if velocity is not None or depth_change is not None:
         velocity = jnp.zeros_like(positions) if velocity is None else velocity
         depth_change = jnp.zeros_like(depth) if depth_change is None else depth_change
         tiling = shape.tiling
         with jax.named_scope("interpenetration"):
-            changes = depth_changes(velocity, depth_change, outlines.vertex, seen.depths, tiling)
+            changes = depth_changes(velocity, depth_change, outlines.vertex, samples.depths, tiling)
             change = change + image_change(
-                seen, changes, tiling, depth=shape.depth, flat=shape.flat
+                samples, changes, tiling, max_chunks=shape.max_chunks, flat=shape.flat
             )
     return value, change
 
@@ -175,7 +180,9 @@ _BLOCK = 4096
 """Runs that are worked on together: what is known of them stays in a core's cache."""
 
 
-def _sweep(shape: Shape, outlines: Outlines, seen: Opaque | Layers) -> Sweep:
+def _sweep(
+    shape: BoundaryShape, outlines: Outlines, samples: OpaqueSamples | LayeredSamples
+) -> Sweep:
     grid, channels = shape.tiling.grid, shape.channels
     blocks = -(-shape.crossings // _BLOCK)
     runs = list_runs(outlines.count, capacity=blocks * _BLOCK)
@@ -187,12 +194,12 @@ def _sweep(shape: Shape, outlines: Outlines, seen: Opaque | Layers) -> Sweep:
             lambda entry: jax.lax.dynamic_slice_in_dim(entry, number * _BLOCK, _BLOCK), runs
         )
         sides, edges, _, first, count = outlines
-        found = find_crossings(sides, edges, first, count, part, grid)
-        if isinstance(seen, Opaque):
-            jump = _opaque_jumps(shape, found, seen)
+        crossings = find_crossings(sides, edges, first, count, part, grid)
+        if isinstance(samples, OpaqueSamples):
+            jump = _opaque_jumps(shape, crossings, samples)
         else:
-            jump = _layered_jumps(shape, found, seen)
-        own = (found.t, found.pixel, jump)
+            jump = _layered_jumps(shape, crossings, samples)
+        own = (crossings.t, crossings.pixel, jump)
         return tuple(
             jax.lax.dynamic_update_slice_in_dim(whole, piece, number * _BLOCK, piece.ndim - 1)
             for whole, piece in zip(sweep, own, strict=True)
@@ -206,7 +213,7 @@ def _sweep(shape: Shape, outlines: Outlines, seen: Opaque | Layers) -> Sweep:
 
 
 def _opaque_jumps(
-    shape: Shape, found: Crossings, seen: Opaque
+    shape: BoundaryShape, crossings: Crossings, samples: OpaqueSamples
 ) -> Float[Array, "channels lines runs"]:
     """The colour of the edge's triangle less what shows outside, where that triangle is in front.
 
@@ -217,71 +224,78 @@ def _opaque_jumps(
     """
     tiling = shape.tiling
     inner, outer = (
-        triangle_at(seen.front, sample, tiling, depth=shape.depth)
-        for sample in (found.inside, found.outside)
+        triangle_at(samples.front, sample, tiling, max_chunks=shape.max_chunks)
+        for sample in (crossings.inside, crossings.outside)
     )
 
     depths = None
-    if seen.depths is not None:
-        on_edge = depth_on_edge(seen.depths, found.edge, found.t)
-        owner = jnp.broadcast_to((found.edge // 3)[None], inner.shape)
+    if samples.depths is not None:
+        on_edge = depth_on_edge(samples.depths, crossings.edge, crossings.t)
+        owner = jnp.broadcast_to((crossings.edge // 3)[None], inner.shape)
         depth, behind = (
-            depth_at(seen.depths, jnp.maximum(triangle, 0), found.outside, tiling)
+            depth_at(samples.depths, jnp.maximum(triangle, 0), crossings.outside, tiling)
             for triangle in (owner, outer)
         )
         depths = on_edge, depth, behind
 
     @materialized
-    def own(found, inner, outer, depths):
-        owner = (found.edge // 3)[None]
+    def own(crossings, inner, outer, depths):
+        owner = (crossings.edge // 3)[None]
         covers_inside, before_outer = inner == owner, outer < owner
-        # Between two samples that show the same triangle behind it, a thinner one is seen.
+        # Between two samples that show the same triangle behind it, a thinner one is samples.
         thin = (inner == outer) & ~covers_inside
         if depths is not None:
             on_edge, depth, behind = depths
             depth = jnp.where(covers_inside, depth, on_edge)
             before_outer = (outer < 0) | (depth < behind) | ((depth == behind) & before_outer)
-        return found.live & covers_inside, found.live & (covers_inside | thin) & before_outer
+        return crossings.valid & covers_inside, crossings.valid & (
+            covers_inside | thin
+        ) & before_outer
 
     @materialized
     def jump(owned, outwards, near, far):
         return jnp.where(owned[None], (near - far) * _per_pixel(outwards, tiling), 0.0)
 
-    shown, owned = own(found, inner, outer, depths)
-    is_strip = materialized(ends_before_edge)(seen.surface.edges, found, outer, shown)
-    far_triangle, owned = fill_strips(seen, found, outer, owned, is_strip, tiling)
-    near = color_on_edge(seen.surface, found.edge, found.t, tiling, flat=shape.flat)
+    shown, owned = own(crossings, inner, outer, depths)
+    is_strip = materialized(ends_before_edge)(samples.surface.edges, crossings, outer, shown)
+    far_triangle, owned = fill_strips(samples, crossings, outer, owned, is_strip, tiling)
+    near = color_on_edge(samples.surface, crossings.edge, crossings.t, tiling, flat=shape.flat)
     far = color_at(
-        seen.surface, seen.background, far_triangle, found.outside, tiling, flat=shape.flat
+        samples.surface,
+        samples.background,
+        far_triangle,
+        crossings.outside,
+        tiling,
+        flat=shape.flat,
     )
-    return jump(owned, found.outwards, near, far)
+    return jump(owned, crossings.outwards, near, far)
 
 
 def _layered_jumps(
-    shape: Shape, found: Crossings, seen: Layers
+    shape: BoundaryShape, crossings: Crossings, samples: LayeredSamples
 ) -> Float[Array, "channels lines runs"]:
     """What the triangle inside would add outside, through what lies in front at either sample.
 
     A layer in front that ends between the same two samples has a crossing of its own, beyond which
-    this one is seen no better than before it.
+    this one is samples no better than before it.
     """
     tiling = shape.tiling
-    triangle = jnp.broadcast_to((found.edge // 3)[None], found.live.shape)
-    add = functools.partial(addition, seen, triangle, tiling=tiling, flat=shape.flat)
+    triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.valid.shape)
+    add = functools.partial(addition, samples, triangle, tiling=tiling, flat=shape.flat)
 
     @materialized
-    def limit(found, near, far):
+    def limit(crossings, near, far):
         clear = jnp.where(far.through > 0, far.through, 1.0)
         part = jnp.minimum(near.through, far.through) / clear
-        gain = far.gain * part[None] * _per_pixel(found.outwards, tiling)
+        gain = far.gain * part[None] * _per_pixel(crossings.outwards, tiling)
         counted = near.listed
-        if shape.flat and seen.depths is None:
-            # A triangle that covers neither sample is thinner than their distance: it is seen
+        if shape.flat and samples.depths is None:
+            # A triangle that covers neither sample is thinner than their distance: it is samples
             # between them all the same. Its colour outside is known only if it has one.
             counted = counted | ~far.listed
-        return jnp.where((found.live & counted)[None], gain, 0.0)
+        return jnp.where((crossings.valid & counted)[None], gain, 0.0)
 
-    return limit(found, add(found.inside), add(found.outside))
+    return limit(crossings, add(crossings.inside), add(crossings.outside))
 
 
 def _per_pixel(outwards: Array, tiling: Tiling) -> Array:

@@ -32,18 +32,18 @@ class Sample(NamedTuple):
 class Crossings(NamedTuple):
     """Runs of crossings, edge by edge.
 
-    - `edge`: of each run, as 3 triangle + side; `live`: whether there is a crossing at all.
+    - `edge`: of each run, as 3 triangle + side; `valid`: whether there is a crossing at all.
     - `inside`, `outside`: the two samples; of the triangle, and next to it. Where an edge passes
       between the border of the canvas and the first sample, both are that sample.
     - `gap`: from the outside sample to the crossing along the line, in samples.
     - `t`: how far along the edge, 0..1.
     - `along_row`: of each run, whether its lines are rows of samples, else columns.
     - `outwards`: of each run, 1 if the outside lies at greater x or y, else -1.
-    - `pixel`: that holds the crossing, row by row; one past the last where not `live`.
+    - `pixel`: that holds the crossing, row by row; one past the last where not `valid`.
     """
 
     edge: Int[Array, " runs"]
-    live: Bool[Array, "lines runs"]
+    valid: Bool[Array, "lines runs"]
     inside: Sample
     outside: Sample
     gap: Float[Array, "lines runs"]
@@ -194,7 +194,7 @@ def find_crossings(
         )
 
     run = gather(sides, edges, first, count, runs)
-    before, line, t, place, pixel, live = materialized(lambda run: _follow(run, grid))(run)
+    before, line, t, place, pixel, valid = materialized(lambda run: _follow(run, grid))(run)
 
     @materialized
     def step_to(run, before, line, inner):
@@ -212,7 +212,7 @@ def find_crossings(
     inside, outside = (step_to(run, before, line, jnp.asarray(inner)) for inner in (True, False))
     gap = distance(run, outside, place)
     outwards = jnp.where(run.step > 0, -1.0, 1.0).astype(t.dtype)
-    return Crossings(runs.edge, live, inside, outside, gap, t, run.steep, outwards, pixel)
+    return Crossings(runs.edge, valid, inside, outside, gap, t, run.steep, outwards, pixel)
 
 
 def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array, Array]:
@@ -248,13 +248,13 @@ def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array, Ar
     before = guess + (~past(guess + 1)).astype(jnp.int32) - past(guess).astype(jnp.int32)
     # The border of the canvas is half a sample before the first sample and after the last.
     on_canvas = (across >= 0) & (across * grid.rate <= size.astype(dtype))
-    live = (number < wide.lines) & (before >= -1) & (before < size) & on_canvas
-    before, line = jnp.where(live, before, 0), jnp.where(live, line, 0)
+    valid = (number < wide.lines) & (before >= -1) & (before < size) & on_canvas
+    before, line = jnp.where(valid, before, 0), jnp.where(valid, line, 0)
     # If the samples are of two pixels, these meet half way between them.
     middle = 2 * value(before).wrapped + wide.step
     first = (middle >= 0) == (wide.step > 0)
     held = jnp.clip(before + jnp.where(first, 0, 1), 0, size - 1) // grid.rate
     by_row = line // grid.rate
     pixel = jnp.where(wide.steep, by_row * grid.width + held, held * grid.width + by_row)
-    pixel = jnp.where(live, pixel, grid.height * grid.width)
-    return before, line, t, across * grid.rate - 0.5, pixel, live
+    pixel = jnp.where(valid, pixel, grid.height * grid.width)
+    return before, line, t, across * grid.rate - 0.5, pixel, valid

@@ -1,4 +1,4 @@
-"""What a moving vertex does to the inside of its triangle: colours ride along with it.
+"""What a moving vertex does to the inside of its triangle: colours move with the vertices with it.
 
 Weights w_j of the corners are affine on the screen. As x = sum w_k v_k stays put when the corners
 v_k move, the weights at x change by -grad w_j . sum_k w_k dv_k, and a value with the corners c_j,
@@ -52,7 +52,7 @@ def weight_gradients(
 
 
 @jax.custom_jvp
-def ride(
+def attach_interior_term(
     corners: Corners,
     positions: Float[Array, "vertices 2"],
     vertex: Int[Array, "triangles 3"],
@@ -65,7 +65,7 @@ def ride(
     return corners
 
 
-def _ride_jvp(primals, tangents):
+def _interior_term_jvp(primals, tangents):
     corners, _, vertex, gradients = jax.lax.stop_gradient(primals)
     change = jax.tree.map(
         lambda entry, dot: jnp.zeros_like(entry) if isinstance(dot, SymbolicZero) else dot,
@@ -103,4 +103,4 @@ def _ride_jvp(primals, tangents):
     )
 
 
-ride.defjvp(_ride_jvp, symbolic_zeros=True)
+attach_interior_term.defjvp(_interior_term_jvp, symbolic_zeros=True)

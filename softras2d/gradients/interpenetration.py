@@ -31,7 +31,7 @@ from ..numerics.linear_map import linear_map
 from ..numerics.prefix import cumulative_sum
 from .crossings import Sample
 from .interior_term import weight_gradients
-from .visible_front import Opaque, address, color_at, slot_at
+from .visible_front import OpaqueSamples, address, color_at, slot_at
 
 _WORDS = 2**16
 """Words of bits that are searched together."""
@@ -45,11 +45,11 @@ place with them is noise, not a line."""
 
 
 class _Shape(NamedTuple):
-    """What is compiled: `flat` if a triangle has one colour; `depth` as in `slot_at`."""
+    """What is compiled: `flat` if a triangle has one colour; `max_chunks` as in `slot_at`."""
 
     tiling: Tiling
     channels: int
-    depth: int
+    max_chunks: int
     flat: bool
 
 
@@ -118,18 +118,18 @@ def depth_changes(
 
 
 def image_change(
-    visible: Opaque,
+    visible: OpaqueSamples,
     changes: Float[Array, "3 triangles"],
     tiling: Tiling,
     *,
-    depth: int,
+    max_chunks: int,
     flat: bool,
 ) -> Float[Array, "height width channels"]:
     """Rate of change of the image for the given `depth_changes`. Linear in them."""
     grid = tiling.grid
-    shape = _Shape(tiling, visible.background.shape[0], depth, flat)
+    shape = _Shape(tiling, visible.background.shape[0], max_chunks, flat)
 
-    def forward(visible: Opaque, changes: Array) -> Array:
+    def forward(visible: OpaqueSamples, changes: Array) -> Array:
         def add(image: Array, exchange: _Exchange) -> Array:
             before = jnp.sum(exchange.before_weights * changes[:, exchange.before], 0)
             after = jnp.sum(exchange.after_weights * changes[:, exchange.after], 0)
@@ -139,7 +139,7 @@ def image_change(
         empty = jnp.zeros((shape.channels, grid.height * grid.width), changes.dtype)
         return _for_each_exchange(shape, visible, add, empty)
 
-    def backward(visible: Opaque, cotangent: Array) -> Array:
+    def backward(visible: OpaqueSamples, cotangent: Array) -> Array:
         def add(changes: Array, exchange: _Exchange) -> Array:
             at_pixel = cotangent.at[:, exchange.pixel].get(mode="fill", fill_value=0)
             weight = jnp.sum(exchange.gain * at_pixel, 0)[None]
@@ -154,7 +154,7 @@ def image_change(
     return image.T.reshape(grid.height, grid.width, shape.channels)
 
 
-def _for_each_exchange(shape: _Shape, visible: Opaque, add: Any, total: Array) -> Array:
+def _for_each_exchange(shape: _Shape, visible: OpaqueSamples, add: Any, total: Array) -> Array:
     """`add(total, exchange)` for all exchanges of the image, block after block."""
     tiling = shape.tiling
     rows = tiling.sample_rows
@@ -193,7 +193,7 @@ def _for_each_exchange(shape: _Shape, visible: Opaque, add: Any, total: Array) -
     return jax.lax.fori_loop(0, blocks, visit_block, total)
 
 
-def _depth_planes(visible: Opaque, tiling: Tiling) -> _DepthPlanes:
+def _depth_planes(visible: OpaqueSamples, tiling: Tiling) -> _DepthPlanes:
     depths = visible.depths
     assert depths is not None
     dtype = depths.depth.dtype
@@ -222,11 +222,16 @@ def _candidates(
 
 
 def _changed_pairs(
-    shape: _Shape, visible: Opaque, words: Array, ends: Array, first_slot: Array, group: Array
+    shape: _Shape,
+    visible: OpaqueSamples,
+    words: Array,
+    ends: Array,
+    first_slot: Array,
+    group: Array,
 ) -> tuple[_Pairs, Array]:
-    """A group of the candidates of a block: those at which both triangles may cover both samples.
+    """The pairs of a group of candidates at which both triangles may cover both samples.
 
-    They come first; also returns how many they are.
+    These come first; also returns how many they are.
     """
     tiling = shape.tiling
     grid = tiling.grid
@@ -279,14 +284,16 @@ def _changed_pairs(
         return (after != pairs.before) & (covers_first | leaves_tile)
 
     pairs, used = locate(words, ends, visible.front.chunks, first_slot, group)
-    slot = slot_at(visible.front, pairs.second, tiling, depth=shape.depth)
+    slot = slot_at(visible.front, pairs.second, tiling, max_chunks=shape.max_chunks)
     after = visible.front.chunks.triangle.reshape(-1)[jnp.maximum(slot, 0)]
     changed = used & (slot >= 0) & is_changed(visible.covered, pairs, slot, after)
     return compact(pairs._replace(after=after), changed)
 
 
-def _exchange(shape: _Shape, visible: Opaque, planes: _DepthPlanes, pairs: _Pairs) -> _Exchange:
-    """What the pairs exchange; those that no line of equal depth passes between have no gain."""
+def _exchange(
+    shape: _Shape, visible: OpaqueSamples, planes: _DepthPlanes, pairs: _Pairs
+) -> _Exchange:
+    """What each pair exchanges; the gain is 0 if no line of equal depth passes between."""
     tiling, depths = shape.tiling, visible.depths
     grid = tiling.grid
     assert depths is not None

@@ -21,7 +21,7 @@ from .crossings import Sample
 from .visible_front import address, color_at
 
 
-class Layers(NamedTuple):
+class LayeredSamples(NamedTuple):
     """The samples of each listed pair that its triangle shows at, if nothing is in front."""
 
     rows: UInt32[Array, "pairs rows"]
@@ -59,7 +59,7 @@ class _State(NamedTuple):
 
 
 def addition(
-    layers: Layers,
+    layers: LayeredSamples,
     triangle: Int[Array, "lines runs"],
     sample: Sample,
     tiling: Tiling,

@@ -2,9 +2,9 @@
 
 Two neighbouring samples may show two triangles that do not meet: each ends between the samples, and
 the strip between their edges shows a third triangle, or the background, that neither sample shows.
-Both edges then border on that one. It is found by going through the list of the tile, with tests at
-a point just outside the edge. Few crossings call for that: they are gathered and worked on in
-groups.
+Both edges then border on that one. It is found by going through the list of the tile, with
+tests at a point just outside the edge. Few crossings call for that: they are gathered and worked on
+in groups.
 """
 
 import jax
@@ -18,7 +18,7 @@ from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..numerics.prefix import cumulative_sum
 from .crossings import Crossings, Sample
-from .visible_front import Opaque, address
+from .visible_front import OpaqueSamples, address
 
 _OUTSIDE = 1.0 / 64
 """How far outside an edge a strip is looked for, in samples; thinner ones are taken to be none."""
@@ -29,7 +29,7 @@ _LANES = 512
 
 def ends_before_edge(
     edges: Edges,
-    found: Crossings,
+    crossings: Crossings,
     outer: Int[Array, "lines runs"],
     shown: Bool[Array, "lines runs"],
 ) -> Bool[Array, "lines runs"]:
@@ -40,14 +40,14 @@ def ends_before_edge(
     and what lies beyond the edge is unknown.
     """
     triangle = jnp.maximum(outer, 0)
-    covers = _covers_near(edges, triangle, found.outside, _point(found))
-    at_border = outer == (found.edge // 3)[None]
+    covers = _covers_near(edges, triangle, crossings.outside, _point(crossings))
+    at_border = outer == (crossings.edge // 3)[None]
     return shown & (outer >= 0) & (at_border | ~covers)
 
 
 def fill_strips(
-    seen: Opaque,
-    found: Crossings,
+    samples: OpaqueSamples,
+    crossings: Crossings,
     outer: Int[Array, "lines runs"],
     owned: Bool[Array, "lines runs"],
     is_strip: Bool[Array, "lines runs"],
@@ -69,10 +69,10 @@ def fill_strips(
     listed, count = list_strips(is_strip)
     listed = jnp.pad(listed, (0, -lanes % _LANES), constant_values=lanes)
     depth_of_edge = None
-    if seen.depths is not None:
-        depth_of_edge = depth_on_edge(seen.depths, found.edge, found.t).reshape(-1)
-    owner = jnp.broadcast_to((found.edge // 3)[None], outer.shape)
-    point = jnp.stack(jnp.broadcast_arrays(*_point(found)))
+    if samples.depths is not None:
+        depth_of_edge = depth_on_edge(samples.depths, crossings.edge, crossings.t).reshape(-1)
+    owner = jnp.broadcast_to((crossings.edge // 3)[None], outer.shape)
+    point = jnp.stack(jnp.broadcast_arrays(*_point(crossings)))
 
     @materialized
     def gather(at, owner, outside, point):
@@ -84,11 +84,11 @@ def fill_strips(
 
     def visit(group: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
         at = jax.lax.dynamic_slice_in_dim(listed, group * _LANES, _LANES)
-        triangle, outside, offset = gather(at, owner, found.outside, point)
+        triangle, outside, offset = gather(at, owner, crossings.outside, point)
         own_depth = None
         if depth_of_edge is not None:
             own_depth = depth_of_edge.at[at].get(mode="clip")
-        behind, visible = _walk(seen, triangle, outside, offset, own_depth, tiling)
+        behind, visible = _walk(samples, triangle, outside, offset, own_depth, tiling)
         far, owned = state
         return far.at[at].set(behind, mode="drop"), owned.at[at].set(visible, mode="drop")
 
@@ -97,10 +97,10 @@ def fill_strips(
     return far.reshape(outer.shape), owned.reshape(outer.shape)
 
 
-def _point(found: Crossings) -> tuple[Array, Array]:
+def _point(crossings: Crossings) -> tuple[Array, Array]:
     """The point just outside each edge, from its sample outside: right and down, in samples."""
-    along = found.gap + _OUTSIDE * found.outwards[None]
-    is_row = found.along_row[None]
+    along = crossings.gap + _OUTSIDE * crossings.outwards[None]
+    is_row = crossings.along_row[None]
     zero = jnp.zeros_like(along)
     return jnp.where(is_row, along, zero), jnp.where(is_row, zero, along)
 
@@ -121,7 +121,7 @@ def _covers_near(
 
 
 def _walk(
-    seen: Opaque,
+    samples: OpaqueSamples,
     owner: Int[Array, " lanes"],
     sample: Sample,
     offset: Float[Array, "2 lanes"],
@@ -129,7 +129,7 @@ def _walk(
     tiling: Tiling,
 ) -> tuple[Int[Array, " lanes"], Bool[Array, " lanes"]]:
     """The nearest other triangle that covers each point, -1 for none; whether `owner` is nearer."""
-    chunks, depths = seen.front.chunks, seen.depths
+    chunks, depths = samples.front.chunks, samples.depths
     layers = chunks.triangle.shape[1]
 
     @materialized
@@ -147,7 +147,9 @@ def _walk(
         slot = jnp.minimum(first + k, triangles.size - 1)
         triangle = triangles.reshape(-1)[slot]
         listed = (k < count) & filled.reshape(-1)[slot] & (triangle != owner)
-        covers = listed & _covers_near(seen.surface.edges, triangle, sample, (offset[0], offset[1]))
+        covers = listed & _covers_near(
+            samples.surface.edges, triangle, sample, (offset[0], offset[1])
+        )
         if depths is None or area is None:
             return jnp.where(covers, jnp.maximum(nearest, triangle), nearest), least
         depth = _depth_near(depths, area, triangle, sample, offset, tiling)
@@ -155,7 +157,7 @@ def _walk(
         return jnp.where(nearer, triangle, nearest), jnp.where(nearer, depth, least)
 
     first, count = locate(chunks, sample)
-    least = jnp.full(owner.shape, jnp.inf, seen.background.dtype)
+    least = jnp.full(owner.shape, jnp.inf, samples.background.dtype)
     nearest, least = jax.lax.fori_loop(
         0,
         jnp.max(count),

@@ -33,7 +33,7 @@ class Front(NamedTuple):
     chunks: Chunks
 
 
-class Opaque(NamedTuple):
+class OpaqueSamples(NamedTuple):
     """An opaque scene as its samples show it.
 
     - `front`: which triangle shows at each sample.
@@ -49,10 +49,10 @@ class Opaque(NamedTuple):
 
 
 def triangle_at(
-    front: Front, sample: Sample, tiling: Tiling, *, depth: int
+    front: Front, sample: Sample, tiling: Tiling, *, max_chunks: int
 ) -> Int[Array, "*samples"]:
-    """The triangle that shows at each sample, -1 for the background; `depth` as in `hide`."""
-    slot = slot_at(front, sample, tiling, depth=depth)
+    """The triangle that shows at each sample, -1 for the background; `max_chunks` as in `hide`."""
+    slot = slot_at(front, sample, tiling, max_chunks=max_chunks)
 
     @materialized
     def read(triangle, slot):
@@ -61,7 +61,9 @@ def triangle_at(
     return read(front.chunks.triangle.reshape(-1), slot)
 
 
-def slot_at(front: Front, sample: Sample, tiling: Tiling, *, depth: int) -> Int[Array, "*samples"]:
+def slot_at(
+    front: Front, sample: Sample, tiling: Tiling, *, max_chunks: int
+) -> Int[Array, "*samples"]:
     """The slot whose triangle shows at each sample, -1 for the background."""
     rows, layers = front.covered.shape[1], front.visible.shape[1]
 
@@ -74,7 +76,7 @@ def slot_at(front: Front, sample: Sample, tiling: Tiling, *, depth: int) -> Int[
     def search(covered, first, count, place, bit):
         # Chunks that leave the sample open come first: a binary search for how many.
         open_ones = jnp.zeros_like(first)
-        step = depth
+        step = max_chunks
         while step:
             probe = open_ones + step
             there = jnp.clip(first + probe - 1, 0, covered.shape[0] // rows - 1)

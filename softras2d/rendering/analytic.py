@@ -90,7 +90,7 @@ class AnalyticMode(CoverageMode):
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
         """The layers of each pixel in one: premultiplied colour, and alpha."""
-        return analytic_over.composite(shaded.opacity, shaded.color, chunks, depth=max_chunks)
+        return analytic_over.composite(shaded.opacity, shaded.color, chunks, max_chunks=max_chunks)
 
     def lay_out(
         self,
@@ -258,7 +258,7 @@ def add_signed(
     sign = jnp.where(is_reversed, 1.0, -1.0).astype(opacity.dtype)
     parts = materialized(_add_slots)(opacity, colors, sign, chunks)
     return jnp.stack(
-        [sum_chunks(part[:, None, None], chunks, depth=max_chunks)[:, 0, 0] for part in parts]
+        [sum_chunks(part[:, None, None], chunks, max_chunks=max_chunks)[:, 0, 0] for part in parts]
     )
 
 

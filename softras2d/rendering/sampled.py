@@ -21,11 +21,11 @@ from ..geometry.fixed_point import Edges, Grid, GridTriangles, SampleBounds, reo
 from ..geometry.guard_band import WeightPlanes
 from ..geometry.projection import project
 from ..geometry.tiling import Tiling
-from ..gradients.boundary_term import Outlines, Shape, slopes
+from ..gradients.boundary_term import BoundaryShape, Outlines, boundary_term
 from ..gradients.crossings import Sides, is_steep, lines_crossed, runs_of
-from ..gradients.interior_term import ride, weight_gradients
-from ..gradients.layered_samples import Layers
-from ..gradients.visible_front import Front, Opaque
+from ..gradients.interior_term import attach_interior_term, weight_gradients
+from ..gradients.layered_samples import LayeredSamples
+from ..gradients.visible_front import Front, OpaqueSamples
 from ..numerics.fusion_barrier import materialized
 from ..options import Hard
 from ..planning.capacities import HARD_HEADROOM, Needs, choose_capacity, count_lists
@@ -222,7 +222,7 @@ def _surface(
     )
     if outlines is not None and varies(scene):
         gradients = weight_gradients(edges, weights, plan.grid, scene.positions.dtype)
-        corners = ride(corners, scene.positions, outlines.vertex, gradients)
+        corners = attach_interior_term(corners, scene.positions, outlines.vertex, gradients)
     return surface_of(edges, weights, corners, scene.texture_index, scene.textures, plan.filter)
 
 
@@ -241,9 +241,13 @@ def _blend(
     sums = over.composite(projected.surface, passed, covered, lists, steps, tiling, shading=shading)
     image = over.to_image(sums, background, tiling)
     if projected.outlines is not None:
-        seen = Layers(passed, lists, projected.surface, projected.depths, background)
-        shape = Shape(tiling, image.shape[-1], plan.capacity.crossings, 0, not varies(scene))
-        image = image + slopes(shape, scene.positions, scene.depth, projected.outlines, seen)
+        samples = LayeredSamples(passed, lists, projected.surface, projected.depths, background)
+        shape = BoundaryShape(
+            tiling, image.shape[-1], plan.capacity.crossings, 0, not varies(scene)
+        )
+        image = image + boundary_term(
+            shape, scene.positions, scene.depth, projected.outlines, samples
+        )
     return image
 
 
@@ -292,7 +296,7 @@ def _paint(
             materialized(_gather_slots)(words, chunks)
             for words in _listed_words(projected, lists, steps, plan)
         )
-    visible, covered_so_far = hide(passed, chunks, depth=capacity.max_chunks)
+    visible, covered_so_far = hide(passed, chunks, max_chunks=capacity.max_chunks)
     surface = projected.surface
     if background.shape[0] == 4:
         opaque_corners = opaque.with_alpha(surface.corners.color)
@@ -307,16 +311,18 @@ def _paint(
         fragment_count = fragments.needed
     else:
         parts = _sum_slots(surface, visible, chunks, tiling)
-        totals = opaque.sum_chunks(parts, chunks, depth=capacity.max_chunks)
+        totals = opaque.sum_chunks(parts, chunks, max_chunks=capacity.max_chunks)
     totals = opaque.add_background(totals, covered_so_far, chunks, background, tiling)
     image = opaque.to_image(totals, tiling)
     if projected.outlines is not None:
         front = Front(visible, covered_so_far, chunks)
-        samples = Opaque(front, covered, surface, projected.depths, background)
-        shape = Shape(
+        samples = OpaqueSamples(front, covered, surface, projected.depths, background)
+        shape = BoundaryShape(
             tiling, image.shape[-1], capacity.crossings, capacity.max_chunks, not varies(scene)
         )
-        image = image + slopes(shape, scene.positions, scene.depth, projected.outlines, samples)
+        image = image + boundary_term(
+            shape, scene.positions, scene.depth, projected.outlines, samples
+        )
     return image, fragment_count
 
 
@@ -342,6 +348,6 @@ def _slot_weights(
     *,
     tiling: Tiling,
 ) -> Weights:
-    """Barycentric weights of each slot's triangle, as seen from its tile."""
+    """Barycentric weights of each slot's triangle, as samples from its tile."""
     edges, area, planes = surface[:3]
     return slot_weights(edges, area, triangle, tile, tiling, planes)

@@ -71,7 +71,7 @@ class SoftMode(AnalyticMode):
         if depth is None:
             return super().composite(coverage, shaded, triangles, chunks, max_chunks)
         temperature = jnp.asarray(coverage.temperature).astype(opacity.dtype)
-        return depth_softmax.mix(opacity, color, depth, temperature, chunks, most=max_chunks)
+        return depth_softmax.mix(opacity, color, depth, temperature, chunks, max_chunks=max_chunks)
 
 
 def _check_positive(name: str, value: Any) -> None:
