@@ -114,7 +114,7 @@ def advance_each(
 
 
 def move(solver: Solver, residual: Residual, progress: Progress, y: Any, args: Any) -> Progress:
-    """The same solve from another point, with the best so far.
+    """Continue a solve from another point, with the best result so far.
 
     Solvers other than those of optax remember the loss and derivative at their last point, which
     no longer hold: they begin anew.
@@ -130,7 +130,7 @@ def move(solver: Solver, residual: Residual, progress: Progress, y: Any, args: A
 
 
 def set_learning_rate(progress: Progress, learning_rate: float) -> Progress:
-    """The same solve with another learning rate; unchanged if its solver's cannot be set."""
+    """Set the learning rate of a solve; unchanged if its solver has none that can be set."""
 
     def rate_of(progress: Progress) -> Any:
         # An array, or what Equinox puts in its place while it looks where it is.
@@ -144,7 +144,7 @@ def set_learning_rate(progress: Progress, learning_rate: float) -> Progress:
 
 
 def forget_best(progress: Progress) -> Progress:
-    """The same solve without a best point: for new arguments, with which losses do not compare."""
+    """Forget the best point of a solve: for new arguments, whose losses do not compare."""
     infinite = jnp.full_like(progress.best_loss, jnp.inf)
     state = eqx.tree_at(lambda state: state.best_loss, progress.state, infinite)
     return progress._replace(state=state)

@@ -16,7 +16,7 @@ def tree_arrays(name: str, tree: Any) -> dict[str, np.ndarray]:
 
 
 def fill_tree(tree: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
-    """The same pytree with its arrays replaced by those that `tree_arrays` named.
+    """A copy of the pytree with its arrays replaced by those that `tree_arrays` named.
 
     Raises `ValueError` for an array that is missing, or has another shape or type.
     """

@@ -143,7 +143,7 @@ class Edge(NamedTuple):
         return start.times(count).moved((self.right, columns), (self.down, rows))
 
     def rebased(self, column: Any, row: Any) -> "Edge":
-        """The same edge function with samples counted from sample (column, row)."""
+        """This edge function, with samples counted from sample (column, row)."""
         start, estimate = self.at(column, row)
         return self._replace(start=start, estimate=estimate)
 

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..coverage.depth_test import depth_at, depth_on_edge
 from ..geometry.fixed_point import Edges, Grid
@@ -33,7 +33,7 @@ from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from .crossings import LINES, Crossings, Sides, find_crossings, list_runs
 from .interpenetration import depth_changes, image_change
-from .layered_samples import LayeredSamples, addition
+from .layered_samples import Addition, LayeredSamples, addition
 from .thin_strips import ends_before_edge, fill_strips
 from .visible_front import OpaqueSamples, color_at, color_on_edge, triangle_at
 
@@ -55,49 +55,69 @@ class Sweep(NamedTuple):
 def edge_speeds(
     velocity: Float[Array, "vertices 2"], vertex: Int[Array, "triangles 3"], sides: Sides
 ) -> tuple[Float[Array, " edges"], Float[Array, " edges"]]:
-    """Speed at which both ends of each edge carry it along the lines that it crosses."""
+    """Speed of both ends of each edge along the lines of samples that it crosses."""
+    return materialized(_edge_speeds)(velocity, vertex, sides)
 
-    @materialized
-    def project(velocity, vertex, sides):
-        slope = sides.slope
 
-        def speed(vertex):
-            x, y = velocity[:, 0][vertex], velocity[:, 1][vertex]
-            along, across = jnp.where(sides.steep, x, y), jnp.where(sides.steep, y, x)
-            return (along - slope * across).reshape(-1)
+def _edge_speeds(
+    velocity: Float[Array, "vertices 2"], vertex: Int[Array, "triangles 3"], sides: Sides
+) -> tuple[Float[Array, " edges"], Float[Array, " edges"]]:
+    slope = sides.slope
 
-        return speed(vertex), speed(jnp.roll(vertex, -1, 1))
+    def speed(vertex: Int[Array, "triangles 3"]) -> Float[Array, " edges"]:
+        x, y = velocity[:, 0][vertex], velocity[:, 1][vertex]
+        along, across = jnp.where(sides.steep, x, y), jnp.where(sides.steep, y, x)
+        return (along - slope * across).reshape(-1)
 
-    return project(velocity, vertex, sides)
+    return speed(vertex), speed(jnp.roll(vertex, -1, 1))
 
 
 def image_tangent(
     speeds: tuple[Float[Array, " edges"], Float[Array, " edges"]], sweep: Sweep, grid: Grid
 ) -> Float[Array, "height width channels"]:
-    """Rate of change of the image. Linear in the speeds."""
-
-    @materialized
-    def pick(speeds, edge):
-        return tuple(ends[edge] for ends in speeds)
-
-    @materialized
-    def spread(ends):
-        # Not a broadcast: its transpose is a sum over lines that is not vectorised.
-        return tuple(jnp.concatenate([end[None]] * LINES) for end in ends)
-
-    @materialized
-    def move(ends, t):
-        start, end = ends
-        return start * (1.0 - t) + end * t
-
-    @materialized
-    def add(speed, jump, pixel):
-        still = jnp.zeros(grid.height * grid.width, speed.dtype)
-        return still.at[pixel.reshape(-1)].add((jump * speed).reshape(-1), mode="drop")
-
-    speed = move(spread(pick(speeds, sweep.edge)), sweep.t)
+    """Change of the image per unit of time as edges move. Linear in the speeds."""
+    ends = materialized(_gather_speeds)(speeds, sweep.edge)
+    speed = materialized(_interpolate)(materialized(_repeat_lines)(ends), sweep.t)
+    add = materialized(functools.partial(_add_to_pixels, pixels=grid.height * grid.width))
     image = [add(speed, jump, sweep.pixel) for jump in sweep.jump]
     return jnp.stack(image, -1).reshape(grid.height, grid.width, -1)
+
+
+def _gather_speeds(
+    speeds: tuple[Float[Array, " edges"], Float[Array, " edges"]], edge: Int[Array, " runs"]
+) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
+    """Speeds of the start and the end of each run's edge."""
+    return speeds[0][edge], speeds[1][edge]
+
+
+def _repeat_lines(
+    ends: tuple[Float[Array, " runs"], Float[Array, " runs"]],
+) -> tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]]:
+    """Copy the speeds to every line of a run."""
+    # Not a broadcast: its transpose is a sum over lines that is not vectorised.
+    start, end = (jnp.concatenate([end[None]] * LINES) for end in ends)
+    return start, end
+
+
+def _interpolate(
+    ends: tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]],
+    t: Float[Array, "lines runs"],
+) -> Float[Array, "lines runs"]:
+    """Speed of each crossing, which lies at `t` between the ends of its edge."""
+    start, end = ends
+    return start * (1.0 - t) + end * t
+
+
+def _add_to_pixels(
+    speed: Float[Array, "lines runs"],
+    jump: Float[Array, "lines runs"],
+    pixel: Int[Array, "lines runs"],
+    *,
+    pixels: int,
+) -> Float[Array, " pixels"]:
+    """Add what each crossing brings to its pixel; pixels past the last are dropped."""
+    unchanged = jnp.zeros(pixels, speed.dtype)
+    return unchanged.at[pixel.reshape(-1)].add((jump * speed).reshape(-1), mode="drop")
 
 
 class Outlines(NamedTuple):
@@ -228,7 +248,7 @@ def _opaque_jumps(
         for sample in (crossings.inside, crossings.outside)
     )
 
-    depths = None
+    edge_depths = None
     if samples.depths is not None:
         on_edge = depth_on_edge(samples.depths, crossings.edge, crossings.t)
         owner = jnp.broadcast_to((crossings.edge // 3)[None], inner.shape)
@@ -236,27 +256,9 @@ def _opaque_jumps(
             depth_at(samples.depths, jnp.maximum(triangle, 0), crossings.outside, tiling)
             for triangle in (owner, outer)
         )
-        depths = on_edge, depth, behind
+        edge_depths = EdgeDepths(on_edge, depth, behind)
 
-    @materialized
-    def own(crossings, inner, outer, depths):
-        owner = (crossings.edge // 3)[None]
-        covers_inside, before_outer = inner == owner, outer < owner
-        # Between two samples that show the same triangle behind it, a thinner one is samples.
-        thin = (inner == outer) & ~covers_inside
-        if depths is not None:
-            on_edge, depth, behind = depths
-            depth = jnp.where(covers_inside, depth, on_edge)
-            before_outer = (outer < 0) | (depth < behind) | ((depth == behind) & before_outer)
-        return crossings.valid & covers_inside, crossings.valid & (
-            covers_inside | thin
-        ) & before_outer
-
-    @materialized
-    def jump(owned, outwards, near, far):
-        return jnp.where(owned[None], (near - far) * _per_pixel(outwards, tiling), 0.0)
-
-    shown, owned = own(crossings, inner, outer, depths)
+    shown, owned = materialized(_ownership)(crossings, inner, outer, edge_depths)
     is_strip = materialized(ends_before_edge)(samples.surface.edges, crossings, outer, shown)
     far_triangle, owned = fill_strips(samples, crossings, outer, owned, is_strip, tiling)
     near = color_on_edge(samples.surface, crossings.edge, crossings.t, tiling, flat=shape.flat)
@@ -268,7 +270,56 @@ def _opaque_jumps(
         tiling,
         flat=shape.flat,
     )
-    return jump(owned, crossings.outwards, near, far)
+    return materialized(functools.partial(_jump, tiling=tiling))(
+        owned, crossings.outwards, near, far
+    )
+
+
+class EdgeDepths(NamedTuple):
+    """Depths that decide which triangle is in front at each crossing.
+
+    - `on_edge`: of the edge's triangle, on the edge.
+    - `outside`: of its plane, at the sample outside.
+    - `behind`: of the triangle that shows at the sample outside.
+    """
+
+    on_edge: Float[Array, "lines runs"]
+    outside: Float[Array, "lines runs"]
+    behind: Float[Array, "lines runs"]
+
+
+def _ownership(
+    crossings: Crossings,
+    inner: Int[Array, "lines runs"],
+    outer: Int[Array, "lines runs"],
+    depths: EdgeDepths | None,
+) -> tuple[Bool[Array, "lines runs"], Bool[Array, "lines runs"]]:
+    """Whether the edge's triangle shows at the sample inside, and whether its edge is visible.
+
+    `inner` and `outer` are the triangles that show at the two samples, -1 for the background.
+    """
+    triangle = (crossings.edge // 3)[None]
+    shows_inside, is_in_front = inner == triangle, outer < triangle
+    # Between two samples that show the same triangle behind it, a thinner one is seen.
+    is_thin = (inner == outer) & ~shows_inside
+    if depths is not None:
+        depth = jnp.where(shows_inside, depths.outside, depths.on_edge)
+        is_later = (depth == depths.behind) & is_in_front
+        is_in_front = (outer < 0) | (depth < depths.behind) | is_later
+    owned = crossings.valid & (shows_inside | is_thin) & is_in_front
+    return crossings.valid & shows_inside, owned
+
+
+def _jump(
+    owned: Bool[Array, "lines runs"],
+    outwards: Float[Array, " runs"],
+    near: Float[Array, "channels lines runs"],
+    far: Float[Array, "channels lines runs"],
+    *,
+    tiling: Tiling,
+) -> Float[Array, "channels lines runs"]:
+    """What a pixel gains as each edge moves by a pixel towards greater x or y."""
+    return jnp.where(owned[None], (near - far) * _per_pixel(outwards, tiling), 0.0)
 
 
 def _layered_jumps(
@@ -283,19 +334,25 @@ def _layered_jumps(
     triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.valid.shape)
     add = functools.partial(addition, samples, triangle, tiling=tiling, flat=shape.flat)
 
-    @materialized
-    def limit(crossings, near, far):
-        clear = jnp.where(far.through > 0, far.through, 1.0)
-        part = jnp.minimum(near.through, far.through) / clear
-        gain = far.gain * part[None] * _per_pixel(crossings.outwards, tiling)
-        counted = near.listed
-        if shape.flat and samples.depths is None:
-            # A triangle that covers neither sample is thinner than their distance: it is samples
-            # between them all the same. Its colour outside is known only if it has one.
-            counted = counted | ~far.listed
-        return jnp.where((crossings.valid & counted)[None], gain, 0.0)
+    counts_thin = shape.flat and samples.depths is None
+    limit = functools.partial(_limited_gain, tiling=tiling, counts_thin=counts_thin)
+    return materialized(limit)(crossings, add(crossings.inside), add(crossings.outside))
 
-    return limit(crossings, add(crossings.inside), add(crossings.outside))
+
+def _limited_gain(
+    crossings: Crossings, near: Addition, far: Addition, *, tiling: Tiling, counts_thin: bool
+) -> Float[Array, "channels lines runs"]:
+    """What the triangle adds outside, dimmed by what lies in front at either sample.
+
+    With `counts_thin`, a triangle that covers neither sample is counted too: it is thinner than
+    their distance, and seen between them all the same. Its colour outside is known only if it has
+    a single colour.
+    """
+    clear = jnp.where(far.through > 0, far.through, 1.0)
+    part = jnp.minimum(near.through, far.through) / clear
+    gain = far.gain * part[None] * _per_pixel(crossings.outwards, tiling)
+    counted = near.listed | ~far.listed if counts_thin else near.listed
+    return jnp.where((crossings.valid & counted)[None], gain, 0.0)
 
 
 def _per_pixel(outwards: Array, tiling: Tiling) -> Array:

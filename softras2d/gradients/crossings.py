@@ -216,8 +216,11 @@ def find_crossings(
 
 
 def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Of each crossing: the sample before it, its line, how far along the edge it is, where it is
-    along the line in samples, and its pixel."""
+    """Follow the edge of each run: its crossings with the lines of samples.
+
+    Returns the sample before each crossing, its line, how far along the edge it lies (0..1), where
+    it lies along the line in samples, its pixel, and whether it is valid.
+    """
     wide = Run(*(entry[None] for entry in run))
     number = jnp.arange(LINES, dtype=jnp.int32)[:, None]
     line = wide.line + number

@@ -32,7 +32,7 @@ class LayeredSamples(NamedTuple):
 
 
 class Addition(NamedTuple):
-    """Of one triangle at one sample.
+    """What a triangle adds to a sample, as if it covered it.
 
     - `listed`: whether it covers the sample and passes the depth test there.
     - `through`: the transmittance of what lies in front of it.
@@ -46,8 +46,11 @@ class Addition(NamedTuple):
 
 
 class _State(NamedTuple):
-    """Of `Addition`, and colour and transmittance of what lies behind: with the triangle there, and
-    without."""
+    """State of a walk through the list of a sample, from the front.
+
+    `listed` and `through` are those of `Addition`. Colour and transmittance of what lies behind are
+    kept twice: with the triangle there, and without it.
+    """
 
     listed: Array
     through: Array

@@ -90,7 +90,7 @@ def choose(condition: Any, a: Pair, b: Pair) -> Pair:
 
 
 def _normalized(high: Any, low: Any) -> Pair:
-    """The same sum with `low` rounded off `high`; `low` must be smaller."""
+    """Renormalise a pair so that `low`, which must be the smaller, is the rounding of `high`."""
     total = high + low
     return total, low - (total - high)
 

@@ -152,7 +152,7 @@ def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) ->
 def count_fading(
     scene: Scene, tiling: Tiling, reach: float, origin: np.ndarray, *, summed: bool
 ) -> Counts:
-    """The same for coverage that fades out `reach` pixels beyond the edges, in square tiles.
+    """Count the lists of analytic coverage, which reaches `reach` pixels beyond the edges.
 
     `summed`: whether nothing hides another.
     """

@@ -190,7 +190,10 @@ def _value(statistics: np.ndarray, colors: Colors) -> np.ndarray:
 
 
 def _hat_products(state: State, hat: np.ndarray) -> np.ndarray:
-    """Of the new vertex's hat function with itself and with the residual: matching pursuit."""
+    """Products of the new vertex's hat function with itself and with the residual.
+
+    Matching pursuit computes the gain of the vertex from them.
+    """
     scaled = hat if state.scale is None else hat * state.scale
     return state.pairs.total(np.stack([scaled * hat, *(scaled * state.residual)])).T
 

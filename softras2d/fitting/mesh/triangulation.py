@@ -31,12 +31,12 @@ class Mesh(NamedTuple):
 
     @property
     def height(self) -> int:
-        """Of the canvas, in pixels."""
+        """Size of the canvas in pixels."""
         return round(float(self.positions[:, 1].max()))
 
     @property
     def width(self) -> int:
-        """Of the canvas, in pixels."""
+        """Size of the canvas in pixels."""
         return round(float(self.positions[:, 0].max()))
 
 

@@ -35,7 +35,10 @@ class Moments(NamedTuple):
 
 
 def moments(pairs: PixelWeights, values: np.ndarray, scale: np.ndarray | None = None) -> Moments:
-    """Of `values` `[channels, pairs]`; `scale` `[pairs]` weighs each pixel's squared error."""
+    """Normal equations for `values` `[channels, pairs]`.
+
+    `scale` `[pairs]` weighs the squared error of each pixel.
+    """
     w = pairs.weights
     scaled = w if scale is None else w * scale
     weight = np.empty((pairs.count, 3, 3))
