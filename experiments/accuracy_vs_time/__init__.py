@@ -1,1 +1,1 @@
-"""Error against time for every way of drawing one scene, and of differentiating it."""
+"""Measure error against time for every way to draw a scene and to differentiate it."""

@@ -1,4 +1,4 @@
-"""Error against time: a panel for each class of scene, every point labelled."""
+"""Plot error against time, with a panel for each class of scene and a label at every point."""
 
 # pyright: reportMissingImports=false
 

@@ -1,4 +1,4 @@
-"""Every way of differentiating a scene by its positions, and the exact gradient.
+"""Differentiate a scene by its positions in every way, and compute the exact gradient.
 
 The loss is the mean squared difference to an image of white noise, so that every edge counts.
 """

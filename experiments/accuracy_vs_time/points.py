@@ -1,4 +1,4 @@
-"""Measured points read back: fronts, and who is quickest below an error."""
+"""Read measured points back, and find Pareto fronts and the fastest way below an error."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

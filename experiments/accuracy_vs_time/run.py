@@ -1,4 +1,4 @@
-"""Error against milliseconds, for images and for gradients; see the README beside this.
+"""Measure error against time, for images and for gradients; see the README beside this.
 
 python -m experiments.accuracy_vs_time.run [--quick] [--only SCENE,SCENE]
 """

@@ -1,4 +1,4 @@
-"""The tables and the figures, made from the stored results.
+"""Make the tables and the figures from the stored results.
 
 python -m experiments.accuracy_vs_time.tables
 """

@@ -1,7 +1,7 @@
-"""The textured scene by Skia and Cairo, which draw its images as rectangles, their quickest way.
+"""Draw the textured scene by Skia and Cairo, as rectangles, which is fastest for them.
 
-Eight bits a channel, one thread. Blend2D's binding and OpenCV draw no image at fractions of a
-pixel with a filter, and are left out.
+They use eight bits per channel and one thread. Blend2D's binding and OpenCV cannot draw a filtered
+image at fractions of a pixel, and are left out.
 """
 
 # pyright: reportMissingImports=false

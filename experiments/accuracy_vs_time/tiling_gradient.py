@@ -1,8 +1,8 @@
 """The exact position gradient of a flat tiling whose triangles share vertices.
 
-A tiling is the sum of its triangles, each its colour times its indicator, so the derivative is a
-sum of integrals along all edges of all triangles; neighbours leave the difference of their colours
-on the edge between them. In float64, with no code of the package.
+A tiling is the sum of its triangles, each of which is its colour times its indicator function. So
+the derivative is a sum of integrals along all edges of all triangles. On an edge that two triangles
+share, the difference of their colours remains. Computed in float64, without code of the package.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Every way of drawing a scene: softras2d's coverages, the compiled loop, and the peers."""
+"""Every way to draw a scene: softras2d's coverage modes, the compiled loop, and other libraries."""
 
 # pyright: reportMissingImports=false
 

@@ -1,4 +1,4 @@
-"""What the scripts that draw bundled scenes share: a file, its elements, codes of colours."""
+"""Helpers of the scripts that draw bundled scenes: SVG files, elements and colour codes."""
 
 from collections.abc import Iterable
 

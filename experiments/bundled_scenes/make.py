@@ -1,4 +1,4 @@
-"""Writes the bundled scenes drawn by rule: `python -m experiments.bundled_scenes.make [FOLDER]`.
+"""Write the bundled scenes: `python -m experiments.bundled_scenes.make [FOLDER]`.
 
 The files are kept in `softras2d/scenes`, so that a scene can be read without this script, and a
 test holds them to it.

@@ -1,4 +1,4 @@
-"""The bundled scenes about texture filtering, and the small pictures that they are made of."""
+"""The bundled scenes about texture filtering, and their textures."""
 
 from collections.abc import Callable
 

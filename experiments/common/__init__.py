@@ -1,1 +1,1 @@
-"""What the experiments share: scenes, a reference image, timing, the record of a run."""
+"""Code that the experiments share: scenes, a reference image, timing, and the record of a run."""

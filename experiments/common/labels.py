@@ -1,7 +1,7 @@
-"""Labels beside points so that none covers another, a point, or leaves the axes.
+"""Place labels beside points so that none covers another label or a point, or leaves the axes.
 
-Greedy: points in crowds first; each label takes the cheapest of some places around its point, and
-one that is further off gets a line to it.
+The method is greedy. Points in crowds come first. Each label takes the cheapest of several
+positions around its point, and a label that is further away gets a line to the point.
 """
 
 # pyright: reportMissingImports=false

@@ -1,4 +1,4 @@
-"""What a run of an experiment must say about where it ran."""
+"""Describe the machine and the versions with which an experiment ran."""
 
 import os
 import platform

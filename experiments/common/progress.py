@@ -1,4 +1,4 @@
-"""A bar for runs of minutes, with the seconds that each step takes."""
+"""Progress bar for long runs, with the time of each step in seconds."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TypeVar

@@ -1,4 +1,4 @@
-"""Results on disk: CSV, JSON, and a Markdown table between two markers of a README."""
+"""Write results to disk: CSV, JSON, and a Markdown table between two markers of a README."""
 
 import csv
 import json

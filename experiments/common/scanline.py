@@ -1,9 +1,11 @@
-"""A supersampling scanline renderer, compiled by numba: the truth at 32x32, a contestant below.
+"""A supersampling scanline renderer, compiled by numba.
 
-One row of samples at a time, which stays in the first cache level: fill it with background, draw
-the interval that each triangle covers on it, back to front, and add it to the row of pixels. The
-loops along a row are plain, so the compiler vectorises them. Written for speed on one core;
-`threads=2` gives each thread its share of the rows.
+At 32x32 samples per pixel it is the reference; with fewer samples it is timed beside softras2d.
+
+It draws one row of samples at a time, which stays in the first cache level. It fills the row with
+background, draws the interval that each triangle covers, back to front, and adds the row to the row
+of pixels. The loops along a row are plain, so the compiler vectorises them. It is written for speed
+on one core; `threads=2` gives each thread its share of the rows.
 
 **Source:** scan conversion of convex polygons, Foley et al., *Computer Graphics: Principles and
 Practice* (2nd edition, 1990), section 3.6.

@@ -1,4 +1,4 @@
-"""Timing of several contestants so that the machine's drift hits all of them alike."""
+"""Time several programs in turn, so that drift of the machine affects all of them equally."""
 
 import gc
 import time

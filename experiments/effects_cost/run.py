@@ -1,4 +1,4 @@
-"""Price every effect of every bundled scene: `python -m experiments.effects_cost.run`."""
+"""Time each effect of each bundled scene: `python -m experiments.effects_cost.run`."""
 
 import argparse
 from pathlib import Path

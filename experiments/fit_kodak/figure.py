@@ -1,4 +1,4 @@
-"""The tables of all runs: `python -m experiments.fit_kodak.figure`."""
+"""Make the tables of all runs: `python -m experiments.fit_kodak.figure`."""
 
 import json
 from pathlib import Path

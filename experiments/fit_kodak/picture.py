@@ -1,4 +1,4 @@
-"""The README's picture of fits: `python -m experiments.fit_kodak.picture`."""
+"""Make the README's picture of fits: `python -m experiments.fit_kodak.picture`."""
 
 from pathlib import Path
 

@@ -1,7 +1,7 @@
-"""Flat layers fitted by DEODR's gradients and Adam: the peer that pip installs.
+"""Fit flat layers with DEODR's gradients and Adam.
 
-The triangles start where ours do under `start="uniform"`, and move with the same rates; nothing is
-placed anew, of which DEODR knows nothing.
+The triangles start where ours do under `start="uniform"`, and have the same learning rates. No
+triangle is moved to a new position during the fit, since DEODR does not support that.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""The table and the figure: `python -m experiments.fit_solvers.figure`."""
+"""Make the table and the figure: `python -m experiments.fit_solvers.figure`."""
 
 import json
 from pathlib import Path

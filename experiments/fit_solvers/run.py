@@ -1,4 +1,4 @@
-"""Which solver lowers the error fastest, from one start?
+"""Compare how fast solvers lower the error from the same start.
 
 python -m experiments.fit_solvers.run [--seconds 8] [--counts 50,200,1000] [--side 128]
 """

@@ -1,9 +1,12 @@
 """The exact gradient of a weighted sum of box-filtered pixels, triangles in painter's order.
 
-By quadrature in float64. Along edges: at each of many points the composite is evaluated with and
-without the edge's triangle, from a list of the triangles near the point. Inside, where corner
-colours ride along with the corners: at a grid of points in each pixel. Alpha is one of a triangle.
-Compiled; no code and no data structure of the package.
+Computed by quadrature in float64, compiled, without code or data structures of the package.
+
+- Boundary term: at many points along each edge, the composite is evaluated with and without the
+  edge's triangle, from a list of the triangles near the point.
+- Interior term, for corner colours, which move with the corners: a grid of points in each pixel.
+
+There is one alpha per triangle.
 """
 
 # pyright: reportMissingImports=false

@@ -1,4 +1,4 @@
-"""The tables and the figure: `python -m experiments.gradient_accuracy.figure`."""
+"""Make the tables and the figure: `python -m experiments.gradient_accuracy.figure`."""
 
 # pyright: reportMissingImports=false
 

@@ -1,4 +1,4 @@
-"""How near is each mode's gradient to the exact one, and what does it cost?
+"""Measure the error and the time of the gradient of each coverage mode.
 
 python -m experiments.gradient_accuracy.run [--counts 100,1000,10000] [--photograph FILE]
 """

@@ -1,4 +1,4 @@
-"""The same gradient by DEODR, which blends edges over `sigma` pixels; painter's order by depth.
+"""Gradient by DEODR, which blends edges over `sigma` pixels. Depth gives the painter's order.
 
 **Source:** de La Gorce, Fleet and Paragios, *Model-Based 3D Hand Pose Estimation from Monocular
 Video* (TPAMI 33(9), 2011), section 4.

@@ -1,1 +1,1 @@
-"""How fast is exact supersampling, and what does its error cost elsewhere?"""
+"""Compare the time and error of exact supersampling with those of other renderers."""

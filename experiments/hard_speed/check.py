@@ -1,4 +1,4 @@
-"""Before anything is timed: are the compiled loops right? Against a few lines of numpy.
+"""Check the compiled loops against a few lines of numpy before anything is timed.
 
 python -m experiments.hard_speed.check
 """

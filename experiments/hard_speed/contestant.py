@@ -1,4 +1,4 @@
-"""What one row of the comparison is."""
+"""One renderer of the comparison, which fills one row of the tables."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The box filter that turns a peer's large canvas into its supersampled image."""
+"""Box filter that turns a library's large canvas into its supersampled image."""
 
 # pyright: reportMissingImports=false
 

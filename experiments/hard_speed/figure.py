@@ -1,4 +1,4 @@
-"""Error against time on one scene, and time against the number of triangles."""
+"""Plot error against time on one scene, and time against the number of triangles."""
 
 # pyright: reportMissingImports=false
 

@@ -1,4 +1,4 @@
-"""Measurements that need a process of their own: the first render, and peak memory.
+"""Measure the first render and peak memory, which need a separate process.
 
     python -m experiments.hard_speed.fresh KIND COUNT SIZE SAMPLES
 

@@ -1,4 +1,4 @@
-"""softras2d and the compiled loops as contestants."""
+"""softras2d and the compiled loops as renderers of the comparison."""
 
 import os
 

@@ -1,9 +1,10 @@
 """The plain way to supersample, compiled: test every sample of every triangle's bounding box.
 
-Back to front; three edge functions a sample, the row left at the triangle's far side; float32
-samples on a canvas `rate` times as large, averaged at the end. What a careful programmer writes
-first, and one arithmetic operation at a time: `common/scanline.py` is the same image by rows.
-With two threads each draws all triangles on its half of the rows.
+This is what a careful programmer writes first. Triangles are drawn back to front, with three edge
+functions per sample; a row is left at the far side of the triangle. Samples are float32, on a
+canvas `rate` times as large, averaged at the end. The loop does one operation at a time;
+`common/scanline.py` draws the same image by rows. With two threads, each draws all triangles on its
+half of the rows.
 
 **Source:** Pineda, *A Parallel Algorithm for Polygon Rasterization* (SIGGRAPH 1988).
 """

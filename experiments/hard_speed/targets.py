@@ -1,4 +1,4 @@
-"""What was asked of hard mode, and what the run shows."""
+"""Targets for the speed of hard mode, and whether the run meets them."""
 
 from typing import Any, NamedTuple
 

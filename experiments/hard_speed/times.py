@@ -1,4 +1,4 @@
-"""Measured times, read back and looked up."""
+"""Read measured times back and look them up."""
 
 import csv
 from collections.abc import Iterator

@@ -1,1 +1,1 @@
-"""What multisampling keeps of supersampling, and how it goes wrong."""
+"""Compare multisampling with supersampling, and show its typical mistakes."""

@@ -1,4 +1,4 @@
-"""The same detail by every method, and what each variant keeps of one pixel."""
+"""Draw the same detail by every method, and what each variant stores for one pixel."""
 
 # pyright: reportMissingImports=false
 

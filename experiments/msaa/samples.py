@@ -1,4 +1,4 @@
-"""A triangle on a grid of samples: which it covers, how deep, in which colour. Plain numpy.
+"""Coverage, depth and colour of a triangle on a grid of samples, in plain numpy.
 
 Arrays over samples are `[height, width, samples]`, over pixels `[height, width]`.
 """

@@ -1,4 +1,4 @@
-"""The tables, made from the stored results.
+"""Make the tables from the stored results.
 
 python -m experiments.msaa.tables
 """

@@ -1,4 +1,4 @@
-"""Three ways in which a course's z-buffer is given multisampling; only the last one is right.
+"""Three ways to add multisampling to the z-buffer of a course; only the last one is right.
 
 Each draws one triangle after another over the square of pixels `points [size, size, samples, 2]`,
 and returns the frame `[size, size, 3]` and how many times a colour was evaluated. They differ in

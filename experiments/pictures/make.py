@@ -1,4 +1,4 @@
-"""Writes the bundled pictures: `python -m experiments.pictures.make [FOLDER]`.
+"""Write the bundled pictures: `python -m experiments.pictures.make [FOLDER]`.
 
 The files are kept in `softras2d/pictures`, and a test holds them to this script. Each picture is
 computed with 4 x 4 samples a pixel in linear light.

@@ -1,4 +1,4 @@
-"""Smooth random fields on grids, and lookups in them: what all the pictures are made of."""
+"""Smooth random fields on grids, and lookups in them, from which all the pictures are made."""
 
 import numpy as np
 

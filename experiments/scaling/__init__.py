@@ -1,1 +1,1 @@
-"""How time and memory grow with a scene, and what it costs to find the samples it covers."""
+"""Measure how time and memory grow with a scene, and the cost of triangle traversal."""

@@ -1,4 +1,4 @@
-"""The scenes whose cost is measured: one of a kind, made larger along one axis at a time."""
+"""The scenes whose cost is measured; each is made larger along one axis at a time."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""How a cost grows with a size: the slope of its logarithm."""
+"""Fit the exponent with which a cost grows: the slope of log cost against log size."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Figures and tables from the stored results: `python -m experiments.scaling.figure`."""
+"""Make figures and tables from the stored results: `python -m experiments.scaling.figure`."""
 
 # pyright: reportMissingImports=false
 

@@ -1,4 +1,4 @@
-"""Time and memory of one case: the image, and the gradient of a squared error."""
+"""Measure time and memory of one case, for the image and for the gradient of a squared error."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Is the compiler's figure for memory true? Against what the system gave to a fresh process.
+"""Compare the compiler's figure for memory with what the system gave to a fresh process.
 
     python -m experiments.scaling.memory WHAT KIND TRIANGLES SIZE_PX SAMPLES OVERDRAW BATCH
 

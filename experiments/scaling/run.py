@@ -1,4 +1,4 @@
-"""How do time and memory grow, and what does traversal cost? See the README beside this.
+"""Measure how time and memory grow, and what traversal costs; see the README beside this.
 
 python -m experiments.scaling.run [--quick] [--only AXIS,AXIS] [--parts growth,memory,traversal]
 """

@@ -1,6 +1,6 @@
-"""Ways to find which triangle shows at each sample, from the plainest to lists of tiles.
+"""Ways to compute which triangle is visible at each sample, from the plainest to tile lists.
 
-All test the same integer edge functions, on the package's own grid of vertices, so that all find
+All test the same integer edge functions, with vertices on the package's grid, so that all give
 the same triangle at every sample. Each fills `owner [rows, columns]` with the index of the
 triangle in front, -1 where there is none; the last has no such canvas and sums colours at once.
 Sample (i, j) is column i of row j; later triangles lie in front.

@@ -1,4 +1,4 @@
-"""The ways of `traversal` on the same scenes: checked to agree, then timed."""
+"""Check that the methods of `traversal` agree on the same scenes, then time them."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""One tiling under each coverage: where paper shows through seams.
+"""Draw one tiling under each coverage mode, and measure where paper shows through seams.
 
 python -m experiments.seams.run
 """

@@ -1,4 +1,4 @@
-"""The tables and the figure: `python -m experiments.stability.figure`."""
+"""Make the tables and the figure: `python -m experiments.stability.figure`."""
 
 # pyright: reportMissingImports=false
 

@@ -1,4 +1,4 @@
-"""How far is float32 from float64 where a rasterizer may lose its footing?
+"""Measure how far float32 is from float64 in numerically difficult cases.
 
 python -m experiments.stability.run [--modes hard,glass,soft,area,sum]
 """

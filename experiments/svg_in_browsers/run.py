@@ -1,4 +1,4 @@
-"""Fits as SVG in Chromium, against the image that the package draws.
+"""Compare fits that Chromium shows as SVG with the image that the package draws.
 
 python -m experiments.svg_in_browsers.run FOLDER
 """

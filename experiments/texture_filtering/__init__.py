@@ -1,1 +1,1 @@
-"""What each texture filter costs, and what it gets wrong."""
+"""Measure the cost and the error of each texture filter."""

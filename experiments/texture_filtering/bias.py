@@ -1,4 +1,4 @@
-"""Mip levels for many samples: a level of detail that is lowered to the spacing of the samples.
+"""Measure mip levels that are lowered to the spacing of the samples.
 
 python -m experiments.texture_filtering.bias
 """

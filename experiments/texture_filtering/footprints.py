@@ -1,4 +1,4 @@
-"""Where each pixel's centre lies on a texture, and its footprint there, in float64 numpy."""
+"""Texture coordinates and footprint of each pixel's centre, in float64 numpy."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""What is measured of an image: its error, and how much of a zone plate comes back as moire."""
+"""Measures of an image: its error, and how much of a zone plate comes back as moire."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The contact sheet: a detail of three scenes under each filter, and error against time."""
+"""Draw the contact sheet, a detail of three scenes under each filter, and error against time."""
 
 # pyright: reportMissingImports=false
 

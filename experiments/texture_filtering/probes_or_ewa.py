@@ -1,4 +1,4 @@
-"""Anisotropic filters at one sample a pixel: the package's probes against EWA."""
+"""Compare anisotropic filters at one sample per pixel: the package's probes and EWA."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Compiled renders: one for a filter, a number of samples and a structure of scenes."""
+"""Compiled renders, one for each filter, number of samples and scene structure."""
 
 import jax
 import numpy as np

@@ -1,4 +1,4 @@
-"""The scenes that are drawn, and the image of 1024 samples a pixel that each is compared with."""
+"""The scenes that are drawn, and the reference image of each at 1024 samples per pixel."""
 
 import hashlib
 import os

@@ -1,4 +1,4 @@
-"""The tables and the figure, made from the stored results.
+"""Make the tables and the figure from the stored results.
 
 python -m experiments.texture_filtering.tables
 """

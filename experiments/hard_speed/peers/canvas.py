@@ -1,4 +1,4 @@
-"""What the peers share: sampling labels, and bytes to images."""
+"""Helpers that the libraries share: sampling labels, and conversion of bytes to images."""
 
 from collections.abc import Callable
 
