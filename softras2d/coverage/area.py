@@ -28,7 +28,7 @@ REACH = 0.7072
 
 
 _STEEP = 2.0**60
-"""Upper bound on one over the extent of an edge along x or y; shorter extents count as zero."""
+"""Upper bound on one over the extent of an edge along x or y."""
 
 
 class Edge(NamedTuple):
