@@ -1,10 +1,11 @@
-"""Coverage of pixels that has a slope: what soft coverage and exact area have in common.
+"""Analytic coverage: the code that soft coverage and exact-area coverage share.
 
-A slot is a triangle in a square tile of pixels. Its coverage of each pixel depends on the six
-coordinates of its corners alone, and a rule gives the six partial derivatives in closed form: the
-tangent is their sum times six velocities, the cotangent six sums over the pixels of a slot, which
-computes the partial derivatives again instead of keeping them. What a slot's pixels share, such as
-the directions of its edges, is computed once: the shape of the slot.
+A slot is one triangle in one square tile of pixels. Its coverage of each pixel depends only on the
+six coordinates of its corners, and a `Measure` gives the six partial derivatives in closed form.
+The jvp multiplies them by the six velocities of the corners and adds them up. The vjp takes six
+sums over the pixels of a slot; it computes the partial derivatives again instead of storing them.
+Quantities that the pixels of a slot share, such as the directions of its edges, are computed once;
+they are the shape of the slot.
 """
 
 import functools
@@ -22,21 +23,21 @@ from ..numerics.linear_map import linear_map
 from ..numerics.prefix import cumulative_sum
 
 Six = tuple[Any, Any, Any, Any, Any, Any]
-"""x and y of corners 0, 1 and 2; or what goes with each."""
+"""One entry for each of x and y of corner 0, then of corner 1, then of corner 2."""
 
 
 class Measure(NamedTuple):
-    """Something to measure, as functions of a slot's shape, a parameter, and pixel centres.
+    """A quantity per pixel, with its derivatives, as functions of a slot's shape and pixel centres.
 
-    Everything broadcasts. What is measured may be several values at once: a tuple, `[values, ...]`
-    where it comes out.
+    All arguments broadcast. A measure may give several values at once: `value` and `push` then
+    return a tuple, which `cover` stacks along a leading axis, `[values, ...]`.
 
-    - `value` is 0..1.
-    - `push(shape, parameter, velocity, x, y)`: how fast it changes as the corners move.
-    - `pull(shape, parameter, weight)`: the transpose, from weights of what is measured to six sums
-      `[slots]`.
-    - `by_parameter`: the derivative by the parameter, a number.
-    - `level`: of a value, whether it has no slope.
+    - `value(shape, parameter, x, y)`: the quantity, 0..1.
+    - `push(shape, parameter, velocity, x, y)`: the jvp, its change as the corners move.
+    - `pull(shape, parameter, weight)`: the vjp, the transpose of `push`; it maps cotangents of the
+      values to six sums `[slots]`.
+    - `by_parameter(shape, parameter, x, y)`: the derivative by the parameter, a number.
+    - `level(value)`: whether the derivatives are zero wherever the measure has this value.
     - `side`: pixels along a tile.
     """
 
@@ -52,9 +53,10 @@ class Measure(NamedTuple):
 def cover(
     measure: Measure, corners: Float[Array, "6 slots"], shape: Any, parameter: Float[Array, ""]
 ) -> Float[Array, "*values slots pixels"]:
-    """The measure at the pixels of each slot's tile, rows from the top.
+    """Evaluate the measure at the pixels of each slot's tile, rows from the top.
 
-    `shape`: of the corners, a tree of `[slots]`. Its own derivative counts in second ones alone.
+    `shape` is a tree of `[slots]`, computed from the same corners. The derivative by the corners
+    already includes it: the tangent of `shape` is ignored and matters for second derivatives only.
     """
 
     @materialized
@@ -88,7 +90,7 @@ def _cover_jvp(measure, primals, tangents):
 
 
 _BLOCK = 2048
-"""Slots, or edges of slots, that are worked on together."""
+"""Number of slots, or of edges of slots, that one step of a loop processes."""
 
 
 def _pull_live(
@@ -98,25 +100,25 @@ def _pull_live(
     value: Float[Array, "*values slots pixels"],
     weight: Float[Array, "*values slots pixels"],
 ) -> Float[Array, "6 slots"]:
-    """`Measure.pull` of the slots where there is anything to sum."""
+    """Apply `Measure.pull` to the slots with a pixel of nonzero weight and nonzero derivative."""
     slots = value.shape[-2]
-    live = materialized(lambda value, weight: _any((weight != 0) & ~measure.level(value)))(
+    has_gradient = materialized(lambda value, weight: _any((weight != 0) & ~measure.level(value)))(
         value, weight
     )
 
     @materialized
-    def put(total, sums, own):
-        return total.at[:, own].set(jnp.stack(sums), mode="drop")
+    def put(total, sums, slot_indices):
+        return total.at[:, slot_indices].set(jnp.stack(sums), mode="drop")
 
     @materialized
-    def pick_weights(weight, own):
-        return weight.at[..., own, :].get(mode="clip")
+    def pick_weights(weight, slot_indices):
+        return weight.at[..., slot_indices, :].get(mode="clip")
 
-    def visit(own, total):
-        near, weigh = _pick(shape, own), pick_weights(weight, own)
-        return put(total, measure.pull(near, parameter, weigh), own)
+    def visit(slot_indices, total):
+        slot_shape, slot_weight = _pick(shape, slot_indices), pick_weights(weight, slot_indices)
+        return put(total, measure.pull(slot_shape, parameter, slot_weight), slot_indices)
 
-    return _visit_live(live, visit, jnp.zeros((6, slots), value.dtype))
+    return _visit_live(has_gradient, visit, jnp.zeros((6, slots), value.dtype))
 
 
 def _push_live(
@@ -126,32 +128,37 @@ def _push_live(
     value: Float[Array, "*values slots pixels"],
     velocity: Float[Array, "6 slots"],
 ) -> Float[Array, "*values slots pixels"]:
-    """`Measure.push` of the slots where anything changes."""
-    live = materialized(lambda value: _any(~measure.level(value)))(value)
+    """Apply `Measure.push` to the slots with a pixel of nonzero derivative; others get zero."""
+    has_gradient = materialized(lambda value: _any(~measure.level(value)))(value)
 
     @materialized
-    def push(near, parameter, moved):
-        near, parameter, x, y = spread(near, parameter, measure.side)
-        return measure.push(near, parameter, tuple(entry[:, None] for entry in moved), x, y)
+    def push(slot_shape, parameter, slot_velocity):
+        slot_shape, parameter, x, y = spread(slot_shape, parameter, measure.side)
+        return measure.push(
+            slot_shape, parameter, tuple(entry[:, None] for entry in slot_velocity), x, y
+        )
 
     @materialized
-    def put(total, change, own):
-        return total.at[..., own, :].set(_join_values(change), mode="drop")
+    def put(total, change, slot_indices):
+        return total.at[..., slot_indices, :].set(_join_values(change), mode="drop")
 
-    def visit(own, total):
-        near, moved = _pick((shape, tuple(velocity)), own)
-        return put(total, push(near, parameter, moved), own)
+    def visit(slot_indices, total):
+        slot_shape, slot_velocity = _pick((shape, tuple(velocity)), slot_indices)
+        return put(total, push(slot_shape, parameter, slot_velocity), slot_indices)
 
-    return _visit_live(live, visit, jnp.zeros_like(value))
+    return _visit_live(has_gradient, visit, jnp.zeros_like(value))
 
 
 def _join_values(values: Any) -> Array:
-    """Apart from what computes them: the compiler vectorises no expression of several parts."""
+    """Stack several values along a leading axis, outside of the computation of the values.
+
+    XLA does not vectorise the whole expression if the stack is fused with it.
+    """
     return jnp.stack(values) if isinstance(values, tuple) else values
 
 
 def _any(live: Bool[Array, "*values slots pixels"]) -> Bool[Array, "slots pixels"]:
-    """Over the values."""
+    """Reduce with OR over all leading axes but the last two."""
     return jnp.any(live.reshape(-1, *live.shape[-2:]), 0)
 
 
@@ -163,53 +170,57 @@ def _pick(held: Any, own: Array) -> Any:
 def _visit_live(
     live: Bool[Array, "slots pixels"], visit: Callable[[Array, Any], Any], total: Any
 ) -> Any:
-    """`visit(own, total)` for block after block of the slots with a live pixel.
+    """Fold `visit(slot_indices, total)` over blocks of the slots with a live pixel.
 
-    Most slots are hidden, or whole.
+    Indices that fill up the last block are out of range. Skipping pays because most slots are
+    hidden or cover all of their pixels.
     """
     slots = live.shape[0]
     spare = -slots % _BLOCK
 
     @materialized
     def find(live):
-        some = jnp.any(live, 1)
-        place = jnp.where(some, cumulative_sum(some.astype(jnp.int32)) - 1, slots + spare)
-        number = jnp.arange(slots, dtype=jnp.int32)
-        listed = jnp.full(slots + spare, slots, jnp.int32).at[place].set(number, mode="drop")
-        return listed, jnp.sum(some, dtype=jnp.int32)
+        is_live = jnp.any(live, 1)
+        position = jnp.where(is_live, cumulative_sum(is_live.astype(jnp.int32)) - 1, slots + spare)
+        slot_index = jnp.arange(slots, dtype=jnp.int32)
+        live_slots = (
+            jnp.full(slots + spare, slots, jnp.int32).at[position].set(slot_index, mode="drop")
+        )
+        return live_slots, jnp.sum(is_live, dtype=jnp.int32)
 
-    listed, number = find(live)
+    live_slots, live_count = find(live)
 
     def step(block, total):
-        return visit(jax.lax.dynamic_slice_in_dim(listed, block * _BLOCK, _BLOCK), total)
+        return visit(jax.lax.dynamic_slice_in_dim(live_slots, block * _BLOCK, _BLOCK), total)
 
-    return jax.lax.fori_loop(0, -(-number // _BLOCK), step, total)
+    return jax.lax.fori_loop(0, -(-live_count // _BLOCK), step, total)
 
 
 def sum_fields(
     fields: Callable[..., list[Array]], shape: Any, parameter: Any, *held: Array
 ) -> tuple[Array, ...]:
-    """Sums over the pixels of each slot of `fields(shape, parameter, x, y, *held)`.
+    """Sum `fields(shape, parameter, x, y, *held)` over the pixels of each slot.
 
-    `held` are `[slots, pixels]`.
+    The arrays in `held` are `[slots, pixels]`; `fields` gets their entries at one pixel.
     """
 
     side = side_of(held[0])
-    # Slots on the minor axis, and pixel after pixel: the compiler vectorises no reduction.
+    # Slots are on the minor axis and pixels are added one by one, because XLA does not vectorise
+    # a reduction over pixels.
     rows = [materialized(jnp.transpose)(entry).reshape(side, side, -1) for entry in held]
 
     @materialized
     def add_row(row, sums, shape, parameter, rows):
         y = row.astype(parameter.dtype) + 0.5
-        own = [jax.lax.dynamic_index_in_dim(entry, row, keepdims=False) for entry in rows]
+        pixel_row = [jax.lax.dynamic_index_in_dim(entry, row, keepdims=False) for entry in rows]
         for column in range(side):
             x = jnp.asarray(column + 0.5, parameter.dtype)
-            parts = fields(shape, parameter, x, y, *(entry[column] for entry in own))
-            sums = [a + b for a, b in zip(sums, parts, strict=True)]
+            pixel_fields = fields(shape, parameter, x, y, *(entry[column] for entry in pixel_row))
+            sums = [a + b for a, b in zip(sums, pixel_fields, strict=True)]
         return sums
 
-    number = len(jax.eval_shape(fields, *spread(shape, parameter, side), *held))
-    start = [jnp.zeros(held[0].shape[0], held[0].dtype)] * number
+    field_count = len(jax.eval_shape(fields, *spread(shape, parameter, side), *held))
+    start = [jnp.zeros(held[0].shape[0], held[0].dtype)] * field_count
 
     def visit(row, sums):
         return add_row(jnp.asarray(row), sums, shape, parameter, rows)
@@ -220,10 +231,10 @@ def sum_fields(
 def sum_along_edges(
     fields: Callable[..., list[Array]], outline: tuple[Any, Any, Any], near: Any, *held: Array
 ) -> tuple[tuple[Array, ...], ...]:
-    """`sum_fields` of each edge of an outline: sums `[3][fields]` of `[slots]`.
+    """Apply `sum_fields` to each edge of an outline; return sums `[3][fields]` of `[slots]`.
 
-    `near`: of each edge, whether its fields can differ from 0 in the tile, `[slots]`: of most slots
-    one edge passes through the tile, and only that one is looked at.
+    `near` says for each edge, `[slots]`, whether its fields can be nonzero in the tile. Only those
+    edges are processed: in most slots only one edge passes through the tile.
     """
     slots, dtype = held[0].shape[0], held[0].dtype
     unused = jnp.zeros((), dtype)
@@ -233,53 +244,57 @@ def sum_along_edges(
         return jax.tree.map(lambda *edges: jnp.concatenate(edges), *outline), jnp.concatenate(near)
 
     @materialized
-    def put(total, sums, own):
-        return [a.at[own].set(b, mode="drop") for a, b in zip(total, sums, strict=True)]
+    def put(total, sums, edge_indices):
+        return [a.at[edge_indices].set(b, mode="drop") for a, b in zip(total, sums, strict=True)]
 
     def plain(edge, parameter, x, y, *held):
         return fields(edge, x, y, *held)
 
-    def visit(own, total):
-        edge, rows = _pick(edges, own), _pick(held, own % slots)
-        return put(total, sum_fields(plain, edge, unused, *rows), own)
+    def visit(edge_indices, total):
+        edge, edge_values = _pick(edges, edge_indices), _pick(held, edge_indices % slots)
+        return put(total, sum_fields(plain, edge, unused, *edge_values), edge_indices)
 
     edges, passes = join(outline, near)
-    number = len(jax.eval_shape(plain, *spread(outline[0], unused, side_of(held[0])), *held))
-    total = _visit_live(passes[:, None], visit, [jnp.zeros(3 * slots, dtype)] * number)
+    field_count = len(jax.eval_shape(plain, *spread(outline[0], unused, side_of(held[0])), *held))
+    total = _visit_live(passes[:, None], visit, [jnp.zeros(3 * slots, dtype)] * field_count)
     return tuple(tuple(entry[k * slots : (k + 1) * slots] for entry in total) for k in range(3))
 
 
 def sum_moments(
     case: Float[Array, "slots pixels"], parts: list[tuple[int, Array]]
 ) -> Float[Array, "slots parts 3"]:
-    """Sums over the pixels of each slot, times 1, x and y, of entries `[slots, pixels]`.
+    """Sum entries `[slots, pixels]` times 1, x and y over the pixels of each slot.
 
-    `parts`: the case in which its pixels count, and each entry.
+    Each of `parts` is a case number and an entry. The entry counts at the pixels where `case` has
+    that number.
     """
 
     @materialized
-    def part(case, entries):
+    def stack_entries(case, entries):
         return jnp.stack(
             [
-                jnp.where(case == which, entry, 0.0)
-                for (which, _), entry in zip(parts, entries, strict=True)
+                jnp.where(case == number, entry, 0.0)
+                for (number, _), entry in zip(parts, entries, strict=True)
             ],
             1,
         )
 
     @materialized
-    def add(held):
-        x, y = centres(side_of(held), held.dtype)
+    def add(entries_by_case):
+        x, y = centres(side_of(entries_by_case), entries_by_case.dtype)
         moments = jnp.concatenate([jnp.ones_like(x), x, y]).T
-        flat = held.reshape(-1, held.shape[2])
+        flat = entries_by_case.reshape(-1, entries_by_case.shape[2])
         return jnp.matmul(flat, moments, precision="highest").reshape(-1, len(parts), 3)
 
-    return add(part(case, [entry for _, entry in parts]))
+    return add(stack_entries(case, [entry for _, entry in parts]))
 
 
 @jax.custom_jvp
 def sum_pixels(*weights: Float[Array, "slots pixels"]) -> tuple[Float[Array, " slots"], ...]:
-    """Sums over the pixels of each slot, all in one loop: what they share is computed once."""
+    """Sum several arrays over the pixels of each slot in one loop.
+
+    Subexpressions that the arrays share are then computed once.
+    """
     zeros = tuple(jnp.zeros((), weight.dtype) for weight in weights)
     return tuple(
         jax.lax.reduce(
@@ -294,20 +309,21 @@ def _(weights, changes):
 
 
 def spread(shape: Any, parameter: Any, side: int) -> tuple[Any, Any, Array, Array]:
-    """Arguments of a measure, `[slots, 1]` and `[1, pixels]`.
+    """Reshape the arguments of a measure so that they broadcast: `[slots, 1]` and `[1, pixels]`.
 
-    `parameter`: of an exact area it is a constant, which JAX's tracers keep as a literal, no array.
+    `parameter` is left as it is. For exact area it is a constant, which JAX's tracers keep as a
+    literal and not as an array.
     """
     x, y = centres(side, parameter.dtype)
     return jax.tree.map(lambda entry: entry[:, None], shape), parameter, x, y
 
 
 def centres(side: int, dtype: Any) -> tuple[Float[Array, "1 pixels"], Float[Array, "1 pixels"]]:
-    """x and y of the centres of a tile's pixels, rows from the top."""
+    """Compute x and y of the centres of a tile's pixels, rows from the top."""
     number = jnp.arange(side * side, dtype=jnp.int32)[None]
     return (number % side).astype(dtype) + 0.5, (number // side).astype(dtype) + 0.5
 
 
 def side_of(held: Array) -> int:
-    """Pixels along a tile, of values `[..., pixels]`."""
+    """Number of pixels along a tile, from the shape of values `[..., pixels]`."""
     return math.isqrt(held.shape[-1])

@@ -1,15 +1,16 @@
 """Exact area of a triangle in a pixel, and its derivative.
 
-By Green's theorem the area is the sum over directed edges of the integral of x dy, with x held in
-the pixel. Along an edge x is linear, so the integral is the height that the edge spans in the pixel
-times the mean of x held to 0..1 over that span: a trapezoid and what lies past the right side.
+By Green's theorem the area is the sum over directed edges of the integral of x dy, with x clamped
+to the pixel. Along an edge x is linear. So the integral is the height that the edge spans in the
+pixel, times the mean of x, clamped to 0..1, over that span: a trapezoid plus the piece past the
+right side.
 
-An edge that moves sweeps area at its normal speed. With t from a to b along the part of the edge
+An edge that moves sweeps area at its normal speed. With t from a to b along the segment of the edge
 p q that lies in the pixel, the area changes by
 
-    (dy, -dx) . (m0 - m1) dp + (dy, -dx) . m1 dq,    m0 = b - a,  m1 = (b^2 - a^2) / 2,
+    (dy, -dx) . (m0 - m1) dp + (dy, -dx) . m1 dq,    m0 = b - a,  m1 = (b^2 - a^2) / 2.
 
-for horizontal edges like any other.
+Horizontal edges need no special case.
 """
 
 import functools
@@ -23,20 +24,22 @@ from .analytic import Measure, Six, side_of, sum_along_edges
 from .edge_lines import Side, Sides
 
 REACH = 0.7072
-"""Pixels from a pixel's centre beyond which an edge does not cut it: half its diagonal."""
+"""Pixels from a pixel's centre beyond which an edge does not cut the pixel: half its diagonal."""
 
 
 _STEEP = 2.0**60
-"""One over the shortest way along x or y that is told from none."""
+"""Upper bound on one over the extent of an edge along x or y."""
 
 
 class Edge(NamedTuple):
-    """The part of an edge in a slot's rows of pixels, `[slots]`, in pixels of the tile.
+    """The segment of an edge in a slot's rows of pixels, `[slots]`, in pixels of the tile.
 
-    - `x`, `y`: where it begins; `way_x`, `way_y`: to where it ends.
-    - `per_x`, `per_y`: one over these, 0 for none; `run`: the way along x for one along y.
-    - `whole_x`, `whole_y`: the way of the whole edge, as far as derivatives are concerned; `start`,
-      `part`: where on it, 0..1, the part begins, and how much of it that is.
+    - `x`, `y`: the start of the segment; `way_x`, `way_y`: the vector from its start to its end.
+    - `per_x`, `per_y`: one over `way_x` and `way_y`, or 0 where these are 0; `run`: the change of x
+      per unit of y.
+    - `whole_x`, `whole_y`: the vector along the whole edge, as derivatives use it.
+    - `start`, `part`: where the segment starts on the whole edge, 0..1, and which fraction of the
+      edge it is.
     """
 
     x: Any
@@ -53,16 +56,20 @@ class Edge(NamedTuple):
 
 
 Outline = tuple[Edge, Edge, Edge]
-"""The edges of each slot in order."""
+"""The three edges of each slot, in order."""
 
 
 def outline_of(
     corners: Any, tile: Any, sides: Sides, side: int, *, signed: bool = False
 ) -> Outline:
-    """Of corners `[6, slots]`, the tile's upper left pixel `[2, slots]` and side, and the lines.
+    """Clip the edges of each triangle to the rows of its tile.
 
-    An area without sign grows to whichever side a triangle opens that has collapsed: its slope
-    falls to zero over the last roundings of height (`Sides.kept`). A `signed` one has no kink.
+    The arguments are corners `[6, slots]`, the tile's upper left pixel `[2, slots]`, the lines of
+    the edges, and the tile's side in pixels.
+
+    The unsigned area of a collapsed triangle grows whichever way the triangle opens. Its derivative
+    therefore falls to zero over the last roundings of height (`Sides.kept`). A `signed` area has no
+    such kink.
     """
     x, y = ([corners[2 * k + axis] - tile[axis] for k in range(3)] for axis in (0, 1))
     first, second, third = (
@@ -79,30 +86,41 @@ def outline_of(
 
 
 def _cut(line: Side, px: Any, py: Any, qx: Any, qy: Any, side: int) -> Edge:
-    """What is above and below the tile covers nothing in it; far corners are inexact in floats."""
+    """Clip one edge to a little more than the rows of the tile.
+
+    What lies above and below the tile covers nothing in it. Where an end is clipped, x comes from
+    the line of the edge, because far corners are inexact in floats.
+    """
     dx, dy = qx - px, qy - py
-    rises, leans = dy != 0, line.across != 0
+    has_height, line_has_x = dy != 0, line.across != 0
     low, high = jnp.minimum(px, qx), jnp.maximum(px, qx)
     ends = []
     for x, y in ((px, py), (qx, qy)):
-        held = jnp.clip(y, -1.0, side + 1.0)
-        on_line = -(line.distance + line.down * held) / jnp.where(leans, line.across, 1.0)
-        cut = jnp.where((held != y) & leans, jnp.clip(on_line, low, high), x)
-        ends.append((cut, held, jnp.where(rises, (held - py) / jnp.where(rises, dy, 1.0), 0.0)))
+        clamped_y = jnp.clip(y, -1.0, side + 1.0)
+        on_line = -(line.distance + line.down * clamped_y) / jnp.where(line_has_x, line.across, 1.0)
+        cut = jnp.where((clamped_y != y) & line_has_x, jnp.clip(on_line, low, high), x)
+        ends.append(
+            (
+                cut,
+                clamped_y,
+                jnp.where(has_height, (clamped_y - py) / jnp.where(has_height, dy, 1.0), 0.0),
+            )
+        )
     (ax, ay, start), (bx, by, end) = ends
-    part = jnp.where(rises, end - start, 1.0)
+    fraction = jnp.where(has_height, end - start, 1.0)
     way_x, way_y = bx - ax, by - ay
-    # Once for a slot: the compiler would divide again for each pixel.
+    # The quotients are computed once per slot; XLA would divide again for each pixel.
     per_x, per_y = (
         jnp.clip(safe.divide(jnp.ones_like(way), way), -_STEEP, _STEEP) for way in (way_x, way_y)
     )
-    return Edge(ax, ay, way_x, way_y, per_x, per_y, way_x * per_y, dx, dy, start, part)
+    return Edge(ax, ay, way_x, way_y, per_x, per_y, way_x * per_y, dx, dy, start, fraction)
 
 
 @functools.cache
 def measure(side: int) -> Measure:
-    """The measure of exact area of an `Outline`; it has no parameter."""
-    # An edge on the side of a pixel moves into a pixel that is empty or full.
+    """Create the measure of the exact area of an `Outline`; it has no parameter."""
+    # No value has zero derivative: an edge on the side of a pixel can move into a pixel that is
+    # empty or full.
     return Measure(
         _value,
         _push,
@@ -114,14 +132,16 @@ def measure(side: int) -> Measure:
 
 
 def spans(edge: Edge, x: Any, y: Any) -> tuple[Any, Any, Any, Any]:
-    """Where the edge begins and ends in the rows of pixels, in pixels from the pixel's upper left.
+    """Find where the edge starts and ends within each pixel's row, from the pixel's upper left.
 
-    `(top, bottom, start, end)`: y held to 0..1, and x there, which may be anywhere.
+    Returns `(top, bottom, start, end)`: y at both ends, clamped to 0..1, and x there, which is not
+    clamped.
     """
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
     qx, qy = px + edge.way_x, py + edge.way_y
     top, bottom = jnp.clip(py, 0.0, 1.0), jnp.clip(qy, 0.0, 1.0)
-    # From the nearer end point each: where the edge ends in the pixel, nothing is rounded.
+    # Each x is taken from the nearer end point, so that nothing is rounded where the edge ends
+    # in the pixel.
     return top, bottom, px + (top - py) * edge.run, qx + (bottom - qy) * edge.run
 
 
@@ -134,7 +154,7 @@ def _value(outline: Outline, parameter: Any, x: Any, y: Any) -> Any:
 
 
 def _mean(start: Any, end: Any) -> Any:
-    """Mean of x held to 0..1 on the way from `start` to `end`."""
+    """Mean of x, clamped to 0..1, on the way from `start` to `end`."""
     a, b = jnp.clip(start, 0.0, 1.0), jnp.clip(end, 0.0, 1.0)
     way = end - start
     past = jnp.maximum(end, 1.0) - jnp.maximum(start, 1.0)
@@ -143,7 +163,10 @@ def _mean(start: Any, end: Any) -> Any:
 
 
 def within(edge: Edge, x: Any, y: Any) -> tuple[Any, Any]:
-    """From where to where along the part it lies in each pixel, 0..1; empty if not before."""
+    """Interval of t along an edge's segment, 0..1, that lies in each pixel.
+
+    The interval `(a, b)` is empty unless a < b.
+    """
     a, b = 0.0, 1.0
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
     for begin, per_way in ((px, edge.per_x), (py, edge.per_y)):
@@ -156,7 +179,7 @@ def within(edge: Edge, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def _swept(edge: Edge, x: Any, y: Any) -> tuple[Any, Any]:
-    """The integrals over t of 1 and of t along what lies in the pixel."""
+    """Integrals over t of 1 and of t along the piece of the edge in the pixel."""
     a, b = within(edge, x, y)
     length = jnp.maximum(b - a, 0.0) * edge.part
     return length, length * (edge.start + edge.part * (0.5 * (a + b)))
@@ -193,7 +216,7 @@ def _pull(outline: Outline, parameter: Any, weight: Any) -> Six:
 
 
 def passes_tile(outline: Outline, side: int) -> tuple[Any, Any, Any]:
-    """Of each edge, whether the part in the tile's rows may come into the tile itself."""
+    """Decide for each edge whether its segment in the tile's rows may enter the tile."""
 
     @materialized
     def look(outline):
@@ -210,7 +233,10 @@ def passes_tile(outline: Outline, side: int) -> tuple[Any, Any, Any]:
 
 
 def add_share(slopes: list[Any], k: int, edge: Edge, whole: Any, towards_end: Any) -> None:
-    """Add to the slopes what edge k sweeps: integrals over t of a weight, and of t times it."""
+    """Add what edge k sweeps to the gradient by the corners.
+
+    `whole` and `towards_end` are the integrals over t of a weight, and of t times the weight.
+    """
     for corner, share in ((k, whole - towards_end), ((k + 1) % 3, towards_end)):
         slopes[2 * corner] = slopes[2 * corner] + edge.whole_y * share
         slopes[2 * corner + 1] = slopes[2 * corner + 1] - edge.whole_x * share

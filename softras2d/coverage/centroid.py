@@ -1,13 +1,13 @@
-"""What a triangle carries, averaged over the part of it in a pixel: its value at the centroid.
+"""Corner weights averaged over the part of a triangle in a pixel: their values at the centroid.
 
-A value that is affine on the triangle has as its mean the value at the centroid, which is the first
+The mean of a value that is affine on the triangle is its value at the centroid, which is the first
 moments M over the area A. By Green's theorem the moments are sums over directed edges of the
-integrals of x^2 / 2 dy and x y dy, with x held in the pixel: over the piece of the edge inside,
-where x is linear, and over the piece past the right side, where it is 1.
+integrals of x^2 / 2 dy and x y dy, with x clamped to the pixel. They have two pieces: the piece of
+the edge inside, where x is linear, and the piece past the right side, where x is 1.
 
-An edge that moves sweeps moments at its normal speed times the place that it sweeps. Weights of the
-corners are affine, w = w_0 + g . x, and change at a place that stays put by -g . sum_j w_j dv_j, so
-that at the centroid c
+An edge that moves sweeps moments at its normal speed times the position that it sweeps. The weights
+of the corners are affine, w = w_0 + g . x, and change at a fixed position by -g . sum_j w_j dv_j.
+At the centroid c therefore
 
     dw = g . (dM - c dA) / A - g . sum_j w_j(c) dv_j.
 """
@@ -23,25 +23,29 @@ from .area import Edge, Outline, add_share, passes_tile, spans, within
 from .edge_lines import Sides
 
 _LEAST = 1e-12
-"""Area in a pixel below which there is no centroid."""
+"""Area in a pixel below which the centroid is undefined."""
 
 _STEEP = 64.0
-"""Per pixel: what a weight gains counts in full up to here, and beyond the less the steeper it is.
+"""Bound on the gradient of a weight, per pixel; a gradient g above it is reduced to _STEEP^2 / g.
 
-Of a triangle of height h the area is about h and known to a rounding e, so that the centroid is
-known to e / h, and the slope of area times weight to e / h^2. Held so, that is never above 64^2 e.
+A triangle of height h has an area of about h, known to a rounding e. Its centroid is then known to
+e / h, and the gradient of area times weight to e / h^2. With the bound this error is at most 64^2
+e.
 """
 
 
 class Shape(NamedTuple):
-    """What is known of a slot: its edges in the tile's rows, and their lines."""
+    """The shape of a slot: its edges, clipped to the tile's rows, and their lines."""
 
     outline: Outline
     sides: Sides
 
 
 class _Centroid(NamedTuple):
-    """Area, and the centroid in the pixel, 0..1; its centre where there is hardly an area."""
+    """Area in the pixel and the centroid, 0..1 from the pixel's upper left.
+
+    Where the area is below `_LEAST`, the centroid is the pixel's centre and `exists` is false.
+    """
 
     area: Any
     x: Any
@@ -58,7 +62,7 @@ def _centroid(shape: Shape, x: Any, y: Any) -> _Centroid:
         moves = way != 0
         per_way = jnp.where(moves, 1.0 / jnp.where(moves, way, 1.0), 0.0)
         upright = jnp.where(moves, 0.0, 1.0)
-        # Shares of the way inside and past the right side, and the middles of both.
+        # Fractions of the edge inside and past the right side, and the middles of both pieces.
         inside = (b - a) * per_way + upright * jnp.where((start >= 0) & (start < 1), 1.0, 0.0)
         past = (jnp.maximum(end, 1.0) - jnp.maximum(start, 1.0)) * per_way
         past = past + upright * jnp.where(start >= 1, 1.0, 0.0)
@@ -71,21 +75,21 @@ def _centroid(shape: Shape, x: Any, y: Any) -> _Centroid:
         down = down + rise * (inside * middle + past * beyond)
     exists = area > _LEAST
     per_area = jnp.where(exists, 1.0 / jnp.where(exists, area, 1.0), 0.0)
-    held_x, held_y = (
+    centroid_x, centroid_y = (
         jnp.where(exists, jnp.clip(m * per_area, 0.0, 1.0), 0.5) for m in (across, down)
     )
-    return _Centroid(area, held_x, held_y, exists)
+    return _Centroid(area, centroid_x, centroid_y, exists)
 
 
 def _weights(shape: Shape, centroid: _Centroid, x: Any, y: Any) -> tuple[Any, Any, Any]:
     x, y = x - 0.5 + centroid.x, y - 0.5 + centroid.y
-    found = []
+    weights = []
     for k in range(3):
-        # A corner is as far from the opposite edge as its weight says.
+        # The weight is the distance from the opposite edge over the corner's distance from it.
         edge = shape.sides.edges[(k + 1) % 3]
         distance = edge.distance + edge.across * x + edge.down * y
-        found.append(jnp.clip(distance * edge.per_height, 0.0, 1.0))
-    first, second, third = found
+        weights.append(jnp.clip(distance * edge.per_height, 0.0, 1.0))
+    first, second, third = weights
     return first, second, third
 
 
@@ -94,7 +98,7 @@ def _value(shape: Shape, parameter: Any, x: Any, y: Any) -> Any:
 
 
 def _gradient(shape: Shape, corner: int) -> tuple[Any, Any]:
-    """Of a corner's weight on the triangle; held, see `_STEEP`."""
+    """Gradient of a corner's weight on the triangle, bounded as `_STEEP` says."""
     opposite = shape.sides.edges[(corner + 1) % 3]
     rise = jnp.minimum(opposite.per_height, _STEEP**2 / jnp.maximum(opposite.per_height, _STEEP))
     return opposite.across * rise, opposite.down * rise
@@ -105,8 +109,10 @@ def _per_area(centroid: _Centroid) -> Any:
 
 
 def _swept(edge: Edge, x: Any, y: Any, centre: tuple[Any, Any], gain: tuple[Any, Any]) -> Any:
-    """What an edge sweeps of a value that gains `gain` per pixel from 0 at the place `centre` in
-    the pixel: its integral over t along what lies there, and that of t times it."""
+    """Integrals over t, of a value and of t times it, along the piece of an edge in the pixel.
+
+    The value is 0 at the position `centre` in the pixel and grows by `gain` per pixel.
+    """
     a, b = within(edge, x, y)
     length = jnp.maximum(b - a, 0.0) * edge.part
     left, up = edge.x - (x - 0.5), edge.y - (y - 0.5)
@@ -116,7 +122,8 @@ def _swept(edge: Edge, x: Any, y: Any, centre: tuple[Any, Any], gain: tuple[Any,
         for t in (a, b)
     )
     start, end = edge.start + edge.part * a, edge.start + edge.part * b
-    # Of a product of two linear functions: the mean of one at its middle, and a twelfth.
+    # The mean of a product of two linear functions is the product of their means plus a
+    # twelfth of the product of their changes.
     bend = (end - start) * (last - first) * (1 / 12)
     mean = 0.5 * (first + last)
     return length * mean, length * (mean * (0.5 * (start + end)) + bend)
@@ -142,7 +149,10 @@ def _push(shape: Shape, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
 
 
 def _pull(shape: Shape, parameter: Any, weight: Any) -> Six:
-    """Both weights at once: together they are one value that gains (qx, qy) per pixel."""
+    """Compute the vjp for both weights at once.
+
+    Weighted by their cotangents, the two weights are one value that grows by (qx, qy) per pixel.
+    """
 
     @materialized
     def locate(shape, parameter):
@@ -163,8 +173,8 @@ def _pull(shape: Shape, parameter: Any, weight: Any) -> Six:
         ]
 
     def inside(shape, parameter, x, y, cx, cy, qx, qy):
-        places = (1.0, x - 0.5 + cx, y - 0.5 + cy)
-        return [q * place for q in (qx, qy) for place in places]
+        factors = (1.0, x - 0.5 + cx, y - 0.5 + cy)
+        return [q * factor for q in (qx, qy) for factor in factors]
 
     def along(edge, x, y, cx, cy, per_area, qx, qy):
         return list(_swept(edge, x, y, (cx, cy), (qx * per_area, qy * per_area)))
@@ -193,9 +203,10 @@ def _pull(shape: Shape, parameter: Any, weight: Any) -> Six:
 
 @functools.cache
 def weights(side: int) -> Measure:
-    """The mean weights of corners 1 and 2 over the part of the triangle in a pixel.
+    """Create the measure of the weights of corners 1 and 2, averaged over the triangle in a pixel.
 
-    Where none of it is in the pixel, the weights at the centre, held to 0..1, with slope 0.
+    Where no part of the triangle is in the pixel, these are the weights at the pixel's centre,
+    clamped to 0..1, with zero derivative.
     """
     return Measure(
         _value,

@@ -1,9 +1,9 @@
-"""The depth test: which samples of a triangle pass it, as bits.
+"""Depth test: which covered samples of a triangle pass it, as coverage words.
 
-In draw order a triangle passes at a sample where it lies no deeper than all that were drawn there
-before, and its depth is then the least. Only bits are kept: what has passed is composited in draw
-order like any scene, so that of opaque triangles the last that passed shows, which is the nearest,
-and of equally near ones the later.
+Triangles are visited in draw order. A triangle passes at a sample if it lies no deeper than all
+triangles drawn there before; its depth is then the least so far. Only bits are stored. The
+triangles that passed are composited in draw order like any scene, so the last opaque triangle that
+passed is visible. That is the nearest one, and of equally near ones the one drawn later.
 
 Depth is interpolated affinely on the screen, as z / w is.
 
@@ -29,7 +29,7 @@ from .sampled import row_order
 
 
 class Depths(NamedTuple):
-    """Triangles as the depth test sees them; `depth` of the corners, turned."""
+    """Inputs of the depth test; `depth` is per corner, reoriented like `edges`."""
 
     edges: Edges
     planes: WeightPlanes | None
@@ -43,7 +43,7 @@ def keep_nearest(
     steps: Steps,
     tiling: Tiling,
 ) -> UInt32[Array, "pairs rows"]:
-    """`rows` without the samples that fail the depth test; in the order of `lists`."""
+    """Remove the samples that fail the depth test from `rows`, in the order of `lists`."""
     dtype = depths.depth.dtype
     area = materialized(lambda edges: twice_area(edges, dtype))(depths.edges)
     measure = materialized(functools.partial(_measure, tiling=tiling))
@@ -54,21 +54,23 @@ def keep_nearest(
         return weights, depths.depth[:, triangle]
 
     @materialized
-    def pick(rows, pair, live):
-        return jnp.where(live[:, None], rows.at[pair].get(mode="clip"), jnp.uint32(0)).reshape(-1)
+    def gather_words(rows, pair, is_valid):
+        return jnp.where(is_valid[:, None], rows.at[pair].get(mode="clip"), jnp.uint32(0)).reshape(
+            -1
+        )
 
     def visit(least: Array, step: tuple[Array, Array, Array]) -> tuple[Array, tuple[Array, Array]]:
-        number, which, place = step
-        fresh, count = place == 0, steps.count[which]
-        # Lists run from the nearest in draw order back: the last place was drawn first.
-        pair = steps.start[which] + count - 1 - place
-        live = (place < count) & (number < steps.needed)
+        number, which, position = step
+        is_first, count = position == 0, steps.count[which]
+        # Lists run in reverse draw order: the last entry was drawn first.
+        pair = steps.start[which] + count - 1 - position
+        is_valid = (position < count) & (number < steps.needed)
         triangle = lists.triangle.at[pair].get(mode="clip")
-        words = pick(rows, pair, live)
+        words = gather_words(rows, pair, is_valid)
         depth = measure(*corners(depths, area, triangle, steps.tile[which]))
-        passed = materialized(_test)(depth, least, fresh, words)
-        kept = materialized(_pack)(passed), jnp.where(live, pair, rows.shape[0])
-        return materialized(_write)(least, fresh, depth, passed), kept
+        passed = materialized(_test)(depth, least, is_first, words)
+        kept = materialized(_pack)(passed), jnp.where(is_valid, pair, rows.shape[0])
+        return materialized(_write)(least, is_first, depth, passed), kept
 
     with jax.named_scope("depth_test"):
         numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
@@ -82,12 +84,12 @@ def keep_nearest(
 def depth_at(
     depths: Depths, triangle: Int[Array, "*samples"], sample: Any, tiling: Tiling
 ) -> Float[Array, "*samples"]:
-    """Depth of a triangle's plane at a sample (column, row), whether it covers it or not."""
+    """Depth of a triangle's plane at a sample (column, row), whether it is covered or not."""
 
     @materialized
     def measure(depths, triangle, sample):
         area = twice_area(depths.edges, depths.depth.dtype)
-        # The first tile: its samples are counted from the corner of the canvas.
+        # Samples of the first tile are counted from the corner of the canvas.
         tile = jnp.zeros_like(triangle)
         weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
         one = jnp.ones_like(triangle)
@@ -101,11 +103,11 @@ def depth_at(
 def depth_on_edge(
     depths: Depths, edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
 ) -> Float[Array, "lines runs"]:
-    """Depth on edge `3 triangle + side` of a triangle, where it is `t` along, 0..1."""
+    """Depth on edge `3 triangle + side` of a triangle, the fraction `t` (0..1) along it."""
 
     @materialized
     def mix(depth, edge, t):
-        # From `[3, triangles]` to the order of edges.
+        # Flatten `[3, triangles]` to the order of the edges.
         start, end = (ends.T.reshape(-1)[edge] for ends in (depth, jnp.roll(depth, -1, 0)))
         return start[None] + t * (end - start)[None]
 
@@ -115,7 +117,10 @@ def depth_on_edge(
 def _measure(
     weights: Weights, corner: Float[Array, "3 block"], tiling: Tiling
 ) -> Float[Array, "sample_columns lines"]:
-    """Depth at every sample of a block of tiles; a line is a row of samples, in `row_order`."""
+    """Compute the depth at every sample of a block of tiles.
+
+    A line is a row of samples; the rows of a tile are in `row_order`.
+    """
     repeat = functools.partial(jnp.repeat, repeats=tiling.sample_rows)
     weights = weights.map_slots(lambda entry: repeat(entry)[None])
     corner = jax.vmap(repeat)(corner)[:, None]
@@ -128,7 +133,10 @@ def _measure(
 
 
 def _test(depth: Array, least: Array, fresh: Array, words: Array) -> Bool[Array, "columns lines"]:
-    """Which of the covered samples are no deeper than the least so far; `fresh` forgets that."""
+    """Find the covered samples that are no deeper than the least depth so far.
+
+    Where `fresh`, a new tile starts and the least depth so far is ignored.
+    """
     column = jax.lax.broadcasted_iota(jnp.uint32, depth.shape, 0)
     covered = ((words[None] >> column) & jnp.uint32(1)) == 1
     return covered & (depth <= jnp.where(fresh, jnp.inf, least))

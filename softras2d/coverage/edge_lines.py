@@ -1,8 +1,9 @@
-"""The edges of triangles as lines seen from a tile, in floats, however far the corners lie.
+"""Edges of triangles as lines relative to a tile, in floats, accurate for far corners too.
 
-A corner a million pixels away has its last bit at a tenth of a pixel. That is what it is and no
-error, but a float product of two such numbers is: so the distance of the tile from the line is a
-cross product taken in twice the precision, once for each slot, and pixels add small steps to it.
+The last bit of a float32 coordinate of a million pixels is about a tenth of a pixel. That is the
+precision of the input and no error, but a float product of two such numbers adds an error. So the
+distance of the tile from the line is a cross product in twice the precision, computed once per
+slot, and pixels add small steps to it.
 """
 
 from typing import Any, NamedTuple
@@ -17,15 +18,16 @@ from ..numerics.double_float import Pair, product_of, sum_of
 class Side(NamedTuple):
     """One edge of each slot, from corner k to corner k + 1, `[slots]`, in pixels.
 
-    At the upper left of the tile:
+    These are values at the upper left of the tile:
 
-    - `distance`: from the line of the edge, positive inside; per pixel it grows by `across`,
-      `down`, the unit normal that points inwards.
-    - `after_start`, `after_end`: how far along the edge the place is past its start, and its end;
-      per pixel they grow by (`down`, -`across`).
+    - `distance`: the signed distance from the line of the edge, positive inside. Per pixel it grows
+      by `across`, `down`, the unit normal that points inwards.
+    - `after_start`, `after_end`: how far the point is past the edge's start, and past its end,
+      along the edge. Per pixel they grow by (`down`, -`across`).
 
-    `per_length`: one over the edge's length, and `per_height`: one over the distance of the third
-    corner from it; 0 for none. An edge of no length is taken to run to the right.
+    `per_length` is one over the edge's length, 0 for an edge without length. `per_height` is one
+    over the distance of the third corner from the edge, 0 for a triangle without area. An edge
+    without length is taken to run to the right.
     """
 
     distance: Any
@@ -38,7 +40,7 @@ class Side(NamedTuple):
 
 
 Row = tuple[Any, Any, Any]
-"""A number of each corner."""
+"""One number per corner."""
 
 
 class Sides(NamedTuple):
@@ -47,8 +49,9 @@ class Sides(NamedTuple):
     - `solid`: whether the triangle has an area.
     - `kept`: 1 for triangles whose height is at least a few roundings; below that it falls with the
       height, down to 0 for triangles without area.
-    - `shares`: row k tells which corners move where corner k is said to move. It is the identity
-      unless `kept` is below 1; see `_shares`.
+    - `shares`: row k has the weights of the corners whose motion replaces the motion of corner k.
+      It is the
+      identity unless `kept` is below 1; see `_shares`.
     """
 
     first: Side
@@ -65,29 +68,33 @@ class Sides(NamedTuple):
 
 
 def sides_of(corners: Float[Array, "6 slots"], tile: Float[Array, "2 slots"]) -> Sides:
-    """Of positively oriented corners, x and y of each in turn, and the tile's upper left pixel."""
+    """Compute the edge lines of each slot.
+
+    `corners` are positively oriented, x and y of each in turn; `tile` is the tile's upper left
+    pixel.
+    """
     points = [(corners[2 * k], corners[2 * k + 1]) for k in range(3)]
     to_tile = [tuple(map(_difference, tile, point)) for point in points]
-    ways = [tuple(map(_difference, points[(k + 1) % 3], points[k])) for k in range(3)]
-    area = _cross(ways[0], ways[1])
+    edge_vectors = [tuple(map(_difference, points[(k + 1) % 3], points[k])) for k in range(3)]
+    area = _cross(edge_vectors[0], edge_vectors[1])
     solid = area > 0
     per_area = safe.divide(jnp.ones_like(area), jnp.where(solid, area, jnp.zeros_like(area)))
-    found, lengths = [], []
+    edges, lengths = [], []
     for k in range(3):
-        (dx, _), (dy, _) = way = ways[k]
+        (dx, _), (dy, _) = edge_vector = edge_vectors[k]
         length = safe.sqrt(dx * dx + dy * dy)
         per_length = safe.divide(jnp.ones_like(length), length)
         lengths.append(length)
         extended = length > 0
         start, end = to_tile[k], to_tile[(k + 1) % 3]
         (x, _), (y, _) = start
-        found.append(
+        edges.append(
             Side(
-                jnp.where(extended, _cross(way, start) * per_length, y),
+                jnp.where(extended, _cross(edge_vector, start) * per_length, y),
                 -dy * per_length,
                 jnp.where(extended, dx * per_length, 1.0),
-                jnp.where(extended, _dot(way, start) * per_length, x),
-                jnp.where(extended, _dot(way, end) * per_length, x),
+                jnp.where(extended, _dot(edge_vector, start) * per_length, x),
+                jnp.where(extended, _dot(edge_vector, end) * per_length, x),
                 per_length,
                 length * per_area,
             )
@@ -96,32 +103,32 @@ def sides_of(corners: Float[Array, "6 slots"], tile: Float[Array, "2 slots"]) ->
     resolved = jnp.maximum(longest * _RELATIVE_ROUNDING, ROUNDING)
     height = safe.divide(jnp.maximum(area, 0.0), longest)
     kept = jnp.minimum(height / resolved, 1.0)
-    shares = _shares([(dx, dy) for (dx, _), (dy, _) in ways], lengths, resolved, kept)
-    return Sides(found[0], found[1], found[2], solid, kept, shares)
+    shares = _shares([(dx, dy) for (dx, _), (dy, _) in edge_vectors], lengths, resolved, kept)
+    return Sides(edges[0], edges[1], edges[2], solid, kept, shares)
 
 
 ROUNDING = 2.0**-17
-"""Pixels within which no distance from an edge is known in float32: a few roundings in a tile."""
+"""Error of a distance from an edge in float32, in pixels: a few roundings within a tile."""
 
 _RELATIVE_ROUNDING = 2.0**-22
-"""Likewise for a triangle's height, over the length of its longest edge."""
+"""Error of a triangle's height in float32, relative to the length of its longest edge."""
 
 
 def _shares(
     ways: list[tuple[Any, Any]], lengths: list[Any], resolved: Any, kept: Any
 ) -> tuple[Row, Row, Row]:
-    """Weights with which the corners of a degenerate triangle stand in for each other.
+    """Compute the weights with which the corners of a degenerate triangle replace each other.
 
     A triangle that collapses to a segment has two boundaries there, one through the middle corner
-    and one past it, and its image has a kink: which of them is nearer to a pixel depends on the
-    side to which the middle corner moves, and at the end on a rounding. So from `resolved` pixels
-    of height down, the middle corner hands its part over to the ends of the segment, in proportion
-    to where it lies between them; and from as many pixels of distance down, corners that coincide
-    share theirs alike. Derivatives then have the same limit from both orientations, which is that
-    of the distance to the segment, whichever edge was chosen.
+    and one past it, and its image has a kink. Which boundary is nearer to a pixel depends on the
+    side to which the middle corner moves, and in the limit on a rounding. So below `resolved`
+    pixels of height, the middle corner passes its share to the ends of the segment, in proportion
+    to its position between them. Corners closer than `resolved` pixels share theirs equally in the
+    limit. Derivatives then have the same limit from both orientations: the derivative of the
+    distance to the segment, whichever edge was chosen.
     """
     one, zero = jnp.ones_like(kept), jnp.zeros_like(kept)
-    # Corners k and k + 1 are as close as edge k is short.
+    # `close` of edge k is 1 if corners k and k + 1 coincide, and 0 from `resolved` pixels on.
     close = [jnp.maximum(1.0 - length / resolved, 0.0) for length in lengths]
     merged = []
     for k in range(3):
@@ -141,15 +148,19 @@ def _shares(
         end, middle = (k + 1) % 3, (k + 2) % 3
         dot = -(ways[k][0] * ways[middle][0] + ways[k][1] * ways[middle][1])
         foot = jnp.clip(safe.divide(dot, lengths[k] * lengths[k]), 0.0, 1.0)
-        own = jnp.where(which[k], kept, 1.0)
-        parts = {middle: own, k: (1.0 - own) * (1.0 - foot), end: (1.0 - own) * foot}
-        first, second, third = (sum(parts[i] * merged[i][j] for i in range(3)) for j in range(3))
+        middle_weight = jnp.where(which[k], kept, 1.0)
+        weights = {
+            middle: middle_weight,
+            k: (1.0 - middle_weight) * (1.0 - foot),
+            end: (1.0 - middle_weight) * foot,
+        }
+        first, second, third = (sum(weights[i] * merged[i][j] for i in range(3)) for j in range(3))
         rows[middle] = (first, second, third)
     return rows[0], rows[1], rows[2]
 
 
 def share_velocity(shares: tuple[Row, Row, Row], velocity: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Velocities of the corners, x and y of each in turn, as `Sides.shares` says."""
+    """Combine the velocities of the corners, x and y of each in turn, with the weights `shares`."""
     return tuple(
         row[0] * velocity[axis] + row[1] * velocity[2 + axis] + row[2] * velocity[4 + axis]
         for row in shares
@@ -158,7 +169,7 @@ def share_velocity(shares: tuple[Row, Row, Row], velocity: tuple[Any, ...]) -> t
 
 
 def share_slopes(shares: tuple[Row, Row, Row], slopes: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The transpose of `share_velocity`."""
+    """Apply the transpose of `share_velocity` to gradients by the corners."""
     return tuple(
         shares[0][corner] * slopes[axis]
         + shares[1][corner] * slopes[2 + axis]
@@ -169,7 +180,7 @@ def share_slopes(shares: tuple[Row, Row, Row], slopes: tuple[Any, ...]) -> tuple
 
 
 def _difference(a: Any, b: Any) -> Pair:
-    """The exact difference of two floats."""
+    """Compute the exact difference of two floats."""
     return sum_of(a, -b)
 
 
@@ -182,7 +193,7 @@ def _dot(a: tuple[Pair, ...], b: tuple[Pair, ...]) -> Any:
 
 
 def _sum_of_products(a: Pair, b: Pair, c: Pair, d: Pair, sign: float) -> Any:
-    """a b + sign c d."""
+    """Compute a b + sign c d from double-float pairs, rounded to one float."""
     first, first_low = product_of(a[0], b[0])
     second, second_low = product_of(sign * c[0], d[0])
     high, low = _difference(first, -second)

@@ -1,16 +1,17 @@
-"""What a triangle carries under soft coverage: its value at the nearest point of the triangle.
+"""Corner weights under soft coverage: their values at the nearest point of the triangle.
 
-Inside that is the place itself. Beside an edge from p to q of length L and direction u, where x is
-d in front of it, the nearest point lies the part t = (x - p) . u / L along, and
+Inside the triangle, the nearest point is x itself. Beside an edge from p to q of length L and
+direction u, where x lies at distance d outside, it is at the fraction t = (x - p) . u / L of the
+edge, and
 
-    dt = -u . ((1 - t) dp + t dq) / L + (d / L^2) n . (dq - dp),
+    dt = -u . ((1 - t) dp + t dq) / L + (d / L^2) n . (dq - dp).
 
-while around a corner it is the corner. Inside, weights at a place that stays put change by
--grad w_k . sum_j w_j dv_j. All is linear in x and y, or a product of two such: three moments of
-each case tell the sums over pixels.
+Around a corner it is the corner. Inside, the weights at a fixed position change by -grad w_k .
+sum_j w_j dv_j. All of these are linear in x and y, or a product of two linear functions, so three
+moments of each case determine the sums over pixels.
 
-Corners of a triangle thinner than a few roundings stand in for each other, see `edge_lines`: what
-one holds there and what the others do would be chosen by a rounding.
+Corners of a triangle thinner than a few roundings replace each other, see `edge_lines`: a rounding
+would decide which corner's attributes count there.
 """
 
 import functools
@@ -25,21 +26,21 @@ from .soft import Nearest, is_around, nearest, side_weights
 
 
 def _value(sides: Sides, parameter: Any, x: Any, y: Any) -> Any:
-    found = nearest(sides, x, y)
-    _, second, third = _weights(found, sides)
-    # The weights add up to 1.
-    none, by_second, by_third = sides.shares
+    nearest_point = nearest(sides, x, y)
+    _, second, third = _weights(nearest_point, sides)
+    # The first weight is 1 minus the others.
+    by_first, by_second, by_third = sides.shares
     return tuple(
-        none[corner]
-        + second * (by_second[corner] - none[corner])
-        + third * (by_third[corner] - none[corner])
+        by_first[corner]
+        + second * (by_second[corner] - by_first[corner])
+        + third * (by_third[corner] - by_first[corner])
         for corner in (1, 2)
     )
 
 
 def _weights(found: Nearest, sides: Sides) -> tuple[Any, Any, Any]:
     """Weights of the three corners at x, or at the nearest point of the triangle."""
-    # A corner is as far from the opposite edge as its weight says.
+    # The weight is the distance from the opposite edge over the corner's distance from it.
     opposite = (1, 2, 0)
     within = [jnp.clip(found.distances[k] * sides.edges[k].per_height, 0.0, 1.0) for k in opposite]
     first, second, third = (
@@ -50,37 +51,45 @@ def _weights(found: Nearest, sides: Sides) -> tuple[Any, Any, Any]:
 
 
 def _is_inside(found: Nearest, sides: Sides) -> Any:
-    """Whether the place itself counts: across a thinner triangle it is not known to a rounding."""
+    """Decide whether the weights at x itself count.
+
+    Across a triangle thinner than a few roundings, the position of x is not known precisely enough.
+    """
     return found.inside & (sides.kept >= 1)
 
 
 def _gradient(sides: Sides, corner: int) -> tuple[Any, Any]:
-    """Of a corner's weight inside; held, see `weights`."""
+    """Gradient of a corner's weight inside, bounded as `weights` says."""
     opposite = sides.edges[(corner + 1) % 3]
     rise = jnp.minimum(opposite.per_height, 1.0)
     return opposite.across * rise, opposite.down * rise
 
 
 def _push(sides: Sides, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
-    found = nearest(sides, x, y)
-    weights = _weights(found, sides)
+    nearest_point = nearest(sides, x, y)
+    weights = _weights(nearest_point, sides)
     velocity = share_velocity(sides.shares, velocity)
     corners = [(velocity[2 * k], velocity[2 * k + 1]) for k in range(3)]
     vx, vy = (sum(w * v[axis] for w, v in zip(weights, corners, strict=True)) for axis in (0, 1))
-    beside = jnp.where(is_around(found), 0.0, jnp.minimum(found.per_length, 1.0))
-    bends = [
+    beside = jnp.where(is_around(nearest_point), 0.0, jnp.minimum(nearest_point.per_length, 1.0))
+    turns = [
         edge.across * (end[0] - begin[0]) + edge.down * (end[1] - begin[1])
         for edge, begin, end in zip(sides.edges, corners, corners[1:] + corners[:1], strict=True)
     ]
-    bend = jnp.where(found.side == 0, bends[0], jnp.where(found.side == 1, bends[1], bends[2]))
-    slip = -(found.down * vx - found.across * vy) + found.offset * beside * bend
+    turn = jnp.where(
+        nearest_point.side == 0, turns[0], jnp.where(nearest_point.side == 1, turns[1], turns[2])
+    )
+    slip = (
+        -(nearest_point.down * vx - nearest_point.across * vy)
+        + nearest_point.offset * beside * turn
+    )
     slip = slip * beside
     changes = []
     for corner in (1, 2):
         gx, gy = _gradient(sides, corner)
-        ends, begins = found.side == corner - 1, found.side == corner
+        ends, begins = nearest_point.side == corner - 1, nearest_point.side == corner
         outside = jnp.where(ends, slip, jnp.where(begins, -slip, 0.0))
-        changes.append(jnp.where(_is_inside(found, sides), -(gx * vx + gy * vy), outside))
+        changes.append(jnp.where(_is_inside(nearest_point, sides), -(gx * vx + gy * vy), outside))
     first, second, third = sides.shares
     return tuple(
         changes[0] * (second[corner] - first[corner]) + changes[1] * (third[corner] - first[corner])
@@ -89,7 +98,7 @@ def _push(sides: Sides, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
 
 
 _INSIDE, _AROUND = 3, 4
-"""Cases after those beside side 0, 1 and 2."""
+"""Case numbers that follow those beside sides 0, 1 and 2."""
 
 
 def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
@@ -113,10 +122,12 @@ def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
             towards_end = (edge.after_start * mass + edge.down * x - edge.across * y) * (
                 edge.per_length
             )
-            held = jnp.minimum(edge.per_length, 1.0)
-            bend = (edge.distance * mass + edge.across * x + edge.down * y) * held * held
+            per_length = jnp.minimum(edge.per_length, 1.0)
+            bend = (
+                (edge.distance * mass + edge.across * x + edge.down * y) * per_length * per_length
+            )
             for corner, share, sign in ((k, mass - towards_end, -1), ((k + 1) % 3, towards_end, 1)):
-                slip = share * held
+                slip = share * per_length
                 add(
                     corner,
                     -edge.down * slip + sign * bend * edge.across,
@@ -139,17 +150,18 @@ def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
         return [second * (row[1] - rows[0][1]) + third * (row[2] - rows[0][2]) for row in rows[1:]]
 
     second, third = share(sides, weight)
-    # Along a side the weight of its end grows as much as that of its start falls.
+    # Along a side the weight of its end grows at the rate at which that of its start falls.
     parts = [(0, second), (1, third - second), (2, -third), (_INSIDE, second), (_INSIDE, third)]
     return combine(sides, sum_moments(choose(sides, parameter), parts))
 
 
 @functools.cache
 def weights(side: int) -> Measure:
-    """The weights of corners 1 and 2 at a pixel's centre, or the triangle's point nearest to it.
+    """Create the measure of the weights of corners 1 and 2 at the nearest point of the triangle.
 
-    Without area, at the nearest point of its sides. Of triangles thinner than a pixel the slope is
-    held at one per pixel: the place stands for more area than the triangle has.
+    The point is the pixel's centre if that is inside. For a triangle without area it is on the
+    nearest of its sides. The gradient of triangles thinner than a pixel is clamped to one per
+    pixel, because the point represents more area than the triangle has.
     """
     return Measure(
         _value,

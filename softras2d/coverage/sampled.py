@@ -1,11 +1,12 @@
-"""Exact coverage: one bit per sample, one word per row of a tile.
+"""Sampled coverage: one bit per sample, and one coverage word per row of a tile.
 
-A triangle is convex, so each edge admits the samples of a row from some place onwards, or up to
-some place. That place is guessed in floats and corrected by one integer test; three masks of
-ones, shifted there, give the row by AND. What nearer triangles cover is removed by OR.
+A triangle is convex, so each edge admits the samples of a row from some position onwards, or up to
+some position. This position is guessed in floats and corrected by one integer test. Each edge gives
+a mask of ones that starts or ends there, and the AND of the three masks is the row. Samples that
+nearer triangles cover are removed by OR and AND NOT.
 
-Rows of a tile are kept sub-row by sub-row: the first row of every pixel row, then the second.
-Rows of one pixel are then a fixed stride apart, and sums over them add whole vectors.
+Rows of a tile are stored sub-row by sub-row: the first row of every pixel row, then the second, and
+so on. Rows of one pixel are then a fixed stride apart, and sums over them add whole vectors.
 """
 
 import functools
@@ -20,14 +21,15 @@ from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 
 _ONES = 0xFFFFFFFF
-# The guess errs by less than this part of a sample (three roundings of a quotient below 64).
+# The error of the guess is below this fraction of a sample (three roundings of a quotient < 64).
 _SLACK = 2.0**-10
 
 
 def first_inside(value: Any, step: Any) -> Any:
-    """The least i in 0..32 with `value + i step >= 0`, or more than 31 if none; `step >= 0`.
+    """Find the least i in 0..32 with `value + i step >= 0`, or more than 31 if there is none.
 
-    Exact for `|value| <= 2^30 + 31 * 2^23` and `step < 2^24`, whatever the float division does.
+    Requires `step >= 0`. Exact for `|value| <= 2^30 + 31 * 2^23` and `step < 2^24`, whatever the
+    rounding of the float division.
     """
     xp = value.__array_namespace__()
     f32 = xp.float32
@@ -39,30 +41,33 @@ def first_inside(value: Any, step: Any) -> Any:
 
 
 def ones_from(place: Any) -> Any:
-    """A word with ones at bits `place..31`; `place` in 0..33."""
+    """Make a word with ones at bits `place..31`; `place` is in 0..33."""
     xp = place.__array_namespace__()
     return xp.where(place < 32, xp.uint32(_ONES) << (place & 31).astype(xp.uint32), xp.uint32(0))
 
 
 def edge_row(value: Any, right: Any) -> Any:
-    """Samples i of a row at which `value + i right >= 0`, as bits."""
-    # With a negative step the samples outside are those from some place on: -1 - v + i |step| >= 0.
-    turned = right >> 31
+    """Compute the samples i of a row at which `value + i right >= 0`, as bits."""
+    # With a negative step, the samples from some position on are outside: -1 - v + i |step| >= 0.
+    flip = right >> 31
     xp = value.__array_namespace__()
-    return ones_from(first_inside(value ^ turned, xp.abs(right))) ^ turned.astype(xp.uint32)
+    return ones_from(first_inside(value ^ flip, xp.abs(right))) ^ flip.astype(xp.uint32)
 
 
 def row_order(tiling: Tiling, xp: Any = jnp) -> Any:
-    """The sample row of a tile at each place of a mask: sub-row by sub-row."""
-    place = xp.arange(tiling.sample_rows, dtype=xp.int32)
-    return (place % tiling.height) * tiling.grid.rate + place // tiling.height
+    """Sample row of the tile for each position of a coverage mask, which is ordered by sub-row."""
+    position = xp.arange(tiling.sample_rows, dtype=xp.int32)
+    return (position % tiling.height) * tiling.grid.rate + position // tiling.height
 
 
 class Lines(NamedTuple):
-    """What the rows of a slot need.
+    """Inputs from which the coverage words of a slot are computed.
 
-    - `edges`: the value at the tile's first sample and its steps right and down, of each edge.
-    - `across`: the columns of the bounding box, as a word; `top`, `bottom`: its rows in the tile.
+    - `edges`: for each edge its value at the tile's first sample, and its steps right and down.
+    - `across`: the columns of the triangle's bounding box, as a word; 0 in slots that are not
+      filled.
+    - `top`, `bottom`: the first and last row of the bounding box, counted from the tile's first
+      row.
     """
 
     edges: list[tuple[Any, Any, Any]]
@@ -79,7 +84,7 @@ def covered_rows(
     filled: Bool[Array, "*slots"],
     tiling: Tiling,
 ) -> UInt32[Array, "*slots rows"]:
-    """Samples of each slot's tile that its triangle covers, whatever lies in front."""
+    """Compute the samples of each slot's tile that its triangle covers, hidden ones too."""
     place = materialized(functools.partial(place_lines, tiling=tiling))
     draw = materialized(functools.partial(draw_lines, tiling=tiling))
     return draw(place(edges, bounds, triangle, tile, filled))
@@ -88,11 +93,11 @@ def covered_rows(
 def place_lines(
     edges: Edges, bounds: SampleBounds, triangle: Any, tile: Any, filled: Any, tiling: Tiling
 ) -> Lines:
-    """The lines of each slot. For numpy and jax alike."""
+    """Compute the edge lines and the bounding box of each slot. Works for NumPy and JAX alike."""
     xp = triangle.__array_namespace__()
     column, row = tiling.first_sample(tile)
-    own = [edge.gather(triangle) for edge in edges]
-    lines = [(edge.at(column, row).clamped(), edge.right, edge.down) for edge in own]
+    slot_edges = [edge.gather(triangle) for edge in edges]
+    lines = [(edge.at(column, row).clamped(), edge.right, edge.down) for edge in slot_edges]
     box = bounds.gather(triangle)
     across = ones_from(xp.clip(box.left - column, 0, 32)) & ~ones_from(
         xp.clip(box.right - column + 1, 0, 32)
@@ -102,7 +107,7 @@ def place_lines(
 
 
 def draw_lines(lines: Lines, tiling: Tiling) -> Any:
-    """Samples inside, `[*slots, rows]` words. For numpy and jax alike."""
+    """Compute the covered samples as `[*slots, rows]` words. Works for NumPy and JAX alike."""
     _, across, top, bottom = lines
     xp = across.__array_namespace__()
     j = row_order(tiling, xp).reshape((1,) * across.ndim + (-1,))
@@ -116,7 +121,8 @@ def draw_lines(lines: Lines, tiling: Tiling) -> Any:
 def hide(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, max_chunks: int):
     """Remove from each slot the samples that nearer slots of the tile cover.
 
-    Also returns what a chunk and those before it cover. `max_chunks` bounds the chunks of a tile.
+    Also returns, for each chunk, the samples that it and the chunks before it in its tile cover.
+    `max_chunks` is an upper bound on the number of chunks of a tile.
     """
     layers = rows.shape[1]
 
@@ -138,16 +144,16 @@ def hide(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, max_chunk
     def visible(rows, covered, index):
         front = jnp.pad(covered[:-1], ((1, 0), (0, 0)))
         front = jnp.where((index > 0)[:, None], front, jnp.uint32(0))
-        seen = []
+        visible_rows = []
         for k in range(layers):
-            seen.append(rows[:, k] & ~front)
+            visible_rows.append(rows[:, k] & ~front)
             front = front | rows[:, k]
-        return jnp.stack(seen, 1)
+        return jnp.stack(visible_rows, 1)
 
     return visible(rows, covered, chunks.index), covered
 
 
 def _or_before(covered: Array, index: Array, *, reach: int) -> Array:
-    """Each chunk joined with the one `reach` before it, where that is of the same tile."""
+    """Join each chunk by OR with the chunk `reach` before it, if that is in the same tile."""
     before = jnp.pad(covered[:-reach], ((reach, 0), (0, 0)))
     return covered | jnp.where((index >= reach)[:, None], before, jnp.uint32(0))

@@ -1,15 +1,16 @@
 """Soft coverage: a smooth step of the signed distance to the triangle.
 
-With c the point of the boundary that is nearest to x, a mean of the corners with weights w_k, and n
-the unit direction in which the signed distance d grows, moving the corners changes it by
--n . sum_k w_k dv_k: to first order c moves with the boundary, and where along it no longer matters.
-Inside and beside an edge n is the edge's inward normal, well defined on the edge itself; around a
-corner it points from x to the corner, and is zero at the corner.
+Let c be the point of the boundary nearest to x, a mean of the corners with weights w_k, and n the
+unit direction in which the signed distance d grows. Moving the corners changes d by -n . sum_k w_k
+dv_k: to first order c moves with the boundary, and its motion along the boundary has no effect.
+Inside and beside an edge n is the edge's inward normal, which is well defined on the edge itself.
+Around a corner n points from x to the corner, and is zero at the corner.
 
-A triangle without area is the segment between its two farthest corners, whatever the third: n then
-points from x to the segment, and is zero on it. Triangles thinner than a few roundings lie between
-the two, see `edge_lines`. The jvp and the vjp take each decision (edge or corner, which edge, which
-side of it) by the same function, and with a preference where roundings could decide.
+A triangle without area is the segment between its two farthest corners; the third corner has no
+effect. Then n points from x to the segment, and is zero on it. Triangles thinner than a few
+roundings are between the two cases, see `edge_lines`. The jvp and the vjp take each decision (edge
+or corner, which edge, which side of it) by the same function, and prefer one choice where roundings
+could decide.
 """
 
 import functools
@@ -25,7 +26,7 @@ from .profiles import SUPPORT, slope, step
 
 @functools.cache
 def measure(profile: str, side: int) -> Measure:
-    """The measure of soft coverage; its parameter is the width in pixels."""
+    """Create the measure of soft coverage; its parameter is the width in pixels."""
     return Measure(
         functools.partial(_value, profile),
         functools.partial(_push, profile),
@@ -37,14 +38,16 @@ def measure(profile: str, side: int) -> Measure:
 
 
 class Nearest(NamedTuple):
-    """The nearest point of the boundary to x.
+    """The point of the boundary that is nearest to x.
 
-    - `side`: the edge that it lies on; `t`: how far along that, 0..1; `across`, `down`, and
-      `per_length`: of that edge, as in `Side`.
-    - `offset`: the signed distance of x from the line of that edge; `excess`: how far along it x
-      lies past its ends, positive past the end; `square`: the squared distance from the nearest.
+    - `side`: the edge on which it lies; `t`: its position along that edge, 0..1.
+    - `across`, `down`, `per_length`: those of that edge, as in `Side`.
+    - `offset`: the signed distance of x from the line of that edge.
+    - `excess`: how far x lies beyond the edge's ends along the edge; positive past its end,
+      negative before its start.
+    - `square`: the least squared distance from an edge.
     - `inside`: whether x is in the triangle.
-    - `distances`: from all three lines.
+    - `distances`: the signed distances from all three lines.
     """
 
     side: Any
@@ -60,7 +63,10 @@ class Nearest(NamedTuple):
 
 
 def nearest(sides: Sides, x: Any, y: Any) -> Nearest:
-    """Of each pixel; a triangle without area has no inside."""
+    """Find the nearest point of the boundary for each pixel.
+
+    A triangle without area has no inside.
+    """
     best, least, inside, distances = None, None, sides.solid, []
     for k, edge in enumerate(sides.edges):
         along = edge.down * x - edge.across * y
@@ -69,16 +75,16 @@ def nearest(sides: Sides, x: Any, y: Any) -> Nearest:
         excess = jnp.minimum(past_start, 0.0) + jnp.maximum(past_end, 0.0)
         square = offset * offset + excess * excess
         t = jnp.clip(past_start * edge.per_length, 0.0, 1.0)
-        own = (square, jnp.full_like(t, k), t, edge.across, edge.down, edge.per_length)
-        own = (*own, offset, excess)
+        candidate = (square, jnp.full_like(t, k), t, edge.across, edge.down, edge.per_length)
+        candidate = (*candidate, offset, excess)
         if best is None or least is None:
             least = square
-            best = tuple(jnp.broadcast_to(entry, t.shape) for entry in own)
+            best = tuple(jnp.broadcast_to(entry, t.shape) for entry in candidate)
         else:
-            # Of edges that are equally near, the first: roundings of the jvp and of the vjp differ.
+            # Among equally near edges the first wins: the jvp and the vjp round differently.
             nearer = square * (1.0 + _TIE) < best[0]
             least = jnp.minimum(least, square)
-            best = tuple(jnp.where(nearer, a, b) for a, b in zip(own, best, strict=True))
+            best = tuple(jnp.where(nearer, a, b) for a, b in zip(candidate, best, strict=True))
         inside = inside & (offset >= 0)
         distances.append(offset)
     assert best is not None and least is not None
@@ -90,7 +96,7 @@ def nearest(sides: Sides, x: Any, y: Any) -> Nearest:
 
 
 _TIE = 2.0**-18
-"""Relative difference of squared distances that is no more than their roundings."""
+"""Relative difference of squared distances that is within their roundings."""
 
 
 def side_weights(found: Nearest) -> tuple[Any, Any, Any]:
@@ -119,21 +125,21 @@ def _value(profile: str, sides: Sides, width: Any, x: Any, y: Any) -> Any:
 
 def _by_width(profile: str, sides: Sides, width: Any, x: Any, y: Any) -> Any:
     q = _distance(nearest(sides, x, y)) / width
-    # From the support on the slope is 0, and q may be past all bounds.
+    # Beyond the support the derivative is 0, but q is unbounded and might overflow.
     bound = SUPPORT[profile]
     return -slope(profile, q) * jnp.clip(q, -bound, bound) / width
 
 
 def is_around(found: Nearest) -> Any:
-    """Whether x is outside and nearest to a corner."""
+    """Decide whether x is outside and its nearest point is a corner."""
     return ~found.inside & (jnp.abs(found.excess) > ROUNDING)
 
 
 _DIRECTED = 2.0**-10
-"""Pixels from a corner, or from a segment, from which on the direction to it counts in full.
+"""Distance in pixels from which on the direction from a corner, or a segment, counts in full.
 
-Nearer it counts the less, and within `ROUNDING` not at all: it is known to a rounding over the
-distance, and at the corner itself there is none.
+The relative error of this direction is a rounding over the distance, and at the corner there is no
+direction. So its weight falls linearly below `_DIRECTED`, and is zero within `ROUNDING`.
 """
 
 
@@ -142,14 +148,16 @@ def _directed(distance: Any) -> Any:
 
 
 def _rates(profile: str, sides: Sides, found: Nearest, width: Any) -> tuple[Any, Any]:
-    """How fast coverage grows as the boundary moves.
+    """Compute how fast coverage grows as the boundary moves.
 
-    The first, beside an edge, is per pixel along the inward normal; the second, around a corner, is
-    per pixel in the direction from the corner to x, over their distance.
+    The first result, for points beside an edge, is per pixel of motion along the inward normal. The
+    second, for points around a corner, is per pixel of motion in the direction from the corner to
+    x, divided by their distance.
     """
     rate = slope(profile, _distance(found) / width) / width
     length = _length(found)
-    # In front of an edge and yet outside: what is seen is the back of a triangle without area.
+    # A point outside, but on the inner side of its nearest edge, sees the back of a triangle
+    # without area.
     outwards = jnp.where(found.inside | (found.offset <= 0), -1.0, 1.0)
     segment = jnp.sign(found.offset) * _directed(jnp.abs(found.offset))
     beside = sides.kept * outwards + (1.0 - sides.kept) * segment
@@ -162,7 +170,7 @@ def _push(profile: str, sides: Sides, width: Any, velocity: Six, x: Any, y: Any)
     rate, per_length = _rates(profile, sides, found, width)
     velocity = share_velocity(sides.shares, velocity)
     corners = [(velocity[2 * k], velocity[2 * k + 1]) for k in range(3)]
-    # Inwards at both ends of each side, and then at the point.
+    # Inward velocity at both ends of each side, and then at the nearest point.
     begins, ends = (
         [
             edge.across * vx + edge.down * vy
@@ -180,16 +188,17 @@ def _push(profile: str, sides: Sides, width: Any, velocity: Six, x: Any, y: Any)
 
 
 def _of_side(found: Nearest, entries: list[Any]) -> Any:
-    """The entry of the nearest side."""
+    """Select the entry of the nearest side."""
     first, second, third = entries
     return jnp.where(found.side == 0, first, jnp.where(found.side == 1, second, third))
 
 
 def _pull(profile: str, sides: Sides, width: Any, weight: Any) -> Six:
-    """By cases: beside side 0, 1, 2, or around corner 0, 1, 2.
+    """Compute the vjp from moments of six cases: beside side 0, 1, 2, or around corner 0, 1, 2.
 
-    What is beside a side has its direction, and along it t is linear in x and y; what is around a
-    corner, the direction from there. So three moments of each case tell all.
+    All pixels beside a side have the direction of its normal, and t is linear in x and y there.
+    Pixels around a corner have the direction from the corner, times a factor per pixel. So three
+    moments of each case are enough.
     """
 
     @materialized

@@ -1,7 +1,7 @@
-"""Fragments: a triangle in a pixel, wherever some of the pixel's samples show it.
+"""Fragments: pairs of a triangle and a pixel in which some samples show the triangle.
 
-What is shaded is a list of fragments, however many triangles lie behind them: an opaque scene has
-about one for each pixel, and one more where an edge that shows crosses it.
+Shading visits a list of fragments, so hidden triangles cost nothing. An opaque scene has about one
+fragment per pixel, and one more where a visible edge crosses the pixel.
 """
 
 from typing import Any, NamedTuple
@@ -19,13 +19,13 @@ from .triangle_color import Points, pick_lanes
 
 
 class Fragments(NamedTuple):
-    """Fragments, tile by tile.
+    """A list of fragments, tile by tile.
 
-    - `slot`: of the chunks, which tells the triangle and the tile.
-    - `column`, `row`: of the pixel in the tile.
-    - `bits`: for each sub-row of the pixel, which samples show the triangle; sample i is bit i.
-      None in a place beyond `needed`.
-    - `needed`: how many fragments there are.
+    - `slot`: index of the slot in the chunks, which gives the triangle and the tile.
+    - `column`, `row`: the pixel within the tile.
+    - `bits`: for each sub-row of the pixel, the samples that show the triangle; sample i is bit i.
+      Entries beyond `needed` are zero.
+    - `needed`: the number of fragments of the scene, which may exceed the capacity.
     """
 
     slot: Int[Array, " fragments"]
@@ -36,45 +36,46 @@ class Fragments(NamedTuple):
 
 
 def pixels_seen(visible: Any, tiling: Tiling) -> Any:
-    """The pixels of each pixel row with a visible sample: the bit of its first sample.
+    """Find the pixels of each pixel row with a visible sample; the bit of their first sample is
+    set.
 
-    From `[*slots, rows]` words to `[*slots, tile_height]`. For numpy and jax alike.
+    Maps `[*slots, rows]` words to `[*slots, tile_height]` words. Works for NumPy and JAX alike.
     """
     rate, height = tiling.grid.rate, tiling.height
     xp = visible.__array_namespace__()
-    seen = visible[..., :height]
+    any_sub_row = visible[..., :height]
     for sub in range(1, rate):
-        seen = seen | visible[..., sub * height : (sub + 1) * height]
-    joined = seen
-    for place in range(1, rate):
-        joined = joined | (seen >> xp.uint32(place))
+        any_sub_row = any_sub_row | visible[..., sub * height : (sub + 1) * height]
+    joined = any_sub_row
+    for sub_column in range(1, rate):
+        joined = joined | (any_sub_row >> xp.uint32(sub_column))
     return joined & xp.uint32(sum(1 << (x * rate) for x in range(tiling.width)))
 
 
 def cut_fragments(
     visible: UInt32[Array, "chunks layers rows"], tiling: Tiling, *, capacity: int
 ) -> Fragments:
-    """The fragments that show; beyond `capacity` of them, some are missing."""
+    """List the visible fragments; if there are more than `capacity`, some are missing."""
     height = tiling.height
 
     @materialized
     def count_pixels(visible):
-        seen = pixels_seen(visible, tiling).reshape(-1)
-        return seen, jax.lax.population_count(seen).astype(jnp.int32)
+        seen_pixels = pixels_seen(visible, tiling).reshape(-1)
+        return seen_pixels, jax.lax.population_count(seen_pixels).astype(jnp.int32)
 
     @materialized
-    def place(counts):
+    def expand_counts(counts):
         owner, rank = expand(counts, capacity)
         total = saturated_sum(counts)
         return owner, rank, jnp.arange(capacity, dtype=jnp.int32) < total, total
 
     @materialized
-    def find(seen, owner, rank):
-        return owner // height, _place_of_bit(seen[owner], rank, tiling), owner % height
+    def find(seen_pixels, owner, rank):
+        return owner // height, _place_of_bit(seen_pixels[owner], rank, tiling), owner % height
 
-    seen, counts = count_pixels(visible)
-    owner, rank, used, total = place(counts)
-    slot, column, row = find(seen, owner, rank)
+    seen_pixels, counts = count_pixels(visible)
+    owner, rank, used, total = expand_counts(counts)
+    slot, column, row = find(seen_pixels, owner, rank)
     bits = pick_bits(visible, slot, jnp.where(used, column, -1), row, tiling)
     return Fragments(slot, column, row, bits, total)
 
@@ -86,14 +87,17 @@ def pick_bits(
     row: Int[Array, " fragments"],
     tiling: Tiling,
 ) -> UInt32[Array, "sub_rows fragments"]:
-    """The samples of each fragment's pixel in the words of its slot; none where `column` is -1."""
+    """Gather the samples of each fragment's pixel from the coverage words of its slot.
+
+    They are zero where `column` is -1.
+    """
     rate, height = tiling.grid.rate, tiling.height
 
     @materialized
     def pick(words, slot, column, row):
         sub_row = jnp.arange(rate, dtype=jnp.int32)[:, None]
-        place = (slot * tiling.sample_rows + row)[None] + sub_row * height
-        word = words.reshape(-1).at[place].get(mode="promise_in_bounds")
+        word_index = (slot * tiling.sample_rows + row)[None] + sub_row * height
+        word = words.reshape(-1).at[word_index].get(mode="promise_in_bounds")
         shift = (jnp.maximum(column, 0) * rate).astype(jnp.uint32)[None]
         bits = (word >> shift) & jnp.uint32((1 << rate) - 1)
         return jnp.where((column >= 0)[None], bits, jnp.uint32(0))
@@ -102,7 +106,7 @@ def pick_bits(
 
 
 def _place_of_bit(word: Array, rank: Array, tiling: Tiling) -> Int[Array, " fragments"]:
-    """Which pixel the `rank`-th set bit of a word of `pixels_seen` stands for."""
+    """Find the pixel of the `rank`-th set bit in a word of `pixels_seen`."""
     before = jnp.zeros_like(rank)
     pixel = jnp.zeros_like(rank)
     for x in range(tiling.width):
@@ -115,7 +119,7 @@ def _place_of_bit(word: Array, rank: Array, tiling: Tiling) -> Int[Array, " frag
 def sample_points(
     fragments: Fragments, sub_row: Array, sub_column: Array, tiling: Tiling
 ) -> Points:
-    """One sample of each fragment's pixel."""
+    """Make the points of one sample of each fragment's pixel."""
     rate = tiling.grid.rate
     across, down = fragments.column * rate + sub_column, fragments.row * rate + sub_row
     return Points(None, across, down)
@@ -130,11 +134,13 @@ def shading_points(
     tile: Array,
     tiling: Tiling,
 ) -> Points:
-    """Where multisampling shades: the centre of the pixel, if the closed triangle holds it, else
-    the centroid of the samples of the pixel that it covers, whether they show or not.
+    """Choose the point of each fragment at which multisampling shades it.
 
-    `covered`: those samples, as `Fragments.bits`; `weights`: of each fragment; `triangle`, `tile`:
-    of each slot.
+    This is the centre of the pixel if the closed triangle contains it. Otherwise it is the centroid
+    of those samples of the pixel that the triangle covers, whether they are visible or not.
+
+    `covered` has those samples, laid out as `Fragments.bits`. `weights` are per fragment;
+    `triangle` and `tile` are per slot.
     """
     rate = tiling.grid.rate
 
@@ -167,7 +173,7 @@ def shading_points(
         )
 
     column, row = fragments.column, fragments.row
-    # Weights hold the terms of the other two edges.
+    # `weights` already contains the other two edges.
     middle = pick_lanes(locate(edges[1], triangle, tile), fragments.slot)
     count, across, down = add_samples(covered)
     central = is_central(weights, middle, column, row, count)
@@ -175,13 +181,16 @@ def shading_points(
 
 
 def _centre(column: Array, row: Array, rate: int) -> Points:
-    """The centre of a pixel of the tile, half way between samples at even rates."""
+    """Centre of a pixel of the tile, as a sum over two samples so that it is an integer.
+
+    At even rates it is half way between samples.
+    """
     twice = 2 * rate
     return Points(jnp.full_like(column, 2), column * twice + (rate - 1), row * twice + (rate - 1))
 
 
 def holds(edges: list[Edge], points: Points) -> Bool[Array, "*points"]:
-    """Whether the closed triangle holds each point; exact, between samples too."""
+    """Decide whether the closed triangle contains each point; exact between samples too."""
     count, across, down = points
     assert count is not None
     inside = jnp.ones(count.shape, bool)

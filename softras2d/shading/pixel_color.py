@@ -1,8 +1,9 @@
-"""Colours of triangles at pixels, under coverage that has a slope: one for each slot and pixel.
+"""Shade one colour per (slot, pixel) pair, for soft and exact-area coverage.
 
-Where in the pixel a triangle is looked at, its weights there tell: exact area takes the centroid of
-the part in the pixel, so that affine colours are averaged exactly; soft coverage the centre, or the
-point of the triangle nearest to it. The weights have slopes by the positions, and all else follows.
+The corner weights tell at which point a triangle is shaded. With exact area this is the centroid of
+its part in the pixel, so that affine colours are averaged exactly. With soft coverage it is the
+pixel's centre, or the triangle's point nearest to it. The weights have derivatives by the
+positions, and all other gradients follow from these.
 """
 
 from typing import Any, NamedTuple
@@ -27,15 +28,15 @@ from .triangle_color import (
 )
 
 _CLEAR = 2.0**-24
-"""The least alpha of a texel: its colour, which is premultiplied, is still to be divided by it."""
+"""Lower bound on the alpha by which a premultiplied texel is divided."""
 
 
 class Carried(NamedTuple):
-    """What the triangles carry, corners turned to positive orientation.
+    """Attributes of the triangles, with corners reoriented to positive orientation.
 
-    - `corners`: colours, texture coordinates, `inverse_w`.
-    - `texture`: its index, -1 for none; `skin`: the textures.
-    - `depth`: `[3, triangles]`, None without.
+    - `corners`: colours, texture coordinates and `inverse_w`.
+    - `texture`: index of each triangle's texture, -1 for none; `skin`: the textures.
+    - `depth`: `[3, triangles]`, or None if depth is not used.
     """
 
     corners: Corners
@@ -45,15 +46,16 @@ class Carried(NamedTuple):
 
     @property
     def varies(self) -> bool:
-        """Whether anything differs from point to point."""
+        """Whether any attribute may differ from point to point of a triangle."""
         several = self.corners.color.shape[0] == 3 or self.skin is not None
         return several or self.depth is not None
 
 
 class Shaded(NamedTuple):
-    """Slots seen at pixels: `[chunks, layers, pixels]`, colours `[chunks, layers, 3, pixels or 1]`.
+    """Slots shaded at pixels: `[chunks, layers, pixels]`; colours `[chunks, layers, 3, pixels or
+    1]`.
 
-    `opacity`: coverage times alpha; colours are straight.
+    `opacity` is coverage times alpha; colours are straight.
     """
 
     opacity: Array
@@ -70,30 +72,33 @@ def shade_slots(
     sides: Sides,
     chunks: Chunks,
 ) -> Shaded:
-    """Opacity, colour and depth; `weights` measures those of corners 1 and 2, of a `shape`."""
+    """Compute opacity, colour and depth of every slot at every pixel of its tile.
+
+    `weights` measures the weights of corners 1 and 2 from a `shape`.
+    """
     triangle = chunks.triangle.reshape(-1)
 
     @materialized
-    def pick(held):
-        return jax.tree.map(lambda entry: entry[..., triangle, None], held)
+    def gather_triangles(tree):
+        return jax.tree.map(lambda entry: entry[..., triangle, None], tree)
 
-    held, texture, depth = pick((carried.corners, carried.texture, carried.depth))
-    own: Corners = held
+    gathered, texture, depth = gather_triangles((carried.corners, carried.texture, carried.depth))
+    attributes: Corners = gathered
     at = None
     if carried.varies:
-        none = jnp.zeros((), covered.dtype)
-        second, third = cover(weights, corners, shape, none)
+        no_parameter = jnp.zeros((), covered.dtype)
+        second, third = cover(weights, corners, shape, no_parameter)
         at = (1.0 - second - third, second, third)
     if at is not None and depth is not None:
         depth = materialized(lambda at, depth: mix(at, depth[:, None])[0])(at, depth)
     if carried.skin is not None and at is not None:
-        color = _shade_texture(own, texture, carried.skin, at, sides)
+        color = _shade_texture(attributes, texture, carried.skin, at, sides)
         opacity, color = materialized(_part)(covered, color)
     else:
         color = (
-            own.color[0]
+            attributes.color[0]
             if at is None
-            else materialized(mix)(in_space(at, own.inverse_w), own.color)
+            else materialized(mix)(in_space(at, attributes.inverse_w), attributes.color)
         )
         opacity = covered
         if color.shape[0] == 4:
@@ -110,11 +115,11 @@ def shade_slots(
 def _shade_texture(
     own: Corners, texture: Array | None, skin: Skin, at: Corner3, sides: Sides
 ) -> Float[Array, "channels slots pixels"]:
-    """Premultiplied colours."""
+    """Compute premultiplied colours of textured triangles."""
 
     @materialized
     def read_at(skin, at, own, texture, sides, uv):
-        # A corner is as far from the opposite edge as its weight says.
+        # The weight is the distance from the opposite edge over the corner's distance from it.
         edges = (sides.edges[2], sides.edges[0])
         across, down = (
             tuple((getattr(edge, way) * edge.per_height)[:, None] for edge in edges)
@@ -133,12 +138,12 @@ def _shade_texture(
 
     total = jnp.zeros((count_channels(own, skin), *at[0].shape), at[0].dtype)
     probes = jnp.arange(skin.filter.anisotropy, dtype=jnp.int32)
-    # Backwards, each probe is computed again rather than kept.
+    # The vjp computes each probe again instead of storing it.
     return jax.lax.scan(jax.checkpoint(visit), total, probes)[0]
 
 
 def _part(covered: Array, color: Array) -> tuple[Array, Array]:
-    """Opacity, and straight colours `[slots, 3, pixels]` of premultiplied ones."""
+    """Split premultiplied colours into opacity and straight colours `[slots, 3, pixels]`."""
     if color.shape[0] == 3:
         return covered, color.transpose(1, 0, 2)
     alpha = color[3]
