@@ -36,10 +36,10 @@ class Fragments(NamedTuple):
 
 
 def pixels_seen(visible: Any, tiling: Tiling) -> Any:
-    """Find the pixels of each pixel row with a visible sample; the bit of their first sample is
-    set.
+    """Mark the pixels of each pixel row that have a visible sample.
 
-    Maps `[*slots, rows]` words to `[*slots, tile_height]` words. Works for NumPy and JAX alike.
+    The bit of such a pixel's first sample is set. Maps `[*slots, rows]` words to `[*slots,
+    tile_height]` words. Works for NumPy and JAX alike.
     """
     rate, height = tiling.grid.rate, tiling.height
     xp = visible.__array_namespace__()

@@ -52,10 +52,9 @@ class Carried(NamedTuple):
 
 
 class Shaded(NamedTuple):
-    """Slots shaded at pixels: `[chunks, layers, pixels]`; colours `[chunks, layers, 3, pixels or
-    1]`.
+    """Shaded slots at the pixels of their tiles, `[chunks, layers, pixels]`.
 
-    `opacity` is coverage times alpha; colours are straight.
+    Colours are straight, `[chunks, layers, 3, pixels or 1]`; `opacity` is coverage times alpha.
     """
 
     opacity: Array
