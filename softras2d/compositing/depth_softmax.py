@@ -52,17 +52,17 @@ def mix(
         # Colours are relative to a constant that cancels. Where one triangle has all the weight,
         # the mean is its colour, and a rounding of this colour must not be multiplied by the
         # gradient by a large depth.
-        parts = [
+        terms = [
             weight * (colors[:, :, channel] - reference[channel][chunks.tile][:, None])
             for channel in range(3)
         ]
-        parts.append(weight)
+        terms.append(weight)
         return [
-            functools.reduce(jnp.add, [part[:, k] for k in range(part.shape[1])]) for part in parts
+            functools.reduce(jnp.add, [term[:, k] for k in range(term.shape[1])]) for term in terms
         ]
 
-    parts = weigh(opacity, colors, depth, temperature, nearest, reference, chunks)
-    sums = [sum_chunks(part[:, None, None], chunks, depth=most)[:, 0, 0] for part in parts]
+    terms = weigh(opacity, colors, depth, temperature, nearest, reference, chunks)
+    sums = [sum_chunks(term[:, None, None], chunks, depth=most)[:, 0, 0] for term in terms]
     alpha = composite(opacity, jnp.zeros_like(colors), chunks, depth=most)[3]
 
     @materialized
@@ -72,10 +72,10 @@ def mix(
         scale = jax.lax.stop_gradient(safe.divide(jnp.ones_like(alpha), sums[3]))
         total = sums[3] * scale
         mean = [
-            part + safe.divide(rest * scale, total)
-            for part, rest in zip(reference, sums[:3], strict=True)
+            offset + safe.divide(difference * scale, total)
+            for offset, difference in zip(reference, sums[:3], strict=True)
         ]
-        return jnp.stack([*(part * alpha for part in mean), alpha])
+        return jnp.stack([*(offset * alpha for offset in mean), alpha])
 
     return divide(sums, alpha, reference)
 

@@ -153,9 +153,9 @@ def sum_interpolated(
     packing = Fields.of(tiling.grid.rate)
     rate, height = tiling.grid.rate, tiling.height
     field = jnp.arange(packing.count, dtype=jnp.int32)[None, None, :, None]
-    place = jnp.arange(packing.words * height, dtype=jnp.int32)[None, None, None]
-    left = (field * packing.words + place // height) * rate
-    top = (place % height) * rate
+    position = jnp.arange(packing.words * height, dtype=jnp.int32)[None, None, None]
+    left = (field * packing.words + position // height) * rate
+    top = (position % height) * rate
 
     @materialized
     def weigh(sums, weights):

@@ -116,12 +116,12 @@ def _blend(
     dtype = through.dtype
 
     @materialized
-    def pick(sub_rows, pair, live):
+    def gather_words(sub_rows, pair, live):
         words = [sub_row.at[pair].get(mode="clip") for sub_row in sub_rows]
         return jnp.stack([jnp.where(live[:, None], w, jnp.uint32(0)).reshape(-1) for w in words])
 
     @materialized
-    def sum_seen(through, fresh, words, factors):
+    def sum_visible(through, fresh, words, factors):
         """Sum over each pixel's covered samples of the transmittance times the factors."""
 
         def term(i, j):
@@ -135,27 +135,29 @@ def _blend(
         bits = _all_bits(words, tiling, dtype)
         return jnp.where(fresh, 1.0, through) * (1.0 - alpha * bits)
 
-    words = pick(layers.sub_rows, pair, live)
+    words = gather_words(layers.sub_rows, pair, live)
     triangle = layers.triangle.at[pair].get(mode="clip")
     surface = layers.surface
     if layers.shading is not None:
-        covered = pick(layers.covered, pair, live)
+        covered = gather_words(layers.covered, pair, live)
         color = _shade_block(layers, covered, triangle, tile, tiling)
         alpha = color[3]
-        seen = [sum_seen(through, fresh, words, (channel,)) for channel in color]
-        sums = materialized(lambda sums, seen: sums + jnp.stack(seen))(sums, seen)
+        visible_sums = [sum_visible(through, fresh, words, (channel,)) for channel in color]
+        sums = materialized(lambda sums, visible_sums: sums + jnp.stack(visible_sums))(
+            sums, visible_sums
+        )
         return pass_on(through, fresh, words, alpha), sums
     by_line = materialized(functools.partial(_by_line, height=tiling.height))
     line_colors = by_line(surface.corners.color[..., triangle])
     if line_colors.shape[1] == 1:
         alpha = line_colors[3][None, None]
-        sums = materialized(_add_flat)(sums, sum_seen(through, fresh, words, ()), line_colors)
+        sums = materialized(_add_flat)(sums, sum_visible(through, fresh, words, ()), line_colors)
     else:
         weigh = materialized(functools.partial(_sample_weights, tiling=tiling))
         weights = weigh(surface, triangle, tile)
         alpha = materialized(_interpolate)(weights, line_colors[3])
-        total = sum_seen(through, fresh, words, (alpha,))
-        second, third = (sum_seen(through, fresh, words, (alpha, weight)) for weight in weights)
+        total = sum_visible(through, fresh, words, (alpha,))
+        second, third = (sum_visible(through, fresh, words, (alpha, weight)) for weight in weights)
         sums = materialized(_add_interpolated)(sums, total, second, third, line_colors)
     return pass_on(through, fresh, words, alpha), sums
 
@@ -244,8 +246,8 @@ def _add_interpolated(sums: Array, total: Array, second: Array, third: Array, ow
     Colours are linear in the weights, so three sums are enough for all channels.
     """
     corners = own.at[3].set(1.0)[:, :, None]
-    for k, part in enumerate((total - second - third, second, third)):
-        sums = sums + part[None] * corners[:, k]
+    for k, corner_sum in enumerate((total - second - third, second, third)):
+        sums = sums + corner_sum[None] * corners[:, k]
     return sums
 
 

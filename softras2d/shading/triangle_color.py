@@ -159,8 +159,8 @@ def pick_lanes(held: Held, lane: Int[Array, " lanes"]) -> Held:
     """Gather entries `[..., lanes]` of some lanes; a lane may occur several times."""
 
     @materialized
-    def pick(held, lane):
-        def one(entry):
+    def gather(tree, lane):
+        def gather_entry(entry):
             # The gather is along a single flat axis: XLA stores the result of a gather along one of
             # two axes transposed.
             rows, lanes = entry.size // entry.shape[-1], entry.shape[-1]
@@ -168,9 +168,9 @@ def pick_lanes(held: Held, lane: Int[Array, " lanes"]) -> Held:
             gathered = entry.reshape(-1).at[index].get(mode="promise_in_bounds")
             return gathered.reshape(*entry.shape[:-1], -1)
 
-        return jax.tree.map(one, held)
+        return jax.tree.map(gather_entry, tree)
 
-    return pick(held, lane)
+    return gather(held, lane)
 
 
 def add_shade(
