@@ -1,8 +1,8 @@
-"""Which tiles a triangle reaches that fades out around its edges, in floats.
+"""Find the tiles that a triangle with soft edges may reach, in floats.
 
-For the lists of exact coverage a triangle ends where its edges do; here it goes on for some `reach`
-beyond them, and only farther inside than that does it cover whole pixels. The lists need not be
-exact: a rounding is added to the reach, and a tile too many changes no pixel.
+In the lists of sampled coverage a triangle ends at its edges. Here it extends by `reach` beyond
+them, and covers whole pixels only farther inside than that. The lists need not be exact: the reach
+is increased by a rounding, and a superfluous tile changes no pixel.
 """
 
 from typing import Any, NamedTuple
@@ -11,10 +11,13 @@ from ..geometry.fixed_point import Grid, SampleBounds
 
 
 class Line(NamedTuple):
-    """The line of one edge of each triangle, `[triangles]`: distance in pixels, positive inside.
+    """Signed distance from the line of one edge of each triangle, `[triangles]`, in pixels.
 
-    - `value`: at the centre of the first pixel; `right`, `down`: from pixel to pixel.
-    - `margin`: how far from it the triangle fades, and roundings.
+    It is positive inside.
+
+    - `value`: the distance at the centre of the first pixel; `right`, `down`: its change from pixel
+      to pixel.
+    - `margin`: the width of the soft edge on each side of the line, plus roundings.
     """
 
     value: Any
@@ -23,11 +26,15 @@ class Line(NamedTuple):
     margin: Any
 
     def gather(self, triangle: Any) -> "Line":
-        """The entries of some triangles."""
+        """Gather the entries of some triangles."""
         return Line(*(entry[triangle] for entry in self))
 
     def along(self, row: Any, rows: int) -> tuple[Any, Any, Any, Any]:
-        """From a row of pixels on: value, step right, change over `rows - 1` rows, and margin."""
+        """Evaluate the line over `rows` rows of pixels, from `row` on.
+
+        Returns its value at the first row, the step right, the change over `rows - 1` rows, and the
+        margin.
+        """
         return (
             self.value + self.down * row.astype(self.value.dtype),
             self.right,
@@ -37,10 +44,11 @@ class Line(NamedTuple):
 
 
 class ReachedTriangles(NamedTuple):
-    """Triangles as lists see them, `[triangles]`.
+    """Edge lines and bounds of triangles for tile lists, `[triangles]`.
 
-    - `area`: twice it, signed; `orientation`: its sign, 0 for those that are not finite.
-    - `finite`: those that are.
+    - `area`: twice the signed area.
+    - `orientation`: the sign of the area, 0 for triangles that are not finite.
+    - `finite`: whether all corners are finite.
     """
 
     lines: tuple[Line, Line, Line]
@@ -51,24 +59,27 @@ class ReachedTriangles(NamedTuple):
 
 
 def reached_triangles(corners: Any, grid: Grid, reach: Any) -> ReachedTriangles:
-    """Of `corners` `[triangles, 3, 2]` in pixels; `reach` is a float. For numpy and jax alike."""
+    """Compute the lines and bounds of `corners` `[triangles, 3, 2]`, in pixels.
+
+    `reach` is a float, in pixels. Works for NumPy and JAX alike.
+    """
     xp = corners.__array_namespace__()
     f32 = xp.float32
     finite = xp.all(xp.isfinite(corners), axis=(1, 2))
-    held = xp.where(finite[:, None, None], corners, xp.zeros_like(corners)).astype(f32)
-    held = xp.clip(held, -(2.0**40), 2.0**40)
-    x, y = held[:, :, 0].T, held[:, :, 1].T
+    clamped = xp.where(finite[:, None, None], corners, xp.zeros_like(corners)).astype(f32)
+    clamped = xp.clip(clamped, -(2.0**40), 2.0**40)
+    x, y = clamped[:, :, 0].T, clamped[:, :, 1].T
     area = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0])
     bound = xp.abs(x[1] - x[0]) * xp.abs(y[2] - y[0]) + xp.abs(y[1] - y[0]) * xp.abs(x[2] - x[0])
-    # A sign that roundings may have made bounds nothing.
-    sure = xp.abs(area) > bound * 2.0**-20
+    # If the sign of the area may be a rounding, the edges do not bound the triangle.
+    is_sign_certain = xp.abs(area) > bound * 2.0**-20
     sign = xp.sign(area)
     lines = []
     for k in range(3):
         ax, ay, bx, by = x[k], y[k], x[(k + 1) % 3], y[(k + 1) % 3]
         dx, dy = bx - ax, by - ay
         length = xp.sqrt(dx * dx + dy * dy)
-        bounding = sure & (length > 0)
+        bounding = is_sign_certain & (length > 0)
         scale = xp.where(bounding, sign / xp.where(bounding, length, 1.0), 0.0).astype(f32)
         across, along = dx * (0.5 - ay), dy * (0.5 - ax)
         size = float(max(grid.height, grid.width))

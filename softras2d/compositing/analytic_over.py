@@ -1,12 +1,13 @@
-"""Pixels of triangles that cover them in part: "over" with coverage times alpha, nearest first.
+"""Composite triangles with analytic coverage: "over", nearest first, with coverage times alpha.
 
-With opacity a_i, colour c_i and transmittance T_i = prod_{j<i} (1 - a_j) in front, a pixel is
-sum_i T_i a_i c_i. Its derivative by a_i is T_i (c_i - b_i), where b_i is the composite of all that
-lies behind i: no division by 1 - a_i, which may be zero. Backwards, colours meet the cotangent g of
-the pixel first: b_i . g is one number, composited like a colour from the numbers c_i . g.
+With opacity a_i, colour c_i and transmittance T_i = prod_{j<i} (1 - a_j) in front, a pixel is sum_i
+T_i a_i c_i. Its derivative by a_i is T_i (c_i - b_i), where b_i is the composite of all layers
+behind i. This needs no division by 1 - a_i, which may be zero. The vjp first takes the dot product
+of the colours and the cotangent g of the pixel: b_i . g is one number, composited like a colour
+from the numbers c_i . g.
 
-A tile's list is cut into chunks of a few slots. A chunk is composited by itself, and then the
-chunks of the tile as if they were layers.
+A tile's list is cut into chunks of a few slots. Each chunk is composited by itself, and then the
+chunks of the tile are composited like layers.
 
 **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4, for "over".
 """
@@ -26,7 +27,7 @@ from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
 
 _UNROLLED = 16
-"""Chunks of a tile that are gone through in one expression; more take a loop."""
+"""Maximum number of chunks of a tile that one unrolled expression processes; more take a loop."""
 
 
 def composite(
@@ -36,9 +37,10 @@ def composite(
     *,
     max_chunks: int,
 ) -> Float[Array, "4 tiles pixels"]:
-    """Premultiplied colour and alpha of each pixel, without background.
+    """Compute the premultiplied colour and alpha of each pixel, without background.
 
-    Opacity is coverage times alpha, 0 in empty slots; `max_chunks` bounds the chunks of a tile.
+    Opacity is coverage times alpha, 0 in slots that are not filled. `max_chunks` is an upper bound on
+    the number of chunks of a tile.
     """
     return _composite(max_chunks, opacity, colors, chunks)
 
@@ -86,64 +88,65 @@ def _composite_jvp(max_chunks, primals, tangents):
 
 @materialized
 def _blend(opacity: Array, colors: Array) -> list[Array]:
-    """The colour of each chunk by itself, channel by channel."""
-    through = jnp.ones_like(opacity[:, 0])
-    sums = [jnp.zeros_like(through)] * 3
+    """Composite each chunk by itself; the colours are separate arrays per channel."""
+    transmittance = jnp.ones_like(opacity[:, 0])
+    sums = [jnp.zeros_like(transmittance)] * 3
     for k in range(opacity.shape[1]):
-        seen = through * opacity[:, k]
-        sums = [total + seen * colors[:, k, channel] for channel, total in enumerate(sums)]
-        through = through * (1.0 - opacity[:, k])
+        visible = transmittance * opacity[:, k]
+        sums = [total + visible * colors[:, k, channel] for channel, total in enumerate(sums)]
+        transmittance = transmittance * (1.0 - opacity[:, k])
     return sums
 
 
 @materialized
 def _blend_change(opacity: Array, moved: Array, colors: Array) -> list[Array]:
-    """What `moved` opacities do to it."""
-    through, drop = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
+    """Compute the jvp of `_blend` by the opacities, with the tangent `moved`."""
+    transmittance, drop = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
     sums = [drop] * 3
     for k in range(opacity.shape[1]):
-        seen = drop * opacity[:, k] + through * moved[:, k]
-        sums = [total + seen * colors[:, k, channel] for channel, total in enumerate(sums)]
+        visible = drop * opacity[:, k] + transmittance * moved[:, k]
+        sums = [total + visible * colors[:, k, channel] for channel, total in enumerate(sums)]
         clear = 1.0 - opacity[:, k]
-        drop, through = drop * clear - through * moved[:, k], through * clear
+        drop, transmittance = drop * clear - transmittance * moved[:, k], transmittance * clear
     return sums
 
 
 @materialized
 def _cover(opacity: Array) -> Array:
-    """What each chunk covers."""
-    through = 1.0 - opacity[:, 0]
+    """Compute the alpha of each chunk by itself."""
+    transmittance = 1.0 - opacity[:, 0]
     for k in range(1, opacity.shape[1]):
-        through = through * (1.0 - opacity[:, k])
-    return 1.0 - through
+        transmittance = transmittance * (1.0 - opacity[:, k])
+    return 1.0 - transmittance
 
 
 @materialized
 def _cover_change(opacity: Array, moved: Array) -> Array:
-    through, gain = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
+    """Compute the jvp of `_cover`, with the tangent `moved`."""
+    transmittance, gain = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
     for k in range(opacity.shape[1]):
         clear = 1.0 - opacity[:, k]
-        gain, through = gain * clear + through * moved[:, k], through * clear
+        gain, transmittance = gain * clear + transmittance * moved[:, k], transmittance * clear
     return gain
 
 
 def _join(
     max_chunks: int, sums: list[Array], covered: Array, chunks: Chunks
 ) -> Float[Array, "4 tiles pixels"]:
-    """The chunks of each tile as layers."""
+    """Composite the chunks of each tile like layers."""
 
     @materialized
     def join(sums, covered, chunks):
         def add(k, state):
-            through, total = state
-            (*part, own) = _of_chunk(k, [*sums, covered], chunks)
-            total = [t + through * p for t, p in zip(total, part, strict=True)]
-            return through * (1.0 - own), total
+            transmittance, total = state
+            (*chunk_colors, chunk_alpha) = _of_chunk(k, [*sums, covered], chunks)
+            total = [t + transmittance * p for t, p in zip(total, chunk_colors, strict=True)]
+            return transmittance * (1.0 - chunk_alpha), total
 
         shape = (chunks.count.shape[0], covered.shape[1])
         start = jnp.ones(shape, covered.dtype), [jnp.zeros(shape, covered.dtype)] * 3
-        through, total = _through_tile(max_chunks, chunks, add, start)
-        return jnp.stack([*total, 1.0 - through])
+        transmittance, total = _through_tile(max_chunks, chunks, add, start)
+        return jnp.stack([*total, 1.0 - transmittance])
 
     return join(sums, covered, chunks)
 
@@ -156,14 +159,28 @@ def _join_change(
     gained: Array,
     chunks: Chunks,
 ) -> Float[Array, "4 tiles pixels"]:
+    """Compute the jvp of `_join` by the colours and the alpha of the chunks."""
+
     @materialized
     def join(sums, covered, changes, gained, chunks):
         def add(k, state):
-            through, drop, total = state
-            held = _of_chunk(k, [*sums, covered, *changes, gained], chunks)
-            part, own, moved, gain = held[:3], held[3], held[4:7], held[7]
-            total = [t + drop * p + through * m for t, p, m in zip(total, part, moved, strict=True)]
-            return through * (1.0 - own), drop * (1.0 - own) - through * gain, total
+            transmittance, drop, total = state
+            entries = _of_chunk(k, [*sums, covered, *changes, gained], chunks)
+            chunk_colors, chunk_alpha, color_change, alpha_change = (
+                entries[:3],
+                entries[3],
+                entries[4:7],
+                entries[7],
+            )
+            total = [
+                t + drop * p + transmittance * m
+                for t, p, m in zip(total, chunk_colors, color_change, strict=True)
+            ]
+            return (
+                transmittance * (1.0 - chunk_alpha),
+                drop * (1.0 - chunk_alpha) - transmittance * alpha_change,
+                total,
+            )
 
         zero = jnp.zeros((chunks.count.shape[0], covered.shape[1]), covered.dtype)
         start = jnp.ones_like(zero), zero, [zero] * 3
@@ -174,16 +191,16 @@ def _join_change(
 
 
 def _of_chunk(k: Any, entries: list[Array], chunks: Chunks) -> list[Array]:
-    """The entries of chunk k of each tile, 0 where there is none."""
-    there = (k < chunks.count)[:, None]
-    place = chunks.first + k
-    return [jnp.where(there, entry.at[place].get(mode="clip"), 0.0) for entry in entries]
+    """Gather the entries of chunk k of each tile; 0 where a tile has no such chunk."""
+    exists = (k < chunks.count)[:, None]
+    index = chunks.first + k
+    return [jnp.where(exists, entry.at[index].get(mode="clip"), 0.0) for entry in entries]
 
 
 def _through_tile(
     max_chunks: int, chunks: Chunks, add: Callable[[Any, Any], Any], state: Any
 ) -> Any:
-    """`add(k, state)` for each chunk k of a tile."""
+    """Fold `add(k, state)` over the chunks k of a tile."""
     if max_chunks <= _UNROLLED:
         for k in range(max_chunks):
             state = add(k, state)
@@ -192,13 +209,13 @@ def _through_tile(
 
 
 def _in_front(max_chunks: int, covered: Array, chunks: Chunks) -> Array:
-    """The transmittance of the chunks in front of each chunk."""
+    """Transmittance of the chunks in front of each chunk."""
 
     @materialized
     def look(covered, chunks):
-        def add(j, through):
+        def add(j, transmittance):
             rest = jnp.where((chunks.index >= j)[:, None], 1.0 - _shift(covered, j), 1.0)
-            return through * rest
+            return transmittance * rest
 
         return _through_chunks(max_chunks, chunks, add, jnp.ones_like(covered))
 
@@ -206,7 +223,7 @@ def _in_front(max_chunks: int, covered: Array, chunks: Chunks) -> Array:
 
 
 def _through_chunks(max_chunks: int, chunks: Chunks, add, state):
-    """`add(j, state)` for each distance j between chunks of a tile."""
+    """Fold `add(j, state)` over the distances j between chunks of a tile."""
     if max_chunks <= _UNROLLED:
         for j in range(1, max_chunks):
             state = add(j, state)
@@ -215,14 +232,14 @@ def _through_chunks(max_chunks: int, chunks: Chunks, add, state):
 
 
 def _shift(x: Array, j) -> Array:
-    """Entry i - j at place i; its ends mean nothing."""
+    """Move entry i - j to index i; the entries that wrap around have no meaning."""
     return jnp.roll(x, j, 0)
 
 
 def _opacity_weights(
     max_chunks: int, opacity: Array, colors: Array, covered: Array, chunks: Chunks, weight: Array
 ) -> Float[Array, "chunks layers pixels"]:
-    """The transpose of the change by opacities."""
+    """Compute the vjp by the opacities."""
     layers = opacity.shape[1]
 
     @materialized
@@ -234,10 +251,10 @@ def _opacity_weights(
 
     @materialized
     def blend(opacity, met):
-        through, total = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
+        transmittance, total = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
         for k in range(layers):
-            total = total + through * opacity[:, k] * met[:, k]
-            through = through * (1.0 - opacity[:, k])
+            total = total + transmittance * opacity[:, k] * met[:, k]
+            transmittance = transmittance * (1.0 - opacity[:, k])
         return total
 
     @materialized
@@ -245,17 +262,19 @@ def _opacity_weights(
         last = chunks.count[chunks.tile] - 1
 
         def add(j, state):
-            through, behind = state
-            there = (chunks.index + j <= last)[:, None]
-            rest = jnp.where(there, 1.0 - _shift(covered, -j), 1.0)
-            return through * rest, behind + jnp.where(there, through * _shift(total, -j), 0.0)
+            transmittance, behind = state
+            exists = (chunks.index + j <= last)[:, None]
+            rest = jnp.where(exists, 1.0 - _shift(covered, -j), 1.0)
+            return transmittance * rest, behind + jnp.where(
+                exists, transmittance * _shift(total, -j), 0.0
+            )
 
         state = jnp.ones_like(covered), jnp.zeros_like(covered)
         return _through_chunks(max_chunks, chunks, add, state)[1]
 
     @materialized
-    def differ(opacity, met, through, behind, chunks):
-        front, back = [through], [behind]
+    def differ(opacity, met, transmittance, behind, chunks):
+        front, back = [transmittance], [behind]
         for k in range(layers - 1):
             front.append(front[-1] * (1.0 - opacity[:, k]))
         for k in range(layers - 1, 0, -1):
@@ -267,32 +286,32 @@ def _opacity_weights(
         )
 
     met = meet(colors, weight, chunks)
-    through = _in_front(max_chunks, covered, chunks)
+    transmittance = _in_front(max_chunks, covered, chunks)
     behind = look_behind(covered, blend(opacity, met), chunks)
-    return differ(opacity, met, through, behind, chunks)
+    return differ(opacity, met, transmittance, behind, chunks)
 
 
 def _color_weights(
     max_chunks: int, opacity: Array, colors: Array, covered: Array, chunks: Chunks, weight: Array
 ) -> Float[Array, "chunks layers 3 #pixels"]:
-    """The transpose of the change by colours."""
+    """Compute the vjp by the colours."""
     layers, flat = opacity.shape[1], colors.shape[3] == 1
 
     @materialized
-    def see(opacity, through):
-        seen = []
+    def see(opacity, transmittance):
+        visible = []
         for k in range(layers):
-            seen.append(through * opacity[:, k])
-            through = through * (1.0 - opacity[:, k])
-        return jnp.stack(seen, 1)
+            visible.append(transmittance * opacity[:, k])
+            transmittance = transmittance * (1.0 - opacity[:, k])
+        return jnp.stack(visible, 1)
 
     @materialized
-    def gather(seen, weight, chunks):
-        parts = [seen * weight[channel][chunks.tile][:, None] for channel in range(3)]
+    def gather(visible, weight, chunks):
+        products = [visible * weight[channel][chunks.tile][:, None] for channel in range(3)]
         if not flat:
-            return jnp.stack(parts, 2)
-        rows = [part.reshape(-1, part.shape[2]) for part in parts]
+            return jnp.stack(products, 2)
+        rows = [product.reshape(-1, product.shape[2]) for product in products]
         return jnp.stack(sum_pixels(*rows), -1).reshape(colors.shape)
 
-    through = _in_front(max_chunks, covered, chunks)
-    return gather(see(opacity, through), weight, chunks)
+    transmittance = _in_front(max_chunks, covered, chunks)
+    return gather(see(opacity, transmittance), weight, chunks)

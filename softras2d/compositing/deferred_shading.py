@@ -1,6 +1,7 @@
-"""Opaque triangles with colours that no sum of places tells: shaded where they show.
+"""Shade opaque triangles where they are visible, sample by sample or once per fragment.
 
-Shading comes after visibility, so what is hidden costs nothing, however deep it lies.
+This serves colours whose sum over a pixel does not follow from sums of sample positions, such as
+textures. Shading comes after visibility, so hidden triangles cost nothing, however many there are.
 """
 
 import functools
@@ -28,14 +29,14 @@ def sum_shaded(
     *,
     shading: str,
 ) -> Float[Array, "tiles channels fields places"]:
-    """Sums over each pixel's samples of the colours that show there.
+    """Sum the visible colours over each pixel's samples.
 
-    `rows`: the samples that each slot covers, hidden ones too. `shading` as in `Hard`: at each
-    `"sample"`, or one colour of a fragment for all of its samples.
+    `rows` are the samples that each slot covers, hidden ones too. `shading` is as in `Hard`:
+    `"sample"` shades each sample, `"pixel"` uses one colour of a fragment for all of its samples.
     """
     triangle = chunks.triangle.reshape(-1)
     tile = jnp.repeat(chunks.tile, chunks.triangle.shape[1])
-    # Slots are fewer than fragments: what a slot's pixels share is computed once.
+    # There are fewer slots than fragments, so values that a slot's pixels share are computed first.
     lanes = pick_lanes(view(surface, triangle, tile, tiling), fragments.slot)
     if shading == "pixel":
         covered = pick_bits(rows, fragments.slot, fragments.column, fragments.row, tiling)
@@ -51,10 +52,10 @@ def sum_shaded(
 def _shade_samples(
     surface: Surface, lanes: Lanes, fragments: Fragments, tiling: Tiling
 ) -> Float[Array, "channels fragments"]:
-    """Sums over the samples that show, visited one place of the pixel after another.
+    """Sum the colours of the visible samples, looping over the sample positions of a pixel.
 
-    Each place is shaded for all fragments, and counted where it shows: a pixel costs as many
-    shadings as it has samples for each triangle that shows in it.
+    Each position is shaded for all fragments, and counted where the sample is visible. So each
+    triangle that is visible in a pixel costs as many shadings as the pixel has samples.
     """
     rate, probes = tiling.grid.rate, surface.filter.anisotropy
 
@@ -77,14 +78,14 @@ def _shade_samples(
     steps = (number // probes // rate, number // probes % rate, number % probes)
     shape = (surface.channels, fragments.slot.shape[0])
     total = jnp.zeros(shape, surface.corners.color.dtype)
-    # Backwards, a visit is computed again rather than kept.
+    # The vjp computes a step again instead of storing it.
     return jax.lax.scan(jax.checkpoint(visit), total, steps)[0]
 
 
 def _shade_pixels(
     surface: Surface, lanes: Lanes, points: Points, fragments: Fragments, tiling: Tiling
 ) -> Float[Array, "channels fragments"]:
-    """One colour of each fragment, times its samples that show."""
+    """Shade each fragment once, and multiply by the number of its visible samples."""
 
     @materialized
     def weigh(color, bits):
@@ -102,8 +103,8 @@ def _add_to_pixels(total: Array, tile: Array, fragments: Fragments, tiling: Tili
     @materialized
     def locate(tile, fragments):
         field, word = fragments.column // packing.words, fragments.column % packing.words
-        place = word * tiling.height + fragments.row
-        return (tile[fragments.slot] * packing.count + field) * places + place
+        position = word * tiling.height + fragments.row
+        return (tile[fragments.slot] * packing.count + field) * places + position
 
     @materialized
     def add(channel, pixel):

@@ -1,9 +1,9 @@
-"""From visible samples to pixels of opaque triangles: sums over bits, then over slots.
+"""Sum visible samples to pixels of opaque triangles: first over bits, then over slots.
 
-Within a word the samples of a pixel are neighbouring bits. Adding neighbouring fields of a word
-in place (SWAR; Warren, *Hacker's Delight*, 2nd ed., section 5-1) counts them for all pixels at
-once, and carries the sums of their column indices along; sub-rows are added after. Fields that
-would overflow are first spread over two words, even pixels and odd.
+Within a coverage word the samples of a pixel are neighbouring bits. Adding neighbouring fields of a
+word in place (SWAR; Warren, *Hacker's Delight*, 2nd ed., section 5-1) counts them for all pixels at
+once, together with the sums of their column indices. Sub-rows are added afterwards. Fields that
+would overflow are first spread over two words, one for even and one for odd pixels.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from ..numerics.linear_map import linear_map
 
 
 class Fields(NamedTuple):
-    """Where the pixels of a tile row are: pixel x is field x // words of word x % words."""
+    """Layout of a tile row's pixels in words: pixel x is field x // words of word x % words."""
 
     bits: int
     words: int
@@ -27,7 +27,7 @@ class Fields(NamedTuple):
 
     @staticmethod
     def of(rate: int) -> "Fields":
-        """The packing that holds the sums of `rate` x `rate` samples."""
+        """Choose the packing that can hold the sums over `rate` x `rate` samples."""
         return {
             1: Fields(1, 1, 32),
             2: Fields(4, 2, 8),
@@ -41,8 +41,9 @@ class Fields(NamedTuple):
 class SampleSums(NamedTuple):
     """Sums over the visible samples of each pixel, packed: `[..., words * pixel rows]`.
 
-    - `count`: how many.
-    - `across`, `down`: of their column and row within the pixel, 0..rate-1; None if not asked for.
+    - `count`: the number of samples.
+    - `across`, `down`: the sums of their column and row within the pixel, 0..rate-1; None without
+      moments.
     """
 
     count: UInt32[Array, "*slots places"]
@@ -51,13 +52,13 @@ class SampleSums(NamedTuple):
 
 
 def _mask(ones: int, period: int) -> Array:
-    """A word with `ones` low bits set in every whole field of `period` bits."""
+    """Make a word with `ones` low bits set in every whole field of `period` bits."""
     field = (1 << ones) - 1
     return jnp.uint32(sum(field << at for at in range(0, 32 // period * period, period)))
 
 
 def _add_bits(rows: Array, rate: int, moments: bool) -> tuple[Array, Array]:
-    """Count of the bits in each field of `rate` bits, and the sum of their places in the field."""
+    """Count the bits in each field of `rate` bits, and sum their positions in the field."""
     if rate == 3:
         planes = [(rows >> jnp.uint32(b)) & _mask(1, 3) for b in range(3)]
         return planes[0] + planes[1] + planes[2], planes[1] + planes[2] * jnp.uint32(2)
@@ -75,7 +76,10 @@ def _add_bits(rows: Array, rate: int, moments: bool) -> tuple[Array, Array]:
 
 
 def _add_rows(fields: Array, tiling: Tiling, weighted: bool = False) -> Array:
-    """Sum over the sub-rows of a pixel, times their index if `weighted`; spreads first."""
+    """Sum over the sub-rows of a pixel, times their index if `weighted`.
+
+    Fields that would overflow are first spread over two words.
+    """
     packing = Fields.of(tiling.grid.rate)
     height, rate = tiling.height, tiling.grid.rate
     if packing.words == 2:
@@ -87,8 +91,8 @@ def _add_rows(fields: Array, tiling: Tiling, weighted: bool = False) -> Array:
     for word in words:
         total = jnp.zeros_like(word[..., :height])
         for sub in range(rate):
-            part = word[..., sub * height : (sub + 1) * height]
-            total = total + (part * jnp.uint32(sub) if weighted else part)
+            sub_row = word[..., sub * height : (sub + 1) * height]
+            total = total + (sub_row * jnp.uint32(sub) if weighted else sub_row)
         sums.append(total)
     return jnp.concatenate(sums, -1)
 
@@ -96,7 +100,7 @@ def _add_rows(fields: Array, tiling: Tiling, weighted: bool = False) -> Array:
 def sample_sums(
     visible: UInt32[Array, "*slots rows"], tiling: Tiling, *, moments: bool
 ) -> SampleSums:
-    """Sums over each pixel's visible samples; with their places if `moments`."""
+    """Sum over each pixel's visible samples; with `moments`, sum their positions too."""
 
     @materialized
     def add(visible):
@@ -111,7 +115,7 @@ def sample_sums(
 
 
 def unpack(packed: UInt32[Array, "*slots places"], tiling: Tiling) -> Array:
-    """Fields of packed words as int32, `[..., fields, places]`."""
+    """Unpack the fields of packed words as int32, `[..., fields, places]`."""
     packing = Fields.of(tiling.grid.rate)
     shifts = jnp.arange(packing.count, dtype=jnp.uint32) * jnp.uint32(packing.bits)
     shifts = shifts.reshape((1,) * (packed.ndim - 1) + (-1, 1))
@@ -122,7 +126,7 @@ def unpack(packed: UInt32[Array, "*slots places"], tiling: Tiling) -> Array:
 def sum_flat(
     sums: SampleSums, colors: Float[Array, "chunks layers channels"], tiling: Tiling
 ) -> Float[Array, "chunks channels fields places"]:
-    """Sum of the colours of the visible samples of each pixel, over the layers of a chunk."""
+    """Sum the flat colours of the visible samples of each pixel, over the layers of a chunk."""
 
     @materialized
     def add(count, colors):
@@ -141,17 +145,17 @@ def sum_interpolated(
     colors: Float[Array, "chunks layers 3 channels"],
     tiling: Tiling,
 ) -> Float[Array, "chunks channels fields places"]:
-    """Sum of the interpolated colours of the visible samples of each pixel, over a chunk.
+    """Sum the interpolated colours of the visible samples of each pixel, over a chunk.
 
-    Colour is linear in the sample's place, so the sum needs only how many samples there are and
-    the sums of their places.
+    Colour is linear in the sample's position, so the sum needs only the number of samples and the
+    sums of their positions.
     """
     packing = Fields.of(tiling.grid.rate)
     rate, height = tiling.grid.rate, tiling.height
     field = jnp.arange(packing.count, dtype=jnp.int32)[None, None, :, None]
-    place = jnp.arange(packing.words * height, dtype=jnp.int32)[None, None, None]
-    left = (field * packing.words + place // height) * rate
-    top = (place % height) * rate
+    position = jnp.arange(packing.words * height, dtype=jnp.int32)[None, None, None]
+    left = (field * packing.words + position // height) * rate
+    top = (position % height) * rate
 
     @materialized
     def weigh(sums, weights):
@@ -174,23 +178,23 @@ def sum_interpolated(
 
 
 _GATHERED = 32
-"""Chunks of a tile that are gathered; rarely is a tile deeper, and then the rest is scattered."""
+"""Maximum number of chunks of a tile that are gathered; the rest of a deeper tile is scattered."""
 
 
 def sum_chunks(
     parts: Float[Array, "chunks channels fields places"], chunks: Chunks, *, max_chunks: int
 ) -> Float[Array, "tiles channels fields places"]:
-    """Sum over the chunks of each tile; `max_chunks` is the most that a tile has."""
+    """Sum over the chunks of each tile; `max_chunks` is an upper bound on their number."""
 
     @materialized
     def gather(parts, chunks):
-        def place(k):
-            there = (k < chunks.count)[:, None, None, None]
-            return jnp.where(there, parts.at[chunks.first + k].get(mode="clip"), 0.0)
+        def chunk_entries(k):
+            exists = (k < chunks.count)[:, None, None, None]
+            return jnp.where(exists, parts.at[chunks.first + k].get(mode="clip"), 0.0)
 
-        total = place(0)
+        total = chunk_entries(0)
         for k in range(1, min(max_chunks, _GATHERED)):
-            total = total + place(k)
+            total = total + chunk_entries(k)
         return total
 
     @materialized
@@ -210,7 +214,7 @@ def sum_chunks(
         used = (number < chunks.needed)[:, None, None, None]
         return jnp.where(used, total[chunks.tile], 0.0)
 
-    # Each chunk is of one tile: backwards that is a single gather.
+    # Each chunk belongs to one tile, so the transpose is a single gather.
     return linear_map(add, spread)(chunks, parts)
 
 
@@ -240,14 +244,14 @@ def add_background(
 def with_alpha(
     colors: Float[Array, "corners 3 triangles"],
 ) -> Float[Array, "corners 4 triangles"]:
-    """Opaque colours as RGBA, for a background with alpha."""
+    """Extend opaque colours to RGBA, for a background with alpha."""
     return materialized(lambda c: jnp.concatenate([c, jnp.ones_like(c[:, :1])], 1))(colors)
 
 
 def to_image(
     sums: Float[Array, "tiles channels fields places"], tiling: Tiling
 ) -> Float[Array, "height width channels"]:
-    """The mean over the samples of each pixel, cropped to the canvas."""
+    """Average the samples of each pixel and crop to the canvas."""
     packing = Fields.of(tiling.grid.rate)
 
     @materialized

@@ -1,14 +1,16 @@
-"""Translucent triangles, composited sample by sample with "over", front to back.
+"""Composite translucent triangles with "over", front to back, sample by sample.
 
-Each sample keeps the transmittance T of what has been drawn in front of it; a layer of alpha a
-adds T a times its colour and leaves T (1 - a). Blocks of tiles are visited place by place down
-their lists, so that the transmittances of a block stay in cache.
+Each sample stores the transmittance T of all layers in front. A layer of alpha a adds T a times its
+colour and leaves T (1 - a). Blocks of tiles are processed one list entry after another, so that the
+transmittances of a block stay in cache.
 
-Colours that no sum of weights tells, of textures say, are shaded for each layer of a block.
+Colours whose sum over a pixel does not follow from sums of weights, such as textures, are shaded
+for each layer of a block.
 
-Samples of a block lie in an array `[sub rows, sub columns, width, lines]`: a line is a row of
-pixels of one tile, and the lines of all tiles of the block are the minor axis. One word holds a
-line's samples of one sub-row, and every sample of a place reads the same bit of its word.
+Samples of a block are stored in an array `[sub rows, sub columns, width, lines]`. A line is a row
+of pixels of one tile, and the lines of all tiles of the block are the minor axis. One word has a
+line's samples of one sub-row, and all samples at the same position of their line read the same bit
+of their words.
 
 **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
 """
@@ -31,11 +33,12 @@ from ..shading.triangle_color import Lanes, Points, Surface, pick_lanes, shade, 
 
 
 class Layers(NamedTuple):
-    """What a visit of a block reads: the triangles, and the words of every listed pair.
+    """Inputs of a block's layers: the triangles, and the coverage words of every listed pair.
 
-    - `sub_rows`: for each sub-row, the words `[pairs, lines of a tile]`; `covered` likewise.
+    - `sub_rows`: for each sub-row, the words `[pairs, lines of a tile]` of the samples to
+      composite; `covered`: the same for all covered samples, those that failed the depth test too.
     - `shading`: as `Hard.shading`, where colours are evaluated point by point; None where flat
-      colours or sums of weights tell them.
+      colours or sums of weights are enough.
     """
 
     surface: Surface
@@ -55,10 +58,10 @@ def composite(
     *,
     shading: str | None,
 ) -> Float[Array, "tiles 4 tile_width tile_height"]:
-    """Sums over each pixel's samples of premultiplied colour and alpha, without background.
+    """Sum premultiplied colour and alpha over each pixel's samples, without background.
 
-    `rows`: the samples of each listed pair; `covered`: those too that the depth test took away;
-    `shading` as in `Layers`.
+    `rows` are the samples of each listed pair. `covered` also includes those that failed the depth
+    test. `shading` is as in `Layers`.
     """
     dtype = surface.corners.color.dtype
     side, height, width = tiling.grid.rate, tiling.height, tiling.width
@@ -68,20 +71,20 @@ def composite(
     layers = Layers(surface, lists.triangle, split(rows), split(covered), shading)
 
     def visit(state: tuple[Array, Array, Array], step: tuple[Array, Array, Array]) -> Any:
-        image, through, sums = state
-        number, which, place = step
-        fresh = place == 0
-        through, sums = _blend(
+        image, transmittance, sums = state
+        number, which, position = step
+        is_first = position == 0
+        transmittance, sums = _blend(
             layers,
-            jnp.where(fresh, 0.0, sums),
-            through,
-            fresh,
+            jnp.where(is_first, 0.0, sums),
+            transmittance,
+            is_first,
             steps.tile[which],
-            steps.start[which] + place,
-            (place < steps.count[which]) & (number < steps.needed),
+            steps.start[which] + position,
+            (position < steps.count[which]) & (number < steps.needed),
             tiling,
         )
-        return (image.at[which].set(sums), through, sums), None
+        return (image.at[which].set(sums), transmittance, sums), None
 
     initial = (
         jnp.zeros((blocks, 4, width, lines), dtype),
@@ -105,20 +108,20 @@ def _blend(
     live: Bool[Array, " block"],
     tiling: Tiling,
 ) -> tuple[Array, Array]:
-    """One layer of a block: the transmittances and sums behind it.
+    """Add one layer of a block; return the transmittances and sums behind it.
 
-    `pair` is each tile's listed pair, `live` whether its list goes so far; `fresh` starts the
-    transmittances anew.
+    `pair` is each tile's listed pair, and `live` whether its list is that long. Where `fresh`, a
+    new block starts and the transmittances are 1.
     """
     dtype = through.dtype
 
     @materialized
-    def pick(sub_rows, pair, live):
-        words = [part.at[pair].get(mode="clip") for part in sub_rows]
+    def gather_words(sub_rows, pair, live):
+        words = [sub_row.at[pair].get(mode="clip") for sub_row in sub_rows]
         return jnp.stack([jnp.where(live[:, None], w, jnp.uint32(0)).reshape(-1) for w in words])
 
     @materialized
-    def sum_seen(through, fresh, words, factors):
+    def sum_visible(through, fresh, words, factors):
         """Sum over each pixel's covered samples of the transmittance times the factors."""
 
         def term(i, j):
@@ -132,28 +135,30 @@ def _blend(
         bits = _all_bits(words, tiling, dtype)
         return jnp.where(fresh, 1.0, through) * (1.0 - alpha * bits)
 
-    words = pick(layers.sub_rows, pair, live)
+    words = gather_words(layers.sub_rows, pair, live)
     triangle = layers.triangle.at[pair].get(mode="clip")
     surface = layers.surface
     if layers.shading is not None:
-        covered = pick(layers.covered, pair, live)
+        covered = gather_words(layers.covered, pair, live)
         color = _shade_block(layers, covered, triangle, tile, tiling)
         alpha = color[3]
-        seen = [sum_seen(through, fresh, words, (channel,)) for channel in color]
-        sums = materialized(lambda sums, seen: sums + jnp.stack(seen))(sums, seen)
+        visible_sums = [sum_visible(through, fresh, words, (channel,)) for channel in color]
+        sums = materialized(lambda sums, visible_sums: sums + jnp.stack(visible_sums))(
+            sums, visible_sums
+        )
         return pass_on(through, fresh, words, alpha), sums
     by_line = materialized(functools.partial(_by_line, height=tiling.height))
-    own = by_line(surface.corners.color[..., triangle])
-    if own.shape[1] == 1:
-        alpha = own[3][None, None]
-        sums = materialized(_add_flat)(sums, sum_seen(through, fresh, words, ()), own)
+    line_colors = by_line(surface.corners.color[..., triangle])
+    if line_colors.shape[1] == 1:
+        alpha = line_colors[3][None, None]
+        sums = materialized(_add_flat)(sums, sum_visible(through, fresh, words, ()), line_colors)
     else:
         weigh = materialized(functools.partial(_sample_weights, tiling=tiling))
         weights = weigh(surface, triangle, tile)
-        alpha = materialized(_interpolate)(weights, own[3])
-        total = sum_seen(through, fresh, words, (alpha,))
-        second, third = (sum_seen(through, fresh, words, (alpha, weight)) for weight in weights)
-        sums = materialized(_add_interpolated)(sums, total, second, third, own)
+        alpha = materialized(_interpolate)(weights, line_colors[3])
+        total = sum_visible(through, fresh, words, (alpha,))
+        second, third = (sum_visible(through, fresh, words, (alpha, weight)) for weight in weights)
+        sums = materialized(_add_interpolated)(sums, total, second, third, line_colors)
     return pass_on(through, fresh, words, alpha), sums
 
 
@@ -164,7 +169,7 @@ def _shade_block(
     tile: Int[Array, " block"],
     tiling: Tiling,
 ) -> Float[Array, "4 sub_rows sub_columns width lines"]:
-    """Premultiplied colours of a layer of a block at every sample."""
+    """Compute the premultiplied colours of a layer of a block at every sample."""
     surface, side, width = layers.surface, tiling.grid.rate, tiling.width
     lines = covered.shape[1]
     lanes = view(surface, triangle, tile, tiling)
@@ -192,7 +197,10 @@ def _lanes_by_line(lanes: Lanes, height: int) -> Lanes:
 
 
 def _block_fragments(words, tiling: Tiling) -> Fragments:
-    """All pixels of a block as fragments, `[width * lines]`; the slot is the tile's."""
+    """Make a fragment of each pixel of a block, `[width * lines]`.
+
+    The slot is the index of the tile in the block.
+    """
     side, lines = tiling.grid.rate, words.shape[1]
     column, line = (
         jax.lax.broadcasted_iota(jnp.int32, (tiling.width, lines), axis).reshape(-1)
@@ -205,7 +213,7 @@ def _block_fragments(words, tiling: Tiling) -> Fragments:
 
 
 def _by_line(own: Array, height: int) -> Float[Array, "4 corners lines"]:
-    """Colours of a block's triangles `[corners, 4, block]`, at each of their lines."""
+    """Repeat the colours of a block's triangles `[corners, 4, block]` for each of their lines."""
     return jnp.repeat(own.transpose(1, 0, 2), height, 2)
 
 
@@ -225,48 +233,54 @@ def _interpolate(weights: tuple[Array, Array], corners: Float[Array, "3 lines"])
 
 
 def _add_flat(sums: Array, seen: Array, own: Array) -> Array:
-    """Add what is seen of a flat layer; alpha adds up how much of the pixel is covered."""
+    """Add the visible part of a flat layer to the sums.
+
+    The alpha channel sums transmittance times alpha over the covered samples.
+    """
     return sums + seen[None] * (own[:, 0].at[3].set(1.0) * own[3])[:, None]
 
 
 def _add_interpolated(sums: Array, total: Array, second: Array, third: Array, own: Array) -> Array:
-    """The same for corner colours, which are linear in the weights: three sums serve all."""
+    """Add the visible part of a layer with corner colours.
+
+    Colours are linear in the weights, so three sums are enough for all channels.
+    """
     corners = own.at[3].set(1.0)[:, :, None]
-    for k, part in enumerate((total - second - third, second, third)):
-        sums = sums + part[None] * corners[:, k]
+    for k, corner_sum in enumerate((total - second - third, second, third)):
+        sums = sums + corner_sum[None] * corners[:, k]
     return sums
 
 
 def _bit(
     words: UInt32[Array, " lines"], sub_column: int, tiling: Tiling, dtype: Any
 ) -> Float[Array, "width lines"]:
-    """Whether each line's pixels own their sample of a sub-column, as 0 or 1."""
-    place = jnp.arange(tiling.width, dtype=jnp.uint32) * jnp.uint32(tiling.grid.rate)
-    place = (place + jnp.uint32(sub_column))[:, None]
-    return ((words[None] >> place) & jnp.uint32(1)).astype(dtype)
+    """Extract whether each line's pixels cover their sample of a sub-column, as 0 or 1."""
+    position = jnp.arange(tiling.width, dtype=jnp.uint32) * jnp.uint32(tiling.grid.rate)
+    position = (position + jnp.uint32(sub_column))[:, None]
+    return ((words[None] >> position) & jnp.uint32(1)).astype(dtype)
 
 
 def _all_bits(
     words: UInt32[Array, "sub_rows lines"], tiling: Tiling, dtype: Any
 ) -> Float[Array, "sub_rows sub_columns width lines"]:
-    """`_bit` of every sub-row and sub-column."""
+    """Extract the bits of all samples, as `_bit` does for one sub-row and sub-column."""
     rate = tiling.grid.rate
     column = jnp.arange(tiling.width, dtype=jnp.uint32) * jnp.uint32(rate)
-    place = jnp.arange(rate, dtype=jnp.uint32)[:, None] + column[None]
-    return ((words[:, None, None] >> place[None, :, :, None]) & jnp.uint32(1)).astype(dtype)
+    position = jnp.arange(rate, dtype=jnp.uint32)[:, None] + column[None]
+    return ((words[:, None, None] >> position[None, :, :, None]) & jnp.uint32(1)).astype(dtype)
 
 
 def _sum_samples(term: Callable[[int, int], Array], rate: int) -> Array:
-    """Sum over a pixel's samples of `term(sub_row, sub_column)`, in one fused expression."""
+    """Sum `term(sub_row, sub_column)` over a pixel's samples, in one fused expression."""
     terms = [term(i, j) for i in range(rate) for j in range(rate)]
     total = terms[0]
-    for one in terms[1:]:
-        total = total + one
+    for sample_term in terms[1:]:
+        total = total + sample_term
     return total
 
 
 def _sample_places(block: int, tiling: Tiling) -> tuple[Array, Array]:
-    """Column and row in their tile of all samples of a block."""
+    """Column and row of all samples of a block, within their tile."""
     rate = tiling.grid.rate
     shape = (rate, rate, tiling.width, block * tiling.height)
     sub_row, sub_column, column, line = (
@@ -280,7 +294,10 @@ def to_image(
     background: Float[Array, " channels"],
     tiling: Tiling,
 ) -> Float[Array, "height width channels"]:
-    """Premultiplied pixels over the background, whose four channels are premultiplied too."""
+    """Composite premultiplied pixels over the background.
+
+    A background of four channels is premultiplied too.
+    """
 
     @materialized
     def arrange(sums, background):

@@ -105,9 +105,9 @@ def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
     @materialized
     def choose(sides, parameter):
         sides, _, x, y = spread(sides, parameter, side_of(weight[0]))
-        found = nearest(sides, x, y)
-        outside = jnp.where(is_around(found), float(_AROUND), found.side)
-        return jnp.where(_is_inside(found, sides), float(_INSIDE), outside)
+        nearest_point = nearest(sides, x, y)
+        outside = jnp.where(is_around(nearest_point), float(_AROUND), nearest_point.side)
+        return jnp.where(_is_inside(nearest_point, sides), float(_INSIDE), outside)
 
     @materialized
     def combine(sides, sums):
@@ -151,8 +151,14 @@ def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
 
     second, third = share(sides, weight)
     # Along a side the weight of its end grows at the rate at which that of its start falls.
-    parts = [(0, second), (1, third - second), (2, -third), (_INSIDE, second), (_INSIDE, third)]
-    return combine(sides, sum_moments(choose(sides, parameter), parts))
+    case_weights = [
+        (0, second),
+        (1, third - second),
+        (2, -third),
+        (_INSIDE, second),
+        (_INSIDE, third),
+    ]
+    return combine(sides, sum_moments(choose(sides, parameter), case_weights))
 
 
 @functools.cache

@@ -166,8 +166,8 @@ def _rates(profile: str, sides: Sides, found: Nearest, width: Any) -> tuple[Any,
 
 
 def _push(profile: str, sides: Sides, width: Any, velocity: Six, x: Any, y: Any) -> Any:
-    found = nearest(sides, x, y)
-    rate, per_length = _rates(profile, sides, found, width)
+    nearest_point = nearest(sides, x, y)
+    rate, per_length = _rates(profile, sides, nearest_point, width)
     velocity = share_velocity(sides.shares, velocity)
     corners = [(velocity[2 * k], velocity[2 * k + 1]) for k in range(3)]
     # Inward velocity at both ends of each side, and then at the nearest point.
@@ -178,13 +178,19 @@ def _push(profile: str, sides: Sides, width: Any, velocity: Six, x: Any, y: Any)
         ]
         for moved in (corners, corners[1:] + corners[:1])
     )
-    begin, end = _of_side(found, begins), _of_side(found, ends)
-    beside = begin + found.t * (end - begin)
-    along_x = found.down * found.excess + found.across * found.offset
-    along_y = found.down * found.offset - found.across * found.excess
-    weights = side_weights(found)
+    begin, end = _of_side(nearest_point, begins), _of_side(nearest_point, ends)
+    beside = begin + nearest_point.t * (end - begin)
+    along_x = (
+        nearest_point.down * nearest_point.excess + nearest_point.across * nearest_point.offset
+    )
+    along_y = (
+        nearest_point.down * nearest_point.offset - nearest_point.across * nearest_point.excess
+    )
+    weights = side_weights(nearest_point)
     vx, vy = (sum(w * v[axis] for w, v in zip(weights, corners, strict=True)) for axis in (0, 1))
-    return jnp.where(is_around(found), (along_x * vx + along_y * vy) * per_length, beside * rate)
+    return jnp.where(
+        is_around(nearest_point), (along_x * vx + along_y * vy) * per_length, beside * rate
+    )
 
 
 def _of_side(found: Nearest, entries: list[Any]) -> Any:
@@ -204,10 +210,10 @@ def _pull(profile: str, sides: Sides, width: Any, weight: Any) -> Six:
     @materialized
     def choose(sides, width):
         sides, _, x, y = spread(sides, width, side_of(weight))
-        found = nearest(sides, x, y)
-        corner = jnp.where(found.t > 0.5, found.side + 1, found.side)
+        nearest_point = nearest(sides, x, y)
+        corner = jnp.where(nearest_point.t > 0.5, nearest_point.side + 1, nearest_point.side)
         corner = jnp.where(corner == 3, 0, corner)
-        return jnp.where(is_around(found), 3 + corner, found.side)
+        return jnp.where(is_around(nearest_point), 3 + corner, nearest_point.side)
 
     @materialized
     def weigh(sides, width, case, weight):

@@ -1,9 +1,9 @@
-"""Moves arrays from the host to JAX without compiling anything; no other module does this.
+"""Transfer of arrays from the host to JAX without compilation; no other module does this.
 
 `jnp.asarray` of a NumPy array compiles a program for every shape, as do casts, reshapes and
-indexing of concrete JAX arrays. Each such program takes 8 ms and 1.4 MB, and stays for the life of
-the process. So concrete arrays are prepared in NumPy, and `to_device` passes them to JAX by
-`jax.device_put`, which compiles nothing.
+indexing of concrete JAX arrays. Each such program takes 8 ms and 1.4 MB, and stays in memory for
+the life of the process. So concrete arrays are prepared in NumPy, and `to_device` passes them to
+JAX by `jax.device_put`, which compiles nothing.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 
 def to_device(value: Any, dtype: Any = None) -> Array:
-    """A JAX array of `value`, cast to `dtype` if given; host arrays compile nothing.
+    """Convert `value` to a JAX array, cast to `dtype` if given; host arrays compile nothing.
 
     JAX arrays and tracers that already have that dtype are returned as they are. Without
     `jax_enable_x64`, 64-bit numbers become 32-bit numbers, as with `jnp.asarray`.
@@ -28,14 +28,17 @@ def to_device(value: Any, dtype: Any = None) -> Array:
         return value.astype(dtype)
     host = np.asarray(value)
     wanted = jax.dtypes.canonicalize_dtype(host.dtype) if dtype is None else dtype
-    # Always a copy: on a CPU, JAX may share the memory of the NumPy array, and later changes that
-    # callers make to their arrays must not change the scene.
+    # The array is always copied: on a CPU, JAX may share the memory of the NumPy array, and later
+    # changes that callers make to their arrays must not change the scene.
     with np.errstate(over="ignore"):
         return jax.device_put(np.array(host, wanted))
 
 
 def to_host(value: Any) -> Any:
-    """A NumPy array of a concrete value, so that later operations compile nothing; tracers stay."""
+    """Convert a concrete value to a NumPy array, so that later operations compile nothing.
+
+    Tracers are returned as they are; lists with tracers become JAX arrays.
+    """
     if isinstance(value, Tracer):
         return value
     if isinstance(value, list | tuple) and _is_traced(value):

@@ -1,8 +1,8 @@
 """Linear maps whose transpose is written by hand.
 
 Autodiff transposes a program operation by operation, and the transpose of a fast program need not
-be fast: a gather that sums becomes scatters, one for each term. A `custom_vjp` would fix that and
-shut out forward mode; here both directions are given, and each is differentiated and batched as
+be fast: a gather with a sum becomes one scatter per term. A `custom_vjp` would solve this, but it
+rules out forward mode. Here both directions are given, and each is differentiated and batched like
 any other operation.
 """
 
@@ -16,14 +16,15 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 Map = Callable[[Any, Any], Any]
-"""From what it is fixed by, and one array, to one array."""
+"""Function `(fixed, array)` to one array, linear in the array."""
 
 
 def linear_map(forward: Map, backward: Map) -> Map:
-    """`forward(fixed, x)`, linear in the array `x`, with the transpose `backward(fixed, y)`.
+    """Make a map from `forward(fixed, x)`, linear in the array `x`, and its transpose.
 
-    Both are traced as usual; neither may close over traced values. `fixed` is any tree of arrays;
-    derivatives with respect to it are those of `forward`, by autodiff.
+    The transpose is `backward(fixed, y)`. Both are traced as usual; neither may close over traced
+    values. `fixed` is any tree of arrays. Derivatives with respect to it are those of `forward`, by
+    autodiff.
     """
 
     def apply(fixed: Any, x: Any) -> Any:
@@ -39,13 +40,16 @@ def linear_map(forward: Map, backward: Map) -> Map:
 
 
 class _Pair:
-    """Both directions as functions of `x` and the leaves of what is fixed; a static parameter."""
+    """Both directions as functions of `x` and the leaves of `fixed`; a static parameter."""
 
     def __init__(self, forward: Callable[..., Any], backward: Callable[..., Any]):
         self.forward, self.backward = forward, backward
 
     def batched(self, axes: tuple[Any, ...]) -> "_Pair":
-        """Both over a leading axis of `x`, and of the leaves whose entry in `axes` is not None."""
+        """Batch both directions over a leading axis of `x`, and of some leaves.
+
+        These are the leaves whose entry in `axes` is not None.
+        """
         return _Pair(*(jax.vmap(f, (0, *axes)) for f in (self.forward, self.backward)))
 
 
@@ -64,33 +68,33 @@ def _shape(x, *leaves, pair: _Pair):
 
 def _jvp(primals, tangents, *, pair: _Pair):
     x, *leaves = primals
-    change, *moved = tangents
+    x_tangent, *leaf_tangents = tangents
     out = _linear_map.bind(x, *leaves, pair=pair)
-    total = ad.Zero(jax.typeof(out).to_tangent_aval())
-    if type(change) is not ad.Zero:
-        total = _linear_map.bind(change, *leaves, pair=pair)
-    moving = [i for i, dot in enumerate(moved) if type(dot) is not ad.Zero]
+    out_tangent = ad.Zero(jax.typeof(out).to_tangent_aval())
+    if type(x_tangent) is not ad.Zero:
+        out_tangent = _linear_map.bind(x_tangent, *leaves, pair=pair)
+    moving = [i for i, dot in enumerate(leaf_tangents) if type(dot) is not ad.Zero]
     if moving:
 
-        def of_moving(*some):
+        def of_moving(*values):
             filled = list(leaves)
-            for i, leaf in zip(moving, some, strict=True):
+            for i, leaf in zip(moving, values, strict=True):
                 filled[i] = leaf
             return pair.forward(x, *filled)
 
-        primal, dot = ([entries[i] for i in moving] for entries in (leaves, moved))
-        bent = jax.jvp(of_moving, primal, dot)[1]
-        total = bent if type(total) is ad.Zero else total + bent
-    return out, total
+        primal, dot = ([entries[i] for i in moving] for entries in (leaves, leaf_tangents))
+        fixed_change = jax.jvp(of_moving, primal, dot)[1]
+        out_tangent = fixed_change if type(out_tangent) is ad.Zero else out_tangent + fixed_change
+    return out, out_tangent
 
 
 def _transpose(cotangent, x, *leaves, pair: _Pair):
     assert ad.is_undefined_primal(x) and not any(map(ad.is_undefined_primal, leaves))
-    none = [None] * len(leaves)
+    no_cotangents = [None] * len(leaves)
     if type(cotangent) is ad.Zero:
-        return ad.Zero(x.aval), *none
+        return ad.Zero(x.aval), *no_cotangents
     swapped = _Pair(pair.backward, pair.forward)
-    return _linear_map.bind(cotangent, *leaves, pair=swapped), *none
+    return _linear_map.bind(cotangent, *leaves, pair=swapped), *no_cotangents
 
 
 def _batch(arguments, axes, *, pair: _Pair):

@@ -1,8 +1,9 @@
 """Inclusive prefix sums and maxima of integers.
 
 `jnp.cumsum` becomes a tree of window reductions on the CPU, which take longer to compile and to
-run. Here a long vector is cut into rows of 64: every row is scanned in six doubling steps, the
-last entries of the rows likewise, and each row is joined with all rows before it.
+run. Here a long vector is split into rows of 64. Each row is scanned in six doubling steps, then
+the last entries of the rows are scanned likewise, and each row is combined with the total of all
+rows before it.
 
 **Source:** Hillis and Steele, *Data Parallel Algorithms* (CACM 29(12), 1986), "Sum of an array".
 """
@@ -17,12 +18,12 @@ _ROW = 64
 
 
 def cumulative_sum(x: Int[Array, " n"]) -> Int[Array, " n"]:
-    """Sum of the entries up to each, modulo 2^32."""
+    """Sum of all entries up to and including each entry, modulo 2^32."""
     return _scan(x, jnp.add)
 
 
 def cumulative_max(x: Int[Array, " n"]) -> Int[Array, " n"]:
-    """Largest of the entries up to each, for entries of 0 or more."""
+    """Maximum of all entries up to and including each entry; entries must be 0 or more."""
     return _scan(x, jnp.maximum)
 
 
@@ -36,7 +37,7 @@ def _scan(x: Array, join: Callable[[Array, Array], Array]) -> Array:
 
 
 def _double(table: Array, join: Callable[[Array, Array], Array]) -> Array:
-    """Scan each row: join with the entry 1 before, then 2, 4 and so on."""
+    """Scan each row in doubling steps: combine with the entry 1 before, then 2, 4 and so on."""
     length = table.shape[1]
     nothing = jnp.zeros_like(table)
 

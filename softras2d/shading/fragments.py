@@ -36,10 +36,10 @@ class Fragments(NamedTuple):
 
 
 def pixels_seen(visible: Any, tiling: Tiling) -> Any:
-    """Find the pixels of each pixel row with a visible sample; the bit of their first sample is
-    set.
+    """Mark the pixels of each pixel row that have a visible sample.
 
-    Maps `[*slots, rows]` words to `[*slots, tile_height]` words. Works for NumPy and JAX alike.
+    The bit of such a pixel's first sample is set. Maps `[*slots, rows]` words to `[*slots,
+    tile_height]` words. Works for NumPy and JAX alike.
     """
     rate, height = tiling.grid.rate, tiling.height
     xp = visible.__array_namespace__()
@@ -94,7 +94,7 @@ def pick_bits(
     rate, height = tiling.grid.rate, tiling.height
 
     @materialized
-    def pick(words, slot, column, row):
+    def gather_samples(words, slot, column, row):
         sub_row = jnp.arange(rate, dtype=jnp.int32)[:, None]
         word_index = (slot * tiling.sample_rows + row)[None] + sub_row * height
         word = words.reshape(-1).at[word_index].get(mode="promise_in_bounds")
@@ -102,7 +102,7 @@ def pick_bits(
         bits = (word >> shift) & jnp.uint32((1 << rate) - 1)
         return jnp.where((column >= 0)[None], bits, jnp.uint32(0))
 
-    return pick(words, slot, column, row)
+    return gather_samples(words, slot, column, row)
 
 
 def _place_of_bit(word: Array, rank: Array, tiling: Tiling) -> Int[Array, " fragments"]:

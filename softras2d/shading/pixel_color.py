@@ -52,10 +52,9 @@ class Carried(NamedTuple):
 
 
 class Shaded(NamedTuple):
-    """Slots shaded at pixels: `[chunks, layers, pixels]`; colours `[chunks, layers, 3, pixels or
-    1]`.
+    """Shaded slots at the pixels of their tiles, `[chunks, layers, pixels]`.
 
-    `opacity` is coverage times alpha; colours are straight.
+    Colours are straight, `[chunks, layers, 3, pixels or 1]`; `opacity` is coverage times alpha.
     """
 
     opacity: Array
@@ -128,13 +127,13 @@ def _shade_texture(
         seen = None if own.inverse_w is None else (at, uv)
         return read_texture(skin, (across, down), own, texture, seen)
 
-    bent = materialized(in_space)(at, own.inverse_w)
+    space_weights = materialized(in_space)(at, own.inverse_w)
 
     def read(uv):
-        return read_at(skin, bent, own, texture, sides, uv)
+        return read_at(skin, space_weights, own, texture, sides, uv)
 
     def visit(total: Array, probe: Array) -> tuple[Array, None]:
-        return add_color(total, bent, own, texture, skin, read, probe=probe), None
+        return add_color(total, space_weights, own, texture, skin, read, probe=probe), None
 
     total = jnp.zeros((count_channels(own, skin), *at[0].shape), at[0].dtype)
     probes = jnp.arange(skin.filter.anisotropy, dtype=jnp.int32)

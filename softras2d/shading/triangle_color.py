@@ -1,11 +1,11 @@
-"""The colour of a triangle at a point: flat or interpolated, times a texture.
+"""Colour of a triangle at a point: flat or interpolated, times a texture.
 
-Arrays are `[lanes]` last: a lane is a triangle in a tile, or in a pixel of it. Colours are
-premultiplied, `[channels, lanes]`.
+The last axis of arrays is `[lanes]`: a lane is a triangle in a tile, or in a pixel of a tile.
+Colours are premultiplied, `[channels, lanes]`.
 
-With `inverse_w` q the weights of the corners become w_i q_i / sum w_j q_j, which is linear on the
-triangle in space. **Source:** Heckbert and Moreton, *Interpolation for Polygon Texture Mapping and
-Shading* (1991), section 4.
+With `inverse_w` q, the weights w_i of the corners become w_i q_i / sum w_j q_j, which are linear on
+the triangle in space. **Source:** Heckbert and Moreton, *Interpolation for Polygon Texture Mapping
+and Shading* (1991), section 4.
 """
 
 import functools
@@ -32,13 +32,13 @@ from ..texture.pyramid import TexturePyramid
 Held = TypeVar("Held")
 
 Corner3 = tuple[Array, Array, Array]
-"""A value of each corner."""
+"""One value per corner."""
 
 
 class Points(NamedTuple):
-    """Points in tiles, as sums over `count` samples of their columns and rows; None is one sample.
+    """Points in tiles, as sums of the columns and rows of `count` samples; None is one sample.
 
-    A sample, the centre of a pixel and a centroid are all exact integers.
+    Samples, centres of pixels and centroids are thus all exact integers.
     """
 
     count: Int[Array, "*points"] | None
@@ -47,9 +47,10 @@ class Points(NamedTuple):
 
 
 class Corners(NamedTuple):
-    """What the corners of triangles hold, turned to positive orientation; None: not in the scene.
+    """Vertex attributes at the corners of triangles, reoriented to positive orientation.
 
-    `[corners, channels, triangles]`, and `[3, triangles]` for `inverse_w`.
+    They are `[corners, channels, triangles]`, and `[3, triangles]` for `inverse_w`. None means that
+    the scene does not have the attribute.
     """
 
     color: Float[Array, "corners channels *lanes"]
@@ -58,7 +59,7 @@ class Corners(NamedTuple):
 
 
 class Skin(NamedTuple):
-    """Textures and how they are read; `texels` is `[channels, texels]`."""
+    """Textures and how they are sampled; `texels` is `[channels, texels]`."""
 
     pyramid: TexturePyramid
     texels: Float[Array, "channels texels"]
@@ -66,18 +67,18 @@ class Skin(NamedTuple):
 
     @classmethod
     def of(cls, pyramid: TexturePyramid | None, filter: Filter) -> "Skin | None":
-        """None without textures."""
+        """Make the skin of a pyramid, or None without textures."""
         if pyramid is None:
             return None
         return cls(pyramid, materialized(jnp.transpose)(pyramid.texels), filter)
 
 
 class Surface(NamedTuple):
-    """All that shading needs of the triangles.
+    """All data of the triangles that shading needs.
 
-    - `area`: twice their area, in units of the edge value.
-    - `texture`: its index, -1 for none; `skin`: the textures.
-    - `filter`: how they are sampled.
+    - `area`: twice the area of each triangle, in units of the edge value.
+    - `texture`: index of each triangle's texture, -1 for none; `skin`: the textures.
+    - `filter`: how textures are sampled.
     """
 
     edges: Edges
@@ -90,14 +91,15 @@ class Surface(NamedTuple):
 
     @property
     def channels(self) -> int:
-        """Four if any colour or texel can be translucent, else three."""
+        """Number of colour channels: four if any colour or texel can be translucent, else three."""
         return count_channels(self.corners, self.skin)
 
 
 class Reading(NamedTuple):
-    """How a texture is read: levels, and `count` probes along an axis.
+    """How a texture is sampled: mip levels, and `count` probes along an axis.
 
-    The axis is (u, v), 0..1 across the image; both are None for a single probe.
+    The axis is a vector (u, v), where 1 is the extent of the image. `count` and `axis` are None for
+    a single probe.
     """
 
     levels: Levels
@@ -106,7 +108,7 @@ class Reading(NamedTuple):
 
 
 class Lanes(NamedTuple):
-    """A surface seen from some lanes: every entry is `[..., lanes]`.
+    """The attributes of a surface gathered per lane: every entry is `[..., lanes]`.
 
     `reading` is None where it differs from point to point, or where there is no texture.
     """
@@ -125,20 +127,20 @@ def surface_of(
     pyramid: TexturePyramid | None,
     filter: Filter,
 ) -> Surface:
-    """What shading needs of the triangles."""
+    """Collect the data of the triangles that shading needs."""
     area = materialized(lambda edges: twice_area(edges, corners.color.dtype))(edges)
     return Surface(edges, area, planes, corners, texture, Skin.of(pyramid, filter), filter)
 
 
 def count_channels(corners: Corners, skin: Skin | None) -> int:
-    """Of shaded colours."""
+    """Number of channels of the shaded colours."""
     return max(corners.color.shape[1], 3 if skin is None else skin.texels.shape[0])
 
 
 def view(
     surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
 ) -> Lanes:
-    """The surface seen from lanes."""
+    """Gather the attributes of a surface for lanes of triangles and tiles."""
 
     @materialized
     def weigh(surface, triangle, tile):
@@ -155,20 +157,21 @@ def view(
 
 
 def pick_lanes(held: Held, lane: Int[Array, " lanes"]) -> Held:
-    """Entries `[..., lanes]` of some of the lanes, a lane often."""
+    """Gather entries `[..., lanes]` of some lanes; a lane may occur several times."""
 
     @materialized
-    def pick(held, lane):
-        def one(entry):
-            # From one axis: a gather along one of two stores what it found transposed.
+    def gather(tree, lane):
+        def gather_entry(entry):
+            # The gather is along a single flat axis: XLA stores the result of a gather along one of
+            # two axes transposed.
             rows, lanes = entry.size // entry.shape[-1], entry.shape[-1]
-            place = jnp.arange(rows, dtype=jnp.int32)[:, None] * lanes + lane[None]
-            found = entry.reshape(-1).at[place].get(mode="promise_in_bounds")
-            return found.reshape(*entry.shape[:-1], -1)
+            index = jnp.arange(rows, dtype=jnp.int32)[:, None] * lanes + lane[None]
+            gathered = entry.reshape(-1).at[index].get(mode="promise_in_bounds")
+            return gathered.reshape(*entry.shape[:-1], -1)
 
-        return jax.tree.map(one, held)
+        return jax.tree.map(gather_entry, tree)
 
-    return pick(held, lane)
+    return gather(held, lane)
 
 
 def add_shade(
@@ -181,10 +184,11 @@ def add_shade(
     shown: Bool[Array, " lanes"] | None = None,
     probe: Int[Array, ""] | int = 0,
 ) -> Float[Array, "channels lanes"]:
-    """`total` and the premultiplied colour of each lane's triangle at a point, where `shown`.
+    """Add the premultiplied colour of each lane's triangle at a point to `total`, where `shown`.
 
-    `surface.channels` of them. Of several probes, it is the share of one: sum over `probe` in
-    `0..filter.anisotropy - 1`. Added here, since what is read of the texture is then not stored.
+    There are `surface.channels` channels. With several probes the colour is the contribution of one
+    of them; the caller adds those of `probe` in `0..filter.anisotropy - 1`. The addition happens
+    here so that the texels read are not stored.
     """
     at = materialized(_weights_at)(lanes.weights, lanes.corners.inverse_w, points)
     read = read_on_lanes(surface, lanes, at, tiling)
@@ -196,7 +200,10 @@ def add_shade(
 def read_on_lanes(
     surface: Surface, lanes: Lanes, at: Corner3, tiling: Tiling
 ) -> Callable[[Array], Reading | None]:
-    """How the texture is read, as a function of (u, v), where the corners have the weights `at`."""
+    """Make the function from (u, v) to how the texture is sampled there.
+
+    `at` has the weights of the corners at the points.
+    """
 
     def read(uv: Array) -> Reading | None:
         if lanes.reading is not None or surface.skin is None:
@@ -218,9 +225,10 @@ def add_color(
     shown: Bool[Array, "*points"] | None = None,
     probe: Int[Array, ""] | int = 0,
 ) -> Float[Array, "channels *points"]:
-    """The same from the weights of the corners `at` each point, where those are known.
+    """Add the premultiplied colour to `total`, from the weights `at` of the corners at each point.
 
-    `read`: from (u, v), how the texture is read there.
+    `read` gives, for (u, v), how the texture is sampled there. The other arguments are those of
+    `add_shade`.
     """
 
     def add(total, shown, color):
@@ -250,7 +258,10 @@ def add_color(
 def shade(
     surface: Surface, lanes: Lanes, points: Points, tiling: Tiling
 ) -> Float[Array, "channels lanes"]:
-    """Premultiplied colour at a point; backwards, each probe is computed again rather than kept."""
+    """Compute the premultiplied colour at a point, over all probes.
+
+    The vjp computes each probe again instead of storing it.
+    """
 
     def visit(total: Array, probe: Array) -> tuple[Array, None]:
         return add_shade(total, surface, lanes, points, tiling, probe=probe), None
@@ -274,21 +285,24 @@ def _weights_at(weights: Weights, inverse_w: Array | None, points: Points) -> Co
 
 
 def in_space(weights: Corner3, inverse_w: Array | None) -> Corner3:
-    """From weights on the screen to those on the triangle in space."""
+    """Convert weights on the screen to weights on the triangle in space."""
     first, second, third = weights
     if inverse_w is None:
         return weights
     first, second, third = first * inverse_w[0], second * inverse_w[1], third * inverse_w[2]
     total = first + second + third
-    # Inside it is no less than the least of q. Far outside, where no sample shows but all are
-    # evaluated, it comes to zero and would send infinities back.
+    # Inside the triangle the total is no less than the least q. Far outside, where no sample is
+    # visible but all are evaluated, it can reach zero and the gradients would be infinite.
     floor = 0.5 * jnp.min(jax.lax.stop_gradient(inverse_w), 0)
     total = jnp.where(total < floor, floor, total)
     return safe.divide(first, total), safe.divide(second, total), safe.divide(third, total)
 
 
 def mix(weights: Corner3, corners: Array) -> Float[Array, "channels *lanes"]:
-    """Values of corners `[1 or 3, channels, lanes]` at points; a single corner as it is."""
+    """Interpolate values of corners `[1 or 3, channels, lanes]` with the weights.
+
+    A single corner is returned as it is.
+    """
     if corners.shape[0] == 1:
         return corners[0]
     mixed = corners[0]
@@ -314,7 +328,7 @@ def _read_lanes(
 
 
 Step = tuple[Array, Array]
-"""How much the weights of corners 1 and 2 on the screen change from pixel to pixel."""
+"""Change of the weights of corners 1 and 2 on the screen from pixel to pixel."""
 
 
 def read_texture(
@@ -324,24 +338,27 @@ def read_texture(
     texture: Array | None,
     seen: tuple[Corner3, Array] | None,
 ) -> Reading:
-    """How the texture is read; `steps` are along x and y, and `seen` is the corners' weights and
-    (u, v) where the map is not affine."""
+    """Choose mip levels and probes from the derivative of (u, v) by the position on the screen.
+
+    `steps` are along x and y. `seen` has the weights of the corners and (u, v) at each point, where
+    the map to the texture is not affine.
+    """
     assert texture is not None
     table = skin.pyramid.levels
     base = table[:, 0].at[texture].get(mode="clip")
     x, y = (_change(step, corners, seen) for step in steps)
     tall, wide = base[..., 1].astype(x.dtype), base[..., 2].astype(x.dtype)
-    found = probes(Footprint(x[0] * wide, x[1] * tall, y[0] * wide, y[1] * tall), skin.filter)
-    texture = jnp.broadcast_to(texture, found.level.shape)
-    levels = choose_levels(found.level, texture, table, skin.filter.level)
-    if found.axis_u is None or found.axis_v is None:
+    chosen = probes(Footprint(x[0] * wide, x[1] * tall, y[0] * wide, y[1] * tall), skin.filter)
+    texture = jnp.broadcast_to(texture, chosen.level.shape)
+    levels = choose_levels(chosen.level, texture, table, skin.filter.level)
+    if chosen.axis_u is None or chosen.axis_v is None:
         return Reading(levels)
-    axis = jnp.stack([found.axis_u / wide, found.axis_v / tall])
-    return Reading(levels, found.count, axis)
+    axis = jnp.stack([chosen.axis_u / wide, chosen.axis_v / tall])
+    return Reading(levels, chosen.count, axis)
 
 
 def _steps(weights: Weights, axis: int, tiling: Tiling) -> Step:
-    """Along x (0) or y (1)."""
+    """Compute the change of the weights for a step of one pixel along x (axis 0) or y (axis 1)."""
     steps = weights.edges.right if axis == 0 else weights.edges.down
     step = steps.astype(weights.per_value.dtype) * weights.per_value[None]
     if weights.plane is not None and weights.is_far is not None:
@@ -355,8 +372,8 @@ def _change(
 ) -> Float[Array, "2 *lanes"]:
     """Derivative of (u, v) for a step of one pixel.
 
-    Of a quotient u = U / Q it is (U' - u Q') / Q, and the sums over the corners are taken of
-    w_i' q_i (u_i - u), in which no large numbers cancel.
+    The derivative of a quotient u = U / Q is (U' - u Q') / Q. The sums over the corners are taken
+    of w_i' q_i (u_i - u), in which no large numbers cancel.
     """
     assert corners.uv is not None
     second, third = step
@@ -373,7 +390,7 @@ def _change(
 
 
 def _probe(uv: Array, reading: Reading, probe: Array) -> tuple[Array, Array | None]:
-    """Where a probe reads, and its share of the mean; None is all of it."""
+    """Compute where a probe reads, and its weight in the mean; None is a weight of 1."""
     count, axis = reading.count, reading.axis
     if count is None or axis is None:
         return uv, None
@@ -381,15 +398,18 @@ def _probe(uv: Array, reading: Reading, probe: Array) -> tuple[Array, Array | No
     @materialized
     def move(uv, count, axis, probe):
         number = probe.astype(uv.dtype).reshape((1,) * count.ndim)
-        taken = number < count
-        part = jnp.where(taken, (number + 0.5) / count - 0.5, 0.0)
-        return uv + part[None] * axis, jnp.where(taken, 1.0 / count, 0.0)
+        is_used = number < count
+        offset = jnp.where(is_used, (number + 0.5) / count - 0.5, 0.0)
+        return uv + offset[None] * axis, jnp.where(is_used, 1.0 / count, 0.0)
 
     return move(uv, count, axis, probe)
 
 
 def _tint(color: Array, texel: Array, texture: Array, share: Array | None) -> Array:
-    """Premultiplied texel times straight colour; without a texture, the colour alone."""
+    """Multiply a premultiplied texel by a straight colour.
+
+    Where there is no texture, the result is the premultiplied colour.
+    """
     texel = jnp.where((texture < 0)[None], 1.0, texel)
     if color.shape[0] == 4 and texel.shape[0] == 3:
         texel = jnp.concatenate([texel, jnp.ones_like(texel[:1])])

@@ -1,7 +1,8 @@
-"""A texture at a point: the nearest texel, or the bilinear mix of four, in one level or two.
+"""Read a texture at a point: the nearest texel or the bilinear mix of four, in one level or two.
 
-**Slopes** with respect to u and v are those of the bilinear mix; on a texel's centre, where it
-bends, the one to the right, and on a clamped border the one from inside. `"nearest"` has none.
+**Gradients** with respect to u and v are those of the bilinear mix. At a texel's centre, where the
+mix has a kink, the gradient is that of the right side. On a clamped border it is that of the
+inside. `"nearest"` has zero gradient.
 """
 
 import functools
@@ -16,7 +17,7 @@ from .level_of_detail import Level, Levels
 
 
 class Lookup(NamedTuple):
-    """How texels are addressed: the static half of a pyramid and of a `Filter`."""
+    """Addressing of texels: the static settings of a pyramid and of a `Filter`."""
 
     pixel: str
     border: str
@@ -26,8 +27,8 @@ class Lookup(NamedTuple):
 class Taps(NamedTuple):
     """Texels on both sides of a point along u and v, `[2, *points]`.
 
-    The texel (near, far) is number `near[0] + far[1]`. `part` is the weight of `far`; `"nearest"`
-    has neither.
+    The texel (near, far) has the index `near[0] + far[1]`. `part` is the weight of `far`. With
+    `"nearest"`, `far` and `part` are None.
     """
 
     near: Int[Array, "2 *points"]
@@ -36,7 +37,7 @@ class Taps(NamedTuple):
 
 
 class LevelTaps(NamedTuple):
-    """Taps in the level that is read; or in two, of which `coarse` has the weight `fraction`."""
+    """Taps in one level, or in two levels, of which `coarse` has the weight `fraction`."""
 
     fine: Taps
     coarse: Taps | None = None
@@ -44,7 +45,7 @@ class LevelTaps(NamedTuple):
 
 
 def tap_levels(levels: Levels, uv: Float[Array, "2 *points"], lookup: Lookup) -> LevelTaps:
-    """What is read at `uv`."""
+    """Compute the taps at `uv` in the chosen levels."""
     taps = materialized(functools.partial(_taps, lookup=lookup))
     fine = taps(levels.fine, uv)
     if levels.coarse is None:
@@ -55,7 +56,7 @@ def tap_levels(levels: Levels, uv: Float[Array, "2 *points"], lookup: Lookup) ->
 def read_levels(
     texels: Float[Array, "channels texels"], taps: LevelTaps
 ) -> Float[Array, "channels *points"]:
-    """The filtered texture."""
+    """Gather the texels of the taps and mix them."""
     fine = _read(texels, taps.fine)
     if taps.coarse is None or taps.fraction is None:
         return fine
@@ -67,8 +68,9 @@ def _read(texels: Array, taps: Taps) -> Array:
     first = jnp.arange(channels, dtype=jnp.int32).reshape(-1, *(1,) * (taps.near.ndim - 1)) * count
 
     def at(u: Array, v: Array) -> Array:
-        # Indices are in range for finite points; a NaN must not read beyond. From one axis: a
-        # gather along one of two stores what it found transposed.
+        # Indices are in range for finite points; the clamp keeps a NaN from reading beyond. The
+        # gather is along a single flat axis: XLA stores the result of a gather along one of two
+        # axes transposed.
         return texels.reshape(-1).at[first + (u[0] + v[1])[None]].get(mode="clip")
 
     near, far, part = taps
@@ -81,7 +83,7 @@ def _read(texels: Array, taps: Taps) -> Array:
 
 
 def _taps(level: Level, uv: Array, lookup: Lookup) -> Taps:
-    # Both axes by one formula: half the kernels, and none that joins two.
+    # Both axes use one formula: this halves the number of kernels, and needs none to join them.
     along_v = jax.lax.broadcasted_iota(jnp.int32, uv.shape, 0) == 1
 
     def by_axis(of_u: Array | int, of_v: Array) -> Array:
@@ -90,27 +92,27 @@ def _taps(level: Level, uv: Array, lookup: Lookup) -> Taps:
     size = by_axis(level.width, level.height)
     stride, offset = by_axis(1, level.width), by_axis(0, level.offset)
     last = size - 1
-    place = _place(uv, size, lookup)
+    position = _place(uv, size, lookup)
     if lookup.pixel == "nearest":
-        texel = jnp.clip(jnp.floor(place + 0.5), 0.0, last.astype(uv.dtype)).astype(jnp.int32)
+        texel = jnp.clip(jnp.floor(position + 0.5), 0.0, last.astype(uv.dtype)).astype(jnp.int32)
         return Taps(texel * stride + offset)
     if lookup.border == "repeat" and lookup.addressing == "half_texel":
-        first = jnp.floor(place)
+        first = jnp.floor(position)
         texel = first.astype(jnp.int32)
         after = jnp.where(texel >= last, 0, texel + 1)
         texel = jnp.where(texel < 0, last, texel)
-        return Taps(texel * stride + offset, after * stride + offset, place - first)
-    end = last.astype(uv.dtype)
-    inside = (place >= 0) & (place <= end)
-    place = jnp.where(inside, place, jnp.where(place > 0, end, 0.0))
-    first = jnp.clip(jnp.floor(place), 0.0, jnp.maximum(end - 1.0, 0.0))
+        return Taps(texel * stride + offset, after * stride + offset, position - first)
+    last_position = last.astype(uv.dtype)
+    inside = (position >= 0) & (position <= last_position)
+    position = jnp.where(inside, position, jnp.where(position > 0, last_position, 0.0))
+    first = jnp.clip(jnp.floor(position), 0.0, jnp.maximum(last_position - 1.0, 0.0))
     texel = first.astype(jnp.int32)
     after = jnp.minimum(texel + 1, last)
-    return Taps(texel * stride + offset, after * stride + offset, place - first)
+    return Taps(texel * stride + offset, after * stride + offset, position - first)
 
 
 def _place(uv: Array, size: Array, lookup: Lookup) -> Array:
-    """Where a coordinate lies among the texels of its axis, with texel i at i."""
+    """Convert a coordinate to a position among the texels of its axis, where texel i is at i."""
     if lookup.border == "repeat":
         uv = uv - jnp.floor(uv)
     if lookup.addressing == "corners":

@@ -1,7 +1,7 @@
-"""Which mip level a sample reads, from the footprint of a pixel on the texture.
+"""Choose the mip level that a sample reads, from the footprint of a pixel on the texture.
 
 The footprint is the Jacobian of the map from the screen to the texture, in texels of the base level
-for a step of one pixel, however many samples a pixel has.
+for a step of one pixel, whatever the number of samples per pixel.
 
 **Source:** Williams, *Pyramidal Parametrics* (SIGGRAPH 1983), for the pyramid; Heckbert, *Survey of
 Texture Mapping* (IEEE CG&A 6(11), 1986), for the choice of a level by the longer side; McCormack et
@@ -18,17 +18,17 @@ from ..numerics import safe
 from ..options import Filter
 
 _POINT = 2.0**-60
-"""Texels squared: a footprint below this is a point, with level 0 and slope 0."""
+"""Squared texels below which a footprint is a point, with level 0 and zero gradient."""
 
 _LARGE = 2.0**24
-"""Texels a pixel, beyond which a footprint is held, with slope 0."""
+"""Texels per pixel at which the entries of a footprint are clamped, with zero gradient beyond."""
 
 _ROUNDING = 2.0**-10
-"""Ratios of the axes this little over a whole number get no further probe."""
+"""Tolerance by which the ratio of the axes may exceed a whole number without a further probe."""
 
 
 class Footprint(NamedTuple):
-    """Base texels along u and v for one pixel step along x and along y."""
+    """Base texels along u and v for a step of one pixel along x and along y."""
 
     u_x: Float[Array, "*points"]
     v_x: Float[Array, "*points"]
@@ -37,11 +37,11 @@ class Footprint(NamedTuple):
 
 
 class Probes(NamedTuple):
-    """How a footprint is read.
+    """Level and probes with which a footprint is read.
 
-    - `level`: of detail, bias included; not clipped.
-    - `count`: probes spread evenly over the major axis; None is one probe.
-    - `axis_u`, `axis_v`: the major axis in base texels; None is one probe.
+    - `level`: the level of detail, including the bias; not clamped.
+    - `count`: the number of probes, evenly spread over the major axis; None is one probe.
+    - `axis_u`, `axis_v`: the major axis in base texels; None for one probe.
     """
 
     level: Float[Array, "*points"]
@@ -51,8 +51,8 @@ class Probes(NamedTuple):
 
 
 def probes(footprint: Footprint, filter: Filter) -> Probes:
-    """Level and probes of a footprint, as `filter` asks."""
-    # Fourth powers stay finite; no texture is as large.
+    """Compute level and probes of a footprint, as `filter` says."""
+    # With this bound fourth powers stay finite; no texture is as large.
     u_x, v_x, u_y, v_y = (jnp.clip(entry, -_LARGE, _LARGE) for entry in footprint)
     across, down = u_x * u_x + v_x * v_x, u_y * u_y + v_y * v_y
     bias = jnp.asarray(filter.lod_bias).astype(u_x.dtype)
@@ -66,13 +66,13 @@ def probes(footprint: Footprint, filter: Filter) -> Probes:
     radius = safe.sqrt(half * half + uv * uv)
     longer = mean + radius
     area = u_x * v_y - u_y * v_x
-    # Longer over shorter is longer^2 over the area; a needle has all the probes that there are. A
-    # rounding must not give a circle two.
+    # The ratio of the axes is the squared longer one over the area. A needle gets the maximum
+    # number of probes. A rounding must not give a circle two.
     most = float(filter.anisotropy)
     ratio = longer / jnp.maximum(jnp.abs(area), longer * (0.5 / most) + _POINT)
     count = jnp.clip(jnp.ceil(ratio - _ROUNDING), 1.0, most)
     level = _half_log2(longer) - jnp.log2(count) + bias
-    # Of the two forms of the eigenvector, the one in which nothing cancels.
+    # Of the two forms of the eigenvector, this takes the one without cancellation.
     flat = half >= 0
     axis_u, axis_v = jnp.where(flat, radius + half, uv), jnp.where(flat, uv, radius - half)
     norm = safe.sqrt(axis_u * axis_u + axis_v * axis_v)
@@ -81,13 +81,16 @@ def probes(footprint: Footprint, filter: Filter) -> Probes:
 
 
 def _half_log2(square: Float[Array, "*points"]) -> Float[Array, "*points"]:
-    """log2 of the root; for a point a large negative constant, with slope zero."""
+    """Compute log2 of the square root.
+
+    For a point it is a large negative constant, with zero gradient.
+    """
     extended = square > _POINT
     return jnp.where(extended, 0.5 * jnp.log2(jnp.where(extended, square, 1.0)), -1e4)
 
 
 class Level(NamedTuple):
-    """A level's texels, row after row from `offset`."""
+    """Texels of a mip level, row after row from `offset`."""
 
     offset: Int[Array, "*points"]
     height: Int[Array, "*points"]
@@ -95,7 +98,7 @@ class Level(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """The level that is read; or two, of which `coarse` has the weight `fraction`."""
+    """The one level that is read, or two, of which `coarse` has the weight `fraction`."""
 
     fine: Level
     coarse: Level | None = None
@@ -108,9 +111,9 @@ def choose_levels(
     table: Int[Array, "textures levels 3"],
     rule: str,
 ) -> Levels:
-    """The levels for a level of detail, by `Filter.level`; clipped to those that there are.
+    """Choose the levels for a level of detail by `Filter.level`, clamped to the existing levels.
 
-    Where it is clipped its slope is zero; `"nearest"` rounds halves up.
+    Where it is clamped the gradient is zero. `"nearest"` rounds halves up.
     """
     last = table.shape[1] - 1
 

@@ -18,12 +18,13 @@ from ..numerics.device import to_device, to_host
 class TexturePyramid(eqx.Module):
     """Textures and their box-filtered halvings, down to one texel.
 
-    - `texels`: RGB or premultiplied RGBA, level after level, row after row; 4/3 of the bases.
-    - `levels`: per texture and level the offset of its first texel, its height and its width;
+    - `texels`: RGB or premultiplied RGBA, level after level, row after row; about 4/3 of the size
+      of the base levels.
+    - `levels`: for each texture and level, the offset of its first texel, its height and its width;
       a texture with fewer levels repeats its last.
-    - `border`: beyond 0..1, `"clamp"` holds the border texel and `"repeat"` tiles.
-    - `addressing`: `"half_texel"` puts texel i at (i + 0.5) / width, `"corners"` at
-      i / (width - 1).
+    - `border`: beyond 0..1, `"clamp"` repeats the border texel and `"repeat"` tiles the texture.
+    - `addressing`: `"half_texel"` puts texel i at (i + 0.5) / width, `"corners"` at i / (width -
+      1).
     """
 
     texels: Float[Array, "texels channels"]
@@ -33,17 +34,17 @@ class TexturePyramid(eqx.Module):
 
     @property
     def count(self) -> int:
-        """How many textures."""
+        """Number of textures."""
         return self.levels.shape[-3]
 
     @property
     def depth(self) -> int:
-        """Levels of the largest texture."""
+        """Number of levels of the largest texture."""
         return self.levels.shape[-2]
 
     @property
     def channels(self) -> int:
-        """Three, or four if any texture has alpha."""
+        """Number of channels: three, or four if any texture has alpha."""
         return self.texels.shape[-1]
 
     @staticmethod
@@ -53,15 +54,18 @@ class TexturePyramid(eqx.Module):
         addressing: TextureAddressing = "half_texel",
         linear: bool = False,
     ) -> "TexturePyramid":
-        """The pyramids of `images`, each `[height, width, 3 or 4]` in 0..1, of any sizes.
+        """Build the pyramids of `images`, each `[height, width, 3 or 4]` in 0..1, of any sizes.
 
-        Alpha is straight in the images. Texels are premultiplied by it before any is averaged, so
-        that a transparent texel lends its neighbours no colour.
-        `linear=True` says that the images hold sRGB and that texels shall be linear light: colour
-        channels are decoded once, before the levels are averaged. Images of three channels get
-        alpha one where others have four. Half-precision images become float32. Differentiable in
-        the images. Raises `ValueError` for an image without texels or of integers above 1, and
-        warns of images that look like bytes (0..255).
+        Alpha is straight in the images. Texels are premultiplied by it before averaging, so that
+        transparent texels do not bleed colour into their neighbours.
+
+        `linear=True` means that the images are sRGB and the texels shall be linear: colour channels
+        are decoded once, before the levels are averaged. If some images have alpha, images of three
+        channels get alpha 1. Half-precision images become float32. The result is differentiable in
+        the images.
+
+        Raises `ValueError` for an image without texels or of integers above 1, for no images, and
+        for an unknown `border` or `addressing`. Warns of images that look like bytes (0..255).
         """
         if border not in ("clamp", "repeat") or addressing not in ("half_texel", "corners"):
             raise ValueError(f"no such `border` or `addressing`: {border!r}, {addressing!r}.")
@@ -91,7 +95,7 @@ class TexturePyramid(eqx.Module):
 
 
 def _image(image: Any, index: int) -> Any:
-    """A float image; concrete ones stay in numpy, where small steps cost no compilation."""
+    """Convert an image to floats; concrete ones stay in NumPy, where nothing is compiled."""
     image = to_host(image)
     if image.ndim != 3 or image.shape[-1] not in (3, 4) or 0 in image.shape:
         raise ValueError(
@@ -102,7 +106,7 @@ def _image(image: Any, index: int) -> Any:
             raise ValueError(f"texture {index} must hold floats in 0..1; got {image.dtype}.")
         check_whole_colors(f"texture {index}", image)
         return image.astype(np.float32)
-    # Sums over levels do not fit half precision.
+    # Half precision is not enough for the averages of the levels.
     return image if image.dtype in (np.float32, np.float64) else image.astype(np.float32)
 
 
@@ -128,10 +132,10 @@ def _chain(base: Any) -> list[Any]:
 
 
 def _halve(image: Any, axis: int) -> Any:
-    """Box filter to half the size, rounded down; the mean is kept on odd sizes too.
+    """Box-filter an axis to half its size, rounded down; the mean is preserved on odd sizes too.
 
-    An odd axis of 2m + 1 texels gives m, each the average over (2m + 1) / m of them: texel i takes
-    2i, 2i + 1, 2i + 2 with weights (m - i, m, i + 1) / (2m + 1).
+    An odd axis of 2m + 1 texels gives m texels, each the average over (2m + 1) / m texels: texel i
+    takes 2i, 2i + 1, 2i + 2 with weights (m - i, m, i + 1) / (2m + 1).
 
     **Source:** Guthe and Heckbert, *Non-power-of-two mipmap creation* (NVIDIA, 2005).
     """
