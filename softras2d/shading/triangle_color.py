@@ -95,7 +95,7 @@ class Surface(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """How a texture is sampled: mip levels, and `count` probes along an axis.
+    """Mip levels from which a texture is sampled, and `count` probes along an axis.
 
     The axis is a vector (u, v), where 1 is the extent of the image. `count` and `axis` are None for
     a single probe.
@@ -420,6 +420,7 @@ def _tint(color: Array, texel: Array, texture: Array, share: Array | None) -> Ar
 
 
 def _premultiply(color: Float[Array, "channels lanes"]) -> Array:
+    """Multiply RGB by alpha; opaque colours of three channels are returned as they are."""
     if color.shape[0] == 3:
         return color
     return jnp.concatenate([color[:3] * color[3:], color[3:]])
