@@ -38,6 +38,7 @@ def choose_side(scenes: Sequence[np.ndarray], grid: Grid, reach: float) -> int:
 
 
 def _work(corners: np.ndarray, grid: Grid, reach: float, side: int) -> float:
+    """Estimate the work of a scene with tiles of this side, in pixels computed."""
     area, perimeter = _size(corners, grid, reach)
     tiles = area / side**2 + 2.0 / np.pi * perimeter / side + 1.0
     return float(np.sum(tiles) * (side**2 + _SLOT))

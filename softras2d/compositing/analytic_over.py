@@ -39,8 +39,8 @@ def composite(
 ) -> Float[Array, "4 tiles pixels"]:
     """Compute the premultiplied colour and alpha of each pixel, without background.
 
-    Opacity is coverage times alpha, 0 in slots that are not filled. `max_chunks` is an upper bound on
-    the number of chunks of a tile.
+    Opacity is coverage times alpha, 0 in empty slots. `max_chunks` is an upper bound on the number
+    of chunks of a tile.
     """
     return _composite(max_chunks, opacity, colors, chunks)
 

@@ -96,6 +96,7 @@ def _shade_pixels(
 
 
 def _add_to_pixels(total: Array, tile: Array, fragments: Fragments, tiling: Tiling) -> Array:
+    """Add the colours of the fragments to their pixels, in the packed layout of `Fields`."""
     packing = Fields.of(tiling.grid.rate)
     places = packing.words * tiling.height
     shape = (tiling.count, packing.count, places)

@@ -186,6 +186,7 @@ def _swept(edge: Edge, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def _push(outline: Outline, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
+    """Compute the jvp: the area that the moving edges sweep in each pixel."""
     total = jnp.zeros_like(x + y)
     for k, edge in enumerate(outline):
         begin, end = (
@@ -198,6 +199,8 @@ def _push(outline: Outline, parameter: Any, velocity: Six, x: Any, y: Any) -> An
 
 
 def _pull(outline: Outline, parameter: Any, weight: Any) -> Six:
+    """Compute the vjp: the transpose of `_push`, summed along each edge."""
+
     def weighed(edge, x, y, weight):
         return [field * weight for field in _swept(edge, x, y)]
 

@@ -54,6 +54,7 @@ class _Centroid(NamedTuple):
 
 
 def _centroid(shape: Shape, x: Any, y: Any) -> _Centroid:
+    """Compute area and centroid in each pixel by Green's theorem, edge by edge."""
     area, across, down = (jnp.zeros_like(x + y) for _ in range(3))
     for edge in shape.outline:
         top, bottom, start, end = spans(edge, x, y)
@@ -82,6 +83,7 @@ def _centroid(shape: Shape, x: Any, y: Any) -> _Centroid:
 
 
 def _weights(shape: Shape, centroid: _Centroid, x: Any, y: Any) -> tuple[Any, Any, Any]:
+    """Weights of the three corners at the centroid, clamped to 0..1."""
     x, y = x - 0.5 + centroid.x, y - 0.5 + centroid.y
     weights = []
     for k in range(3):

@@ -143,6 +143,7 @@ def _test(depth: Array, least: Array, fresh: Array, words: Array) -> Bool[Array,
 
 
 def _pack(passed: Bool[Array, "columns lines"]) -> UInt32[Array, " lines"]:
+    """Pack the results of a line's samples into a word; sample i is bit i."""
     word = jnp.zeros(passed.shape[1], jnp.uint32)
     for i, bit in enumerate(passed):
         word = word | (bit.astype(jnp.uint32) << jnp.uint32(i))
@@ -150,4 +151,5 @@ def _pack(passed: Bool[Array, "columns lines"]) -> UInt32[Array, " lines"]:
 
 
 def _write(least: Array, fresh: Array, depth: Array, passed: Array) -> Array:
+    """Update the least depth with the depth of the samples that passed."""
     return jnp.where(passed, depth, jnp.where(fresh, jnp.inf, least))

@@ -110,11 +110,13 @@ def side_weights(found: Nearest) -> tuple[Any, Any, Any]:
 
 
 def _length(found: Nearest) -> Any:
+    """Distance of x from the boundary, with zero gradient on it."""
     positive = found.square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, found.square, 1.0)), 0.0)
 
 
 def _distance(found: Nearest) -> Any:
+    """Signed distance of x from the boundary, positive inside."""
     length = _length(found)
     return jnp.where(found.inside, length, -length)
 
@@ -144,6 +146,7 @@ direction. So its weight falls linearly below `_DIRECTED`, and is zero within `R
 
 
 def _directed(distance: Any) -> Any:
+    """Weight of the direction at a distance from a corner or segment, see `_DIRECTED`."""
     return jnp.clip((distance - ROUNDING) * (1.0 / (_DIRECTED - ROUNDING)), 0.0, 1.0)
 
 

@@ -96,7 +96,7 @@ class Surface(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """How a texture is sampled: mip levels, and `count` probes along an axis.
+    """Mip levels from which a texture is sampled, and `count` probes along an axis.
 
     The axis is a vector (u, v), where 1 is the extent of the image. `count` and `axis` are None for
     a single probe.

@@ -64,6 +64,7 @@ def read_levels(
 
 
 def _read(texels: Array, taps: Taps) -> Array:
+    """Gather the texels of the taps and mix them in one level."""
     channels, count = texels.shape
     first = jnp.arange(channels, dtype=jnp.int32).reshape(-1, *(1,) * (taps.near.ndim - 1)) * count
 
@@ -84,6 +85,7 @@ def _read(texels: Array, taps: Taps) -> Array:
 
 def _taps(level: Level, uv: Array, lookup: Lookup) -> Taps:
     # Both axes use one formula: this halves the number of kernels, and needs none to join them.
+    """Compute the taps in one level, with the border and addressing of `lookup`."""
     along_v = jax.lax.broadcasted_iota(jnp.int32, uv.shape, 0) == 1
 
     def by_axis(of_u: Array | int, of_v: Array) -> Array:

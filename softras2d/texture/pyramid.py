@@ -125,6 +125,7 @@ def _with_channels(image: Any, channels: int) -> Any:
 
 
 def _chain(base: Any) -> list[Any]:
+    """Halve an image until one texel is left; the first level is the image itself."""
     chain = [base]
     while max(chain[-1].shape[:2]) > 1:
         chain.append(_halve(_halve(chain[-1], 0), 1))
