@@ -16,7 +16,8 @@ from ..binning.lists import Chunks
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.fragments import Fragments, pick_bits, sample_points, shading_points
-from ..shading.triangle_color import Lanes, Points, Surface, add_shade, pick_lanes, shade, view
+from ..shading.surface import Lanes, Points, Surface, pick_lanes
+from ..shading.triangle_color import add_shade, shade, view
 from .opaque import Fields
 
 

@@ -29,7 +29,8 @@ from ..geometry.barycentric import slot_weights, weight_sums
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.fragments import Fragments, shading_points
-from ..shading.triangle_color import Lanes, Points, Surface, pick_lanes, shade, view
+from ..shading.surface import Lanes, Points, Surface, pick_lanes
+from ..shading.triangle_color import shade, view
 
 
 class Layers(NamedTuple):

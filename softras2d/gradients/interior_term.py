@@ -21,7 +21,7 @@ from ..geometry.fixed_point import Edges, Grid
 from ..geometry.guard_band import WeightPlanes
 from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
-from ..shading.triangle_color import Corners
+from ..shading.surface import Corners
 
 
 def weight_gradients(

@@ -16,7 +16,7 @@ from ..binning.tiles import TileLists
 from ..coverage.depth_test import Depths, depth_at
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from ..shading.triangle_color import Surface
+from ..shading.surface import Surface
 from .crossings import Sample
 from .visible_front import address, color_at
 

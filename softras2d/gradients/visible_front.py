@@ -10,15 +10,8 @@ from ..binning.lists import Chunks
 from ..coverage.depth_test import Depths
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from ..shading.triangle_color import (
-    Points,
-    Surface,
-    add_color,
-    in_space,
-    read_on_lanes,
-    shade,
-    view,
-)
+from ..shading.surface import Points, Surface
+from ..shading.triangle_color import add_color, in_space, read_on_lanes, shade, view
 from .crossings import Sample
 
 

@@ -32,7 +32,7 @@ from ..planning.effects import is_occluder, varies
 from ..planning.plan import Plan
 from ..scene import Scene
 from ..shading.pixel_color import Carried, Shaded, shade_slots
-from ..shading.triangle_color import Corners, Skin
+from ..shading.surface import Corners, Skin
 from .coverage_mode import CoverageMode, Drawn, Layout
 
 _FARTHEST = 2.0**30

@@ -33,7 +33,7 @@ from ..planning.effects import EFFECTS, is_occluder, is_shaded, is_translucent, 
 from ..planning.plan import Plan
 from ..scene import Scene
 from ..shading.fragments import cut_fragments
-from ..shading.triangle_color import Corners, Surface, surface_of
+from ..shading.surface import Corners, Surface, surface_of
 from .coverage_mode import CoverageMode, Drawn, Layout
 
 

@@ -15,7 +15,7 @@ from ..geometry.barycentric import Weights
 from ..geometry.fixed_point import Edge, Edges
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from .triangle_color import Points, pick_lanes
+from .surface import Points, pick_lanes
 
 
 class Fragments(NamedTuple):

@@ -16,16 +16,8 @@ from ..binning.lists import Chunks
 from ..coverage.analytic import Measure, cover
 from ..coverage.edge_lines import Sides
 from ..numerics.fusion_barrier import materialized
-from .triangle_color import (
-    Corner3,
-    Corners,
-    Skin,
-    add_color,
-    count_channels,
-    in_space,
-    mix,
-    read_texture,
-)
+from .surface import Corner3, Corners, Skin, count_channels
+from .triangle_color import add_color, in_space, mix, read_texture
 
 _CLEAR = 2.0**-24
 """Lower bound on the alpha by which a premultiplied texel is divided."""

@@ -1,0 +1,144 @@
+"""Triangles as shading sees them: their corner attributes, textures, and views of some of them.
+
+A *surface* holds what all triangles need. *Lanes* are a view of it: the entries of one triangle
+for each point that is shaded.
+"""
+
+from typing import NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..geometry.barycentric import Weights, twice_area
+from ..geometry.fixed_point import Edges
+from ..geometry.guard_band import WeightPlanes
+from ..numerics.fusion_barrier import materialized
+from ..options import Filter
+from ..texture.level_of_detail import Levels
+from ..texture.pyramid import TexturePyramid
+
+Held = TypeVar("Held")
+
+Corner3 = tuple[Array, Array, Array]
+"""One value per corner."""
+
+
+class Points(NamedTuple):
+    """Points in tiles, as sums of the columns and rows of `count` samples; None is one sample.
+
+    Samples, centres of pixels and centroids are thus all exact integers.
+    """
+
+    count: Int[Array, "*points"] | None
+    across: Int[Array, "*points"]
+    down: Int[Array, "*points"]
+
+
+class Corners(NamedTuple):
+    """Vertex attributes at the corners of triangles, reoriented to positive orientation.
+
+    They are `[corners, channels, triangles]`, and `[3, triangles]` for `inverse_w`. None means that
+    the scene does not have the attribute.
+    """
+
+    color: Float[Array, "corners channels *lanes"]
+    inverse_w: Float[Array, "3 *lanes"] | None = None
+    uv: Float[Array, "3 2 *lanes"] | None = None
+
+
+class Skin(NamedTuple):
+    """Textures and how they are sampled; `texels` is `[channels, texels]`."""
+
+    pyramid: TexturePyramid
+    texels: Float[Array, "channels texels"]
+    filter: Filter
+
+    @classmethod
+    def of(cls, pyramid: TexturePyramid | None, filter: Filter) -> "Skin | None":
+        """Make the skin of a pyramid, or None without textures."""
+        if pyramid is None:
+            return None
+        return cls(pyramid, materialized(jnp.transpose)(pyramid.texels), filter)
+
+
+class Surface(NamedTuple):
+    """All data of the triangles that shading needs.
+
+    - `area`: twice the area of each triangle, in units of the edge value.
+    - `texture`: index of each triangle's texture, -1 for none; `skin`: the textures.
+    - `filter`: how textures are sampled.
+    """
+
+    edges: Edges
+    area: Float[Array, " triangles"]
+    planes: WeightPlanes | None
+    corners: Corners
+    texture: Int[Array, " triangles"] | None
+    skin: Skin | None
+    filter: Filter
+
+    @property
+    def channels(self) -> int:
+        """Number of colour channels: four if any colour or texel can be translucent, else three."""
+        return count_channels(self.corners, self.skin)
+
+
+class Reading(NamedTuple):
+    """Mip levels from which a texture is sampled, and `count` probes along an axis.
+
+    The axis is a vector (u, v), where 1 is the extent of the image. `count` and `axis` are None for
+    a single probe.
+    """
+
+    levels: Levels
+    count: Float[Array, "*points"] | None = None
+    axis: Float[Array, "2 *points"] | None = None
+
+
+class Lanes(NamedTuple):
+    """The attributes of a surface gathered per lane: every entry is `[..., lanes]`.
+
+    `reading` is None where it differs from point to point, or where there is no texture.
+    """
+
+    weights: Weights
+    corners: Corners
+    texture: Int[Array, " lanes"] | None
+    reading: Reading | None
+
+
+def surface_of(
+    edges: Edges,
+    planes: WeightPlanes | None,
+    corners: Corners,
+    texture: Array | None,
+    pyramid: TexturePyramid | None,
+    filter: Filter,
+) -> Surface:
+    """Collect the data of the triangles that shading needs."""
+    area = materialized(lambda edges: twice_area(edges, corners.color.dtype))(edges)
+    return Surface(edges, area, planes, corners, texture, Skin.of(pyramid, filter), filter)
+
+
+def count_channels(corners: Corners, skin: Skin | None) -> int:
+    """Number of channels of the shaded colours."""
+    return max(corners.color.shape[1], 3 if skin is None else skin.texels.shape[0])
+
+
+def pick_lanes(held: Held, lane: Int[Array, " lanes"]) -> Held:
+    """Gather entries `[..., lanes]` of some lanes; a lane may occur several times."""
+
+    @materialized
+    def gather(tree, lane):
+        def gather_entry(entry):
+            # The gather is along a single flat axis: XLA stores the result of a gather along one of
+            # two axes transposed.
+            rows, lanes = entry.size // entry.shape[-1], entry.shape[-1]
+            index = jnp.arange(rows, dtype=jnp.int32)[:, None] * lanes + lane[None]
+            gathered = entry.reshape(-1).at[index].get(mode="promise_in_bounds")
+            return gathered.reshape(*entry.shape[:-1], -1)
+
+        return jax.tree.map(gather_entry, tree)
+
+    return gather(held, lane)
