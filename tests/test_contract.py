@@ -59,7 +59,7 @@ GLASS = "corners alpha texture perspective clear"
 
 MODES = {
     "hard": Mode(sr.Hard(4), "corners"),
-    "hard-textured": Mode(sr.Hard(4), OPAQUE, zero=("depth",)),
+    "hard-textured": Mode(sr.Hard(4), OPAQUE),
     "hard-all": Mode(sr.Hard(4), ALL, zero=("depth",)),
     "hard-still": Mode(sr.Hard(4, edge_gradients=False), "depth", zero=("positions", "depth")),
     "soft": Mode(sr.Soft(1.3), "corners alpha"),

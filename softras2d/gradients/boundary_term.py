@@ -162,10 +162,13 @@ def boundary_term(
     The derivative does not depend on anything further: second derivatives are zero.
     """
     grid = shape.tiling.grid
-    # A zero that depends on the positions: JAX 0.10 cannot differentiate a batched call of a
-    # `custom_jvp` whose tangent is batched and whose value is not ("broadcast_in_dim"). The
+    # A zero that depends on what is differentiated: JAX 0.10 cannot differentiate a batched call of
+    # a `custom_jvp` whose tangent is batched and whose value is not ("broadcast_in_dim"). The
     # compiler would fold `0 * positions`.
-    zero = jnp.where(jnp.isnan(positions[:1, 0]), 0.0, 0.0).astype(positions.dtype)
+    is_nan = jnp.isnan(positions[:1, 0])
+    if depth is not None:
+        is_nan = is_nan | jnp.isnan(depth[:1])
+    zero = jnp.where(is_nan, 0.0, 0.0).astype(positions.dtype)
     return jnp.broadcast_to(zero, (grid.height, grid.width, shape.channels))
 
 
