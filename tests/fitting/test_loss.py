@@ -47,7 +47,10 @@ def test_linear_light_and_alpha():
     straight = jnp.concatenate([IMAGE, WEIGHTS[..., None]], -1)
     prepared = Loss().prepare(straight)
     np.testing.assert_allclose(prepared[..., :3], IMAGE * WEIGHTS[..., None], atol=1e-7)
+    # Below 0 the curve is the negative of that above, as wherever sRGB is decoded.
     slope = jax.grad(lambda x: jnp.sum(loss.prepare(x)))(jnp.full((1, 1, 3), -0.5))
+    np.testing.assert_allclose(slope, 2.4 / 1.055 * ((0.5 + 0.055) / 1.055) ** 1.4, rtol=1e-5)
+    slope = jax.grad(lambda x: jnp.sum(loss.prepare(x)))(jnp.full((1, 1, 3), -0.02))
     np.testing.assert_allclose(slope, 1 / 12.92, rtol=1e-6)
 
 
