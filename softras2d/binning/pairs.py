@@ -26,16 +26,13 @@ class Pairs(NamedTuple):
 
     - `triangle`, `tile`: their indices. A pair that is hidden, or that there is not, has the tile
       `tiling.count`, one past the last.
-    - `strip`, `column`: the strip of each pair, and the column of its tile.
-    - `strips`: the strips.
+    - `covers_tile`: whether the triangle covers the whole tile.
     - `strip_total`, `pair_total`: how many strips and pairs there are, hidden ones included.
     """
 
     triangle: Int[HostOrDeviceArray, " pairs"]
     tile: Int[HostOrDeviceArray, " pairs"]
-    strip: Int[HostOrDeviceArray, " pairs"]
-    column: Int[HostOrDeviceArray, " pairs"]
-    strips: Strips
+    covers_tile: Bool[HostOrDeviceArray, " pairs"]
     strip_total: Int[HostOrDeviceArray, ""]
     pair_total: Int[HostOrDeviceArray, ""]
 
@@ -64,15 +61,7 @@ def find_pairs(
     tile = wrap(_drop_hidden, triangles=is_occluder.shape[0], tiling=tiling)(
         found.tile, found.occluded_tile, found.triangle
     )
-    return Pairs(
-        found.triangle,
-        tile,
-        found.strip,
-        found.column,
-        strips,
-        strip_list.total,
-        found.total,
-    )
+    return Pairs(found.triangle, tile, found.covers_tile, strip_list.total, found.total)
 
 
 def _wrap(
@@ -119,8 +108,7 @@ class _TouchedTiles(NamedTuple):
     triangle: Int[HostOrDeviceArray, " pairs"]
     tile: Int[HostOrDeviceArray, " pairs"]
     occluded_tile: Int[HostOrDeviceArray, " pairs"]
-    strip: Int[HostOrDeviceArray, " pairs"]
-    column: Int[HostOrDeviceArray, " pairs"]
+    covers_tile: Bool[HostOrDeviceArray, " pairs"]
     total: Int[HostOrDeviceArray, ""]
 
 
@@ -135,9 +123,11 @@ def _expand_pairs(
     xp = strip.__array_namespace__()
     column = strips.first[strip] + rank
     tile = xp.where(is_used, strips.row[strip] * tiling.columns + column, tiling.count)
-    occludes = (column >= strips.covered_first[strip]) & (column <= strips.occluded_last[strip])
+    is_past_first = column >= strips.covered_first[strip]
+    covers_tile = is_past_first & (column <= strips.covered_last[strip])
+    occludes = is_past_first & (column <= strips.occluded_last[strip])
     occluded_tile = xp.where(occludes, tile, tiling.count)
-    return _TouchedTiles(strip_triangle[strip], tile, occluded_tile, strip, column, total)
+    return _TouchedTiles(strip_triangle[strip], tile, occluded_tile, covers_tile, total)
 
 
 def _drop_hidden(

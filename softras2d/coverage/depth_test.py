@@ -89,15 +89,35 @@ def depth_at(
     @materialized
     def measure(depths, triangle, sample):
         area = twice_area(depths.edges, depths.depth.dtype)
-        # Samples of the first tile are counted from the corner of the canvas.
-        tile = jnp.zeros_like(triangle)
-        weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
-        one = jnp.ones_like(triangle)
-        _, second, third = weight_sums(weights, one, *sample)
-        corner = depths.depth[:, triangle]
-        return corner[0] + second * (corner[1] - corner[0]) + third * (corner[2] - corner[0])
+        return weights_and_depth(depths, area, triangle, sample, tiling)[1]
 
     return measure(depths, triangle, sample)
+
+
+def weights_and_depth(
+    depths: Depths,
+    area: Float[Array, " triangles"],
+    triangle: Int[Array, "*samples"],
+    sample: Any,
+    tiling: Tiling,
+) -> tuple[tuple[Array, Array, Array], Float[Array, "*samples"]]:
+    """Weights of the corners of a triangle's plane at a sample (column, row), and its depth there.
+
+    `area` is `twice_area`. The sample need not be covered.
+    """
+    # Samples of the first tile are counted from the corner of the canvas.
+    tile = jnp.zeros_like(triangle)
+    terms = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
+    weights = weight_sums(terms, jnp.ones_like(triangle), *sample)
+    return weights, _interpolate(depths.depth[:, triangle], weights)
+
+
+def _interpolate(
+    corner: Float[Array, "3 ..."], weights: tuple[Array, Array, Array]
+) -> Float[Array, "..."]:
+    """Depth from that of the corners; exactly that of corner 0 where all are equal."""
+    _, second, third = weights
+    return corner[0] + second * (corner[1] - corner[0]) + third * (corner[2] - corner[0])
 
 
 def depth_on_edge(
@@ -128,8 +148,7 @@ def _measure(
     down = jnp.tile(row_order(tiling), shape[1] // tiling.sample_rows)
     across = jax.lax.broadcasted_iota(jnp.int32, shape, 0)
     down = jnp.broadcast_to(down[None], shape)
-    _, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
-    return corner[0] + second * (corner[1] - corner[0]) + third * (corner[2] - corner[0])
+    return _interpolate(corner, weight_sums(weights, jnp.ones_like(across), across, down))
 
 
 def _test(depth: Array, least: Array, fresh: Array, words: Array) -> Bool[Array, "columns lines"]:

@@ -8,6 +8,7 @@ import optimistix as optx
 from jaxtyping import Float
 
 from .. import names
+from ..names import check_name
 from .families import FAMILIES
 from .loss import Loss
 from .solvers import Solver
@@ -41,9 +42,9 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
     _one_of("family", name, tuple(FAMILIES))
     family = FAMILIES[name]
     _one_of("shading", settings["shading"], family.shadings, f" of a {name} fit")
-    _one_of("colors", settings["colors"], get_args(names.ColorMethod))
-    _one_of("loss", settings["loss"], get_args(names.Loss))
-    _one_of("light", settings["light"], get_args(names.LossSpace))
+    check_name("colors", settings["colors"], names.ColorMethod)
+    check_name("loss", settings["loss"], names.Loss)
+    check_name("light", settings["light"], names.LossSpace)
     _whole("triangles", settings["triangles"], family.min_triangles)
     _whole("seed", settings["seed"], 0)
     if settings["size"] is not None:

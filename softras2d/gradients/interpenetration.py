@@ -15,15 +15,17 @@ Candidates are read off the bits of visibility: a triangle shows at a sample and
 though it covers it. They are worked on in blocks, so that no list of them is kept.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
-from ..coverage.depth_test import Depths
+from ..binning.lists import Chunks
+from ..coverage.depth_test import Depths, weights_and_depth
 from ..coverage.sampled import row_order
-from ..geometry.barycentric import slot_weights, twice_area, weight_sums
+from ..geometry.barycentric import twice_area
 from ..geometry.tiling import Tiling
 from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
@@ -234,60 +236,80 @@ def _changed_pairs(
     These come first; also returns how many they are.
     """
     tiling = shape.tiling
-    grid = tiling.grid
-
-    @materialized
-    def locate(words, ends, chunks, first_slot, group):
-        lane = group * _CANDIDATES + jnp.arange(_CANDIDATES, dtype=jnp.int32)
-        used = lane < ends[-1]
-        lane = jnp.minimum(lane, ends[-1] - 1)
-        word = jnp.searchsorted(ends, lane, side="right", method="scan_unrolled").astype(jnp.int32)
-        word = jnp.clip(word, 0, words.shape[0] - 1)
-        rank = lane - jnp.where(word > 0, ends[jnp.maximum(word - 1, 0)], 0)
-        half, rows = words.shape[0] // 2, tiling.sample_rows
-        is_down = word >= half
-        slot = jnp.minimum(first_slot + (word % half) // rows, chunks.triangle.size - 1)
-        column, row = tiling.first_sample(chunks.tile[slot // chunks.triangle.shape[1]])
-        column = column + _nth_bit(words[word], rank)
-        row = row + row_order(tiling)[word % rows]
-        next_column, next_row = (
-            jnp.where(is_down, column, column + 1),
-            jnp.where(is_down, row + 1, row),
-        )
-        on_canvas = (next_column < grid.width * grid.rate) & (next_row < grid.height * grid.rate)
-        pairs = _Pairs(
-            chunks.triangle.reshape(-1)[slot],
-            jnp.full_like(slot, -1),
-            Sample(column, row),
-            Sample(jnp.where(on_canvas, next_column, 0), jnp.where(on_canvas, next_row, 0)),
-            is_down,
-        )
-        return pairs, used & on_canvas
-
-    @materialized
-    def compact(pairs, changed):
-        end = cumulative_sum(changed.astype(jnp.int32))
-        place = jnp.where(changed, end - 1, _CANDIDATES)
-        moved = jax.tree.map(
-            lambda entry: jnp.zeros_like(entry).at[place].set(entry, mode="drop"), pairs
-        )
-        is_pair = jnp.arange(_CANDIDATES, dtype=jnp.int32) < end[-1]
-        return moved._replace(after=jnp.where(is_pair, moved.after, -1)), end[-1]
-
-    @materialized
-    def is_changed(covered, pairs, after_slot, after):
-        tile, place, bit = address(pairs.first, tiling)
-        word = covered.reshape(-1)[jnp.maximum(after_slot, 0) * tiling.sample_rows + place]
-        covers_first = (word >> bit) & jnp.uint32(1) == 1
-        # In the next tile it has another slot: `_exchange` decides.
-        leaves_tile = tile != address(pairs.second, tiling)[0]
-        return (after != pairs.before) & (covers_first | leaves_tile)
-
+    locate = materialized(functools.partial(_locate, tiling=tiling))
+    is_changed = materialized(functools.partial(_is_changed, tiling=tiling))
     pairs, used = locate(words, ends, visible.front.chunks, first_slot, group)
     slot = slot_at(visible.front, pairs.second, tiling, max_chunks=shape.max_chunks)
     after = visible.front.chunks.triangle.reshape(-1)[jnp.maximum(slot, 0)]
     changed = used & (slot >= 0) & is_changed(visible.covered, pairs, slot, after)
-    return compact(pairs._replace(after=after), changed)
+    return materialized(_compact)(pairs._replace(after=after), changed)
+
+
+def _locate(
+    words: UInt32[Array, " words"],
+    ends: Int[Array, " words"],
+    chunks: Chunks,
+    first_slot: Int[Array, ""],
+    group: Int[Array, ""],
+    *,
+    tiling: Tiling,
+) -> tuple[_Pairs, Bool[Array, " lanes"]]:
+    """The samples of a group of candidates, and which lanes hold one; `after` is not known yet.
+
+    `ends` counts the candidates up to each word.
+    """
+    grid = tiling.grid
+    lane = group * _CANDIDATES + jnp.arange(_CANDIDATES, dtype=jnp.int32)
+    used = lane < ends[-1]
+    lane = jnp.minimum(lane, ends[-1] - 1)
+    word = jnp.searchsorted(ends, lane, side="right", method="scan_unrolled").astype(jnp.int32)
+    word = jnp.clip(word, 0, words.shape[0] - 1)
+    rank = lane - jnp.where(word > 0, ends[jnp.maximum(word - 1, 0)], 0)
+    half, rows = words.shape[0] // 2, tiling.sample_rows
+    is_down = word >= half
+    slot = jnp.minimum(first_slot + (word % half) // rows, chunks.triangle.size - 1)
+    column, row = tiling.first_sample(chunks.tile[slot // chunks.triangle.shape[1]])
+    column = column + _nth_bit(words[word], rank)
+    row = row + row_order(tiling)[word % rows]
+    next_column = jnp.where(is_down, column, column + 1)
+    next_row = jnp.where(is_down, row + 1, row)
+    on_canvas = (next_column < grid.width * grid.rate) & (next_row < grid.height * grid.rate)
+    pairs = _Pairs(
+        chunks.triangle.reshape(-1)[slot],
+        jnp.full_like(slot, -1),
+        Sample(column, row),
+        Sample(jnp.where(on_canvas, next_column, 0), jnp.where(on_canvas, next_row, 0)),
+        is_down,
+    )
+    return pairs, used & on_canvas
+
+
+def _is_changed(
+    covered: UInt32[Array, "chunks layers rows"],
+    pairs: _Pairs,
+    after_slot: Int[Array, " lanes"],
+    after: Int[Array, " lanes"],
+    *,
+    tiling: Tiling,
+) -> Bool[Array, " lanes"]:
+    """Whether another triangle shows at the second sample, and may cover the first one too."""
+    tile, row, bit = address(pairs.first, tiling)
+    word = covered.reshape(-1)[jnp.maximum(after_slot, 0) * tiling.sample_rows + row]
+    covers_first = (word >> bit) & jnp.uint32(1) == 1
+    # In the next tile it has another slot: `_exchange` decides.
+    leaves_tile = tile != address(pairs.second, tiling)[0]
+    return (after != pairs.before) & (covers_first | leaves_tile)
+
+
+def _compact(pairs: _Pairs, is_pair: Bool[Array, " lanes"]) -> tuple[_Pairs, Int[Array, ""]]:
+    """Move the pairs that count to the front; also returns how many they are."""
+    end = cumulative_sum(is_pair.astype(jnp.int32))
+    lane = jnp.where(is_pair, end - 1, _CANDIDATES)
+    moved = jax.tree.map(
+        lambda entry: jnp.zeros_like(entry).at[lane].set(entry, mode="drop"), pairs
+    )
+    is_used = jnp.arange(_CANDIDATES, dtype=jnp.int32) < end[-1]
+    return moved._replace(after=jnp.where(is_used, moved.after, -1)), end[-1]
 
 
 def _exchange(
@@ -309,7 +331,7 @@ def _exchange(
         valid = valid & jnp.where(pairs.is_down, down > across, across >= down)
         at_before, at_after = (
             [
-                _weights_and_depth(depths, planes.area, triangle, sample, tiling)
+                weights_and_depth(depths, planes.area, triangle, sample, tiling)
                 for sample in (pairs.first, pairs.second)
             ]
             for triangle in (before, after)
@@ -321,7 +343,10 @@ def _exchange(
         # Where the line is: from the first sample to the second.
         t = jnp.clip(safe.divide(-near, far - near), 0.0, 1.0)
         weights = [
-            first[0] + t[None] * (second[0] - first[0]) for first, second in (at_before, at_after)
+            first + t[None] * (second - first)
+            for first, second in (
+                [jnp.stack(weights) for weights, _ in ends] for ends in (at_before, at_after)
+            )
         ]
         column, row = (
             jnp.where(t >= 0.5, second, first) // grid.rate
@@ -350,19 +375,6 @@ def _exchange(
     )
     gain = finish(near, far, change)
     return _Exchange(pairs.before, after, weights[0], weights[1], gain, pixel)
-
-
-def _weights_and_depth(
-    depths: Depths, area: Array, triangle: Array, sample: Sample, tiling: Tiling
-) -> tuple[Float[Array, "3 lanes"], Float[Array, " lanes"]]:
-    """Weights of the corners of a triangle's plane at a sample of the canvas, and its depth."""
-    # The first tile: its samples are counted from the corner of the canvas.
-    tile = jnp.zeros_like(triangle)
-    terms = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
-    weights = weight_sums(terms, jnp.ones_like(triangle), *sample)
-    corner = depths.depth[:, triangle]
-    depth = corner[0] + weights[1] * (corner[1] - corner[0]) + weights[2] * (corner[2] - corner[0])
-    return jnp.stack(weights), depth
 
 
 def _nth_bit(word: UInt32[Array, " lanes"], rank: Int[Array, " lanes"]) -> Int[Array, " lanes"]:

@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..coverage.depth_test import Depths, depth_on_edge
-from ..geometry.barycentric import slot_weights, twice_area, weight_sums
+from ..coverage.depth_test import Depths, depth_on_edge, weights_and_depth
+from ..geometry.barycentric import twice_area
 from ..geometry.fixed_point import Edges
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
@@ -178,15 +178,9 @@ def _depth_near(
     tiling: Tiling,
 ) -> Float[Array, " lanes"]:
     """Depth of triangles at the points at an offset from samples."""
-    # The first tile: its samples are counted from the corner of the canvas.
-    tile = jnp.zeros_like(triangle)
-    terms = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
-    one, corner = jnp.ones_like(triangle), depths.depth[:, triangle]
-
-    def depth_at(column: Array, row: Array) -> Array:
-        _, second, third = weight_sums(terms, one, column, row)
-        return corner[0] + second * (corner[1] - corner[0]) + third * (corner[2] - corner[0])
-
-    here = depth_at(*sample)
-    right, down = depth_at(sample.column + 1, sample.row), depth_at(sample.column, sample.row + 1)
+    column, row = sample
+    here, right, down = (
+        weights_and_depth(depths, area, triangle, at, tiling)[1]
+        for at in ((column, row), (column + 1, row), (column, row + 1))
+    )
     return here + offset[0] * (right - here) + offset[1] * (down - here)

@@ -183,15 +183,13 @@ def _list_pairs(edges: Any, boxes: SampleBounds, hides: np.ndarray, tiling: Tili
         expand_strips=_expand_unless_many,
         expand_pairs=_expand_unless_many,
     )
-    strips = found.strips
     shown = found.tile < tiling.count
-    tile, strip, column = found.tile[shown], found.strip[shown], found.column[shown]
-    whole = (strips.covered_first[strip] <= column) & (column <= strips.covered_last[strip])
+    tile = found.tile[shown]
     listed = np.sort(np.bincount(tile, minlength=tiling.count))[::-1]
     return _Listed(
         int(found.strip_total),
         int(found.pair_total),
-        Pairs(tile, found.triangle[shown], whole),
+        Pairs(tile, found.triangle[shown], found.covers_tile[shown]),
         listed,
     )
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ..binning.lists import Chunks, cut_chunks
 from ..binning.reach import ReachedTriangles, reached_triangles
@@ -32,7 +32,7 @@ from ..planning.effects import is_occluder, varies
 from ..planning.plan import Plan
 from ..scene import Scene
 from ..shading.pixel_color import Carried, Shaded, shade_slots
-from ..shading.surface import Corners, Skin
+from ..shading.surface import Skin, at_corners, corner_attributes
 from .coverage_mode import CoverageMode, Drawn, Layout
 
 _FARTHEST = 2.0**30
@@ -163,12 +163,6 @@ def _to_image(
     return tiling.crop(image)
 
 
-def _find_reached(
-    corners: Float[Array, "triangles 3 2"], reach: Float[Array, ""], *, grid: Grid
-) -> ReachedTriangles:
-    return reached_triangles(corners, grid, reach)
-
-
 def _place(
     corners: Float[Array, "triangles 3 2"],
     triangles: ReachedTriangles,
@@ -203,41 +197,14 @@ def _first_pixel(chunks: Chunks, *, tiling: Tiling, dtype: Any) -> Float[Array, 
 def _carried(scene: Scene, triangles: ReachedTriangles, plan: Plan) -> Carried:
     """Corner attributes, textures and depth, for shading."""
     inverse_w = scene.inverse_w if varies(scene) else None
-    corners, depth = materialized(_corner_attributes)(
-        scene.colors,
-        scene.uv,
-        (inverse_w, scene.depth),
-        scene.triangles,
-        triangles.orientation,
+    corners = materialized(corner_attributes)(
+        scene.colors, scene.uv, inverse_w, scene.triangles, triangles.orientation
     )
+    depth = None
+    if scene.depth is not None:
+        depth = materialized(at_corners)(scene.depth, scene.triangles, triangles.orientation)
     skin = Skin.of(scene.textures, plan.filter)
     return Carried(corners, scene.texture_index, skin, depth)
-
-
-def _corner_attributes(
-    colors: Float[Array, "triangles corners channels"],
-    uv: Float[Array, "triangles 3 2"] | None,
-    vertex_values: tuple[Float[Array, " vertices"] | None, Float[Array, " vertices"] | None],
-    triangles: Int[Array, "triangles 3"],
-    orientation: Int[Array, " triangles"],
-) -> tuple[Corners, Float[Array, "3 triangles"] | None]:
-    """Attributes of the corners in positive orientation, and their depth.
-
-    `vertex_values` are `inverse_w` and depth.
-    """
-
-    def reorient_each(values: Array) -> Array:
-        values = values.transpose(1, 2, 0)
-        if values.shape[0] == 1:
-            return values
-        return jax.vmap(reorient, (1, None), 1)(values, orientation)
-
-    inverse_w, depth = (
-        None if values is None else reorient(values[triangles].T, orientation)
-        for values in vertex_values
-    )
-    uv = None if uv is None else reorient_each(uv)
-    return Corners(reorient_each(colors), inverse_w, uv), depth
 
 
 def add_signed(

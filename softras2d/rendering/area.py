@@ -29,12 +29,6 @@ class AreaMode(AnalyticMode):
         "depth test": "`Area` has no depth test: use Soft(...) or Hard(...), or `depth=None`."
     }
 
-    def prepare(self, coverage: Area, max_width: float | None) -> Area:
-        """The option itself; `ValueError` for a `max_width`."""
-        if max_width is not None:
-            raise ValueError("`max_width` is for Soft coverage.")
-        return coverage
-
     def reach(self, coverage: Area, max_width: float | None) -> float:
         """Half the diagonal of a pixel."""
         return area.REACH

@@ -51,12 +51,15 @@ class CoverageMode(abc.ABC):
     effects: tuple[str, ...]
     missing: dict[str, str]
 
-    @abc.abstractmethod
     def prepare(self, coverage: Any, max_width: float | None) -> Coverage:
         """The option with array leaves, so that other values of them do not recompile.
 
-        Raises `ValueError` for values that the option cannot have.
+        Raises `ValueError` for values that the option cannot have. By default an option has no
+        array leaves, and no `max_width`.
         """
+        if max_width is not None:
+            raise ValueError("`max_width` is for Soft coverage.")
+        return coverage
 
     @abc.abstractmethod
     def lay_out(

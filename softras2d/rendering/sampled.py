@@ -33,7 +33,7 @@ from ..planning.effects import EFFECTS, is_occluder, is_shaded, is_translucent, 
 from ..planning.plan import Plan
 from ..scene import Scene
 from ..shading.fragments import cut_fragments
-from ..shading.surface import Corners, Surface, surface_of
+from ..shading.surface import Surface, at_corners, corner_attributes, surface_of
 from .coverage_mode import CoverageMode, Drawn, Layout
 
 
@@ -63,12 +63,6 @@ class SampledMode(CoverageMode):
 
     effects = tuple(name for name in EFFECTS if name not in ("soft coverage", "exact area"))
     missing: ClassVar[dict[str, str]] = {}
-
-    def prepare(self, coverage: Hard, max_width: float | None) -> Hard:
-        """The option itself; `ValueError` for a `max_width`."""
-        if max_width is not None:
-            raise ValueError("`max_width` is for Soft coverage.")
-        return coverage
 
     def lay_out(
         self,
@@ -143,7 +137,7 @@ def _project(scene: Scene, plan: Plan) -> Projected:
     surface = _surface(scene, edges, weights, outlines, orientation, plan)
     depths = None
     if scene.depth is not None:
-        corner_depth = materialized(_at_corners)(scene.depth, scene.triangles, orientation)
+        corner_depth = materialized(at_corners)(scene.depth, scene.triangles, orientation)
         depths = Depths(edges, weights, jax.lax.stop_gradient(corner_depth))
     occluders = materialized(is_occluder)(scene, orientation)
     return Projected(edges, box, outlines, surface, depths, occluders, leaves_guard_band)
@@ -179,34 +173,6 @@ def _reoriented_sides(
     return Sides(start, jnp.roll(start, -1, 2), is_steep(segments).T), vertex
 
 
-def _at_corners(
-    values: Float[Array, " vertices"],
-    triangles: Int[Array, "triangles 3"],
-    orientation: Int[Array, " triangles"],
-) -> Float[Array, "3 triangles"]:
-    """Gather vertex values at the corners of triangles in positive orientation."""
-    return reorient(values[triangles].T, orientation)
-
-
-def _corner_attributes(
-    colors: Float[Array, "triangles corners channels"],
-    uv: Float[Array, "triangles 3 2"] | None,
-    inverse_w: Float[Array, " vertices"] | None,
-    triangles: Int[Array, "triangles 3"],
-    orientation: Int[Array, " triangles"],
-) -> Corners:
-    """The corner attributes of triangles in positive orientation, triangles on the last axis."""
-
-    def reorient_each(values: Array) -> Array:
-        return jax.vmap(reorient, (1, None), 1)(values.transpose(1, 2, 0), orientation)
-
-    colors = reorient_each(colors) if colors.shape[1] == 3 else colors.transpose(1, 2, 0)
-    uv = None if uv is None else reorient_each(uv)
-    if inverse_w is not None:
-        inverse_w = _at_corners(inverse_w, triangles, orientation)
-    return Corners(colors, inverse_w, uv)
-
-
 def _surface(
     scene: Scene,
     edges: Edges,
@@ -217,7 +183,7 @@ def _surface(
 ) -> Surface:
     """All that shading needs; with outlines, colours receive the interior term by positions."""
     inverse_w = scene.inverse_w if varies(scene) else None
-    corners = materialized(_corner_attributes)(
+    corners = materialized(corner_attributes)(
         scene.colors, scene.uv, inverse_w, scene.triangles, orientation
     )
     if outlines is not None and varies(scene):

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..geometry.barycentric import Weights, twice_area
-from ..geometry.fixed_point import Edges
+from ..geometry.fixed_point import Edges, reorient
 from ..geometry.guard_band import WeightPlanes
 from ..numerics.fusion_barrier import materialized
 from ..options import Filter
@@ -45,6 +45,34 @@ class Corners(NamedTuple):
     color: Float[Array, "corners channels *lanes"]
     inverse_w: Float[Array, "3 *lanes"] | None = None
     uv: Float[Array, "3 2 *lanes"] | None = None
+
+
+def at_corners(
+    values: Float[Array, " vertices"],
+    triangles: Int[Array, "triangles 3"],
+    orientation: Int[Array, " triangles"],
+) -> Float[Array, "3 triangles"]:
+    """Gather vertex values at the corners of triangles in positive orientation."""
+    return reorient(values[triangles].T, orientation)
+
+
+def corner_attributes(
+    colors: Float[Array, "triangles corners channels"],
+    uv: Float[Array, "triangles 3 2"] | None,
+    inverse_w: Float[Array, " vertices"] | None,
+    triangles: Int[Array, "triangles 3"],
+    orientation: Int[Array, " triangles"],
+) -> Corners:
+    """Attributes at the corners of triangles in positive orientation; triangles come last."""
+
+    def reorient_each(values: Array) -> Array:
+        return jax.vmap(reorient, (1, None), 1)(values.transpose(1, 2, 0), orientation)
+
+    colors = reorient_each(colors) if colors.shape[1] == 3 else colors.transpose(1, 2, 0)
+    uv = None if uv is None else reorient_each(uv)
+    if inverse_w is not None:
+        inverse_w = at_corners(inverse_w, triangles, orientation)
+    return Corners(colors, inverse_w, uv)
 
 
 class Skin(NamedTuple):
