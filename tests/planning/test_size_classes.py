@@ -173,7 +173,9 @@ def test_scenes_of_many_sizes_share_programs(count_compilations):
     assert len(compiled) <= 5, compiled.names
 
 
-def test_fits_of_like_size_share_programs(count_compilations):
+def test_fits_of_like_size_share_programs(count_compilations, monkeypatch):
+    # A process that has run many tests would drop its programs between the two fits.
+    monkeypatch.setattr(compiled_programs, "_SHARE", 1.0)
     target = np.random.default_rng(0).random((24, 24, 3)).astype(np.float32)
     fits = {"steps": 2, "size": 24, "softness": 1.0}
     sr.fit(target, triangles=29, **fits)
