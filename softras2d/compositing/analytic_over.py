@@ -22,7 +22,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 from ..binning.lists import Chunks
-from ..coverage.analytic import sum_pixels
+from ..coverage.tile_sums import sum_pixels
 from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
 

@@ -1,18 +1,25 @@
-"""Analytic coverage: the code that soft coverage and exact-area coverage share.
+"""Interface of analytic coverage, and its evaluation at the pixels of tiles.
 
-A slot is one triangle in one square tile of pixels. Its coverage of each pixel depends only on the
-six coordinates of its corners, and a `Measure` gives the six partial derivatives in closed form.
-The jvp multiplies them by the six velocities of the corners and adds them up. The vjp takes six
-sums over the pixels of a slot; it computes the partial derivatives again instead of storing them.
-Quantities that the pixels of a slot share, such as the directions of its edges, are computed once;
-they are the shape of the slot.
+A slot is a triangle in a square tile of pixels. Under soft coverage and exact area, what a pixel
+sees of a slot depends smoothly on the six coordinates of the triangle's corners: how much of the
+pixel is covered, and with which weights the corners' colours are mixed there. Both are a
+`PixelFunction`, which states its derivatives in closed form:
+
+| Coverage | Covered part of a pixel       | Weights of the corners there     |
+|----------|-------------------------------|----------------------------------|
+| `Soft`   | `soft.SoftCoverage`           | `nearest_weights.NearestWeights` |
+| `Area`   | `area.AreaCoverage`           | `centroid.CentroidWeights`       |
+
+What the pixels of a slot share, such as the directions of its edges, is computed once: the
+geometry of the slot. `evaluate` gives a `PixelFunction` its place in autodiff. The jvp and the vjp
+compute the partial derivatives again instead of keeping them, for the slots that have any.
 """
 
+import abc
 import functools
-import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Generic, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
@@ -20,310 +27,218 @@ from jaxtyping import Array, Bool, Float
 
 from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
-from ..numerics.prefix import cumulative_sum
+from .tile_sums import for_each_block, gather_slots, spread
 
-Six = tuple[Any, Any, Any, Any, Any, Any]
-"""One entry for each of x and y of corner 0, then of corner 1, then of corner 2."""
+Geometry = TypeVar("Geometry")
+"""What the pixels of a slot share: a tree of arrays `[slots]`."""
+
+Coordinates = tuple[Array, Array, Array, Array, Array, Array]
+"""x and y of corners 0, 1 and 2; or a velocity of each, or a derivative by each."""
+
+Parameter = Any
+"""A number: an array, or the literal that JAX's tracers make of a constant."""
+
+PointValues = Float[Array, "*#points"]
+"""A value at each point; arguments of `PixelFunction` broadcast."""
+
+Values = Array | tuple[Array, ...]
+"""One value at each point, or several as a tuple; `evaluate` stacks them in front."""
 
 
-class Measure(NamedTuple):
-    """A quantity per pixel, with its derivatives, as functions of a slot's shape and pixel centres.
+class PixelFunction(eqx.Module, Generic[Geometry]):
+    """A quantity at the centres of pixels that depends on the corners of one triangle.
 
-    All arguments broadcast. A measure may give several values at once: `value` and `push` then
-    return a tuple, which `cover` stacks along a leading axis, `[values, ...]`.
+    Everything but `vjp` broadcasts: geometry `[slots, 1]` with points `[1, pixels]`, or geometry
+    `[slots]` with one point. Points are in pixels from the upper left of the slot's tile.
 
-    - `value(shape, parameter, x, y)`: the quantity, 0..1.
-    - `push(shape, parameter, velocity, x, y)`: the jvp, its change as the corners move.
-    - `pull(shape, parameter, weight)`: the vjp, the transpose of `push`; it maps cotangents of the
-      values to six sums `[slots]`.
-    - `by_parameter(shape, parameter, x, y)`: the derivative by the parameter, a number.
-    - `level(value)`: whether the derivatives are zero wherever the measure has this value.
-    - `side`: pixels along a tile.
+    - `tile_side`: pixels along a tile.
     """
 
-    value: Callable[[Any, Any, Any, Any], Any]
-    push: Callable[[Any, Any, Six, Any, Any], Any]
-    pull: Callable[[Any, Any, Array], Six]
-    by_parameter: Callable[[Any, Any, Any, Any], Any]
-    level: Callable[[Any], Any]
-    side: int
+    tile_side: int = eqx.field(static=True)
+
+    @abc.abstractmethod
+    def value(
+        self, geometry: Geometry, parameter: Parameter, x: PointValues, y: PointValues
+    ) -> Values:
+        """The quantity, 0..1."""
+
+    @abc.abstractmethod
+    def jvp(
+        self,
+        geometry: Geometry,
+        parameter: Parameter,
+        velocity: Coordinates,
+        x: PointValues,
+        y: PointValues,
+    ) -> Values:
+        """Change of the value for a velocity of the corners."""
+
+    @abc.abstractmethod
+    def vjp(self, geometry: Geometry, parameter: Parameter, cotangent: Array) -> Coordinates:
+        """The transpose of `jvp`: six sums `[slots]` over the pixels of each slot.
+
+        The cotangent is `[*values, slots, pixels]`, rows of pixels from the top.
+        """
+
+    def parameter_derivative(
+        self, geometry: Geometry, parameter: Parameter, x: PointValues, y: PointValues
+    ) -> Array:
+        """Derivative of the value by the parameter; 0 unless a member has one."""
+        return jnp.zeros((), x.dtype)
+
+    def is_flat(self, value: Array) -> Bool[Array, "*values slots pixels"]:
+        """Whether the derivatives are known to be 0, judged by the value alone."""
+        return jnp.zeros(value.shape, bool)
+
+
+class AnalyticCoverage(PixelFunction[Geometry]):
+    """The covered part of each pixel."""
+
+    @abc.abstractmethod
+    def reach(self, parameter: Parameter) -> Float[Array, ""]:
+        """Distance in pixels beyond a triangle's edges from which on coverage is 0."""
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def cover(
-    measure: Measure, corners: Float[Array, "6 slots"], shape: Any, parameter: Float[Array, ""]
+def evaluate(
+    function: PixelFunction[Geometry],
+    corners: Float[Array, "6 slots"],
+    geometry: Geometry,
+    parameter: Float[Array, ""],
 ) -> Float[Array, "*values slots pixels"]:
-    """Evaluate the measure at the pixels of each slot's tile, rows from the top.
+    """The function at the pixels of each slot's tile, rows from the top.
 
-    `shape` is a tree of `[slots]`, computed from the same corners. The derivative by the corners
-    already includes it: the tangent of `shape` is ignored and matters for second derivatives only.
+    Differentiable by corners and parameter. The geometry is a function of the corners; its own
+    derivative counts in second derivatives alone.
     """
-
-    @materialized
-    def look(shape, parameter):
-        return measure.value(*spread(shape, parameter, measure.side))
-
-    return _join_values(look(shape, parameter))
+    return _stack_values(_values(function, geometry, parameter))
 
 
-@functools.partial(cover.defjvp, symbolic_zeros=True)
-def _cover_jvp(measure, primals, tangents):
-    corners, shape, parameter = primals
-    value = cover(measure, corners, shape, parameter)
-    moved, _, changed = tangents
+@functools.partial(evaluate.defjvp, symbolic_zeros=True)
+def _evaluate_jvp(function, primals, tangents):
+    corners, geometry, parameter = primals
+    value = evaluate(function, corners, geometry, parameter)
+    velocity, _, parameter_change = tangents
     change = jnp.zeros_like(value)
-    if not isinstance(moved, SymbolicZero):
+    if not isinstance(velocity, SymbolicZero):
 
         def forward(fixed, velocity):
-            shape, parameter, value = fixed
-            return _push_live(measure, shape, parameter, value, velocity)
+            geometry, parameter, value = fixed
+            return _jvp_where_steep(function, geometry, parameter, value, velocity)
 
-        def backward(fixed, weight):
-            shape, parameter, value = fixed
-            return _pull_live(measure, shape, parameter, value, weight)
+        def backward(fixed, cotangent):
+            geometry, parameter, value = fixed
+            return _vjp_where_steep(function, geometry, parameter, value, cotangent)
 
-        change = linear_map(forward, backward)((shape, parameter, value), moved)
-    if not isinstance(changed, SymbolicZero):
-        slope = measure.by_parameter(*spread(shape, parameter, measure.side))
-        change = change + slope * changed
+        change = linear_map(forward, backward)((geometry, parameter, value), velocity)
+    if not isinstance(parameter_change, SymbolicZero):
+        derivative = function.parameter_derivative(*spread(geometry, parameter, function.tile_side))
+        change = change + derivative * parameter_change
     return value, change
 
 
-_BLOCK = 2048
-"""Number of slots, or of edges of slots, that one step of a loop processes."""
+@functools.partial(materialized, static_argnames=("function",))
+def _values(function: PixelFunction[Geometry], geometry: Geometry, parameter: Parameter) -> Values:
+    """The values of the function at all pixels."""
+    return function.value(*spread(geometry, parameter, function.tile_side))
 
 
-def _pull_live(
-    measure: Measure,
-    shape: Any,
-    parameter: Any,
+def _vjp_where_steep(
+    function: PixelFunction[Geometry],
+    geometry: Geometry,
+    parameter: Parameter,
     value: Float[Array, "*values slots pixels"],
-    weight: Float[Array, "*values slots pixels"],
+    cotangent: Float[Array, "*values slots pixels"],
 ) -> Float[Array, "6 slots"]:
-    """Apply `Measure.pull` to the slots with a pixel of nonzero weight and nonzero derivative."""
+    """`PixelFunction.vjp` of the slots where there is anything to sum: most are hidden, or full."""
     slots = value.shape[-2]
-    has_gradient = materialized(lambda value, weight: _any((weight != 0) & ~measure.level(value)))(
-        value, weight
-    )
+    steep = _is_pulled(function, value, cotangent)
 
-    @materialized
-    def put(total, sums, slot_indices):
-        return total.at[:, slot_indices].set(jnp.stack(sums), mode="drop")
+    def visit(block, total):
+        sums = function.vjp(
+            gather_slots(geometry, block), parameter, _gather_pixels(cotangent, block)
+        )
+        return _put_sums(total, sums, block)
 
-    @materialized
-    def pick_weights(weight, slot_indices):
-        return weight.at[..., slot_indices, :].get(mode="clip")
-
-    def visit(slot_indices, total):
-        slot_shape, slot_weight = _pick(shape, slot_indices), pick_weights(weight, slot_indices)
-        return put(total, measure.pull(slot_shape, parameter, slot_weight), slot_indices)
-
-    return _visit_live(has_gradient, visit, jnp.zeros((6, slots), value.dtype))
+    return for_each_block(steep, visit, jnp.zeros((6, slots), value.dtype))
 
 
-def _push_live(
-    measure: Measure,
-    shape: Any,
-    parameter: Any,
+def _jvp_where_steep(
+    function: PixelFunction[Geometry],
+    geometry: Geometry,
+    parameter: Parameter,
     value: Float[Array, "*values slots pixels"],
     velocity: Float[Array, "6 slots"],
 ) -> Float[Array, "*values slots pixels"]:
-    """Apply `Measure.push` to the slots with a pixel of nonzero derivative; others get zero."""
-    has_gradient = materialized(lambda value: _any(~measure.level(value)))(value)
+    """`PixelFunction.jvp` of the slots where anything changes."""
+    steep = _is_steep(function, value)
 
-    @materialized
-    def push(slot_shape, parameter, slot_velocity):
-        slot_shape, parameter, x, y = spread(slot_shape, parameter, measure.side)
-        return measure.push(
-            slot_shape, parameter, tuple(entry[:, None] for entry in slot_velocity), x, y
-        )
+    def visit(block, total):
+        near, moved = gather_slots((geometry, tuple(velocity)), block)
+        return _put_pixels(total, _block_jvp(function, near, parameter, moved), block)
 
-    @materialized
-    def put(total, change, slot_indices):
-        return total.at[..., slot_indices, :].set(_join_values(change), mode="drop")
-
-    def visit(slot_indices, total):
-        slot_shape, slot_velocity = _pick((shape, tuple(velocity)), slot_indices)
-        return put(total, push(slot_shape, parameter, slot_velocity), slot_indices)
-
-    return _visit_live(has_gradient, visit, jnp.zeros_like(value))
+    return for_each_block(steep, visit, jnp.zeros_like(value))
 
 
-def _join_values(values: Any) -> Array:
-    """Stack several values along a leading axis, outside of the computation of the values.
+@functools.partial(materialized, static_argnames=("function",))
+def _is_pulled(
+    function: PixelFunction, value: Array, cotangent: Array
+) -> Bool[Array, "slots pixels"]:
+    """Whether a pixel adds to the vjp."""
+    return _any_value((cotangent != 0) & ~function.is_flat(value))
 
-    XLA does not vectorise the whole expression if the stack is fused with it.
-    """
-    return jnp.stack(values) if isinstance(values, tuple) else values
+
+@functools.partial(materialized, static_argnames=("function",))
+def _is_steep(function: PixelFunction, value: Array) -> Bool[Array, "slots pixels"]:
+    """Whether a pixel's value may change."""
+    return _any_value(~function.is_flat(value))
 
 
-def _any(live: Bool[Array, "*values slots pixels"]) -> Bool[Array, "slots pixels"]:
-    """Reduce with OR over all leading axes but the last two."""
-    return jnp.any(live.reshape(-1, *live.shape[-2:]), 0)
+def _any_value(flags: Bool[Array, "*values slots pixels"]) -> Bool[Array, "slots pixels"]:
+    """Whether any of the values at a pixel is flagged."""
+    return jnp.any(flags.reshape(-1, *flags.shape[-2:]), 0)
+
+
+@functools.partial(materialized, static_argnames=("function",))
+def _block_jvp(
+    function: PixelFunction[Geometry],
+    geometry: Geometry,
+    parameter: Parameter,
+    velocity: Coordinates,
+) -> Values:
+    """`PixelFunction.jvp` of a block of slots at all their pixels."""
+    geometry, parameter, x, y = spread(geometry, parameter, function.tile_side)
+    first, second, third, fourth, fifth, sixth = (entry[:, None] for entry in velocity)
+    return function.jvp(geometry, parameter, (first, second, third, fourth, fifth, sixth), x, y)
 
 
 @materialized
-def _pick(held: Any, own: Array) -> Any:
-    return jax.tree.map(lambda entry: entry.at[own].get(mode="clip"), held)
+def _gather_pixels(
+    values: Float[Array, "*values slots pixels"], block: Array
+) -> Float[Array, "*values block pixels"]:
+    """The pixels of a block of slots."""
+    return values.at[..., block, :].get(mode="clip")
 
 
-def _visit_live(
-    live: Bool[Array, "slots pixels"], visit: Callable[[Array, Any], Any], total: Any
-) -> Any:
-    """Fold `visit(slot_indices, total)` over blocks of the slots with a live pixel.
+@materialized
+def _put_sums(
+    total: Float[Array, "6 slots"], sums: Coordinates, block: Array
+) -> Float[Array, "6 slots"]:
+    """Write the sums of a block into those of all slots."""
+    return total.at[:, block].set(jnp.stack(sums), mode="drop")
 
-    Indices that fill up the last block are out of range. Skipping pays because most slots are
-    hidden or cover all of their pixels.
+
+@materialized
+def _put_pixels(
+    total: Float[Array, "*values slots pixels"], change: Values, block: Array
+) -> Float[Array, "*values slots pixels"]:
+    """Write the changes of a block into those of all slots."""
+    return total.at[..., block, :].set(_stack_values(change), mode="drop")
+
+
+def _stack_values(values: Values) -> Array:
+    """Several values in front, as one array.
+
+    Kept apart from what computes them: the compiler vectorises no expression of several parts.
     """
-    slots = live.shape[0]
-    spare = -slots % _BLOCK
-
-    @materialized
-    def find(live):
-        is_live = jnp.any(live, 1)
-        position = jnp.where(is_live, cumulative_sum(is_live.astype(jnp.int32)) - 1, slots + spare)
-        slot_index = jnp.arange(slots, dtype=jnp.int32)
-        live_slots = (
-            jnp.full(slots + spare, slots, jnp.int32).at[position].set(slot_index, mode="drop")
-        )
-        return live_slots, jnp.sum(is_live, dtype=jnp.int32)
-
-    live_slots, live_count = find(live)
-
-    def step(block, total):
-        return visit(jax.lax.dynamic_slice_in_dim(live_slots, block * _BLOCK, _BLOCK), total)
-
-    return jax.lax.fori_loop(0, -(-live_count // _BLOCK), step, total)
-
-
-def sum_fields(
-    fields: Callable[..., list[Array]], shape: Any, parameter: Any, *held: Array
-) -> tuple[Array, ...]:
-    """Sum `fields(shape, parameter, x, y, *held)` over the pixels of each slot.
-
-    The arrays in `held` are `[slots, pixels]`; `fields` gets their entries at one pixel.
-    """
-
-    side = side_of(held[0])
-    # Slots are on the minor axis and pixels are added one by one, because XLA does not vectorise
-    # a reduction over pixels.
-    rows = [materialized(jnp.transpose)(entry).reshape(side, side, -1) for entry in held]
-
-    @materialized
-    def add_row(row, sums, shape, parameter, rows):
-        y = row.astype(parameter.dtype) + 0.5
-        pixel_row = [jax.lax.dynamic_index_in_dim(entry, row, keepdims=False) for entry in rows]
-        for column in range(side):
-            x = jnp.asarray(column + 0.5, parameter.dtype)
-            pixel_fields = fields(shape, parameter, x, y, *(entry[column] for entry in pixel_row))
-            sums = [a + b for a, b in zip(sums, pixel_fields, strict=True)]
-        return sums
-
-    field_count = len(jax.eval_shape(fields, *spread(shape, parameter, side), *held))
-    start = [jnp.zeros(held[0].shape[0], held[0].dtype)] * field_count
-
-    def visit(row, sums):
-        return add_row(jnp.asarray(row), sums, shape, parameter, rows)
-
-    return tuple(jax.lax.fori_loop(0, side, visit, start))
-
-
-def sum_along_edges(
-    fields: Callable[..., list[Array]], outline: tuple[Any, Any, Any], near: Any, *held: Array
-) -> tuple[tuple[Array, ...], ...]:
-    """Apply `sum_fields` to each edge of an outline; return sums `[3][fields]` of `[slots]`.
-
-    `near` says for each edge, `[slots]`, whether its fields can be nonzero in the tile. Only those
-    edges are processed: in most slots only one edge passes through the tile.
-    """
-    slots, dtype = held[0].shape[0], held[0].dtype
-    unused = jnp.zeros((), dtype)
-
-    @materialized
-    def join(outline, near):
-        return jax.tree.map(lambda *edges: jnp.concatenate(edges), *outline), jnp.concatenate(near)
-
-    @materialized
-    def put(total, sums, edge_indices):
-        return [a.at[edge_indices].set(b, mode="drop") for a, b in zip(total, sums, strict=True)]
-
-    def plain(edge, parameter, x, y, *held):
-        return fields(edge, x, y, *held)
-
-    def visit(edge_indices, total):
-        edge, edge_values = _pick(edges, edge_indices), _pick(held, edge_indices % slots)
-        return put(total, sum_fields(plain, edge, unused, *edge_values), edge_indices)
-
-    edges, passes = join(outline, near)
-    field_count = len(jax.eval_shape(plain, *spread(outline[0], unused, side_of(held[0])), *held))
-    total = _visit_live(passes[:, None], visit, [jnp.zeros(3 * slots, dtype)] * field_count)
-    return tuple(tuple(entry[k * slots : (k + 1) * slots] for entry in total) for k in range(3))
-
-
-def sum_moments(
-    case: Float[Array, "slots pixels"], parts: list[tuple[int, Array]]
-) -> Float[Array, "slots parts 3"]:
-    """Sum entries `[slots, pixels]` times 1, x and y over the pixels of each slot.
-
-    Each of `parts` is a case number and an entry. The entry counts at the pixels where `case` has
-    that number.
-    """
-
-    @materialized
-    def stack_entries(case, entries):
-        return jnp.stack(
-            [
-                jnp.where(case == number, entry, 0.0)
-                for (number, _), entry in zip(parts, entries, strict=True)
-            ],
-            1,
-        )
-
-    @materialized
-    def add(entries_by_case):
-        x, y = centres(side_of(entries_by_case), entries_by_case.dtype)
-        moments = jnp.concatenate([jnp.ones_like(x), x, y]).T
-        flat = entries_by_case.reshape(-1, entries_by_case.shape[2])
-        return jnp.matmul(flat, moments, precision="highest").reshape(-1, len(parts), 3)
-
-    return add(stack_entries(case, [entry for _, entry in parts]))
-
-
-@jax.custom_jvp
-def sum_pixels(*weights: Float[Array, "slots pixels"]) -> tuple[Float[Array, " slots"], ...]:
-    """Sum several arrays over the pixels of each slot in one loop.
-
-    Subexpressions that the arrays share are then computed once.
-    """
-    zeros = tuple(jnp.zeros((), weight.dtype) for weight in weights)
-    return tuple(
-        jax.lax.reduce(
-            weights, zeros, lambda a, b: tuple(x + y for x, y in zip(a, b, strict=True)), (1,)
-        )
-    )
-
-
-@sum_pixels.defjvp
-def _(weights, changes):
-    return sum_pixels(*weights), tuple(jnp.sum(change, 1) for change in changes)
-
-
-def spread(shape: Any, parameter: Any, side: int) -> tuple[Any, Any, Array, Array]:
-    """Reshape the arguments of a measure so that they broadcast: `[slots, 1]` and `[1, pixels]`.
-
-    `parameter` is left as it is. For exact area it is a constant, which JAX's tracers keep as a
-    literal and not as an array.
-    """
-    x, y = centres(side, parameter.dtype)
-    return jax.tree.map(lambda entry: entry[:, None], shape), parameter, x, y
-
-
-def centres(side: int, dtype: Any) -> tuple[Float[Array, "1 pixels"], Float[Array, "1 pixels"]]:
-    """Compute x and y of the centres of a tile's pixels, rows from the top."""
-    number = jnp.arange(side * side, dtype=jnp.int32)[None]
-    return (number % side).astype(dtype) + 0.5, (number // side).astype(dtype) + 0.5
-
-
-def side_of(held: Array) -> int:
-    """Number of pixels along a tile, from the shape of values `[..., pixels]`."""
-    return math.isqrt(held.shape[-1])
+    return jnp.stack(values) if isinstance(values, tuple) else values

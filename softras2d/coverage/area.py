@@ -1,245 +1,273 @@
 """Exact area of a triangle in a pixel, and its derivative.
 
 By Green's theorem the area is the sum over directed edges of the integral of x dy, with x clamped
-to the pixel. Along an edge x is linear. So the integral is the height that the edge spans in the
-pixel, times the mean of x, clamped to 0..1, over that span: a trapezoid plus the piece past the
-right side.
+to the pixel. Along an edge x is linear, so the integral is the height that the edge spans in the
+pixel times the mean of x clamped to 0..1 over that span: a trapezoid, plus the part past the right
+side.
 
-An edge that moves sweeps area at its normal speed. With t from a to b along the segment of the edge
+An edge that moves sweeps area at its normal speed. With t from a to b along the part of the edge
 p q that lies in the pixel, the area changes by
 
-    (dy, -dx) . (m0 - m1) dp + (dy, -dx) . m1 dq,    m0 = b - a,  m1 = (b^2 - a^2) / 2.
+    (dy, -dx) . (m0 - m1) dp + (dy, -dx) . m1 dq,    m0 = b - a,  m1 = (b^2 - a^2) / 2,
 
-Horizontal edges need no special case.
+for horizontal edges like any other.
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
 from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
-from .analytic import Measure, Six, side_of, sum_along_edges
-from .edge_lines import Side, Sides
+from .analytic import AnalyticCoverage, Coordinates, Parameter, PointValues
+from .edge_lines import EdgeLine, TriangleLines
+from .tile_sums import sum_along_edges
 
 REACH = 0.7072
-"""Pixels from a pixel's centre beyond which an edge does not cut the pixel: half its diagonal."""
+"""Pixels from a pixel's centre beyond which an edge does not cut it: half its diagonal."""
+
+_GREATEST_INVERSE = 2.0**60
+"""Greatest inverse of an edge's run or rise; shorter ones have this inverse too."""
 
 
-_STEEP = 2.0**60
-"""Upper bound on one over the extent of an edge along x or y."""
+class ClippedEdge(NamedTuple):
+    """An edge clipped to the rows of a slot's tile, in pixels from the tile's upper left.
 
-
-class Edge(NamedTuple):
-    """The segment of an edge in a slot's rows of pixels, `[slots]`, in pixels of the tile.
-
-    - `x`, `y`: the start of the segment; `way_x`, `way_y`: the vector from its start to its end.
-    - `per_x`, `per_y`: one over `way_x` and `way_y`, or 0 where these are 0; `run`: the change of x
-      per unit of y.
-    - `whole_x`, `whole_y`: the vector along the whole edge, as derivatives use it.
-    - `start`, `part`: where the segment starts on the whole edge, 0..1, and which fraction of the
-      edge it is.
+    - `x`, `y`: where the clipped edge begins; `run`, `rise`: the vector to where it ends.
+    - `inverse_run`, `inverse_rise`: one over these, 0 for 0; `run_per_rise`: their quotient.
+    - `full_run`, `full_rise`: the vector along the whole edge, for derivatives.
+    - `start`, `share`: where on the whole edge, 0..1, the clipped edge begins, and its share of it.
     """
 
-    x: Any
-    y: Any
-    way_x: Any
-    way_y: Any
-    per_x: Any
-    per_y: Any
-    run: Any
-    whole_x: Any
-    whole_y: Any
-    start: Any
-    part: Any
+    x: Float[Array, "*slots"]
+    y: Float[Array, "*slots"]
+    run: Float[Array, "*slots"]
+    rise: Float[Array, "*slots"]
+    inverse_run: Float[Array, "*slots"]
+    inverse_rise: Float[Array, "*slots"]
+    run_per_rise: Float[Array, "*slots"]
+    full_run: Float[Array, "*slots"]
+    full_rise: Float[Array, "*slots"]
+    start: Float[Array, "*slots"]
+    share: Float[Array, "*slots"]
 
 
-Outline = tuple[Edge, Edge, Edge]
-"""The three edges of each slot, in order."""
+Outline = tuple[ClippedEdge, ClippedEdge, ClippedEdge]
+"""The edges of each slot in order."""
 
 
-def outline_of(
-    corners: Any, tile: Any, sides: Sides, side: int, *, signed: bool = False
+class AreaCoverage(AnalyticCoverage[Outline]):
+    """Exact area of a triangle in each pixel; it has no parameter.
+
+    It is never known to be flat from the value: an edge along the side of a pixel moves into a
+    pixel that is empty or full.
+    """
+
+    def value(
+        self, geometry: Outline, parameter: Parameter, x: PointValues, y: PointValues
+    ) -> Array:
+        """Sum over the edges of the integral of x dy."""
+        total = jnp.zeros_like(x + y)
+        for edge in geometry:
+            top, bottom, start, end = pixel_row_span(edge, x, y)
+            total = total + (bottom - top) * _clamped_mean(start, end)
+        return jnp.clip(total, 0.0, 1.0)
+
+    def jvp(
+        self,
+        geometry: Outline,
+        parameter: Parameter,
+        velocity: Coordinates,
+        x: PointValues,
+        y: PointValues,
+    ) -> Array:
+        """Area that the edges sweep."""
+        total = jnp.zeros_like(x + y)
+        for k, edge in enumerate(geometry):
+            start, end = normal_speeds(edge, k, velocity)
+            length, towards_end = _length_in_pixel(edge, x, y)
+            total = total + length * start + towards_end * (end - start)
+        return total
+
+    def vjp(
+        self, geometry: Outline, parameter: Parameter, cotangent: Float[Array, "slots pixels"]
+    ) -> Coordinates:
+        """Sums of each edge's length in the pixels, weighted by the cotangent."""
+
+        def terms(edge, x, y, cotangent):
+            return [length * cotangent for length in _length_in_pixel(edge, x, y)]
+
+        in_tile = passes_tile(geometry, self.tile_side)
+        swept = sum_along_edges(terms, geometry, in_tile, cotangent)
+        return _gradient_of_swept(geometry, swept)
+
+    def reach(self, parameter: Parameter) -> Float[Array, ""]:
+        """Half the diagonal of a pixel."""
+        return jnp.asarray(REACH, jnp.float32)
+
+
+def clip_outline(
+    corners: Float[Array, "6 slots"],
+    tile: Float[Array, "2 slots"],
+    lines: TriangleLines,
+    side: int,
+    *,
+    signed: bool = False,
 ) -> Outline:
-    """Clip the edges of each triangle to the rows of its tile.
+    """The edges of each slot, clipped to the rows of its tile.
 
-    The arguments are corners `[6, slots]`, the tile's upper left pixel `[2, slots]`, the lines of
-    the edges, and the tile's side in pixels.
+    `corners` are x and y of each corner in turn, `tile` the upper left of each slot's tile in
+    pixels and `side` its side.
 
-    The unsigned area of a collapsed triangle grows whichever way the triangle opens. Its derivative
-    therefore falls to zero over the last roundings of height (`Sides.kept`). A `signed` area has no
-    such kink.
+    An unsigned area grows to whichever side a collapsed triangle opens, so it has a kink there; its
+    derivative falls to zero with `TriangleLines.thickness`. A `signed` area has no kink.
     """
     x, y = ([corners[2 * k + axis] - tile[axis] for k in range(3)] for axis in (0, 1))
     first, second, third = (
-        _cut(line, x[k], y[k], x[(k + 1) % 3], y[(k + 1) % 3], side)
-        for k, line in enumerate(sides.edges)
+        _clip_edge(line, x[k], y[k], x[(k + 1) % 3], y[(k + 1) % 3], side)
+        for k, line in enumerate(lines.edges)
     )
     if signed:
         return first, second, third
     first, second, third = (
-        edge._replace(whole_x=edge.whole_x * sides.kept, whole_y=edge.whole_y * sides.kept)
+        edge._replace(
+            full_run=edge.full_run * lines.thickness, full_rise=edge.full_rise * lines.thickness
+        )
         for edge in (first, second, third)
     )
     return first, second, third
 
 
-def _cut(line: Side, px: Any, py: Any, qx: Any, qy: Any, side: int) -> Edge:
-    """Clip one edge to a little more than the rows of the tile.
+def _clip_edge(
+    line: EdgeLine,
+    px: Float[Array, " slots"],
+    py: Float[Array, " slots"],
+    qx: Float[Array, " slots"],
+    qy: Float[Array, " slots"],
+    side: int,
+) -> ClippedEdge:
+    """The edge from p to q, clipped a pixel above and below the tile.
 
-    What lies above and below the tile covers nothing in it. Where an end is clipped, x comes from
-    the line of the edge, because far corners are inexact in floats.
+    What lies beyond covers nothing in the tile, and far corners are inexact in floats.
     """
     dx, dy = qx - px, qy - py
-    has_height, line_has_x = dy != 0, line.across != 0
+    rises, leans = dy != 0, line.normal_x != 0
     low, high = jnp.minimum(px, qx), jnp.maximum(px, qx)
     ends = []
     for x, y in ((px, py), (qx, qy)):
         clamped_y = jnp.clip(y, -1.0, side + 1.0)
-        on_line = -(line.distance + line.down * clamped_y) / jnp.where(line_has_x, line.across, 1.0)
-        cut = jnp.where((clamped_y != y) & line_has_x, jnp.clip(on_line, low, high), x)
-        ends.append(
-            (
-                cut,
-                clamped_y,
-                jnp.where(has_height, (clamped_y - py) / jnp.where(has_height, dy, 1.0), 0.0),
-            )
+        on_line = -(line.distance + line.normal_y * clamped_y) / jnp.where(
+            leans, line.normal_x, 1.0
         )
+        is_cut = (clamped_y != y) & leans
+        t = jnp.where(rises, (clamped_y - py) / jnp.where(rises, dy, 1.0), 0.0)
+        ends.append((jnp.where(is_cut, jnp.clip(on_line, low, high), x), clamped_y, t))
     (ax, ay, start), (bx, by, end) = ends
-    fraction = jnp.where(has_height, end - start, 1.0)
-    way_x, way_y = bx - ax, by - ay
-    # The quotients are computed once per slot; XLA would divide again for each pixel.
-    per_x, per_y = (
-        jnp.clip(safe.divide(jnp.ones_like(way), way), -_STEEP, _STEEP) for way in (way_x, way_y)
+    share = jnp.where(rises, end - start, 1.0)
+    run, rise = bx - ax, by - ay
+    # Once for a slot: the compiler would divide again for each pixel.
+    inverse_run, inverse_rise = (
+        jnp.clip(safe.divide(jnp.ones_like(step), step), -_GREATEST_INVERSE, _GREATEST_INVERSE)
+        for step in (run, rise)
     )
-    return Edge(ax, ay, way_x, way_y, per_x, per_y, way_x * per_y, dx, dy, start, fraction)
-
-
-@functools.cache
-def measure(side: int) -> Measure:
-    """Create the measure of the exact area of an `Outline`; it has no parameter."""
-    # No value has zero derivative: an edge on the side of a pixel can move into a pixel that is
-    # empty or full.
-    return Measure(
-        _value,
-        _push,
-        _pull,
-        lambda outline, parameter, x, y: jnp.zeros_like(x + y),
-        lambda value: jnp.zeros(value.shape, bool),
-        side,
+    return ClippedEdge(
+        ax, ay, run, rise, inverse_run, inverse_rise, run * inverse_rise, dx, dy, start, share
     )
 
 
-def spans(edge: Edge, x: Any, y: Any) -> tuple[Any, Any, Any, Any]:
-    """Find where the edge starts and ends within each pixel's row, from the pixel's upper left.
+def pixel_row_span(
+    edge: ClippedEdge, x: PointValues, y: PointValues
+) -> tuple[Array, Array, Array, Array]:
+    """Where the edge begins and ends in the pixel's row, from the upper left of the pixel.
 
-    Returns `(top, bottom, start, end)`: y at both ends, clamped to 0..1, and x there, which is not
-    clamped.
+    Returns `(top, bottom, start, end)`: y of both ends clamped to 0..1, and x there, which may be
+    anywhere.
     """
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
-    qx, qy = px + edge.way_x, py + edge.way_y
+    qx, qy = px + edge.run, py + edge.rise
     top, bottom = jnp.clip(py, 0.0, 1.0), jnp.clip(qy, 0.0, 1.0)
-    # Each x is taken from the nearer end point, so that nothing is rounded where the edge ends
-    # in the pixel.
-    return top, bottom, px + (top - py) * edge.run, qx + (bottom - qy) * edge.run
+    # From the nearer end point each: where the edge ends in the pixel, nothing is rounded.
+    start, end = px + (top - py) * edge.run_per_rise, qx + (bottom - qy) * edge.run_per_rise
+    return top, bottom, start, end
 
 
-def _value(outline: Outline, parameter: Any, x: Any, y: Any) -> Any:
-    total = jnp.zeros_like(x + y)
-    for edge in outline:
-        top, bottom, start, end = spans(edge, x, y)
-        total = total + (bottom - top) * _mean(start, end)
-    return jnp.clip(total, 0.0, 1.0)
-
-
-def _mean(start: Any, end: Any) -> Any:
-    """Mean of x, clamped to 0..1, on the way from `start` to `end`."""
+def _clamped_mean(start: Array, end: Array) -> Array:
+    """Mean of x clamped to 0..1, for x going from `start` to `end`."""
     a, b = jnp.clip(start, 0.0, 1.0), jnp.clip(end, 0.0, 1.0)
     way = end - start
-    past = jnp.maximum(end, 1.0) - jnp.maximum(start, 1.0)
-    total = (b - a) * (0.5 * (a + b)) + past
+    past_right = jnp.maximum(end, 1.0) - jnp.maximum(start, 1.0)
+    total = (b - a) * (0.5 * (a + b)) + past_right
     return jnp.where(way != 0, total / jnp.where(way != 0, way, 1.0), a)
 
 
-def within(edge: Edge, x: Any, y: Any) -> tuple[Any, Any]:
-    """Interval of t along an edge's segment, 0..1, that lies in each pixel.
+def interval_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tuple[Array, Array]:
+    """The interval of t, 0..1 along the clipped edge, that lies in each pixel.
 
-    The interval `(a, b)` is empty unless a < b.
+    It is empty where the end is not greater than the start.
     """
-    a, b = 0.0, 1.0
+    start, end = 0.0, 1.0
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
-    for begin, per_way in ((px, edge.per_x), (py, edge.per_y)):
-        moves = per_way != 0
-        enter, leave = -begin * per_way, (1.0 - begin) * per_way
-        never = jnp.where((begin >= 0) & (begin < 1), 0.0, 2.0)
-        a = jnp.maximum(a, jnp.where(moves, jnp.minimum(enter, leave), never))
-        b = jnp.minimum(b, jnp.where(moves, jnp.maximum(enter, leave), 1.0))
-    return a, b
+    for begin, inverse in ((px, edge.inverse_run), (py, edge.inverse_rise)):
+        moves = inverse != 0
+        enter, leave = -begin * inverse, (1.0 - begin) * inverse
+        # An edge that does not move along this axis is within all along, or never.
+        still_start = jnp.where((begin >= 0) & (begin < 1), 0.0, 2.0)
+        start = jnp.maximum(start, jnp.where(moves, jnp.minimum(enter, leave), still_start))
+        end = jnp.minimum(end, jnp.where(moves, jnp.maximum(enter, leave), 1.0))
+    return start, end
 
 
-def _swept(edge: Edge, x: Any, y: Any) -> tuple[Any, Any]:
-    """Integrals over t of 1 and of t along the piece of the edge in the pixel."""
-    a, b = within(edge, x, y)
-    length = jnp.maximum(b - a, 0.0) * edge.part
-    return length, length * (edge.start + edge.part * (0.5 * (a + b)))
+def _length_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tuple[Array, Array]:
+    """The integrals of 1 and of t over what lies in the pixel, with t along the whole edge."""
+    a, b = interval_in_pixel(edge, x, y)
+    length = jnp.maximum(b - a, 0.0) * edge.share
+    return length, length * (edge.start + edge.share * (0.5 * (a + b)))
 
 
-def _push(outline: Outline, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
-    """Compute the jvp: the area that the moving edges sweep in each pixel."""
-    total = jnp.zeros_like(x + y)
+def normal_speeds(edge: ClippedEdge, k: int, velocity: Coordinates) -> tuple[Array, Array]:
+    """Speed of both ends of edge k along its outward normal, times the edge's length."""
+    start, end = (
+        edge.full_rise * velocity[2 * corner] - edge.full_run * velocity[2 * corner + 1]
+        for corner in (k, (k + 1) % 3)
+    )
+    return start, end
+
+
+@functools.partial(materialized, static_argnames=("side",))
+def passes_tile(
+    outline: Outline, side: int
+) -> tuple[Bool[Array, " slots"], Bool[Array, " slots"], Bool[Array, " slots"]]:
+    """Whether each edge, clipped to the tile's rows, may come into the tile itself."""
+
+    def overlaps(begin: Array, step: Array) -> Array:
+        end = begin + step
+        return (jnp.minimum(begin, end) <= side) & (jnp.maximum(begin, end) >= 0)
+
+    first, second, third = (
+        overlaps(edge.x, edge.run) & overlaps(edge.y, edge.rise) for edge in outline
+    )
+    return first, second, third
+
+
+@materialized
+def _gradient_of_swept(outline: Outline, swept: tuple[tuple[Array, ...], ...]) -> Coordinates:
+    """Derivatives by the corners, from the sums of `_length_in_pixel` of each edge."""
+    gradient = [jnp.zeros_like(swept[0][0])] * 6
     for k, edge in enumerate(outline):
-        begin, end = (
-            edge.whole_y * velocity[2 * c] - edge.whole_x * velocity[2 * c + 1]
-            for c in (k, (k + 1) % 3)
-        )
-        whole, towards_end = _swept(edge, x, y)
-        total = total + whole * begin + towards_end * (end - begin)
-    return total
-
-
-def _pull(outline: Outline, parameter: Any, weight: Any) -> Six:
-    """Compute the vjp: the transpose of `_push`, summed along each edge."""
-
-    def weighed(edge, x, y, weight):
-        return [field * weight for field in _swept(edge, x, y)]
-
-    near = passes_tile(outline, side_of(weight))
-    swept = sum_along_edges(weighed, outline, near, weight)
-
-    @materialized
-    def combine(outline, swept):
-        slopes = [jnp.zeros_like(swept[0][0])] * 6
-        for k, edge in enumerate(outline):
-            add_share(slopes, k, edge, *swept[k])
-        return slopes
-
-    first, second, third, fourth, fifth, sixth = combine(outline, swept)
+        add_edge_gradient(gradient, k, edge, *swept[k])
+    first, second, third, fourth, fifth, sixth = gradient
     return first, second, third, fourth, fifth, sixth
 
 
-def passes_tile(outline: Outline, side: int) -> tuple[Any, Any, Any]:
-    """Decide for each edge whether its segment in the tile's rows may enter the tile."""
+def add_edge_gradient(
+    gradient: list[Array], k: int, edge: ClippedEdge, total: Array, towards_end: Array
+) -> None:
+    """Add what moving edge k does: the transpose of `normal_speeds`.
 
-    @materialized
-    def look(outline):
-        def meets(begin: Any, way: Any) -> Any:
-            end = begin + way
-            return (jnp.minimum(begin, end) <= side) & (jnp.maximum(begin, end) >= 0)
-
-        first, second, third = (
-            meets(edge.x, edge.way_x) & meets(edge.y, edge.way_y) for edge in outline
-        )
-        return first, second, third
-
-    return look(outline)
-
-
-def add_share(slopes: list[Any], k: int, edge: Edge, whole: Any, towards_end: Any) -> None:
-    """Add what edge k sweeps to the gradient by the corners.
-
-    `whole` and `towards_end` are the integrals over t of a weight, and of t times the weight.
+    `total` and `towards_end` are the integrals of a weight over the edge, and of t times it.
     """
-    for corner, share in ((k, whole - towards_end), ((k + 1) % 3, towards_end)):
-        slopes[2 * corner] = slopes[2 * corner] + edge.whole_y * share
-        slopes[2 * corner + 1] = slopes[2 * corner + 1] - edge.whole_x * share
+    for corner, share in ((k, total - towards_end), ((k + 1) % 3, towards_end)):
+        gradient[2 * corner] = gradient[2 * corner] + edge.full_rise * share
+        gradient[2 * corner + 1] = gradient[2 * corner + 1] - edge.full_run * share

@@ -1,179 +1,197 @@
-"""Corner weights under soft coverage: their values at the nearest point of the triangle.
+"""Weights of the corners under soft coverage: those at the nearest point of the triangle.
 
-Inside the triangle, the nearest point is x itself. Beside an edge from p to q of length L and
-direction u, where x lies at distance d outside, it is at the fraction t = (x - p) . u / L of the
-edge, and
+Inside the triangle that point is the pixel's centre x itself. Beside an edge from p to q of length
+L and direction u, where x is d in front of the edge, it lies t = (x - p) . u / L along it, and
 
-    dt = -u . ((1 - t) dp + t dq) / L + (d / L^2) n . (dq - dp).
+    dt = -u . ((1 - t) dp + t dq) / L + (d / L^2) n . (dq - dp),
 
-Around a corner it is the corner. Inside, the weights at a fixed position change by -grad w_k .
-sum_j w_j dv_j. All of these are linear in x and y, or a product of two linear functions, so three
-moments of each case determine the sums over pixels.
+while around a corner it is the corner. Inside, the weights at a fixed point change by
+-grad w_k . sum_j w_j dv_j. All of this is linear in x and y, or a product of two such terms: three
+moments of each case give the sums over pixels.
 
-Corners of a triangle thinner than a few roundings replace each other, see `edge_lines`: a rounding
-would decide which corner's attributes count there.
+The corners of a triangle thinner than a few roundings stand in for each other, see `edge_lines`:
+otherwise a rounding would choose between the values of one corner and those of the others.
 """
 
 import functools
-from typing import Any
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from ..numerics.fusion_barrier import materialized
-from .analytic import Measure, Six, side_of, spread, sum_moments
-from .edge_lines import Sides, share_slopes, share_velocity
-from .soft import Nearest, is_around, nearest, side_weights
+from .analytic import Coordinates, Parameter, PixelFunction, PointValues
+from .edge_lines import TriangleLines, mix_gradient, mix_velocity
+from .soft import NearestPoint, boundary_weights, is_around_corner, nearest_point
+from .tile_sums import spread, sum_moments
 
 
-def _value(sides: Sides, parameter: Any, x: Any, y: Any) -> Any:
-    nearest_point = nearest(sides, x, y)
-    _, second, third = _weights(nearest_point, sides)
-    # The first weight is 1 minus the others.
-    by_first, by_second, by_third = sides.shares
-    return tuple(
-        by_first[corner]
-        + second * (by_second[corner] - by_first[corner])
-        + third * (by_third[corner] - by_first[corner])
-        for corner in (1, 2)
-    )
+class NearestWeights(PixelFunction[TriangleLines]):
+    """The weights of corners 1 and 2 at the point of the triangle nearest to a pixel's centre.
+
+    A triangle without area has them at the nearest point of its edges. The gradient of the weights
+    of triangles thinner than a pixel is clamped to one per pixel: the pixel's centre stands for
+    more area than the triangle has.
+    """
+
+    def value(
+        self, geometry: TriangleLines, parameter: Parameter, x: PointValues, y: PointValues
+    ) -> tuple[Array, ...]:
+        """The weights, mixed where corners stand in for each other."""
+        near = nearest_point(geometry, x, y)
+        _, second, third = _weights(near, geometry)
+        by_first, by_second, by_third = geometry.mixing
+        # The three weights add up to 1.
+        return tuple(
+            by_first[corner]
+            + second * (by_second[corner] - by_first[corner])
+            + third * (by_third[corner] - by_first[corner])
+            for corner in (1, 2)
+        )
+
+    def jvp(
+        self,
+        geometry: TriangleLines,
+        parameter: Parameter,
+        velocity: Coordinates,
+        x: PointValues,
+        y: PointValues,
+    ) -> tuple[Array, ...]:
+        """Change of the weights at a fixed pixel."""
+        near = nearest_point(geometry, x, y)
+        weights = _weights(near, geometry)
+        mixed = mix_velocity(geometry.mixing, velocity)
+        corners = [(mixed[2 * k], mixed[2 * k + 1]) for k in range(3)]
+        vx, vy = (
+            sum(w * v[axis] for w, v in zip(weights, corners, strict=True)) for axis in (0, 1)
+        )
+        # Beside an edge: how fast the nearest point slips along it, as a share of its length.
+        inverse_length = jnp.where(
+            is_around_corner(near), 0.0, jnp.minimum(near.inverse_length, 1.0)
+        )
+        turns = [
+            edge.normal_x * (end[0] - start[0]) + edge.normal_y * (end[1] - start[1])
+            for edge, start, end in zip(
+                geometry.edges, corners, corners[1:] + corners[:1], strict=True
+            )
+        ]
+        turn = jnp.where(near.edge == 0, turns[0], jnp.where(near.edge == 1, turns[1], turns[2]))
+        slip = -(near.normal_y * vx - near.normal_x * vy) + near.offset * inverse_length * turn
+        slip = slip * inverse_length
+        changes = []
+        for corner in (1, 2):
+            gx, gy = _weight_gradient(geometry, corner)
+            ends, starts = near.edge == corner - 1, near.edge == corner
+            outside = jnp.where(ends, slip, jnp.where(starts, -slip, 0.0))
+            inside = -(gx * vx + gy * vy)
+            changes.append(jnp.where(_is_inside(near, geometry), inside, outside))
+        first, second, third = geometry.mixing
+        return tuple(
+            changes[0] * (second[corner] - first[corner])
+            + changes[1] * (third[corner] - first[corner])
+            for corner in (1, 2)
+        )
+
+    def vjp(
+        self,
+        geometry: TriangleLines,
+        parameter: Parameter,
+        cotangent: Float[Array, "2 slots pixels"],
+    ) -> Coordinates:
+        """The sums by four cases: beside edge 0, 1, 2, or inside."""
+        case = _case(geometry, parameter, self.tile_side)
+        second, third = _unmix_cotangent(geometry, cotangent)
+        # Along an edge the weight of its end grows as much as that of its start falls.
+        weighted_cases = [
+            (0, second),
+            (1, third - second),
+            (2, -third),
+            (_INSIDE, second),
+            (_INSIDE, third),
+        ]
+        return _gradient_of_moments(geometry, sum_moments(case, weighted_cases))
 
 
-def _weights(found: Nearest, sides: Sides) -> tuple[Any, Any, Any]:
-    """Weights of the three corners at x, or at the nearest point of the triangle."""
-    # The weight is the distance from the opposite edge over the corner's distance from it.
+_INSIDE, _AROUND_CORNER = 3, 4
+"""Cases after those beside edge 0, 1 and 2."""
+
+
+def _weights(near: NearestPoint, lines: TriangleLines) -> tuple[Array, Array, Array]:
+    """Weights of the three corners at a point, or at the nearest point of the triangle."""
+    # A corner's weight is the distance from the opposite edge over that of the corner.
     opposite = (1, 2, 0)
-    within = [jnp.clip(found.distances[k] * sides.edges[k].per_height, 0.0, 1.0) for k in opposite]
+    within = [
+        jnp.clip(near.distances[k] * lines.edges[k].inverse_height, 0.0, 1.0) for k in opposite
+    ]
     first, second, third = (
-        jnp.where(_is_inside(found, sides), inner, outer)
-        for inner, outer in zip(within, side_weights(found), strict=True)
+        jnp.where(_is_inside(near, lines), inner, outer)
+        for inner, outer in zip(within, boundary_weights(near), strict=True)
     )
     return first, second, third
 
 
-def _is_inside(found: Nearest, sides: Sides) -> Any:
-    """Decide whether the weights at x itself count.
-
-    Across a triangle thinner than a few roundings, the position of x is not known precisely enough.
-    """
-    return found.inside & (sides.kept >= 1)
+def _is_inside(near: NearestPoint, lines: TriangleLines) -> Array:
+    """Whether the point itself counts: across a thinner triangle it is known to no digit."""
+    return near.is_inside & (lines.thickness >= 1)
 
 
-def _gradient(sides: Sides, corner: int) -> tuple[Any, Any]:
-    """Gradient of a corner's weight inside, bounded as `weights` says."""
-    opposite = sides.edges[(corner + 1) % 3]
-    rise = jnp.minimum(opposite.per_height, 1.0)
-    return opposite.across * rise, opposite.down * rise
+def _weight_gradient(lines: TriangleLines, corner: int) -> tuple[Array, Array]:
+    """Gradient of a corner's weight inside; clamped, see `NearestWeights`."""
+    opposite = lines.edges[(corner + 1) % 3]
+    size = jnp.minimum(opposite.inverse_height, 1.0)
+    return opposite.normal_x * size, opposite.normal_y * size
 
 
-def _push(sides: Sides, parameter: Any, velocity: Six, x: Any, y: Any) -> Any:
-    nearest_point = nearest(sides, x, y)
-    weights = _weights(nearest_point, sides)
-    velocity = share_velocity(sides.shares, velocity)
-    corners = [(velocity[2 * k], velocity[2 * k + 1]) for k in range(3)]
-    vx, vy = (sum(w * v[axis] for w, v in zip(weights, corners, strict=True)) for axis in (0, 1))
-    beside = jnp.where(is_around(nearest_point), 0.0, jnp.minimum(nearest_point.per_length, 1.0))
-    turns = [
-        edge.across * (end[0] - begin[0]) + edge.down * (end[1] - begin[1])
-        for edge, begin, end in zip(sides.edges, corners, corners[1:] + corners[:1], strict=True)
-    ]
-    turn = jnp.where(
-        nearest_point.side == 0, turns[0], jnp.where(nearest_point.side == 1, turns[1], turns[2])
-    )
-    slip = (
-        -(nearest_point.down * vx - nearest_point.across * vy)
-        + nearest_point.offset * beside * turn
-    )
-    slip = slip * beside
-    changes = []
-    for corner in (1, 2):
-        gx, gy = _gradient(sides, corner)
-        ends, begins = nearest_point.side == corner - 1, nearest_point.side == corner
-        outside = jnp.where(ends, slip, jnp.where(begins, -slip, 0.0))
-        changes.append(jnp.where(_is_inside(nearest_point, sides), -(gx * vx + gy * vy), outside))
-    first, second, third = sides.shares
-    return tuple(
-        changes[0] * (second[corner] - first[corner]) + changes[1] * (third[corner] - first[corner])
-        for corner in (1, 2)
-    )
+@functools.partial(materialized, static_argnames=("tile_side",))
+def _case(
+    lines: TriangleLines, parameter: Parameter, tile_side: int
+) -> Float[Array, "slots pixels"]:
+    """The nearest edge of every pixel, 0..2, or whether it is inside or around a corner."""
+    lines, _, x, y = spread(lines, parameter, tile_side)
+    near = nearest_point(lines, x, y)
+    outside = jnp.where(is_around_corner(near), float(_AROUND_CORNER), near.edge)
+    return jnp.where(_is_inside(near, lines), float(_INSIDE), outside)
 
 
-_INSIDE, _AROUND = 3, 4
-"""Case numbers that follow those beside sides 0, 1 and 2."""
+@materialized
+def _unmix_cotangent(
+    lines: TriangleLines, cotangent: Float[Array, "2 slots pixels"]
+) -> list[Float[Array, "slots pixels"]]:
+    """Cotangents of the weights before they were mixed."""
+    rows = [[entry[:, None] for entry in row] for row in lines.mixing]
+    second, third = cotangent
+    return [second * (row[1] - rows[0][1]) + third * (row[2] - rows[0][2]) for row in rows[1:]]
 
 
-def _pull(sides: Sides, parameter: Any, weight: Any) -> Six:
-    @materialized
-    def choose(sides, parameter):
-        sides, _, x, y = spread(sides, parameter, side_of(weight[0]))
-        nearest_point = nearest(sides, x, y)
-        outside = jnp.where(is_around(nearest_point), float(_AROUND), nearest_point.side)
-        return jnp.where(_is_inside(nearest_point, sides), float(_INSIDE), outside)
+@materialized
+def _gradient_of_moments(lines: TriangleLines, moments: Float[Array, "slots 5 3"]) -> Coordinates:
+    """Derivatives by the corners from the moments of `NearestWeights.vjp`."""
+    gradient = [jnp.zeros_like(lines.first.distance)] * 6
 
-    @materialized
-    def combine(sides, sums):
-        slopes = [jnp.zeros_like(sides.first.distance)] * 6
+    def add(corner: int, x: Array, y: Array) -> None:
+        gradient[2 * corner] = gradient[2 * corner] + x
+        gradient[2 * corner + 1] = gradient[2 * corner + 1] + y
 
-        def add(corner: int, x: Any, y: Any) -> None:
-            slopes[2 * corner] = slopes[2 * corner] + x
-            slopes[2 * corner + 1] = slopes[2 * corner + 1] + y
-
-        for k, edge in enumerate(sides.edges):
-            mass, x, y = sums[:, k, 0], sums[:, k, 1], sums[:, k, 2]
-            towards_end = (edge.after_start * mass + edge.down * x - edge.across * y) * (
-                edge.per_length
+    for k, edge in enumerate(lines.edges):
+        mass, x, y = moments[:, k, 0], moments[:, k, 1], moments[:, k, 2]
+        at_end = (edge.after_start * mass + edge.normal_y * x - edge.normal_x * y) * (
+            edge.inverse_length
+        )
+        inverse_length = jnp.minimum(edge.inverse_length, 1.0)
+        turn = edge.distance * mass + edge.normal_x * x + edge.normal_y * y
+        turn = turn * inverse_length * inverse_length
+        for corner, share, sign in ((k, mass - at_end, -1), ((k + 1) % 3, at_end, 1)):
+            slip = share * inverse_length
+            add(
+                corner,
+                -edge.normal_y * slip + sign * turn * edge.normal_x,
+                edge.normal_x * slip + sign * turn * edge.normal_y,
             )
-            per_length = jnp.minimum(edge.per_length, 1.0)
-            bend = (
-                (edge.distance * mass + edge.across * x + edge.down * y) * per_length * per_length
-            )
-            for corner, share, sign in ((k, mass - towards_end, -1), ((k + 1) % 3, towards_end, 1)):
-                slip = share * per_length
-                add(
-                    corner,
-                    -edge.down * slip + sign * bend * edge.across,
-                    edge.across * slip + sign * bend * edge.down,
-                )
-        for which in (1, 2):
-            gx, gy = _gradient(sides, which)
-            mass, x, y = (sums[:, 2 + which, moment] for moment in range(3))
-            for corner in range(3):
-                edge = sides.edges[(corner + 1) % 3]
-                share = (edge.distance * mass + edge.across * x + edge.down * y) * edge.per_height
-                add(corner, -gx * share, -gy * share)
-        first, second, third, fourth, fifth, sixth = share_slopes(sides.shares, tuple(slopes))
-        return first, second, third, fourth, fifth, sixth
-
-    @materialized
-    def share(sides, weight):
-        rows = [[entry[:, None] for entry in row] for row in sides.shares]
-        second, third = weight
-        return [second * (row[1] - rows[0][1]) + third * (row[2] - rows[0][2]) for row in rows[1:]]
-
-    second, third = share(sides, weight)
-    # Along a side the weight of its end grows at the rate at which that of its start falls.
-    case_weights = [
-        (0, second),
-        (1, third - second),
-        (2, -third),
-        (_INSIDE, second),
-        (_INSIDE, third),
-    ]
-    return combine(sides, sum_moments(choose(sides, parameter), case_weights))
-
-
-@functools.cache
-def weights(side: int) -> Measure:
-    """Create the measure of the weights of corners 1 and 2 at the nearest point of the triangle.
-
-    The point is the pixel's centre if that is inside. For a triangle without area it is on the
-    nearest of its sides. The gradient of triangles thinner than a pixel is clamped to one per
-    pixel, because the point represents more area than the triangle has.
-    """
-    return Measure(
-        _value,
-        _push,
-        _pull,
-        lambda sides, parameter, x, y: jnp.zeros((2, 1, 1), x.dtype),
-        lambda value: jnp.zeros(value.shape, bool),
-        side,
-    )
+    for which in (1, 2):
+        gx, gy = _weight_gradient(lines, which)
+        mass, x, y = (moments[:, 2 + which, moment] for moment in range(3))
+        for corner in range(3):
+            edge = lines.edges[(corner + 1) % 3]
+            share = edge.distance * mass + edge.normal_x * x + edge.normal_y * y
+            share = share * edge.inverse_height
+            add(corner, -gx * share, -gy * share)
+    return mix_gradient(lines.mixing, tuple(gradient))

@@ -1,247 +1,287 @@
 """Soft coverage: a smooth step of the signed distance to the triangle.
 
-Let c be the point of the boundary nearest to x, a mean of the corners with weights w_k, and n the
-unit direction in which the signed distance d grows. Moving the corners changes d by -n . sum_k w_k
-dv_k: to first order c moves with the boundary, and its motion along the boundary has no effect.
-Inside and beside an edge n is the edge's inward normal, which is well defined on the edge itself.
-Around a corner n points from x to the corner, and is zero at the corner.
+Let c be the point of the triangle's boundary that is nearest to a pixel's centre x, a mean of the
+corners with weights w_k, and n the unit direction in which the signed distance d grows. Moving the
+corners by dv_k changes d by -n . sum_k w_k dv_k: to first order c moves with the boundary, and
+where along the boundary it lies no longer matters. Inside, and beside an edge, n is the edge's
+inward normal, which is well defined on the edge itself. Around a corner n points from x to the
+corner, and is zero at the corner.
 
-A triangle without area is the segment between its two farthest corners; the third corner has no
-effect. Then n points from x to the segment, and is zero on it. Triangles thinner than a few
-roundings are between the two cases, see `edge_lines`. The jvp and the vjp take each decision (edge
-or corner, which edge, which side of it) by the same function, and prefer one choice where roundings
-could decide.
+A triangle without area is the segment between its two farthest corners, whatever the third: n then
+points from x to the segment, and is zero on it. Triangles thinner than a few roundings lie between
+the two cases, see `edge_lines`. The jvp and the vjp take each decision (edge or corner, which edge,
+which side of it) by the same function, with a preference where roundings could decide.
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
 from ..numerics.fusion_barrier import materialized
-from .analytic import Measure, Six, side_of, spread, sum_moments
-from .edge_lines import ROUNDING, Sides, share_slopes, share_velocity
+from .analytic import AnalyticCoverage, Coordinates, Parameter, PointValues
+from .edge_lines import ROUNDING, TriangleLines, mix_gradient, mix_velocity
 from .profiles import SUPPORT, slope, step
+from .tile_sums import spread, sum_moments
 
 
-@functools.cache
-def measure(profile: str, side: int) -> Measure:
-    """Create the measure of soft coverage; its parameter is the width in pixels."""
-    return Measure(
-        functools.partial(_value, profile),
-        functools.partial(_push, profile),
-        functools.partial(_pull, profile),
-        functools.partial(_by_width, profile),
-        lambda value: (value <= 0) | (value >= 1),
-        side,
-    )
+class SoftCoverage(AnalyticCoverage[TriangleLines]):
+    """Soft coverage; its parameter is the width in pixels, its geometry the edge lines.
 
-
-class Nearest(NamedTuple):
-    """The point of the boundary that is nearest to x.
-
-    - `side`: the edge on which it lies; `t`: its position along that edge, 0..1.
-    - `across`, `down`, `per_length`: those of that edge, as in `Side`.
-    - `offset`: the signed distance of x from the line of that edge.
-    - `excess`: how far x lies beyond the edge's ends along the edge; positive past its end,
-      negative before its start.
-    - `square`: the least squared distance from an edge.
-    - `inside`: whether x is in the triangle.
-    - `distances`: the signed distances from all three lines.
+    - `profile`: as `Soft.profile`.
     """
 
-    side: Any
-    t: Any
-    across: Any
-    down: Any
-    per_length: Any
-    offset: Any
-    excess: Any
-    square: Any
-    inside: Any
-    distances: tuple[Any, Any, Any]
+    profile: str = eqx.field(static=True)
+
+    def value(
+        self, geometry: TriangleLines, parameter: Parameter, x: PointValues, y: PointValues
+    ) -> Array:
+        """The profile at the signed distance to the triangle."""
+        return step(self.profile, _signed_distance(nearest_point(geometry, x, y)) / parameter)
+
+    def jvp(
+        self,
+        geometry: TriangleLines,
+        parameter: Parameter,
+        velocity: Coordinates,
+        x: PointValues,
+        y: PointValues,
+    ) -> Array:
+        """The velocity of the nearest point, along the direction of the distance."""
+        near = nearest_point(geometry, x, y)
+        edge_rate, corner_rate = _growth_rates(self.profile, geometry, near, parameter)
+        mixed = mix_velocity(geometry.mixing, velocity)
+        corners = [(mixed[2 * k], mixed[2 * k + 1]) for k in range(3)]
+        # Speed along the inward normal at both ends of each edge, and then at the nearest point.
+        start_speeds, end_speeds = (
+            [
+                edge.normal_x * vx + edge.normal_y * vy
+                for edge, (vx, vy) in zip(geometry.edges, moved, strict=True)
+            ]
+            for moved in (corners, corners[1:] + corners[:1])
+        )
+        start, end = _at_nearest_edge(near, start_speeds), _at_nearest_edge(near, end_speeds)
+        edge_speed = start + near.t * (end - start)
+        away_x = near.normal_y * near.excess + near.normal_x * near.offset
+        away_y = near.normal_y * near.offset - near.normal_x * near.excess
+        weights = boundary_weights(near)
+        vx, vy = (
+            sum(w * v[axis] for w, v in zip(weights, corners, strict=True)) for axis in (0, 1)
+        )
+        around = (away_x * vx + away_y * vy) * corner_rate
+        return jnp.where(is_around_corner(near), around, edge_speed * edge_rate)
+
+    def vjp(
+        self,
+        geometry: TriangleLines,
+        parameter: Parameter,
+        cotangent: Float[Array, "slots pixels"],
+    ) -> Coordinates:
+        """The sums by six cases: beside edge 0, 1, 2, or around corner 0, 1, 2.
+
+        A pixel beside an edge has the edge's direction, and t is linear in x and y along it. A
+        pixel around a corner has the direction from the corner. So three moments of each case are
+        all that the sums need.
+        """
+        case = _nearest_feature(geometry, parameter, self.tile_side)
+        weights = _growth_weights(self, geometry, parameter, case, cotangent)
+        return _gradient_of_moments(
+            geometry, sum_moments(case, [(number, weights) for number in range(6)])
+        )
+
+    def parameter_derivative(
+        self, geometry: TriangleLines, parameter: Parameter, x: PointValues, y: PointValues
+    ) -> Array:
+        """Derivative of coverage by the width."""
+        q = _signed_distance(nearest_point(geometry, x, y)) / parameter
+        # From the support on the slope is 0, and q may be past all bounds.
+        bound = SUPPORT[self.profile]
+        return -slope(self.profile, q) * jnp.clip(q, -bound, bound) / parameter
+
+    def is_flat(self, value: Array) -> Bool[Array, "*values slots pixels"]:
+        """Full and empty pixels are beyond the profile's support."""
+        return (value <= 0) | (value >= 1)
+
+    def reach(self, parameter: Parameter) -> Float[Array, ""]:
+        """The profile's support."""
+        return parameter.astype(jnp.float32) * SUPPORT[self.profile]
 
 
-def nearest(sides: Sides, x: Any, y: Any) -> Nearest:
-    """Find the nearest point of the boundary for each pixel.
+class NearestPoint(NamedTuple):
+    """The point of each triangle's boundary that is nearest to a point x.
 
-    A triangle without area has no inside.
+    - `edge`: number of the edge that it lies on, as a float; `t`: how far along that edge, 0..1.
+    - `normal_x`, `normal_y`, `inverse_length`: of that edge, as in `EdgeLine`.
+    - `offset`: signed distance of x from that edge's line; `excess`: how far along the line x lies
+      outside the edge, negative before its start and positive past its end.
+    - `square`: squared distance of x from the nearest point.
+    - `is_inside`: whether the triangle holds x.
+    - `distances`: signed distances of x from all three lines.
     """
-    best, least, inside, distances = None, None, sides.solid, []
-    for k, edge in enumerate(sides.edges):
-        along = edge.down * x - edge.across * y
-        offset = edge.distance + edge.across * x + edge.down * y
+
+    edge: PointValues
+    t: PointValues
+    normal_x: PointValues
+    normal_y: PointValues
+    inverse_length: PointValues
+    offset: PointValues
+    excess: PointValues
+    square: PointValues
+    is_inside: Bool[Array, "*#points"]
+    distances: tuple[PointValues, PointValues, PointValues]
+
+
+def nearest_point(lines: TriangleLines, x: PointValues, y: PointValues) -> NearestPoint:
+    """The nearest point of the boundary; a triangle without area has no inside."""
+    best, least, is_inside, distances = None, None, lines.has_area, []
+    for k, edge in enumerate(lines.edges):
+        along = edge.normal_y * x - edge.normal_x * y
+        offset = edge.distance + edge.normal_x * x + edge.normal_y * y
         past_start, past_end = edge.after_start + along, edge.after_end + along
         excess = jnp.minimum(past_start, 0.0) + jnp.maximum(past_end, 0.0)
         square = offset * offset + excess * excess
-        t = jnp.clip(past_start * edge.per_length, 0.0, 1.0)
-        candidate = (square, jnp.full_like(t, k), t, edge.across, edge.down, edge.per_length)
-        candidate = (*candidate, offset, excess)
+        t = jnp.clip(past_start * edge.inverse_length, 0.0, 1.0)
+        candidate = (square, jnp.full_like(t, k), t, edge.normal_x, edge.normal_y)
+        candidate = (*candidate, edge.inverse_length, offset, excess)
         if best is None or least is None:
             least = square
             best = tuple(jnp.broadcast_to(entry, t.shape) for entry in candidate)
         else:
-            # Among equally near edges the first wins: the jvp and the vjp round differently.
-            nearer = square * (1.0 + _TIE) < best[0]
+            # Of equally near edges, the first: roundings differ between the jvp and the vjp.
+            is_nearer = square * (1.0 + _TIE) < best[0]
             least = jnp.minimum(least, square)
-            best = tuple(jnp.where(nearer, a, b) for a, b in zip(candidate, best, strict=True))
-        inside = inside & (offset >= 0)
+            best = tuple(jnp.where(is_nearer, a, b) for a, b in zip(candidate, best, strict=True))
+        is_inside = is_inside & (offset >= 0)
         distances.append(offset)
     assert best is not None and least is not None
-    _, side, t, across, down, per_length, offset, excess = best
+    _, number, t, normal_x, normal_y, inverse_length, offset, excess = best
     first, second, third = distances
-    return Nearest(
-        side, t, across, down, per_length, offset, excess, least, inside, (first, second, third)
+    return NearestPoint(
+        number,
+        t,
+        normal_x,
+        normal_y,
+        inverse_length,
+        offset,
+        excess,
+        least,
+        is_inside,
+        (first, second, third),
     )
 
 
 _TIE = 2.0**-18
-"""Relative difference of squared distances that is within their roundings."""
+"""Relative difference of squared distances that is no more than their roundings."""
 
 
-def side_weights(found: Nearest) -> tuple[Any, Any, Any]:
+def boundary_weights(near: NearestPoint) -> tuple[Array, Array, Array]:
     """Weights of the three corners at the nearest point of the boundary."""
-    side, t = found.side, found.t
+    edge, t = near.edge, near.t
     return (
-        jnp.where(side == 0, 1.0 - t, jnp.where(side == 2, t, 0.0)),
-        jnp.where(side == 1, 1.0 - t, jnp.where(side == 0, t, 0.0)),
-        jnp.where(side == 2, 1.0 - t, jnp.where(side == 1, t, 0.0)),
+        jnp.where(edge == 0, 1.0 - t, jnp.where(edge == 2, t, 0.0)),
+        jnp.where(edge == 1, 1.0 - t, jnp.where(edge == 0, t, 0.0)),
+        jnp.where(edge == 2, 1.0 - t, jnp.where(edge == 1, t, 0.0)),
     )
 
 
-def _length(found: Nearest) -> Any:
-    """Distance of x from the boundary, with zero gradient on it."""
-    positive = found.square > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, found.square, 1.0)), 0.0)
+def is_around_corner(near: NearestPoint) -> Array:
+    """Whether a point is outside and nearest to a corner."""
+    return ~near.is_inside & (jnp.abs(near.excess) > ROUNDING)
 
 
-def _distance(found: Nearest) -> Any:
-    """Signed distance of x from the boundary, positive inside."""
-    length = _length(found)
-    return jnp.where(found.inside, length, -length)
+def _distance(near: NearestPoint) -> Array:
+    """Distance to the boundary; zero, with zero gradient, on it."""
+    positive = near.square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, near.square, 1.0)), 0.0)
 
 
-def _value(profile: str, sides: Sides, width: Any, x: Any, y: Any) -> Any:
-    return step(profile, _distance(nearest(sides, x, y)) / width)
+def _signed_distance(near: NearestPoint) -> Array:
+    """Distance to the boundary, positive inside."""
+    distance = _distance(near)
+    return jnp.where(near.is_inside, distance, -distance)
 
 
-def _by_width(profile: str, sides: Sides, width: Any, x: Any, y: Any) -> Any:
-    q = _distance(nearest(sides, x, y)) / width
-    # Beyond the support the derivative is 0, but q is unbounded and might overflow.
-    bound = SUPPORT[profile]
-    return -slope(profile, q) * jnp.clip(q, -bound, bound) / width
+_FULL_DIRECTION = 2.0**-10
+"""Pixels from a corner, or from a segment, from which on the direction to it counts in full.
 
-
-def is_around(found: Nearest) -> Any:
-    """Decide whether x is outside and its nearest point is a corner."""
-    return ~found.inside & (jnp.abs(found.excess) > ROUNDING)
-
-
-_DIRECTED = 2.0**-10
-"""Distance in pixels from which on the direction from a corner, or a segment, counts in full.
-
-The relative error of this direction is a rounding over the distance, and at the corner there is no
-direction. So its weight falls linearly below `_DIRECTED`, and is zero within `ROUNDING`.
+Nearer than that it counts less, and within `ROUNDING` not at all: the direction is known to a
+rounding over the distance, and at the corner itself there is none.
 """
 
 
-def _directed(distance: Any) -> Any:
-    """Weight of the direction at a distance from a corner or segment, see `_DIRECTED`."""
-    return jnp.clip((distance - ROUNDING) * (1.0 / (_DIRECTED - ROUNDING)), 0.0, 1.0)
+def _direction_weight(distance: Array) -> Array:
+    """How much the direction to a point at some distance counts, 0..1."""
+    return jnp.clip((distance - ROUNDING) * (1.0 / (_FULL_DIRECTION - ROUNDING)), 0.0, 1.0)
 
 
-def _rates(profile: str, sides: Sides, found: Nearest, width: Any) -> tuple[Any, Any]:
-    """Compute how fast coverage grows as the boundary moves.
+def _growth_rates(
+    profile: str, lines: TriangleLines, near: NearestPoint, width: Parameter
+) -> tuple[Array, Array]:
+    """How fast coverage grows as the boundary moves.
 
-    The first result, for points beside an edge, is per pixel of motion along the inward normal. The
-    second, for points around a corner, is per pixel of motion in the direction from the corner to
-    x, divided by their distance.
+    The first rate, beside an edge, is per pixel along the inward normal. The second, around a
+    corner, is per pixel along the direction from the corner to the point, over their distance.
     """
-    rate = slope(profile, _distance(found) / width) / width
-    length = _length(found)
-    # A point outside, but on the inner side of its nearest edge, sees the back of a triangle
-    # without area.
-    outwards = jnp.where(found.inside | (found.offset <= 0), -1.0, 1.0)
-    segment = jnp.sign(found.offset) * _directed(jnp.abs(found.offset))
-    beside = sides.kept * outwards + (1.0 - sides.kept) * segment
-    around = _directed(length) / jnp.maximum(length, ROUNDING)
+    rate = slope(profile, _signed_distance(near) / width) / width
+    distance = _distance(near)
+    # In front of an edge and yet outside: this is the back of a triangle without area.
+    outwards = jnp.where(near.is_inside | (near.offset <= 0), -1.0, 1.0)
+    to_segment = jnp.sign(near.offset) * _direction_weight(jnp.abs(near.offset))
+    beside = lines.thickness * outwards + (1.0 - lines.thickness) * to_segment
+    around = _direction_weight(distance) / jnp.maximum(distance, ROUNDING)
     return rate * beside, rate * around
 
 
-def _push(profile: str, sides: Sides, width: Any, velocity: Six, x: Any, y: Any) -> Any:
-    nearest_point = nearest(sides, x, y)
-    rate, per_length = _rates(profile, sides, nearest_point, width)
-    velocity = share_velocity(sides.shares, velocity)
-    corners = [(velocity[2 * k], velocity[2 * k + 1]) for k in range(3)]
-    # Inward velocity at both ends of each side, and then at the nearest point.
-    begins, ends = (
-        [
-            edge.across * vx + edge.down * vy
-            for edge, (vx, vy) in zip(sides.edges, moved, strict=True)
-        ]
-        for moved in (corners, corners[1:] + corners[:1])
-    )
-    begin, end = _of_side(nearest_point, begins), _of_side(nearest_point, ends)
-    beside = begin + nearest_point.t * (end - begin)
-    along_x = (
-        nearest_point.down * nearest_point.excess + nearest_point.across * nearest_point.offset
-    )
-    along_y = (
-        nearest_point.down * nearest_point.offset - nearest_point.across * nearest_point.excess
-    )
-    weights = side_weights(nearest_point)
-    vx, vy = (sum(w * v[axis] for w, v in zip(weights, corners, strict=True)) for axis in (0, 1))
-    return jnp.where(
-        is_around(nearest_point), (along_x * vx + along_y * vy) * per_length, beside * rate
-    )
-
-
-def _of_side(found: Nearest, entries: list[Any]) -> Any:
-    """Select the entry of the nearest side."""
+def _at_nearest_edge(near: NearestPoint, entries: list[Array]) -> Array:
+    """The entry of the nearest edge."""
     first, second, third = entries
-    return jnp.where(found.side == 0, first, jnp.where(found.side == 1, second, third))
+    return jnp.where(near.edge == 0, first, jnp.where(near.edge == 1, second, third))
 
 
-def _pull(profile: str, sides: Sides, width: Any, weight: Any) -> Six:
-    """Compute the vjp from moments of six cases: beside side 0, 1, 2, or around corner 0, 1, 2.
+@functools.partial(materialized, static_argnames=("tile_side",))
+def _nearest_feature(
+    lines: TriangleLines, width: Parameter, tile_side: int
+) -> Float[Array, "slots pixels"]:
+    """The nearest edge of every pixel, 0..2, or 3 plus the nearest corner where that is nearer."""
+    lines, _, x, y = spread(lines, width, tile_side)
+    near = nearest_point(lines, x, y)
+    corner = jnp.where(near.t > 0.5, near.edge + 1, near.edge)
+    corner = jnp.where(corner == 3, 0, corner)
+    return jnp.where(is_around_corner(near), 3 + corner, near.edge)
 
-    All pixels beside a side have the direction of its normal, and t is linear in x and y there.
-    Pixels around a corner have the direction from the corner, times a factor per pixel. So three
-    moments of each case are enough.
-    """
 
-    @materialized
-    def choose(sides, width):
-        sides, _, x, y = spread(sides, width, side_of(weight))
-        nearest_point = nearest(sides, x, y)
-        corner = jnp.where(nearest_point.t > 0.5, nearest_point.side + 1, nearest_point.side)
-        corner = jnp.where(corner == 3, 0, corner)
-        return jnp.where(is_around(nearest_point), 3 + corner, nearest_point.side)
+@functools.partial(materialized, static_argnames=("coverage",))
+def _growth_weights(
+    coverage: SoftCoverage,
+    lines: TriangleLines,
+    width: Parameter,
+    case: Float[Array, "slots pixels"],
+    cotangent: Float[Array, "slots pixels"],
+) -> Float[Array, "slots pixels"]:
+    """The cotangent times the growth rate of each pixel's case."""
+    lines, width, x, y = spread(lines, width, coverage.tile_side)
+    near = nearest_point(lines, x, y)
+    edge_rate, corner_rate = _growth_rates(coverage.profile, lines, near, width)
+    return cotangent * jnp.where(case >= 3, corner_rate, edge_rate)
 
-    @materialized
-    def weigh(sides, width, case, weight):
-        sides, width, x, y = spread(sides, width, side_of(weight))
-        rate, per_length = _rates(profile, sides, nearest(sides, x, y), width)
-        return weight * jnp.where(case >= 3, per_length, rate)
 
-    @materialized
-    def combine(sides, sums):
-        slopes = [jnp.zeros_like(sides.first.distance)] * 6
-        for k, edge in enumerate(sides.edges):
-            mass, x, y = sums[:, k, 0], sums[:, k, 1], sums[:, k, 2]
-            along = edge.after_start * mass + edge.down * x - edge.across * y
-            towards_end = along * edge.per_length
-            for corner, share in ((k, mass - towards_end), ((k + 1) % 3, towards_end)):
-                slopes[2 * corner] = slopes[2 * corner] + edge.across * share
-                slopes[2 * corner + 1] = slopes[2 * corner + 1] + edge.down * share
-            mass, x, y = sums[:, 3 + k, 0], sums[:, 3 + k, 1], sums[:, 3 + k, 2]
-            far_x = edge.down * edge.after_start + edge.across * edge.distance
-            far_y = edge.down * edge.distance - edge.across * edge.after_start
-            slopes[2 * k] = slopes[2 * k] + far_x * mass + x
-            slopes[2 * k + 1] = slopes[2 * k + 1] + far_y * mass + y
-        first, second, third, fourth, fifth, sixth = share_slopes(sides.shares, tuple(slopes))
-        return first, second, third, fourth, fifth, sixth
-
-    case = choose(sides, width)
-    strength = weigh(sides, width, case, weight)
-    return combine(sides, sum_moments(case, [(number, strength) for number in range(6)]))
+@materialized
+def _gradient_of_moments(lines: TriangleLines, moments: Float[Array, "slots 6 3"]) -> Coordinates:
+    """Derivatives by the corners from the moments of the six cases."""
+    gradient = [jnp.zeros_like(lines.first.distance)] * 6
+    for k, edge in enumerate(lines.edges):
+        mass, x, y = moments[:, k, 0], moments[:, k, 1], moments[:, k, 2]
+        along = edge.after_start * mass + edge.normal_y * x - edge.normal_x * y
+        at_end = along * edge.inverse_length
+        for corner, weight in ((k, mass - at_end), ((k + 1) % 3, at_end)):
+            gradient[2 * corner] = gradient[2 * corner] + edge.normal_x * weight
+            gradient[2 * corner + 1] = gradient[2 * corner + 1] + edge.normal_y * weight
+        mass, x, y = moments[:, 3 + k, 0], moments[:, 3 + k, 1], moments[:, 3 + k, 2]
+        # From the corner to the tile's upper left.
+        away_x = edge.normal_y * edge.after_start + edge.normal_x * edge.distance
+        away_y = edge.normal_y * edge.distance - edge.normal_x * edge.after_start
+        gradient[2 * k] = gradient[2 * k] + away_x * mass + x
+        gradient[2 * k + 1] = gradient[2 * k + 1] + away_y * mass + y
+    return mix_gradient(lines.mixing, tuple(gradient))

@@ -16,8 +16,8 @@ from ..binning.tile_side import choose_side
 from ..binning.tiles import list_tiles
 from ..compositing import analytic_over
 from ..compositing.opaque import sum_chunks
-from ..coverage.analytic import Measure, cover
-from ..coverage.edge_lines import Sides, sides_of
+from ..coverage.analytic import AnalyticCoverage, PixelFunction, evaluate
+from ..coverage.edge_lines import TriangleLines, triangle_lines
 from ..geometry.fixed_point import Grid, corners_of, reorient
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
@@ -39,24 +39,28 @@ _FARTHEST = 2.0**30
 """Pixels at which far corners are clamped, so that their squares stay finite."""
 
 
-class Measured(NamedTuple):
-    """How a mode measures coverage, and weights the corners, of slots as they lie in their tiles.
+class PixelFunctions(NamedTuple):
+    """What a mode evaluates at the pixels of each slot.
 
-    - `coverage`, `weights`: the two measures; `coverage_shape`, `weights_shape`: what of the
-      triangles each of them looks at.
+    - `coverage`: the covered part of a pixel; `weights`: those of corners 1 and 2 there.
     """
 
-    coverage: Measure
-    coverage_shape: Any
-    weights: Measure
-    weights_shape: Any
+    coverage: AnalyticCoverage
+    weights: PixelFunction
+
+
+class SlotGeometry(NamedTuple):
+    """What the pixels of a slot share: for the coverage, and for the weights of the corners."""
+
+    coverage: Any
+    weights: Any
 
 
 class AnalyticMode(CoverageMode):
     """Analytic coverage: a smooth function of the corners, evaluated at each pixel.
 
-    A member says how far a triangle reaches, how coverage is measured, and how triangles are
-    composited.
+    A member says which functions of the pixels it evaluates, how far a triangle reaches, and how
+    triangles are composited.
     """
 
     @abc.abstractmethod
@@ -64,17 +68,26 @@ class AnalyticMode(CoverageMode):
         """Pixels beyond its edges to which a triangle has coverage."""
 
     @abc.abstractmethod
-    def parameter(self, coverage: Any, dtype: Any) -> tuple[Array, Array]:
-        """The parameter of the measure of coverage, and the reach in pixels, as arrays."""
+    def pixel_functions(self, coverage: Any, tile_side: int) -> PixelFunctions:
+        """Coverage and weights in tiles of `tile_side` pixels along a side."""
 
     @abc.abstractmethod
-    def measures(
-        self, coverage: Any, corners: Array, tile: Array, sides: Sides, side: int
-    ) -> Measured:
-        """How slots are measured.
+    def parameter(self, coverage: Any, dtype: Any) -> Array:
+        """The parameter of the coverage function, as an array."""
 
-        `corners` `[6, slots]`: x and y of each corner in turn; `tile` `[2, slots]`: the first
-        pixel of their tile; `sides`: their edges; `side`: pixels along a tile.
+    @abc.abstractmethod
+    def slot_geometry(
+        self,
+        coverage: Any,
+        corners: Float[Array, "6 slots"],
+        tile: Float[Array, "2 slots"],
+        lines: TriangleLines,
+        tile_side: int,
+    ) -> SlotGeometry:
+        """The geometry of slots that both functions look at.
+
+        `corners`: x and y of each corner in turn; `tile`: the first pixel of each slot's tile;
+        `lines`: the edges of each slot's triangle.
         """
 
     def is_sum(self, coverage: Any) -> bool:
@@ -119,7 +132,9 @@ class AnalyticMode(CoverageMode):
         """Composite colour times coverage at each pixel: list tiles, cover, shade, composite."""
         coverage, tiling, capacity = plan.coverage, plan.tiling, plan.capacity
         corners = materialized(corners_of)(scene.positions, scene.triangles, plan.origin)
-        parameter, reach = self.parameter(coverage, corners.dtype)
+        functions = self.pixel_functions(coverage, tiling.width)
+        parameter = self.parameter(coverage, corners.dtype)
+        reach = functions.coverage.reach(jax.lax.stop_gradient(parameter))
         triangles = materialized(
             lambda corners, reach: reached_triangles(corners, plan.grid, reach)
         )(jax.lax.stop_gradient(corners), reach)
@@ -135,12 +150,12 @@ class AnalyticMode(CoverageMode):
         )
         chunks = cut_chunks(lists, layers=capacity.layers, capacity=capacity.chunks)
         slots, tile = _place(corners, triangles, chunks, tiling)
-        sides = materialized(sides_of)(slots, tile)
-        measured = self.measures(coverage, slots, tile, sides, tiling.width)
-        covered = cover(measured.coverage, slots, measured.coverage_shape, parameter)
+        lines = materialized(triangle_lines)(slots, tile)
+        geometry = self.slot_geometry(coverage, slots, tile, lines, tiling.width)
+        covered = evaluate(functions.coverage, slots, geometry.coverage, parameter)
         carried = _carried(scene, triangles, plan)
         shaded = shade_slots(
-            carried, covered, measured.weights, slots, measured.weights_shape, sides, chunks
+            carried, covered, functions.weights, slots, geometry.weights, lines, chunks
         )
         layers = self.composite(coverage, shaded, triangles, chunks, capacity.max_chunks)
         image = materialized(functools.partial(_to_image, tiling=tiling))(layers, background)

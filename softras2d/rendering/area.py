@@ -8,13 +8,14 @@ from jaxtyping import Array, Float
 
 from ..binning.lists import Chunks
 from ..binning.reach import ReachedTriangles
-from ..coverage import area, centroid
-from ..coverage.edge_lines import Sides
+from ..coverage.area import REACH, AreaCoverage, clip_outline
+from ..coverage.centroid import AreaGeometry, CentroidWeights
+from ..coverage.edge_lines import TriangleLines
 from ..numerics.fusion_barrier import materialized
 from ..options import Area
 from ..planning.effects import EFFECTS
 from ..shading.pixel_color import Shaded
-from .analytic import AnalyticMode, Measured, add_signed
+from .analytic import AnalyticMode, PixelFunctions, SlotGeometry, add_signed
 
 
 class AreaMode(AnalyticMode):
@@ -31,25 +32,32 @@ class AreaMode(AnalyticMode):
 
     def reach(self, coverage: Area, max_width: float | None) -> float:
         """Half the diagonal of a pixel."""
-        return area.REACH
+        return REACH
 
-    def parameter(self, coverage: Area, dtype: Any) -> tuple[Array, Array]:
-        """No parameter, and the reach."""
-        return jnp.zeros((), dtype), jnp.asarray(area.REACH, jnp.float32)
+    def pixel_functions(self, coverage: Area, tile_side: int) -> PixelFunctions:
+        """By area; corners are weighted at the centroid of the part of the triangle in a pixel."""
+        return PixelFunctions(AreaCoverage(tile_side), CentroidWeights(tile_side))
+
+    def parameter(self, coverage: Area, dtype: Any) -> Array:
+        """Area has no parameter."""
+        return jnp.zeros((), dtype)
 
     def is_sum(self, coverage: Area) -> bool:
         """Whether signed areas are added."""
         return coverage.compositing == "sum"
 
-    def measures(
-        self, coverage: Area, corners: Array, tile: Array, sides: Sides, side: int
-    ) -> Measured:
-        """By area; corners are weighted at the centroid of the part of the triangle in a pixel."""
-        outline_of = functools.partial(area.outline_of, side=side, signed=self.is_sum(coverage))
-        outline = materialized(outline_of)(corners, tile, sides)
-        return Measured(
-            area.measure(side), outline, centroid.weights(side), centroid.Shape(outline, sides)
-        )
+    def slot_geometry(
+        self,
+        coverage: Area,
+        corners: Float[Array, "6 slots"],
+        tile: Float[Array, "2 slots"],
+        lines: TriangleLines,
+        tile_side: int,
+    ) -> SlotGeometry:
+        """The clipped outline for areas, and with it the edge lines for centroids."""
+        clip = functools.partial(clip_outline, side=tile_side, signed=self.is_sum(coverage))
+        outline = materialized(clip)(corners, tile, lines)
+        return SlotGeometry(outline, AreaGeometry(outline, lines))
 
     def composite(
         self,

@@ -3,7 +3,6 @@
 from typing import Any, ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -12,14 +11,15 @@ from jaxtyping import Array, Float
 from ..binning.lists import Chunks
 from ..binning.reach import ReachedTriangles
 from ..compositing import depth_softmax
-from ..coverage import nearest_weights, soft
-from ..coverage.edge_lines import Sides
+from ..coverage.edge_lines import TriangleLines
+from ..coverage.nearest_weights import NearestWeights
 from ..coverage.profiles import SUPPORT
+from ..coverage.soft import SoftCoverage
 from ..numerics.device import to_device
 from ..options import Soft
 from ..planning.effects import EFFECTS
 from ..shading.pixel_color import Shaded
-from .analytic import AnalyticMode, Measured
+from .analytic import AnalyticMode, PixelFunctions, SlotGeometry
 
 
 class SoftMode(AnalyticMode):
@@ -44,19 +44,24 @@ class SoftMode(AnalyticMode):
         width = float(coverage.width)
         return max(width, max_width or width) * SUPPORT[coverage.profile]
 
-    def parameter(self, coverage: Soft, dtype: Any) -> tuple[Array, Array]:
-        """The width, and the support of the profile at that width."""
-        width = jnp.asarray(coverage.width)
-        reach = jax.lax.stop_gradient(width).astype(jnp.float32) * SUPPORT[coverage.profile]
-        return width.astype(dtype), reach
-
-    def measures(
-        self, coverage: Soft, corners: Array, tile: Array, sides: Sides, side: int
-    ) -> Measured:
+    def pixel_functions(self, coverage: Soft, tile_side: int) -> PixelFunctions:
         """By the signed distance to the triangle; corners are weighted at its nearest point."""
-        return Measured(
-            soft.measure(coverage.profile, side), sides, nearest_weights.weights(side), sides
-        )
+        return PixelFunctions(SoftCoverage(tile_side, coverage.profile), NearestWeights(tile_side))
+
+    def parameter(self, coverage: Soft, dtype: Any) -> Array:
+        """The width."""
+        return jnp.asarray(coverage.width).astype(dtype)
+
+    def slot_geometry(
+        self,
+        coverage: Soft,
+        corners: Float[Array, "6 slots"],
+        tile: Float[Array, "2 slots"],
+        lines: TriangleLines,
+        tile_side: int,
+    ) -> SlotGeometry:
+        """The edge lines, for both functions."""
+        return SlotGeometry(lines, lines)
 
     def composite(
         self,

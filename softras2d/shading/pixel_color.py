@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..binning.lists import Chunks
-from ..coverage.analytic import Measure, cover
-from ..coverage.edge_lines import Sides
+from ..coverage.analytic import PixelFunction, evaluate
+from ..coverage.edge_lines import TriangleLines
 from ..numerics.fusion_barrier import materialized
 from .surface import Corner3, Corners, Skin, count_channels
 from .triangle_color import add_color, in_space, mix, read_texture
@@ -57,10 +57,10 @@ class Shaded(NamedTuple):
 def shade_slots(
     carried: Carried,
     covered: Float[Array, "slots pixels"],
-    weights: Measure,
+    weights: PixelFunction,
     corners: Float[Array, "6 slots"],
     shape: Any,
-    sides: Sides,
+    sides: TriangleLines,
     chunks: Chunks,
 ) -> Shaded:
     """Compute opacity, colour and depth of every slot at every pixel of its tile.
@@ -78,7 +78,7 @@ def shade_slots(
     at = None
     if carried.varies:
         no_parameter = jnp.zeros((), covered.dtype)
-        second, third = cover(weights, corners, shape, no_parameter)
+        second, third = evaluate(weights, corners, shape, no_parameter)
         at = (1.0 - second - third, second, third)
     if at is not None and depth is not None:
         depth = materialized(lambda at, depth: mix(at, depth[:, None])[0])(at, depth)
@@ -104,7 +104,7 @@ def shade_slots(
 
 
 def _shade_texture(
-    own: Corners, texture: Array | None, skin: Skin, at: Corner3, sides: Sides
+    own: Corners, texture: Array | None, skin: Skin, at: Corner3, sides: TriangleLines
 ) -> Float[Array, "channels slots pixels"]:
     """Compute premultiplied colours of textured triangles."""
 
@@ -113,8 +113,8 @@ def _shade_texture(
         # The weight is the distance from the opposite edge over the corner's distance from it.
         edges = (sides.edges[2], sides.edges[0])
         across, down = (
-            tuple((getattr(edge, way) * edge.per_height)[:, None] for edge in edges)
-            for way in ("across", "down")
+            tuple((getattr(edge, way) * edge.inverse_height)[:, None] for edge in edges)
+            for way in ("normal_x", "normal_y")
         )
         seen = None if own.inverse_w is None else (at, uv)
         return read_texture(skin, (across, down), own, texture, seen)

@@ -23,11 +23,11 @@ ORIGIN = np.zeros((2, 1))
 def shape_of(slots, kind: str, tile=ORIGIN):
     """What a measure of some kind wants to know of slots."""
     tile = jnp.broadcast_to(jnp.asarray(tile, slots.dtype), (2, slots.shape[1]))
-    lines = edge_lines.sides_of(slots, tile)
+    lines = edge_lines.triangle_lines(slots, tile)
     if kind == "soft":
         return lines
-    outline = area.outline_of(slots, tile, lines, SIDE)
-    return outline if kind == "area" else centroid.Shape(outline, lines)
+    outline = area.clip_outline(slots, tile, lines, SIDE)
+    return outline if kind == "area" else centroid.AreaGeometry(outline, lines)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
@@ -35,10 +35,10 @@ def cover(kind: str, name: str | int, slots, parameter, tile=ORIGIN):
     """Coverage by a profile or by area, or the weight of a corner."""
     shape = shape_of(slots, kind, tile)
     if isinstance(name, int):
-        weights = centroid.weights if kind == "centroid" else nearest_weights.weights
-        return analytic.cover(weights(SIDE), slots, shape, parameter)[name - 1]
-    measure = area.measure(SIDE) if kind == "area" else soft.measure(name, SIDE)
-    return analytic.cover(measure, slots, shape, parameter)
+        weights = centroid.CentroidWeights if kind == "centroid" else nearest_weights.NearestWeights
+        return analytic.evaluate(weights(SIDE), slots, shape, parameter)[name - 1]
+    measure = area.AreaCoverage(SIDE) if kind == "area" else soft.SoftCoverage(SIDE, name)
+    return analytic.evaluate(measure, slots, shape, parameter)
 
 
 def clip_polygon(points, axis, bound, keep_less):
