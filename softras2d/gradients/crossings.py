@@ -194,7 +194,7 @@ def find_crossings(
         )
 
     run = gather(sides, edges, first, count, runs)
-    before, line, t, place, pixel, valid = materialized(lambda run: _follow(run, grid))(run)
+    before, line, t, pixel, valid = materialized(lambda run: _follow(run, grid))(run)
 
     @materialized
     def step_to(run, before, line, inner):
@@ -205,21 +205,25 @@ def find_crossings(
         return Sample(jnp.where(steep, along, line), jnp.where(steep, line, along))
 
     @materialized
-    def distance(run, outside, place):
+    def distance(run, outside, line):
+        # By the integers: places in floats are some roundings of far corners off.
         along = jnp.where(run.steep[None], outside.column, outside.row)
-        return jnp.clip(place - along.astype(place.dtype), -1.0, 1.0)
+        start = WrappedValue(run.start[None], run.estimate[None])
+        value = start.moved((run.step[None], along), (run.stride[None], line)).to_float(t.dtype)
+        step = jnp.where(run.step != 0, run.step, 1).astype(t.dtype)
+        return jnp.clip(-value / step[None], -1.0, 1.0)
 
     inside, outside = (step_to(run, before, line, jnp.asarray(inner)) for inner in (True, False))
-    gap = distance(run, outside, place)
+    gap = distance(run, outside, line)
     outwards = jnp.where(run.step > 0, -1.0, 1.0).astype(t.dtype)
     return Crossings(runs.edge, valid, inside, outside, gap, t, run.steep, outwards, pixel)
 
 
-def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array, Array]:
+def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array]:
     """Follow the edge of each run: its crossings with the lines of samples.
 
-    Returns the sample before each crossing, its line, how far along the edge it lies (0..1), where
-    it lies along the line in samples, its pixel, and whether it is valid.
+    Returns the sample before each crossing, its line, how far along the edge it lies (0..1), its
+    pixel, and whether it is valid.
     """
     wide = Run(*(entry[None] for entry in run))
     number = jnp.arange(LINES, dtype=jnp.int32)[:, None]
@@ -260,4 +264,4 @@ def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array, Ar
     by_row = line // grid.rate
     pixel = jnp.where(wide.steep, by_row * grid.width + held, held * grid.width + by_row)
     pixel = jnp.where(valid, pixel, grid.height * grid.width)
-    return before, line, t, across * grid.rate - 0.5, pixel, valid
+    return before, line, t, pixel, valid
