@@ -47,8 +47,10 @@ def mix(
         # A clip instead of `where` would halve the gradient of the nearest triangle itself. The
         # test precedes the division, so that the vjp never multiplies an infinity by zero.
         counts = (opacity > 0) & (gap > _LEAST * temperature)
-        power = jnp.where(counts, jnp.where(counts, gap, 0.0) / temperature, _LEAST)
-        weight = opacity * jnp.exp(power)
+        # The others weigh nothing at all: a weight of exp(-80) has a derivative by depth, which a
+        # low temperature and a large depth make large.
+        power = jnp.where(counts, gap, 0.0) / temperature
+        weight = jnp.where(counts, opacity, 0.0) * jnp.exp(power)
         # Colours are relative to a constant that cancels. Where one triangle has all the weight,
         # the mean is its colour, and a rounding of this colour must not be multiplied by the
         # gradient by a large depth.
