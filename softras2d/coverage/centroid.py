@@ -30,6 +30,7 @@ from .area import (
     pixel_row_span,
 )
 from .edge_lines import TriangleLines
+from .segment_weights import replace_if_thin
 from .tile_sums import spread, sum_along_edges, sum_over_pixels
 
 _LEAST_AREA = 1e-12
@@ -61,8 +62,9 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
     def value(
         self, geometry: AreaGeometry, parameter: Parameter, x: PointValues, y: PointValues
     ) -> tuple[Array, ...]:
-        """The weights at the centroid."""
-        return _weights(geometry, _centroid(geometry, x, y), x, y)[1:]
+        """The weights at the centroid, or their limit where a triangle is too thin to have one."""
+        weights = _weights(geometry, _centroid(geometry, x, y), x, y)
+        return replace_if_thin(weights, geometry.outline, geometry.lines, x, y)[1:]
 
     def jvp(
         self,

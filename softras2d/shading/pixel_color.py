@@ -22,6 +22,10 @@ from .triangle_color import add_color, in_space, mix, read_texture
 _CLEAR = 2.0**-24
 """Lower bound on the alpha by which a premultiplied texel is divided."""
 
+_FLAT = 2.0**23
+"""Inverse height, per pixel, of a triangle without area: its texture is blurred along the height
+like that of the thinnest triangle that has one."""
+
 
 class Carried(NamedTuple):
     """Attributes of the triangles, with corners reoriented to positive orientation.
@@ -113,7 +117,12 @@ def _shade_texture(
         # The weight is the distance from the opposite edge over the corner's distance from it.
         edges = (sides.edges[2], sides.edges[0])
         across, down = (
-            tuple((getattr(edge, way) * edge.inverse_height)[:, None] for edge in edges)
+            tuple(
+                (getattr(edge, way) * jnp.where(sides.has_area, edge.inverse_height, _FLAT))[
+                    :, None
+                ]
+                for edge in edges
+            )
             for way in ("normal_x", "normal_y")
         )
         seen = None if own.inverse_w is None else (at, uv)

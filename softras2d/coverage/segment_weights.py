@@ -1,0 +1,134 @@
+"""Weights of the corners, under exact area, for triangles so thin that their area is a rounding.
+
+Let a triangle of height h lie along its longest edge, which has length 1, and let s be the foot of
+the middle corner on it. At t along the edge the triangle is h f(t) high, where f rises linearly
+from 0 at the start to 1 at s and falls to 0 at the end. So the centroid of the part between two
+values of t, and the weights there, depend on f alone and not on h:
+
+    weight of the middle corner = integral of f^2 / 2  over  integral of f,
+    weight of the end corner    = mean of t under f  -  s (weight of the middle corner).
+
+They are the limit of the weights at the centroid as a triangle collapses, from either side.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..numerics import safe
+from .analytic import PointValues
+from .area import ClippedEdge, Outline, interval_in_pixel
+from .edge_lines import TriangleLines
+
+_THICK = 2.0**-9
+"""Height in pixels from which on a triangle has the weights at its centroid alone."""
+
+_THIN = 2.0**-11
+"""Height in pixels up to which it has those of the segment alone.
+
+Between the two heights, the centroid is known to about 1e-4, and so are the weights of the segment
+because of how the sides of a pixel cut a triangle that is not quite flat.
+"""
+
+
+class _Segment(NamedTuple):
+    """The longest edge of each slot's triangle.
+
+    - `edge`: clipped; `number`: which of the three it is; `foot`: that of the middle corner, 0..1
+      along the edge.
+    - `thinness`: share of the weights that is taken from the segment, 0..1.
+    """
+
+    edge: ClippedEdge
+    number: Float[Array, "*slots"]
+    foot: Float[Array, "*slots"]
+    thinness: Float[Array, "*slots"]
+
+
+def replace_if_thin(
+    weights: tuple[Array, Array, Array],
+    outline: Outline,
+    lines: TriangleLines,
+    x: PointValues,
+    y: PointValues,
+) -> tuple[Array, Array, Array]:
+    """Replace the weights at the centroid by those of the segment where triangles are thin.
+
+    Costs next to nothing if no triangle is.
+    """
+    segment = _longest_edge(outline, lines)
+
+    def replace(weights):
+        along = _segment_weights(segment, weights, x, y)
+        return tuple(w + segment.thinness * (s - w) for w, s in zip(weights, along, strict=True))
+
+    return jax.lax.cond(jnp.any(segment.thinness > 0), replace, lambda weights: weights, weights)
+
+
+def _longest_edge(outline: Outline, lines: TriangleLines) -> _Segment:
+    """The longest edge; the first of equally long ones."""
+    edges = lines.edges
+    lengths = [
+        safe.divide(jnp.ones_like(edge.inverse_length), edge.inverse_length) for edge in edges
+    ]
+    longest = jnp.maximum(jnp.maximum(lengths[0], lengths[1]), lengths[2])
+    is_first = lengths[0] == longest
+    is_second = ~is_first & (lengths[1] == longest)
+    feet = []
+    for k in range(3):
+        after = (k + 1) % 3
+        # The next edge goes from the end of this one to the middle corner.
+        cosine = (
+            edges[k].normal_x * edges[after].normal_x + edges[k].normal_y * edges[after].normal_y
+        )
+        feet.append(jnp.clip(1.0 + cosine * lengths[after] * edges[k].inverse_length, 0.0, 1.0))
+    edge, number, foot = jax.tree.map(
+        lambda *entries: jnp.where(is_first, entries[0], jnp.where(is_second, *entries[1:])),
+        *((outline[k], jnp.full_like(longest, k), feet[k]) for k in range(3)),
+    )
+    steepest = jnp.maximum(
+        jnp.maximum(edges[0].inverse_height, edges[1].inverse_height), edges[2].inverse_height
+    )
+    thinness = jnp.clip((steepest - 1 / _THICK) * (1 / (1 / _THIN - 1 / _THICK)), 0.0, 1.0)
+    return _Segment(edge, number, foot, jnp.where(lines.has_area, thinness, 1.0))
+
+
+def _segment_weights(
+    segment: _Segment, otherwise: tuple[Array, Array, Array], x: PointValues, y: PointValues
+) -> tuple[Array, Array, Array]:
+    """Weights of the three corners in each pixel; `otherwise` where the segment is not in it."""
+    enter, leave = interval_in_pixel(segment.edge, x, y)
+    start = segment.edge.start + segment.edge.share * enter
+    end = segment.edge.start + segment.edge.share * leave
+    foot = segment.foot
+    area, moment, square = (jnp.zeros_like(start) for _ in range(3))
+    # f is linear on either side of the foot.
+    for first, last, tip in (
+        (start, jnp.minimum(end, foot), 0.0),
+        (jnp.maximum(start, foot), end, 1.0),
+    ):
+        length = jnp.maximum(last - first, 0.0)
+        size = jnp.abs(foot - tip)
+        inverse = jnp.where(size > 0, 1.0 / jnp.where(size > 0, size, 1.0), 0.0)
+        a, b = (jnp.abs(t - tip) * inverse for t in (first, last))
+        area = area + length * (0.5 * (a + b))
+        moment = moment + length * ((2 * a + b) * first + (a + 2 * b) * last) * (1 / 6)
+        square = square + length * (a * a + a * b + b * b) * (1 / 3)
+    is_in_pixel = (leave > enter) & (area > 0)
+    inverse_area = jnp.where(is_in_pixel, 1.0 / jnp.where(is_in_pixel, area, 1.0), 0.0)
+    middle_weight = 0.5 * square * inverse_area
+    end_weight = moment * inverse_area - middle_weight * foot
+    by_role = (1.0 - middle_weight - end_weight, end_weight, middle_weight)
+    weights = []
+    for corner in range(3):
+        # Edge k starts at corner k, ends at corner k + 1, and is opposite to corner k + 2.
+        of_edge = [by_role[(corner - k) % 3] for k in range(3)]
+        chosen = jnp.where(
+            segment.number == 0,
+            of_edge[0],
+            jnp.where(segment.number == 1, of_edge[1], of_edge[2]),
+        )
+        weights.append(jnp.where(is_in_pixel, chosen, otherwise[corner]))
+    return weights[0], weights[1], weights[2]
