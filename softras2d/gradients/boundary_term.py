@@ -31,10 +31,10 @@ from ..coverage.depth_test import depth_at, depth_on_edge
 from ..geometry.fixed_point import Edges, Grid
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from .crossings import LINES, Crossings, Sides, find_crossings, list_runs
+from .crossings import LINES, Crossings, Sample, Sides, find_crossings, list_runs
 from .interpenetration import depth_changes, image_change
-from .layered_samples import Addition, LayeredSamples, addition
-from .thin_strips import ends_before_edge, fill_strips
+from .layered_samples import Addition, EdgeLayer, LayeredSamples, addition, rgba_on_edge
+from .thin_strips import covers, ends_before_edge, fill_strips
 from .visible_front import OpaqueSamples, color_at, color_on_edge, triangle_at
 
 
@@ -328,33 +328,43 @@ def _jump(
 def _layered_jumps(
     shape: BoundaryShape, crossings: Crossings, samples: LayeredSamples
 ) -> Float[Array, "channels lines runs"]:
-    """What the triangle inside would add outside, through what lies in front at either sample.
+    """What the edge's triangle would add outside, through what lies in front at either sample.
 
     A layer in front that ends between the same two samples has a crossing of its own, beyond which
     this one is samples no better than before it.
     """
-    tiling = shape.tiling
+    tiling, surface, depths = shape.tiling, samples.surface, samples.depths
     triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.valid.shape)
-    add = functools.partial(addition, samples, triangle, tiling=tiling, flat=shape.flat)
+    color = rgba_on_edge(surface, crossings.edge, crossings.t, tiling, flat=shape.flat)
+    on_edge, is_thick = None, jnp.ones(triangle.shape, bool)
+    if depths is not None:
+        on_edge = depth_on_edge(depths, crossings.edge, crossings.t)
+        is_thick = materialized(covers)(surface.edges, triangle, crossings.inside)
 
-    counts_thin = shape.flat and samples.depths is None
-    limit = functools.partial(_limited_gain, tiling=tiling, counts_thin=counts_thin)
-    return materialized(limit)(crossings, add(crossings.inside), add(crossings.outside))
+    def look(sample: Sample) -> Addition:
+        depth = None
+        if depths is not None and on_edge is not None:
+            # Next to the edge, the depth of a thinner triangle would be extrapolated.
+            depth = jnp.where(is_thick, depth_at(depths, triangle, sample, tiling), on_edge)
+        own = EdgeLayer(triangle, color, depth)
+        return addition(samples, own, sample, tiling, flat=shape.flat)
+
+    limit = materialized(functools.partial(_limited_gain, tiling=tiling))
+    return limit(crossings, look(crossings.inside), look(crossings.outside))
 
 
 def _limited_gain(
-    crossings: Crossings, near: Addition, far: Addition, *, tiling: Tiling, counts_thin: bool
+    crossings: Crossings, near: Addition, far: Addition, *, tiling: Tiling
 ) -> Float[Array, "channels lines runs"]:
     """What the triangle adds outside, dimmed by what lies in front at either sample.
 
-    With `counts_thin`, a triangle that covers neither sample is counted too: it is thinner than
-    their distance, and seen between them all the same. Its colour outside is known only if it has
-    a single colour.
+    A triangle that covers neither sample is counted too: it is thinner than their distance, and
+    visible between them all the same.
     """
     clear = jnp.where(far.through > 0, far.through, 1.0)
     part = jnp.minimum(near.through, far.through) / clear
     gain = far.gain * part[None] * _per_pixel(crossings.outwards, tiling)
-    counted = near.listed | ~far.listed if counts_thin else near.listed
+    counted = near.listed | ~far.listed
     return jnp.where((crossings.valid & counted)[None], gain, 0.0)
 
 

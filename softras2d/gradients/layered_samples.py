@@ -18,7 +18,7 @@ from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.surface import Surface
 from .crossings import Sample
-from .visible_front import address, color_at
+from .visible_front import address, color_at, color_on_edge
 
 
 class LayeredSamples(NamedTuple):
@@ -61,16 +61,25 @@ class _State(NamedTuple):
     without_through: Array
 
 
+class EdgeLayer(NamedTuple):
+    """A triangle at each crossing of its edge.
+
+    - `color`: premultiplied RGBA on the edge. Next to it, a triangle that is thinner than the
+      distance of samples has no colour that is not extrapolated.
+    - `depth`: None without depth.
+    """
+
+    triangle: Int[Array, "lines runs"]
+    color: Float[Array, "4 lines runs"]
+    depth: Float[Array, "lines runs"] | None
+
+
 def addition(
-    layers: LayeredSamples,
-    triangle: Int[Array, "lines runs"],
-    sample: Sample,
-    tiling: Tiling,
-    *,
-    flat: bool,
+    layers: LayeredSamples, own: EdgeLayer, sample: Sample, tiling: Tiling, *, flat: bool
 ) -> Addition:
     """What each triangle adds at its sample. Not differentiable: the loop ends with the lists."""
     surface, lists, depths = layers.surface, layers.lists, layers.depths
+    triangle, own_depth = own.triangle, own.depth
     channels, shape = layers.background.shape[0], triangle.shape
     tint = functools.partial(_rgba_at, surface, tiling=tiling, flat=flat)
     rows = layers.rows.shape[1]
@@ -91,7 +100,6 @@ def addition(
     start, count, place, bit = locate(sample)
     words = layers.rows.reshape(-1)
     at = functools.partial(depth_at, depths, tiling=tiling) if depths is not None else None
-    own_depth = None if at is None else at(triangle, sample)
 
     def visit(k, state):
         other, there = read(words, lists.triangle, start, count, place, bit, k)
@@ -109,15 +117,15 @@ def addition(
     state = jax.lax.fori_loop(0, jnp.max(count), visit, state)
 
     @materialized
-    def finish(state, own):
+    def finish(state, color):
         paper = layers.background[:, None, None]
         under = state.with_color + state.with_through[None] * paper
         now = state.color + state.without_through[None] * paper
-        then = own[:channels] + (1.0 - own[3])[None] * under
+        then = color[:channels] + (1.0 - color[3])[None] * under
         gain = jnp.where(state.hidden[None], 0.0, (then - now) * state.through[None])
         return Addition(state.listed, state.through, gain)
 
-    return finish(state, tint(triangle, sample))
+    return finish(state, own.color)
 
 
 def _add_layer(state: _State, triangle, other, there, color, nearer) -> _State:
@@ -138,23 +146,39 @@ def _add_layer(state: _State, triangle, other, there, color, nearer) -> _State:
     )
 
 
-def _rgba_at(surface, triangle, sample, tiling, *, flat) -> Float[Array, "4 lines runs"]:
-    """Premultiplied colour with alpha of a triangle at a sample."""
-    color = color_at(
-        surface,
-        jnp.zeros(surface.channels, surface.corners.color.dtype),
-        triangle,
-        sample,
-        tiling,
-        flat=flat,
-    )
+def rgba_on_edge(
+    surface: Surface,
+    edge: Int[Array, " runs"],
+    t: Float[Array, "lines runs"],
+    tiling: Tiling,
+    *,
+    flat: bool,
+) -> Float[Array, "4 lines runs"]:
+    """Premultiplied RGBA of each edge's own triangle on it, where it is `t` along, 0..1."""
+    color = color_on_edge(surface, edge, t, tiling, flat=flat)
+    return materialized(functools.partial(_to_rgba, flat=flat))(color)
 
-    @materialized
-    def finish(color):
-        if color.shape[0] == 3:
-            return jnp.concatenate([color, jnp.ones_like(color[:1])])
-        if flat:
-            return jnp.concatenate([color[:3] * color[3:], color[3:]])
-        return color
 
-    return finish(color)
+def _rgba_at(
+    surface: Surface,
+    triangle: Int[Array, "lines runs"],
+    sample: Sample,
+    tiling: Tiling,
+    *,
+    flat: bool,
+) -> Float[Array, "4 lines runs"]:
+    """Premultiplied RGBA of a triangle at a sample."""
+    clear = jnp.zeros(surface.channels, surface.corners.color.dtype)
+    color = color_at(surface, clear, triangle, sample, tiling, flat=flat)
+    return materialized(functools.partial(_to_rgba, flat=flat))(color)
+
+
+def _to_rgba(
+    color: Float[Array, "channels lines runs"], *, flat: bool
+) -> Float[Array, "4 lines runs"]:
+    """Add the alpha of opaque colours; premultiply those of flat triangles, which are straight."""
+    if color.shape[0] == 3:
+        return jnp.concatenate([color, jnp.ones_like(color[:1])])
+    if flat:
+        return jnp.concatenate([color[:3] * color[3:], color[3:]])
+    return color

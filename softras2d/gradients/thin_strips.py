@@ -105,6 +105,16 @@ def _point(crossings: Crossings) -> tuple[Array, Array]:
     return jnp.where(is_row, along, zero), jnp.where(is_row, zero, along)
 
 
+def covers(
+    edges: Edges, triangle: Int[Array, "*samples"], sample: Sample
+) -> Bool[Array, "*samples"]:
+    """Whether triangles cover samples, their edges included."""
+    inside = jnp.ones(triangle.shape, bool)
+    for edge in edges:
+        inside = inside & edge.gather(triangle).at(*sample).is_inside()
+    return inside
+
+
 def _covers_near(
     edges: Edges, triangle: Array, sample: Sample, offset: tuple[Array, Array]
 ) -> Bool[Array, "*samples"]:

@@ -26,15 +26,11 @@ from ..cases.stability_degenerate import (
 
 SLOW = pytest.mark.slow
 QUICK = ("soft logistic", "area")
-OPEN = {"hard, shaded": "a textured needle in hard mode is not bounded yet"}
 
 
-def _marks(mode: str) -> list[pytest.MarkDecorator]:
-    marks = [] if mode in QUICK else [SLOW]
-    return [*marks, pytest.mark.xfail(reason=OPEN[mode])] if mode in OPEN else marks
-
-
-@pytest.mark.parametrize("mode", [pytest.param(mode, marks=_marks(mode)) for mode in MODES])
+@pytest.mark.parametrize(
+    "mode", [mode if mode in QUICK else pytest.param(mode, marks=SLOW) for mode in MODES]
+)
 def test_derivatives_agree_and_are_bounded(mode):
     widths = (1.0,) if mode in QUICK else WIDTHS
     for row in measure(mode, widths=widths, random=1):
