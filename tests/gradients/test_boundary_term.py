@@ -328,14 +328,22 @@ def test_thin_triangles_have_the_whole_gradient(kind, most, corners):
     assert product / square == pytest.approx(1.0, abs=most)
 
 
-def test_a_thin_triangle_under_glass_and_over_colour():
-    """Also where layers are composited: a sliver between two samples of a translucent scene."""
-    scene = thin_things(1, "sliver", 1)
-    colors = np.concatenate([np.asarray(scene.colors), np.full((9, 1, 1), 0.6, np.float32)], -1)
-    scene = replace(scene, colors=jnp.asarray(colors))
-    plan = sr.plan(scene, height=24, width=24, coverage=sr.Hard(16))
-    weights = np.random.default_rng(2).normal(size=(3, 3, 3)).repeat(8, 0).repeat(8, 1)
-    found = gradient_of(scene, plan, weights.astype(np.float32))
-    true = edges.position_gradient(scene, weights)
-    scale = (np.asarray(found) * true).sum() / (true**2).sum()
-    assert scale == pytest.approx(1.0, abs=0.1)
+@pytest.mark.parametrize(
+    "corners, depth", [(1, False), *(pytest.param(*k, marks=SLOW) for k in [(3, False), (3, True)])]
+)
+def test_translucent_slivers_have_the_whole_gradient(corners, depth):
+    """With corner colours and with depth: most lie between samples and are seen at none."""
+    product, square = 0.0, 0.0
+    for seed in range(1, 5):
+        scene = thin_things(seed, "sliver", corners)
+        alpha = np.full((9, corners, 1), 0.6, np.float32)
+        colors = np.concatenate([np.asarray(scene.colors), alpha], -1)
+        scene = replace(scene, colors=jnp.asarray(colors))
+        if depth:
+            scene = replace(scene, depth=jnp.tile(jnp.array([0.3, 0.5, 0.4]), 9))
+        plan = sr.plan(scene, height=24, width=24, coverage=sr.Hard(16))
+        weights = np.random.default_rng(seed).normal(size=(3, 3, 3)).repeat(8, 0).repeat(8, 1)
+        found = np.asarray(gradient_of(scene, plan, weights.astype(np.float32)), np.float64)
+        true = edges.position_gradient(scene, weights)
+        product, square = product + (found * true).sum(), square + (true**2).sum()
+    assert product / square == pytest.approx(1.0, abs=0.1)
