@@ -17,9 +17,6 @@ from .result import FitResult
 from .solvers import SOLVERS, Solver, is_rate_adjustable, solver_of
 from .target import Image, Target
 
-DEFAULT_STEPS = 1000
-"""Steps of a fit that is given neither `steps` nor `seconds`."""
-
 
 def make_fit(
     target: Target,
