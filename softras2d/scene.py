@@ -92,8 +92,8 @@ class Scene(eqx.Module):
 
         Give either `vertex_colors` `[vertices, channels]`, or `triangle_colors` `[triangles,
         channels]` (flat) or `[triangles, 3, channels]` (one per corner). The default `background`
-        is white. All floats get the dtype of `positions`, float32 or float64; integers become float32.
-        Arrays on the host are converted without compiling anything.
+        is white. All floats get the dtype of `positions`, float32 or float64; integers become
+        float32. Arrays on the host are converted without compiling anything.
 
         Raises `ValueError` for invalid shapes, dtypes, indices and values. Warns of colours that
         look like bytes (0..255).

@@ -129,7 +129,7 @@ class LayersFit(AbstractFit):
         return float(np.sqrt(self.height * self.width / max(count, 1)))
 
     def likely_scene(self) -> Scene:
-        """The largest number of triangles, random and somewhat larger than new ones."""
+        """A scene of `max_triangles` random triangles, somewhat larger than new ones."""
         count = self.max_triangles
         rng = np.random.default_rng(0)
         centers = rng.random((count, 2)) * [self.width, self.height]
@@ -141,6 +141,7 @@ class LayersFit(AbstractFit):
         return layers_scene(y, self.data.background)
 
     def _plan(self, scenes: list[Scene]) -> Plan:
+        """Plan for soft coverage of any width that the fit will use."""
         return plan(
             scenes,
             height=self.height,
@@ -245,14 +246,14 @@ class LayersFit(AbstractFit):
     def _replace(self, replacement: Replacement) -> None:
         """Replace triangles by new ones.
 
-        The loss rises for a while after this, so the best point before it is remembered.
+        The loss rises for a while afterwards, so the best point before it is remembered.
         """
         if np.isfinite(self.progress.best_loss):
             earlier = np.inf if self._earlier is None else self._earlier.loss
             self._earlier = _Earlier(min(float(self.progress.best_loss), earlier), self._best)
         y = replacement.in_unknowns(self.progress.y)
         if self.request.adjustable_rate:
-            # Adam's averages have one number per unknown: reordered, and 0 for new triangles.
+            # Adam's moving averages have one number per unknown, and start at 0 for new ones.
             solver_state = replacement.in_optimizer_state(self.progress.state)
             self.progress = forget_best(self.progress._replace(y=y, state=solver_state))
         else:
@@ -265,7 +266,7 @@ class LayersFit(AbstractFit):
         return saved.pack(best, self._overshoot, self.data.width, self._background, self._rng)
 
     def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Undo `own_state`."""
+        """Restore what `own_state` saved."""
         self._background, self._overshoot = arrays["background"], float(arrays["beyond"])
         self.data = self.data._replace(
             background=to_device(self._background), width=to_device(arrays["width"])

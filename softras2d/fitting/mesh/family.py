@@ -116,10 +116,10 @@ class MeshFit(AbstractFit):
                 f"`start` is a mesh of {mesh.width} x {mesh.height} pixels; the fit has "
                 f"{self.width} x {self.height}."
             )
-        most = saved.max_vertices(self.request.settings)
-        if len(mesh.positions) > most:
+        limit = saved.max_vertices(self.request.settings)
+        if len(mesh.positions) > limit:
             raise ValueError(
-                f"`start` has {len(mesh.positions)} vertices; `triangles` allows {most}."
+                f"`start` has {len(mesh.positions)} vertices; `triangles` allows {limit}."
             )
         check_tiling(mesh)
         return mesh
@@ -129,7 +129,7 @@ class MeshFit(AbstractFit):
     ) -> tuple[MeshData, MeshUnknowns]:
         """Make the data and unknowns of a mesh, with the colours of least squared error.
 
-        `scale`: that of `MeshData`; None: from the altitudes of the mesh's triangles.
+        `scale`: that of `MeshData`, or None to compute it from the altitudes of the triangles.
         """
         target = self.request.target
         # The number of triangles is largest when only four of the vertices lie on the border.
@@ -165,6 +165,7 @@ class MeshFit(AbstractFit):
         return mesh_scene(self.progress.y, self.data)
 
     def _plan(self, scenes: list[Scene]) -> Plan:
+        """Plan for the exact image of a tiling."""
         return plan(scenes, height=self.height, width=self.width, coverage=Area("sum"))
 
     def _best(self) -> _Best:
@@ -250,12 +251,12 @@ class MeshFit(AbstractFit):
         return arrays
 
     def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Undo `own_state`; the mesh itself was restored by the constructor."""
+        """Restore what `own_state` saved; the constructor has restored the mesh itself."""
         self.data = self.data._replace(scale=to_device(arrays["scale"]))
         if "kept" in arrays:
             mesh = saved.mesh_of(arrays, "kept.mesh")
-            data, shaped = self._prepare(mesh, arrays["kept.scale"])
-            y = fill_tree(shaped, "kept", arrays)
+            data, template = self._prepare(mesh, arrays["kept.scale"])
+            y = fill_tree(template, "kept", arrays)
             self._earlier = _Best(float(arrays["kept"]), y, mesh, data)
 
 
