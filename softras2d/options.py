@@ -62,11 +62,11 @@ class Soft(eqx.Module):
     """Soft coverage: a smooth step of the signed distance to the triangle.
 
     - `width`: the distance in pixels over which coverage rises from 10 % to 90 %, which is 0.8 for
-      a pixel's box filter. It is an array leaf of a plan, so a new value does not recompile if it is
-      at most the plan's `max_width`.
-    - `profile`: `"logistic"` in the distance; `"softras"`, logistic in its square, with derivative 0
-      on the edge itself; or `"window"`, a smoothstep. All are 1/2 on the edge, and 0 and 1 beyond a
-      finite distance: 1.38, 0.83 and 0.82 widths.
+      a pixel's box filter. It is an array leaf of a plan, so a new value does not recompile if it
+      is at most the plan's `max_width`.
+    - `profile`: `"logistic"` in the distance; `"softras"`, logistic in its square, with derivative
+      0 on the edge itself; or `"window"`, a smoothstep. All are 1/2 on the edge, and 0 and 1 beyond
+      a finite distance: 1.38, 0.83 and 0.82 widths.
     - `temperature`: for scenes with depth, in units of depth. A triangle that is deeper by the
       temperature has 1/e of the weight. Keep it near the differences in depth: if it is far below
       them, the nearest triangle hides all others as far as its coverage reaches, so that its
