@@ -17,7 +17,7 @@ from ..scene import Scene
 from . import choices
 from .budget import Budget, Limits
 from .interrupt import deferred_interrupt
-from .loop import Moment, run
+from .loop import ProgressReport, run
 from .prepare import check_images, check_resume, settings_to_resume
 from .result import FitResult
 from .solvers import Solver
@@ -43,7 +43,7 @@ def fit(
     light: str = "display",
     weights: Any = None,
     start: Any = "error",
-    report: Callable[[Moment], None] | None = None,
+    report: Callable[[ProgressReport], None] | None = None,
     resume: FitResult | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
 ) -> FitResult:
@@ -79,7 +79,7 @@ def fit(
       least are moved there, as the fit goes on. With any other start, triangles are only fitted:
       `"uniform"`; `"delaunay"`, a mesh of random points that are denser where the image changes;
       a `Scene` in pixels of the target (layers); or a `Mesh` in pixels of the fit.
-    - `report`: called with a `Moment` after each chunk of steps.
+    - `report`: called with a `ProgressReport` after each chunk of steps.
     - `resume`: the result of an earlier fit of this target. The fit continues from there, with the
       settings and weights of the earlier fit. Only the arguments `steps`, `seconds`, `report` and
       `checkpoint` of this call are used.
@@ -128,7 +128,7 @@ def _check_checkpoint(path: Path) -> None:
 def _run(
     task: Task,
     limits: Limits,
-    report: Callable[[Moment], None] | None,
+    report: Callable[[ProgressReport], None] | None,
     checkpoint: str | os.PathLike[str] | None,
     stop: Callable[[], bool],
 ) -> bool:
@@ -137,10 +137,10 @@ def _run(
     def best_scene() -> Scene:
         return task.frame.enlarge(task.fit.scene(padded=True))
 
-    def report_moment(share: float, seconds_left: float) -> None:
+    def report_progress(share: float, seconds_left: float) -> None:
         if report is not None:
             record, triangles = task.history[-1], task.fit.max_triangles
-            report(Moment(record, share, seconds_left, triangles, best_scene))
+            report(ProgressReport(record, share, seconds_left, triangles, best_scene))
 
     def save() -> None:
         if checkpoint is None:
@@ -156,5 +156,5 @@ def _run(
         budget = Budget(limits, pool.submit(warm_up), task.seconds_before)
         return run(
             [task.fit], [task.history], budget, steps=task.steps_before, max_steps=task.max_steps,
-            stop=stop, report=report_moment, save=save,
+            stop=stop, report=report_progress, save=save,
         )  # fmt: skip

@@ -24,8 +24,8 @@ _CHECKPOINT_SECONDS = 30.0
 """Least number of seconds between two checkpoints."""
 
 
-class Moment(NamedTuple):
-    """A progress report of a running fit, which `report` is called with.
+class ProgressReport(NamedTuple):
+    """The state of a running fit, which the callback `report` of `fit` receives.
 
     - `record`: the record of the last chunk.
     - `share`: how far the fit is, 0..1.

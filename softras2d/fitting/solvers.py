@@ -80,8 +80,8 @@ class NamedSolver(NamedTuple):
 
     - `make`: the solver, for a learning rate that only first-order solvers use.
     - `adjustable_rate`: whether a fit may lower the learning rate between chunks of steps, by
-      `solve.set_learning_rate`. Such a solver must be one of optax, whose state holds, of the last
-      point, only arrays with one number per unknown.
+      `solve.set_learning_rate`. Such a solver must come from optax. All that its state remembers of
+      the last point must be arrays with one number per unknown.
     """
 
     make: Callable[[float], Solver]

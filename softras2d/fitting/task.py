@@ -47,8 +47,8 @@ class Task:
     def warm_up(self, timed: bool) -> Callable[[], float]:
         """Make a function that compiles the programs for the result, and returns how long they run.
 
-        It may be called in another thread while the fit goes on, because it uses the scene and the
-        unknowns from before. `timed`: whether to include the seconds of solving for colours.
+        It may be called in another thread while the fit goes on, because it uses only the scene and
+        the unknowns at the time of this call. `timed`: include the time to solve for colours.
         """
         fit = self.fit
         likely = self.frame.enlarge(fit.likely_scene())

@@ -89,9 +89,9 @@ def flip(mesh: Mesh, edges: Edges, chosen: Int[np.ndarray, " chosen"]) -> Mesh:
 
 
 def _angle_excess(mesh: Mesh, edges: Edges) -> Float[np.ndarray, " edges"]:
-    """By how many radians the two angles opposite each edge exceed pi together.
+    """Excess over pi, in radians, of the sum of the two angles opposite each edge.
 
-    The edge violates the Delaunay condition where this is positive.
+    An edge violates the Delaunay condition if its excess is positive.
     """
     excess = np.full(len(edges.ends), -np.pi)
     for apex in edges.apexes.T:

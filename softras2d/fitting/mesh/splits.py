@@ -37,8 +37,7 @@ INNER_POINTS: dict[ColorModel, tuple[tuple[float, float, float], ...]] = {
 """Points in a triangle that are tried, besides the centre and the peak of its error."""
 
 _HAT_DAMPING = 0.1
-"""Added to the sum of a hat function's squares, so that one that meets no pixel centre gains
-nothing."""
+"""Added to the sum of a hat function's squares, so that the gain is 0 without pixel centres."""
 
 
 class Splits(NamedTuple):

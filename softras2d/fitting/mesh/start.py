@@ -62,7 +62,7 @@ def delaunay_start(target: Target, vertices: int, *, seed: int = 0) -> Mesh:
     """
     height, width = target.image.shape[:2]
     rng = np.random.default_rng(seed)
-    # Half the number of points on the border, besides the corners.
+    # Half the number of points on the border, not counting the corners.
     half = max(0, vertices - 4) ** 0.5
     across, down = (int(half * side / (height + width)) for side in (width, height))
     x, y = np.linspace(0, width, across + 2), np.linspace(0, height, down + 2)
