@@ -1,8 +1,8 @@
 """A differentiable 2-D triangle rasterizer in JAX.
 
-The names below are the public face; everything else may change. They load on first use
-(PEP 562), so that `import softras2d` costs milliseconds and a command line can answer `--help`
-without waiting for JAX.
+The names in `__all__` are public; everything else may change. They load on first use (PEP 562),
+so that `import softras2d` costs milliseconds and a command line can answer `--help` without waiting
+for JAX.
 """
 
 from importlib import import_module
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_HOMES = {
+_DEFINED_IN = {
     "Area": ".options",
     "Filter": ".options",
     "FitResult": ".fitting.result",
@@ -50,7 +50,7 @@ _HOMES = {
     "write_svg": ".io.svg.writer",
 }
 
-_ROOMS = ("camera", "pictures", "plot")
+_PUBLIC_MODULES = ("camera", "pictures", "plot")
 """Modules that are public as a whole."""
 
 __all__ = [
@@ -81,12 +81,12 @@ __all__ = [
 
 
 def __getattr__(name: str):
-    if name in _ROOMS:
-        # The import system puts it here.
+    if name in _PUBLIC_MODULES:
+        # The import system makes it an attribute of this module, so this runs once.
         return import_module(f".{name}", __name__)
-    if name not in _HOMES:
+    if name not in _DEFINED_IN:
         raise AttributeError(f"module 'softras2d' has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name], __name__), name)
+    value = getattr(import_module(_DEFINED_IN[name], __name__), name)
     globals()[name] = value
     return value
 

@@ -1,4 +1,7 @@
-"""Alpha and sRGB, each defined once, for numpy and jax arrays alike. Does not import JAX."""
+"""Premultiplied alpha and the sRGB transfer function, for NumPy and JAX arrays.
+
+This module does not import JAX.
+"""
 
 from typing import Any
 
@@ -8,8 +11,8 @@ import numpy as np
 def premultiply(pixels: Any, axis: int = -1) -> Any:
     """Multiply colours by their alpha, the last of four channels along `axis`.
 
-    Pixels of any other number of channels are opaque and returned unchanged. For numpy and jax
-    alike. The inverse is `unpremultiply`.
+    Pixels with any other number of channels are opaque and are returned unchanged. The inverse is
+    `unpremultiply`.
     """
     if pixels.shape[axis] != 4:
         return pixels
@@ -21,43 +24,43 @@ def premultiply(pixels: Any, axis: int = -1) -> Any:
 def unpremultiply(pixels: Any, axis: int = -1) -> Any:
     """Divide colours by their alpha, the last of four channels along `axis`.
 
-    The colour is 0, with zero gradient, where alpha is 0. Pixels of any other number of channels
-    are opaque and returned unchanged. For numpy and jax alike.
+    The colour is 0, with zero gradient, where alpha is 0. Pixels with any other number of channels
+    are opaque and are returned unchanged.
     """
     if pixels.shape[axis] != 4:
         return pixels
     xp = pixels.__array_namespace__()
     color, alpha = xp.split(pixels, [3], axis)
     is_visible = alpha != 0
-    # Both guards matter: the inner one keeps the gradient of the quotient finite.
+    # Both guards matter: the outer one sets the value, the inner one keeps the gradient finite.
     color = xp.where(is_visible, color / xp.where(is_visible, alpha, 1.0), 0.0)
     return xp.concat([color.astype(alpha.dtype), alpha], axis=axis)
 
 
 def srgb_to_linear(values: Any) -> Any:
-    """Convert sRGB values to linear light, one by one; 0 and 1 stay.
+    """Convert sRGB values to linear values; 0 and 1 stay the same.
 
-    Negative values are converted like positive ones, with their sign, and the curve goes on above
-    1. For numpy and jax alike.
+    Negative values are converted like positive ones and keep their sign. Above 1 the curve is
+    continued.
 
     **Source:** IEC 61966-2-1; the extension beyond 0..1 as in CSS Color 4, section 10.2.
     """
     xp = values.__array_namespace__()
-    size = xp.abs(values)
-    is_dark = size <= 0.04045
+    magnitude = xp.abs(values)
+    is_dark = magnitude <= 0.04045
     # In NumPy, values too bright for the type become infinite without a warning.
     with np.errstate(over="ignore"):
-        curve = ((xp.where(is_dark, 1.0, size) + 0.055) / 1.055) ** 2.4
-    light = xp.where(is_dark, values / 12.92, xp.where(values < 0, -curve, curve))
-    return light.astype(values.dtype)
+        curve = ((xp.where(is_dark, 1.0, magnitude) + 0.055) / 1.055) ** 2.4
+    linear = xp.where(is_dark, values / 12.92, xp.where(values < 0, -curve, curve))
+    return linear.astype(values.dtype)
 
 
 def linear_to_srgb(values: Any) -> Any:
-    """Convert linear light to sRGB values: the inverse of `srgb_to_linear`."""
+    """Convert linear values to sRGB values: the inverse of `srgb_to_linear`."""
     xp = values.__array_namespace__()
-    size = xp.abs(values)
-    is_dark = size <= 0.04045 / 12.92
+    magnitude = xp.abs(values)
+    is_dark = magnitude <= 0.04045 / 12.92
     with np.errstate(over="ignore"):
-        curve = 1.055 * xp.where(is_dark, 1.0, size) ** (1 / 2.4) - 0.055
+        curve = 1.055 * xp.where(is_dark, 1.0, magnitude) ** (1 / 2.4) - 0.055
     encoded = xp.where(is_dark, values * 12.92, xp.where(values < 0, -curve, curve))
     return encoded.astype(values.dtype)

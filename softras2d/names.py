@@ -1,6 +1,7 @@
-"""Names that a caller may write for an option: each list stands here once.
+"""The names that a caller may give for each option.
 
-Imports nothing but `typing`, so that the command line can offer the names without loading JAX.
+This module imports nothing but `typing`, so that the command line can offer the names without
+loading JAX.
 """
 
 from typing import Any, Literal, get_args
@@ -30,5 +31,5 @@ def check_name(argument: str, value: object, names: Any) -> None:
     """Raise `ValueError` unless `value` is one of `names`, a `Literal` of this module."""
     allowed = get_args(names)
     if value not in allowed:
-        told = ", ".join(map(repr, allowed))
-        raise ValueError(f"`{argument}` must be one of {told}; got {value!r}.")
+        listed = ", ".join(map(repr, allowed))
+        raise ValueError(f"`{argument}` must be one of {listed}; got {value!r}.")

@@ -1,6 +1,6 @@
-"""Options of a render: how coverage is decided, and how textures are filtered.
+"""Options of a render: how coverage is computed, and how textures are filtered.
 
-This module holds data only. Which pipeline draws an option is decided in `rendering/modes.py`.
+This module holds data only. The table in `rendering/modes.py` maps each option to its pipeline.
 """
 
 import equinox as eqx
@@ -18,21 +18,22 @@ from .names import (
 )
 
 SAMPLES = (1, 4, 9, 16, 64, 256)
-"""Numbers of samples per pixel that hard mode draws: the squares of 1, 2, 3, 4, 8 and 16."""
+"""Numbers of samples per pixel that `Hard` accepts: the squares of 1, 2, 3, 4, 8 and 16."""
 
 
 class Hard(eqx.Module):
-    """Exact supersampling: each sample is inside or outside, decided in integers.
+    """Exact supersampling: integer arithmetic decides whether each sample is inside.
 
-    - `samples` per pixel, on a regular grid: 1, 4, 9, 16, 64 or 256.
-    - `fill_rule`: under `"inclusive"` a triangle covers every sample of its closed area; under
-      `"top_left"` a sample on a shared edge belongs to one of the two triangles, and triangles of
+    - `samples`: samples per pixel, on a regular grid: 1, 4, 9, 16, 64 or 256.
+    - `fill_rule`: with `"inclusive"`, a triangle covers every sample of its closed area. With
+      `"top_left"`, a sample on a shared edge belongs to one of the two triangles, and triangles of
       zero area cover nothing.
-    - `shading`: where colours are evaluated: at each `"sample"` (supersampling), or once a
-      `"pixel"` for each triangle there (multisampling): at the centre if the triangle holds it,
-      else at the centroid of the samples of the pixel that it covers, whether they show or not.
+    - `shading`: with `"sample"`, colours are evaluated at each sample (supersampling). With
+      `"pixel"`, they are evaluated once per pixel and triangle (multisampling): at the pixel centre
+      if the triangle covers it, else at the centroid of all samples of the pixel that the triangle
+      covers, visible or not.
     - `edge_gradients`: whether positions receive the derivative of the box-filtered image, which
-      costs nothing until it is asked for; else they receive zero.
+      costs nothing unless a derivative is taken. If false, their gradient is zero.
     """
 
     samples: int = eqx.field(static=True, default=16)
@@ -53,21 +54,23 @@ class Hard(eqx.Module):
         return {1: 1, 4: 2, 9: 3, 16: 4, 64: 8, 256: 16}[self.samples]
 
     def describe(self) -> str:
-        """One line for people."""
+        """Describe the option in one line of text."""
         return f"hard, {self.samples} samples a pixel, {self.fill_rule}, shaded by {self.shading}"
 
 
 class Soft(eqx.Module):
     """Soft coverage: a smooth step of the signed distance to the triangle.
 
-    - `width`: the distance in pixels over which coverage rises from 10 % to 90 %; 0.8 is that of a
-      pixel's box filter. An array leaf of a plan: another one does not recompile (`max_width`).
-    - `profile`: `"logistic"` in the distance, `"softras"` in its square (with no slope on the edge
-      itself), or a `"window"`, which is a smoothstep. All are 1/2 on the edge, and 0 and 1 from a
-      finite distance on: 1.38, 0.83 and 0.82 widths.
-    - `temperature`: of a scene with depth, in its units: a triangle that lies deeper by as much
-      has 1/e of the weight. Far below the distances in depth the nearest triangle takes all, out to
-      where its coverage ends, and its outline swells; so keep it near them. An array leaf too.
+    - `width`: the distance in pixels over which coverage rises from 10 % to 90 %, which is 0.8 for
+      a pixel's box filter. It is an array leaf of a plan, so a new value does not recompile if it
+      is at most the plan's `max_width`.
+    - `profile`: `"logistic"` in the distance; `"softras"`, logistic in its square, with derivative
+      0 on the edge itself; or `"window"`, a smoothstep. All are 1/2 on the edge, and 0 and 1 beyond
+      a finite distance: 1.38, 0.83 and 0.82 widths.
+    - `temperature`: for scenes with depth, in units of depth. A triangle that is deeper by the
+      temperature has 1/e of the weight. Keep it near the differences in depth: if it is far below
+      them, the nearest triangle hides all others as far as its coverage reaches, so that its
+      outline swells. It is an array leaf too.
     """
 
     width: int | float | Array = 1.0
@@ -83,7 +86,7 @@ class Soft(eqx.Module):
         return 1
 
     def describe(self) -> str:
-        """One line for people."""
+        """Describe the option in one line of text."""
         width, temperature = float(self.width), float(self.temperature)
         return f"soft, {self.profile}, {width:g} px wide, temperature {temperature:g}"
 
@@ -91,8 +94,8 @@ class Soft(eqx.Module):
 class Area(eqx.Module):
     """Exact area of the intersection of triangle and pixel, in closed form.
 
-    `compositing`: `"over"` blends in draw order, and lets what lies behind show through the seams
-    of triangles that abut; `"sum"` adds signed areas, which is the exact image of a tiling.
+    `compositing`: `"over"` blends in draw order; the background shows at the seams of adjacent
+    triangles. `"sum"` adds signed areas, which gives the exact image of a tiling.
     """
 
     compositing: AreaCompositing = eqx.field(static=True, default="over")
@@ -106,7 +109,7 @@ class Area(eqx.Module):
         return 1
 
     def describe(self) -> str:
-        """One line for people."""
+        """Describe the option in one line of text."""
         return f"exact area, composited by {self.compositing!r}"
 
 
@@ -118,11 +121,11 @@ class Filter(eqx.Module):
 
     - `pixel`: within a mip level, the `"nearest"` texel or `"bilinear"` between four.
     - `level`: level `"zero"`, the `"nearest"` level, or `"linear"` between two.
-    - `anisotropy`: probes along the longer axis of the footprint at most, 1..16; 1 is isotropic,
-      which blurs a stretched texture.
-    - `lod_bias`: added to the level of detail, which is that of a whole pixel; with S samples along
-      its side, -log2 S leaves the blur to the samples. An array leaf of a plan: another one does
-      not recompile.
+    - `anisotropy`: maximum number of probes along the longer axis of the footprint, 1..16. 1 is
+      isotropic, which blurs a stretched texture.
+    - `lod_bias`: added to the level of detail, which is that of a whole pixel. With S samples along
+      the side of a pixel, -log2 S leaves the averaging to the samples. It is an array leaf of a
+      plan, so a new value does not recompile.
     """
 
     pixel: PixelFilter = eqx.field(static=True, default="bilinear")

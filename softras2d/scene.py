@@ -1,17 +1,18 @@
-"""The scene: triangles in draw order, and the conventions that the whole package shares.
+"""The scene, which is a list of triangles in draw order, and the conventions of the package.
 
 - **Coordinates** are pixels, x right and y down; pixel (row r, column c) is the square
   [c, c+1) x [r, r+1), with its centre at +0.5.
-- **Images** are `[height, width, channels]` in 0..1: straight alpha at the edges of the package,
-  premultiplied inside compositing. Colours are averaged as the scene holds them; they are
-  converted only in `io` and only when asked.
-- **Colours outside 0..1** are drawn as they are: interpolation, blending and averaging are linear.
-  Writers of 8-bit pictures clip, EXR and SVG keep them. Alpha outside 0..1 is refused.
+- **Images** are `[height, width, channels]` in 0..1. Public functions take and return straight
+  alpha; compositing uses premultiplied alpha. Colours are averaged as the scene holds them; they
+  are converted only in `io`, and only on request.
+- **Colours outside 0..1** are drawn without clipping, because interpolation, blending and averaging
+  are linear. Writers of 8-bit images clip them; EXR and SVG keep them. Alpha outside 0..1 is
+  refused.
 - **Draw order**: later triangles lie in front. With `depth`, which grows away from the viewer, the
-  nearest triangle wins, and of equal depths the later one. With depth and translucency together a
-  triangle that is drawn later, but lies behind, is hidden even by a translucent one.
-- **Textures**: the colour of a textured sample is the texel times the interpolated colour; its
-  alpha likewise.
+  nearest triangle wins, and of equal depths the later one. With depth and translucency together, a
+  triangle that is drawn later but lies behind is hidden even by a translucent one.
+- **Textures**: the colour and alpha of a textured sample are those of the texel times the
+  interpolated ones.
 - **Barycentric weights** of the corners 0, 1 and 2 sum to one.
 - **Texture space**: u right and v down, 0..1 across the image.
 """
@@ -32,19 +33,20 @@ from .texture.pyramid import TexturePyramid
 
 
 class Scene(eqx.Module):
-    """Triangles over a background. Its structure says which effects exist.
+    """Triangles over a background. The optional arrays decide which effects are drawn.
 
     - `positions`: `(x, y)` in pixels.
-    - `triangles`: three vertex indices each, in draw order, either winding; vertices may be shared.
-    - `colors`: straight RGB or RGBA; one corner is a flat triangle, three are interpolated; three
-      channels are opaque. Black is 0 and white is 1; values outside 0..1 are drawn as they are.
+    - `triangles`: three vertex indices each, in draw order and in either orientation; triangles may
+      share vertices.
+    - `colors`: straight RGB (opaque) or RGBA. One corner is a flat triangle; three corners are
+      interpolated. Black is 0 and white is 1; values outside 0..1 are drawn without clipping.
     - `background`: RGB (opaque) or straight RGBA.
     - `uv`, `texture_index` (-1: none), `textures`: texture coordinates of each corner, the texture
       of each triangle, and the pyramid of all textures. Give all three or none.
-    - `depth`: one value per vertex. It grows away from the viewer and is interpolated affinely on
-      the screen, as z/w is. At each sample a triangle is composited if it lies no deeper than every
+    - `depth`: one value per vertex, which grows away from the viewer and is interpolated affinely
+      on the screen, as z/w is. At each sample a triangle is composited unless it lies deeper than a
       triangle drawn before it. Without `depth`, draw order alone decides.
-    - `inverse_w`: 1/w of the projection for each vertex, positive. Colours and `uv` are then
+    - `inverse_w`: 1/w of the projection for each vertex, positive. With it, colours and `uv` are
       interpolated in perspective; without it, affinely on the screen.
 
     A batch of scenes has a leading axis on every array, for `jax.vmap`.
@@ -88,10 +90,10 @@ class Scene(eqx.Module):
     ) -> "Scene":
         """Make a scene whose triangles share vertices.
 
-        Give `vertex_colors` `[vertices, channels]`, or `triangle_colors` `[triangles, channels]`
-        (flat) or `[triangles, 3, channels]` (corners). `background` is white unless given. All
-        floats get the dtype of `positions`, float32 or float64; integers become float32. Nothing is
-        compiled for arrays on the host.
+        Give either `vertex_colors` `[vertices, channels]`, or `triangle_colors` `[triangles,
+        channels]` (flat) or `[triangles, 3, channels]` (one per corner). The default `background`
+        is white. All floats get the dtype of `positions`, float32 or float64; integers become
+        float32. Arrays on the host are converted without compiling anything.
 
         Raises `ValueError` for invalid shapes, dtypes, indices and values. Warns of colours that
         look like bytes (0..255).
@@ -118,14 +120,7 @@ class Scene(eqx.Module):
             colors = _colors(name, triangle_colors, dtype)
             colors = colors[:, None] if colors.ndim == 2 else colors
             _expect(name, colors, (count, "1 or 3 corners", "3 or 4 channels"))
-        if textures is not None:
-            if not isinstance(textures, TexturePyramid):
-                kind = type(textures).__name__
-                raise ValueError(
-                    f"`textures` must come from TexturePyramid.build([image, ...]); got {kind}."
-                )
-            if textures.texels.dtype != dtype:
-                textures = replace(textures, texels=to_device(textures.texels, dtype))
+        textures = _textures(textures, dtype)
         if texture_index is not None and textures is not None:
             _check_texture_index(_integers("texture_index", texture_index), textures)
         background = _background(background, dtype)
@@ -149,8 +144,8 @@ class Scene(eqx.Module):
         """Make a scene of triangles that share no vertices.
 
         `corners` is `[triangles, 3, 2]`; `colors` is `[triangles, channels]` (flat) or
-        `[triangles, 3, channels]` (corners). `optional` are the other keywords of `from_mesh`,
-        where `depth` and `inverse_w` may also be `[triangles, 3]`.
+        `[triangles, 3, channels]` (one per corner). `optional` are the other keywords of
+        `from_mesh`, but `depth` and `inverse_w` may also be `[triangles, 3]`.
         """
         corners = _floats("corners", corners, None)
         corners = corners.reshape(0, 3, 2) if corners.size == 0 else corners
@@ -177,10 +172,10 @@ _FLOATING = ("positions", "colors", "background", "uv", "depth", "inverse_w")
 
 
 def check_types(scene: Scene) -> None:
-    """Raise `ValueError` for dtypes that cannot be drawn; dtypes are known under a trace too.
+    """Raise `ValueError` for dtypes that cannot be drawn, also while tracing.
 
     Half precision can represent neither the sample grid nor the sums over a triangle's pixels.
-    Integer colours would be taken for values in 0..1.
+    Integer colours would be interpreted as values in 0..1.
     """
     arrays = {name: getattr(scene, name) for name in _FLOATING}
     indices = {"triangles": scene.triangles, "texture_index": scene.texture_index}
@@ -196,11 +191,11 @@ def check_types(scene: Scene) -> None:
 
 
 def check(scene: Scene) -> None:
-    """Raise `ValueError` for invalid values, in one line that names the array and the place.
+    """Raise `ValueError` for invalid values, in one line that names the array and the entry.
 
-    Invalid are NaN, infinity, alpha outside 0..1, an index out of range, `inverse_w` of 0 or less,
-    and dtypes other than float32 and float64. Under a trace only dtypes are known and checked.
-    Accepts a batch.
+    Invalid values are NaN, infinity, alpha outside 0..1, an index out of range and `inverse_w` of 0
+    or less; dtypes other than float32 and float64 are invalid too. While tracing, only dtypes are
+    known and checked. Accepts a batch of scenes.
     """
     check_types(scene)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
@@ -233,17 +228,17 @@ def check(scene: Scene) -> None:
         _refuse((alpha < 0) | (alpha > 1), "texels alpha", "texel", "in 0..1", alpha)
 
 
-def _refuse(bad: Any, name: str, axis: str, wanted: str, value: Any) -> None:
-    """Raise for the first true entry of `bad`, whose first axis counts `axis`."""
-    bad = np.asarray(bad)
-    if bad.any():
-        where = tuple(int(i) for i in np.argwhere(bad)[0])
-        got = np.asarray(value)[where]
-        at = f"{axis} {where[0] if len(where) == 1 else where}"
-        raise ValueError(f"`{name}` must be {wanted}; {at} has {got}.")
+def _refuse(is_invalid: Any, name: str, axis: str, requirement: str, value: Any) -> None:
+    """Raise `ValueError` for the first true entry of `is_invalid`, whose first axis is `axis`."""
+    is_invalid = np.asarray(is_invalid)
+    if is_invalid.any():
+        index = tuple(int(i) for i in np.argwhere(is_invalid)[0])
+        entry = f"{axis} {index[0] if len(index) == 1 else index}"
+        raise ValueError(f"`{name}` must be {requirement}; {entry} has {np.asarray(value)[index]}.")
 
 
 def _check_indices(triangles: Any, vertices: int) -> None:
+    """Raise `ValueError` for a vertex index out of range, unless it is traced."""
     if isinstance(triangles, Tracer):
         return
     index = np.asarray(triangles)
@@ -253,23 +248,24 @@ def _check_indices(triangles: Any, vertices: int) -> None:
 
 
 def _check_texture_index(texture_index: Any, textures: TexturePyramid) -> None:
+    """Raise `ValueError` for a texture index out of range, unless it is traced."""
     if isinstance(texture_index, Tracer):
         return
     index, last = np.asarray(texture_index), textures.count - 1
     _refuse((index < -1) | (index > last), "texture_index", "triangle", f"in -1..{last}", index)
 
 
-def _expect(name: str, value: Any, wanted: tuple[int | str, ...]) -> None:
-    """Raise `ValueError` unless the shape is `wanted`.
+def _expect(name: str, value: Any, expected: tuple[int | str, ...]) -> None:
+    """Raise `ValueError` unless the shape of an array is `expected`.
 
-    An axis of `wanted` is a number, a choice such as "3 or 4", or a name, which allows any size.
+    An axis of `expected` is a number, a choice such as "3 or 4", or a name, which allows any size.
     """
-    choices = [[int(w) for w in str(size).split() if w.isdigit()] for size in wanted]
-    fits = len(value.shape) == len(wanted) and all(
+    choices = [[int(word) for word in str(axis).split() if word.isdigit()] for axis in expected]
+    fits = len(value.shape) == len(expected) and all(
         not allowed or size in allowed for size, allowed in zip(value.shape, choices, strict=True)
     )
     if not fits:
-        shape = ", ".join(map(str, wanted))
+        shape = ", ".join(map(str, expected))
         raise ValueError(f"`{name}` must be [{shape}]; got shape {tuple(value.shape)}.")
 
 
@@ -281,13 +277,14 @@ def _gather(colors: Any, triangles: Any) -> Any:
 
 
 def _on_device(given: Any, prepared: Any, dtype: Any = None) -> Array:
-    """Move `prepared` to the device, or reuse the JAX array that it was made from."""
+    """Move `prepared` to the device, or reuse the JAX array `given`, from which it was made."""
     if isinstance(given, jax.Array) and given.shape == prepared.shape:
         return to_device(given, dtype or prepared.dtype)
     return to_device(prepared, dtype)
 
 
 def _background(value: Any, dtype: Any) -> Any:
+    """Check and convert a background colour; None is white."""
     if value is None:
         return np.ones(3, dtype)
     background = _colors("background", value, dtype)
@@ -295,8 +292,22 @@ def _background(value: Any, dtype: Any) -> Any:
     return background
 
 
+def _textures(value: Any, dtype: Any) -> TexturePyramid | None:
+    """Check an optional texture pyramid, and convert its texels to `dtype`."""
+    if value is None:
+        return None
+    if not isinstance(value, TexturePyramid):
+        kind = type(value).__name__
+        raise ValueError(
+            f"`textures` must come from TexturePyramid.build([image, ...]); got {kind}."
+        )
+    if value.texels.dtype == dtype:
+        return value
+    return replace(value, texels=to_device(value.texels, dtype))
+
+
 def _optional(name: str, value: Any, dtype: Any, shape: tuple[int, ...]) -> Array | None:
-    """Check an optional entry of a scene; it holds integers if `dtype` is None."""
+    """Check and convert an optional array of a scene; `dtype` None: it holds integers."""
     if value is None:
         return None
     array = _integers(name, value) if dtype is None else _floats(name, value, dtype)
@@ -305,7 +316,7 @@ def _optional(name: str, value: Any, dtype: Any, shape: tuple[int, ...]) -> Arra
 
 
 def _integers(name: str, value: Any) -> Any:
-    """Check for integers, on the host or traced; their own integer type is kept."""
+    """Convert to an array of integers of unchanged dtype, on the host or traced."""
     array = _numbers(name, value)
     if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
         raise ValueError(f"`{name}` must be integers; got {array.dtype}.")
@@ -313,7 +324,7 @@ def _integers(name: str, value: Any) -> Any:
 
 
 def _colors(name: str, value: Any, dtype: Any) -> Any:
-    """Convert colours like `_floats`; `ValueError` for integers that can only be bytes."""
+    """Convert colours as `_floats` does; raise `ValueError` for integers that can only be bytes."""
     array = _numbers(name, value)
     check_whole_colors(f"`{name}`", array)
     return _floats(name, array, dtype)
@@ -322,7 +333,7 @@ def _colors(name: str, value: Any, dtype: Any) -> Any:
 def _floats(name: str, value: Any, dtype: Any) -> Any:
     """Convert to floats of `dtype`, on the host or traced.
 
-    With `dtype` None floats keep their type, and integers become float32.
+    With `dtype` None, floats keep their dtype and integers become float32.
     """
     array = _numbers(name, value)
     if dtype is None:
@@ -348,13 +359,13 @@ def _numbers(name: str, value: Any) -> Any:
     return array
 
 
-def take_triangles(scene: Scene, kept: np.ndarray) -> Scene:
-    """The scene with only the triangles where `kept` `[triangles]` is true; for concrete scenes."""
-    if kept.all():
+def take_triangles(scene: Scene, is_taken: np.ndarray) -> Scene:
+    """Keep only the triangles where `is_taken` `[triangles]` is true; not while tracing."""
+    if is_taken.all():
         return scene
 
     def gather(value: Array | None) -> Array | None:
-        return None if value is None else to_device(np.asarray(value)[kept])
+        return None if value is None else to_device(np.asarray(value)[is_taken])
 
     return replace(
         scene,

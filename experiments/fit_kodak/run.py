@@ -16,12 +16,13 @@ import numpy as np
 
 import softras2d as sr
 from softras2d import pictures
+from softras2d.fitting.mesh.colors import ColorModel, solve_colors, to_corner_colors
 from softras2d.fitting.mesh.edge_flips import flip_to_delaunay
 from softras2d.fitting.mesh.insertion import insert
 from softras2d.fitting.mesh.start import COARSE, GROWTH, error_start, uniform_start
 from softras2d.fitting.mesh.triangulation import Mesh
-from softras2d.fitting.mesh.vertex_colors import Colors, at_corners, solve_colors
 from softras2d.fitting.score import Scorer
+from softras2d.fitting.target import Target
 
 from ..common import machine, progress, report
 from . import figure
@@ -108,32 +109,32 @@ def static_row(target: np.ndarray, case: Case) -> dict[str, float]:
     """Greedy insertion and colours of least squares, nothing moved: kept Delaunay, and with the
     edges flipped that lower the error."""
     began = time.perf_counter()
-    colors = "vertex" if case.shading == "gouraud" else "linear"
-    flipped = error_start(target, case.vertices, colors=colors, seed=SEED, exchanges=0)
+    model = "vertex" if case.shading == "gouraud" else "linear"
+    flipped = error_start(Target(target), case.vertices, model=model, seed=SEED, exchanges=0)
     seconds = time.perf_counter() - began
-    plain = greedy_mesh(target, case.vertices, colors)
+    plain = greedy_mesh(target, case.vertices, model)
     return {
-        "greedy_psnr": static_psnr(target, plain, colors),
-        "static_psnr": static_psnr(target, flipped, colors),
+        "greedy_psnr": static_psnr(target, plain, model),
+        "static_psnr": static_psnr(target, flipped, model),
         "static_seconds": seconds,
     }
 
 
-def greedy_mesh(target: np.ndarray, vertices: int, colors: Colors) -> Mesh:
+def greedy_mesh(target: np.ndarray, vertices: int, model: ColorModel) -> Mesh:
     """Vertices inserted where they lower the error most, in a mesh that stays Delaunay."""
     height, width = target.shape[:2]
     mesh = uniform_start(height, width, min(vertices, COARSE), jitter=0.1, seed=SEED)
     while (have := len(mesh.positions)) < vertices:
         more = min(max(1, int(have * GROWTH)), vertices - have)
-        mesh = flip_to_delaunay(insert(mesh, target, more, colors=colors))
+        mesh = flip_to_delaunay(insert(mesh, Target(target), more, model=model))
         if len(mesh.positions) == have:
             break
     return mesh
 
 
-def static_psnr(target: np.ndarray, mesh: Mesh, colors: Colors) -> float:
-    found = solve_colors(mesh, target, colors=colors)
-    corners = np.clip(at_corners(mesh, found, colors), 0, 1)
+def static_psnr(target: np.ndarray, mesh: Mesh, model: ColorModel) -> float:
+    found = solve_colors(mesh, Target(target), model=model)
+    corners = np.clip(to_corner_colors(mesh, found, model), 0, 1)
     scene = sr.Scene.from_mesh(
         jnp.asarray(mesh.positions, jnp.float32), mesh.triangles, triangle_colors=corners
     )

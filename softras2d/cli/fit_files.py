@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..fitting.loop import Moment
+from ..fitting.loop import ProgressReport
 from ..fitting.result import FitResult
 from ..fitting.score import Scorer
 from ..fitting.target import Image
@@ -107,7 +107,7 @@ class AnimationFrames:
         self._height, self._width = size
         self._scenes: list[tuple[float, Scene]] = []
 
-    def add(self, moment: Moment) -> None:
+    def add(self, moment: ProgressReport) -> None:
         """Keep the current scene if the fit has advanced by one frame since the last one kept."""
         if not self._scenes or moment.share - self._scenes[-1][0] >= 1 / _MAX_FRAMES:
             self._scenes.append((moment.share, moment.scene()))

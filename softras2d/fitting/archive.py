@@ -1,7 +1,8 @@
-"""Reads the arrays of an `.npz` that nobody vouches for, in memory that is known beforehand.
+"""Read the arrays of an untrusted `.npz` file within a fixed limit of memory.
 
-NumPy's own reader allocates what a header claims, and a zip of 3 MB may hold 3 GB of zeros. Here
-the directory and every header are held against each other before anything is unpacked.
+NumPy's own reader allocates as much as a header claims, and a zip file of 3 MB may unpack to 3 GB
+of zeros. Here the sizes in the zip directory are checked first, and each array's header must agree
+with the directory before its data is unpacked.
 """
 
 import math
@@ -10,48 +11,65 @@ import struct
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 MAX_BYTES = 2**30
-"""Unpacked, of all arrays together; larger files are refused, and not written."""
+"""Largest size of all arrays together, unpacked. Larger files are neither read nor written."""
 
 _MAX_ENTRIES = 1000
+"""Largest number of arrays in a file that is read."""
 
-_HEADER = re.compile(
+_HEADER_PATTERN = re.compile(
     rb"\{'descr': '([^']{2,20})', 'fortran_order': (True|False), "
     rb"'shape': \(((?:\d{1,10}(?:, \d{1,10}){0,7},?)?)\), \} *\n"
 )
-"""As NumPy writes it, for arrays of plain types."""
+"""The header of an array of a plain type, exactly as NumPy writes it."""
 
 _MAGIC = b"\x93NUMPY\x01\x00"
+"""The first bytes of an array in version 1.0 of NumPy's format."""
+
+
+class _Header(NamedTuple):
+    """The header of an array; `length` is its size in bytes, from the start of the entry."""
+
+    dtype: np.dtype
+    shape: tuple[int, ...]
+    is_column_major: bool
+    length: int
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
-    """The arrays in a file, by name; all are numbers or truth values.
+    """Read all arrays of a file, by name; they hold numbers or booleans.
 
-    Raises `ValueError`, one line with the file and, where there is one, the entry.
+    Raises `ValueError`: one line that names the file and, if one is at fault, the entry.
     """
     try:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
             _check_directory(entries)
-            return {entry.filename.removesuffix(".npy"): _read(archive, entry) for entry in entries}
+            return {_array_name(entry): _read_array(archive, entry) for entry in entries}
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror or error}.") from None
     except (zipfile.BadZipFile, zlib.error, EOFError) as error:
-        told = " ".join(str(error).split()) or "it is cut short"
-        raise ValueError(f"{path}: not a whole .npz file: {_printable(told)}.") from None
+        reason = " ".join(str(error).split()) or "it is cut short"
+        raise ValueError(f"{path}: not a whole .npz file: {_printable(reason)}.") from None
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     except (struct.error, LookupError, NotImplementedError, RuntimeError) as error:
-        # What else a broken directory leads `zipfile` to: structs, names, methods of compression.
-        told = type(error).__name__
-        raise ValueError(f"{path}: not a whole .npz file ({told}).") from None
+        # `zipfile` raises these for broken records, file names and compression methods.
+        reason = type(error).__name__
+        raise ValueError(f"{path}: not a whole .npz file ({reason}).") from None
+
+
+def _array_name(entry: zipfile.ZipInfo) -> str:
+    """The name of the array that an entry holds."""
+    return entry.filename.removesuffix(".npy")
 
 
 def _check_directory(entries: list[zipfile.ZipInfo]) -> None:
+    """Raise `ValueError` unless the zip directory lists distinct arrays of an acceptable size."""
     if len(entries) > _MAX_ENTRIES:
         raise ValueError(f"holds {len(entries)} entries; {_MAX_ENTRIES} at most are read.")
     total = sum(entry.file_size for entry in entries)
@@ -62,58 +80,61 @@ def _check_directory(entries: list[zipfile.ZipInfo]) -> None:
         if not name.endswith(".npy") or names.count(name) > 1:
             raise ValueError(f"entry {_printable(name)!r} is not an array, or is there twice.")
     for entry in entries:
-        plain = entry.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-        if not plain or entry.flag_bits & 1:
-            name = _printable(entry.filename.removesuffix(".npy"))
+        is_readable = entry.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+        is_encrypted = entry.flag_bits & 1
+        if not is_readable or is_encrypted:
+            name = _printable(_array_name(entry))
             raise ValueError(f"`{name}` must be stored or deflated, without a password.")
 
 
-def _read(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
-    """One array. The directory's sizes hold: `zipfile` unpacks no more than they say."""
-    name = _printable(entry.filename.removesuffix(".npy"))
+def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
+    """Read one array. `zipfile` unpacks no more bytes than the directory says."""
+    name = _printable(_array_name(entry))
     try:
         with archive.open(entry) as file:
-            dtype, shape, fortran, offset = _header(name, file)
-            wanted = math.prod(shape) * dtype.itemsize
-            if offset + wanted != entry.file_size:
+            header = _read_header(name, file)
+            size = math.prod(header.shape) * header.dtype.itemsize
+            if header.length + size != entry.file_size:
                 raise ValueError(
-                    f"`{name}` must have {wanted} bytes of data, as its header says; it has "
-                    f"{entry.file_size - offset}."
+                    f"`{name}` must have {size} bytes of data, as its header says; it has "
+                    f"{entry.file_size - header.length}."
                 )
-            data = file.read(wanted)
-            # At the end, where the checksum is looked at.
-            if len(data) != wanted or file.read(1):
+            data = file.read(size)
+            # `zipfile` compares the checksum when the end is read.
+            if len(data) != size or file.read(1):
                 raise EOFError(f"`{name}` is cut short")
     except zipfile.BadZipFile:
         raise ValueError(f"`{name}` is damaged: its checksum or its header differs.") from None
     except zlib.error:
         raise ValueError(f"`{name}` is damaged: it cannot be unpacked.") from None
-    array = np.frombuffer(data, dtype).copy()
-    if dtype.kind == "b" and (array.view(np.uint8) > 1).any():
-        raise ValueError(f"`{name}` must hold truth values, 0 or 1.")
-    return array.reshape(shape, order="F" if fortran else "C")
+    array = np.frombuffer(data, header.dtype).copy()
+    if header.dtype.kind == "b" and (array.view(np.uint8) > 1).any():
+        raise ValueError(f"`{name}` must hold booleans, 0 or 1.")
+    return array.reshape(header.shape, order="F" if header.is_column_major else "C")
 
 
-def _header(name: str, file: Any) -> tuple[np.dtype, tuple[int, ...], bool, int]:
-    """Type, shape, whether columns come first, and how many bytes the header takes.
+def _read_header(name: str, file: Any) -> _Header:
+    """Read the header of an array from `file`, its entry opened to read bytes.
 
-    `file`: the entry, opened to read bytes.
+    Raises `ValueError` for anything but a plain array of numbers.
     """
     start = file.read(len(_MAGIC) + 2)
     length = int.from_bytes(start[len(_MAGIC) :], "little")
-    found = _HEADER.fullmatch(file.read(length)) if start.startswith(_MAGIC) else None
-    if found is None:
+    match = _HEADER_PATTERN.fullmatch(file.read(length)) if start.startswith(_MAGIC) else None
+    if match is None:
         raise ValueError(f"`{name}` must be an array as NumPy saves it; its header is another.")
-    kind = found[1].decode("latin-1")
+    type_name, order, sizes = match.groups()
+    type_name = type_name.decode("latin-1")
     try:
-        dtype = np.dtype(kind)
+        dtype = np.dtype(type_name)
     except (TypeError, ValueError):
         dtype = None
     if dtype is None or dtype.kind not in "biuf" or dtype.fields or dtype.subdtype:
-        raise ValueError(f"`{name}` must be an array of numbers; got {_printable(kind)!r}.")
-    shape = tuple(int(size) for size in found[3].replace(b",", b" ").split())
-    return dtype, shape, found[2] == b"True", len(start) + length
+        raise ValueError(f"`{name}` must be an array of numbers; got {_printable(type_name)!r}.")
+    shape = tuple(int(size) for size in sizes.replace(b",", b" ").split())
+    return _Header(dtype, shape, order == b"True", len(start) + length)
 
 
 def _printable(text: str) -> str:
+    """Shorten a text from a file, and replace its control characters."""
     return "".join(c if c.isprintable() else "?" for c in text[:80])

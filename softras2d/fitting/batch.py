@@ -1,4 +1,4 @@
-"""Fit many images of one size together: one compiled program takes a step of each."""
+"""The public function `fit_batch`, which fits several images of one size by one program."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -12,12 +12,13 @@ import numpy as np
 from ..numerics.compiled_programs import drop_programs
 from ..scene import Scene
 from . import choices
+from .budget import SCORING_SECONDS, Budget, Limits
 from .interrupt import deferred_interrupt
-from .loop import SCORING_SECONDS, Budget, run
+from .loop import run
 from .mesh.triangulation import Mesh
-from .prepare import DEFAULT_STEPS, check_images, check_resume, settings_to_resume
+from .prepare import check_images, check_resume, settings_to_resume
 from .result import FitResult, Record
-from .target import Target
+from .target import Image, Target
 from .task import Task
 
 
@@ -46,50 +47,43 @@ def fit_batch(
     Arguments are those of `fit`, with these differences:
 
     - `targets`: images of one shape.
-    - `seed`: image k has the seed `seed` + k. Its result is that of a fit alone, up to rounding and
-      to where chunks end.
+    - `seed`: image k has the seed `seed` + k. Its result is that of a single fit, up to rounding
+      and to where chunks end.
     - `weights`: `[height, width]` for all targets, or `[images, height, width]`.
     - `start`: one for all targets, or a sequence with one for each.
-    - `resume`: the results of an earlier batch, whose settings and weights count.
-    - `report`: called after each chunk with the last record of each image. The seconds of a record
+    - `resume`: the results of an earlier batch, whose settings and weights are used.
+    - `report`: called after each chunk with the last record of each image. The seconds in a record
       are those of the whole batch.
 
     Ctrl-C acts as in `fit`. Raises `ValueError`, one line, as `fit` does, and for no targets or
     targets of different shapes.
     """
     began = time.perf_counter()
-    drop_programs()
-    images = check_images(targets)
-    shapes = {image.shape for image in images}
-    if len(shapes) != 1:
-        raise ValueError(f"`targets` must be images of one shape; got {sorted(shapes)}.")
     given: dict[str, Any] = {
         "triangles": triangles, "family": "layers", "solver": solver, "seed": seed, "size": size,
         "shading": shading, "translucent": translucent, "softness": softness,
         "colors": colors, "loss": loss, "light": light,
     }  # fmt: skip
+    drop_programs()
+    images = _check_targets(targets)
     count = len(images)
     earlier = _for_each("resume", resume, count)
     if resume is not None:
         for result in earlier:
             check_resume(result, images[0])
     settings = _settings(given, _for_each("start", start, count), earlier, steps, seconds)
-    weight_maps = _weight_maps(weights, count)
-    if resume is not None:
-        weight_maps = [result.state.get("weights.given") for result in earlier]
-    if len({weight_map is None for weight_map in weight_maps}) > 1:
-        raise ValueError("`weights` must be given for every target or for none.")
-    if steps is None and seconds is None:
-        steps = DEFAULT_STEPS
-    deadline = None if seconds is None else began + seconds
+    weight_maps = _weight_maps(weights, earlier)
+    limits = Limits.of(began, steps, seconds)
     with jax.enable_x64(False), deferred_interrupt() as interrupt:
-        tasks = [
-            Task(Target(image, choices.prepare_weights(weight_map, image)), own_settings, result)
-            for image, weight_map, own_settings, result in zip(
-                images, weight_maps, settings, earlier, strict=True
-            )
+        weighted = [
+            Target(image, choices.prepare_weights(weight_map, image))
+            for image, weight_map in zip(images, weight_maps, strict=True)
         ]
-        interrupted = _run(tasks, began, steps, deadline, report, lambda: interrupt.requested)
+        tasks = [
+            Task(target, fit_settings, result)
+            for target, fit_settings, result in zip(weighted, settings, earlier, strict=True)
+        ]
+        interrupted = _run(tasks, limits, report, lambda: interrupt.requested)
         results = []
         for task in tasks:
             # The first scorer was warmed up in `_run`; all targets have one size.
@@ -102,6 +96,15 @@ def fit_batch(
     return results
 
 
+def _check_targets(targets: Sequence[Any]) -> list[Image]:
+    """Check and convert the targets; raise `ValueError` unless they have one shape."""
+    images = check_images(targets)
+    shapes = {image.shape for image in images}
+    if len(shapes) != 1:
+        raise ValueError(f"`targets` must be images of one shape; got {sorted(shapes)}.")
+    return images
+
+
 def _settings(
     given: dict[str, Any],
     starts: list[Any],
@@ -109,7 +112,11 @@ def _settings(
     steps: Any,
     seconds: Any,
 ) -> list[dict[str, Any]]:
-    """The settings of each fit; `ValueError` if they make no sense, or not as one batch."""
+    """Make the settings of each fit; raise `ValueError` if they are invalid or do not match.
+
+    - `given`: the settings from the arguments, other than `start`.
+    - `earlier`: the results that are resumed, or None for each fit.
+    """
     common = choices.settle(given | {"start": None})
     choices.check(common, steps, seconds)
     settings = []
@@ -125,13 +132,16 @@ def _settings(
     if settings[0]["family"] != "layers":
         family = settings[0]["family"]
         raise ValueError(f"`resume` must be fits of layers; got those of a {family}.")
-    if len({one.history[-1:] and one.history[-1].steps for one in earlier if one}) > 1:
+    steps_before = {
+        result.history[-1].steps if result.history else 0 for result in earlier if result
+    }
+    if len(steps_before) > 1:
         raise ValueError("`resume` must be fits of as many steps each.")
     return settings
 
 
 def _for_each(name: str, value: Any, count: int) -> list[Any]:
-    """One value for each target: the entries of a sequence, or one value for all."""
+    """Make a list with one value per target, from a sequence or from one value for all."""
     if value is None or isinstance(value, str | Scene | Mesh):
         return [value] * count
     is_sequence = isinstance(value, Sequence | np.ndarray | jax.Array)
@@ -141,34 +151,43 @@ def _for_each(name: str, value: Any, count: int) -> list[Any]:
     return list(value)
 
 
-def _weight_maps(weights: Any, count: int) -> list[Any]:
-    """The weights of each target: one map for all, or as many maps as targets."""
+def _weight_maps(weights: Any, earlier: list[FitResult | None]) -> list[Any]:
+    """The weights of each target: those of the resumed fits, or else from the argument `weights`.
+
+    The argument is one map for all targets, or a map for each.
+    """
+    count = len(earlier)
     is_list = isinstance(weights, list | tuple) and len(weights) > 0 and np.ndim(weights[0]) != 1
     if is_list or (isinstance(weights, np.ndarray | jax.Array) and weights.ndim == 3):
-        return _for_each("weights", weights, count)
-    return [weights] * count
+        maps = _for_each("weights", weights, count)
+    else:
+        maps = [weights] * count
+    maps = [
+        weight_map if result is None else result.state.get("weights.given")
+        for weight_map, result in zip(maps, earlier, strict=True)
+    ]
+    if len({weight_map is None for weight_map in maps}) > 1:
+        raise ValueError("`weights` must be given for every target or for none.")
+    return maps
 
 
 def _run(
     tasks: list[Task],
-    began: float,
-    steps: int | None,
-    deadline: float | None,
+    limits: Limits,
     report: Callable[[list[Record]], None] | None,
     stop: Callable[[], bool],
 ) -> bool:
-    """Run all fits to the end of the budget; return whether Ctrl-C came first."""
+    """Run all fits to their limits; return whether Ctrl-C came first."""
 
     def report_records(share: float, seconds_left: float) -> None:
         if report is not None:
             report([task.history[-1] for task in tasks])
 
     first, count = tasks[0], len(tasks)
-    warm_up = first.warm_up(deadline is not None)
+    warm_up = first.warm_up(limits.deadline is not None)
     with ThreadPoolExecutor(1) as pool:
         scoring = pool.submit(lambda: count * warm_up())
-        guess = count * SCORING_SECONDS
-        budget = Budget(steps, deadline, scoring, began, first.seconds_before, guess)
+        budget = Budget(limits, scoring, first.seconds_before, count * SCORING_SECONDS)
         return run(
             [task.fit for task in tasks], [task.history for task in tasks], budget,
             steps=first.steps_before, max_steps=first.max_steps, stop=stop, report=report_records,

@@ -1,4 +1,4 @@
-"""Check the arguments of `fit`: each one that makes no sense is refused in one line."""
+"""Check and complete the arguments of `fit`; invalid ones are refused with one line of text."""
 
 import math
 from typing import Any, get_args
@@ -14,53 +14,53 @@ from .loss import Loss
 from .solvers import Solver
 
 STARTS = get_args(names.FitStart)
-"""Values of the option `start` other than a scene or a mesh."""
+"""Values of the option `start`, besides a scene or a mesh."""
 
 GIVEN = "given"
-"""Name in saved settings of a start that was an object. A resumed fit needs only its state."""
+"""Value of `start` in saved settings if it was an object. A resumed fit needs only its state."""
 
 
 def settle(settings: dict[str, Any]) -> dict[str, Any]:
     """Fill in the shading, make `softness` a pair, and turn NumPy scalars into Python numbers."""
-    plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
-    if plain["shading"] is None:
-        # An unknown family is refused by `check`, after this.
-        name = plain["family"]
+    settled = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
+    if settled["shading"] is None:
+        # An unknown family is refused later, by `check`.
+        name = settled["family"]
         family = FAMILIES.get(name) if isinstance(name, str) else None
-        plain["shading"] = "flat" if family is None else family.default_shading
-    softness = plain["softness"]
+        settled["shading"] = "flat" if family is None else family.default_shading
+    softness = settled["softness"]
     if _is_number(softness):
         softness = (softness, softness)
     if isinstance(softness, tuple | list) and all(map(_is_number, softness)):
-        plain["softness"] = tuple(map(float, softness))
-    return plain
+        settled["softness"] = tuple(map(float, softness))
+    return settled
 
 
 def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
-    """Raise `ValueError` unless the arguments of `fit`, after `settle`, make sense together."""
+    """Raise `ValueError` unless the arguments of `fit`, as `settle` returns them, are valid."""
     name = settings["family"]
-    _one_of("family", name, tuple(FAMILIES))
+    _check_choice("family", name, tuple(FAMILIES))
     family = FAMILIES[name]
-    _one_of("shading", settings["shading"], family.shadings, f" of a {name} fit")
+    _check_choice("shading", settings["shading"], family.shadings, f" of a {name} fit")
     check_name("colors", settings["colors"], names.ColorMethod)
     check_name("loss", settings["loss"], names.Loss)
     check_name("light", settings["light"], names.LossSpace)
-    _whole("triangles", settings["triangles"], family.min_triangles)
-    _whole("seed", settings["seed"], 0)
+    _check_integer("triangles", settings["triangles"], family.min_triangles)
+    _check_integer("seed", settings["seed"], 0)
     if settings["size"] is not None:
-        _whole("size", settings["size"], 1)
+        _check_integer("size", settings["size"], 1)
     if steps is not None and seconds is not None:
         raise ValueError("give one of `steps` and `seconds`.")
     if steps is not None:
-        _whole("steps", steps, 0)
+        _check_integer("steps", steps, 0)
     if seconds is not None and not (_is_number(seconds) and seconds > 0):
         raise ValueError(f"`seconds` must be a number above 0; got {seconds!r}.")
     softness = settings["softness"]
-    pair = isinstance(softness, tuple) and len(softness) == 2 and all(map(_is_number, softness))
-    if not pair or not all(0 < width <= 64 for width in softness):
+    is_pair = isinstance(softness, tuple) and len(softness) == 2 and all(map(_is_number, softness))
+    if not is_pair or not all(0 < width <= 64 for width in softness):
         raise ValueError(
-            "`softness` must be pixels above 0, 64 at most, or the first and the last of them; got "
-            f"{softness!r:.60}."
+            "`softness` must be pixels above 0, 64 at most, or a pair of the first and the last "
+            f"width; got {softness!r:.60}."
         )
     if settings["translucent"] and not family.translucent:
         raise ValueError("a mesh covers the canvas: `translucent` is for layers.")
@@ -81,8 +81,8 @@ def prepare_weights(
 ) -> Float[np.ndarray, "height width"] | None:
     """Scale weights to a mean of 1, as float32; None stays None.
 
-    Raises `ValueError` unless there is one finite weight for each pixel, none below 0, and some
-    above.
+    Raises `ValueError` unless there is one finite weight for each pixel, with none below 0 and some
+    above it.
     """
     if weights is None:
         return None
@@ -97,22 +97,25 @@ def prepare_weights(
     return (array / array.mean(dtype=np.float64)).astype(np.float32)
 
 
-def _one_of(name: str, value: Any, choices: tuple[str, ...], where: str = "") -> None:
+def _check_choice(name: str, value: Any, choices: tuple[str, ...], of: str = "") -> None:
+    """Raise `ValueError` unless a value is among the choices; `of` says whose choices they are."""
     if value not in choices:
-        names = ", ".join(map(repr, choices))
-        raise ValueError(f"`{name}`{where} must be one of {names}; got {value!r:.60}.")
+        allowed = ", ".join(map(repr, choices))
+        raise ValueError(f"`{name}`{of} must be one of {allowed}; got {value!r:.60}.")
 
 
-def _whole(name: str, value: Any, least: int) -> None:
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not whole or not least <= value < 2**31:
-        raise ValueError(f"`{name}` must be a whole number from {least} on; got {value!r:.60}.")
+def _check_integer(name: str, value: Any, minimum: int) -> None:
+    """Raise `ValueError` unless a value is an integer of 32 bits from `minimum` on."""
+    is_integer = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not is_integer or not minimum <= value < 2**31:
+        raise ValueError(f"`{name}` must be a whole number from {minimum} on; got {value!r:.60}.")
 
 
 def _is_number(value: Any) -> bool:
-    plain = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    """Whether a value is a finite real number."""
+    is_numeric = isinstance(value, int | float | np.number) and not isinstance(value, bool)
     try:
-        return plain and math.isfinite(value)
+        return is_numeric and math.isfinite(value)
     except (OverflowError, TypeError):
-        # Integers beyond any float, and complex numbers.
+        # Integers too large for a float, and complex numbers.
         return False

@@ -1,4 +1,4 @@
-"""A chunk of steps of one fit, or of several by one program, with its plan kept large enough."""
+"""Take a chunk of steps of one or several fits, with a plan that is enlarged where needed."""
 
 from collections.abc import Sequence
 
@@ -10,8 +10,8 @@ from .closed_form import best_colors
 from .family import AbstractFit
 from .solve import advance, advance_each, move
 
-MAX_RENEWALS = 12
-"""Attempts to find a plan that is large enough before a fault of the package is assumed."""
+_MAX_ATTEMPTS = 12
+"""Attempts to find a plan that is large enough. If all fail, the package has a bug."""
 
 
 def advance_fits(
@@ -19,17 +19,18 @@ def advance_fits(
 ) -> list[Float[np.ndarray, " steps"]]:
     """Take a chunk of `steps` steps of each fit, and return the losses of each.
 
-    `max_steps`: the largest chunk that will come; all of one value share a program. Several fits
-    must have the same shapes, solver and settings, so that one program can serve them all.
+    Several fits must have the same shapes, solver and settings, so that one program serves them
+    all. Chunks of equal `max_steps`, the largest number of steps, share a program.
 
     If a scene outgrows its plan, the chunk is taken again, from where it began, with a larger plan
-    and half as many steps: the last attempt then looks only where capacity is known to suffice.
+    and half as many steps. The larger plan has capacity for the unknowns where the chunk begins and
+    where each failed attempt ended, and shorter attempts stay closer to these.
     """
     for fit in fits:
         _update_colors(fit)
     first, solver = fits[0], fits[0].request.solver
     reached = [fit.progress.y for fit in fits]
-    for _ in range(MAX_RENEWALS):
+    for _ in range(_MAX_ATTEMPTS):
         if len(fits) == 1:
             chunks = [
                 advance(
@@ -50,13 +51,13 @@ def advance_fits(
         residual, steps = first.replan(reached), max(1, steps // 2)
         for fit in fits:
             fit.residual = residual
-            # Least-squares solvers hold a derivative, whose arrays have the old plan's sizes.
+            # The state of least-squares solvers holds a derivative with arrays of the old plan.
             fit.progress = move(solver, residual, fit.progress, fit.progress.y, fit.data)
     raise RuntimeError("a plan stays too small for the scenes that it was made for.")
 
 
 def _update_colors(fit: AbstractFit) -> None:
-    """Set the colours of least squared error, if the fit solves for colours in closed form."""
+    """Set the colours of least squared error if the fit solves for colours in closed form."""
     if fit.request.solves_colors:
         y = best_colors(fit.residual, fit.progress.y, fit.data, fit.request.loss.light)
         fit.progress = move(fit.request.solver, fit.residual, fit.progress, y, fit.data)

@@ -1,8 +1,9 @@
-"""Colours of least squared error for given geometry, by linear least squares.
+"""Colours of least squared error for fixed geometry, by linear least squares.
 
-An image is affine in its colours, so one linear solve is exact. In linear light it is not affine,
-and a few Gauss-Newton steps are taken. This works for any scene and coverage: the solver uses only
-products with the Jacobian and its transpose, which is never assembled.
+The sRGB values of an image are affine in the colours of its triangles, so one linear solve is
+exact. Their linear values are not affine, and take a few Gauss-Newton steps. This works for any
+scene and coverage: the solver uses only products with the Jacobian and its transpose, which is
+never assembled.
 """
 
 import time
@@ -18,20 +19,22 @@ from ..names import LossSpace
 from .solve import Residual, default_promotion
 
 _PRODUCTS = 24
-"""Products with the Jacobian, and as many with its transpose, in one solve. Pixels that mix the
-colours of many triangles need that many."""
-
+"""Maximum number of products with the Jacobian in one solve, and of products with its transpose.
+Images whose pixels mix the colours of many triangles need that many."""
 
 _STEPS: dict[LossSpace, int] = {"display": 1, "linear": 4}
-"""Gauss-Newton steps. In display light one is exact; the curve to linear light bends little."""
+"""Number of Gauss-Newton steps. A few suffice for linear values, because sRGB bends little."""
 
 
 @eqx.filter_jit
 def best_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -> Any:
-    """The unknowns `y` with the `colors` that minimise the squared residual `fn`, clipped to 0..1.
+    """Replace the `colors` of the unknowns `y` by those of least squared residual, in 0..1.
 
-    `light`: that of the loss of `fn`. The colours stay as they were if clipping makes the error
-    higher than it was.
+    - `fn`, `args`: the residual and its second argument.
+    - `light`: the colour space in which `fn` computes the loss.
+
+    The solution is clipped to 0..1. The colours stay as they were if that makes the error higher
+    than before.
     """
 
     def residual(colors: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -39,7 +42,7 @@ def best_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -
         return out[0] if isinstance(out, tuple) else out
 
     solver = lx.LSMR(rtol=1e-6, atol=1e-6, max_steps=_PRODUCTS)
-    # The residual is affine only inside 0..1; outside, only its derivative is that of inside.
+    # Colours are drawn clipped to 0..1, so the residual is affine only there.
     colors = jnp.clip(y.colors, 0.0, 1.0)
 
     def improve(_: Any, colors: Array) -> Array:
@@ -55,7 +58,7 @@ def best_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -
 
 
 def time_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -> float:
-    """Compile `best_colors` for these arguments, and return the seconds that it then takes."""
+    """Compile `best_colors` for these arguments; return the seconds of a run after that."""
     jax.block_until_ready(best_colors(fn, y, args, light))
     began = time.perf_counter()
     jax.block_until_ready(best_colors(fn, y, args, light))

@@ -1,4 +1,4 @@
-"""Arrays of a saved fit by name, each checked for its type, shape and range before it is used."""
+"""Check the type, shape and range of each array of a saved fit before it is used."""
 
 import json
 from typing import Any, NamedTuple
@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 TINY = float(np.finfo(np.float32).tiny)
-"""The smallest normal float32: the lower bound of what must be above zero."""
+"""The smallest normal float32, which is the lower bound of positive numbers."""
 
 
 class Size(NamedTuple):
@@ -18,43 +18,43 @@ class Size(NamedTuple):
 
 
 class Entries:
-    """Arrays by name, each of which can be taken once. Those left at the end belong to no fit.
+    """Arrays by name, each of which is taken once. Arrays that are never taken are unknown ones.
 
-    `prefix`: what the names begin with in error messages.
+    `prefix`: put before the names in error messages.
     """
 
     def __init__(self, arrays: dict[str, Any], prefix: str = ""):
-        self._left = dict(arrays)
+        self._remaining = dict(arrays)
         self._prefix = prefix
 
     def __contains__(self, name: str) -> bool:
-        return name in self._left
+        return name in self._remaining
 
     def full_name(self, name: str) -> str:
-        """The name of an entry as error messages show it."""
+        """The name of an entry in error messages."""
         return f"{self._prefix}{name}"
 
     def length(self, name: str) -> int | None:
         """Length of an entry's first axis, without taking the entry; None if it has no axis."""
-        shape = np.shape(self._left.get(name, ()))
+        shape = np.shape(self._remaining.get(name, ()))
         return shape[0] if shape else None
 
     def take(self, name: str, dtype: Any, shape: tuple[int | str, ...]) -> np.ndarray:
-        """Take the array of this type and shape; raise `ValueError` if it is missing or another.
+        """Take an array; raise `ValueError` if it is missing or has another type or shape.
 
-        A word in `shape` stands for any length, and names it in the error.
+        A word in `shape` stands for any length, and is the name of that axis in the error.
         """
         sizes = ", ".join(map(str, shape))
-        wanted = f"`{self.full_name(name)}` must be {np.dtype(dtype)} [{sizes}]"
-        if name not in self._left:
-            raise ValueError(f"{wanted}; it is missing.")
-        array = np.asarray(self._left.pop(name))
+        requirement = f"`{self.full_name(name)}` must be {np.dtype(dtype)} [{sizes}]"
+        if name not in self._remaining:
+            raise ValueError(f"{requirement}; it is missing.")
+        array = np.asarray(self._remaining.pop(name))
         fits = array.ndim == len(shape) and all(
             isinstance(size, str) or size == actual
             for size, actual in zip(shape, array.shape, strict=True)
         )
         if not fits or array.dtype != dtype:
-            raise ValueError(f"{wanted}; got {array.dtype} {list(array.shape)}.")
+            raise ValueError(f"{requirement}; got {array.dtype} {list(array.shape)}.")
         return array
 
     def finite(
@@ -65,26 +65,26 @@ class Entries:
         low: float = -np.inf,
         high: float = np.inf,
     ) -> np.ndarray:
-        """`take` an array that must also hold finite numbers from `low` to `high`."""
+        """Take an array, which must also hold finite numbers from `low` to `high`."""
         array = self.take(name, dtype, shape)
         if not (np.isfinite(array) & (array >= low) & (array <= high)).all():
-            between = "" if np.isinf([low, high]).all() else f" in {low:g}..{high:g}"
-            raise ValueError(f"`{self.full_name(name)}` must hold finite numbers{between}.")
+            bounds = "" if np.isinf([low, high]).all() else f" in {low:g}..{high:g}"
+            raise ValueError(f"`{self.full_name(name)}` must hold finite numbers{bounds}.")
         return array
 
     def drop(self, name: str) -> None:
-        """Accept an array unseen, because it is checked elsewhere."""
-        self._left.pop(name)
+        """Accept an array without a check, because it is checked elsewhere."""
+        self._remaining.pop(name)
 
     def end(self) -> None:
-        """Raise `ValueError` if an entry is left."""
-        for name in self._left:
+        """Raise `ValueError` if an array has not been taken."""
+        for name in self._remaining:
             shown = "".join(c if c.isprintable() else "?" for c in name[:80])
             raise ValueError(f"`{self.full_name(shown)}` is no entry of a fit.")
 
 
 def read_json(name: str, data: np.ndarray) -> dict[str, Any]:
-    """The JSON object in an entry's bytes; `ValueError` names the entry."""
+    """Read the JSON object in the bytes of an entry; `ValueError` names the entry."""
     try:
         value = json.loads(data.tobytes().decode())
     except (ValueError, RecursionError):

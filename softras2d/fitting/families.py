@@ -1,4 +1,4 @@
-"""The table of fit families, by the names that the option `family` takes."""
+"""The table of fit families, by the values of the option `family`."""
 
 from .family import Family
 from .layers.family import LayersFit

@@ -1,9 +1,9 @@
-"""The interface of a fit family: what the loop asks of free layers and of a mesh.
+"""The interface of a fit family, of which there are two: free layers and meshes.
 
-A fit alternates between two kinds of work. A chunk of solver steps runs as one compiled program
-and changes only the unknowns. Between chunks, the family does on the host what a solver cannot:
-it adds triangles, moves them where the error is, or repairs a mesh. `loop.run` drives both through
-the methods below.
+A fit alternates between two kinds of work. A chunk of solver steps runs as one compiled program and
+changes only the unknowns. Between chunks, the family does on the host what a solver cannot do: it
+adds triangles, moves them where the error is, or repairs a mesh. `loop.run` drives both through the
+methods below.
 
 To add a family, write an `AbstractFit` and add a row to `families.FAMILIES`.
 """
@@ -23,16 +23,16 @@ from .target import Image, Target
 
 
 class FitRequest(NamedTuple):
-    """Everything from which a family makes a fit that has not taken a step.
+    """Everything that a family needs to make a fit that has not taken a step.
 
     - `target`: the image and its weights, at the size of the fit.
-    - `settings`: the arguments of `fit`, checked and settled (see `choices`).
-    - `start`: a word, a `Scene` in pixels of the fit, or a `Mesh`.
+    - `settings`: the arguments of `fit`, checked and completed (see `choices`).
+    - `start`: the name of a start, a `Scene` in pixels of the fit, or a `Mesh`.
     - `seed`: of all random choices.
     - `adjustable_rate`: whether the solver has a learning rate that the family may lower.
-    - `resume_state`: arrays of an earlier fit, restored later by `AbstractFit.restore_own_state`;
-      the family reads here only the sizes of its arrays. None for a new fit.
-    - `must_start()`: whether a start that is still being searched for must be taken as it is.
+    - `resume_state`: arrays of an earlier fit, or None for a new fit. The family reads here only
+      the shapes of its arrays; `AbstractFit.restore_own_state` restores their values later.
+    - `must_start()`: whether the search for a start must end with what it has.
     """
 
     target: Target
@@ -47,7 +47,7 @@ class FitRequest(NamedTuple):
 
     @property
     def exchanges(self) -> bool:
-        """Whether triangles or vertices are moved to where the error is, as the fit goes on."""
+        """Whether triangles or vertices are moved where the error is between chunks."""
         return self.settings["start"] == "error"
 
     @property
@@ -62,14 +62,14 @@ class AbstractFit(abc.ABC):
     The constructor of a family takes a `FitRequest`, builds the start, plans for it and sets all of
     the attributes below. It raises `ValueError` for a start that does not suit the family.
 
-    - `request`: what the fit was made from.
-    - `residual`, `data`: the function that the solver lowers, and its second argument. The function
-      gives `(image, outgrown)` beside the residual, as `chunk.advance` expects. `data` holds arrays
-      that may change between chunks without compiling again.
+    - `request`: the request from which the fit was made.
+    - `residual`, `data`: the function that the solver minimises, and its second argument. Beside
+      the residual, the function returns `(image, outgrown)`, which `chunk.advance_fits` reads.
+      `data` holds arrays that may change between chunks without compiling again.
     - `progress`: unknowns, solver state and number of steps.
-    - `image`: the image that the last step saw, at the size and with the coverage of the fit.
-    - `active`: number of triangles in use; the others are spare entries of the arrays.
-    - `last_exchange`: share of the fit, 0..1, at which triangles or vertices were last moved
+    - `image`: the image of the last step, at the size and with the coverage of the fit.
+    - `active`: number of triangles in use; the other triangles in the arrays are spare.
+    - `last_exchange`: share of the fit, 0..1, after which triangles or vertices were last moved
       elsewhere.
     """
 
@@ -84,11 +84,11 @@ class AbstractFit(abc.ABC):
     @property
     @abc.abstractmethod
     def max_triangles(self) -> int:
-        """Largest number of triangles that the fit may come to have."""
+        """Largest number of triangles that the fit can have at its end."""
 
     @abc.abstractmethod
     def likely_scene(self) -> Scene:
-        """A scene, in pixels of the fit, as costly to draw as those that the fit will go through.
+        """Make a scene, in pixels of the fit, that is about as costly to draw as later ones.
 
         Capacities are planned for it, and programs are compiled for its shapes.
         """
@@ -103,30 +103,30 @@ class AbstractFit(abc.ABC):
 
     @abc.abstractmethod
     def replan(self, reached: list[Any]) -> Residual:
-        """A residual with enough capacity for all of these unknowns. Changes nothing."""
+        """Make a residual with capacity for all of these unknowns, without changing the fit."""
 
     @abc.abstractmethod
     def refine(self, share: float) -> None:
-        """Do what comes between two chunks, on the host.
+        """Improve the fit between two chunks, on the host.
 
-        `share`: how far the fit is, 0..1. Changes `progress` and `data` such that the shapes of
-        their arrays stay, and with them the compiled program.
+        `share`: how far the fit is, 0..1. `progress` and `data` may change, but not the shapes of
+        their arrays, so that the compiled program can be used again.
         """
 
     @abc.abstractmethod
     def polish(self) -> None:
-        """Go to the best unknowns so far, with the colours of least squared error for them."""
+        """Go to the best unknowns so far, and set their colours to those of least squared error."""
 
     @abc.abstractmethod
     def own_state(self) -> dict[str, np.ndarray]:
-        """Arrays to save of this family alone; `state.save_state` adds those that all fits have.
+        """Arrays that only fits of this family save; `state.save_state` adds those of all fits.
 
         Their names are part of the file format.
         """
 
     @abc.abstractmethod
     def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Undo `own_state`, after `state.restore_state` has restored what all fits have.
+        """Restore what `own_state` saved; `state.restore_state` has restored the rest before.
 
         Raises `ValueError` for arrays of other shapes or types than this fit has.
         """
@@ -140,9 +140,10 @@ class Family(NamedTuple):
     - `default_size`: pixels along the longer side of the fit; None: as many as the target has.
     - `min_triangles`: the smallest value of the option `triangles`.
     - `translucent`: whether the option of that name may be true.
-    - `unknowns`: the unknowns as a pytree, from their leaves.
-    - `check_state`: checks what `own_state` saved, of a fit with given settings, size and number of
-      active triangles; returns the shapes of the unknowns, or raises `ValueError`.
+    - `unknowns`: makes the pytree of unknowns from its leaves.
+    - `check_state`: checks the entries that `own_state` saved, for the settings, the size and the
+      number of active triangles of the fit. It returns the shapes of the unknowns, or raises
+      `ValueError`.
     """
 
     make: Callable[[FitRequest], AbstractFit]

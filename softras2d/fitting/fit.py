@@ -1,4 +1,4 @@
-"""Fit triangles to an image: the public function `fit`."""
+"""The public function `fit`, which fits triangles to an image."""
 
 import os
 import time
@@ -15,9 +15,10 @@ from ..io.images import check_writable_path
 from ..numerics.compiled_programs import drop_programs
 from ..scene import Scene
 from . import choices
+from .budget import Budget, Limits
 from .interrupt import deferred_interrupt
-from .loop import Budget, Moment, run
-from .prepare import DEFAULT_STEPS, check_images, check_resume, settings_to_resume
+from .loop import ProgressReport, run
+from .prepare import check_images, check_resume, settings_to_resume
 from .result import FitResult
 from .solvers import Solver
 from .target import Target
@@ -42,7 +43,7 @@ def fit(
     light: str = "display",
     weights: Any = None,
     start: Any = "error",
-    report: Callable[[Moment], None] | None = None,
+    report: Callable[[ProgressReport], None] | None = None,
     resume: FitResult | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
 ) -> FitResult:
@@ -54,34 +55,34 @@ def fit(
     - `family`: `"layers"`, free triangles drawn over each other and over the mean colour; or
       `"mesh"`, triangles that share vertices and tile the canvas.
     - `solver`: `"adam"`, `"lm"`, `"dogleg"`, `"bfgs"`, `"lbfgs"`, or a solver object of optimistix.
-    - `seed`: of all random choices. With a budget of `steps`, the same seed gives the same result
+    - `seed`: of all random choices. With a limit of `steps`, the same seed gives the same result
       on the same machine.
     - `steps`: number of solver steps in all, those of `resume` included. The default is 1000.
     - `seconds`: in place of `steps`, how long this call may take, compiling and scoring included.
     - `size`: pixels along the longer side at which to fit. The default is 256 for layers, and the
       size of the target for a mesh. A fit is never larger than its target.
     - `shading`: `"flat"`, one colour per triangle; `"gouraud"`, colours interpolated between the
-      corners, which in a mesh are those of the shared vertices; or, for a mesh alone, `"linear"`,
-      interpolated between three corner colours that each triangle has for itself. The default is
-      `"flat"` for layers and `"gouraud"` for a mesh.
-    - `translucent`: whether to fit the opacity of each triangle too; for layers alone.
+      corners, where triangles of a mesh that share a vertex share its colour; or, for a mesh alone,
+      `"linear"`, interpolated between three corner colours that no other triangle shares. The
+      default is `"flat"` for layers and `"gouraud"` for a mesh.
+    - `translucent`: also fit the opacity of each triangle; for layers alone.
     - `softness`: width of the soft edges of layers, in pixels of the fit; or a pair, the width at
       the start and the width from the middle of the fit on.
-    - `colors`: `"together"`, the solver changes colours and geometry together; or, for squared
-      error, solved for in closed form: `"solve"` before each chunk of steps and at the end,
-      `"polish"` at the end alone.
+    - `colors`: `"together"`, the solver changes colours and geometry together. With squared error,
+      colours can be solved for in closed form instead: with `"solve"`, before each chunk of steps
+      and at the end; with `"polish"`, only at the end.
     - `loss`: `"squared"`, `"l1"` or `"ssim"` (SSIM with squared error). Least-squares solvers take
-      `"squared"` alone. Triangles are placed by squared error in display light in any case.
+      `"squared"` alone. Triangles are placed by the squared error of sRGB values in any case.
     - `light`: colour space in which the loss is computed: `"display"` (sRGB) or `"linear"`.
     - `weights`: `[height, width]`, how much the error of each pixel counts.
-    - `start`: `"error"`, triangles are added where the error is largest, and those that matter
-      least are moved, as the fit goes on. With any other start they are only fitted from there:
+    - `start`: with `"error"`, triangles are added where the error is largest, and those that matter
+      least are moved there, as the fit goes on. With any other start, triangles are only fitted:
       `"uniform"`; `"delaunay"`, a mesh of random points that are denser where the image changes;
       a `Scene` in pixels of the target (layers); or a `Mesh` in pixels of the fit.
-    - `report`: called with a `Moment` after each chunk of steps.
-    - `resume`: the result of an earlier fit of this target. The fit goes on where that one ended,
-      with its settings and weights; of these arguments only `steps`, `seconds`, `report` and
-      `checkpoint` count.
+    - `report`: called with a `ProgressReport` after each chunk of steps.
+    - `resume`: the result of an earlier fit of this target. The fit continues from there, with the
+      settings and weights of the earlier fit. Only the arguments `steps`, `seconds`, `report` and
+      `checkpoint` of this call are used.
     - `checkpoint`: path of an `.npz` to write every half minute, from which the fit can be resumed.
       A checkpoint that cannot be written is a warning.
 
@@ -90,14 +91,14 @@ def fit(
     for arguments that make no sense.
     """
     began = time.perf_counter()
-    # A program that fits many images would otherwise keep compiled code for each size and number.
-    drop_programs()
-    (image,) = check_images([target])
     settings: dict[str, Any] = {
         "triangles": triangles, "family": family, "solver": solver, "seed": seed, "size": size,
         "shading": shading, "translucent": translucent, "softness": softness, "colors": colors,
         "loss": loss, "light": light, "start": start,
     }  # fmt: skip
+    # A program that fits many images would otherwise keep compiled code for each size and number.
+    drop_programs()
+    (image,) = check_images([target])
     if resume is not None:
         check_resume(resume, image)
         settings = settings_to_resume(settings, resume)
@@ -106,27 +107,15 @@ def fit(
     choices.check(settings, steps, seconds)
     if checkpoint is not None:
         _check_checkpoint(Path(checkpoint))
-    if steps is None and seconds is None:
-        steps = DEFAULT_STEPS
-    deadline = None if seconds is None else began + seconds
+    limits = Limits.of(began, steps, seconds)
     with jax.enable_x64(False), deferred_interrupt() as interrupt:
-
-        def must_start() -> bool:
-            late = seconds is not None and time.perf_counter() - began > _MAX_START_SHARE * seconds
-            return late or interrupt.requested
-
         weighted = Target(image, choices.prepare_weights(weights, image))
-        task = Task(weighted, settings, resume, must_start)
-        stop = lambda: interrupt.requested  # noqa: E731
-        interrupted = _run(task, began, steps, deadline, report, checkpoint, stop)
+        task = Task(weighted, settings, resume, lambda: limits.must_start() or interrupt.requested)
+        interrupted = _run(task, limits, report, checkpoint, lambda: interrupt.requested)
         if task.polishes and not (interrupted or interrupt.requested):
             task.fit.polish()
         result = task.result(interrupted)
     return replace(result, interrupted=True) if interrupt.requested else result
-
-
-_MAX_START_SHARE = 0.35
-"""Share of the `seconds` of a fit after which the search for a start ends with what it has."""
 
 
 def _check_checkpoint(path: Path) -> None:
@@ -138,22 +127,20 @@ def _check_checkpoint(path: Path) -> None:
 
 def _run(
     task: Task,
-    began: float,
-    steps: int | None,
-    deadline: float | None,
-    report: Callable[[Moment], None] | None,
+    limits: Limits,
+    report: Callable[[ProgressReport], None] | None,
     checkpoint: str | os.PathLike[str] | None,
     stop: Callable[[], bool],
 ) -> bool:
-    """Run a fit to the end of its budget; return whether Ctrl-C came first."""
+    """Run a fit to its limits; return whether Ctrl-C came first."""
 
     def best_scene() -> Scene:
         return task.frame.enlarge(task.fit.scene(padded=True))
 
-    def report_moment(share: float, seconds_left: float) -> None:
+    def report_progress(share: float, seconds_left: float) -> None:
         if report is not None:
-            last, most = task.history[-1], task.fit.max_triangles
-            report(Moment(last, share, seconds_left, most, best_scene))
+            record, triangles = task.history[-1], task.fit.max_triangles
+            report(ProgressReport(record, share, seconds_left, triangles, best_scene))
 
     def save() -> None:
         if checkpoint is None:
@@ -163,11 +150,11 @@ def _run(
         except (ValueError, OSError) as error:
             warnings.warn(f"the checkpoint was not written: {error}", stacklevel=2)
 
-    warm_up = task.warm_up(deadline is not None)
-    # The programs of the end compile beside the first steps, and their time is set aside.
+    warm_up = task.warm_up(limits.deadline is not None)
+    # The programs that score the result compile in another thread, beside the first steps.
     with ThreadPoolExecutor(1) as pool:
-        budget = Budget(steps, deadline, pool.submit(warm_up), began, task.seconds_before)
+        budget = Budget(limits, pool.submit(warm_up), task.seconds_before)
         return run(
             [task.fit], [task.history], budget, steps=task.steps_before, max_steps=task.max_steps,
-            stop=stop, report=report_moment, save=save,
+            stop=stop, report=report_progress, save=save,
         )  # fmt: skip

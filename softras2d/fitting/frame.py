@@ -1,4 +1,4 @@
-"""The size at which an image is fitted, and the way between its pixels and the target's."""
+"""The size at which an image is fitted, and the conversion to and from pixels of the target."""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ from .target import Target
 
 
 class Frame(NamedTuple):
-    """The size of the fit in pixels, and the width and height of its pixels in the target's."""
+    """The size of a fit, and the size of each of its pixels in pixels of the target."""
 
     height: int
     width: int
@@ -22,13 +22,13 @@ class Frame(NamedTuple):
 
     @staticmethod
     def of(height: int, width: int, settings: dict[str, Any]) -> "Frame":
-        """The frame for a target of `height` x `width` pixels; never larger than the target."""
-        longer = max(height, width)
-        wanted = settings["size"]
-        if wanted is None:
+        """Make the frame for a target of `height` x `width` pixels, at most as large."""
+        longer_side = max(height, width)
+        size = settings["size"]
+        if size is None:
             default = FAMILIES[settings["family"]].default_size
-            wanted = longer if default is None else default
-        scale = min(1.0, wanted / longer)
+            size = longer_side if default is None else default
+        scale = min(1.0, size / longer_side)
         rows, columns = (max(1, round(side * scale)) for side in (height, width))
         return Frame(rows, columns, width / columns, height / rows)
 
@@ -43,7 +43,7 @@ class Frame(NamedTuple):
         return replace(scene, positions=to_device(np.asarray(scene.positions) / factors))
 
     def shrink_target(self, target: Target) -> Target:
-        """The target and its weights at the size of the fit."""
+        """Shrink a target and its weights to the size of the fit."""
         weights = target.weights
         if weights is not None:
             weights = shrink(weights[..., None], self.height, self.width)[..., 0]

@@ -1,4 +1,4 @@
-"""Ctrl-C that takes effect between two chunks of steps."""
+"""Defer Ctrl-C until the end of a chunk of steps."""
 
 import signal
 import threading
@@ -17,23 +17,23 @@ class Interrupt:
 
 @contextmanager
 def deferred_interrupt() -> Iterator[Interrupt]:
-    """Note the first Ctrl-C instead of raising it, so that nothing is left half changed.
+    """Record the first Ctrl-C instead of raising it, so that nothing is left half changed.
 
-    The second one is raised. Python delivers Ctrl-C to the main thread alone, so in any other
-    thread nothing is ever noted.
+    A second Ctrl-C is raised. In threads other than the main thread nothing is recorded, because
+    Python delivers Ctrl-C to the main thread alone.
     """
-    noted = Interrupt()
+    interrupt = Interrupt()
     if threading.current_thread() is not threading.main_thread():
-        yield noted
+        yield interrupt
         return
 
-    def note(number: int, frame: Any) -> None:
-        if noted.requested:
+    def handle(number: int, frame: Any) -> None:
+        if interrupt.requested:
             raise KeyboardInterrupt
-        noted.requested = True
+        interrupt.requested = True
 
-    before = signal.signal(signal.SIGINT, note)
+    previous = signal.signal(signal.SIGINT, handle)
     try:
-        yield noted
+        yield interrupt
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous)

@@ -14,7 +14,7 @@ from ..names import LossSpace
 from .score import ssim
 
 _SSIM_SHARE = 0.02
-"""Weight of 1 - SSIM, for each channel of each pixel, beside the squared error."""
+"""Weight of 1 - SSIM relative to the squared error, for each channel of each pixel."""
 
 
 class Loss(eqx.Module):
@@ -22,8 +22,8 @@ class Loss(eqx.Module):
 
     - `kind`: `"squared"`; `"l1"`, absolute error, with gradient 0 where images are equal; or
       `"ssim"`, squared error plus 0.02 (1 - SSIM) for each channel of each pixel.
-    - `light`: `"display"` compares sRGB values; `"linear"` decodes them first, so that errors in
-      dark regions count less.
+    - `light`: the colour space. `"display"` compares sRGB values; `"linear"` decodes them first, so
+      that errors in dark regions count less.
 
     Images with four channels have straight alpha. They are compared premultiplied, with alpha as a
     fourth channel.
@@ -33,7 +33,7 @@ class Loss(eqx.Module):
     light: LossSpace = eqx.field(static=True, default="display")
 
     def prepare(self, image: Float[Array, "height width channels"]) -> Array:
-        """The image as it is compared: in the chosen light, premultiplied."""
+        """Convert an image to the chosen colour space, and premultiply it."""
         color = image[..., :3]
         if self.light == "linear":
             color = srgb_to_linear(color)
@@ -48,17 +48,18 @@ class Loss(eqx.Module):
         prepared: Float[Array, "height width channels"],
         weights: Float[Array, "height width"] | None,
     ) -> Array:
-        """The residual, whose squares sum to the loss; for `"l1"` and `"ssim"` the scalar loss.
+        """The residual, whose squares sum to the loss; or the scalar loss for `"l1"` and `"ssim"`.
 
         - `prepared`: the target as `prepare` gives it.
         - `weights`: scale the error of each pixel, but not SSIM.
         """
         compared = self.prepare(image)
-        off = compared - prepared
+        error = compared - prepared
         if self.kind == "l1":
-            size = jnp.abs(off)
-            return jnp.sum(size if weights is None else size * weights[..., None])
-        off = off if weights is None else off * jnp.sqrt(weights)[..., None]
+            absolute = jnp.abs(error)
+            return jnp.sum(absolute if weights is None else absolute * weights[..., None])
+        error = error if weights is None else error * jnp.sqrt(weights)[..., None]
         if self.kind == "squared":
-            return off
-        return jnp.sum(off * off) + _SSIM_SHARE * off.size * (1.0 - ssim(compared, prepared))
+            return error
+        squared = jnp.sum(error * error)
+        return squared + _SSIM_SHARE * error.size * (1.0 - ssim(compared, prepared))

@@ -17,9 +17,6 @@ from .result import FitResult
 from .solvers import SOLVERS, Solver, is_rate_adjustable, solver_of
 from .target import Image, Target
 
-DEFAULT_STEPS = 1000
-"""Steps of a fit that is given neither `steps` nor `seconds`."""
-
 
 def make_fit(
     target: Target,
@@ -28,10 +25,11 @@ def make_fit(
     resume: FitResult | None,
     must_start: Callable[[], bool],
 ) -> AbstractFit:
-    """A fit of the family that the settings name, before its first step.
+    """Make a fit of the family that the settings name, before its first step.
 
-    `must_start()`: whether a start that is still being searched for must be taken as it is. The
-    shapes are those of `resume`; its values are restored later, by `state.restore_state`.
+    - `resume`: a result that gives the shapes of the arrays. Its values are restored later, by
+      `state.restore_state`.
+    - `must_start()`: whether the search for a start must end with what it has.
     """
     solver = solver_of(settings["solver"])
     loss = Loss(settings["loss"], settings["light"])
@@ -54,8 +52,8 @@ def make_fit(
 def max_chunk_steps(solver: Solver, frame: Frame) -> int:
     """Largest number of steps of a chunk.
 
-    The arrays of a chunk's program are of this length. Steps of least-squares solvers, and those at
-    large sizes, take long, and a user waits for the end of a chunk.
+    It is small where steps are slow, with least-squares solvers and at large sizes, because Ctrl-C
+    and progress reports wait for the end of a chunk.
     """
     if isinstance(solver, optx.AbstractLeastSquaresSolver):
         return 2
@@ -63,7 +61,7 @@ def max_chunk_steps(solver: Solver, frame: Frame) -> int:
 
 
 def check_image(target: Any) -> Image:
-    """Convert a target to float32; raise `ValueError` if it is no image with values 0..1."""
+    """Convert a target to float32; raise `ValueError` unless it is an image with values 0..1."""
     image = np.asarray(target)
     fits = image.ndim == 3 and image.shape[-1] in (3, 4) and image.size > 0
     if not fits or image.dtype.kind != "f":
@@ -77,7 +75,7 @@ def check_image(target: Any) -> Image:
 
 
 def check_images(targets: Sequence[Any]) -> list[Image]:
-    """Convert targets as `check_image` does, and drop the alpha channel if all of it is 1."""
+    """Check and convert targets; drop their alpha channels if alpha is 1 everywhere."""
     images = [check_image(target) for target in targets]
     if all(image.shape[-1] == 4 and (image[..., 3] == 1).all() for image in images):
         return [image[..., :3] for image in images]
@@ -85,7 +83,7 @@ def check_images(targets: Sequence[Any]) -> list[Image]:
 
 
 def check_resume(resume: Any, target: Image) -> None:
-    """Raise `ValueError` unless `resume` is a fit that can go on, of a target of this size."""
+    """Raise `ValueError` unless `resume` is a fit of this size that can be resumed."""
     if not isinstance(resume, FitResult):
         raise ValueError(f"`resume` must be what an earlier fit gave; got {resume!r:.60}.")
     if (resume.height, resume.width) != target.shape[:2]:
@@ -105,7 +103,7 @@ def check_resume(resume: Any, target: Image) -> None:
 
 
 def settings_to_save(settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings in types that JSON has: a solver or start given as an object becomes a word."""
+    """Convert settings to types of JSON: the name of a solver object, a word for a start object."""
     start, solver = settings["start"], settings["solver"]
     first, last = settings["softness"]
     return settings | {
@@ -116,13 +114,14 @@ def settings_to_save(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def settings_to_resume(settings: dict[str, Any], earlier: FitResult) -> dict[str, Any]:
-    """The settings of an earlier fit, with the solver object now given if it had one.
+    """The settings of an earlier fit; if it had a solver object, with the one in `settings`.
 
-    Raises `ValueError` if the earlier fit had a solver object and none of its type is given now.
+    Raises `ValueError` if the earlier fit had a solver object, and that in `settings` is not of the
+    same type.
     """
-    solver, given = earlier.settings["solver"], settings["solver"]
-    if solver not in SOLVERS:
-        if type(given).__name__ != solver:
-            raise ValueError(f"`resume` was fitted by a {solver}: hand one over as `solver`.")
-        return earlier.settings | {"solver": given}
-    return dict(earlier.settings)
+    solver_name, solver = earlier.settings["solver"], settings["solver"]
+    if solver_name in SOLVERS:
+        return dict(earlier.settings)
+    if type(solver).__name__ != solver_name:
+        raise ValueError(f"`resume` was fitted by a {solver_name}: hand one over as `solver`.")
+    return earlier.settings | {"solver": solver}

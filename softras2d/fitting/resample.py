@@ -1,4 +1,4 @@
-"""Shrink images: each new pixel is the mean over its area."""
+"""Shrink images, with the mean over the area of each new pixel."""
 
 import numpy as np
 from jaxtyping import Float
@@ -9,7 +9,7 @@ def shrink(
 ) -> Float[np.ndarray, "{height} {width} channels"]:
     """Shrink an image to `height` x `width`; exact for any ratio.
 
-    The image is taken as constant over each pixel. Colours with straight alpha are weighted by it.
+    Each pixel is a square of constant colour. Colours with straight alpha are weighted by alpha.
     """
     if image.shape[:2] == (height, width):
         return image
@@ -25,8 +25,8 @@ def shrink(
     return mean.astype(image.dtype)
 
 
-def _overlaps(old: int, new: int) -> np.ndarray:
-    """`[new, old]`: the share of each new pixel that each old one fills, along one axis."""
+def _overlaps(old: int, new: int) -> Float[np.ndarray, "{new} {old}"]:
+    """Share of each new pixel that each old pixel fills, along one axis."""
     edges = np.linspace(0, old, new + 1)
     low = np.maximum(edges[:-1, None], np.arange(old))
     high = np.minimum(edges[1:, None], np.arange(1, old + 1))

@@ -1,4 +1,4 @@
-"""The result of a fit, and the files that hold it."""
+"""The result of a fit, and the files in which it is saved."""
 
 import json
 import os
@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from .. import __version__
 from ..io.drafts import atomic_file
@@ -22,10 +23,10 @@ from .entries import Entries, Size
 class Record(NamedTuple):
     """The state of a fit after a chunk of steps.
 
-    - `steps`, `seconds`: since the fit began, resumed parts included.
-    - `psnr` (dB), `ssim`: of the image that the last step saw, at the size and with the coverage of
-      the fit.
-    - `accepted`: number of steps with a loss lower than all before them in their call of `fit`.
+    - `steps`, `seconds`: since the fit began, including those of fits that were resumed.
+    - `psnr` (dB), `ssim`: of the image of the last step, at the size and with the coverage of the
+      fit.
+    - `accepted`: number of steps whose loss was below all losses before it in the same call.
     - `active`: number of triangles in use.
     """
 
@@ -47,7 +48,7 @@ class FitResult:
     - `history`: one record for each chunk of steps.
     - `settings`: the arguments of the fit.
     - `interrupted`: whether Ctrl-C ended the fit.
-    - `state`: arrays by name, from which `fit(..., resume=)` goes on.
+    - `state`: arrays by name, from which `fit(..., resume=)` continues.
     """
 
     scene: Scene
@@ -70,7 +71,7 @@ class FitResult:
         return self.image.shape[1]
 
     def report(self) -> dict[str, Any]:
-        """Settings, scores, history, versions and machine, in types that JSON has."""
+        """Settings, scores, history, versions and machine, in types that JSON can represent."""
         last = self.history[-1] if self.history else Record(0, 0.0, -np.inf, 0.0, 0, 0)
         return {
             "settings": self.settings,
@@ -93,7 +94,10 @@ class FitResult:
                 "cores": os.cpu_count(),
                 "device": jax.devices()[0].device_kind,
             },
-            "history": [{k: _plain(v) for k, v in one._asdict().items()} for one in self.history],
+            "history": [
+                {name: _plain(value) for name, value in record._asdict().items()}
+                for record in self.history
+            ],
         }
 
     def write_report(self, path: str | os.PathLike[str]) -> None:
@@ -121,15 +125,15 @@ class FitResult:
             "image": self.image,
             "facts": np.frombuffer(json.dumps(facts).encode(), np.uint8),
             "scores": np.array([self.psnr, self.ssim]),
-            "history": np.array([tuple(map(float, one)) for one in self.history]).reshape(-1, 6),
+            "history": np.array([tuple(map(float, row)) for row in self.history]).reshape(-1, 6),
         }
         for entry in saved_fit.SCENE_FIELDS:
             arrays[f"scene.{entry}"] = np.asarray(getattr(self.scene, entry))
         for name, value in self.state.items():
             arrays[f"{_STATE}{name}"] = np.asarray(value)
-        held = sum(array.nbytes for array in arrays.values())
-        if held > MAX_BYTES:
-            raise ValueError(f"{path}: a fit of {held} bytes is too large; {MAX_BYTES} at most.")
+        size = sum(array.nbytes for array in arrays.values())
+        if size > MAX_BYTES:
+            raise ValueError(f"{path}: a fit of {size} bytes is too large; {MAX_BYTES} at most.")
         with atomic_file(path) as draft, draft.open("wb") as file:
             np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
 
@@ -137,8 +141,8 @@ class FitResult:
     def load(path: str | os.PathLike[str]) -> "FitResult":
         """Read a file that `save` wrote. Every entry is checked before it is used.
 
-        Raises `ValueError`, one line that names the file, the entry and what was expected, for any
-        other file, and for one that unpacks to more than a GiB.
+        Raises `ValueError` for any other file, and for one that unpacks to more than a GiB. Its one
+        line names the file, the entry and what was expected.
         """
         path = Path(path)
         if not path.is_file():
@@ -152,11 +156,14 @@ class FitResult:
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "lineax", "optax", "optimistix", "numpy", "scipy")
 
-assert set(saved_fit.SCENE_FIELDS) < {one.name for one in fields(Scene)}
+_STATE = "state."
+"""First part of the names of entries that belong to `FitResult.state`."""
+
+assert set(saved_fit.SCENE_FIELDS) < {scene_field.name for scene_field in fields(Scene)}
 
 
 def _result(arrays: dict[str, np.ndarray]) -> FitResult:
-    """The result in the arrays of a file; a `ValueError` names the entry that is wrong."""
+    """Make the result from the arrays of a file; a `ValueError` names the entry at fault."""
     state = {
         name.removeprefix(_STATE): value
         for name, value in arrays.items()
@@ -175,14 +182,12 @@ def _result(arrays: dict[str, np.ndarray]) -> FitResult:
     return FitResult(scene, image, psnr, ssim, history, settings, interrupted, state)
 
 
-_STATE = "state."
-
-
-def _record(row: np.ndarray) -> Record:
+def _record(row: Float[np.ndarray, "6"]) -> Record:
+    """Make a record from a row of the saved history."""
     steps, seconds, psnr, ssim, accepted, active = map(float, row)
     return Record(int(steps), seconds, psnr, ssim, int(accepted), int(active))
 
 
 def _plain(value: Any) -> Any:
-    """A value for JSON, which has no infinity: the PSNR of an exact image becomes null."""
+    """Replace a number that is not finite by None, because JSON has no infinity."""
     return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -1,7 +1,7 @@
-"""What a saved fit must hold: the type, shape and range of each entry, and that entries agree.
+"""Check the entries of a saved fit: type, shape and range of each, and that they agree.
 
-Files come from anywhere, so no entry is used before it was checked here. Every fault is a one-line
-`ValueError` that names the entry and what was expected.
+Files come from anywhere, so no entry is used before it has been checked here. Every fault is a
+one-line `ValueError` that names the entry and what was expected.
 """
 
 from typing import Any
@@ -22,6 +22,7 @@ from .solve import begin
 from .solvers import SOLVERS, solver_of
 
 FORMAT = 3
+"""Version of the file format."""
 
 SCENE_FIELDS = ("positions", "triangles", "colors", "background")
 """Fields of a fitted scene."""
@@ -58,7 +59,7 @@ def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
 
 
 def check_settings(settings: Any) -> None:
-    """Raise `ValueError` for settings that no fit can have had."""
+    """Raise `ValueError` for settings that no fit can have."""
     if not isinstance(settings, dict):
         raise ValueError("`facts` must have the `settings` of the fit; they are missing.")
     for name in _SETTINGS:
@@ -113,13 +114,13 @@ def read_history(entries: Entries) -> np.ndarray:
 
 
 def read_scene(entries: Entries, settings: dict[str, Any], channels: int) -> Scene:
-    """Take the fitted scene, which must suit the settings and have a valid structure."""
+    """Take the fitted scene, which must be valid and match the settings."""
     corners = 1 if settings["shading"] == "flat" else 3
     color_channels = 4 if settings["translucent"] else 3
     triangles = entries.take("scene.triangles", np.int32, ("triangles", 3))
-    count, most = len(triangles), max(2, settings["triangles"])
-    if count > most:
-        raise ValueError(f"`scene.triangles` must be {most} at most, as `settings` say.")
+    count, max_count = len(triangles), max(2, settings["triangles"])
+    if count > max_count:
+        raise ValueError(f"`scene.triangles` must be {max_count} at most, as `settings` say.")
     arrays = {
         "positions": entries.take("scene.positions", np.float32, ("vertices", 2)),
         "triangles": triangles,
@@ -140,8 +141,8 @@ def check_state(
     """Raise `ValueError` unless a fit with these settings can be resumed from this state.
 
     - `size`: of the target.
-    - `steps`: those of the last record of the history.
-    - `prefix`: what the names of entries begin with in errors.
+    - `steps`: the number of steps in the last record of the history.
+    - `prefix`: put before the names of entries in error messages.
     """
     entries = Entries(state, prefix)
     frame = Frame.of(size.height, size.width, settings)
@@ -167,10 +168,13 @@ def check_state(
 def _check_solve(
     entries: Entries, settings: dict[str, Any], shapes: list[tuple[int, ...]], size: Size
 ) -> None:
-    """Check the unknowns and the solver's arrays, which come in the order of `jax.tree.leaves`."""
+    """Check the unknowns and the solver's arrays, which are in the order of `jax.tree.leaves`.
+
+    `shapes`: those of the unknowns.
+    """
     expected = _solver_arrays(settings, shapes, size)
     if expected is None:
-        # Arrays of a solver object can only be compared with that object, which `resume` does.
+        # The arrays of a solver object are compared with those of the object when a fit resumes.
         for number, shape in enumerate(shapes):
             entries.take(f"solve.{number}", np.float32, shape)
         number = len(shapes)
@@ -187,14 +191,14 @@ def _solver_arrays(
 ) -> list[tuple[Any, tuple[int, ...]]] | None:
     """Types and shapes of the arrays of a solve, found by tracing the solver's first step.
 
-    None for a solver that was given as an object, of which the file has the name alone.
+    None for a solver that was given as an object, because the file holds only its name.
     """
     if settings["solver"] not in SOLVERS:
         return None
     solver = solver_of(settings["solver"])
     leaves = [jax.ShapeDtypeStruct(shape, np.float32) for shape in shapes]
     if isinstance(solver, optx.AbstractLeastSquaresSolver):
-        # The unknowns, the best of them, and their loss.
+        # `state.save_state` saves the unknowns, the best unknowns, and their loss.
         saved = [*leaves, *leaves, jax.ShapeDtypeStruct((), np.float32)]
         return [(leaf.dtype, leaf.shape) for leaf in saved]
     y = FAMILIES[settings["family"]].unknowns(leaves)

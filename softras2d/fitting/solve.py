@@ -1,7 +1,7 @@
-"""A solve in chunks of steps, each of them one run of a compiled program.
+"""Run a solver in chunks of steps, each of which is one run of a compiled program.
 
-Between chunks the host can look at the loss, change arguments that are arrays, stop, or go on;
-nothing compiles again. The best point so far is kept, wherever the solver goes after it.
+Between chunks the host can look at the loss, change arguments that are arrays, stop, or continue,
+without compiling again. The best point so far is remembered, wherever the solver goes after it.
 """
 
 import contextlib
@@ -21,13 +21,13 @@ from .solvers import Solver
 Residual = Callable[[Any, Any], tuple[Any, Any]]
 """Maps `(unknowns, arguments)` to `(out, (last, each))`.
 
-`out` is a residual, whose squares are summed, or a scalar loss. `last` and `each` are trees of
-arrays: a chunk returns `last` of its last step alone, and `each` of every step.
+`out` is a residual, whose squares are summed, or a scalar loss. `last` and `each` are pytrees of
+arrays. A chunk returns `last` of its last step only, and `each` of every step.
 """
 
 
 class Progress(NamedTuple):
-    """A solve between two chunks: unknowns, solver state, and number of steps taken."""
+    """A solve between two chunks: the unknowns, the solver's state, and the number of steps."""
 
     y: Any
     state: Any
@@ -35,7 +35,7 @@ class Progress(NamedTuple):
 
     @property
     def best(self) -> Any:
-        """The point with the least loss among those at which it was evaluated."""
+        """The evaluated point with the least loss."""
         return self.state.best_y
 
     @property
@@ -45,9 +45,9 @@ class Progress(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """What a chunk of steps gave.
+    """The result of a chunk of steps.
 
-    - `progress`: the solve after it.
+    - `progress`: the solve after the chunk.
     - `losses`: one for each step.
     - `aux`: `last` and `each` of the residual, the second with a leading axis of steps.
     """
@@ -58,7 +58,7 @@ class Chunk(NamedTuple):
 
 
 def begin(solver: Solver, residual: Residual, y: Any, args: Any) -> Progress:
-    """A solve that has not taken a step."""
+    """Begin a solve at the unknowns `y`, without taking a step."""
     return Progress(y, _begin(solver, residual, y, args), 0)
 
 
@@ -73,8 +73,8 @@ def advance(
 ) -> Chunk:
     """Take `steps` steps, at most `max_steps`; chunks of equal `max_steps` share a program.
 
-    The loss of a step is that of the solver's last evaluation. Solvers of first order evaluate
-    where the step begins; others where it would end, whether or not they accept it.
+    The loss of a step is that of the solver's last evaluation. First-order solvers evaluate where
+    the step begins; others evaluate where it would end, whether or not they accept it.
     """
     max_steps = steps if max_steps is None else max_steps
     y, state, losses, (last, each) = _advance(
@@ -87,23 +87,29 @@ def advance(
 def advance_each(
     solver: Solver,
     residual: Residual,
-    many: Sequence[Progress],
+    progresses: Sequence[Progress],
     args: Sequence[Any],
     *,
     steps: int,
     max_steps: int | None = None,
 ) -> list[Chunk]:
-    """`advance` several solves, whose arrays have the same shapes, by one program."""
+    """Advance several solves by one program, as `advance` does each.
+
+    Their arrays must have the same shapes.
+    """
     max_steps = steps if max_steps is None else max_steps
-    solves = [(one.y, one.state, own_args) for one, own_args in zip(many, args, strict=True)]
-    split = [eqx.partition(solve, eqx.is_array) for solve in solves]
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(arrays for arrays, _ in split))
-    static = split[0][1]
+    solves = [
+        (progress.y, progress.state, solve_args)
+        for progress, solve_args in zip(progresses, args, strict=True)
+    ]
+    partitions = [eqx.partition(solve, eqx.is_array) for solve in solves]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(arrays for arrays, _ in partitions))
+    static = partitions[0][1]
     results = _advance_stacked(
         solver, residual, stacked, static, to_device(np.int32(steps)), max_steps
     )
     chunks = []
-    for index, progress in enumerate(many):
+    for index, progress in enumerate(progresses):
         y, state, losses, (last, each) = jax.tree.map(lambda leaf, at=index: leaf[at], results)
         _, static_state, _ = static
         state = eqx.combine(state, static_state)
@@ -114,44 +120,45 @@ def advance_each(
 
 
 def move(solver: Solver, residual: Residual, progress: Progress, y: Any, args: Any) -> Progress:
-    """Continue a solve from another point, with the best result so far.
+    """Continue a solve from another point; the best point so far stays.
 
-    Solvers other than those of optax remember the loss and derivative at their last point, which
-    no longer hold: they begin anew.
+    Solvers other than those of optax are restarted, because their state holds the loss and the
+    derivative at their last point.
     """
     if isinstance(solver, optx.OptaxMinimiser):
         return progress._replace(y=y)
-    fresh = begin(solver, residual, y, args)
-    old = progress.state
-    state = eqx.tree_at(
-        lambda state: (state.best_y, state.best_loss), fresh.state, (old.best_y, old.best_loss)
-    )
+    restarted = begin(solver, residual, y, args)
+    best = progress.best, progress.best_loss
+    state = eqx.tree_at(lambda state: (state.best_y, state.best_loss), restarted.state, best)
     return Progress(y, state, progress.steps)
 
 
 def set_learning_rate(progress: Progress, learning_rate: float) -> Progress:
-    """Set the learning rate of a solve; unchanged if its solver has none that can be set."""
-
-    def rate_of(progress: Progress) -> Any:
-        # An array, or what Equinox puts in its place while it looks where it is.
-        return progress.state.state.opt_state.hyperparams["learning_rate"]
-
+    """Set the learning rate of a solve, or change nothing if its solver has none to be set."""
     try:
-        old = rate_of(progress)
+        old = _learning_rate(progress)
     except AttributeError:
         return progress
-    return eqx.tree_at(rate_of, progress, to_device(learning_rate, old.dtype))
+    return eqx.tree_at(_learning_rate, progress, to_device(learning_rate, old.dtype))
+
+
+def _learning_rate(progress: Progress) -> Any:
+    """The learning rate in the state of a solve: an array, or a placeholder of `eqx.tree_at`."""
+    return progress.state.state.opt_state.hyperparams["learning_rate"]
 
 
 def forget_best(progress: Progress) -> Progress:
-    """Forget the best point of a solve: for new arguments, whose losses do not compare."""
+    """Forget the best point of a solve, because new arguments make losses incomparable."""
     infinite = jnp.full_like(progress.best_loss, jnp.inf)
     state = eqx.tree_at(lambda state: state.best_loss, progress.state, infinite)
     return progress._replace(state=state)
 
 
 def _keep_best(solver: Solver, residual: Residual) -> tuple[Solver, Residual]:
-    """A solver that keeps the best point, and the function it lowers, with its loss as aux."""
+    """Wrap a solver so that it remembers the best point, and a residual so that it has a loss.
+
+    The wrapped function returns the pair of the loss and the residual's `aux` as its own `aux`.
+    """
 
     def with_loss(y: Any, args: Any) -> tuple[Any, Any]:
         out, aux = residual(y, args)
@@ -167,7 +174,7 @@ def _keep_best(solver: Solver, residual: Residual) -> tuple[Solver, Residual]:
 
 
 def _loss(out: Any) -> Float[Array, ""]:
-    """The sum of squares of a residual; a scalar is a loss already."""
+    """The loss: the sum of squares of a residual, or the scalar itself."""
     leaves = jax.tree.leaves(out)
     if len(leaves) == 1 and leaves[0].ndim == 0:
         return leaves[0]
@@ -186,12 +193,12 @@ def default_promotion() -> Iterator[None]:
 
 @eqx.filter_jit
 def _begin(solver: Solver, residual: Residual, y: Any, args: Any) -> Any:
-    """The first state of a solver that keeps the best point."""
+    """The initial state of a solver that remembers the best point."""
     best, function = _keep_best(solver, residual)
     out, aux = eqx.filter_eval_shape(function, y, args)
     with default_promotion():
         state = best.init(function, y, args, {}, out, aux, frozenset())
-    # The first chunk would turn weak types into strong ones, and the second would compile again.
+    # A chunk turns weak types into strong ones; without this, the second would compile again.
     return jax.tree.map(
         lambda x: jax.lax.convert_element_type(x, x.dtype) if eqx.is_array(x) else x, state
     )
@@ -207,7 +214,7 @@ def _advance(
     steps: Array,
     max_steps: int,
 ) -> tuple[Any, Any, Array, tuple[Any, Any]]:
-    """`advance` on the device, with losses and `each` of length `max_steps`."""
+    """Take steps of one solve; losses and `each` have the length `max_steps`."""
     arrays, static = eqx.partition(state, eqx.is_array)
     y, arrays, losses, aux = _take_steps(
         solver, residual, y, arrays, static, args, steps, max_steps
@@ -219,7 +226,10 @@ def _advance(
 def _advance_stacked(
     solver: Solver, residual: Residual, stacked: Any, static: Any, steps: Array, max_steps: int
 ) -> Any:
-    """`_advance` along a leading axis of `stacked`, the arrays of unknowns, state and arguments."""
+    """Take steps of several solves, whose arrays are stacked along a leading axis.
+
+    `stacked` and `static` are the two parts of the tuple of unknowns, solver state and arguments.
+    """
     static_y, static_state, static_args = static
 
     def take(y: Any, arrays: Any, args: Any) -> Any:
@@ -239,7 +249,7 @@ def _take_steps(
     steps: Array,
     max_steps: int,
 ) -> tuple[Any, Any, Array, tuple[Any, Any]]:
-    """The loop over steps. `arrays` and `static` are the two parts of the solver's state."""
+    """Loop over steps. `arrays` and `static` are the two parts of the solver's state."""
     best, function = _keep_best(solver, residual)
 
     def step(number: Array, carry: Any) -> Any:
@@ -247,7 +257,9 @@ def _take_steps(
         state = eqx.combine(arrays, static)
         with default_promotion():
             y, state, (loss, (last, each)) = best.step(function, y, args, {}, state, frozenset())
-        recorded = jax.tree.map(lambda all, one: all.at[number].set(one), recorded, (loss, each))
+        recorded = jax.tree.map(
+            lambda steps, step: steps.at[number].set(step), recorded, (loss, each)
+        )
         return y, eqx.filter(state, eqx.is_array), last, recorded
 
     def zeros(leaf: Any, *axes: int) -> Array:

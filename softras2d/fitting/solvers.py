@@ -1,4 +1,4 @@
-"""Solvers of optimistix by name, for residuals whose Jacobian is too large to be assembled.
+"""The table of solvers, all of them for residuals whose Jacobian is too large to be assembled.
 
 **Source:** Levenberg (1944) and Marquardt (1963) for the damping, Powell (1970) for the dogleg,
 Kingma and Ba, *Adam* (ICLR 2015); Fong and Saunders, *LSMR* (SIAM J. Sci. Comput. 33(5), 2011), for
@@ -19,8 +19,8 @@ Solver = optx.AbstractLeastSquaresSolver | optx.AbstractMinimiser
 _TRUST = 0.6
 """Share of the predicted decrease of the loss above which a step lowers the damping.
 
-The 0.99 of optimistix is hardly ever reached with this residual, which bends wherever an edge
-crosses a pixel: the damping would never fall."""
+The default of optimistix, 0.99, is hardly ever reached, because the residual is nonlinear wherever
+an edge crosses a pixel. The damping would never fall."""
 
 
 class ByProducts(optx.AbstractGaussNewton):
@@ -42,26 +42,30 @@ class ByProducts(optx.AbstractGaussNewton):
 
 
 def levenberg_marquardt(products: int = 20, *, trust: float = _TRUST) -> ByProducts:
-    """Levenberg-Marquardt, with at most `products` products with the Jacobian and as many with its
-    transpose in each step."""
+    """The Levenberg-Marquardt method.
+
+    Each step takes at most `products` products with the Jacobian, and as many with its transpose.
+    """
     return ByProducts(optx.DampedNewtonDescent(linear_solver=_inner(products)), trust=trust)
 
 
 def dogleg(products: int = 20, *, trust: float = _TRUST) -> ByProducts:
-    """Powell's dogleg, with at most as many products in each step."""
+    """Powell's dogleg method, with the same limit on products as `levenberg_marquardt`."""
     return ByProducts(optx.DoglegDescent(linear_solver=_inner(products)), trust=trust)
 
 
 def _inner(products: int) -> lx.LSMR:
+    """The iterative solver of the linear least-squares problem in each step."""
     # LSMR is safe in float32 where CG on the normal equations is not.
     return lx.LSMR(rtol=1e-6, atol=1e-6, max_steps=products)
 
 
 def _silent(**_: Any) -> None:
-    return None
+    """Report nothing about a step."""
 
 
 def _adam(learning_rate: float) -> optx.OptaxMinimiser:
+    """Adam, with a learning rate that can change during a solve."""
     # The state holds the learning rate, so that the host can lower it without compiling again.
     adam = optax.inject_hyperparams(optax.adam, static_args=_FIXED)(learning_rate, b2=0.99)
     return optx.OptaxMinimiser(adam, rtol=0.0, atol=0.0)
@@ -76,8 +80,8 @@ class NamedSolver(NamedTuple):
 
     - `make`: the solver, for a learning rate that only first-order solvers use.
     - `adjustable_rate`: whether a fit may lower the learning rate between chunks of steps, by
-      `solve.set_learning_rate`. Such a solver must be of optax, and keep nothing of its last point
-      but arrays that have one number per unknown.
+      `solve.set_learning_rate`. Such a solver must come from optax. All that its state remembers of
+      the last point must be arrays with one number per unknown.
     """
 
     make: Callable[[float], Solver]
@@ -93,7 +97,7 @@ SOLVERS: dict[str, NamedSolver] = {
         lambda learning_rate: optx.LBFGS(rtol=0.0, atol=0.0), adjustable_rate=False
     ),
 }
-"""Solvers by the names that the option `solver` takes."""
+"""Solvers by the values of the option `solver`."""
 
 
 def is_rate_adjustable(solver: str | Solver) -> bool:
@@ -102,7 +106,10 @@ def is_rate_adjustable(solver: str | Solver) -> bool:
 
 
 def solver_of(solver: str | Solver, *, learning_rate: float = 0.02) -> Solver:
-    """The solver of that name, or the solver object given; `ValueError` for anything else."""
+    """Look up a solver by name, or return the given solver object.
+
+    Raises `ValueError` for anything else.
+    """
     if isinstance(solver, optx.AbstractLeastSquaresSolver | optx.AbstractMinimiser):
         return solver
     if not isinstance(solver, str) or solver not in SOLVERS:
@@ -115,5 +122,5 @@ def solver_of(solver: str | Solver, *, learning_rate: float = 0.02) -> Solver:
 
 @functools.cache
 def _by_name(solver: str, learning_rate: float) -> Solver:
-    # Cached, because optax makes new functions each time, for which programs would compile anew.
+    # Cached, because optax makes new functions at each call, and each would be compiled anew.
     return SOLVERS[solver].make(learning_rate)

@@ -1,6 +1,6 @@
-"""The state of a fit as arrays by name: enough to resume as if it had never stopped.
+"""The state of a fit as arrays by name, from which it resumes as if it had never stopped.
 
-The names are those of the entries of a saved file, after `state.`; `saved_fit` checks them.
+In a saved file, the names of these entries begin with `state.`; `saved_fit` checks them.
 """
 
 import hashlib
@@ -17,7 +17,7 @@ from .trees import fill_tree, tree_arrays
 
 
 def save_state(fit: AbstractFit, steps: int) -> dict[str, np.ndarray]:
-    """The arrays of a fit after `steps` steps."""
+    """Save a fit after `steps` steps as arrays by name."""
     target = fit.request.target
     arrays = tree_arrays("solve", _solver_state(fit))
     arrays["steps"] = np.array(steps)
@@ -30,21 +30,19 @@ def save_state(fit: AbstractFit, steps: int) -> dict[str, np.ndarray]:
 
 
 def restore_state(fit: AbstractFit, arrays: dict[str, np.ndarray]) -> int:
-    """Bring a new fit with the same settings to where `save_state` was; return the steps so far.
+    """Restore what `save_state` saved into a new fit with the same settings; return its steps.
 
     Raises `ValueError` for the state of a fit of another target, solver or size.
     """
     if not np.array_equal(arrays.get("target", []), _digest(fit.request.target.image)):
         raise ValueError("`resume` is of another `target`.")
     solver, steps = fit.request.solver, int(arrays["steps"])
-    y, saved = restored = fill_tree(_solver_state(fit), "solve", arrays)
-    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(restored[0])):
+    y, state = fill_tree(_solver_state(fit), "solve", arrays)
+    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(y)):
         raise ValueError("`resume`: `state.solve`: the unknowns must be finite.")
     if isinstance(solver, optx.AbstractLeastSquaresSolver):
-        fresh = begin(solver, fit.residual, y, fit.data).state
-        state = eqx.tree_at(lambda state: (state.best_y, state.best_loss), fresh, saved)
-    else:
-        state = saved
+        best, new_state = state, begin(solver, fit.residual, y, fit.data).state
+        state = eqx.tree_at(lambda state: (state.best_y, state.best_loss), new_state, best)
     fit.progress = fit.progress._replace(y=y, state=state, steps=steps)
     fit.image = arrays["image"]
     active, fit.last_exchange = arrays["host"].tolist()
@@ -54,10 +52,11 @@ def restore_state(fit: AbstractFit, arrays: dict[str, np.ndarray]) -> int:
 
 
 def _solver_state(fit: AbstractFit) -> Any:
-    """What is saved of the solver, as a pytree: the unknowns, and its state.
+    """The unknowns and what is saved of the solver's state, as a pytree.
 
     The state of a least-squares solver holds the derivative at the last point as a program, which
-    cannot be saved. Of such a solver only the best point is kept; it begins anew from there.
+    cannot be saved. For such a solver only the best point and its loss are saved, and it restarts
+    at the last point.
     """
     progress = fit.progress
     if isinstance(fit.request.solver, optx.AbstractLeastSquaresSolver):

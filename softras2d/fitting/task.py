@@ -1,4 +1,4 @@
-"""A fit of one target on its way from arguments to a result."""
+"""One fit, from its target and settings to its result."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,9 +15,10 @@ from .target import Target
 
 
 class Task:
-    """A fit of one target, with its history and the scorer of its result.
+    """A fit of one target, with its history and a scorer for its result.
 
-    - `frame`: the size of the fit; `max_steps`: the largest number of steps of a chunk.
+    - `frame`: the size of the fit.
+    - `max_steps`: the largest number of steps of a chunk.
     - `steps_before`, `seconds_before`: steps and seconds of the fit that is resumed.
     """
 
@@ -44,27 +45,27 @@ class Task:
         return self.settings["colors"] != "together"
 
     def warm_up(self, timed: bool) -> Callable[[], float]:
-        """A function that compiles what comes after the last step, and returns its seconds.
+        """Make a function that compiles the programs for the result, and returns how long they run.
 
-        It may run in another thread while the fit goes on, because it holds the scene and the
-        unknowns of now. `timed`: whether to include the time of solving for colours.
+        It may be called in another thread while the fit goes on, because it uses only the scene and
+        the unknowns at the time of this call. `timed`: include the time to solve for colours.
         """
         fit = self.fit
         likely = self.frame.enlarge(fit.likely_scene())
-        polished = None
+        polish_arguments = None
         if timed and self.polishes:
-            polished = fit.residual, fit.progress.y, fit.data, fit.request.loss.light
+            polish_arguments = fit.residual, fit.progress.y, fit.data, fit.request.loss.light
 
         def compile_and_time() -> float:
             with jax.enable_x64(False):
-                polishing = 0.0 if polished is None else time_colors(*polished)
+                polishing = 0.0 if polish_arguments is None else time_colors(*polish_arguments)
                 return self.scorer.warm_up(likely) + polishing
 
         return compile_and_time
 
     def result(self, interrupted: bool) -> FitResult:
-        """The best so far."""
-        # Scored with its spare triangles, which do not show, so that one program scores all scenes.
+        """Make the result from the best scene so far, and score it."""
+        # The spare triangles do not show; with them, one program scores all scenes of the fit.
         score = self.scorer.score(self.frame.enlarge(self.fit.scene(padded=True)))
         scene = self.frame.enlarge(self.fit.scene())
         state = save_state(self.fit, self.history[-1].steps if self.history else 0)

@@ -1,4 +1,4 @@
-"""Pytrees as arrays by name, and back."""
+"""Convert pytrees to arrays by name, and back."""
 
 from typing import Any
 
@@ -10,20 +10,20 @@ from ..numerics.device import to_device
 
 
 def tree_arrays(name: str, tree: Any) -> dict[str, np.ndarray]:
-    """The arrays of a pytree as `name.0`, `name.1`, ..., in the order in which JAX flattens it."""
+    """Name the arrays of a pytree `name.0`, `name.1`, ..., in the order of `jax.tree.leaves`."""
     leaves = [leaf for leaf in jax.tree.leaves(tree) if eqx.is_array(leaf)]
     return {f"{name}.{number}": np.asarray(leaf) for number, leaf in enumerate(leaves)}
 
 
 def fill_tree(tree: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
-    """A copy of the pytree with its arrays replaced by those that `tree_arrays` named.
+    """Copy a pytree, with its arrays replaced by those that `tree_arrays` named.
 
     Raises `ValueError` for an array that is missing, or has another shape or type.
     """
     leaves, structure = jax.tree.flatten(tree)
-    numbers = [number for number, leaf in enumerate(leaves) if eqx.is_array(leaf)]
-    for count, number in enumerate(numbers):
-        entry, expected = f"{name}.{count}", leaves[number]
+    array_indices = [index for index, leaf in enumerate(leaves) if eqx.is_array(leaf)]
+    for number, index in enumerate(array_indices):
+        entry, expected = f"{name}.{number}", leaves[index]
         saved = arrays.get(entry)
         if saved is None or saved.shape != expected.shape or saved.dtype != expected.dtype:
             got = "is missing" if saved is None else f"got {saved.dtype} {list(saved.shape)}"
@@ -31,5 +31,5 @@ def fill_tree(tree: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
                 f"`resume`: `state.{entry}` must be {expected.dtype} {list(expected.shape)}, of a "
                 f"fit with these settings and this solver; {got}."
             )
-        leaves[number] = to_device(saved)
+        leaves[index] = to_device(saved)
     return jax.tree.unflatten(structure, leaves)

@@ -1,4 +1,4 @@
-"""Units and bounds of the unknowns, shared by both families."""
+"""The unit and the bounds of the unknowns, which both families share."""
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,6 @@ moves a vertex by one pixel, which changes the image about as much as 0.05 of co
 def clip_straight_through(values: Array) -> Array:
     """Clip values to 0..1, with a derivative of 1 everywhere.
 
-    An unknown outside 0..1 therefore still has a gradient that can bring it back.
+    The gradient of an unknown outside 0..1 can therefore bring it back.
     """
     return values + jax.lax.stop_gradient(jnp.clip(values, 0.0, 1.0) - values)

@@ -2,8 +2,13 @@
 
 import numpy as np
 
+from softras2d.fitting.mesh.colors import (
+    ColorModel,
+    interpolate,
+    mesh_pixels,
+    to_corner_colors,
+)
 from softras2d.fitting.mesh.triangulation import Mesh
-from softras2d.fitting.mesh.vertex_colors import Colors, at_corners, mesh_pixels, predict
 
 
 def blobs(height: int = 40, width: int = 48) -> np.ndarray:
@@ -15,10 +20,10 @@ def blobs(height: int = 40, width: int = 48) -> np.ndarray:
     return image.astype(np.float32)
 
 
-def draw(mesh: Mesh, solved: np.ndarray, *, colors: Colors = "vertex") -> np.ndarray:
+def draw(mesh: Mesh, colors: np.ndarray, *, model: ColorModel = "vertex") -> np.ndarray:
     """The picture at the pixel centres, `[height, width, channels]` float64."""
     pairs = mesh_pixels(mesh)
-    values = predict(pairs, at_corners(mesh, solved, colors))
+    values = interpolate(pairs, to_corner_colors(mesh, colors, model))
     image = np.empty((mesh.height * mesh.width, len(values)))
     image[pairs.pixel] = values.T
     return image.reshape(mesh.height, mesh.width, -1)

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.fitting import loop
+from softras2d.fitting import budget, loop
+from softras2d.fitting.budget import Budget, Limits
 from softras2d.fitting.choices import settle
 from softras2d.fitting.interrupt import deferred_interrupt
 from softras2d.fitting.layers.family import LayersFit
-from softras2d.fitting.loop import Budget
 from softras2d.fitting.mesh.family import MeshFit
 from softras2d.fitting.solvers import levenberg_marquardt
 from tests.cases.pictures import blobs
@@ -182,19 +182,19 @@ class TestBudget:
     @pytest.fixture
     def clock(self, monkeypatch):
         now = [100.0]
-        monkeypatch.setattr(loop.time, "perf_counter", lambda: now[0])
+        monkeypatch.setattr(budget.time, "perf_counter", lambda: now[0])
         return now
 
     def budget(self, scoring):
         known = Future()
         if scoring is not None:
             known.set_result(scoring)
-        return Budget(None, 130.0, known, 100.0, 0.0)
+        return Budget(Limits(100.0, None, 130.0), known, 0.0)
 
     def test_scoring_is_set_aside(self, clock):
         clock[0] = 110.0
-        assert self.budget(2.0).seconds_for_steps() == 18.0
-        assert self.budget(None).seconds_for_steps() == 17.0
+        assert self.budget(2.0).seconds_left(0, np.nan) == 18.0
+        assert self.budget(None).seconds_left(0, np.nan) == 17.0
 
     def test_it_ends_before_what_is_set_aside(self, clock):
         budget = self.budget(2.0)
@@ -216,14 +216,10 @@ class TestBudget:
         assert budget.next_steps(0, 25, 0.05, 0.0) == 2
 
     def test_steps_are_as_many_as_asked(self, clock):
-        budget = replace_steps(self.budget(None), 30)
+        budget = Budget(Limits(100.0, 30, None), Future(), 0.0)
         assert [budget.next_steps(done, 25, None, 0.0) for done in (0, 28)] == [4, 2]
         assert budget.share(15, None) == 0.5
         assert budget.seconds_left(20, 0.5) == 5.0
-
-
-def replace_steps(budget, steps):
-    return budget._replace(steps=steps, deadline=None)
 
 
 class TestInterrupt:

@@ -5,6 +5,7 @@ import pytest
 
 from softras2d.fitting.layers import placement
 from softras2d.fitting.layers.placement import place, random_triangles, removal_costs, soup_pixels
+from softras2d.fitting.target import Target
 from tests.cases.pictures import blobs
 
 HEIGHT, WIDTH = 40, 48
@@ -55,9 +56,8 @@ def test_removal_costs_are_what_removal_costs(corner_colors, translucent, weight
         corners,
         colors,
         opacity if translucent else None,
-        TARGET,
+        Target(TARGET, weights if weighted else None),
         background,
-        weights if weighted else None,
     )
     for one in usable:
         without = [i for i in usable if i != one]
@@ -67,7 +67,7 @@ def test_removal_costs_are_what_removal_costs(corner_colors, translucent, weight
 
 def test_gains_are_what_drawing_gains():
     image = np.tile(TARGET.mean((0, 1)), (HEIGHT, WIDTH, 1))
-    found = place(np.random.default_rng(0), image, TARGET, 5, size=8.0)
+    found = place(np.random.default_rng(0), image, Target(TARGET), 5, size=8.0)
     assert 0 < len(found.corners) <= 5
     for corners, color, gain in zip(found.corners, found.colors, found.gains, strict=True):
         held, _ = inside(corners)
@@ -80,7 +80,7 @@ def test_gains_are_what_drawing_gains():
 
 def test_nothing_is_placed_where_nothing_is_gained():
     flat = np.full_like(TARGET, 0.3)
-    found = place(np.random.default_rng(0), flat, flat, 5, size=8.0)
+    found = place(np.random.default_rng(0), flat, Target(flat), 5, size=8.0)
     assert len(found.corners) == 0
 
 
@@ -88,7 +88,7 @@ def test_weights_say_where_triangles_are_placed():
     weights = np.zeros((HEIGHT, WIDTH))
     weights[:, :20] = 1
     image = np.zeros_like(TARGET)
-    found = place(np.random.default_rng(0), image, TARGET, 8, size=4.0, weights=weights)
+    found = place(np.random.default_rng(0), image, Target(TARGET, weights), 8, size=4.0)
     assert (found.corners[..., 0].mean(1) < 22).all()
 
 
@@ -108,7 +108,7 @@ def test_a_dark_shape_on_clear_ground_is_an_error_like_any_other():
     """What is drawn premultiplied differs from clear ground in its alpha alone."""
     target = np.zeros((HEIGHT, WIDTH, 4))
     target[10:30, 12:36, 3] = 1
-    found = place(np.random.default_rng(0), np.zeros_like(target), target, 4, size=8.0)
+    found = place(np.random.default_rng(0), np.zeros_like(target), Target(target), 4, size=8.0)
     assert len(found.corners) > 0
     assert found.colors.max() == 0
     for one, gain in zip(found.corners, found.gains, strict=True):
@@ -117,7 +117,7 @@ def test_a_dark_shape_on_clear_ground_is_an_error_like_any_other():
         expected = (target**2).sum() - ((drawn - target) ** 2).sum()
         assert gain == pytest.approx(expected)
     costs = removal_costs(
-        found.corners[:1], np.zeros((1, 1, 3)), None, target, np.zeros(4, np.float32)
+        found.corners[:1], np.zeros((1, 1, 3)), None, Target(target), np.zeros(4, np.float32)
     )
     assert costs == pytest.approx(found.gains[:1])
 
@@ -125,7 +125,7 @@ def test_a_dark_shape_on_clear_ground_is_an_error_like_any_other():
 def test_candidates_in_blocks_are_those_of_one_block(monkeypatch):
     whole, blocks = [], []
     for pairs, found in ((2.0**40, whole), (50.0, blocks)):
-        monkeypatch.setattr(placement, "_PAIRS", pairs)
-        found += place(np.random.default_rng(0), np.zeros_like(TARGET), TARGET, 6, size=7.0)
+        monkeypatch.setattr(placement, "_MAX_PAIRS", pairs)
+        found += place(np.random.default_rng(0), np.zeros_like(TARGET), Target(TARGET), 6, size=7.0)
     for a, b in zip(whole, blocks, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12)

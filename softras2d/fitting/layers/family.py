@@ -1,14 +1,11 @@
-"""Fit of free triangles: they are added where the error is, and moved where they matter more.
+"""The fit of free triangles, which are added and moved where the error is.
 
-The arrays have one length for the whole fit. Triangles that are not in use yet wait outside the
-canvas, beyond the reach of any soft edge, where they cost next to nothing. As the fit goes on:
-
-- until `_GROWTH_END`, triangles are added where the error is largest;
-- then, until `_LAST_EXCHANGE`, those whose removal costs least are moved to where they gain more;
-- in the last part, nothing changes any more and the learning rate falls.
+The arrays have one length for the whole fit. Spare triangles, which are not in use yet, lie outside
+the canvas, beyond the reach of any soft edge, where they cost next to nothing. The module
+`schedule` says when triangles are added and exchanged.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,49 +22,27 @@ from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
 from ..solve import begin, forget_best, move, set_learning_rate
 from ..units import POSITION_UNIT
-from . import saved
-from .placement import place, random_triangles, removal_costs
+from . import saved, schedule
+from .exchange import Replacement, find_exchange
+from .placement import place, random_triangles
 from .start import background_of, start_of
 from .unknowns import LayersData, LayersResidual, LayersUnknowns, layers_scene
 
-_GROWTH_END = 0.4
-"""Share of the fit after which all triangles are in use."""
-
-_FIRST_EXCHANGE_PART = 0.3
-"""Part of the triangles that the first exchange moves; it falls to zero at the end of the fit."""
-
-_EXCHANGE_INTERVAL, _LAST_EXCHANGE = 0.02, 0.85
-"""Share of the fit between two exchanges, and after which there are none."""
-
 _NEW_SIZE, _EXCHANGED_SIZE = 0.9, 0.35
 """Circumradius of new triangles, as a multiple of the side of the square that each triangle has on
-average; and by how much smaller those are that an exchange places."""
+average; and the factor by which triangles that an exchange places are smaller."""
 
-_GAIN_TO_COME = 10.0
-"""Factor from what a new triangle gains at once to what it is expected to gain once it is fitted.
-An exchange is made if that is more than the removal costs."""
-
-_LEARNING_RATE = 0.025
-"""Half a pixel of position, or 0.025 of colour, per step."""
-
-_RATE_FALL, _LEAST_RATE = 0.3, 0.02
-"""Share of the fit, at its end, in which the learning rate falls linearly; and the factor at which
-it ends."""
-
-_WAIT_AT, _WAIT_WIDTHS = -16.0, -4.0
-"""Both coordinates of triangles that wait: pixels, and widths of the softest edge, from the
-canvas."""
+_SPARE_PIXELS, _SPARE_WIDTHS = -16.0, -4.0
+"""Both coordinates of a spare triangle: the first number, in pixels, plus the second times the
+largest width of a soft edge."""
 
 _OVERSHOOT = 0.4
-"""Canvas sides by which a corner may leave the canvas, or more if the scene to start from does.
-Hard mode clips what is more than half a side outside."""
-
-_SHARPENED = 0.5
-"""Share of the fit after which soft edges have their last width."""
+"""Distance by which a corner may leave the canvas, in longer sides of the canvas, unless a scene to
+start from leaves it by more. Hard mode clips what is more than half a side outside."""
 
 
 class _Earlier(NamedTuple):
-    """The best unknowns before triangles were moved elsewhere, and their loss."""
+    """The best unknowns before triangles were last replaced, and their loss."""
 
     loss: float
     y: LayersUnknowns
@@ -76,8 +51,8 @@ class _Earlier(NamedTuple):
 class LayersFit(AbstractFit):
     """A fit of free triangles, flat or with corner colours, opaque or translucent.
 
-    - `length`: number of triangles in the arrays, a size class, so that fits of nearby numbers of
-      triangles share programs. A resumed fit has the length that was saved.
+    - `length`: number of triangles in the arrays, spare ones included. It is a size class, so that
+      fits of nearby numbers of triangles share programs. A resumed fit has the saved length.
     """
 
     data: LayersData
@@ -93,7 +68,7 @@ class LayersFit(AbstractFit):
         self.length = fine_class(self.max_triangles)
         if state is not None:
             self.length = saved.length_of(state)
-        # A resumed fit gets its triangles from its state; any start of the right shapes will do.
+        # A resumed fit gets its triangles from its state later, so only the shapes matter here.
         start = request.start if state is None else "uniform"
         self._rng = np.random.default_rng(request.seed)
         self._background = background_of(start, request.target)
@@ -120,29 +95,29 @@ class LayersFit(AbstractFit):
         return self.request.settings["triangles"]
 
     @property
-    def _wait_at(self) -> float:
-        """Both coordinates of triangles that wait, in pixels."""
-        return _WAIT_AT + _WAIT_WIDTHS * max(self._softness)
+    def _spare_position(self) -> float:
+        """Both coordinates of spare triangles, in pixels."""
+        return _SPARE_PIXELS + _SPARE_WIDTHS * max(self._softness)
 
     def _start(self, start: str | Scene) -> tuple[LayersUnknowns, int]:
-        """The unknowns, and how many triangles are in use."""
+        """Make the unknowns to start from; return them and the number of triangles in use."""
         count = self.max_triangles
-        first = start_of(
+        triangles = start_of(
             start, self.request.target, self._rng, triangles=count,
             gouraud=self._gouraud, translucent=self._translucent,
             circumradius=_NEW_SIZE * self._spacing(count),
         )  # fmt: skip
-        active, length = len(first.corners), self.length
-        corners = np.full((length, 3, 2), self._wait_at, np.float32)
+        active, length = len(triangles.corners), self.length
+        corners = np.full((length, 3, 2), self._spare_position, np.float32)
         colors = np.full((length, 3 if self._gouraud else 1, 3), 0.5, np.float32)
         opacity = np.ones(length, np.float32)
-        corners[:active], colors[:active], opacity[:active] = first
+        corners[:active], colors[:active], opacity[:active] = triangles
         return self._unknowns(corners, colors, opacity), active
 
     def _unknowns(
         self, corners: np.ndarray, colors: np.ndarray, opacity: np.ndarray
     ) -> LayersUnknowns:
-        """Unknowns on the device, from corners in pixels."""
+        """Make unknowns on the device, from corners in pixels."""
         return LayersUnknowns(
             to_device(corners / POSITION_UNIT, np.float32),
             to_device(colors),
@@ -150,22 +125,23 @@ class LayersFit(AbstractFit):
         )
 
     def _spacing(self, count: int) -> float:
-        """Side of the square, in pixels, that each of `count` triangles has on average."""
+        """Side, in pixels, of the square that each of `count` triangles has on average."""
         return float(np.sqrt(self.height * self.width / max(count, 1)))
 
     def likely_scene(self) -> Scene:
-        """Random triangles, as many as there may be, somewhat larger than new ones."""
+        """A scene of `max_triangles` random triangles, somewhat larger than new ones."""
         count = self.max_triangles
         rng = np.random.default_rng(0)
-        middle = rng.random((count, 2)) * [self.width, self.height]
-        corners = np.full((self.length, 3, 2), self._wait_at)
-        corners[:count] = random_triangles(rng, middle, 1.6 * self._spacing(count))
+        centers = rng.random((count, 2)) * [self.width, self.height]
+        corners = np.full((self.length, 3, 2), self._spare_position)
+        corners[:count] = random_triangles(rng, centers, 1.6 * self._spacing(count))
         colors = np.zeros((self.length, 3 if self._gouraud else 1, 3), np.float32)
         opacity = np.full(self.length, 0.5, np.float32)
         y = self._unknowns(corners, colors, opacity)
         return layers_scene(y, self.data.background)
 
     def _plan(self, scenes: list[Scene]) -> Plan:
+        """Plan for soft coverage of any width that the fit will use."""
         return plan(
             scenes,
             height=self.height,
@@ -183,7 +159,7 @@ class LayersFit(AbstractFit):
         return self.progress.best if np.isfinite(loss) else self.progress.y
 
     def scene(self, *, padded: bool = False) -> Scene:
-        """The best scene so far; `padded` by the triangles that wait outside."""
+        """The best scene so far; if `padded`, with its spare triangles, outside the canvas."""
         drawn = slice(None if padded else self.active)
         y = jax.tree.map(lambda leaf: leaf[drawn], self._best)
         return layers_scene(self._near_canvas(y), self.data.background)
@@ -191,7 +167,7 @@ class LayersFit(AbstractFit):
     def polish(self) -> None:
         """Go to the best unknowns so far, with the colours of least squared error."""
         y, loss = self._best, self.request.loss
-        # The best unknowns may be older than the last exchange, and not fit the plan of now.
+        # If the best unknowns are older than the last exchange, the current plan may not fit them.
         needed = self._plan([self.likely_scene(), layers_scene(y, self.data.background)])
         if not self.residual.plan.holds(needed):
             self.residual = LayersResidual(needed, loss)
@@ -201,144 +177,96 @@ class LayersFit(AbstractFit):
         self.progress = forget_best(moved)
 
     def replan(self, reached: list[LayersUnknowns]) -> LayersResidual:
-        """A residual with capacity for these unknowns and for the likely scene."""
+        """Make a residual with capacity for these unknowns and for the likely scene."""
         scenes = [layers_scene(y, self.data.background) for y in reached]
         return LayersResidual(self._plan([self.likely_scene(), *scenes]), self.request.loss)
 
     def refine(self, share: float) -> None:
         """Sharpen edges, lower the learning rate, and add or exchange triangles."""
-        total = self.max_triangles
         self._sharpen(share)
         if self.request.adjustable_rate:
-            factor = max(_LEAST_RATE, min(1.0, (1 - share) / _RATE_FALL))
-            self.progress = set_learning_rate(self.progress, _LEARNING_RATE * factor)
+            self.progress = set_learning_rate(self.progress, schedule.learning_rate(share))
             y = self.progress.y
-            waits = jnp.arange(self.length)[:, None, None] >= self.active
-            corners = jnp.where(waits, y.corners, self._near_canvas(y).corners)
+            is_spare = jnp.arange(self.length)[:, None, None] >= self.active
+            corners = jnp.where(is_spare, y.corners, self._near_canvas(y).corners)
             self.progress = self.progress._replace(y=y._replace(corners=corners))
         if not self.request.exchanges:
             return
-        wanted = int(min(total, max(8, total * min(1.0, share / _GROWTH_END) ** 1.5)))
-        missing = max(0, wanted - self.active)
-        # Few large additions are better than many small ones: each restarts solvers of 2nd order.
-        if missing >= max(1, self.active // 20) or (missing and wanted == total):
-            self._add(missing)
-        elif (
-            self.active == total
-            and share < _LAST_EXCHANGE
-            and share - self.last_exchange >= _EXCHANGE_INTERVAL
-        ):
+        total = self.max_triangles
+        added = schedule.triangles_to_add(share, self.active, total)
+        if added:
+            self._add(added)
+        elif self.active == total and schedule.is_exchange_due(share, self.last_exchange):
             self.last_exchange = share
-            self._exchange(max(1, int(total * _FIRST_EXCHANGE_PART * (1 - share))))
+            self._exchange(schedule.triangles_to_exchange(share, total))
 
     def _sharpen(self, share: float) -> None:
         """Set the width of soft edges for this share of the fit.
 
-        Losses at different widths do not compare, so a new width forgets the best so far.
+        Losses at different widths are not comparable, so a new width forgets the best so far.
         """
-        first, last = self._softness
-        width = np.float32(first * (last / first) ** min(1.0, share / _SHARPENED))
+        width = schedule.edge_width(share, self._softness)
         if width != np.float32(self.data.width):
             self.data = self.data._replace(width=to_device(width))
             self._earlier, self.progress = None, forget_best(self.progress)
 
     def _overshoot_of(self, y: LayersUnknowns) -> float:
-        """By how many canvas sides the triangles in use leave the canvas."""
+        """Distance by which triangles in use leave the canvas, in longer sides of the canvas."""
         side = max(self.height, self.width)
         outside = np.abs(np.asarray(y.corners[: self.active]) * POSITION_UNIT / side - 0.5) - 0.5
         return float(outside.max(initial=0.0))
 
     def _near_canvas(self, y: LayersUnknowns) -> LayersUnknowns:
-        """The unknowns with their corners clipped to the neighbourhood of the canvas."""
+        """Clip the corners of the unknowns to the neighbourhood of the canvas."""
         side = max(self.height, self.width)
         low = -self._overshoot * side / POSITION_UNIT
         high = (1 + self._overshoot) * side / POSITION_UNIT
         return y._replace(corners=jnp.clip(y.corners, low, high))
 
     def _add(self, count: int) -> None:
-        """Put up to `count` waiting triangles in front, where they lower the error most."""
-        target = self.request.target
-        new = place(
-            self._rng, premultiply(self.image), premultiply(target.image), count,
-            size=_NEW_SIZE * self._spacing(self.active + count), weights=target.weights,
-        )  # fmt: skip
-        number = len(new.corners)
-        if number == 0:
-            return
-        self._replace_triangles(np.arange(self.length), self.active, new.corners, new.colors)
-        self.active += number
+        """Put up to `count` new triangles in front, where they lower the error most."""
+        size = _NEW_SIZE * self._spacing(self.active + count)
+        target = self.request.target.premultiplied()
+        new = place(self._rng, premultiply(self.image), target, count, size=size)
+        if len(new.corners):
+            order = np.arange(self.length)
+            self._replace(Replacement(order, self.active, new.corners, new.colors))
+            self.active += len(new.corners)
 
     def _exchange(self, count: int) -> None:
-        """Move up to `count` triangles whose removal costs least to where they gain more, in front.
-
-        Only those move whose expected gain is more than the cost of their removal.
-        """
-        total, target = self.max_triangles, self.request.target
-        goal = premultiply(target.image)
-        y = jax.tree.map(lambda leaf: np.asarray(leaf)[:total], self.progress.y)
-        opacity = None if y.opacity is None else np.clip(y.opacity, 0, 1)
-        costs = removal_costs(
-            y.corners * POSITION_UNIT, np.clip(y.colors, 0, 1), opacity, goal,
-            self._background, target.weights,
+        """Move up to `count` triangles whose removal costs least to where they gain more."""
+        replacement = find_exchange(
+            self._rng, self.progress.y, premultiply(self.image),
+            self.request.target.premultiplied(), self._background, count, active=self.active,
+            size=_NEW_SIZE * _EXCHANGED_SIZE * self._spacing(self.active),
         )  # fmt: skip
-        new = place(
-            self._rng, premultiply(self.image), goal, count,
-            size=_NEW_SIZE * _EXCHANGED_SIZE * self._spacing(total), weights=target.weights,
-        )  # fmt: skip
-        best = np.argsort(-new.gains)
-        least = np.argsort(costs)[: len(best)]
-        useful = int(np.sum(_GAIN_TO_COME * new.gains[best] > costs[least]))
-        if useful == 0:
-            return
-        removed, best = least[:useful], best[:useful]
-        staying, spare = np.setdiff1d(np.arange(total), removed), np.arange(total, self.length)
-        order = np.concatenate([staying, removed, spare])
-        self._replace_triangles(order, total - useful, new.corners[best], new.colors[best])
+        if replacement is not None:
+            self._replace(replacement)
 
-    def _replace_triangles(
-        self, order: np.ndarray, first: int, corners: np.ndarray, colors: np.ndarray
-    ) -> None:
-        """Put the triangles into `order`, then replace those from `first` on by new ones.
+    def _replace(self, replacement: Replacement) -> None:
+        """Replace triangles by new ones.
 
-        `corners`: `[new, 3, 2]` in pixels; `colors`: `[new, 3]`. The loss rises for a while after
-        this, so the best so far is kept aside.
+        The loss rises for a while afterwards, so the best point before it is remembered.
         """
-        stop, total = first + len(corners), len(order)
         if np.isfinite(self.progress.best_loss):
             earlier = np.inf if self._earlier is None else self._earlier.loss
             self._earlier = _Earlier(min(float(self.progress.best_loss), earlier), self._best)
-
-        def reordered(values: Any, new: Any) -> Any:
-            host = np.asarray(values)[order]
-            host[first:stop] = new
-            return to_device(host)
-
-        def reordered_memory(leaf: Any) -> Any:
-            per_triangle = isinstance(leaf, jax.Array) and leaf.ndim and leaf.shape[0] == total
-            return reordered(leaf, 0) if per_triangle else leaf
-
-        y = self.progress.y
-        opacity = None if y.opacity is None else reordered(y.opacity, 0.9)
-        y = LayersUnknowns(
-            reordered(y.corners, corners / POSITION_UNIT),
-            reordered(y.colors, colors[:, None]),
-            opacity,
-        )
+        y = replacement.in_unknowns(self.progress.y)
         if self.request.adjustable_rate:
-            # Adam's memory has one number per unknown: it follows, and starts at 0 for new ones.
-            solver_state = jax.tree.map(reordered_memory, self.progress.state)
+            # Adam's moving averages have one number per unknown, and start at 0 for new ones.
+            solver_state = replacement.in_optimizer_state(self.progress.state)
             self.progress = forget_best(self.progress._replace(y=y, state=solver_state))
         else:
-            fresh = begin(self.request.solver, self.residual, y, self.data)
-            self.progress = fresh._replace(steps=self.progress.steps)
+            restarted = begin(self.request.solver, self.residual, y, self.data)
+            self.progress = restarted._replace(steps=self.progress.steps)
 
     def own_state(self) -> dict[str, np.ndarray]:
-        """Random generator, background, edge width, and the best before the last exchange."""
+        """Random generator, background, edge width, and the best point before a replacement."""
         best = None if self._earlier is None else (self._earlier.loss, self._earlier.y)
         return saved.pack(best, self._overshoot, self.data.width, self._background, self._rng)
 
     def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Undo `own_state`."""
+        """Restore what `own_state` saved."""
         self._background, self._overshoot = arrays["background"], float(arrays["beyond"])
         self.data = self.data._replace(
             background=to_device(self._background), width=to_device(arrays["width"])

@@ -1,4 +1,4 @@
-"""The entries of a saved fit that only layers have: written, read back, and checked."""
+"""Write, read and check the entries of a saved fit that only layers have."""
 
 import json
 from typing import Any
@@ -18,13 +18,13 @@ def pack(
     background: np.ndarray,
     rng: np.random.Generator,
 ) -> dict[str, np.ndarray]:
-    """The entries.
+    """Make the entries, which are arrays by name.
 
-    - `kept`, `kept.0`, ...: loss and unknowns of `best`, the best before triangles were moved.
-    - `beyond`: canvas sides by which corners may leave the canvas.
-    - `width`: of soft edges, in pixels.
-    - `background`: its colour.
-    - `random`: the random generator's state, as JSON.
+    - `kept`, `kept.0`, ...: loss and unknowns of `best`, the best before triangles were replaced.
+    - `beyond`: `overshoot`, the distance by which corners may leave the canvas, in longer sides.
+    - `width`: the width of soft edges, in pixels.
+    - `background`: the colour of the background.
+    - `random`: the state of the random generator, as JSON.
     """
     arrays: dict[str, np.ndarray] = {}
     if best is not None:
@@ -42,14 +42,14 @@ def pack(
 def unpack_best(
     y: LayersUnknowns, arrays: dict[str, np.ndarray]
 ) -> tuple[float, LayersUnknowns] | None:
-    """The `best` that `pack` was given; `y` says which shapes it must have."""
+    """Read the `best` that `pack` was given; its arrays must have the shapes of `y`."""
     if "kept" not in arrays:
         return None
     return float(arrays["kept"]), fill_tree(y, "kept", arrays)
 
 
 def restore_generator(rng: np.random.Generator, arrays: dict[str, np.ndarray]) -> None:
-    """Bring a random generator to the saved state."""
+    """Set a random generator to the saved state."""
     rng.bit_generator.state = json.loads(arrays["random"].tobytes().decode())
 
 
@@ -61,10 +61,10 @@ def length_of(arrays: dict[str, Any]) -> int:
 def check_layers_state(
     entries: Entries, settings: dict[str, Any], size: Size, active: int
 ) -> list[tuple[int, ...]]:
-    """Check the entries; return the shapes of the unknowns. Raises `ValueError`."""
+    """Check the entries and return the shapes of the unknowns; raise `ValueError` for a fault."""
     corners = 1 if settings["shading"] == "flat" else 3
     count = settings["triangles"]
-    # Early files have arrays of just that length; later ones have a size class.
+    # In early files the arrays have this length; in later ones it is rounded up to a size class.
     if entries.length("solve.0") != count:
         count = fine_class(count)
     shapes: list[tuple[int, ...]] = [(count, 3, 2), (count, corners, 3)]
@@ -77,7 +77,7 @@ def check_layers_state(
     try:
         np.random.default_rng(0).bit_generator.state = generator
     except Exception:
-        # NumPy raises different types, depending on what is wrong.
+        # NumPy raises exceptions of many types, depending on the fault.
         raise ValueError(f"`{random}` must be the state of a PCG64 generator.") from None
     if "kept" in entries:
         entries.finite("kept", np.float64, (), low=0.0)

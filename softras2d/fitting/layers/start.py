@@ -1,4 +1,4 @@
-"""Triangles to start a fit of layers from: none, random ones, a Delaunay mesh, or a scene."""
+"""Triangles from which a fit of layers starts: none, random, a Delaunay mesh, or a scene."""
 
 from typing import NamedTuple
 
@@ -6,26 +6,21 @@ import numpy as np
 from jaxtyping import Float
 
 from ...scene import Scene
+from ..mesh.colors import solve_colors, to_corner_colors
 from ..mesh.start import delaunay_start
-from ..mesh.vertex_colors import at_corners, solve_colors
 from ..target import Target
 from .placement import random_triangles
 
 _OPACITY = 0.8
-"""First opacity of translucent triangles, unless a scene to start from gives one."""
+"""Initial opacity of translucent triangles, unless a scene to start from gives one."""
 
 
 class LayersStart(NamedTuple):
-    """The triangles in use at the start, in pixels of the fit; there may be none.
+    """The triangles in use at the start, which may be none, with corners in pixels of the fit."""
 
-    - `corners`: `[triangles, 3, 2]`.
-    - `colors`: `[triangles, 1 or 3, 3]`.
-    - `opacity`: `[triangles]`.
-    """
-
-    corners: np.ndarray
-    colors: np.ndarray
-    opacity: np.ndarray
+    corners: Float[np.ndarray, "triangles 3 2"]
+    colors: Float[np.ndarray, "triangles 1_or_3 3"]
+    opacity: Float[np.ndarray, " triangles"]
 
 
 def start_of(
@@ -38,9 +33,9 @@ def start_of(
     translucent: bool,
     circumradius: float,
 ) -> LayersStart:
-    """At most `triangles` triangles to start from.
+    """Make at most `triangles` triangles to start from.
 
-    `circumradius`: typical one of the triangles of a `"uniform"` start, in pixels. Raises
+    `circumradius`: that of a typical triangle of a `"uniform"` start, in pixels. Raises
     `ValueError` for an unknown word, and for a scene that cannot be fitted.
     """
     if isinstance(start, Scene):
@@ -63,15 +58,15 @@ def start_of(
 def background_of(start: str | Scene, target: Target) -> Float[np.ndarray, " channels"]:
     """Background of the fit, with as many channels as the target.
 
-    A scene to start from gives its own. Otherwise it is the mean colour, or transparent for a
-    target with alpha.
+    It is that of the scene to start from, if one is given. Otherwise it is the mean colour of the
+    target, or transparent for a target with alpha.
     """
     channels = target.image.shape[-1]
     if isinstance(start, Scene):
-        given = np.asarray(start.background, np.float32)
-        if len(given) == channels:
-            return given
-        return np.append(given[:3], np.float32(1))[:channels]
+        background = np.asarray(start.background, np.float32)
+        if len(background) == channels:
+            return background
+        return np.append(background[:3], np.float32(1))[:channels]
     if channels == 4:
         return np.zeros(4, np.float32)
     pixels = target.image.reshape(-1, 3).astype(np.float64)
@@ -82,7 +77,7 @@ def background_of(start: str | Scene, target: Target) -> Float[np.ndarray, " cha
 def _random(
     target: Target, rng: np.random.Generator, triangles: int, circumradius: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Random triangles, each in the colour of the pixel at its centre."""
+    """Make random triangles, each in the colour of the pixel at its centre."""
     height, width = target.image.shape[:2]
     centers = rng.random((triangles, 2)) * [width, height]
     corners = random_triangles(rng, centers, circumradius)
@@ -93,29 +88,33 @@ def _random(
 def _delaunay(
     target: Target, rng: np.random.Generator, triangles: int, gouraud: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The triangles of a Delaunay mesh, with the colours of least squared error."""
-    # A mesh with four vertices on its border has 2 v - 6 triangles; with more there, it has fewer.
+    """Make the triangles of a Delaunay mesh, with the colours of least squared error."""
+    # A mesh of v vertices has 2 v - 6 triangles at most: when only four lie on the border.
     vertices = max(4, (triangles + 6) // 2)
     seed = int(rng.integers(2**31))
-    mesh = delaunay_start(target.image, vertices, weights=target.weights, seed=seed)
+    mesh = delaunay_start(target, vertices, seed=seed)
     model = "vertex" if gouraud else "triangle"
-    solved = solve_colors(mesh, target.image[..., :3], colors=model, weights=target.weights)
-    colors = at_corners(mesh, np.clip(solved, 0, 1), model)[:, : 3 if gouraud else 1]
-    return mesh.positions[mesh.triangles][:triangles], colors[:triangles]
+    opaque = target._replace(image=target.image[..., :3])
+    colors = np.clip(solve_colors(mesh, opaque, model=model), 0, 1)
+    corner_colors = to_corner_colors(mesh, colors, model)[:, : 3 if gouraud else 1]
+    return mesh.positions[mesh.triangles][:triangles], corner_colors[:triangles]
 
 
 def _from_scene(scene: Scene, triangles: int, gouraud: bool, translucent: bool) -> LayersStart:
-    """The triangles of a scene; `ValueError` if they are too many or have what is not fitted."""
+    """Take the triangles of a scene.
+
+    Raises `ValueError` if they are too many, or have a property that is not fitted.
+    """
     count = scene.triangles.shape[0]
     if count > triangles:
         raise ValueError(f"`start` has {count} triangles; `triangles` is {triangles}.")
     extras = [k for k in ("textures", "depth", "inverse_w") if getattr(scene, k) is not None]
     if extras:
-        raise ValueError(f"`start` must be free of what is not fitted; it has {extras[0]}.")
+        raise ValueError(f"`start` must be a plain scene; it has {extras[0]}, which is not fitted.")
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     colors = np.asarray(scene.colors)
-    values = corners, colors, np.asarray(scene.background)
-    if not all(np.isfinite(array).all() for array in values):
+    arrays = corners, colors, np.asarray(scene.background)
+    if not all(np.isfinite(array).all() for array in arrays):
         raise ValueError("positions, colours and background of `start` must be finite.")
     if not translucent and colors.shape[-1] == 4 and (colors[..., 3] < 1).any():
         raise ValueError("triangles of `start` let through: fit with `translucent=True`.")
@@ -124,7 +123,7 @@ def _from_scene(scene: Scene, triangles: int, gouraud: bool, translucent: bool) 
 
 
 def _for_shading(colors: np.ndarray, gouraud: bool) -> np.ndarray:
-    """One colour per corner with Gouraud shading, else per triangle: the mean of its corners."""
+    """Convert to one colour per corner for Gouraud shading, else to the mean of each triangle."""
     if gouraud:
         return np.broadcast_to(colors, (len(colors), 3, 3))
     return colors.mean(1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Free triangles drawn over each other: the unknowns, the scene they make, and its residual."""
+"""The unknowns of free triangles, the scene that they make, and its residual."""
 
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ from ..units import POSITION_UNIT, clip_straight_through
 
 
 class LayersUnknowns(NamedTuple):
-    """What the solver changes, in units in which equal steps change the image about equally.
+    """The arrays that the solver changes, in units in which equal steps have about equal effects.
 
     - `corners`: in units of `POSITION_UNIT` pixels.
     - `colors`: one per triangle, or one per corner; drawn clipped to 0..1.
@@ -27,7 +27,7 @@ class LayersUnknowns(NamedTuple):
 
 
 def layers_of(leaves: list[Any]) -> LayersUnknowns:
-    """The unknowns from their leaves, two of opaque triangles and three of translucent ones."""
+    """Make the unknowns from two leaves (opaque triangles) or three (translucent ones)."""
     corners, colors, *opacity = leaves
     return LayersUnknowns(corners, colors, opacity[0] if opacity else None)
 
@@ -36,9 +36,9 @@ class LayersData(NamedTuple):
     """Arrays that may change between chunks without compiling again.
 
     - `target`: the image as `Loss.prepare` gives it.
-    - `weights`: of the error of each pixel; None: all 1.
-    - `background`: colour behind all triangles, straight alpha.
-    - `width`: of the soft edges, in pixels.
+    - `weights`: weight of the error of each pixel; None: all are 1.
+    - `background`: colour behind all triangles, with straight alpha.
+    - `width`: width of the soft edges, in pixels.
     """
 
     target: Float[Array, "height width channels"]
@@ -48,7 +48,7 @@ class LayersData(NamedTuple):
 
 
 def layers_scene(y: LayersUnknowns, background: Float[Array, " channels"]) -> Scene:
-    """The scene, in pixels of the fit."""
+    """Make the scene of the unknowns, in pixels of the fit."""
     count = y.corners.shape[0]
     colors = clip_straight_through(y.colors)
     if y.opacity is not None:

@@ -1,172 +1,199 @@
-"""Remove vertices where that costs least: each is collapsed onto a neighbour."""
+"""Remove the vertices that matter least: each is collapsed onto one of its neighbours."""
 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from ..target import Image, PixelMap
+from ..target import Target
+from .colors import ColorModel, color_moments, solve_from_moments, target_at_pairs
+from .evaluation import Evaluation, error_of_colors, evaluate, solved_error
 from .pixel_weights import pixel_weights
-from .splits import State, evaluate, plane_error
-from .triangulation import Mesh, cross, disjoint, make_mesh, signed_areas
-from .vertex_colors import Colors, Moments, gather, moments, solve
+from .triangulation import Mesh, cross, greedy_disjoint, is_bound, make_mesh, signed_areas
 
 LEAST_AREA = 0.5
-"""Least area of a triangle that a collapse makes, in square pixels."""
+"""Least area of a triangle that a collapse changes, in square pixels."""
 
 _EXAMINED = 3
-"""Candidates for each vertex to be removed whose cost is found from their pixels."""
+"""Candidates, per vertex to be removed, whose exact cost is computed from their pixels."""
 
 
-class Fans(NamedTuple):
-    """What takes the place of the triangles around a vertex when it is drawn onto a neighbour.
+class Collapses(NamedTuple):
+    """Candidate collapses, each of which moves a vertex onto a neighbour and thereby removes it.
 
-    One entry per candidate and triangle around its vertex, sorted by candidate; the two triangles
-    that vanish are not `kept`.
+    The triangles around each vertex are listed as entries, sorted by candidate. Those that also
+    contain the neighbour vanish; the others are changed.
 
-    - `vertex`, `onto`: `[candidates]`.
-    - `candidate`, `triangle`: `[entries]`; `pieces`: `[entries, 3]`, the triangle as it becomes.
+    - `vertex`, `neighbor`: the vertex that each candidate removes, and where it goes.
+    - `candidate`, `triangle`: the candidate of each entry, and the index of its triangle.
+    - `changed`: the triangle's vertices after the collapse.
+    - `remains`: whether the triangle does not vanish.
     """
 
-    vertex: np.ndarray
-    onto: np.ndarray
-    candidate: np.ndarray
-    triangle: np.ndarray
-    pieces: np.ndarray
-    kept: np.ndarray
+    vertex: Int[np.ndarray, " candidates"]
+    neighbor: Int[np.ndarray, " candidates"]
+    candidate: Int[np.ndarray, " entries"]
+    triangle: Int[np.ndarray, " entries"]
+    changed: Int[np.ndarray, "entries 3"]
+    remains: Bool[np.ndarray, " entries"]
 
-    def take(self, chosen: np.ndarray) -> "Fans":
-        """The fans of some candidates, in the order of `chosen`."""
+    def take(self, chosen: Int[np.ndarray, " chosen"]) -> "Collapses":
+        """Keep only the chosen candidates, in the order of `chosen`."""
         rank = np.full(len(self.vertex), -1)
         rank[chosen] = np.arange(len(chosen))
         entries = np.flatnonzero(rank[self.candidate] >= 0)
         entries = entries[np.argsort(rank[self.candidate[entries]], kind="stable")]
-        rest = (field[entries] for field in self[3:])
-        return Fans(self.vertex[chosen], self.onto[chosen], rank[self.candidate[entries]], *rest)
+        return Collapses(
+            self.vertex[chosen],
+            self.neighbor[chosen],
+            rank[self.candidate[entries]],
+            self.triangle[entries],
+            self.changed[entries],
+            self.remains[entries],
+        )
 
-    def total(self, values: np.ndarray) -> Float[np.ndarray, " candidates"]:
-        """The sum over each candidate's entries."""
-        # Of nothing, `bincount` gives integers.
+    def sum_by_candidate(
+        self, values: Float[np.ndarray, " entries"] | Bool[np.ndarray, " entries"]
+    ) -> Float[np.ndarray, " candidates"]:
+        """Sum a value of each entry over the entries of each candidate."""
+        # Without entries, `bincount` would give integers.
         return np.bincount(self.candidate, values, len(self.vertex)).astype(np.float64)
 
 
 def collapse(
     mesh: Mesh,
-    target: Image,
+    target: Target,
     count: int,
     *,
-    colors: Colors = "vertex",
-    weights: PixelMap | None = None,
+    model: ColorModel = "vertex",
     least_area: float = LEAST_AREA,
 ) -> Mesh:
-    """The mesh without up to `count` vertices, those whose removal costs the least error.
+    """Remove up to `count` vertices, those whose removal raises the squared error least.
 
-    Corners stay, and vertices on a side are drawn along it. No triangle around one removed vertex
-    is around another. Candidates are sorted first by how far the removed colour is from what its
-    place would get; of the best, the cost is the rise in squared error over the triangles changed,
-    for colours per vertex with the others held fixed.
+    The corners of the canvas stay, and vertices on a side move along it. No two of the removed
+    vertices share a triangle. Only the candidates with the least estimated cost (see
+    `_estimated_costs`) are examined exactly. Their cost is the rise in squared error over the
+    changed triangles, with the colours of other vertices fixed if there is one colour per vertex.
 
     **Source:** Hoppe et al., *Mesh optimization* (1993), for the half-edge collapse.
     """
-    state = evaluate(mesh, target, colors, weights)
-    fans = _fans(mesh, least_area)
-    by_vertex = state.solved if colors == "vertex" else solve(mesh, target, state.sums, "vertex")
-    rough = _color_change(mesh, fans, by_vertex)
-    if count < 1 or not len(rough):
+    evaluation = evaluate(mesh, target, model)
+    collapses = _candidates(mesh, least_area)
+    if count < 1 or not len(collapses.vertex):
         return mesh
+    estimate = _estimated_costs(mesh, collapses, _vertex_colors(mesh, target, evaluation))
     # The best neighbour of each vertex, then the best vertices.
-    order = np.argsort(rough, kind="stable")
-    order = order[np.sort(np.unique(fans.vertex[order], return_index=True)[1])]
-    fans = fans.take(order[: _EXAMINED * count])
-    cost = _cost(mesh, target, state, fans, weights)
-    chosen = disjoint(-cost, _claims(fans), len(mesh.triangles))[:count]
-    return _apply(mesh, fans.take(chosen))
+    order = np.argsort(estimate, kind="stable")
+    order = order[np.sort(np.unique(collapses.vertex[order], return_index=True)[1])]
+    collapses = collapses.take(order[: _EXAMINED * count])
+    costs = _exact_costs(mesh, target, evaluation, collapses)
+    claims = _changed_triangles(collapses)
+    chosen = greedy_disjoint(-costs, claims, len(mesh.triangles))[:count]
+    return _apply(mesh, collapses.take(chosen))
 
 
-def _fans(mesh: Mesh, least_area: float) -> Fans:
-    """Every vertex with every neighbour onto which it may be drawn."""
-    triangles, p = mesh.triangles, mesh.positions
+def _candidates(mesh: Mesh, least_area: float) -> Collapses:
+    """List every allowed collapse of a vertex onto a neighbour."""
+    triangles, positions = mesh.triangles, mesh.positions
+    pairs = np.concatenate([triangles[:, [i, j]] for i in range(3) for j in range(3) if i != j])
+    vertex, neighbor = np.unique(pairs, axis=0).T
+    # A coordinate that a border fixes must be equal at the neighbour.
+    is_allowed = (~is_bound(mesh)[vertex] | (positions[vertex] == positions[neighbor])).all(1)
+    vertex, neighbor = vertex[is_allowed], neighbor[is_allowed]
+    # The triangles around vertex v are `around[first[v]]` and the `degree[v] - 1` after it.
     around = np.argsort(triangles.ravel(), kind="stable") // 3
-    degree = np.bincount(triangles.ravel(), minlength=len(p))
+    degree = np.bincount(triangles.ravel(), minlength=len(positions))
     first = np.cumsum(degree) - degree
-    pair = np.concatenate([triangles[:, [i, j]] for i in range(3) for j in range(3) if i != j])
-    vertex, onto = np.unique(pair, axis=0).T
-    bound = ~np.stack([mesh.free_x, mesh.free_y], 1)
-    # Whatever a border holds must be held where the vertex goes, at the same place.
-    able = (~bound[vertex] | (p[vertex] == p[onto])).all(1)
-    vertex, onto = vertex[able], onto[able]
-    candidate = np.repeat(np.arange(len(vertex)), degree[vertex])
-    start = np.cumsum(degree[vertex]) - degree[vertex]
-    within = np.arange(len(candidate)) - start[candidate]
-    triangle = around[first[vertex][candidate] + within]
+    candidate, rank = _rank_in_group(degree[vertex])
+    triangle = around[first[vertex][candidate] + rank]
     corners = triangles[triangle]
-    kept = (corners != onto[candidate][:, None]).all(1)
-    moved = np.where(corners == vertex[candidate][:, None], onto[candidate][:, None], corners)
-    # A floor for pieces that are new; one that has no area is kept from being divided by.
-    floor = max(least_area, 1e-9)
-    small = kept & (signed_areas(p, moved) < floor)
-    fans = Fans(vertex, onto, candidate, triangle, moved, kept)
-    return fans.take(np.flatnonzero(fans.total(small) == 0))
+    entry_vertex, entry_neighbor = vertex[candidate][:, None], neighbor[candidate][:, None]
+    remains = (corners != entry_neighbor).all(1)
+    changed = np.where(corners == entry_vertex, entry_neighbor, corners)
+    # `pixel_weights` divides by areas, so they must be positive even for a `least_area` of 0.
+    is_too_small = remains & (signed_areas(positions, changed) < max(least_area, 1e-9))
+    collapses = Collapses(vertex, neighbor, candidate, triangle, changed, remains)
+    return collapses.take(np.flatnonzero(collapses.sum_by_candidate(is_too_small) == 0))
 
 
-def _color_change(mesh: Mesh, fans: Fans, solved: np.ndarray) -> np.ndarray:
-    """How wrong the place of each vertex becomes: squared colour change times its hat's weight."""
-    p = mesh.positions
-    a, b, c = p[fans.pieces].transpose(1, 0, 2)
-    here = p[fans.vertex[fans.candidate]]
-    parts = np.stack(
-        [cross(b - here, c - here), cross(c - here, a - here), cross(a - here, b - here)]
-    )
-    inside = np.where(fans.kept, parts.min(0), -np.inf)
-    # The piece that holds the place, or is nearest to it, comes last of its candidate.
-    order = np.lexsort((inside, fans.candidate))
-    last = order[np.flatnonzero(np.diff(fans.candidate[order], append=-1))]
-    share = np.maximum(parts[:, last], 0.0)
-    share = share / np.maximum(share.sum(0), 1e-12)
-    color = np.einsum("in,nic->nc", share, solved[fans.pieces[last]])
-    area = fans.total(signed_areas(p, mesh.triangles)[fans.triangle])
-    return ((color - solved[fans.vertex]) ** 2).sum(1) * area / 6
+def _rank_in_group(
+    sizes: Int[np.ndarray, " groups"],
+) -> tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]:
+    """For the entries of consecutive groups: the group of each, and its rank within the group."""
+    group = np.repeat(np.arange(len(sizes)), sizes)
+    return group, np.arange(len(group)) - (np.cumsum(sizes) - sizes)[group]
 
 
-def _cost(
-    mesh: Mesh, target: Image, state: State, fans: Fans, weights: PixelMap | None
-) -> np.ndarray:
-    """The rise in squared error of each candidate."""
-    pairs = pixel_weights(
-        mesh.positions, fans.pieces[fans.kept], height=mesh.height, width=mesh.width
-    )
-    values, scale = gather(pairs, target, weights)
-    sums = moments(pairs, values, scale)
-    after = np.zeros(len(fans.triangle))
-    if state.colors == "vertex":
-        after[fans.kept] = _fixed_error(sums, state.solved[fans.pieces[fans.kept]])
-        before = _fixed_error(state.sums, state.solved[mesh.triangles])
+def _vertex_colors(
+    mesh: Mesh, target: Target, evaluation: Evaluation
+) -> Float[np.ndarray, "vertices channels"]:
+    """One colour per vertex, whichever colour model was evaluated."""
+    if evaluation.model == "vertex":
+        return evaluation.colors
+    return solve_from_moments(mesh, target.image, evaluation.moments, "vertex")
+
+
+def _estimated_costs(
+    mesh: Mesh, collapses: Collapses, vertex_colors: Float[np.ndarray, "vertices channels"]
+) -> Float[np.ndarray, " candidates"]:
+    """Estimate the cost of each collapse from the change of colour at the removed vertex.
+
+    The squared difference between the vertex's colour and the colour interpolated there after the
+    collapse is multiplied by the integral of the squared hat function of the vertex.
+    """
+    positions = mesh.positions
+    a, b, c = positions[collapses.changed].transpose(1, 0, 2)
+    removed = positions[collapses.vertex[collapses.candidate]]
+    to_a, to_b, to_c = a - removed, b - removed, c - removed
+    sub_areas = np.stack([cross(to_b, to_c), cross(to_c, to_a), cross(to_a, to_b)])
+    insideness = np.where(collapses.remains, sub_areas.min(0), -np.inf)
+    # The last entry of each candidate is the triangle that contains the removed vertex, or is
+    # nearest to containing it.
+    order = np.lexsort((insideness, collapses.candidate))
+    last = order[np.flatnonzero(np.diff(collapses.candidate[order], append=-1))]
+    weights = np.maximum(sub_areas[:, last], 0.0)
+    weights = weights / np.maximum(weights.sum(0), 1e-12)
+    color = np.einsum("in,nic->nc", weights, vertex_colors[collapses.changed[last]])
+    areas = signed_areas(positions, mesh.triangles)[collapses.triangle]
+    change = ((color - vertex_colors[collapses.vertex]) ** 2).sum(1)
+    # The integral of a squared hat function is a sixth of the area below it.
+    return change * collapses.sum_by_candidate(areas) / 6
+
+
+def _exact_costs(
+    mesh: Mesh, target: Target, evaluation: Evaluation, collapses: Collapses
+) -> Float[np.ndarray, " candidates"]:
+    """Rise in squared error of each collapse."""
+    changed = collapses.changed[collapses.remains]
+    pairs = pixel_weights(mesh.positions, changed, height=mesh.height, width=mesh.width)
+    moments = color_moments(pairs, *target_at_pairs(pairs, target))
+    error_after = np.zeros(len(collapses.triangle))
+    if evaluation.model == "vertex":
+        colors = evaluation.colors
+        error_after[collapses.remains] = error_of_colors(moments, colors[changed])
+        error_before = error_of_colors(evaluation.moments, colors[mesh.triangles])
     else:
-        after[fans.kept] = plane_error(sums, state.colors)
-        before = plane_error(state.sums, state.colors)
-    return fans.total(after - before[fans.triangle])
+        error_after[collapses.remains] = solved_error(moments, evaluation.model)
+        error_before = solved_error(evaluation.moments, evaluation.model)
+    return collapses.sum_by_candidate(error_after - error_before[collapses.triangle])
 
 
-def _fixed_error(sums: Moments, corners: np.ndarray) -> Float[np.ndarray, " triangles"]:
-    """Squared error of triangles with given corner colours."""
-    product = corners * (sums.weight @ corners - 2 * sums.color)
-    return sums.square + product.sum((1, 2))
+def _changed_triangles(collapses: Collapses) -> Int[np.ndarray, "candidates degree"]:
+    """The triangles around each candidate's vertex, padded by -1."""
+    degree = np.bincount(collapses.candidate, minlength=len(collapses.vertex))
+    _, rank = _rank_in_group(degree)
+    table = np.full((len(collapses.vertex), degree.max(initial=1)), -1)
+    table[collapses.candidate, rank] = collapses.triangle
+    return table
 
 
-def _claims(fans: Fans) -> np.ndarray:
-    """The triangles that each candidate changes, `[candidates, most around a vertex]`."""
-    degree = np.bincount(fans.candidate, minlength=len(fans.vertex))
-    within = np.arange(len(fans.candidate)) - (np.cumsum(degree) - degree)[fans.candidate]
-    claims = np.full((len(fans.vertex), degree.max(initial=1)), -1)
-    claims[fans.candidate, within] = fans.triangle
-    return claims
-
-
-def _apply(mesh: Mesh, fans: Fans) -> Mesh:
-    """The mesh with these vertices drawn onto their neighbours, all at once."""
-    triangles = np.delete(mesh.triangles, fans.triangle, axis=0)
-    triangles = np.concatenate([triangles, fans.pieces[fans.kept]])
+def _apply(mesh: Mesh, collapses: Collapses) -> Mesh:
+    """Carry out all of these collapses, no two of which change the same triangle."""
+    unchanged = np.delete(mesh.triangles, collapses.triangle, axis=0)
+    triangles = np.concatenate([unchanged, collapses.changed[collapses.remains]])
     stays: Bool[np.ndarray, " vertices"] = np.ones(len(mesh.positions), bool)
-    stays[fans.vertex] = False
-    number = np.cumsum(stays) - 1
-    return make_mesh(mesh.positions[stays], number[triangles], height=mesh.height, width=mesh.width)
+    stays[collapses.vertex] = False
+    new_index = np.cumsum(stays) - 1
+    return make_mesh(
+        mesh.positions[stays], new_index[triangles], height=mesh.height, width=mesh.width
+    )

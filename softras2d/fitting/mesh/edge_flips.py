@@ -1,13 +1,13 @@
-"""Flip edges: give two neighbouring triangles the other diagonal where that is better."""
+"""Flip edges: replace the edge between two triangles by their other diagonal where it is better."""
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..target import Image, PixelMap
+from ..target import Target
+from .colors import ColorModel, Moments, color_moments, normal_matrix, target_at_pairs
+from .evaluation import Evaluation, evaluate, solved_error
 from .pixel_weights import pixel_weights
-from .splits import State, evaluate, plane_error
-from .triangulation import Edges, Mesh, cross, disjoint, find_edges
-from .vertex_colors import Colors, Moments, gather, moments, normal_matrix
+from .triangulation import Edges, Mesh, Triangles, cross, find_edges, greedy_disjoint
 
 LEAST_AREA = 0.5
 """Least area of a triangle that a flip makes, in square pixels."""
@@ -18,7 +18,7 @@ rounding, and flips could go in circles."""
 
 
 def flip_to_delaunay(mesh: Mesh, *, rounds: int = 1000) -> Mesh:
-    """Flip edges until no circle through three corners of a triangle holds the next one.
+    """Flip edges until the mesh is Delaunay: no triangle's circumcircle contains another vertex.
 
     **Source:** Lawson, *Software for C1 surface interpolation* (1977); Delaunay (1934).
     """
@@ -28,121 +28,133 @@ def flip_to_delaunay(mesh: Mesh, *, rounds: int = 1000) -> Mesh:
         chosen = np.flatnonzero(excess > 1e-9)
         if not len(chosen):
             return mesh
-        chosen = chosen[disjoint(excess[chosen], edges.sides[chosen], len(mesh.triangles))]
+        chosen = chosen[greedy_disjoint(excess[chosen], edges.sides[chosen], len(mesh.triangles))]
         mesh = flip(mesh, edges, chosen)
     return mesh
 
 
 def flip_edges(
     mesh: Mesh,
-    target: Image,
+    target: Target,
     *,
-    colors: Colors = "vertex",
-    weights: PixelMap | None = None,
+    model: ColorModel = "vertex",
     rounds: int = 4,
     least_area: float = LEAST_AREA,
 ) -> Mesh:
-    """Flip edges where that lowers the squared error, colours of the four corners solved anew.
+    """Flip edges where that lowers the squared error with the colours there solved anew.
 
-    A round flips edges that share no triangle, the best first, and solves all colours again.
+    A round flips edges that share no triangle, the best first. All colours are solved for again
+    before each round.
     """
     for _ in range(rounds):
         edges = flippable_edges(mesh, least_area)
         if not len(edges.ends):
             return mesh
-        state = evaluate(mesh, target, colors, weights)
-        gain = flip_gains(mesh, target, state, edges, weights)
-        chosen = np.flatnonzero(gain > _RELATIVE_GAIN * state.error.mean())
+        evaluation = evaluate(mesh, target, model)
+        gains = flip_gains(mesh, target, evaluation, edges)
+        chosen = np.flatnonzero(gains > _RELATIVE_GAIN * evaluation.error.mean())
         if not len(chosen):
             return mesh
-        chosen = chosen[disjoint(gain[chosen], edges.sides[chosen], len(mesh.triangles))]
+        chosen = chosen[greedy_disjoint(gains[chosen], edges.sides[chosen], len(mesh.triangles))]
         mesh = flip(mesh, edges, chosen)
     return mesh
 
 
 def flippable_edges(mesh: Mesh, least_area: float) -> Edges:
-    """The edges whose flip leaves both triangles more than `least_area`."""
+    """Find the inner edges whose flip makes both triangles larger than `least_area`."""
     edges = find_edges(mesh.triangles)
     edges = Edges(*(field[edges.sides[:, 1] >= 0] for field in edges))
-    one, two = _diagonal(edges)
-    p = mesh.positions
-    able = np.ones(len(one), bool)
-    for a, b, c in (one.T, two.T):
-        able &= 0.5 * cross(p[b] - p[a], p[c] - p[a]) > max(least_area, 1e-9)
-    return Edges(*(field[able] for field in edges))
+    positions = mesh.positions
+    is_flippable = np.ones(len(edges.ends), bool)
+    for flipped in _flipped_triangles(edges):
+        a, b, c = positions[flipped].transpose(1, 0, 2)
+        is_flippable &= 0.5 * cross(b - a, c - a) > max(least_area, 1e-9)
+    return Edges(*(field[is_flippable] for field in edges))
 
 
-def _diagonal(edges: Edges) -> tuple[Int[np.ndarray, "edges 3"], Int[np.ndarray, "edges 3"]]:
-    """The triangles after the flip: of (a, b, c) and (b, a, d) come (c, a, d) and (d, b, c)."""
+def _flipped_triangles(
+    edges: Edges,
+) -> tuple[Int[np.ndarray, "edges 3"], Int[np.ndarray, "edges 3"]]:
+    """The two triangles after each flip: (a, b, c) and (b, a, d) become (c, a, d) and (d, b, c)."""
     (a, b), (c, d) = edges.ends.T, edges.apexes.T
     return np.stack([c, a, d], 1), np.stack([d, b, c], 1)
 
 
-def flip(mesh: Mesh, edges: Edges, chosen: np.ndarray) -> Mesh:
-    """The mesh with the chosen edges flipped; no two of them may share a triangle."""
+def flip(mesh: Mesh, edges: Edges, chosen: Int[np.ndarray, " chosen"]) -> Mesh:
+    """Flip the chosen edges, no two of which may share a triangle."""
     triangles = mesh.triangles.copy()
-    for side, pieces in enumerate(_diagonal(edges)):
-        triangles[edges.sides[chosen, side]] = pieces[chosen]
+    for side, flipped in enumerate(_flipped_triangles(edges)):
+        triangles[edges.sides[chosen, side]] = flipped[chosen]
     return mesh._replace(triangles=triangles)
 
 
 def _angle_excess(mesh: Mesh, edges: Edges) -> Float[np.ndarray, " edges"]:
-    """By how much the angles opposite an edge exceed a half turn, in radians."""
-    p, total = mesh.positions, -np.pi
+    """Excess over pi, in radians, of the sum of the two angles opposite each edge.
+
+    An edge violates the Delaunay condition if its excess is positive.
+    """
+    excess = np.full(len(edges.ends), -np.pi)
     for apex in edges.apexes.T:
-        u, v = (p[end] - p[apex] for end in edges.ends.T)
-        total = total + np.arctan2(np.abs(cross(u, v)), (u * v).sum(1))
-    return np.asarray(total)
+        u, v = (mesh.positions[end] - mesh.positions[apex] for end in edges.ends.T)
+        excess += np.arctan2(np.abs(cross(u, v)), (u * v).sum(1))
+    return excess
 
 
 def flip_gains(
-    mesh: Mesh, target: Image, state: State, edges: Edges, weights: PixelMap | None
+    mesh: Mesh, target: Target, evaluation: Evaluation, edges: Edges
 ) -> Float[np.ndarray, " edges"]:
-    """The drop in squared error of each flip on its own."""
-    pieces = np.concatenate(_diagonal(edges))
-    pairs = pixel_weights(mesh.positions, pieces, height=mesh.height, width=mesh.width)
-    values, scale = gather(pairs, target, weights)
-    after = moments(pairs, values, scale)
-    if state.colors == "vertex":
-        return _corner_gains(mesh, edges, state.sums, after, state.solved)
-    both = plane_error(after, state.colors).reshape(2, -1).sum(0)
-    return plane_error(state.sums, state.colors)[edges.sides].sum(1) - both
+    """Drop in squared error if an edge alone is flipped, for each edge."""
+    flipped = np.concatenate(_flipped_triangles(edges))
+    pairs = pixel_weights(mesh.positions, flipped, height=mesh.height, width=mesh.width)
+    moments = color_moments(pairs, *target_at_pairs(pairs, target))
+    if evaluation.model == "vertex":
+        return _vertex_color_gains(mesh, edges, evaluation, moments)
+    error_before = solved_error(evaluation.moments, evaluation.model)[edges.sides].sum(1)
+    return error_before - solved_error(moments, evaluation.model).reshape(2, -1).sum(0)
 
 
-def _corner_gains(
-    mesh: Mesh, edges: Edges, before: Moments, after: Moments, solved: np.ndarray
-) -> np.ndarray:
-    """The exact drop if only the colours of the four corners are solved again.
+def _vertex_color_gains(
+    mesh: Mesh, edges: Edges, before: Evaluation, moments_after: Moments
+) -> Float[np.ndarray, " edges"]:
+    """Exact drop in squared error if only the colours of the quad's four corners are solved anew.
 
-    At the least error the slopes of all triangles cancel, so those of the ones outside are minus
-    those of the two inside. With H the second derivative after the flip and g the slope there,
-    the error falls by g H^-1 g from what the flip alone makes it.
+    Let g and H be the gradient and the second derivative, by these colours, of half the error after
+    the flip. The new colours lower the error by g^T H^-1 g below what the flip alone makes it.
+    Before the flip the gradient over all triangles is 0. So g follows from the two triangles of the
+    quad alone: their gradients before the flip are subtracted, and those after it are added.
+
+    `moments_after`: of the first triangle after each flip, followed by the second of each.
     """
     quad = np.concatenate([edges.ends, edges.apexes], 1)
-    count = len(quad)
-    old = np.stack([_places(mesh.triangles[side], quad) for side in edges.sides.T])
-    new = np.stack([_places(piece, quad) for piece in _diagonal(edges)])
-    matrix = normal_matrix(mesh, before).tocsr()
-    entries = matrix[np.repeat(quad, 4, 1).ravel(), np.tile(quad, (1, 4)).ravel()]
+    count, channels = len(quad), before.colors.shape[1]
+    normal = normal_matrix(mesh, before.moments).tocsr()
+    entries = normal[np.repeat(quad, 4, 1).ravel(), np.tile(quad, (1, 4)).ravel()]
     hessian = np.asarray(entries).reshape(count, 4, 4)
-    slope = np.zeros((count, 4, solved.shape[1]))
-    change = np.zeros(count)
-    rows = np.arange(count)
-    for sign, sums, places, owner in (
-        (-1, before, old, edges.sides.T),
-        (1, after, new, np.arange(2 * count).reshape(2, -1)),
+    gradient = np.zeros((count, 4, channels))
+    error_change = np.zeros(count)
+    first_after, second_after = _flipped_triangles(edges)
+    first, second = edges.sides.T
+    number = np.arange(count)
+    for sign, moments, index, triangles in (
+        (-1, before.moments, first, mesh.triangles[first]),
+        (-1, before.moments, second, mesh.triangles[second]),
+        (1, moments_after, number, first_after),
+        (1, moments_after, count + number, second_after),
     ):
-        for place, triangle in zip(places, owner, strict=True):
-            weight, right = sums.weight[triangle], sums.color[triangle]
-            color = np.take_along_axis(solved[quad], place[..., None], 1)
-            gradient = weight @ color - right
-            change += sign * (sums.square[triangle] + (color * (gradient - right)).sum((1, 2)))
-            slope[rows[:, None], place] += sign * gradient
-            hessian[rows[:, None, None], place[:, :, None], place[:, None]] += sign * weight
-    step = np.linalg.solve(hessian, slope)
-    return (slope * step).sum((1, 2)) - change
+        slot = _slots_in_quad(triangles, quad)
+        matrix, rhs = moments.matrix[index], moments.rhs[index]
+        colors = np.take_along_axis(before.colors[quad], slot[..., None], 1)
+        change = matrix @ colors - rhs
+        error = moments.square[index] + (colors * (change - rhs)).sum((1, 2))
+        error_change += sign * error
+        gradient[number[:, None], slot] += sign * change
+        hessian[number[:, None, None], slot[:, :, None], slot[:, None]] += sign * matrix
+    step = np.linalg.solve(hessian, gradient)
+    return (gradient * step).sum((1, 2)) - error_change
 
 
-def _places(triangles: np.ndarray, quad: np.ndarray) -> Int[np.ndarray, "edges 3"]:
-    """Which of the four corners each corner of a triangle is."""
+def _slots_in_quad(
+    triangles: Triangles, quad: Int[np.ndarray, "triangles 4"]
+) -> Int[np.ndarray, "triangles 3"]:
+    """Which of the quad's four corners each corner of its triangle is."""
     return (triangles[:, :, None] == quad[:, None]).argmax(2)

@@ -1,8 +1,8 @@
-"""Fit of a mesh that tiles the canvas: kept untangled, and refined by exchanging vertices.
+"""The fit of a mesh that tiles the canvas.
 
-Between chunks of steps, vertices are pulled back until no triangle is turned over. A few times in
-a fit, at the shares in `_EXCHANGES`, the vertices that matter least are collapsed and as many are
-inserted where the error is. That keeps the number of vertices, and so the compiled program.
+Between chunks of steps, vertices are pulled back until no triangle is flipped. At a few points of a
+fit (`_EXCHANGES`), the vertices that matter least are collapsed, and as many are inserted where
+they lower the error most. The number of vertices stays, and with it the compiled program.
 """
 
 from dataclasses import replace
@@ -22,33 +22,37 @@ from ..solve import begin, forget_best, move, set_learning_rate
 from ..trees import fill_tree, tree_arrays
 from ..units import POSITION_UNIT
 from . import saved
+from .colors import ColorModel, solve_colors
 from .start import delaunay_start, error_start, exchange, uniform_start
 from .triangulation import Mesh, check_tiling, signed_areas
 from .unknowns import MeshData, MeshResidual, MeshUnknowns, mesh_scene, vertices_of
 from .untangle import untangle
-from .vertex_colors import Colors, solve_colors
 
 _LEARNING_RATE = 0.03
-"""0.6 pixels of position, or 0.03 of colour, per step. It falls as a cosine."""
+"""A step of Adam changes a position by up to 0.6 pixels and a colour by up to 0.03. The learning
+rate falls as a cosine."""
 
-_LEAST_RATE = 0.02
-"""Factor at which the learning rate ends."""
+_FINAL_RATE_FACTOR = 0.02
+"""The last learning rate, as a multiple of the first."""
 
-_ALTITUDE_SCALE, _LEAST_SCALE = 0.3, 0.02
-"""Scale of a vertex, in `POSITION_UNIT`s, per pixel of its triangles' least altitude, at most 1;
-and the smallest scale."""
+_SCALE_PER_ALTITUDE, _MIN_SCALE = 0.3, 0.02
+"""Scale of a vertex position, in `POSITION_UNIT`s, per pixel of the least altitude of its
+triangles; and the smallest scale. The largest is 1."""
 
 _EXCHANGES = (
     (0.1, 0.15), (0.2, 0.12), (0.3, 0.1), (0.4, 0.08), (0.5, 0.06), (0.6, 0.05), (0.7, 0.04),
 )  # fmt: skip
-"""Share of the fit at which vertices are exchanged, and which part of them."""
+"""Pairs of the share of the fit after which vertices are exchanged, and the share of them that is
+exchanged."""
 
-_MODELS: dict[str, Colors] = {"flat": "triangle", "gouraud": "vertex", "linear": "linear"}
-"""Which colours are unknowns, by the option `shading`."""
+_COLOR_MODELS: dict[str, ColorModel] = {
+    "flat": "triangle", "gouraud": "vertex", "linear": "linear",
+}  # fmt: skip
+"""The colour model for each value of the option `shading`."""
 
 
 class _Best(NamedTuple):
-    """A point of the fit: its loss and unknowns, and the mesh and data to which they belong."""
+    """The best point so far: its loss and unknowns, and the mesh and data to which they belong."""
 
     loss: float
     y: MeshUnknowns
@@ -57,7 +61,7 @@ class _Best(NamedTuple):
 
 
 class MeshFit(AbstractFit):
-    """A fit of a mesh: the positions of its vertices, and colours of vertices or of triangles.
+    """A fit of the vertex positions and the colours of a mesh.
 
     Raises `ValueError` for a target with alpha, because a mesh covers the canvas.
     """
@@ -70,7 +74,7 @@ class MeshFit(AbstractFit):
             raise ValueError("a mesh covers the canvas: fit targets with alpha by layers.")
         self.request = request
         self.height, self.width = image.shape[:2]
-        self._colors: Colors = _MODELS[request.settings["shading"]]
+        self._model: ColorModel = _COLOR_MODELS[request.settings["shading"]]
         self.image = image
         self.last_exchange = 0.0
         self._earlier: _Best | None = None
@@ -81,11 +85,11 @@ class MeshFit(AbstractFit):
 
     @property
     def max_triangles(self) -> int:
-        """As many as are in use: a mesh starts with all of its vertices."""
+        """The number in use, because a mesh starts with all of its vertices."""
         return self.active
 
     def _start(self) -> Mesh:
-        """The mesh to start from; that of its state if a fit is resumed."""
+        """Make the mesh to start from; a resumed fit has one in its state."""
         request, target = self.request, self.request.target
         if request.resume_state is not None:
             return self._checked(saved.mesh_of(request.resume_state))
@@ -96,27 +100,26 @@ class MeshFit(AbstractFit):
         if start == "uniform":
             return uniform_start(self.height, self.width, vertices, seed=seed)
         if start == "delaunay":
-            return delaunay_start(target.image, vertices, weights=target.weights, seed=seed)
+            return delaunay_start(target, vertices, seed=seed)
         if start != "error":
             raise ValueError(
                 f"`start` must be 'error', 'uniform', 'delaunay' or a Mesh; got {start!r:.60}."
             )
         return error_start(
-            target.image, vertices, colors=self._colors, weights=target.weights, seed=seed,
-            must_start=request.must_start,
-        )  # fmt: skip
+            target, vertices, model=self._model, seed=seed, must_start=request.must_start
+        )
 
     def _checked(self, mesh: Mesh) -> Mesh:
-        """A given mesh, if it tiles the canvas and is not too large; else `ValueError`."""
+        """Return the mesh; raise `ValueError` unless it tiles the canvas and is small enough."""
         if (mesh.height, mesh.width) != (self.height, self.width):
             raise ValueError(
                 f"`start` is a mesh of {mesh.width} x {mesh.height} pixels; the fit has "
                 f"{self.width} x {self.height}."
             )
-        most = saved.max_vertices(self.request.settings)
-        if len(mesh.positions) > most:
+        limit = saved.max_vertices(self.request.settings)
+        if len(mesh.positions) > limit:
             raise ValueError(
-                f"`start` has {len(mesh.positions)} vertices; `triangles` allows {most}."
+                f"`start` has {len(mesh.positions)} vertices; `triangles` allows {limit}."
             )
         check_tiling(mesh)
         return mesh
@@ -124,18 +127,18 @@ class MeshFit(AbstractFit):
     def _prepare(
         self, mesh: Mesh, scale: Float[np.ndarray, "vertices 1"] | None = None
     ) -> tuple[MeshData, MeshUnknowns]:
-        """Data and unknowns of a mesh, with the colours of least squared error.
+        """Make the data and unknowns of a mesh, with the colours of least squared error.
 
-        `scale`: that of `MeshData`; None: from the altitudes of the mesh's triangles.
+        `scale`: that of `MeshData`, or None to compute it from the altitudes of the triangles.
         """
         target = self.request.target
-        # As many triangles as so many vertices can have: those with only four on the border.
+        # The number of triangles is largest when only four of the vertices lie on the border.
         capacity, active = 2 * len(mesh.positions) - 6, len(mesh.triangles)
         triangles = np.zeros((capacity, 3), np.int32)
         triangles[:active] = mesh.triangles
         if scale is None:
             altitudes = _least_altitudes(mesh)[:, None]
-            scale = POSITION_UNIT * np.clip(_ALTITUDE_SCALE * altitudes, _LEAST_SCALE, 1.0)
+            scale = POSITION_UNIT * np.clip(_SCALE_PER_ALTITUDE * altitudes, _MIN_SCALE, 1.0)
         data = MeshData(
             self.request.loss.prepare(to_device(target.image, np.float32)),
             None if target.weights is None else to_device(target.weights, np.float32),
@@ -145,24 +148,24 @@ class MeshFit(AbstractFit):
             to_device(mesh.positions, np.float32),
             to_device(scale, np.float32),
         )
-        colors = solve_colors(mesh, target.image, colors=self._colors, weights=target.weights)
-        colors = np.clip(colors, 0, 1)
-        if self._colors != "vertex":
+        colors = np.clip(solve_colors(mesh, target, model=self._model), 0, 1)
+        if self._model != "vertex":
             colors = colors[:, None] if colors.ndim == 2 else colors
             colors = np.concatenate([colors, np.zeros((capacity - active, *colors.shape[1:]))])
         positions = to_device(mesh.positions / scale, np.float32)
         return data, MeshUnknowns(positions, to_device(colors, np.float32))
 
     def _begin(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
-        """Start a solve on this mesh."""
+        """Start a new solve on this mesh."""
         self.progress = begin(self.request.solver, self.residual, y, data)
         self._mesh, self.data, self.active = mesh, data, len(mesh.triangles)
 
     def likely_scene(self) -> Scene:
-        """The scene of the unknowns as they are."""
+        """The scene of the current unknowns, whose cost hardly changes during a fit."""
         return mesh_scene(self.progress.y, self.data)
 
     def _plan(self, scenes: list[Scene]) -> Plan:
+        """Plan for the exact image of a tiling."""
         return plan(scenes, height=self.height, width=self.width, coverage=Area("sum"))
 
     def _best(self) -> _Best:
@@ -175,7 +178,7 @@ class MeshFit(AbstractFit):
         return _Best(loss, y, mesh, self.data)
 
     def scene(self, *, padded: bool = False) -> Scene:
-        """The best scene so far; `padded` by triangles without area."""
+        """The best scene so far; if `padded`, with its spare triangles, which have no area."""
         best = self._best()
         scene = mesh_scene(best.y, best.data)
         drawn = slice(None if padded else len(best.mesh.triangles))
@@ -188,7 +191,7 @@ class MeshFit(AbstractFit):
         """Go to the best unknowns so far, with the colours of least squared error."""
         _, y, self._mesh, self.data = self._best()
         self.active, self._earlier = len(self._mesh.triangles), None
-        # The best unknowns may be older than the last exchange, and not fit the plan of now.
+        # If the best unknowns are older than the last exchange, the current plan may not fit them.
         needed = self._plan([mesh_scene(y, self.data)])
         if not self.residual.plan.holds(needed):
             self.residual = MeshResidual(needed, self.request.loss)
@@ -197,27 +200,27 @@ class MeshFit(AbstractFit):
         self.progress = forget_best(moved)
 
     def replan(self, reached: list[MeshUnknowns]) -> MeshResidual:
-        """A residual with capacity for these unknowns."""
+        """Make a residual with capacity for these unknowns."""
         plan = self._plan([mesh_scene(y, self.data) for y in reached])
         return MeshResidual(plan, self.request.loss)
 
     def refine(self, share: float) -> None:
         """Untangle the mesh, exchange vertices when due, and lower the learning rate."""
-        due = [part for at, part in _EXCHANGES if self.last_exchange < at <= share]
+        due = [portion for at, portion in _EXCHANGES if self.last_exchange < at <= share]
         if self.progress.steps:
             self._untangle()
         if due and self.request.exchanges:
             self.last_exchange = share
             self._exchange(max(1, int(due[-1] * len(self._mesh.positions))))
         if self.request.adjustable_rate:
-            factor = max(_LEAST_RATE, 0.5 + 0.5 * np.cos(np.pi * share))
+            factor = max(_FINAL_RATE_FACTOR, 0.5 + 0.5 * np.cos(np.pi * share))
             self.progress = set_learning_rate(self.progress, float(_LEARNING_RATE * factor))
 
     def _untangle(self) -> None:
-        """Pull vertices back until no triangle is turned over.
+        """Pull vertices back until no triangle is flipped.
 
-        Solvers other than Adam remember their last point, so for them the unknowns stay as they are
-        and only the mesh, from which an exchange starts, is untangled.
+        Solvers other than Adam remember their last point, so their unknowns must not change. For
+        them, only the mesh is untangled, from which the next exchange starts.
         """
         self._mesh, y = _untangled(self.progress.y, self._mesh, self.data)
         if self.request.adjustable_rate:
@@ -228,20 +231,17 @@ class MeshFit(AbstractFit):
 
         Nothing changes if fewer could be inserted than were collapsed.
         """
-        steps, target = self.progress.steps, self.request.target
-        vertices = len(self._mesh.positions)
-        mesh = exchange(
-            self._mesh, target.image, count, colors=self._colors, weights=target.weights
-        )
-        if len(mesh.positions) == vertices:
+        steps = self.progress.steps
+        mesh = exchange(self._mesh, self.request.target, count, model=self._model)
+        if len(mesh.positions) == len(self._mesh.positions):
             if np.isfinite(self.progress.best_loss):
                 self._earlier = self._best()
             self._begin(mesh, *self._prepare(mesh))
             self.progress = self.progress._replace(steps=steps)
 
     def own_state(self) -> dict[str, np.ndarray]:
-        """The mesh and the scale of its positions, and both of the best before an exchange."""
-        # The scale is that of the mesh at the last exchange, not of the vertices where they are.
+        """The mesh and the scale of its positions, and the best point before the last exchange."""
+        # The scale was computed at the last exchange, so it does not follow from the mesh.
         arrays = {"scale": np.asarray(self.data.scale)} | saved.mesh_arrays("mesh", self._mesh)
         if self._earlier is not None:
             arrays["kept"] = np.array(self._earlier.loss)
@@ -251,17 +251,17 @@ class MeshFit(AbstractFit):
         return arrays
 
     def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Undo `own_state`; the mesh itself was restored by the constructor."""
+        """Restore what `own_state` saved; the constructor has restored the mesh itself."""
         self.data = self.data._replace(scale=to_device(arrays["scale"]))
         if "kept" in arrays:
             mesh = saved.mesh_of(arrays, "kept.mesh")
-            data, shaped = self._prepare(mesh, arrays["kept.scale"])
-            y = fill_tree(shaped, "kept", arrays)
+            data, template = self._prepare(mesh, arrays["kept.scale"])
+            y = fill_tree(template, "kept", arrays)
             self._earlier = _Best(float(arrays["kept"]), y, mesh, data)
 
 
 def _untangled(y: MeshUnknowns, mesh: Mesh, data: MeshData) -> tuple[Mesh, MeshUnknowns]:
-    """The mesh at the unknowns' positions, and the unknowns, with no triangle turned over."""
+    """Move the mesh to the unknowns' positions as far as no triangle flips; return both."""
     mesh = untangle(mesh, np.asarray(vertices_of(y, data), np.float64))
     positions = mesh.positions.astype(np.float32) / np.asarray(data.scale)
     return mesh, y._replace(positions=to_device(positions))
@@ -270,8 +270,8 @@ def _untangled(y: MeshUnknowns, mesh: Mesh, data: MeshData) -> tuple[Mesh, MeshU
 def _least_altitudes(mesh: Mesh) -> Float[np.ndarray, " vertices"]:
     """The least altitude, in pixels, of the triangles around each vertex."""
     corners = mesh.positions[mesh.triangles]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=-1).max(1)
+    longest_side = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=-1).max(1)
+    altitude = 2 * signed_areas(mesh.positions, mesh.triangles) / longest_side
     least = np.full(len(mesh.positions), np.inf)
-    altitude = 2 * signed_areas(mesh.positions, mesh.triangles) / longest
     np.minimum.at(least, mesh.triangles.ravel(), np.repeat(altitude, 3))
     return least

@@ -1,66 +1,68 @@
 """Insert vertices where they lower the error most."""
 
 import numpy as np
+from jaxtyping import Int
 
-from ..target import Image, PixelMap
-from .splits import Splits, best_splits, evaluate
-from .triangulation import Mesh, disjoint, make_mesh
-from .vertex_colors import Colors
+from ..target import Target
+from .colors import ColorModel
+from .evaluation import evaluate
+from .splits import Splits, best_splits
+from .triangulation import Mesh, greedy_disjoint, make_mesh
 
 LEAST_AREA = 1.0
 """Least area of the pieces of a split triangle, in square pixels.
 
-Each piece should hold a pixel centre."""
+Each piece should contain a pixel centre."""
 
 
 def insert(
     mesh: Mesh,
-    target: Image,
+    target: Target,
     count: int,
     *,
-    colors: Colors = "vertex",
-    weights: PixelMap | None = None,
+    model: ColorModel = "vertex",
     least_area: float = LEAST_AREA,
 ) -> Mesh:
-    """The mesh with up to `count` more vertices, which split triangles and edges in place.
+    """Insert up to `count` vertices, which split triangles and edges where they lie.
 
-    Each triangle is split once at most, those first whose split lowers the squared error most with
-    the other colours held fixed. Fewer come out if triangles are too small or nothing is gained.
+    Each triangle is split at most once. The splits that lower the squared error most, with the
+    other colours fixed, come first. Fewer vertices are inserted if the remaining triangles are too
+    small or nothing is gained.
 
     **Source:** greedy insertion as in Garland and Heckbert, *Fast polygonal approximation of
-    terrains and height fields* (1995), with many points a round and the drop in squared error, not
-    the largest deviation, as the priority.
+    terrains and height fields* (1995). Here each round inserts many points, and their priority is
+    the drop in squared error instead of the largest deviation.
     """
-    state = evaluate(mesh, target, colors, weights)
-    splits = best_splits(mesh, state, least_area=least_area)
+    splits = best_splits(mesh, evaluate(mesh, target, model), least_area=least_area)
     triangles = len(mesh.triangles)
     claims = np.concatenate(
         [np.stack([np.arange(triangles), np.full(triangles, -1)], 1), splits.edges.sides]
     )
-    able = np.flatnonzero(splits.gain > 0)
-    chosen = able[disjoint(splits.gain[able], claims[able], triangles)[:count]]
+    useful = np.flatnonzero(splits.gain > 0)
+    chosen = useful[greedy_disjoint(splits.gain[useful], claims[useful], triangles)[:count]]
     return split(mesh, splits, chosen)
 
 
-def split(mesh: Mesh, splits: Splits, chosen: np.ndarray) -> Mesh:
-    """The mesh with the chosen candidates, which must not share a triangle, as vertices."""
+def split(mesh: Mesh, splits: Splits, chosen: Int[np.ndarray, " chosen"]) -> Mesh:
+    """Insert the chosen candidates, no two of which may split the same triangle."""
     triangles = len(mesh.triangles)
-    new = len(mesh.positions) + np.arange(len(chosen))
-    inside = chosen < triangles
-    a, b, c = mesh.triangles[chosen[inside]].T
-    p = new[inside]
+    new_vertex = len(mesh.positions) + np.arange(len(chosen))
+    is_inner = chosen < triangles
+    a, b, c = mesh.triangles[chosen[is_inner]].T
+    p = new_vertex[is_inner]
     pieces = [(a, b, p), (b, c, p), (c, a, p)]
-    edge = chosen[~inside] - triangles
+    edge = chosen[~is_inner] - triangles
     sides, (a, b) = splits.edges.sides[edge], splits.edges.ends[edge].T
     c, d = splits.edges.apexes[edge].T
-    p, inner = new[~inside], sides[:, 1] >= 0
+    p, has_second = new_vertex[~is_inner], sides[:, 1] >= 0
     pieces += [(a, p, c), (p, b, c)]
-    pieces += [(b[inner], p[inner], d[inner]), (p[inner], a[inner], d[inner])]
-    gone = np.concatenate([chosen[inside], sides[:, 0], sides[inner, 1]])
-    kept = np.delete(mesh.triangles, gone, axis=0)
+    a, b, d, p = (vertex[has_second] for vertex in (a, b, d, p))
+    pieces += [(b, p, d), (p, a, d)]
+    removed = np.concatenate([chosen[is_inner], sides[:, 0], sides[has_second, 1]])
+    unchanged = np.delete(mesh.triangles, removed, axis=0)
     return make_mesh(
         np.concatenate([mesh.positions, splits.points[chosen]]),
-        np.concatenate([kept, *(np.stack(piece, 1) for piece in pieces)]),
+        np.concatenate([unchanged, *(np.stack(piece, 1) for piece in pieces)]),
         height=mesh.height,
         width=mesh.width,
     )

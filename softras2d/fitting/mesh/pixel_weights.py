@@ -1,93 +1,112 @@
-"""The pixel centres in each triangle and their barycentric weights, all triangles at once."""
+"""Which pixel centres lie in which triangles, with their barycentric weights."""
 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .triangulation import Points, Triangles
 
 
 class PixelWeights(NamedTuple):
-    """Pairs of a triangle and a pixel whose centre it holds, sorted by triangle.
+    """All pairs of a triangle and a pixel whose centre lies in it, sorted by triangle.
 
-    - `triangle`: `[pairs]`.
-    - `pixel`: `[pairs]`, row * width + column.
-    - `weights`: `[3, pairs]`, of the corners 0, 1, 2; they sum to one.
-    - `ends`: `[triangles]`, where the pairs of each triangle end.
+    - `triangle`, `pixel`: the triangle's index, and row * width + column of the pixel.
+    - `weights`: barycentric weights of the pixel centre, one per corner; they sum to one.
+    - `ends`: for each triangle, the number of pairs up to and including its last.
     """
 
-    triangle: np.ndarray
-    pixel: np.ndarray
-    weights: np.ndarray
-    ends: np.ndarray
+    triangle: Int[np.ndarray, " pairs"]
+    pixel: Int[np.ndarray, " pairs"]
+    weights: Float[np.ndarray, "3 pairs"]
+    ends: Int[np.ndarray, " triangles"]
 
     @property
-    def count(self) -> int:
-        """How many triangles there are, with pixels or without."""
+    def triangle_count(self) -> int:
+        """Number of triangles, those without pixels included."""
         return len(self.ends)
 
-    def total(self, values: np.ndarray) -> Float[np.ndarray, "... triangles"]:
-        """The sum of `values` `[..., pairs]` over each triangle."""
-        starts = np.concatenate([[0], self.ends[:-1]]).astype(np.int64)
-        some = self.ends > starts
-        out = np.zeros((*values.shape[:-1], self.count), values.dtype)
+    @property
+    def pixel_counts(self) -> Int[np.ndarray, " triangles"]:
+        """Number of pixels of each triangle."""
+        return np.diff(self.ends, prepend=0)
+
+    def sum_by_triangle(
+        self, values: Float[np.ndarray, "... pairs"]
+    ) -> Float[np.ndarray, "... triangles"]:
+        """Sum a value of each pair over the pixels of each triangle."""
+        starts = self.ends - self.pixel_counts
+        has_pixels = self.pixel_counts > 0
+        sums = np.zeros((*values.shape[:-1], self.triangle_count), values.dtype)
         # Over an empty range `reduceat` would give a value, not zero.
-        out[..., some] = np.add.reduceat(values, starts[some], axis=-1)
-        return out
+        sums[..., has_pixels] = np.add.reduceat(values, starts[has_pixels], axis=-1)
+        return sums
 
 
 def pixel_weights(
     positions: Points, triangles: Triangles, *, height: int, width: int
 ) -> PixelWeights:
-    """The pixel centres in each triangle of positive area, by spans of rows.
+    """Find the pixel centres in each triangle; all triangles must have positive area.
 
-    A centre on an edge belongs to the triangle right of it, or below a level one. Neighbours
-    compute the crossing of an edge with a row from the same end points in the same order, so a
-    tiling leaves no centre out.
+    A triangle is scanned row by row: between its long edge, from the top to the bottom corner, and
+    one of its two short edges. A centre on an edge belongs to the triangle to the right of the
+    edge, or below it if the edge is horizontal. Triangles that share an edge compute its crossing
+    with a row from the same end points in the same order, so a tiling leaves no centre out.
     """
     corners = positions[triangles]
-    # Top to bottom; equal heights from left to right, so that neighbours agree.
+    # From top to bottom; at equal heights from left to right, so that neighbours agree.
     order = np.lexsort((corners[..., 0], corners[..., 1]), axis=-1)
     top, middle, bottom = np.take_along_axis(corners, order[..., None], 1).transpose(1, 0, 2)
-    first = np.clip(np.ceil(top[:, 1] - 0.5), 0, height).astype(np.int64)
-    last = np.clip(np.ceil(bottom[:, 1] - 0.5), 0, height).astype(np.int64)
-    owner, row = _ranges(first, last)
-    y = row + 0.5
-    upper = (y < middle[owner, 1])[:, None]
-    long = _crossing(top[owner], bottom[owner], y)
-    short = _crossing(
-        np.where(upper, top[owner], middle[owner]),
-        np.where(upper, middle[owner], bottom[owner]),
-        y,
+    first_row = np.clip(np.ceil(top[:, 1] - 0.5), 0, height).astype(np.int64)
+    end_row = np.clip(np.ceil(bottom[:, 1] - 0.5), 0, height).astype(np.int64)
+    # A span is the part of one row of pixel centres that lies in one triangle.
+    span_triangle, span_row = _expand_ranges(first_row, end_row)
+    y = span_row + 0.5
+    top, middle, bottom = top[span_triangle], middle[span_triangle], bottom[span_triangle]
+    is_above_middle = (y < middle[:, 1])[:, None]
+    long_edge = _crossing(top, bottom, y)
+    short_edge = _crossing(
+        np.where(is_above_middle, top, middle), np.where(is_above_middle, middle, bottom), y
     )
-    # Even permutations keep the winding; the middle corner is then right of the long edge.
-    even = (order[:, 1] - order[:, 0]) % 3 == 1
-    swap = ~even[owner]
-    left, right = np.where(swap, short, long), np.where(swap, long, short)
-    start = np.clip(np.ceil(left - 0.5), 0, width).astype(np.int64)
-    stop = np.clip(np.ceil(right - 0.5), 0, width).astype(np.int64)
-    span, column = _ranges(start, stop)
-    triangle, row = owner[span], row[span]
-    weights = _weights(corners, triangle, column + 0.5, row + 0.5)
+    # An even permutation keeps the orientation; the middle corner is then right of the long edge.
+    is_even = ((order[:, 1] - order[:, 0]) % 3 == 1)[span_triangle]
+    left, right = np.where(is_even, long_edge, short_edge), np.where(is_even, short_edge, long_edge)
+    first_column = np.clip(np.ceil(left - 0.5), 0, width).astype(np.int64)
+    end_column = np.clip(np.ceil(right - 0.5), 0, width).astype(np.int64)
+    span, column = _expand_ranges(first_column, end_column)
+    triangle, row = span_triangle[span], span_row[span]
+    weights = _barycentric(corners, triangle, column + 0.5, row + 0.5)
     ends = np.cumsum(np.bincount(triangle, minlength=len(triangles)))
     return PixelWeights(triangle, row * width + column, weights, ends)
 
 
-def _ranges(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The integers of every half-open range, one after the other, and whose they are."""
-    length = np.maximum(stop - start, 0)
-    owner = np.repeat(np.arange(len(length)), length)
-    before = np.cumsum(length) - length
-    return owner, np.arange(len(owner)) + (start - before)[owner]
+def _expand_ranges(
+    starts: Int[np.ndarray, " ranges"], ends: Int[np.ndarray, " ranges"]
+) -> tuple[Int[np.ndarray, " integers"], Int[np.ndarray, " integers"]]:
+    """List the integers of half-open ranges, one range after the other.
+
+    Returns the index of the range of each integer, and the integer.
+    """
+    lengths = np.maximum(ends - starts, 0)
+    index = np.repeat(np.arange(len(lengths)), lengths)
+    offsets = np.cumsum(lengths) - lengths
+    return index, np.arange(len(index)) + (starts - offsets)[index]
 
 
-def _crossing(a: np.ndarray, b: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _crossing(
+    a: Float[np.ndarray, "spans 2"], b: Float[np.ndarray, "spans 2"], y: Float[np.ndarray, " spans"]
+) -> Float[np.ndarray, " spans"]:
+    """The x at which the line from `a` to `b` has the height `y`."""
     return a[:, 0] + (y - a[:, 1]) * ((b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1]))
 
 
-def _weights(corners: np.ndarray, triangle: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Barycentric weights: one affine function of (x, y) for each corner but the last."""
+def _barycentric(
+    corners: Float[np.ndarray, "triangles 3 2"],
+    triangle: Int[np.ndarray, " pairs"],
+    x: Float[np.ndarray, " pairs"],
+    y: Float[np.ndarray, " pairs"],
+) -> Float[np.ndarray, "3 pairs"]:
+    """Barycentric weights of the points (x, y), each in the triangle of its pair."""
     a, b, c = corners.transpose(1, 2, 0)
     ab, ac = b - a, c - a
     area = ab[0] * ac[1] - ab[1] * ac[0]

@@ -1,4 +1,4 @@
-"""The entries of a saved fit that only a mesh has: written, read back, and checked."""
+"""Write, read and check the entries of a saved fit that only meshes have."""
 
 from typing import Any
 
@@ -9,57 +9,57 @@ from .triangulation import Mesh, check_tiling
 
 
 def max_vertices(settings: dict[str, Any]) -> int:
-    """Number of vertices of a fit of so many triangles.
+    """Largest number of vertices of a fit whose number of triangles is limited.
 
-    A mesh of v vertices has 2 v - 6 triangles with only four on its border, and fewer with more.
+    A mesh of v vertices has 2 v - 6 triangles if only four lie on its border, and fewer if more do.
     """
     return max(4, (settings["triangles"] + 6) // 2)
 
 
 def mesh_arrays(name: str, mesh: Mesh) -> dict[str, np.ndarray]:
-    """The fields of a mesh as `name.positions` and so on."""
+    """Name the fields of a mesh `name.positions` and so on."""
     return {f"{name}.{field}": value for field, value in mesh._asdict().items()}
 
 
 def mesh_of(arrays: dict[str, np.ndarray], name: str = "mesh") -> Mesh:
-    """The mesh whose fields `mesh_arrays` named."""
+    """Make the mesh whose fields `mesh_arrays` named."""
     return Mesh(*(arrays[f"{name}.{field}"] for field in Mesh._fields))
 
 
 def check_mesh_state(
     entries: Entries, settings: dict[str, Any], size: Size, active: int
 ) -> list[tuple[int, ...]]:
-    """Check the entries; return the shapes of the unknowns. Raises `ValueError`."""
-    most = max_vertices(settings)
-    vertices = _check_mesh(entries, "mesh", size, most, active)
+    """Check the entries and return the shapes of the unknowns; raise `ValueError` for a fault."""
+    limit = max_vertices(settings)
+    vertices = _check_mesh(entries, "mesh", size, limit, active)
     shapes = _shapes(settings["shading"], vertices)
     entries.finite("scale", np.float32, (vertices, 1), low=TINY)
     if "kept" in entries:
         entries.finite("kept", np.float64, (), low=0.0)
-        earlier = _check_mesh(entries, "kept.mesh", size, most, None)
-        entries.finite("kept.scale", np.float32, (earlier, 1), low=TINY)
-        for number, shape in enumerate(_shapes(settings["shading"], earlier)):
+        kept_vertices = _check_mesh(entries, "kept.mesh", size, limit, None)
+        entries.finite("kept.scale", np.float32, (kept_vertices, 1), low=TINY)
+        for number, shape in enumerate(_shapes(settings["shading"], kept_vertices)):
             entries.finite(f"kept.{number}", np.float32, shape)
     return shapes
 
 
 def _shapes(shading: str, vertices: int) -> list[tuple[int, ...]]:
-    """Shapes of the unknowns: positions and colours."""
+    """Shapes of the unknowns, which are positions and colours."""
     if shading == "gouraud":
         return [(vertices, 2), (vertices, 3)]
     return [(vertices, 2), (2 * vertices - 6, 1 if shading == "flat" else 3, 3)]
 
 
-def _check_mesh(entries: Entries, name: str, size: Size, most: int, active: int | None) -> int:
+def _check_mesh(entries: Entries, name: str, size: Size, limit: int, active: int | None) -> int:
     """Check that a saved mesh tiles the canvas; return its number of vertices.
 
-    `most`: the largest number of vertices; `active`: its number of triangles, None if any.
+    `limit`: the largest number of vertices. `active`: the number of triangles; None allows any.
     """
     full = entries.full_name(name)
     positions = entries.finite(f"{name}.positions", np.float64, ("vertices", 2))
     count = len(positions)
-    if not 4 <= count <= most:
-        raise ValueError(f"`{full}.positions` must be 4 to {most} vertices; got {count}.")
+    if not 4 <= count <= limit:
+        raise ValueError(f"`{full}.positions` must be 4 to {limit} vertices; got {count}.")
     triangles = entries.take(
         f"{name}.triangles", np.int32, ("triangles" if active is None else active, 3)
     )

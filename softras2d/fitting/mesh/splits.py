@@ -1,209 +1,203 @@
-"""What a new vertex would gain, for several places in every triangle and on every edge.
+"""Candidates for new vertices: where to split each triangle and edge, and how much that gains.
 
-A place is given by its barycentric weights `[3, triangles]` in the triangle; a zero weight puts it
-on the opposite edge. The parts of the triangle are those in which the quotient of a pixel's weight
-and the place's is least for one corner: the piece opposite that corner.
+Several points are tried in every triangle and on every edge, given by their barycentric weights in
+the triangle, `[3, triangles]` or `[3, 1]` for the same point in all triangles. A point on an edge
+has one weight of 0. A split at a point cuts the triangle into pieces, one opposite each corner of
+positive weight. A pixel lies in the piece opposite the corner for which the quotient of the
+pixel's weight and the point's weight is least, and this least quotient is the new vertex's hat
+function: 1 at the point, falling linearly to 0 at the sides of the triangle.
 """
 
 import functools
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from ..target import Image, PixelMap
-from .pixel_weights import PixelWeights
+from .colors import ColorModel, Moments, color_moments
+from .evaluation import Evaluation, solved_error
 from .triangulation import Edges, Mesh, find_edges, signed_areas
-from .vertex_colors import (
-    Colors,
-    Moments,
-    at_corners,
-    corner_colors,
-    gather,
-    mesh_pixels,
-    moments,
-    predict,
-    solve,
-)
 
-EDGE_PLACES = {"vertex": (0.25, 0.5, 0.75), "triangle": (0.5,), "linear": (0.5,)}
-"""Where an edge may be split, from its start; the same from its end. Least squares for the pieces
-take four times as long as a hat function, so the models that need them have fewer places."""
+SplitPoints = Float[np.ndarray, "3 triangles_or_1"]
 
-_MIDDLE = (1 / 3, 1 / 3, 1 / 3)
-INNER_PLACES = {
-    "vertex": (_MIDDLE, (0.5, 0.25, 0.25), (0.25, 0.5, 0.25), (0.25, 0.25, 0.5)),
-    "triangle": (_MIDDLE,),
-    "linear": (_MIDDLE,),
+EDGE_FRACTIONS: dict[ColorModel, tuple[float, ...]] = {
+    "vertex": (0.25, 0.5, 0.75), "triangle": (0.5,), "linear": (0.5,),
+}  # fmt: skip
+"""Positions on an edge that are tried, as fractions of its length; they are symmetric about 0.5.
+
+The models other than `"vertex"` have fewer, because least squares for the pieces takes four times
+as long as a hat function."""
+
+_CENTROID = (1 / 3, 1 / 3, 1 / 3)
+INNER_POINTS: dict[ColorModel, tuple[tuple[float, float, float], ...]] = {
+    "vertex": (_CENTROID, (0.5, 0.25, 0.25), (0.25, 0.5, 0.25), (0.25, 0.25, 0.5)),
+    "triangle": (_CENTROID,),
+    "linear": (_CENTROID,),
 }
-"""Besides the centre and the peak of the error."""
+"""Points in a triangle that are tried, besides the centre and the peak of its error."""
 
-
-_FEWEST_PIXELS = 0.1
-"""Added to a hat's squares, so that one that meets no pixel centre promises nothing."""
+_HAT_DAMPING = 0.1
+"""Added to the sum of a hat function's squares, so that the gain is 0 without pixel centres."""
 
 
 class Splits(NamedTuple):
-    """Candidates for new vertices, one per triangle and then one per edge.
+    """Candidates for new vertices: one per triangle, followed by one per edge.
 
-    - `gain`: `[triangles + edges]`, the drop in squared error if all else stays as it is; minus
-      infinity where the pieces would be too small.
-    - `points`: `[triangles + edges, 2]`.
+    - `gain`: drop in squared error if nothing else changes; minus infinity where a piece would be
+      too small.
+    - `points`: positions of the candidates, in pixels.
+    - `edges`: the edges of the mesh.
     """
 
-    gain: np.ndarray
-    points: np.ndarray
+    gain: Float[np.ndarray, " candidates"]
+    points: Float[np.ndarray, "candidates 2"]
     edges: Edges
 
 
-class State(NamedTuple):
-    """A mesh against its target: what every candidate is judged by."""
-
-    pairs: PixelWeights
-    residual: np.ndarray
-    """Target minus picture, `[channels, pairs]`."""
-    values: np.ndarray
-    scale: np.ndarray | None
-    sums: Moments
-    solved: np.ndarray
-    colors: Colors
-
-    @property
-    def error(self) -> Float[np.ndarray, " pairs"]:
-        """Weighted squared error of each pair, over the channels."""
-        squares = (self.residual**2).sum(0)
-        return squares if self.scale is None else squares * self.scale
-
-
-def evaluate(mesh: Mesh, target: Image, colors: Colors, weights: PixelMap | None) -> State:
-    """The mesh with its colours solved."""
-    pairs = mesh_pixels(mesh)
-    values, scale = gather(pairs, target, weights)
-    sums = moments(pairs, values, scale)
-    solved = solve(mesh, target, sums, colors)
-    residual = values - predict(pairs, at_corners(mesh, solved, colors))
-    return State(pairs, residual, values, scale, sums, solved, colors)
-
-
-def best_splits(mesh: Mesh, state: State, *, least_area: float) -> Splits:
-    """The best of the places for every triangle and edge.
-
-    No piece is smaller than `least_area`, in square pixels.
-    """
+def best_splits(mesh: Mesh, evaluation: Evaluation, *, least_area: float) -> Splits:
+    """Find the best split of every triangle and edge, with no piece below `least_area` (pixels)."""
     edges = find_edges(mesh.triangles)
     areas = signed_areas(mesh.positions, mesh.triangles)
-    inner = _best_inside(mesh, state, areas, least_area)
-    on_edge = _best_on_edges(mesh, state, edges, areas, least_area)
-    gain, points = (np.concatenate(both) for both in zip(inner, on_edge, strict=True))
+    inner = _best_in_triangles(mesh, evaluation, areas, least_area)
+    on_edges = _best_on_edges(mesh, evaluation, edges, areas, least_area)
+    gain, points = (np.concatenate(both) for both in zip(inner, on_edges, strict=True))
     return Splits(gain, points, edges)
 
 
-def _best_inside(
-    mesh: Mesh, state: State, areas: np.ndarray, least_area: float
-) -> tuple[np.ndarray, np.ndarray]:
-    count = len(areas)
-    places = [np.array(place)[:, None] for place in INNER_PLACES[state.colors]]
-    places += [_center_of_error(state), _peak_of_error(state)]
-    best, where = np.full(count, -np.inf), np.full((3, count), 1 / 3)
-    for place in places:
-        gain = _value(_statistics(state, place), state.colors)
-        gain[place.min(0) * areas < least_area] = -np.inf
-        where = np.where(gain > best, place, where)
-        best = np.maximum(gain, best)
+def _best_in_triangles(
+    mesh: Mesh,
+    evaluation: Evaluation,
+    areas: Float[np.ndarray, " triangles"],
+    least_area: float,
+) -> tuple[Float[np.ndarray, " triangles"], Float[np.ndarray, "triangles 2"]]:
+    """Gain and position of the best split point inside each triangle."""
+    tried = [np.array(weights)[:, None] for weights in INNER_POINTS[evaluation.model]]
+    tried += [_center_of_error(evaluation), _peak_of_error(evaluation)]
+    best_gain, best_point = np.full(len(areas), -np.inf), np.full((3, len(areas)), 1 / 3)
+    for point in tried:
+        gain = _gain(_split_statistics(evaluation, point), evaluation.model)
+        gain[point.min(0) * areas < least_area] = -np.inf
+        best_point = np.where(gain > best_gain, point, best_point)
+        best_gain = np.maximum(gain, best_gain)
     corners = mesh.positions[mesh.triangles]
-    return best, np.einsum("it,tid->td", where, corners)
+    return best_gain, np.einsum("it,tid->td", best_point, corners)
 
 
 def _best_on_edges(
-    mesh: Mesh, state: State, edges: Edges, areas: np.ndarray, least_area: float
-) -> tuple[np.ndarray, np.ndarray]:
-    one, two = edges.sides.T
-    inner = two >= 0
-    area = np.minimum(areas[one], np.where(inner, areas[two], np.inf))
-    best, where = np.full(len(one), -np.inf), np.full(len(one), 0.5)
-    choices = EDGE_PLACES[state.colors]
-    half = {(s, k): _statistics(state, _on_edge(s, k)) for s in choices for k in range(3)}
-    for s in choices:
-        near = np.stack([half[s, k] for k in range(3)])[edges.starts[:, 0], one]
-        far = np.stack([half[1 - s, k] for k in range(3)])[edges.starts[:, 1], two]
-        gain = _value(near + np.where(inner[:, None], far, 0.0), state.colors)
-        gain[min(s, 1 - s) * area < least_area] = -np.inf
-        where = np.where(gain > best, s, where)
-        best = np.maximum(gain, best)
-    a, b = mesh.positions[edges.ends].transpose(1, 0, 2)
-    # In this form a point between two of equal x or y keeps it exactly: it stays on the border.
-    return best, a + where[:, None] * (b - a)
+    mesh: Mesh,
+    evaluation: Evaluation,
+    edges: Edges,
+    areas: Float[np.ndarray, " triangles"],
+    least_area: float,
+) -> tuple[Float[np.ndarray, " edges"], Float[np.ndarray, "edges 2"]]:
+    """Gain and position of the best split point on each edge."""
+    first, second = edges.sides.T
+    has_second = second >= 0
+    smaller_area = np.minimum(areas[first], np.where(has_second, areas[second], np.inf))
+    fractions = EDGE_FRACTIONS[evaluation.model]
+    # A split changes the triangles on both sides of the edge; each contributes its statistics.
+    statistics = {
+        fraction: np.stack(
+            [_split_statistics(evaluation, _edge_point(fraction, corner)) for corner in range(3)]
+        )
+        for fraction in fractions
+    }
+    best_gain, best_fraction = np.full(len(first), -np.inf), np.full(len(first), 0.5)
+    for fraction in fractions:
+        of_first = statistics[fraction][edges.starts[:, 0], first]
+        # The second triangle has the edge in the other direction.
+        of_second = statistics[1 - fraction][edges.starts[:, 1], second]
+        gain = _gain(of_first + np.where(has_second[:, None], of_second, 0.0), evaluation.model)
+        gain[min(fraction, 1 - fraction) * smaller_area < least_area] = -np.inf
+        best_fraction = np.where(gain > best_gain, fraction, best_fraction)
+        best_gain = np.maximum(gain, best_gain)
+    start, end = mesh.positions[edges.ends].transpose(1, 0, 2)
+    # In this form a point between two of equal x or y keeps it exactly, so it stays on the border.
+    return best_gain, start + best_fraction[:, None] * (end - start)
 
 
-def _on_edge(s: float, corner: int) -> np.ndarray:
-    place = np.zeros((3, 1))
-    place[corner], place[(corner + 1) % 3] = 1 - s, s
-    return place
+def _edge_point(fraction: float, corner: int) -> SplitPoints:
+    """The point at `fraction` of the edge that starts at `corner`, for all triangles."""
+    point = np.zeros((3, 1))
+    point[corner], point[(corner + 1) % 3] = 1 - fraction, fraction
+    return point
 
 
-def _center_of_error(state: State) -> np.ndarray:
-    pairs, error = state.pairs, state.error
-    sums = pairs.total(error * pairs.weights)
+def _center_of_error(evaluation: Evaluation) -> SplitPoints:
+    """Mean position of the pixels of each triangle, weighted by their squared error."""
+    pairs = evaluation.pairs
+    sums = pairs.sum_by_triangle(evaluation.error * pairs.weights)
     total = sums.sum(0)
     return np.where(total > 0, sums / np.where(total > 0, total, 1.0), 1 / 3)
 
 
-def _peak_of_error(state: State) -> np.ndarray:
-    pairs, error = state.pairs, state.error
-    some = np.diff(pairs.ends, prepend=0) > 0
-    most = np.zeros(pairs.count)
-    most[some] = np.maximum.reduceat(error, (pairs.ends - np.diff(pairs.ends, prepend=0))[some])
-    place = np.full((3, pairs.count), 1 / 3)
-    peak = np.flatnonzero(error == most[pairs.triangle])
-    place[:, pairs.triangle[peak]] = pairs.weights[:, peak]
-    return np.maximum(place, 0.0)
+def _peak_of_error(evaluation: Evaluation) -> SplitPoints:
+    """The pixel centre of the largest squared error in each triangle."""
+    pairs, error = evaluation.pairs, evaluation.error
+    has_pixels = pairs.pixel_counts > 0
+    largest = np.zeros(pairs.triangle_count)
+    starts = pairs.ends - pairs.pixel_counts
+    largest[has_pixels] = np.maximum.reduceat(error, starts[has_pixels])
+    point = np.full((3, pairs.triangle_count), 1 / 3)
+    peak = np.flatnonzero(error == largest[pairs.triangle])
+    point[:, pairs.triangle[peak]] = pairs.weights[:, peak]
+    return np.maximum(point, 0.0)
 
 
-def _statistics(state: State, place: np.ndarray) -> Float[np.ndarray, "triangles k"]:
-    """What adds up over the triangles that a split touches: see `_value`."""
-    pairs = state.pairs
-    if place.shape[1] > 1:
-        place = np.repeat(place, np.diff(pairs.ends, prepend=0), axis=1)
-    # A corner of no weight has no piece.
-    corners = [i for i in range(3) if place[i].any()]
-    quotients = [pairs.weights[i] / np.maximum(place[i], 1e-12) for i in corners]
-    if state.colors == "vertex":
-        return _hat_products(state, functools.reduce(np.minimum, quotients))
-    after = np.zeros(pairs.count)
-    piece = np.argmin(quotients, axis=0)
-    rest = state.sums
-    # The last piece is what the others leave.
-    for i in range(len(corners) - 1):
-        mine = (piece == i) if state.scale is None else (piece == i) * state.scale
-        part = moments(pairs, state.values, mine)
-        after += plane_error(part, state.colors)
-        rest = Moments(*(whole - gone for whole, gone in zip(rest, part, strict=True)))
-    after += plane_error(rest, state.colors)
-    return (plane_error(state.sums, state.colors) - after)[:, None]
+def _split_statistics(
+    evaluation: Evaluation, point: SplitPoints
+) -> Float[np.ndarray, "triangles statistics"]:
+    """Statistics of a split of each triangle; `_gain` takes their sum over the split triangles."""
+    pairs = evaluation.pairs
+    if point.shape[1] > 1:
+        point = np.repeat(point, pairs.pixel_counts, axis=1)
+    # There is no piece opposite a corner of weight 0.
+    corners = [corner for corner in range(3) if point[corner].any()]
+    quotients = [pairs.weights[corner] / np.maximum(point[corner], 1e-12) for corner in corners]
+    if evaluation.model == "vertex":
+        return _hat_products(evaluation, functools.reduce(np.minimum, quotients))
+    return _error_drop(evaluation, np.argmin(quotients, axis=0), len(corners))[:, None]
 
 
-def _value(statistics: np.ndarray, colors: Colors) -> np.ndarray:
-    """The drop in squared error, from statistics summed over the triangles of a split."""
-    if colors != "vertex":
-        return statistics[:, 0]
-    return (statistics[:, 1:] ** 2).sum(1) / (statistics[:, 0] + _FEWEST_PIXELS)
+def _error_drop(
+    evaluation: Evaluation, piece: Int[np.ndarray, " pairs"], pieces: int
+) -> Float[np.ndarray, " triangles"]:
+    """Drop in squared error of each triangle if its `pieces` pieces have their own colours.
 
-
-def _hat_products(state: State, hat: np.ndarray) -> np.ndarray:
-    """Products of the new vertex's hat function with itself and with the residual.
-
-    Matching pursuit computes the gain of the vertex from them.
+    `piece`: the piece in which each pixel lies.
     """
-    scaled = hat if state.scale is None else hat * state.scale
-    return state.pairs.total(np.stack([scaled * hat, *(scaled * state.residual)])).T
+    error_weights, model = evaluation.error_weights, evaluation.model
+    error_after = np.zeros(evaluation.pairs.triangle_count)
+    remaining = evaluation.moments
+    for number in range(pieces - 1):
+        in_piece = (piece == number).astype(np.float64)
+        scale = in_piece if error_weights is None else in_piece * error_weights
+        moments = color_moments(evaluation.pairs, evaluation.values, scale)
+        error_after += solved_error(moments, model)
+        remaining = Moments(*(a - b for a, b in zip(remaining, moments, strict=True)))
+    # The moments of the last piece are what the others leave.
+    error_after += solved_error(remaining, model)
+    return solved_error(evaluation.moments, model) - error_after
 
 
-def plane_error(sums: Moments, colors: Colors) -> Float[np.ndarray, " triangles"]:
-    """Squared error of each triangle on its own, flat or with a plane."""
-    total, weight = sums.color.sum(1), sums.weight.sum((1, 2))
-    mean = total / np.maximum(weight, 1e-12)[:, None]
-    if colors == "triangle":
-        return np.maximum(sums.square - (total * mean).sum(1), 0.0)
-    solved = corner_colors(sums, mean)
-    product = (solved * (sums.weight @ solved - 2 * sums.color)).sum((1, 2))
-    return np.maximum(sums.square + product, 0.0)
+def _hat_products(
+    evaluation: Evaluation, hat: Float[np.ndarray, " pairs"]
+) -> Float[np.ndarray, "triangles products"]:
+    """Products of the new vertex's hat function with itself and with the residual."""
+    error_weights = evaluation.error_weights
+    scaled = hat if error_weights is None else hat * error_weights
+    products = np.stack([scaled * hat, *(scaled * evaluation.residual)])
+    return evaluation.pairs.sum_by_triangle(products).T
+
+
+def _gain(
+    statistics: Float[np.ndarray, "splits statistics"], model: ColorModel
+) -> Float[np.ndarray, " splits"]:
+    """Drop in squared error, from statistics summed over the triangles of each split.
+
+    With colours per vertex all other colours stay fixed. The drop is then that of one step of
+    matching pursuit: the squared product of hat and residual, over the square of the hat.
+    """
+    if model != "vertex":
+        return statistics[:, 0]
+    return (statistics[:, 1:] ** 2).sum(1) / (statistics[:, 0] + _HAT_DAMPING)

@@ -1,38 +1,39 @@
-"""Meshes to start a fit from: even ones, and ones whose vertices follow the image or the error."""
+"""Meshes from which a fit can start: uniform, denser where the image changes, or by error."""
 
 from collections.abc import Callable
 
 import numpy as np
 from scipy.ndimage import gaussian_gradient_magnitude
 
-from ..target import Image, PixelMap
+from ..target import Target
 from .collapse import collapse
+from .colors import ColorModel
 from .edge_flips import flip_edges, flip_to_delaunay
 from .insertion import insert
 from .triangulation import Mesh, delaunay_mesh
-from .vertex_colors import Colors
 
 COARSE = 60
-"""Vertices of the even mesh into which the others are inserted."""
+"""Number of vertices of the uniform mesh into which `error_start` inserts the others."""
 
 GROWTH = 0.5
-"""Vertices that a round adds, as a share of those that the mesh has."""
+"""Vertices that a round of `error_start` inserts, as a share of those that the mesh has."""
 
 EXCHANGED = 0.3
 """Share of the vertices that the first exchange moves elsewhere; it falls to zero at the last."""
 
-
-_EVEN = 0.2
-"""Share of the mean gradient that is added everywhere, so that flat regions get points too."""
+_UNIFORM_DENSITY = 0.2
+"""Share of the mean image gradient that `delaunay_start` adds to the gradient everywhere, so that
+flat regions get points too."""
 
 
 def uniform_start(
     height: int, width: int, vertices: int, *, jitter: float = 0.0, seed: int = 0
 ) -> Mesh:
-    """A Delaunay mesh of exactly `vertices` points in even rows, the border's among them.
+    """Make a Delaunay mesh of exactly `vertices` points in evenly spaced rows.
 
-    Those inside are moved at random by up to `jitter` (below 0.5) of the spacing. Raises
-    `ValueError` for fewer than four vertices or an empty canvas.
+    The first and last point of each row, and the first and last row, lie on the border. The other
+    points are moved at random by up to `jitter` (below 0.5) of the spacing. Raises `ValueError` for
+    fewer than four vertices or an empty canvas.
     """
     if vertices < 4 or min(height, width) < 1:
         raise ValueError(
@@ -40,92 +41,88 @@ def uniform_start(
             f"`vertices={vertices}`, `height={height}`, `width={width}`."
         )
     rows = int(np.clip(round((vertices * height / width) ** 0.5), 2, vertices // 2))
-    share = np.diff(np.linspace(0, vertices, rows + 1).round().astype(int))
-    x = np.concatenate([np.linspace(0, width, count) for count in share])
-    y = np.repeat(np.linspace(0, height, rows), share)
+    points_per_row = np.diff(np.linspace(0, vertices, rows + 1).round().astype(int))
+    x = np.concatenate([np.linspace(0, width, count) for count in points_per_row])
+    y = np.repeat(np.linspace(0, height, rows), points_per_row)
     points = np.stack([x, y], 1)
     spacing = np.array([width * rows / vertices, height / rows])
-    moved = np.random.default_rng(seed).uniform(-jitter, jitter, points.shape) * spacing
-    inside = (points > 0) & (points < [width, height])
-    points += np.where(inside.all(1, keepdims=True), moved, 0.0)
+    offsets = np.random.default_rng(seed).uniform(-jitter, jitter, points.shape) * spacing
+    is_inside = ((points > 0) & (points < [width, height])).all(1, keepdims=True)
+    points += np.where(is_inside, offsets, 0.0)
     return delaunay_mesh(points, height=height, width=width)
 
 
-def delaunay_start(
-    target: Image, vertices: int, *, weights: PixelMap | None = None, seed: int = 0
-) -> Mesh:
-    """A Delaunay mesh of random points, which are denser where the image changes more.
+def delaunay_start(target: Target, vertices: int, *, seed: int = 0) -> Mesh:
+    """Make a Delaunay mesh of random points, which are denser where the image changes more.
 
-    It has `vertices` points, at least the four corners, of which those on the border are evenly
-    spaced; fewer if the image has fewer pixels. Hardly any lie where `weights` are 0. This is what
-    low-polygon filters do, without any fitting: a baseline, or a start.
+    The mesh has `vertices` points, of which those on the border are evenly spaced: at least the
+    four corners, and fewer than `vertices` if the image has fewer pixels. Hardly any points lie
+    where the target's weights are 0. Low-polygon filters make such meshes without any fitting, so
+    this is a baseline as well as a start.
     """
-    height, width = target.shape[:2]
+    height, width = target.image.shape[:2]
     rng = np.random.default_rng(seed)
-    around = max(0, vertices - 4) ** 0.5
-    across, down = (int(around * side / (height + width)) for side in (width, height))
-    x, y = (np.linspace(0, side, n + 2) for side, n in ((width, across), (height, down)))
+    # Half the number of points on the border, not counting the corners.
+    half = max(0, vertices - 4) ** 0.5
+    across, down = (int(half * side / (height + width)) for side in (width, height))
+    x, y = np.linspace(0, width, across + 2), np.linspace(0, height, down + 2)
     border = [
-        np.stack(np.broadcast_arrays(*both), -1).reshape(-1, 2)
-        for both in ((x, 0.0), (x, height), (0.0, y[1:-1]), (width, y[1:-1]))
+        np.stack(np.broadcast_arrays(*xy), -1).reshape(-1, 2)
+        for xy in ((x, 0.0), (x, height), (0.0, y[1:-1]), (width, y[1:-1]))
     ]
-    change = gaussian_gradient_magnitude(target.astype(np.float64), 1.0, axes=(0, 1)).sum(-1)
-    change = change if weights is None else change * weights
-    chance = (change + _EVEN * change.mean() + 1e-12).ravel()
-    inner = min(max(0, vertices - sum(map(len, border))), chance.size)
-    pick = rng.choice(chance.size, inner, replace=False, p=chance / chance.sum())
-    # Kept off the edges of the pixel, so that no inner point lies on the border of the canvas.
-    inside = np.stack([pick % width, pick // width], 1) + rng.uniform(0.05, 0.95, (inner, 2))
-    return delaunay_mesh(np.concatenate([*border, inside]), height=height, width=width)
+    image = target.image.astype(np.float64)
+    gradient = gaussian_gradient_magnitude(image, 1.0, axes=(0, 1)).sum(-1)
+    gradient = gradient if target.weights is None else gradient * target.weights
+    density = (gradient + _UNIFORM_DENSITY * gradient.mean() + 1e-12).ravel()
+    count = min(max(0, vertices - sum(map(len, border))), density.size)
+    pixel = rng.choice(density.size, count, replace=False, p=density / density.sum())
+    # A margin inside the pixel keeps inner points off the border of the canvas.
+    inner = np.stack([pixel % width, pixel // width], 1) + rng.uniform(0.05, 0.95, (count, 2))
+    return delaunay_mesh(np.concatenate([*border, inner]), height=height, width=width)
 
 
 def error_start(
-    target: Image,
+    target: Target,
     vertices: int,
     *,
-    colors: Colors = "vertex",
-    weights: PixelMap | None = None,
+    model: ColorModel = "vertex",
     seed: int = 0,
     exchanges: int = 16,
     must_start: Callable[[], bool] = lambda: False,
 ) -> Mesh:
-    """A mesh of `vertices` points, inserted round by round where they lower the error most.
+    """Make a mesh of `vertices` points, inserted round by round where they lower the error most.
 
-    `colors` is the model whose squared error counts, `weights` scales it for each pixel. After each
-    round the mesh is made Delaunay, which keeps its triangles from degenerating, and then edges are
-    flipped to lower the error. Then `exchanges` rounds move the vertices that matter least to where
-    they matter most: worth 2 dB on photographs. `seed` moves the coarse mesh that comes first.
-    Fewer vertices come out if there is nothing left to gain. As soon as `must_start()` is true, the
-    mesh is returned as it is. Raises `ValueError` as `uniform_start` does.
+    After each round the mesh is made Delaunay, which keeps its triangles from degenerating, and
+    then edges are flipped to lower the error. At the end, `exchanges` rounds move the vertices that
+    matter least to where they lower the error most, which gains 2 dB on photographs.
+
+    - `model`: the colour model whose squared error counts.
+    - `seed`: of the uniform mesh that comes first.
+    - `must_start()`: when it becomes true, the mesh is returned as it is at that time.
+
+    The mesh has fewer vertices if no more can lower the error. Raises `ValueError` as
+    `uniform_start` does.
     """
-    height, width = target.shape[:2]
-    first = min(vertices, COARSE, max(4, height * width // 16))
-    mesh = uniform_start(height, width, first, jitter=0.1, seed=seed)
-    while (have := len(mesh.positions)) < vertices and not must_start():
-        more = min(max(1, int(have * GROWTH)), vertices - have)
-        mesh = insert(mesh, target, more, colors=colors, weights=weights)
-        if len(mesh.positions) == have:
+    height, width = target.image.shape[:2]
+    coarse = min(vertices, COARSE, max(4, height * width // 16))
+    mesh = uniform_start(height, width, coarse, jitter=0.1, seed=seed)
+    while (present := len(mesh.positions)) < vertices and not must_start():
+        added = min(max(1, int(present * GROWTH)), vertices - present)
+        mesh = insert(mesh, target, added, model=model)
+        if len(mesh.positions) == present:
             break
         mesh = flip_to_delaunay(mesh)
-        mesh = flip_edges(mesh, target, colors=colors, weights=weights, rounds=1)
+        mesh = flip_edges(mesh, target, model=model, rounds=1)
     for share in np.linspace(EXCHANGED, 0.0, exchanges, endpoint=False):
         if must_start():
             return mesh
-        mesh = exchange(mesh, target, int(share * vertices), colors=colors, weights=weights)
-    return flip_edges(mesh, target, colors=colors, weights=weights)
+        mesh = exchange(mesh, target, int(share * vertices), model=model)
+    return flip_edges(mesh, target, model=model)
 
 
-def exchange(
-    mesh: Mesh,
-    target: Image,
-    count: int,
-    *,
-    colors: Colors = "vertex",
-    weights: PixelMap | None = None,
-) -> Mesh:
+def exchange(mesh: Mesh, target: Target, count: int, *, model: ColorModel = "vertex") -> Mesh:
     """Collapse up to `count` vertices, insert as many elsewhere, and flip edges once."""
     vertices = len(mesh.positions)
-    mesh = collapse(mesh, target, count, colors=colors, weights=weights)
-    removed = vertices - len(mesh.positions)
-    mesh = insert(mesh, target, removed, colors=colors, weights=weights)
-    return flip_edges(mesh, target, colors=colors, weights=weights, rounds=1)
+    mesh = collapse(mesh, target, count, model=model)
+    mesh = insert(mesh, target, vertices - len(mesh.positions), model=model)
+    return flip_edges(mesh, target, model=model, rounds=1)

@@ -1,8 +1,8 @@
 """A tiling of the canvas by triangles that share vertices, on the host.
 
-The canvas is the rectangle [0, width] x [0, height] in pixels. Triangles all turn the same way:
-their cross product (b - a) x (c - a), with x right and y down, is positive. Four vertices are the
-corners; those on a side slide along it and never leave it.
+The canvas is the rectangle [0, width] x [0, height] in pixels. All triangles have positive
+orientation: the cross product (b - a) x (c - a), with x right and y down, is positive. Four
+vertices are the corners of the canvas. Vertices on a side can only slide along it.
 """
 
 from typing import NamedTuple
@@ -16,48 +16,48 @@ Triangles = Int[np.ndarray, "triangles 3"]
 
 
 class Mesh(NamedTuple):
-    """A tiling; `check_tiling` says whether it is one.
+    """Triangles that share vertices and tile the canvas, which `check_tiling` verifies.
 
-    - `positions`: `[vertices, 2]` float64, `(x, y)` in pixels.
-    - `triangles`: `[triangles, 3]` int32, of positive area.
-    - `free_x`, `free_y`: `[vertices]` bool, whether a vertex may move along x and along y: neither
-      at a corner, one on a side, both inside.
+    - `positions`: float64, `(x, y)` in pixels.
+    - `triangles`: int32, three vertex indices each, of positive area.
+    - `free_x`, `free_y`: whether a vertex may move along x and along y: neither at a corner of the
+      canvas, one on a side, both inside.
     """
 
-    positions: np.ndarray
-    triangles: np.ndarray
-    free_x: np.ndarray
-    free_y: np.ndarray
+    positions: Points
+    triangles: Triangles
+    free_x: Bool[np.ndarray, " vertices"]
+    free_y: Bool[np.ndarray, " vertices"]
 
     @property
     def height(self) -> int:
-        """Size of the canvas in pixels."""
+        """Height of the canvas in pixels."""
         return round(float(self.positions[:, 1].max()))
 
     @property
     def width(self) -> int:
-        """Size of the canvas in pixels."""
+        """Width of the canvas in pixels."""
         return round(float(self.positions[:, 0].max()))
 
 
 class Edges(NamedTuple):
-    """Every edge once, with the triangles beside it.
+    """Every edge once, with the one or two triangles beside it.
 
-    - `ends`: `[edges, 2]`, the vertices a and b, in the order in which the first triangle has them.
-    - `sides`: `[edges, 2]`, the first triangle and the other one; -1: the edge lies on the border.
-    - `apexes`: `[edges, 2]`, the vertices c and d opposite the edge in either; -1 likewise.
-    - `starts`: `[edges, 2]`, the corner number 0, 1, 2 at which either triangle starts the edge:
-      that of a in the first, of b in the other.
+    - `ends`: the vertices a and b, in the order in which the first triangle has them.
+    - `sides`: the first and the second triangle; -1 for a missing second, at the border.
+    - `apexes`: the vertices c and d opposite the edge in the first and second triangle, or -1.
+    - `starts`: the corner number (0, 1, 2) at which either triangle starts the edge, or -1: the
+      corner of a in the first triangle, of b in the second.
     """
 
-    ends: np.ndarray
-    sides: np.ndarray
-    apexes: np.ndarray
-    starts: np.ndarray
+    ends: Int[np.ndarray, "edges 2"]
+    sides: Int[np.ndarray, "edges 2"]
+    apexes: Int[np.ndarray, "edges 2"]
+    starts: Int[np.ndarray, "edges 2"]
 
 
 def make_mesh(positions: Points, triangles: Triangles, *, height: int, width: int) -> Mesh:
-    """A mesh whose freedoms follow from which vertices lie exactly on the border."""
+    """Make a mesh in which the vertices exactly on the border are bound to it."""
     x, y = positions.T
     return Mesh(
         np.asarray(positions, np.float64),
@@ -68,62 +68,65 @@ def make_mesh(positions: Points, triangles: Triangles, *, height: int, width: in
 
 
 def delaunay_mesh(positions: Points, *, height: int, width: int) -> Mesh:
-    """The Delaunay triangulation of points that include the corners of the canvas.
+    """Make the Delaunay triangulation of points that include the corners of the canvas.
 
-    Raises `ValueError` if it does not tile: a point outside, doubled, or missing at a corner.
+    Raises `ValueError` if it does not tile the canvas, because a point lies outside, occurs twice,
+    or is missing at a corner.
     """
     triangles = Delaunay(positions).simplices
     areas = signed_areas(positions, triangles)
     triangles = np.where(areas[:, None] < 0, triangles[:, [0, 2, 1]], triangles)
-    # Points in a row along a side make triangles of no area at all.
+    # Points along a side of the canvas can make triangles of zero area.
     mesh = make_mesh(positions, triangles[areas != 0], height=height, width=width)
     check_tiling(mesh)
     return mesh
 
 
 def signed_areas(positions: Points, triangles: Triangles) -> Float[np.ndarray, " triangles"]:
-    """In square pixels; positive in a tiling."""
+    """Areas of triangles in square pixels, positive for positive orientation."""
     a, b, c = (positions[triangles[:, i]] for i in range(3))
     return 0.5 * cross(b - a, c - a)
 
 
-def cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """u x v of vectors `[..., 2]`; twice the area of the triangle that they span."""
+def cross(u: Float[np.ndarray, "... 2"], v: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "..."]:
+    """Cross product u x v of 2-D vectors: twice the signed area of the triangle they span."""
     return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
 
 
 def find_edges(triangles: Triangles) -> Edges:
-    """The edges of triangles that all turn the same way; a direction occurs once, or not a tiling.
+    """Find the edges of triangles that all have the same orientation.
 
-    Sorted by their vertices, so that equal meshes give equal tables.
+    The edges are sorted by their vertices, so that equal meshes give equal tables. Raises
+    `ValueError` if triangles pass an edge twice in the same direction.
     """
     count = len(triangles)
+    # A half-edge is one side of one triangle, from `start` to `end`.
     start, end = triangles.T.reshape(-1), triangles[:, [1, 2, 0]].T.reshape(-1)
-    owner, corner = np.tile(np.arange(count), 3), np.repeat(np.arange(3), count)
+    triangle, corner = np.tile(np.arange(count), 3), np.repeat(np.arange(3), count)
     low, high = np.minimum(start, end).astype(np.int64), np.maximum(start, end)
     key = low * (int(high.max(initial=0)) + 1) + high
     order = np.argsort(key, kind="stable")
-    fresh = np.flatnonzero(np.diff(key[order], prepend=-1))
-    uses = np.diff(fresh, append=len(order))
-    one = order[fresh]
-    two = order[np.minimum(fresh + 1, len(order) - 1)]
-    if (uses > 2).any() or (start[one] == start[two])[uses == 2].any():
+    first_index = np.flatnonzero(np.diff(key[order], prepend=-1))
+    uses = np.diff(first_index, append=len(order))
+    first = order[first_index]
+    second = order[np.minimum(first_index + 1, len(order) - 1)]
+    if (uses > 2).any() or (start[first] == start[second])[uses == 2].any():
         raise ValueError("`triangles` are not a tiling: two pass an edge in the same direction.")
-    inner = uses == 2
-    apex = [triangles[owner[half], (corner[half] + 2) % 3] for half in (one, two)]
+    has_second = uses == 2
+    apexes = [triangles[triangle[half], (corner[half] + 2) % 3] for half in (first, second)]
     return Edges(
-        ends=np.stack([start[one], end[one]], 1),
-        sides=np.stack([owner[one], np.where(inner, owner[two], -1)], 1),
-        apexes=np.stack([apex[0], np.where(inner, apex[1], -1)], 1),
-        starts=np.stack([corner[one], np.where(inner, corner[two], -1)], 1),
+        ends=np.stack([start[first], end[first]], 1),
+        sides=np.stack([triangle[first], np.where(has_second, triangle[second], -1)], 1),
+        apexes=np.stack([apexes[0], np.where(has_second, apexes[1], -1)], 1),
+        starts=np.stack([corner[first], np.where(has_second, corner[second], -1)], 1),
     )
 
 
 def check_tiling(mesh: Mesh) -> None:
     """Raise `ValueError` unless the triangles cover the canvas once, without gap or overlap.
 
-    Together these are sufficient: areas are positive and sum to the canvas, an edge has two sides
-    or lies on the border, and the vertices there are marked as bound to it.
+    These conditions together suffice: all areas are positive and sum to that of the canvas, each
+    edge has two triangles or lies on the border, and the vertices there are marked as bound to it.
     """
     positions, triangles = mesh.positions, mesh.triangles
     if not np.isfinite(positions).all():
@@ -149,23 +152,27 @@ def check_tiling(mesh: Mesh) -> None:
         raise ValueError("an edge inside the canvas has one triangle only.")
 
 
-def disjoint(priority: np.ndarray, claims: Int[np.ndarray, "n k"], size: int) -> np.ndarray:
-    """Indices of entries taken greedily, highest priority first, so that no two claim the same.
+def greedy_disjoint(
+    priority: Float[np.ndarray, " candidates"],
+    claims: Int[np.ndarray, "candidates claims"],
+    size: int,
+) -> Int[np.ndarray, " chosen"]:
+    """Choose candidates greedily, highest priority first, so that no two claim the same number.
 
-    An entry claims the numbers below `size` in its row; negative ones claim nothing.
+    A candidate claims the numbers in its row, which are below `size`. Negative entries are unused.
     """
-    taken = bytearray(size + 1)
+    is_claimed = bytearray(size)
     chosen = []
     rows = claims.tolist()
-    for i in np.argsort(-priority, kind="stable").tolist():
-        row = [number for number in rows[i] if number >= 0]
-        if not any(taken[number] for number in row):
-            chosen.append(i)
-            for number in row:
-                taken[number] = 1
+    for candidate in np.argsort(-priority, kind="stable").tolist():
+        numbers = [number for number in rows[candidate] if number >= 0]
+        if not any(is_claimed[number] for number in numbers):
+            chosen.append(candidate)
+            for number in numbers:
+                is_claimed[number] = 1
     return np.array(chosen, np.int64)
 
 
-def locked(mesh: Mesh) -> Bool[np.ndarray, "vertices 2"]:
-    """Which coordinates are fixed by a border."""
+def is_bound(mesh: Mesh) -> Bool[np.ndarray, "vertices 2"]:
+    """Whether each coordinate of each vertex is fixed, because the vertex lies on a border."""
     return ~np.stack([mesh.free_x, mesh.free_y], 1)

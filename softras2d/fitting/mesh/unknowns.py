@@ -1,8 +1,8 @@
-"""A mesh that tiles the canvas: the unknowns, the scene they make, and its residual.
+"""The unknowns of a mesh that tiles the canvas, the scene that they make, and its residual.
 
-Under `Area("sum")` the image of a tiling is exact, as are its derivatives, and no seam shows. A
-triangle that turns over would be drawn with negative area, and could lower the error by that. A
-second residual, of triangles with too little area, keeps the solver from it.
+With `Area("sum")` the image of a tiling and its derivatives are exact, and no seams show. A flipped
+triangle would be drawn with negative area, which could lower the error. A second residual, which
+grows as triangles become too small, keeps the solver from flipping triangles.
 """
 
 from typing import Any, NamedTuple
@@ -18,18 +18,18 @@ from ..loss import Loss
 from ..units import clip_straight_through
 
 _SMALL_AREA = 0.3
-"""Square pixels: triangles of less area have a residual that grows as they shrink."""
+"""Area in square pixels below which a triangle has a residual, which grows as it shrinks."""
 
 _FOLD_RESIDUAL = 0.5
-"""The residual of a triangle without area, as a colour error of one pixel."""
+"""The residual of a triangle of zero area, in the unit of the colour error of one pixel."""
 
 
 class MeshUnknowns(NamedTuple):
-    """What the solver changes, in units in which equal steps change the image about equally.
+    """The arrays that the solver changes, in units in which equal steps have about equal effects.
 
     - `positions`: in the units of `MeshData.scale`.
-    - `colors`: `[vertices, 3]`, or of each triangle `[triangles, 1 or 3, 3]`; drawn clipped to
-      0..1.
+    - `colors`: one per vertex, `[vertices, 3]`, or one or three per triangle, `[triangles, 1 or 3,
+      3]`; drawn clipped to 0..1.
     """
 
     positions: Float[Array, "vertices 2"]
@@ -40,14 +40,14 @@ class MeshData(NamedTuple):
     """Arrays that may change between chunks without compiling again.
 
     - `target`: the image as `Loss.prepare` gives it.
-    - `weights`: of the error of each pixel; None: all 1.
-    - `background`: black; a tiling never shows it.
-    - `triangles`: vertex indices. Spare triangles, which name one vertex three times, fill the
-      array up to as many as a mesh of so many vertices can have.
-    - `free`: whether a coordinate may move. Those on a border may not: they are taken from `fixed`.
+    - `weights`: weight of the error of each pixel; None: all are 1.
+    - `background`: black, which a tiling never shows.
+    - `triangles`: vertex indices. The array has the length that any mesh with as many vertices may
+      need, and is filled up with spare triangles, which name one vertex three times.
+    - `free`: whether a coordinate may move. The others, on a border, are taken from `fixed`.
     - `fixed`: positions in pixels.
-    - `scale`: pixels per unit of position, smaller at thin triangles, so that one step moves a
-      vertex by a similar part of its triangles everywhere.
+    - `scale`: pixels per unit of position. It is smaller at thin triangles, so that one step moves
+      each vertex by a similar fraction of the size of its triangles.
     """
 
     target: Float[Array, "height width channels"]
@@ -65,7 +65,7 @@ def vertices_of(y: MeshUnknowns, data: MeshData) -> Float[Array, "vertices 2"]:
 
 
 def mesh_scene(y: MeshUnknowns, data: MeshData) -> Scene:
-    """The scene, in pixels of the fit."""
+    """Make the scene of the unknowns, in pixels of the fit."""
     colors = clip_straight_through(y.colors)
     corner_colors = colors[data.triangles] if colors.ndim == 2 else colors
     return Scene(vertices_of(y, data), data.triangles, corner_colors, data.background)
@@ -83,7 +83,7 @@ class MeshResidual(eqx.Module):
         image, outgrown = render_checked(mesh_scene(y, data), self.plan)
         error = self.loss.residual(image, data.target, data.weights)
         folds = _fold_residual(vertices_of(y, data), data.triangles)
-        # A loss other than squared error is a scalar, to which the squares are added.
+        # Losses other than squared error are scalars, to which the squares are added.
         out = (error, folds) if error.ndim else error + jnp.sum(folds * folds)
         return out, (image, outgrown)
 
@@ -91,13 +91,13 @@ class MeshResidual(eqx.Module):
 def _fold_residual(
     positions: Float[Array, "vertices 2"], triangles: Int[Array, "triangles 3"]
 ) -> Float[Array, " triangles"]:
-    """By how much each triangle falls short of `_SMALL_AREA`; grows on as it turns over.
+    """Residual of each triangle smaller than `_SMALL_AREA`, which keeps growing as it flips.
 
-    Zero, with zero gradient, for triangles that are large enough and for spare ones.
+    It is zero, with zero gradient, for triangles that are large enough and for spare ones.
     """
     a, b, c = (positions[triangles[:, corner]] for corner in range(3))
     ab, ac = b - a, c - a
     area = 0.5 * (ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
-    spare = triangles[:, 0] == triangles[:, 1]
-    small = (area < _SMALL_AREA) & ~spare
-    return jnp.where(small, _FOLD_RESIDUAL * (1.0 - area / _SMALL_AREA), 0.0)
+    is_spare = triangles[:, 0] == triangles[:, 1]
+    is_small = (area < _SMALL_AREA) & ~is_spare
+    return jnp.where(is_small, _FOLD_RESIDUAL * (1.0 - area / _SMALL_AREA), 0.0)

@@ -1,34 +1,35 @@
-"""Pull moved vertices back until no triangle is flipped."""
+"""Move vertices of a mesh only as far as no triangle is flipped."""
 
 import numpy as np
 
-from .triangulation import Mesh, Points, locked, signed_areas
+from .triangulation import Mesh, Points, is_bound, signed_areas
 
-_HALVINGS = 12
+_MAX_HALVINGS = 12
 
 
-def untangle(mesh: Mesh, moved: Points, *, least_area: float = 0.05) -> Mesh:
-    """The mesh with its vertices as far towards `moved` as its triangles allow.
+def untangle(mesh: Mesh, goals: Points, *, least_area: float = 0.05) -> Mesh:
+    """Move the vertices as far towards `goals` as their triangles allow.
 
-    Coordinates bound to a border stay, the others stay inside the canvas. Each vertex goes a
-    fraction 1, 1/2, 1/4, ... of its way, halved as often as one of its triangles would be smaller
-    than `least_area` square pixels, or than it was if it was smaller. A vertex whose goal is not
-    finite stays.
+    Coordinates bound to a border stay, and the others stay inside the canvas. Each vertex moves by
+    a fraction 1, 1/2, 1/4, ... of the way to its goal. The fraction is halved until none of its
+    triangles is smaller than `least_area` square pixels, or than it was before if that is less. A
+    vertex whose goal is not finite stays.
     """
     start = mesh.positions
     size = np.array([mesh.width, mesh.height], np.float64)
-    step = np.where(locked(mesh), 0.0, np.clip(moved, 0.0, size) - start)
+    step = np.where(is_bound(mesh), 0.0, np.clip(goals, 0.0, size) - start)
     step = np.where(np.isfinite(step), step, 0.0)
     # A free vertex must not come to lie on the border, where it would be bound.
     inside = np.clip(start + step, 1e-3, size - 1e-3)
-    step = np.where(locked(mesh), 0.0, inside - start)
-    floor = np.minimum(least_area, signed_areas(start, mesh.triangles))
-    factor = np.ones(len(start))
-    for halving in range(len(start) + _HALVINGS):
-        positions = start + factor[:, None] * step
-        bad = signed_areas(positions, mesh.triangles) < floor
-        if not bad.any():
+    step = np.where(is_bound(mesh), 0.0, inside - start)
+    min_areas = np.minimum(least_area, signed_areas(start, mesh.triangles))
+    fraction = np.ones(len(start))
+    # After `_MAX_HALVINGS` rounds, each round stops at least one vertex for good.
+    for halvings in range(len(start) + _MAX_HALVINGS):
+        positions = start + fraction[:, None] * step
+        is_too_small = signed_areas(positions, mesh.triangles) < min_areas
+        if not is_too_small.any():
             return mesh._replace(positions=positions)
-        stuck = np.unique(mesh.triangles[bad])
-        factor[stuck] = 0.0 if halving >= _HALVINGS else factor[stuck] / 2
+        blocked = np.unique(mesh.triangles[is_too_small])
+        fraction[blocked] = 0.0 if halvings >= _MAX_HALVINGS else fraction[blocked] / 2
     return mesh

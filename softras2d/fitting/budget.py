@@ -1,0 +1,109 @@
+"""How long a fit may take, in steps or in seconds, and how much of it is used."""
+
+import time
+from concurrent.futures import Future
+from typing import NamedTuple
+
+import numpy as np
+
+DEFAULT_STEPS = 1000
+"""Steps of a fit that is given neither `steps` nor `seconds`."""
+
+SCORING_SECONDS = 3.0
+"""Seconds set aside for scoring a result, until it is known how long that takes."""
+
+_MAX_START_SHARE = 0.35
+"""Share of the `seconds` of a fit after which the search for a start ends with what it has."""
+
+_CHUNK_SECONDS = 0.5
+"""Target length of a chunk in a fit by `seconds`: how long a user waits for Ctrl-C to act, and
+between two reports."""
+
+_CHUNK_PER_MEASUREMENT = 10.0
+"""Least length of a chunk, as a multiple of the time that it takes to measure its image."""
+
+_MIN_CHUNKS = 8
+"""A fit of few steps has at least this many chunks, because triangles are added between them."""
+
+
+class Limits(NamedTuple):
+    """How long a call of `fit` may take: `steps` in all, or until `deadline`. The other is None.
+
+    - `began`, `deadline`: on the clock of `time.perf_counter`.
+    - `steps`: those of a resumed fit included.
+    """
+
+    began: float
+    steps: int | None
+    deadline: float | None
+
+    @staticmethod
+    def of(began: float, steps: int | None, seconds: int | float | None) -> "Limits":
+        """The limits for the options `steps` and `seconds` of a call that began at `began`."""
+        if seconds is None:
+            return Limits(began, DEFAULT_STEPS if steps is None else steps, None)
+        return Limits(began, None, began + seconds)
+
+    def must_start(self) -> bool:
+        """Whether the search for a start has taken so long that steps must begin."""
+        if self.deadline is None:
+            return False
+        seconds = self.deadline - self.began
+        return time.perf_counter() - self.began > _MAX_START_SHARE * seconds
+
+
+class Budget(NamedTuple):
+    """What is left of the limits of a fit.
+
+    - `scoring`: the seconds that scoring and polishing take after the last step.
+    - `seconds_before`: seconds of the fit that is resumed.
+    - `scoring_guess`: the seconds to set aside until `scoring` is known.
+    """
+
+    limits: Limits
+    scoring: Future[float]
+    seconds_before: float
+    scoring_guess: float = SCORING_SECONDS
+
+    def share(self, steps: int, compiled_at: float | None) -> float:
+        """How far a fit is after `steps` steps, 0..1.
+
+        `compiled_at`: when the first chunk ended; None before that. Compiling is no progress.
+        """
+        if self.limits.steps is not None:
+            return steps / self.limits.steps if self.limits.steps else 1.0
+        elapsed = 0.0 if compiled_at is None else time.perf_counter() - compiled_at
+        done = self.seconds_before + elapsed
+        return min(1.0, done / max(done + self._seconds_for_steps(), 1e-9))
+
+    def seconds_left(self, steps: int, step_seconds: float) -> float:
+        """Seconds to the last step, after `steps` steps that took `step_seconds` each."""
+        if self.limits.steps is None:
+            return self._seconds_for_steps()
+        return max(0, self.limits.steps - steps) * step_seconds
+
+    def seconds(self) -> float:
+        """Seconds of the fit so far, those of the fit that it resumes included."""
+        return self.seconds_before + time.perf_counter() - self.limits.began
+
+    def next_steps(
+        self, steps: int, max_steps: int, step_seconds: float | None, measure_seconds: float
+    ) -> int:
+        """Number of steps of the next chunk, after `steps` steps; at most `max_steps`.
+
+        - `step_seconds`: how long a step takes; None until it is known.
+        - `measure_seconds`: how long it takes to measure the image after a chunk.
+        """
+        if self.limits.steps is not None:
+            chunk = -(-self.limits.steps // _MIN_CHUNKS)
+            return min(max_steps, chunk, self.limits.steps - steps)
+        if step_seconds is None:
+            return 1
+        seconds = max(_CHUNK_SECONDS, _CHUNK_PER_MEASUREMENT * measure_seconds)
+        return int(np.clip(min(seconds, self._seconds_for_steps()) / step_seconds, 1, max_steps))
+
+    def _seconds_for_steps(self) -> float:
+        """Seconds left for steps, of a fit with a deadline."""
+        assert self.limits.deadline is not None
+        scoring = self.scoring.result() if self.scoring.done() else self.scoring_guess
+        return max(0.0, self.limits.deadline - scoring - time.perf_counter())

@@ -1,0 +1,61 @@
+"""When things happen in a fit of layers, as functions of its share: how far it is, from 0 to 1.
+
+- Until `_GROWTH_END`, triangles are added where the error is largest.
+- Then, until `_LAST_EXCHANGE`, triangles whose removal costs least are moved where they gain more.
+- After that, triangles are only fitted. Near the end the learning rate falls.
+- Meanwhile, soft edges become sharper until `_SHARPENED`.
+"""
+
+import numpy as np
+
+_GROWTH_END = 0.4
+"""Share of the fit after which all triangles are in use."""
+
+_MIN_TRIANGLES = 8
+"""Number of triangles that are added at the very start, if the fit may have so many."""
+
+_FIRST_EXCHANGE_SHARE = 0.3
+"""Share of the triangles that an exchange at the start would move; it falls to zero at the end."""
+
+_EXCHANGE_INTERVAL, _LAST_EXCHANGE = 0.02, 0.85
+"""Share of the fit between two exchanges, and share after which there are none."""
+
+_LEARNING_RATE = 0.025
+"""A step of Adam changes a position by up to half a pixel and a colour by up to 0.025."""
+
+_RATE_FALL, _FINAL_RATE_FACTOR = 0.3, 0.02
+"""Share of the fit, at its end, in which the learning rate falls linearly; and the last learning
+rate as a multiple of the first."""
+
+_SHARPENED = 0.5
+"""Share of the fit after which soft edges have their final width."""
+
+
+def triangles_to_add(share: float, active: int, total: int) -> int:
+    """Number of triangles to add now to the `active` ones, of `total` at the end of growth."""
+    growth = min(1.0, share / _GROWTH_END) ** 1.5
+    wanted = int(min(total, max(_MIN_TRIANGLES, total * growth)))
+    missing = max(0, wanted - active)
+    # Few large additions are better than many small ones: each restarts second-order solvers.
+    return missing if missing >= max(1, active // 20) or wanted == total else 0
+
+
+def is_exchange_due(share: float, last_exchange: float) -> bool:
+    """Whether triangles should be exchanged now, after an exchange at `last_exchange`."""
+    return share < _LAST_EXCHANGE and share - last_exchange >= _EXCHANGE_INTERVAL
+
+
+def triangles_to_exchange(share: float, total: int) -> int:
+    """Largest number of triangles that an exchange moves now."""
+    return max(1, int(total * _FIRST_EXCHANGE_SHARE * (1 - share)))
+
+
+def learning_rate(share: float) -> float:
+    """Learning rate of a solver whose learning rate can be set."""
+    return _LEARNING_RATE * max(_FINAL_RATE_FACTOR, min(1.0, (1 - share) / _RATE_FALL))
+
+
+def edge_width(share: float, softness: tuple[float, float]) -> np.float32:
+    """Width of soft edges in pixels, which goes geometrically from the first to the last width."""
+    first, last = softness
+    return np.float32(first * (last / first) ** min(1.0, share / _SHARPENED))

@@ -1,0 +1,155 @@
+"""Least-squares colours of a mesh, and the image that they make at the pixel centres.
+
+There are three colour models: one colour per vertex (`"vertex"`, continuous across edges), one per
+triangle (`"triangle"`), and one per corner of each triangle (`"linear"`, a plane per triangle and
+channel). A pixel of the image has the colour at its centre.
+"""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import splu
+
+from ..target import Image, Target
+from .pixel_weights import PixelWeights, pixel_weights
+from .triangulation import Mesh, Triangles
+
+ColorModel = Literal["vertex", "triangle", "linear"]
+Colors = Float[np.ndarray, "..."]
+"""Colours of a model: `[vertices, channels]`, `[triangles, channels]` or `[triangles, 3, channels]`
+for `"vertex"`, `"triangle"` and `"linear"`."""
+CornerColors = Float[np.ndarray, "triangles 3 channels"]
+
+RIDGE = 1e-4
+"""Weight, in pixels, of an initial guess of each colour. The guess decides the colours that no
+pixel decides."""
+
+
+class Moments(NamedTuple):
+    """Sums over the pixels of each triangle, from which least squares computes colours and errors.
+
+    With weights w per corner and target t, all scaled by the weight of the pixel's error:
+
+    - `matrix`: sums of w w^T.
+    - `rhs`: sums of w t^T, the right-hand side of the normal equations.
+    - `square`: sums of t^2, over all channels.
+    """
+
+    matrix: Float[np.ndarray, "triangles 3 3"]
+    rhs: Float[np.ndarray, "triangles 3 channels"]
+    square: Float[np.ndarray, " triangles"]
+
+
+def color_moments(
+    pairs: PixelWeights,
+    values: Float[np.ndarray, "channels pairs"],
+    error_weights: Float[np.ndarray, " pairs"] | None = None,
+) -> Moments:
+    """Moments of the target's `values` at each pair's pixel; `error_weights` None: all are 1."""
+    w = pairs.weights
+    scaled = w if error_weights is None else w * error_weights
+    matrix = np.empty((pairs.triangle_count, 3, 3))
+    for i in range(3):
+        for j in range(i + 1):
+            matrix[:, i, j] = matrix[:, j, i] = pairs.sum_by_triangle(scaled[i] * w[j])
+    rhs = np.stack([pairs.sum_by_triangle(row * values) for row in scaled])
+    squares = (values * values).sum(0)
+    square = pairs.sum_by_triangle(squares if error_weights is None else squares * error_weights)
+    return Moments(matrix, rhs.transpose(2, 0, 1), square)
+
+
+def solve_colors(mesh: Mesh, target: Target, *, model: ColorModel = "vertex") -> Colors:
+    """Colours of least squared error at the pixel centres; they are not clipped to 0..1.
+
+    Where the pixels do not decide, a vertex takes the colour of the pixel under it, and a triangle
+    becomes flat.
+    """
+    pairs = mesh_pixels(mesh)
+    moments = color_moments(pairs, *target_at_pairs(pairs, target))
+    return solve_from_moments(mesh, target.image, moments, model)
+
+
+def mesh_pixels(mesh: Mesh) -> PixelWeights:
+    """Find the pixel centres in each triangle of the mesh."""
+    return pixel_weights(mesh.positions, mesh.triangles, height=mesh.height, width=mesh.width)
+
+
+def target_at_pairs(
+    pairs: PixelWeights, target: Target
+) -> tuple[Float[np.ndarray, "channels pairs"], Float[np.ndarray, " pairs"] | None]:
+    """Gather the image and the error weight at each pair's pixel."""
+    image, weights = target
+    values = image.reshape(-1, image.shape[2]).T.astype(np.float64)[:, pairs.pixel]
+    if weights is None:
+        return values, None
+    return values, weights.reshape(-1)[pairs.pixel].astype(np.float64)
+
+
+def solve_from_moments(mesh: Mesh, image: Image, moments: Moments, model: ColorModel) -> Colors:
+    """Solve for colours as `solve_colors` does, from the moments of each triangle."""
+    if model == "vertex":
+        guess = _pixels_at(image, mesh.positions)
+        rhs = _sum_by_vertex(mesh.triangles, moments.rhs, len(mesh.positions)) + RIDGE * guess
+        return splu(normal_matrix(mesh, moments), permc_spec="MMD_AT_PLUS_A").solve(rhs)
+    guess = _pixels_at(image, mesh.positions[mesh.triangles].mean(1))
+    # The weights of a pixel sum to one, so the sums over corners are those of a flat triangle.
+    total = moments.rhs.sum(1) + RIDGE * guess
+    mean = total / (moments.matrix.sum((1, 2)) + RIDGE)[:, None]
+    return mean if model == "triangle" else solve_planes(moments, mean)
+
+
+def solve_planes(
+    moments: Moments, mean: Float[np.ndarray, "triangles channels"]
+) -> Float[np.ndarray, "triangles 3 channels"]:
+    """Solve for the corner colours of each triangle alone.
+
+    Where the pixels do not decide, the triangle has the colour `mean` throughout.
+    """
+    matrix = moments.matrix + RIDGE * np.eye(3)
+    return np.linalg.solve(matrix, moments.rhs + RIDGE * mean[:, None])
+
+
+def normal_matrix(mesh: Mesh, moments: Moments) -> csc_array:
+    """Matrix of the normal equations of one colour per vertex, `[vertices, vertices]`."""
+    count, triangles = len(mesh.positions), mesh.triangles
+    vertices = np.arange(count)
+    rows = np.concatenate([np.repeat(triangles, 3, axis=1).ravel(), vertices])
+    columns = np.concatenate([np.tile(triangles, (1, 3)).ravel(), vertices])
+    entries = np.concatenate([moments.matrix.ravel(), np.full(count, RIDGE)])
+    return csc_array(coo_array((entries, (rows, columns)), shape=(count, count)))
+
+
+def _sum_by_vertex(
+    triangles: Triangles, values: CornerColors, count: int
+) -> Float[np.ndarray, "vertices channels"]:
+    """Sum a value of each corner over the triangles around each of `count` vertices."""
+    channels = values.reshape(-1, values.shape[-1]).T
+    return np.stack([np.bincount(triangles.ravel(), channel, count) for channel in channels], 1)
+
+
+def to_corner_colors(mesh: Mesh, colors: Colors, model: ColorModel) -> CornerColors:
+    """Convert the colours of any model to one colour per corner of each triangle."""
+    if model == "vertex":
+        return colors[mesh.triangles]
+    return colors if model == "linear" else np.repeat(colors[:, None], 3, axis=1)
+
+
+def interpolate(
+    pairs: PixelWeights, corner_colors: CornerColors
+) -> Float[np.ndarray, "channels pairs"]:
+    """Interpolate corner colours at each pair's pixel centre."""
+    by_corner = corner_colors.transpose(1, 2, 0)
+    w, triangle = pairs.weights, pairs.triangle
+    return sum(w[i] * by_corner[i][:, triangle] for i in range(3))  # pyright: ignore
+
+
+def _pixels_at(
+    image: Image, points: Float[np.ndarray, "points 2"]
+) -> Float[np.ndarray, "points channels"]:
+    """The colour of the pixel that holds each point; outside the image, of the nearest pixel."""
+    height, width = image.shape[:2]
+    column = np.clip(points[:, 0].astype(np.int64), 0, width - 1)
+    row = np.clip(points[:, 1].astype(np.int64), 0, height - 1)
+    return image[row, column].astype(np.float64)

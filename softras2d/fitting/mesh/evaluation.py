@@ -1,0 +1,79 @@
+"""A mesh with its least-squares colours, measured against the target.
+
+Every change of a mesh is judged by the squared error before it, which `evaluate` measures, and the
+squared error after it, which the two functions at the end compute from the moments of the changed
+triangles.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..target import Target
+from .colors import (
+    ColorModel,
+    Colors,
+    CornerColors,
+    Moments,
+    color_moments,
+    interpolate,
+    mesh_pixels,
+    solve_from_moments,
+    solve_planes,
+    target_at_pairs,
+    to_corner_colors,
+)
+from .pixel_weights import PixelWeights
+from .triangulation import Mesh
+
+
+class Evaluation(NamedTuple):
+    """Colours of a mesh and what is left of the target.
+
+    - `pairs`: the pixels of each triangle.
+    - `values`, `error_weights`: the target at each pair's pixel; weights None: all are 1.
+    - `residual`: target minus the image of the mesh, at each pair's pixel.
+    - `moments`, `colors`: of the colour model `model`.
+    """
+
+    model: ColorModel
+    pairs: PixelWeights
+    values: Float[np.ndarray, "channels pairs"]
+    error_weights: Float[np.ndarray, " pairs"] | None
+    residual: Float[np.ndarray, "channels pairs"]
+    moments: Moments
+    colors: Colors
+
+    @property
+    def error(self) -> Float[np.ndarray, " pairs"]:
+        """Weighted squared error of each pair, summed over channels."""
+        squares = (self.residual**2).sum(0)
+        return squares if self.error_weights is None else squares * self.error_weights
+
+
+def evaluate(mesh: Mesh, target: Target, model: ColorModel) -> Evaluation:
+    """Solve for the colours of the mesh, and compare its image to the target."""
+    pairs = mesh_pixels(mesh)
+    values, error_weights = target_at_pairs(pairs, target)
+    moments = color_moments(pairs, values, error_weights)
+    colors = solve_from_moments(mesh, target.image, moments, model)
+    residual = values - interpolate(pairs, to_corner_colors(mesh, colors, model))
+    return Evaluation(model, pairs, values, error_weights, residual, moments, colors)
+
+
+def solved_error(moments: Moments, model: ColorModel) -> Float[np.ndarray, " triangles"]:
+    """Squared error of each triangle with its own best colours: flat, or else with a plane."""
+    total, weight = moments.rhs.sum(1), moments.matrix.sum((1, 2))
+    mean = total / np.maximum(weight, 1e-12)[:, None]
+    if model == "triangle":
+        return np.maximum(moments.square - (total * mean).sum(1), 0.0)
+    return np.maximum(error_of_colors(moments, solve_planes(moments, mean)), 0.0)
+
+
+def error_of_colors(
+    moments: Moments, corner_colors: CornerColors
+) -> Float[np.ndarray, " triangles"]:
+    """Squared error of each triangle with the given corner colours."""
+    product = corner_colors * (moments.matrix @ corner_colors - 2 * moments.rhs)
+    return moments.square + product.sum((1, 2))
