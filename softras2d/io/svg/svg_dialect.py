@@ -65,18 +65,21 @@ class StandardDialect:
         }
 
     def local_name(self, tag: str, attributes: Attributes) -> str:
-        """The name without a prefix that stands for SVG; empty for other prefixes."""
+        """The name without a prefix whose namespace is SVG; empty for other prefixes.
+
+        The element itself or the root must declare the prefix. Names without prefix count as SVG,
+        whatever the default namespace is.
+        """
         prefix, colon, name = tag.rpartition(":")
         if not colon:
             return name
-        key = "xmlns:" + prefix
-        return name if attributes.get(key, self._namespaces.get(key)) == _SVG else ""
+        declaration = f"xmlns:{prefix}"
+        namespace = attributes.get(declaration, self._namespaces.get(declaration))
+        return name if namespace == _SVG else ""
 
     def root_state(self, tag: str, attributes: Attributes) -> _State | None:
         """Fit the viewBox into the canvas."""
-        if ":" in tag:
-            # Prefixes of children are those that a prefixed root declares.
-            self._namespaces = {k: v for k, v in attributes.items() if k.startswith("xmlns:")}
+        self._namespaces = {k: v for k, v in attributes.items() if k.startswith("xmlns:")}
         if self.local_name(tag, attributes) != "svg":
             raise ValueError("is the root, which must be <svg>.")
         context = self._context
