@@ -169,8 +169,8 @@ def advance(
 
     Returns the value and the number of additions, which is `most` if `step` is too small to change
     the value. Between two powers of two, every addition is rounded by the same amount, except that
-    a tie, which goes to even, may differ once. So all further additions there amount to one
-    multiplication, which is exact in float64.
+    a tie, which goes to even, may differ once. All further additions up to the next power of two
+    therefore amount to one multiplication, which is exact in float64.
     """
     if step < 0:
         value, count = advance(-start, -step, most, None if until is None else -until)

@@ -61,7 +61,7 @@ def number_list(text: str) -> list[float]:
 def number_pairs(text: str) -> list[float]:
     """Parse a list of points as the course does; returns x and y alternately, in float32.
 
-    A point is a number, one separator and a number. Reading stops at the first text that is none.
+    A point is a number, one separator and a number. Reading stops at text that is no point.
     """
     values, position = [], 0
     while match := _PAIR.match(text, position):
