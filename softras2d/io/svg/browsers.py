@@ -5,6 +5,7 @@ plain SVG 1.1. Elements that need a blend mode are hidden, unless the style shee
 renderer supports the mode.
 """
 
+from collections import defaultdict
 from typing import NamedTuple
 
 import numpy as np
@@ -72,40 +73,36 @@ def elements_for_browsers(
     is_opaque = (colors[..., 3:] == 1).all(axis=(1, 2))
     opaque = np.flatnonzero(is_opaque & (is_polygon | has_gradients))
     is_tiling = len(opaque) == len(corners) and tiles_canvas(corners, height, width)
-    head, tail, styles = [], [], [_SUM_STYLE] * is_tiling
-
     mean_colors = _hex(colors[opaque].astype(np.float64).mean(axis=1))
     seam_groups = seams(corners[opaque], coordinates[opaque], mean_colors)
-    before = {}
-    if not is_tiling:
-        before = {int(opaque[start]): group for start, group in seam_groups.items()}
+    definitions, first, second = [], {}, {}
     shaded = np.flatnonzero(has_gradients)
     if len(shaded):
         gradients = fit_gradients(corners[shaded], colors[shaded])
-        first = _first_paths(corners[shaded], coordinates[shaded], colors[shaded], gradients)
-        attributes = "" if is_tiling else f"{_SECOND} "
-        second = _second_paths(coordinates[shaded], gradients, attributes)
-        for row, index in enumerate(shaded.tolist()):
-            paths = [first[row]]
-            if row in second and not is_tiling:
-                paths.append(second[row])
-            before[index] = "\n".join([before[index], *paths] if index in before else paths)
-        if is_tiling and second:
-            # Drawn after the sum is complete: before, too little would lie below them.
-            tail = [f"<g {_SECOND}>", *second.values(), "</g>"]
-        styles += [_SECOND_STYLE] * bool(second)
         definitions = _definitions(gradients, decimals)
-        head += [f"<defs {_FALLBACK}>", *definitions, "</defs>"] if definitions else []
-    if styles:
-        head.insert(0, f"<style {_FALLBACK}>{''.join(styles)}</style>")
+        paths = _first_paths(corners[shaded], coordinates[shaded], colors[shaded], gradients)
+        first = dict(zip(shaded.tolist(), paths, strict=True))
+        # Each path is hidden unless the style sheet shows it. In a tiling, the group of all is.
+        attributes = "" if is_tiling else f"{_SECOND} "
+        paths = _second_paths(coordinates[shaded], gradients, attributes)
+        second = {int(shaded[row]): path for row, path in paths.items()}
+    head = [f"<defs {_FALLBACK}>", *definitions, "</defs>"] if definitions else []
+    style = _SUM_STYLE * is_tiling + _SECOND_STYLE * bool(second)
+    if style:
+        head.insert(0, f"<style {_FALLBACK}>{style}</style>")
+
     if is_tiling:
         # Seam lines below the sum fill pixels that a browser does not cover completely: Chromium
-        # rounds corners to quarters of a pixel.
-        head, tail = (
-            [*head, *seam_groups.values(), '<g class="softras2d-tiling">'],
-            [*tail, "</g>"],
-        )
-    return Elements(head, before, tail)
+        # rounds corners to quarters of a pixel. Second gradients must lie over the complete sum.
+        head += [*seam_groups.values(), '<g class="softras2d-tiling">']
+        tail = [f"<g {_SECOND}>", *second.values(), "</g>"] if second else []
+        return Elements(head, first, [*tail, "</g>"])
+    before = defaultdict(list)
+    for start, group in seam_groups.items():
+        before[int(opaque[start])].append(group)
+    for index, path in [*first.items(), *second.items()]:
+        before[index].append(path)
+    return Elements(head, {index: "\n".join(lines) for index, lines in before.items()}, [])
 
 
 def _first_paths(
