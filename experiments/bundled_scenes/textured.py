@@ -138,7 +138,7 @@ def zone_plate() -> str:
         for x, y in ((-1, -1), (1, -1), (-1, 1), (1, 1))
     ]
     return document(
-        "A zone plate, minified beyond the finest waves that pixels hold: moire.", lines
+        "A zone plate, minified until its finest waves are shorter than two pixels: moire.", lines
     )
 
 

@@ -56,8 +56,8 @@ def clip_near(vertices: np.ndarray, triangles: np.ndarray) -> ClippedTriangles:
     # makes no intersection, so a triangle that touches the plane from outside has fewer than three.
     is_candidate = np.stack([~(z < 0), crosses], axis=-1).reshape(-1, 6)
     polygon = np.argsort(~is_candidate, axis=1, kind="stable")[:, :4]
-    source, part = np.nonzero(is_candidate.sum(axis=1)[:, None] >= [3, 4])
-    candidate = polygon[source[:, None], _FAN[part]]
+    source, fan_index = np.nonzero(is_candidate.sum(axis=1)[:, None] >= [3, 4])
+    candidate = polygon[source[:, None], _FAN[fan_index]]
     rows = source[:, None]
     start, end = candidate // 2, (candidate + 1) // 2 % 3
     # Intersections are computed from the inside end, so that both triangles of an edge get the same

@@ -133,7 +133,7 @@ def _has_corner_colors(family: str, shading: str | None) -> bool:
 def _seconds_of_fit(seconds: float | None, began: float, animation: bool, gradients: bool) -> float:
     """Seconds that are left for the fit itself.
 
-    - `seconds`: time limit of the whole command, of which the time since `began` is over.
+    - `seconds`: time limit of the whole command, which started at `began`.
     - `animation`, `gradients`: whether an animation, or an SVG with gradients, is drawn afterwards.
     """
     elapsed = time.perf_counter() - began

@@ -42,7 +42,7 @@ def describe_scene(
 
     [bold]softras2d info scene.svg --cost[/bold]
     """
-    how = RenderOptions(
+    settings = RenderOptions(
         samples, size, dialect, assets, shading=shading, pixel_filter=pixel_filter,
         level_filter=level_filter, anisotropy=anisotropy, frame=frame, opacity=opacity,
     )  # fmt: skip
@@ -50,7 +50,7 @@ def describe_scene(
         from ..io.svg.reader import svg_size
         from .render_steps import make_plan, read_scene, scene_properties
 
-        scene, height, width = read_scene(path, how)
+        scene, height, width = read_scene(path, settings)
         file_height, file_width = svg_size(path, dialect=dialect)
         table = Table(box=box.SIMPLE, show_header=False, pad_edge=False)
         table.add_column(style="bold")
@@ -61,7 +61,7 @@ def describe_scene(
             table.add_row(name, value)
         console = Console(highlight=False)
         console.print(table)
-        plan = make_plan(scene, height, width, how)
+        plan = make_plan(scene, height, width, settings)
         console.print(str(plan), markup=False, soft_wrap=True)
         if cost:
             console.print(_cost_table(scene, plan, status_console))

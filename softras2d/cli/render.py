@@ -70,7 +70,7 @@ def render_scenes(
 
     If a scene fails, the others are still rendered; errors are listed at the end (exit code 1).
     """
-    how = RenderOptions(
+    settings = RenderOptions(
         samples, size, dialect, assets, fill_rule, shading, pixel_filter, level_filter,
         anisotropy, frame, opacity, background, origin, linear,
     )  # fmt: skip
@@ -79,7 +79,7 @@ def render_scenes(
         started = time.perf_counter()
         failures: list[str] = []
         try:
-            summary = _render_each(scenes, targets, how, truncate, console, failures)
+            summary = _render_each(scenes, targets, settings, truncate, console, failures)
         finally:
             # Also after Ctrl-C: errors before it must not get lost.
             for failure in failures:
@@ -97,7 +97,7 @@ def render_scenes(
 def _render_each(
     scenes: list[Path],
     targets: list[Path],
-    how: RenderOptions,
+    settings: RenderOptions,
     truncate: bool,
     console: Console,
     failures: list[str],
@@ -112,7 +112,7 @@ def _render_each(
     with _progress_bar(len(scenes), console) as advance:
         for scene, target in zip(scenes, targets, strict=True):
             try:
-                summary = _render(scene, target, how, truncate)
+                summary = _render(scene, target, settings, truncate)
             except Exception as error:
                 if debugging():
                     raise
@@ -143,18 +143,18 @@ def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
     return list(targets)
 
 
-def _render(path: Path, target: Path, how: RenderOptions, truncate: bool) -> str:
+def _render(path: Path, target: Path, settings: RenderOptions, truncate: bool) -> str:
     """Render one scene to one file; returns a line about the image."""
     from ..io.images import write_image
     from .render_steps import make_plan, read_scene, render_image
 
     started = time.perf_counter()
-    scene, height, width = read_scene(path, how)
-    image = render_image(scene, make_plan(scene, height, width, how))
+    scene, height, width = read_scene(path, settings)
+    image = render_image(scene, make_plan(scene, height, width, settings))
     seconds = time.perf_counter() - started
-    write_image(target, image, linear=how.linear, truncate=truncate)
+    write_image(target, image, linear=settings.linear, truncate=truncate)
     return (
-        f"{target}: {width} x {height} pixels at {how.samples} samples per pixel, "
+        f"{target}: {width} x {height} pixels at {settings.samples} samples per pixel, "
         f"{scene.triangles.shape[0]} triangles, {1e3 * seconds:.0f} ms"
     )
 

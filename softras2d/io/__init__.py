@@ -1,1 +1,1 @@
-"""This stage reads and writes pictures, films and drawings."""
+"""This stage reads and writes images, animations and SVG drawings."""

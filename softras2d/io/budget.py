@@ -1,11 +1,11 @@
-"""How much work one drawing may ask for, counted before the work is done.
+"""Limits the work that one drawing can cause, by counting it before it is done.
 
-A few bytes of a drawing can ask for any amount of work: a polygon that crosses itself everywhere, a
-round join of a huge radius, a picture of 16384 x 16384 pixels. Each reading of a document has one
-`Budget`. Whoever is about to do work charges it first, so that a file beyond a limit costs little
-more than reading its bytes. Below the limits, time grows with the size of the file, at most by a
-factor of its logarithm. The limits are far above what drawings need, and low enough that a reading
-stays near a gigabyte.
+A few bytes of a drawing can cause any amount of work: a polygon that crosses itself everywhere, a
+round join of a huge radius, an image of 16384 x 16384 pixels. Each time a document is read, one
+`Budget` is created. Code charges it before it does the work, so that refusing a file beyond a limit
+costs little more than parsing it. Below the limits, time grows about linearly with the size of the
+file, apart from a logarithmic factor. The limits are far above what ordinary drawings need, and low
+enough that reading one takes about a gigabyte of memory at most.
 """
 
 from collections.abc import Sequence
@@ -15,40 +15,39 @@ import numpy as np
 from jaxtyping import Int
 
 MAX_ATTRIBUTES = 2**24
-"""Attributes of all elements together, those that a DTD adds included. The largest document, of
-64 MB, cannot spell out as many."""
+"""Attributes of all elements together, including defaults that a DTD adds. Without such defaults, a
+document of 64 MB, the largest that is read, cannot contain as many."""
 
 MAX_DEFAULTS = 256
-"""Attribute defaults that a DTD may declare. Each is added to every element of its name."""
+"""Attribute defaults that a DTD may declare. A default is added to every element of one name."""
 
 MAX_POINTS = 2**22
 """Points of all polygons, polylines, lines and outlines together."""
 
 MAX_TRIANGLES = 2**21
-"""Triangles of the scene, pieces of strokes included."""
+"""Triangles of the scene, including those of strokes before their `union`."""
 
 MAX_PAIRS = 2**24
-"""Pairs of edges of a polygon whose bounding boxes overlap, in all polygons together. Each has to
-be looked at to find what crosses. Pairs of pieces of a translucent stroke, which take longer, count
-twice."""
+"""Pairs of edges with overlapping bounding boxes, in all polygons together. Each must be examined
+to find crossings. Pairs of triangles of a translucent stroke take longer and count twice."""
 
 MAX_CROSSINGS = 100_000
-"""Points in which polygons cross themselves. The faces between them grow alike."""
+"""Points in which polygons cross themselves. The number of faces between them is proportional."""
 
 MAX_EAR_TESTS = 2**27
-"""Vertices that are tested against a corner when ears are clipped."""
+"""Tests whether a vertex lies in the triangle of a corner, in ear clipping."""
 
 MAX_STEPS = 2**26
-"""Pixels of the course's lines, near the canvas, and of its images, on it."""
+"""Pixels of the course's lines and images. Lines count near the canvas, images on it."""
 
 MAX_TEXELS = 2**26
-"""Pixels of all pictures of a document together; as RGBA in float32 they take 1 GiB."""
+"""Pixels of all image files of a document together; as RGBA in float32 they take 1 GiB."""
 
 
 class _Limit(NamedTuple):
-    """The most that may be charged, and what it counts, for errors."""
+    """A limit, and the plural noun for what it counts, used in errors."""
 
-    most: int
+    maximum: int
     noun: str
 
 
@@ -65,9 +64,9 @@ _LIMITS = {
 
 
 class BudgetError(ValueError):
-    """A drawing that asks for more work than a limit allows.
+    """Raised for a drawing that needs more work than a limit allows.
 
-    `index` is the first shape, among those charged together, that went beyond it.
+    `index` is the first shape that exceeds the limit, among those that are charged together.
     """
 
     def __init__(self, message: str, index: int = 0):
@@ -76,22 +75,21 @@ class BudgetError(ValueError):
 
 
 class Budget:
-    """What one drawing has been charged so far, by kind of work."""
+    """Counts the work that one drawing has needed so far, by kind of work."""
 
     def __init__(self):
-        self._spent = dict.fromkeys(_LIMITS, 0)
+        self._charged = dict.fromkeys(_LIMITS, 0)
 
     def charge(self, kind: str, count: int, index: int = 0) -> None:
-        """Charge work that is about to be done for shape `index`; `BudgetError` if it is too much.
+        """Charge `count` units of work before they are done for the shape `index`.
 
-        `kind` is one of the limits above, in lower case and without `MAX`.
+        `kind` is the name of a limit above, in lower case and without `MAX_`. Raises `BudgetError`
+        if the sum exceeds the limit.
         """
-        self._spent[kind] += int(count)
-        most, noun = _LIMITS[kind]
-        if self._spent[kind] > most:
-            message = (
-                f"brings the drawing to {self._spent[kind]:,} {noun}; at most {most:,} are read."
-            )
+        self._charged[kind] += int(count)
+        maximum, noun = _LIMITS[kind]
+        if (total := self._charged[kind]) > maximum:
+            message = f"brings the drawing to {total:,} {noun}; at most {maximum:,} are read."
             raise BudgetError(message, index)
 
     def charge_each(
@@ -100,14 +98,14 @@ class Budget:
         counts: Int[np.ndarray, " shapes"],
         indices: Sequence[int] | None = None,
     ) -> None:
-        """Charge one count per shape, so that an error tells which went beyond the limit.
+        """Charge one count per shape, so that an error names the first that exceeds the limit.
 
-        `indices` names the shapes; by default they are numbered from 0.
+        `indices` are the indices of the shapes; by default they are numbered from 0.
         """
-        # In float64: counts of hostile files may overflow integers, and only their size matters.
-        total = np.cumsum(counts, dtype=np.float64) + self._spent[kind]
-        beyond = int(np.searchsorted(total, _LIMITS[kind].most, side="right"))
-        if beyond < len(counts):
-            named = beyond if indices is None else int(indices[beyond])
-            self.charge(kind, int(total[beyond]) - self._spent[kind], named)
+        # Counts of hostile files may overflow integers. float64 is precise enough to compare them.
+        totals = np.cumsum(counts, dtype=np.float64) + self._charged[kind]
+        first_beyond = int(np.searchsorted(totals, _LIMITS[kind].maximum, side="right"))
+        if first_beyond < len(counts):
+            index = first_beyond if indices is None else int(indices[first_beyond])
+            self.charge(kind, int(totals[first_beyond]) - self._charged[kind], index)
         self.charge(kind, int(np.sum(counts)))

@@ -10,14 +10,28 @@ from jaxtyping import Float32
 _MARGIN = 16
 """Space around images, in pixels."""
 
-_TITLE, _CAPTION = 22, 15
+_TITLE_SIZE, _CAPTION_SIZE = 22, 15
 """Heights of text, in pixels."""
 
-_PAPER, _INK, _GREY = 0.96, (0.1, 0.1, 0.12), (0.4, 0.4, 0.42)
+_PAPER = 0.96
+"""Grey of the sheet, in 0..1."""
+
+_INK, _GREY = (0.1, 0.1, 0.12), (0.4, 0.4, 0.42)
+"""Text colours, in 0..1."""
+
+
+class _Label(NamedTuple):
+    """Text to draw: position of its left end on the baseline, and its size, in pixels."""
+
+    left: int
+    baseline: int
+    text: str
+    size: int
+    color: tuple[float, float, float]
 
 
 class Strip(NamedTuple):
-    """A title and a note over pictures `[height, width, 3]` in 0..1, each over its caption."""
+    """A row of images `[height, width, 3]` in 0..1, with a title, a note and a caption for each."""
 
     title: str
     note: str
@@ -25,46 +39,52 @@ class Strip(NamedTuple):
     images: Sequence[np.ndarray]
 
 
-def contact_sheet(strips: Sequence[Strip], *, across: int = 2) -> Float32[np.ndarray, "h w 3"]:
-    """All `strips`, `across` of them beside each other, on light paper.
+def contact_sheet(
+    strips: Sequence[Strip], *, across: int = 2
+) -> Float32[np.ndarray, "height width 3"]:
+    """Arrange strips on a light sheet, in rows of `across` strips.
 
-    Pictures keep their pixels; a cell is as large as the largest of them. Type is drawn by
-    OpenImageIO, with the font that its wheels bring; a build without FreeType leaves it out.
-    Raises `ValueError` if there is nothing to show.
+    Images keep their size in pixels; all cells are as large as the largest image. OpenImageIO draws
+    the text, with the font in its wheels; a build of it without FreeType leaves the text out.
+    Raises `ValueError` if there is no image.
     """
     images = [image for strip in strips for image in strip.images]
     if not images:
         raise ValueError("a contact sheet needs at least one picture.")
     cell_height = max(image.shape[0] for image in images)
     cell_width = max(image.shape[1] for image in images)
-    most = max(len(strip.images) for strip in strips)
-    heading = _TITLE + _CAPTION + _MARGIN
-    height = _MARGIN + heading + cell_height + _CAPTION + _MARGIN
-    width = 2 * _MARGIN + most * (cell_width + _MARGIN)
+    max_images = max(len(strip.images) for strip in strips)
+    heading = _TITLE_SIZE + _CAPTION_SIZE + _MARGIN
+    height = _MARGIN + heading + cell_height + _CAPTION_SIZE + _MARGIN
+    width = 2 * _MARGIN + max_images * (cell_width + _MARGIN)
     rows = -(-len(strips) // across)
     sheet = np.full((rows * height + _MARGIN, across * width, 3), _PAPER, np.float32)
     labels = []
     for index, strip in enumerate(strips):
         top = (index // across) * height + _MARGIN
         left = (index % across) * width + _MARGIN
-        labels.append((left, top + _TITLE, strip.title, _TITLE, _INK))
-        labels.append((left, top + _TITLE + _CAPTION + 6, strip.note, _CAPTION, _GREY))
+        title_line, note_line = top + _TITLE_SIZE, top + _TITLE_SIZE + _CAPTION_SIZE + 6
+        labels.append(_Label(left, title_line, strip.title, _TITLE_SIZE, _INK))
+        labels.append(_Label(left, note_line, strip.note, _CAPTION_SIZE, _GREY))
         top += heading
         for caption, image in zip(strip.captions, strip.images, strict=True):
             bottom = top + image.shape[0]
             sheet[top:bottom, left : left + image.shape[1]] = image
-            labels.append((left, bottom + _CAPTION + 3, caption, _CAPTION, _GREY))
+            caption_line = bottom + _CAPTION_SIZE + 3
+            labels.append(_Label(left, caption_line, caption, _CAPTION_SIZE, _GREY))
             left += cell_width + _MARGIN
-    return _lettered(sheet, labels)
+    return _draw_labels(sheet, labels)
 
 
-def _lettered(sheet: np.ndarray, labels: list) -> np.ndarray:
-    """`sheet` with `(left, baseline, text, size, colour)` written on it."""
+def _draw_labels(
+    sheet: Float32[np.ndarray, "height width 3"], labels: list[_Label]
+) -> Float32[np.ndarray, "height width 3"]:
     height, width, channels = sheet.shape
     buffer = oiio.ImageBuf(oiio.ImageSpec(width, height, channels, oiio.FLOAT))
     buffer.set_pixels(oiio.ROI(0, width, 0, height), sheet)
     for left, baseline, text, size, color in labels:
         if not oiio.ImageBufAlgo.render_text(buffer, left, baseline, text, size, "", color):
+            # Reading the error clears it; without FreeType, every label would fail.
             buffer.geterror()
             break
     return np.asarray(buffer.get_pixels(oiio.FLOAT))

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Writes files completely or not at all: to a draft first, which then replaces the file."""
 
 import os
 import platform
@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-_STEM = 80
-"""Bytes of a name that its draft repeats, since file systems allow 255 bytes in all."""
+_MAX_STEM_BYTES = 80
+"""Length up to which drafts repeat the name of their file; file systems allow 255 bytes in all."""
 
 
 @contextmanager
@@ -27,28 +27,27 @@ def atomic_file(path: Path) -> Iterator[Path]:
         yield draft
         os.replace(draft, path)
     except OSError as error:
-        why = error.strerror or _named(str(error), draft, path)
-        raise ValueError(f"{path}: cannot be written: {why}.") from error
+        reason = error.strerror or _without_draft(str(error), draft, path)
+        raise ValueError(f"{path}: cannot be written: {reason}.") from error
     except ValueError as error:
         if draft.name not in str(error):
             raise
-        raise ValueError(_named(str(error), draft, path)) from error
+        raise ValueError(_without_draft(str(error), draft, path)) from error
     finally:
-        # An error of its own here would hide the one that is raised.
+        # An error here would hide the one that is being raised.
         with suppress(OSError):
             draft.unlink(missing_ok=True)
 
 
 def _prefix(path: Path) -> str:
     """Start of the names of drafts of `path`; differs between machines that share a folder."""
-    told = f"{platform.node()}\0{path.name}".encode(errors="replace")
-    # Of characters of four bytes, a third as many fit.
-    stem = path.stem.encode(errors="replace")[:_STEM].decode(errors="ignore")
-    return f".{stem}-{zlib.crc32(told):08x}-"
+    machine_and_name = f"{platform.node()}\0{path.name}".encode(errors="replace")
+    stem = path.stem.encode(errors="replace")[:_MAX_STEM_BYTES].decode(errors="ignore")
+    return f".{stem}-{zlib.crc32(machine_and_name):08x}-"
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove the drafts of `path` whose processes do not run any more."""
+    """Remove the drafts of `path` that processes left which no longer run."""
     # On other systems, `os.kill` with signal 0 would end the process.
     if os.name != "posix":
         return
@@ -58,8 +57,8 @@ def _remove_abandoned(path: Path) -> None:
     # If the folder cannot be listed, the write itself will report why.
     with suppress(OSError), os.scandir(path.parent) as entries:
         for entry in entries:
-            found = pattern.fullmatch(entry.name)
-            if found and not _is_running(int(found[1])):
+            match = pattern.fullmatch(entry.name)
+            if match and not _is_running(int(match[1])):
                 with suppress(OSError):
                     os.unlink(entry.path)
 
@@ -75,7 +74,7 @@ def _is_running(process: int) -> bool:
     return True
 
 
-def _named(message: str, draft: Path, path: Path) -> str:
+def _without_draft(message: str, draft: Path, path: Path) -> str:
     """The message on one line, with the name of the file instead of that of its draft."""
-    told = message.replace(str(draft), str(path)).replace(draft.name, path.name)
-    return " ".join(told.split())
+    message = message.replace(str(draft), str(path)).replace(draft.name, path.name)
+    return " ".join(message.split())

@@ -1,7 +1,8 @@
-"""GIF, the format: palette indices to bytes.
+"""Encodes images of palette indices as the bytes of a GIF file.
 
-A file is `header`, one `frame` after another, and `TRAILER`. Written here, since OpenImageIO (3.2)
-chooses a palette by pixel counts alone: small coloured parts on a plain ground come out black.
+A file is `header`, one `frame` after another, and `TRAILER`. OpenImageIO (3.2) can write GIF too,
+but it chooses the palette by pixel counts alone, so that small coloured areas on a plain background
+turn black.
 
 **Source:** CompuServe, *Graphics Interchange Format, Version 89a* (1990).
 """
@@ -11,22 +12,25 @@ import struct
 import numpy as np
 from jaxtyping import UInt8
 
-LARGEST_SIDE = 65535
-"""Pixels; lengths are of 16 bits."""
+MAX_SIDE = 65535
+"""Maximum width and height in pixels, which GIF stores in 16 bits."""
 
-LONGEST = 65535
-"""Hundredths of a second that a frame can stay."""
+MAX_DELAY = 65535
+"""Maximum time that a frame is shown, in hundredths of a second."""
 
 TRAILER = b";"
+"""The byte that ends a file."""
 
 _CLEAR, _END = 256, 257
-_LARGEST_CODE = 4095
+"""LZW codes that reset the table and end the data. Codes below are pixels, those above prefixes."""
+
+_MAX_CODE = 4095
 
 
 def header(height: int, width: int) -> bytes:
-    """What comes before the first frame, with the request to repeat endlessly."""
-    screen = struct.pack("<6sHHBBB", b"GIF89a", width, height, 0x70, 0, 0)
-    return screen + b"!\xff\x0bNETSCAPE2.0" + struct.pack("<BBHB", 3, 1, 0, 0)
+    """The bytes before the first frame; they request that the animation is repeated endlessly."""
+    screen_descriptor = struct.pack("<6sHHBBB", b"GIF89a", width, height, 0x70, 0, 0)
+    return screen_descriptor + b"!\xff\x0bNETSCAPE2.0" + struct.pack("<BBHB", 3, 1, 0, 0)
 
 
 def frame(
@@ -37,55 +41,61 @@ def frame(
     left: int,
     delay: int,
 ) -> bytes:
-    """A rectangle drawn over what was there, which then stays for `delay` hundredths of a second.
+    """The bytes of a frame, which draws a rectangle over the frame before.
 
-    At most 256 colours, of sRGB.
+    - `indices`: palette index of each pixel of the rectangle.
+    - `palette`: at most 256 sRGB colours.
+    - `top`, `left`: position of the rectangle, in pixels.
+    - `delay`: time until the next frame, in hundredths of a second.
     """
     height, width = indices.shape
-    control = struct.pack("<3sBHBB", b"!\xf9\x04", 1 << 2, delay, 0, 0)
-    place = struct.pack("<cHHHHB", b",", left, top, width, height, 0x87)
-    table = palette.tobytes().ljust(768, b"\0")
+    graphic_control = struct.pack("<3sBHBB", b"!\xf9\x04", 1 << 2, delay, 0, 0)
+    image_descriptor = struct.pack("<cHHHHB", b",", left, top, width, height, 0x87)
+    color_table = palette.tobytes().ljust(768, b"\0")
     data = _lzw(indices.tobytes())
+    # Data is stored in blocks of at most 255 bytes, each after its length.
     blocks = [data[start : start + 255] for start in range(0, len(data), 255)]
-    counted = b"".join(bytes([len(block)]) + block for block in blocks)
-    return control + place + table + b"\x08" + counted + b"\0"
+    sized_blocks = b"".join(bytes([len(block)]) + block for block in blocks)
+    return graphic_control + image_descriptor + color_table + b"\x08" + sized_blocks + b"\0"
 
 
 def _lzw(data: bytes) -> bytes:
-    """8-bit values as codes of 9 to 12 bits, packed from the low bits up.
+    """Compress 8-bit values by LZW, into codes of 9 to 12 bits, packed from the low bits up.
 
     **Source:** GIF 89a, appendix F.
     """
-    packed, held, bits = bytearray(), _CLEAR, 9  # `held`: bits that do not fill a byte yet.
-    known: dict[int, int] = {}
-    size, newest = 9, _END
+    # `pending` holds the last `bits` bits, which do not fill a byte yet.
+    packed, pending, bits = bytearray(), _CLEAR, 9
+    # Code of each known sequence, by the code of its prefix and its last value.
+    codes: dict[int, int] = {}
+    code_size, newest = 9, _END
     prefix = data[0]
     for value in data[1:]:
         key = prefix << 8 | value
-        if key in known:
-            prefix = known[key]
+        if key in codes:
+            prefix = codes[key]
             continue
-        held |= prefix << bits
-        bits += size
+        pending |= prefix << bits
+        bits += code_size
         prefix = value
-        if newest < _LARGEST_CODE:
+        if newest < _MAX_CODE:
             newest += 1
-            known[key] = newest
-            # The next code may be the newest.
-            size += newest >> size
+            codes[key] = newest
+            # The next code may be the newest, so it must fit.
+            code_size += newest >> code_size
         else:
-            held |= _CLEAR << bits
-            bits += size
-            known.clear()
-            size, newest = 9, _END
-        whole_bytes = bits >> 3
-        packed += (held & (1 << 8 * whole_bytes) - 1).to_bytes(whole_bytes, "little")
-        held >>= 8 * whole_bytes
+            pending |= _CLEAR << bits
+            bits += code_size
+            codes.clear()
+            code_size, newest = 9, _END
+        full_bytes = bits >> 3
+        packed += (pending & (1 << 8 * full_bytes) - 1).to_bytes(full_bytes, "little")
+        pending >>= 8 * full_bytes
         bits &= 7
-    held |= prefix << bits
-    bits += size
-    # The decoder adds an entry for the last code as well, which may lengthen the one that ends.
-    size += (newest + 1 >> size) if newest < _LARGEST_CODE else 0
-    held |= _END << bits
-    bits += size
-    return bytes(packed + held.to_bytes(-(-bits // 8), "little"))
+    pending |= prefix << bits
+    bits += code_size
+    # The decoder adds an entry for the last code too, which may lengthen the code after it.
+    code_size += (newest + 1 >> code_size) if newest < _MAX_CODE else 0
+    pending |= _END << bits
+    bits += code_size
+    return bytes(packed + pending.to_bytes(-(-bits // 8), "little"))

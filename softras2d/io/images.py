@@ -3,14 +3,14 @@
 In memory an image is `[height, width, channels]`, float32, with straight alpha. Its values are
 sRGB, or linear light with `linear=True`. What the numbers in a file mean depends on its format:
 
-- integer pixels (PNG, JPEG, 8- and 16-bit TIFF) are sRGB with straight alpha; TIFF may say that its
-  alpha is premultiplied;
-- float pixels (EXR, float TIFF, HDR) are linear light, and EXR colour is premultiplied.
+- integer pixels (PNG, JPEG, 8- and 16-bit TIFF) are sRGB with straight alpha, except in a TIFF
+  that declares premultiplied alpha;
+- float pixels (EXR, float TIFF, HDR) are linear light, and EXR colours are premultiplied.
 
-So reading decodes integer pixels if `linear=True`, and encodes float pixels if not; writing does
-the opposite. An image that is read with the same `linear` as it was written with is the same, up to
-the precision of the format. An EXR of an image without alpha, written and read with `linear=True`,
-keeps every float32 bit.
+Reading therefore decodes integer pixels to linear light if `linear=True`, and encodes float pixels
+as sRGB if not; writing does the opposite. Writing an image and reading it with the same `linear`
+gives the same image, up to the precision of the format. In an EXR of an image without alpha,
+written and read with `linear=True`, every float32 is bitwise equal.
 """
 
 import os
@@ -37,7 +37,8 @@ MAX_IMAGE_BYTES = 2**30
 header of a tiny file can claim any size, so larger images are refused before they are decoded. The
 limit is 89 million RGB pixels, or 67 million RGBA pixels (8192 x 8192)."""
 
-_STEPS = {"uint8": (oiio.UINT8, 255), "uint16": (oiio.UINT16, 65535)}
+_INTEGERS = {"uint8": (oiio.UINT8, 255), "uint16": (oiio.UINT16, 65535)}
+"""For each integer format, the type in which it is read, and the integer that means 1."""
 
 
 def read_image(
@@ -90,16 +91,16 @@ def write_image(
     """Write floats `[height, width, 1, 3 or 4]` as PNG, JPEG or TIFF (8 bits) or EXR (float32).
 
     The suffix of `path` chooses the format. In 8-bit files, values are clipped to 0..1 and rounded
-    to the nearest k/255. `truncate=True` takes floor(255 x) in float32 instead, as the course does;
-    it keeps k/255 for every k. `linear=True` means that the image is linear light. The file appears
-    whole or not at all. Raises `ValueError`, one line, for NaN and infinity,
-    another shape or dtype, an unknown suffix, or a folder that is not there.
+    to the nearest k/255. `truncate=True` takes floor(255 x) in float32 instead, as the rasterizer
+    course does, which also preserves every k/255. `linear=True` means that the image is linear
+    light. The file is written completely or not at all. Raises `ValueError`, one line, for NaN and
+    infinity, another shape or dtype, an unknown suffix, or a folder that does not exist.
     """
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in WRITABLE:
         raise ValueError(f"{path}: the suffix must be one of {', '.join(WRITABLE)}.")
-    pixels = _writable(path, np.asarray(image))
+    pixels = _checked_pixels(path, np.asarray(image))
     if suffix == ".exr":
         pixels = pixels if linear else _on_colors(srgb_to_linear, pixels)
         # Finite values in sRGB may overflow float32 in linear light.
@@ -117,38 +118,41 @@ def write_image(
 def to_bytes(
     pixels: Float32[np.ndarray, "*shape"], *, truncate: bool = False
 ) -> UInt8[np.ndarray, "*shape"]:
-    """Clip to 0..1 and round to the nearest k/255, or down if `truncate`."""
+    """Convert floats to bytes: clip them to 0..1, and round to the nearest k/255, or down."""
     scaled = np.clip(pixels, 0.0, 1.0) * np.float32(255.0)
     return np.floor(scaled if truncate else scaled + np.float32(0.5)).astype(np.uint8)
 
 
 def _load(
     path: Path, name: str, linear: bool, charge: Callable[[int], None] | None = None
-) -> np.ndarray:
+) -> Float32[np.ndarray, "height width channels"]:
+    """Read an image file as RGB or RGBA; errors call it `name`, and `charge` gets its pixels."""
     if path.is_dir():
         raise ValueError(f"{name}: a folder, not an image.")
     if not path.exists():
         raise ValueError(f"{name}: no such file.")
     try:
-        pixels, spec = _pixels(path, name, charge)
-        channels = [channel.upper() for channel in spec.channelnames]
+        pixels, spec = _read_channels(path, name, charge)
+        channel_names = [channel.upper() for channel in spec.channelnames]
     except UnicodeDecodeError:
         # OpenImageIO decodes names in a file, and messages that contain them, as UTF-8.
         raise ValueError(f"{name}: the image is damaged: a name in it is not UTF-8.") from None
-    pixels = _channels(pixels, channels)
-    floats = np.dtype(str(spec.format).replace("half", "float16")).kind == "f"
+    pixels = _select_rgba(pixels, channel_names)
+    is_float = np.dtype(str(spec.format).replace("half", "float16")).kind == "f"
     if _is_premultiplied(path, spec):
         with np.errstate(over="ignore", invalid="ignore"):
             pixels = unpremultiply(pixels)
     _check_finite(name, pixels)
-    if floats and not linear:
+    if is_float and not linear:
         pixels = _on_colors(linear_to_srgb, pixels)
-    if linear and not floats:
+    if linear and not is_float:
         pixels = _on_colors(srgb_to_linear, pixels)
     return np.ascontiguousarray(_upright(pixels, spec.get_int_attribute("Orientation", 1)))
 
 
-def _pixels(path: Path, name: str, charge: Callable[[int], None] | None) -> tuple[np.ndarray, Any]:
+def _read_channels(
+    path: Path, name: str, charge: Callable[[int], None] | None
+) -> tuple[Float32[np.ndarray, "height width channels"], Any]:
     """The channels of a file as float32, before any conversion, and its `ImageSpec`."""
     _check_png_chunks(path, name)
     hint = oiio.ImageSpec()
@@ -156,26 +160,26 @@ def _pixels(path: Path, name: str, charge: Callable[[int], None] | None) -> tupl
     hint.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(str(path), hint)
     if source is None:
-        raise ValueError(f"{name}: not an image that can be read{_why(oiio.geterror(), path)}.")
+        raise ValueError(f"{name}: not an image that can be read{_reason(oiio.geterror(), path)}.")
     try:
         spec = source.spec()
         _check_size(name, spec)
         if charge is not None:
             charge(spec.width * spec.height)
-        kind, step = _STEPS.get(str(spec.format), (oiio.FLOAT, 1))
-        pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
+        stored_type, maximum = _INTEGERS.get(str(spec.format), (oiio.FLOAT, 1))
+        pixels = source.read_image(0, 0, 0, spec.nchannels, stored_type)
         # A truncated JPEG is filled up with grey; the error is the only sign of it.
         error = source.geterror()
     finally:
         source.close()
     if pixels is None or error:
-        raise ValueError(f"{name}: the image is damaged or cut short{_why(error, path)}.")
+        raise ValueError(f"{name}: the image is damaged or cut short{_reason(error, path)}.")
     shape = (spec.height, spec.width, spec.nchannels)
     # Division rounds correctly; OpenImageIO multiplies by a rounded 1/255. A signalling NaN makes
     # numpy warn here, and is reported by `_check_finite` later.
     with np.errstate(invalid="ignore"):
         floats = np.array(pixels, np.float32).reshape(shape)
-        floats /= np.float32(step)
+        floats /= np.float32(maximum)
     return floats, spec
 
 
@@ -195,31 +199,34 @@ def _check_png_chunks(path: Path, name: str) -> None:
         if file.read(8) != b"\x89PNG\r\n\x1a\n":
             return
         data = file.read()
-    at, kind = 0, b""
+    start, kind = 0, b""
     while kind != b"IEND":
-        # Length, kind, data, and a checksum of the latter two.
-        length, kind = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
-        end = at + 8 + length
-        checksum = zlib.crc32(memoryview(data)[at + 4 : end]).to_bytes(4, "big")
+        # A chunk has a length, a kind, data, and a checksum of kind and data.
+        length, kind = int.from_bytes(data[start : start + 4], "big"), data[start + 4 : start + 8]
+        end = start + 8 + length
+        checksum = zlib.crc32(memoryview(data)[start + 4 : end]).to_bytes(4, "big")
         if len(kind) < 4 or not kind.isalpha() or data[end : end + 4] != checksum:
             raise ValueError(f"{name}: the image is damaged or cut short.")
-        at = end + 4
+        start = end + 4
 
 
-def _channels(pixels: np.ndarray, names: list[str]) -> np.ndarray:
-    """Select RGB or RGBA from the channels of a file, by their names."""
-    plain = [index for index, name in enumerate(names) if name != "A"] or [0]
+def _select_rgba(pixels: np.ndarray, names: list[str]) -> np.ndarray:
+    """Select RGB or RGBA from the channels of a file, by their names.
+
+    Without channels R, G and B, the first three channels are used, or the first one three times.
+    """
+    not_alpha = [index for index, name in enumerate(names) if name != "A"] or [0]
     if {"R", "G", "B"} <= set(names):
         chosen = [names.index(name) for name in "RGB"]
     else:
-        chosen = plain[:3] if len(plain) >= 3 else plain[:1] * 3
+        chosen = not_alpha[:3] if len(not_alpha) >= 3 else not_alpha[:1] * 3
     if "A" in names and len(names) > 1:
         chosen.append(names.index("A"))
     return pixels[..., chosen]
 
 
 def _is_premultiplied(path: Path, spec: Any) -> bool:
-    """Whether colours are premultiplied: in EXR always, in TIFF if it says so, else never."""
+    """Whether colours are premultiplied: in EXR always, TIFF unless it declares straight alpha."""
     with path.open("rb") as file:
         magic = file.read(4)
     if magic == b"\x76\x2f\x31\x01":
@@ -248,7 +255,7 @@ def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
     return pixels
 
 
-def _writable(path: Path, image: np.ndarray) -> np.ndarray:
+def _checked_pixels(path: Path, image: np.ndarray) -> np.ndarray:
     """Check everything that can be checked before writing; returns `image` as float32."""
     pixels = as_pixels(str(path), image)
     if image.shape[-1] == 4 and path.suffix.lower() in (".jpg", ".jpeg"):
@@ -259,25 +266,25 @@ def _writable(path: Path, image: np.ndarray) -> np.ndarray:
     return pixels
 
 
-def as_pixels(where: str, image: np.ndarray) -> Float32[np.ndarray, "height width channels"]:
-    """`image` as float32. Raises `ValueError`, which begins with `where`, if it is not an image."""
+def as_pixels(name: str, image: np.ndarray) -> Float32[np.ndarray, "height width channels"]:
+    """`image` as float32. Raises `ValueError`, which begins with `name`, if it is not an image."""
     if image.ndim != 3 or image.shape[-1] not in (1, 3, 4) or 0 in image.shape:
-        raise ValueError(f"{where}: an image is [height, width, 1, 3 or 4]; got {image.shape}.")
+        raise ValueError(f"{name}: an image is [height, width, 1, 3 or 4]; got {image.shape}.")
     if image.dtype not in (np.float16, np.float32, np.float64):
-        raise ValueError(f"{where}: an image holds floats, 0..1; got {image.dtype}.")
+        raise ValueError(f"{name}: an image holds floats, 0..1; got {image.dtype}.")
     with np.errstate(over="ignore"):
         pixels = image.astype(np.float32)
-    _check_finite(where, pixels)
+    _check_finite(name, pixels)
     return pixels
 
 
-def _check_finite(where: str, pixels: np.ndarray) -> None:
-    """Raise `ValueError`, which begins with `where`, for the first value that is not finite."""
+def _check_finite(name: str, pixels: np.ndarray) -> None:
+    """Raise `ValueError`, which begins with `name`, for the first value that is not finite."""
     finite = np.isfinite(pixels)
     if not finite.all():
         row, column, channel = (int(i) for i in np.argwhere(~finite)[0])
         value = pixels[row, column, channel]
-        raise ValueError(f"{where}: row {row}, column {column}, channel {channel} is {value}.")
+        raise ValueError(f"{name}: row {row}, column {column}, channel {channel} is {value}.")
 
 
 def check_writable_path(path: Path) -> None:
@@ -289,6 +296,7 @@ def check_writable_path(path: Path) -> None:
 
 
 def _save(draft: Path, path: Path, pixels: np.ndarray) -> None:
+    """Write pixels to `draft` in the format of its suffix; errors call it `path`."""
     height, width, channels = pixels.shape
     # The JPEG library terminates the process if the disk is full.
     if shutil.disk_usage(draft.parent).free < pixels.nbytes + 2**16:
@@ -304,14 +312,14 @@ def _save(draft: Path, path: Path, pixels: np.ndarray) -> None:
         spec.attribute("jpeg:subsampling", "4:4:4")
     target = oiio.ImageOutput.create(str(draft))
     if target is None:
-        raise ValueError(f"{path}: cannot be written{_why(oiio.geterror(), draft)}.")
-    done = target.open(str(draft), spec) and target.write_image(np.ascontiguousarray(pixels))
+        raise ValueError(f"{path}: cannot be written{_reason(oiio.geterror(), draft)}.")
+    is_written = target.open(str(draft), spec) and target.write_image(np.ascontiguousarray(pixels))
     # Closing writes buffered data, so it may fail if the disk is full.
-    if not (target.close() and done) or not _is_whole(draft):
-        raise ValueError(f"{path}: cannot be written{_why(target.geterror(), draft)}.")
+    if not (target.close() and is_written) or not _is_complete(draft):
+        raise ValueError(f"{path}: cannot be written{_reason(target.geterror(), draft)}.")
 
 
-def _is_whole(draft: Path) -> bool:
+def _is_complete(draft: Path) -> bool:
     """Whether a PNG is complete: OpenImageIO does not report a full disk."""
     if draft.suffix != ".png":
         return True
@@ -320,8 +328,8 @@ def _is_whole(draft: Path) -> bool:
         return file.read() == b"IEND\xae\x42\x60\x82"
 
 
-def _why(message: str, path: Path) -> str:
-    """First line of a message of OpenImageIO, without the name of a temporary file."""
+def _reason(message: str, path: Path) -> str:
+    """First line of a message of OpenImageIO in parentheses, without the name of the file."""
     first = message.strip().splitlines()[0] if message.strip() else ""
     for quoted in (f' ("{path}")', f" ({path})"):
         first = first.replace(quoted, "")

@@ -6,54 +6,58 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 COLORS = 256
+"""Maximum size of a palette."""
 
 
 def quantized(
     image: UInt8[np.ndarray, "height width 3"],
 ) -> tuple[UInt8[np.ndarray, "height width"], UInt8[np.ndarray, "colors 3"]]:
-    """Reduce an image to at most 256 colours; returns indices and the palette.
+    """Reduce an image to at most 256 colours; returns palette indices of pixels, and the palette.
 
     The result is exact if the image has no more colours; otherwise each colour of the palette is
     the mean of the pixels that use it. There is no dithering, so that still parts of an animation
     do not flicker, and take fewer bytes.
     """
     codes = image.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
-    found, place, counts = np.unique(codes, return_inverse=True, return_counts=True)
-    colors = np.stack([found >> 16, found >> 8 & 255, found & 255], axis=1).astype(np.float64)
-    boxes = np.arange(len(found))
-    if len(found) > COLORS:
+    codes, color_of_pixel, counts = np.unique(codes, return_inverse=True, return_counts=True)
+    colors = np.stack([codes >> 16, codes >> 8 & 255, codes & 255], axis=1).astype(np.float64)
+    boxes = np.arange(len(colors))
+    if len(colors) > COLORS:
         boxes = _boxes(colors, counts)
     sums = [np.bincount(boxes, counts * channel) for channel in colors.T]
     palette = np.stack(sums, axis=1) / np.bincount(boxes, counts)[:, None]
-    indices = boxes.astype(np.uint8)[place].reshape(image.shape[:2])
+    indices = boxes.astype(np.uint8)[color_of_pixel].reshape(image.shape[:2])
     return indices, np.rint(palette).astype(np.uint8)
 
 
 def _boxes(colors: Float[np.ndarray, "n 3"], counts: Int[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
-    """The box of each colour, 0 to 255.
+    """Group colours into 256 boxes; returns the box of each colour, 0 to 255.
 
-    The box with the largest squared error, summed over its pixels, is cut in two at its mean,
-    across the channel of the largest variance, until there are enough. By the error and not by
-    the number of pixels, so that a few red ones on a white ground stay red.
+    Starting with one box, the box with the largest squared error, summed over its pixels, is cut in
+    two: at its mean, across the channel with the largest error. Boxes are chosen by their error and
+    not by their number of pixels, so that a few red pixels on a white background stay red.
 
-    **Source:** after median cut, Heckbert, *Color Image Quantization for Frame Buffer Display*
+    **Source:** variant of median cut, Heckbert, *Color Image Quantization for Frame Buffer Display*
     (SIGGRAPH 1982).
     """
     boxes = np.zeros(len(colors), np.int64)
-    heap = [_measured(0, np.arange(len(colors)), colors, counts)]
+    heap = [_heap_entry(0, np.arange(len(colors)), colors, counts)]
     for new in range(1, COLORS):
         _, box, members, channel, mean = heapq.heappop(heap)
         above = colors[members, channel] > mean
         boxes[members[above]] = new
-        heapq.heappush(heap, _measured(box, members[~above], colors, counts))
-        heapq.heappush(heap, _measured(new, members[above], colors, counts))
+        heapq.heappush(heap, _heap_entry(box, members[~above], colors, counts))
+        heapq.heappush(heap, _heap_entry(new, members[above], colors, counts))
     return boxes
 
 
-def _measured(
+def _heap_entry(
     box: int, members: np.ndarray, colors: np.ndarray, counts: np.ndarray
 ) -> tuple[float, int, np.ndarray, int, float]:
-    """Heap entry of a box: minus its squared error, the box, its members, and where to cut it."""
+    """Entry of a box in a heap: minus its squared error, the box, its members, and the cut.
+
+    The cut is the channel with the largest error, and the mean of that channel.
+    """
     member_colors, weights = colors[members], counts[members]
     means = weights @ member_colors / weights.sum()
     errors = weights @ (member_colors - means) ** 2

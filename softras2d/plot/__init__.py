@@ -1,13 +1,17 @@
-"""Figures of images, scenes and fits, with matplotlib: `pip install "softras2d[plot]"`.
+"""Plots images, scenes and fits with matplotlib: `pip install "softras2d[plot]"`.
 
-Overlays are in pixels of the image: x right, y down, and pixel (row r, column c) is the square
-[c, c+1) x [r, r+1). Images are float `[height, width, channels]` in 0..1: one channel is shown as
-grey, four (straight alpha) over a light checkerboard; what lies outside 0..1 is clipped.
+Conventions of all functions:
 
-With `axes=` (or `figure=`) a function draws there, without it into a new figure of pyplot. It
-returns the `Axes`, or the `Figure` where it draws several. In a notebook, end the last line of a
-cell with `;`, else its value is printed beside the picture. matplotlib is imported by the first
-call; `ImportError`, one line, says so if it is missing.
+- An image is an array of floats `[height, width, channels]`, in sRGB, 0..1; values outside are
+  clipped. One channel is grey; three are RGB; four are RGB with straight alpha, shown over a light
+  checkerboard.
+- Coordinates are in pixels of the image, x right and y down. Pixel (row r, column c) is the square
+  [c, c+1) x [r, r+1).
+- `axes` (or `figure`) is the matplotlib object to draw into; by default, a new pyplot figure is
+  made. Functions return the `Axes`, or the `Figure` if they draw several. In a notebook, end the
+  last line of a cell with `;`, so that this value is not printed beside the plot.
+
+matplotlib is imported by the first call, which raises `ImportError`, one line, if it is missing.
 """
 
 from .comparison import difference, error

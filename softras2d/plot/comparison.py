@@ -3,13 +3,14 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float64
 
 from ..color import premultiply
 from .library import Axes, import_pyplot
 from .picture import checked_image, fit_pixels
 
-_LEAST = 1 / 255
-"""The limit for images that are equal: a step of eight bits."""
+_EQUAL_LIMIT = 1 / 255
+"""Limit of the colour scale for equal images: one step of an 8-bit image."""
 
 
 def difference(
@@ -20,18 +21,23 @@ def difference(
     limit: int | float | None = None,
     title: str = "",
 ) -> Axes:
-    """Show `image - reference`, the mean over channels: red where `image` is brighter, else blue.
+    """Show `image - reference` per pixel: red where `image` is brighter, blue where it is darker.
 
-    Both are `[height, width, 1, 3 or 4]` of one shape; colours of four channels count as
-    premultiplied. Differences of opposite signs in two channels cancel, which `error` shows.
-    Colours reach from `-limit` to `limit`, by default the largest absolute value; 1 is the whole
-    range. Raises `ValueError`, one line, for images of other or unequal shapes, NaN and infinity,
-    and a `limit` that is not positive.
+    - `image`, `reference`: float images `[height, width, channels]` of one shape, in sRGB, 0..1, of
+      1, 3 or 4 channels. With alpha, premultiplied colours are compared.
+    - `axes`: matplotlib axes to draw into; by default those of a new figure.
+    - `limit`: difference with the strongest colour, above 0, where 1 is the full range of an image;
+      by default the largest absolute difference.
+    - `title`: text above the plot.
+
+    The difference is the mean over channels. Differences of opposite signs in two channels
+    therefore cancel; `error` shows them. Returns the axes. Raises `ValueError`, one line, for
+    images of other or unequal shapes, NaN and infinity, and a `limit` that is not positive.
     """
     values = _difference(image, reference).mean(axis=-1)
     limit = _limit(limit, values)
     label = "image - reference"
-    return _map(values, "RdBu_r", (-limit, limit), label, axes, title)
+    return _draw_map(values, "RdBu_r", (-limit, limit), label, axes, title)
 
 
 def error(
@@ -42,44 +48,51 @@ def error(
     limit: int | float | None = None,
     title: str = "",
 ) -> Axes:
-    """Show the error of each pixel: the root of the mean of squared differences over channels.
+    """Show the root-mean-square difference of two images over the channels of each pixel.
 
-    Both are `[height, width, 1, 3 or 4]` of one shape; colours of four channels count as
-    premultiplied. Colours reach from 0 to `limit`, by default the largest value; 1 is the whole
-    range. Raises `ValueError` as `difference` does.
+    - `image`, `reference`: float images `[height, width, channels]` of one shape, in sRGB, 0..1, of
+      1, 3 or 4 channels. With alpha, premultiplied colours are compared.
+    - `axes`: matplotlib axes to draw into; by default those of a new figure.
+    - `limit`: error with the last colour of the scale, above 0, where 1 is the full range of an
+      image; by default the largest error.
+    - `title`: text above the plot.
+
+    Returns the axes. Raises `ValueError` as `difference` does.
     """
     values = np.sqrt(np.square(_difference(image, reference)).mean(axis=-1))
     limit = _limit(limit, values)
-    return _map(values, "viridis", (0.0, limit), "RMSE", axes, title)
+    return _draw_map(values, "viridis", (0.0, limit), "RMSE", axes, title)
 
 
-def _difference(image: Any, reference: Any) -> np.ndarray:
+def _difference(image: Any, reference: Any) -> Float64[np.ndarray, "height width channels"]:
+    """Check both images; returns their difference, in premultiplied colours."""
     first, second = checked_image("`image`", image), checked_image("`reference`", reference)
     if first.shape != second.shape:
         raise ValueError(
             f"`image` and `reference` must have one shape; got {first.shape} and {second.shape}."
         )
-    # The colour of a transparent pixel does not show.
+    # Premultiplied, since the colour of a transparent pixel is not visible.
     return premultiply(first.astype(np.float64)) - premultiply(second.astype(np.float64))
 
 
 def _limit(limit: int | float | None, values: np.ndarray) -> float:
+    """The checked `limit`, or by default the largest of `values`."""
     if limit is None:
-        return float(np.abs(values).max()) or _LEAST
+        return float(np.abs(values).max()) or _EQUAL_LIMIT
     if not 0 < limit < np.inf:
         raise ValueError(f"`limit` must be positive; got {limit}.")
     return float(limit)
 
 
-def _map(
+def _draw_map(
     values: np.ndarray,
-    colors: str,
+    color_map: str,
     limits: tuple[float, float],
     label: str,
     axes: Axes | None,
     title: str,
 ) -> Axes:
-    """`values` `[height, width]` as colours, with a bar that says which."""
+    """Draw `values` `[height, width]` in a colour map, beside a colour bar."""
     height, width = values.shape
     if axes is None:
         tall = float(np.clip(5 * height / width, 2, 8))
@@ -87,7 +100,7 @@ def _map(
         assert axes is not None
     picture = axes.imshow(
         values,
-        cmap=colors,
+        cmap=color_map,
         vmin=limits[0],
         vmax=limits[1],
         extent=(0, width, height, 0),
@@ -96,6 +109,7 @@ def _map(
     axes.set(xticks=[], yticks=[])
     if title:
         axes.set_title(title)
+    # The ends of the colour bar are pointed if values lie beyond them.
     over, under = values.max() > limits[1], values.min() < limits[0]
     extend = "both" if over and under else "max" if over else "min" if under else "neither"
     bar = axes.figure.colorbar(picture, ax=axes, extend=extend, fraction=0.05, pad=0.02)

@@ -1,4 +1,4 @@
-"""Plots the convergence of fits."""
+"""Plots how fits converge."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,10 +21,15 @@ def convergence(
     against: Literal["seconds", "step"] = "seconds",
     axes: Axes | None = None,
 ) -> Axes:
-    """Plot the PSNR of fits, by name, against the seconds or the steps since they began.
+    """Plot the PSNR of fits, in dB, against time or steps.
 
-    It is the PSNR in their `history`: of the image that the fit saw, at its size and with its
-    coverage. Raises `ValueError` for no results, a result without history, and another `against`.
+    - `results`: results of `fit`, by the names that the legend shows.
+    - `against`: `"seconds"` or `"step"`, counted from the start of each fit.
+    - `axes`: matplotlib axes to draw into; by default those of a new figure.
+
+    The PSNR is that in the `history` of the results: between the fitted image and the target, at
+    the size and with the coverage that the fit used. Returns the axes. Raises `ValueError` for no
+    results, a result without history, and another `against`.
     """
     if against not in _AXES:
         raise ValueError(f'`against` must be "seconds" or "step"; got {against!r}.')

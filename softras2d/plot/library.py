@@ -1,4 +1,4 @@
-"""matplotlib, imported when it is first needed, and its types."""
+"""Imports matplotlib when it is first needed, and names its types without importing it."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -8,18 +8,18 @@ if TYPE_CHECKING:
 
     AnyFigure = Figure | SubFigure
 else:
-    # For those who read annotations at run time, as the tests do: no import for a type.
+    # Annotations are evaluated at run time too, where a type alone must not import matplotlib.
     Axes = Figure = AnyFigure = Any
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Told apart by the colour-blind too.
+"""Colours of lines, which colour-blind readers can tell apart.
 
 **Source:** Okabe and Ito, *Color Universal Design* (2008), without its yellow.
 """
 
 
 def import_pyplot() -> Any:
-    """`matplotlib.pyplot`. Raises `ImportError`, one line, if matplotlib is not installed."""
+    """Import `matplotlib.pyplot`. Raises `ImportError`, one line, if matplotlib is missing."""
     try:
         from matplotlib import pyplot
     except ModuleNotFoundError as missing:

@@ -22,11 +22,17 @@ def triangles(
     width: int | float = 0.8,
     vertices: bool = False,
 ) -> Axes:
-    """Draw the outlines of the triangles of `scene`, in pixels, over what `axes` shows.
+    """Draw the outlines of a scene's triangles over an image.
 
-    `width` is that of the lines, in points; `vertices` marks the vertices that triangles use.
-    Insets that `show` made are drawn on too. Empty axes get the limits of the triangles, y down.
-    Raises `ValueError` for a batch of scenes and for vertices that are not finite.
+    - `scene`: one scene, whose positions are in pixels.
+    - `axes`: the axes of the image, and of the insets that `show` made. If they are empty, their
+      limits are set to the triangles, with y down.
+    - `color`: any matplotlib colour.
+    - `width`: width of the lines, in points (1/72 inch).
+    - `vertices`: whether to mark the vertices of the triangles.
+
+    Returns the axes. Raises `ValueError` for a batch of scenes and for positions that are not
+    finite.
     """
     import_pyplot()
     from matplotlib.collections import PolyCollection
@@ -36,13 +42,13 @@ def triangles(
         raise ValueError(f"`scene` must be one scene, not a batch; got triangles {indices.shape}.")
     corners = _points("the positions of `scene`", scene.positions)[indices]
     used = corners.reshape(-1, 2)
-    for one in _with_insets(axes, used):
+    for target in _with_insets(axes, used):
         outlines = PolyCollection(
             list(corners), closed=True, facecolors="none", edgecolors=color, linewidths=width
         )
-        one.add_collection(outlines, autolim=False)
+        target.add_collection(outlines, autolim=False)
         if vertices:
-            one.plot(
+            target.plot(
                 *np.unique(used, axis=0).T,
                 linestyle="none",
                 marker="o",
@@ -63,12 +69,20 @@ def arrows(
     length: int | float | None = None,
     label: str = "",
 ) -> Axes:
-    """Draw an arrow for each vector, `vectors` `[n, 2]` at `positions` `[n, 2]`, both (x, y).
+    """Draw vectors as arrows over an image, for example the gradient of a loss.
 
-    `length` scales all by one factor so that the longest has so many pixels; None draws vectors in
-    pixels as they are. A gradient points to where the loss grows: negate it to show the way down.
-    `label` is for the legend. Insets that `show` made are drawn on too. Raises `ValueError` for
-    other shapes, for values that are not finite, and for a `length` that is not positive.
+    - `positions`: `[n, 2]`, the (x, y) at which arrows begin, in pixels.
+    - `vectors`: `[n, 2]`, (x, y). The gradient of a loss points in the direction in which the loss
+      grows; negate it to show the direction of descent.
+    - `axes`: the axes of the image, and of the insets that `show` made. If they are empty, their
+      limits are set to the arrows, with y down.
+    - `color`: any matplotlib colour.
+    - `length`: length of the longest arrow in pixels, above 0, to which all vectors are scaled by
+      one factor; by default, vectors are taken to be in pixels.
+    - `label`: entry of the legend; without it, there is no legend.
+
+    Returns the axes. Raises `ValueError` for other shapes, for values that are not finite, and for
+    a `length` that is not positive.
     """
     import_pyplot()
     tails, vectors = _points("`positions`", positions), _points("`vectors`", vectors)
@@ -82,8 +96,8 @@ def arrows(
         longest = np.hypot(*vectors.T).max(initial=0)
         # Divided first: a gradient may be so small that its inverse overflows.
         vectors = vectors / (longest if longest > 0 else 1) * length
-    for one in _with_insets(axes, np.concatenate([tails, tails + vectors])):
-        one.quiver(
+    for target in _with_insets(axes, np.concatenate([tails, tails + vectors])):
+        target.quiver(
             *tails.T,
             *vectors.T,
             angles="xy",
@@ -100,7 +114,7 @@ def arrows(
 
 
 def _points(name: str, points: Any) -> np.ndarray:
-    """`points` in float64. Raises `ValueError` unless they are `[n, 2]` and finite."""
+    """Points as float64. Raises `ValueError` unless they are `[n, 2]` and finite."""
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 2 or points.dtype.kind not in "fiu":
         raise ValueError(f"{name} must be numbers [n, 2]; got {points.shape} {points.dtype}.")
@@ -112,7 +126,7 @@ def _points(name: str, points: Any) -> np.ndarray:
 
 
 def _with_insets(axes: Axes, points: np.ndarray) -> list[Axes]:
-    """`axes` and the insets in it. Gives empty axes the limits of `points` `[n, 2]`, y down."""
+    """The axes and their insets. Empty axes get the limits of `points` `[n, 2]`, with y down."""
     if not axes.has_data() and len(points):
         low, high = points.min(axis=0), points.max(axis=0)
         margin = 0.05 * max(float((high - low).max()), 1e-6)

@@ -8,15 +8,15 @@ from .cells import new_cells
 from .library import COLORS, Axes, import_pyplot
 
 INSET = "inset of softras2d.plot.show"
-"""Label of the axes that `show` makes for an inset; overlays look for it."""
+"""Label of the axes that `show` makes for an inset, by which overlays find them."""
 
-_PAPER = (1.0, 0.9)
-"""Greys of the checkerboard behind images with alpha."""
+_CHECKERBOARD_GREYS = (1.0, 0.9)
+"""Greys, in 0..1, of the checkerboard behind images with alpha."""
 
-_MOST_LINES = 64
+_MAX_GRID_LINES = 64
 """Maximum number of lines of the pixel grid along a side."""
 
-_LARGEST_INSET = 0.6
+_MAX_INSET = 0.6
 """Maximum size of an inset, as a fraction of a side of the image."""
 
 
@@ -29,35 +29,42 @@ def show(
     inset: tuple[int, int, int, int] | None = None,
     inset_zoom: int | float = 8,
 ) -> Axes:
-    """Show `image` `[height, width, 1, 3 or 4]`, its pixels as squares.
+    """Show one image; its pixels are drawn as squares.
 
-    - `grid`: lines between the pixels and axes in pixels; beyond 64 pixels a side, lines between
-      every 2nd, 4th, ... of them. An inset has lines of its own.
-    - `inset`: `(top, left, height, width)` in pixels: that part, enlarged `inset_zoom` times or as
-      often as fits 0.6 of a side, in the corner that is farthest from it. It is
-      `axes.child_axes[0]`; overlays are drawn there too.
+    - `image`: floats `[height, width, channels]` in sRGB, 0..1, of 1, 3 or 4 channels; values
+      outside are clipped.
+    - `axes`: matplotlib axes to draw into; by default those of a new figure.
+    - `title`: text above the image.
+    - `grid`: whether to draw lines between the pixels and to number the axes in pixels. If a side
+      has more than 64 pixels, there is one line for every 2, 4, 8, ... pixels.
+    - `inset`: `(top, left, height, width)` in pixels of a part to enlarge. The enlarged part is
+      drawn in the corner of the image that is farthest from it, as `axes.child_axes[0]`. Overlays
+      (`triangles`, `arrows`) are drawn in it too.
+    - `inset_zoom`: magnification of the inset, more than 1. It is reduced if the inset would be
+      larger than 0.6 of a side of the image.
 
-    An image with more pixels than `axes` has dots on the screen is smoothed: to leave pixels out
-    would add aliasing. Raises `ValueError`, one line, for NaN and infinity, another shape or dtype,
-    and an inset that is not inside the image or too large to be enlarged.
+    Returns the axes. If an image has more pixels than `axes` has dots on the screen, it is
+    smoothed, since leaving out pixels would add aliasing. Raises `ValueError`, one line, for
+    another shape or dtype, for NaN and infinity, and for an inset that is outside the image or too
+    large to be enlarged.
     """
     pixels = checked_image("`image`", image)
     height, width = pixels.shape[:2]
-    part = None if inset is None else _checked_part(inset, height, width)
-    if part is not None and not inset_zoom > 1:
+    region = None if inset is None else _checked_inset(inset, height, width)
+    if region is not None and not inset_zoom > 1:
         raise ValueError(f"`inset_zoom` must be more than 1; got {inset_zoom}.")
     if axes is None:
         _, (axes,) = new_cells(1, 1, height, width, lines=1 if title else 0, ticks=grid)
     _draw(axes, pixels, (0, width, height, 0))
     if grid:
-        _pixel_grid(axes, 0, 0, height, width)
+        _draw_grid(axes, 0, 0, height, width)
         axes.set(xlabel="x (pixels)", ylabel="y (pixels)")
     else:
         axes.set(xticks=[], yticks=[])
     if title:
         axes.set_title(title)
-    if part is not None:
-        _inset(axes, pixels, part, inset_zoom, grid)
+    if region is not None:
+        _draw_inset(axes, pixels, region, inset_zoom, grid)
     return axes
 
 
@@ -70,24 +77,27 @@ def checked_image(name: str, image: Any) -> np.ndarray:
 
 
 def fit_pixels(axes: Axes, height: int, width: int) -> str:
-    """Interpolation for an image of this size: `"nearest"` if `axes` has a dot for each pixel."""
+    """matplotlib's interpolation for an image of this size in `axes`.
+
+    It is `"nearest"` if `axes` has at least one dot for each pixel, else `"auto"`.
+    """
     box = axes.get_window_extent()
     dots = min(box.width / width, box.height / height)
-    # Layouts may still shrink the axes; "auto" decides when it is drawn, by the dots there are.
+    # A layout may still shrink the axes. "auto" decides when the figure is drawn.
     return "nearest" if dots >= 1.5 or abs(dots - 1) < 1e-3 else "auto"
 
 
 def _draw(axes: Axes, pixels: np.ndarray, extent: tuple[int, int, int, int]) -> None:
-    """`pixels` on the rectangle `extent` (left, right, bottom, top) of `axes`."""
+    """Draw pixels `[height, width, channels]` in the rectangle (left, right, bottom, top)."""
     height, width, channels = pixels.shape
     pixels = np.clip(pixels, 0, 1)
     left, right, bottom, top = extent
-    # What is drawn over it does not change the limits.
+    # Overlays that are drawn later must not change the limits.
     axes.set(xlim=(left, right), ylim=(bottom, top), autoscale_on=False)
-    how = fit_pixels(axes, height, width)
+    interpolation = fit_pixels(axes, height, width)
     if channels == 1:
         grey = pixels[..., 0]
-        axes.imshow(grey, cmap="gray", vmin=0, vmax=1, extent=extent, interpolation=how)
+        axes.imshow(grey, cmap="gray", vmin=0, vmax=1, extent=extent, interpolation=interpolation)
         return
     if channels == 4:
         axes.imshow(
@@ -98,64 +108,67 @@ def _draw(axes: Axes, pixels: np.ndarray, extent: tuple[int, int, int, int]) -> 
             extent=extent,
             interpolation="nearest",
         )
-    axes.imshow(pixels, extent=extent, interpolation=how)
+    axes.imshow(pixels, extent=extent, interpolation=interpolation)
 
 
 def _checkerboard(height: int, width: int) -> np.ndarray:
-    """Two light greys, about 24 fields along the longer side."""
+    """A checkerboard of two light greys, with about 24 fields along the longer side."""
     field = max(height, width) / 24
     rows, columns = (max(1, round(side / field)) for side in (height, width))
-    return np.asarray(_PAPER)[np.indices((rows, columns)).sum(0) % 2]
+    return np.asarray(_CHECKERBOARD_GREYS)[np.indices((rows, columns)).sum(0) % 2]
 
 
-def _pixel_grid(axes: Axes, top: int, left: int, height: int, width: int) -> None:
+def _draw_grid(axes: Axes, top: int, left: int, height: int, width: int) -> None:
+    """Draw lines between the pixels of a rectangle."""
     import_pyplot()
     from matplotlib.collections import LineCollection
 
     step = 1
-    while max(height, width) / step > _MOST_LINES:
+    while max(height, width) / step > _MAX_GRID_LINES:
         step *= 2
     right, bottom = left + width, top + height
-    across = [[(left, y), (right, y)] for y in range(top, bottom + 1, step)]
-    down = [[(x, top), (x, bottom)] for x in range(left, right + 1, step)]
-    lines = LineCollection(across + down, colors="0.5", linewidths=0.4)
+    horizontal = [[(left, y), (right, y)] for y in range(top, bottom + 1, step)]
+    vertical = [[(x, top), (x, bottom)] for x in range(left, right + 1, step)]
+    lines = LineCollection(horizontal + vertical, colors="0.5", linewidths=0.4)
     axes.add_collection(lines, autolim=False)
 
 
-def _checked_part(
+def _checked_inset(
     inset: tuple[int, int, int, int], height: int, width: int
 ) -> tuple[int, int, int, int]:
-    part = np.asarray(inset)
-    if part.shape != (4,) or part.dtype.kind not in "iu":
+    """Check that an inset lies inside the image and is small enough; returns it as integers."""
+    region = np.asarray(inset)
+    if region.shape != (4,) or region.dtype.kind not in "iu":
         raise ValueError(f"`inset` must be (top, left, height, width) in pixels; got {inset}.")
-    top, left, tall, wide = (int(number) for number in part)
+    top, left, tall, wide = (int(number) for number in region)
     if min(top, left) < 0 or min(tall, wide) < 1 or top + tall > height or left + wide > width:
         raise ValueError(
             f"`inset` must lie inside the image of height {height}, width {width}; got {inset}."
         )
-    if max(tall / height, wide / width) >= _LARGEST_INSET:
+    if max(tall / height, wide / width) >= _MAX_INSET:
         raise ValueError(
-            f"`inset` must be smaller than {_LARGEST_INSET} of the image of height {height}, "
+            f"`inset` must be smaller than {_MAX_INSET} of the image of height {height}, "
             f"width {width}, to be enlarged in it; got {inset}."
         )
     return top, left, tall, wide
 
 
-def _inset(
-    axes: Axes, pixels: np.ndarray, part: tuple[int, int, int, int], zoom: int | float, grid: bool
+def _draw_inset(
+    axes: Axes, pixels: np.ndarray, region: tuple[int, int, int, int], zoom: int | float, grid: bool
 ) -> None:
-    """The part (top, left, height, width), enlarged in the corner farthest from it."""
+    """Draw the region (top, left, height, width), enlarged, in the corner farthest from it."""
     height, width = pixels.shape[:2]
-    top, left, tall, wide = part
-    zoom = min(zoom, _LARGEST_INSET * height / tall, _LARGEST_INSET * width / wide)
-    across, up = zoom * wide / width, zoom * tall / height
+    top, left, tall, wide = region
+    zoom = min(zoom, _MAX_INSET * height / tall, _MAX_INSET * width / wide)
+    # Size and margins as fractions of the axes.
+    inset_width, inset_height = zoom * wide / width, zoom * tall / height
     margin_x, margin_y = 0.02 * max(height, width) / np.array([width, height])
-    x = 1 - across - margin_x if left + wide / 2 <= width / 2 else margin_x
-    y = margin_y if top + tall / 2 <= height / 2 else 1 - up - margin_y
-    child = axes.inset_axes((float(x), float(y), across, up), label=INSET)
+    x = 1 - inset_width - margin_x if left + wide / 2 <= width / 2 else margin_x
+    y = margin_y if top + tall / 2 <= height / 2 else 1 - inset_height - margin_y
+    child = axes.inset_axes((float(x), float(y), inset_width, inset_height), label=INSET)
     _draw(child, pixels[top : top + tall, left : left + wide], (left, left + wide, top + tall, top))
     if grid:
-        _pixel_grid(child, *part)
+        _draw_grid(child, *region)
     child.set(xticks=[], yticks=[])
     child.spines[:].set(color=COLORS[1], linewidth=1.5)
     axes.indicate_inset(inset_ax=child, edgecolor=COLORS[1], linewidth=1.5, alpha=1)

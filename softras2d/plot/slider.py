@@ -1,4 +1,4 @@
-"""Shows an image that depends on a value: as a film strip, and with a slider in a notebook."""
+"""Shows an image that depends on a value, for fixed values and, in a notebook, with a slider."""
 
 # pyright: reportMissingImports=false
 
@@ -16,32 +16,39 @@ from .strip import film_strip
 def explore(
     draw: Callable[[Any], Any], values: Sequence[Any], *, name: str, static: Sequence[Any]
 ) -> AnyFigure:
-    """Show `draw(value)`, an image `[height, width, 1, 3 or 4]`, for a value called `name`.
+    """Show how an image depends on a value, side by side and, in a notebook, with a slider.
 
-    A film strip shows the values in `static`. Where ipywidgets is installed and someone looks on
-    (Jupyter, VS Code, Colab), a slider over `values` draws on demand too; a notebook that is run
-    without anyone, as nbconvert runs it, keeps the strip alone. Returns the strip's figure. Raises
-    `ValueError`, one line, for no `values`, no `static`, and what `draw` returns if it is no image.
+    - `draw`: function from a value to an image, floats `[height, width, channels]` in sRGB, 0..1,
+      of 1, 3 or 4 channels.
+    - `values`: the values that the slider offers. Images are drawn when they are chosen.
+    - `name`: what the value is, for titles and for the slider.
+    - `static`: the values whose images are drawn at once, in one figure.
+
+    The slider appears if ipywidgets is installed and a front end shows the notebook (Jupyter, VS
+    Code, Colab), but not if the notebook is executed without one, for example by nbconvert. Returns
+    the static figure. Raises `ValueError`, one line, for no `values`, no `static`, or if `draw`
+    returns something that is not an image.
     """
     if not len(values) or not len(static):
         raise ValueError("`values` and `static` must hold at least one value each.")
-    strip = film_strip(map(draw, static), titles=[_titled(name, value) for value in static])
-    if _is_watched():
+    titles = [f"{name}: {_value_text(value)}" for value in static]
+    figure = film_strip(map(draw, static), titles=titles)
+    if _has_front_end():
         _display_slider(draw, values, name)
-    return strip
+    return figure
 
 
-def _titled(name: str, value: Any) -> str:
-    return f"{name}: {value:g}" if isinstance(value, float) else f"{name}: {value}"
+def _value_text(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _is_watched() -> bool:
+def _has_front_end() -> bool:
     """Whether this is a notebook that a front end shows, rather than one that nbconvert runs."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython else None
     if shell is None or not hasattr(shell, "kernel"):
         return False
-    # Jupyter's server names its kernels' sessions, VS Code puts a name into them.
+    # Jupyter's server sets the variable for its kernels; VS Code defines the name in them.
     return (
         "JPY_SESSION_NAME" in os.environ
         or "__vsc_ipynb_file__" in shell.user_ns
@@ -59,12 +66,10 @@ def _display_slider(draw: Callable[[Any], Any], values: Sequence[Any], name: str
 
 
 def slider(draw: Callable[[Any], Any], values: Sequence[Any], name: str) -> Any:
-    """A widget: a slider over `values` and the image that `draw` makes of the chosen one."""
+    """Make a widget: a slider over `values`, and the image that `draw` returns for the value."""
     import ipywidgets
 
-    options = [
-        (f"{value:g}" if isinstance(value, float) else str(value), value) for value in values
-    ]
+    options = [(_value_text(value), value) for value in values]
     chosen = ipywidgets.SelectionSlider(
         options=options,
         description=name,
@@ -83,7 +88,7 @@ def slider(draw: Callable[[Any], Any], values: Sequence[Any], name: str) -> Any:
 
 
 def _png(image: Any) -> bytes:
-    """The image as `show` draws it."""
+    """A PNG file of the image as `show` draws it."""
     pyplot = import_pyplot()
     with pyplot.ioff():
         figure: Any = show(image).figure

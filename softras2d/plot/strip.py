@@ -26,11 +26,16 @@ def film_strip(
     columns: int | None = None,
     figure: AnyFigure | None = None,
 ) -> AnyFigure:
-    """Show images `[height, width, 1, 3 or 4]` beside each other, in the order of reading.
+    """Show images side by side, in rows from left to right.
 
-    Each fills a cell of one size, whatever its own. `titles` has one for each, or none; `columns`
-    is how many stand in a row, by default as many as fit, six at most. Raises `ValueError`, one
-    line, for no frames, what is no image, another number of titles, and `columns` below one.
+    - `frames`: float images `[height, width, channels]` in sRGB, 0..1, of 1, 3 or 4 channels. Their
+      sizes may differ; each is scaled to fill a cell of the same size.
+    - `titles`: none, or one for each image, drawn above it.
+    - `columns`: number of images in a row, at least 1; by default as many as fit, at most 6.
+    - `figure`: matplotlib figure to draw into; by default a new one.
+
+    Returns the figure. Raises `ValueError`, one line, for no frames, a frame that is not an image,
+    another number of titles, and `columns` below 1.
     """
     images = [checked_image(f"frame {number}", frame) for number, frame in enumerate(frames)]
     if not images:
@@ -58,13 +63,18 @@ def film_strip(
 def pyramid(
     textures: TexturePyramid, index: int = 0, *, figure: AnyFigure | None = None
 ) -> AnyFigure:
-    """Show the levels of texture `index`, each enlarged to one size; titles say width x height.
+    """Show the mip levels of one texture, from the finest to the coarsest.
 
-    Raises `ValueError` for a texture that is not there.
+    - `textures`: the textures of a scene.
+    - `index`: number of the texture, 0 to `textures.count - 1`.
+    - `figure`: matplotlib figure to draw into; by default a new one.
+
+    All levels are enlarged to one size; titles give their width x height in texels. Returns the
+    figure. Raises `ValueError` for an `index` outside its range.
     """
     if not 0 <= index < textures.count:
         raise ValueError(f"`index` must be 0 to {textures.count - 1}; got {index}.")
-    # A texture with fewer levels than the largest repeats its last.
+    # If another texture has more levels, the last level of this one is repeated in the table.
     table = np.unique(np.asarray(textures.levels)[index], axis=0)
     texels = np.asarray(textures.texels)
     levels = [
@@ -81,12 +91,17 @@ def pyramid(
 def animate(
     path: str | os.PathLike[str], frames: Iterable[Any], *, seconds_per_frame: int | float = 0.1
 ) -> Path:
-    """Write images `[height, width, 1, 3 or 4]` of one size as a GIF, endlessly repeated; its path.
+    """Write images as a GIF that repeats endlessly.
 
-    Values are sRGB and clipped to 0..1; alpha is laid over white; time is rounded to 1/100 s.
-    Frames may come from a generator. Raises `ValueError`, one line, as
-    `softras2d.io.animation.write_animation` does: another suffix than `.gif`, no frames, frames of
-    several shapes, NaN and infinity, a time that GIF cannot say.
+    - `path`: file to write; its suffix must be `.gif`.
+    - `frames`: float images `[height, width, channels]` of equal size, in sRGB, 0..1, of 1, 3 or 4
+      channels; values outside are clipped, and alpha is composited over white. They may come from
+      a generator.
+    - `seconds_per_frame`: time of each frame, 0.02 to 655.35 seconds, rounded to 1/100 s.
+
+    Returns the path. Raises `ValueError`, one line, as `softras2d.io.animation.write_animation`
+    does: for another suffix, no frames, frames of unequal shape, NaN and infinity, and a time
+    outside its range.
     """
     from ..io.animation import write_animation
 
@@ -98,7 +113,7 @@ def animate(
 
 
 def _opaque(path: Path, frames: Iterable[Any]) -> Iterator[np.ndarray]:
-    """Frames as RGB: grey repeated, alpha over white."""
+    """Convert frames to RGB: grey is repeated, and alpha is composited over white."""
     for number, frame in enumerate(frames):
         pixels = checked_image(f"{path}: frame {number}", frame)
         if pixels.shape[-1] == 4:

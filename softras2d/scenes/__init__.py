@@ -1,7 +1,7 @@
-"""The bundled scenes: pictures of 300 x 300 pixels, each made to show one thing.
+"""Bundled scenes of 300 x 300 pixels, each of which shows one property of rasterization.
 
-Most are SVG files, whose purpose stands in their first comment; some of these are written by
-`experiments/bundled_scenes`. Those in space are made by `scripted.py` through the camera.
+Most are SVG files; their first comment states their purpose. `experiments/bundled_scenes` writes
+some of these files. The scenes in three dimensions have no file: `scripted.py` projects them.
 """
 
 import re
@@ -32,21 +32,21 @@ _FILES = (
 
 _SCRIPTED = ("ground", "overlap", "crossing")
 
-_KEYWORDS: dict[str, dict[str, Any]] = {"hairlines": {"dialect": "course"}}
-"""How scenes that are about something other than standard SVG are read."""
+_READ_OPTIONS: dict[str, dict[str, Any]] = {"hairlines": {"dialect": "course"}}
+"""Arguments of `read_svg` for scenes that are not standard SVG."""
 
 _FIRST_COMMENT = re.compile(r"<!--(.*?)-->", re.DOTALL)
 
 
 def names() -> tuple[str, ...]:
-    """The bundled scenes, in the order in which they are shown."""
+    """The names of all bundled scenes, in the order in which they are shown."""
     return _FILES + _SCRIPTED
 
 
 def is_scripted(name: str) -> bool:
-    """Whether a bundled scene is made by script, not read from a file.
+    """Whether a bundled scene is made by a function instead of being read from a file.
 
-    Raises `ValueError` for a name not in `names()`.
+    Raises `ValueError` for a name that is not in `names()`.
     """
     if name not in names():
         raise ValueError(f"no bundled scene {name!r}; there are {', '.join(names())}.")
@@ -54,14 +54,21 @@ def is_scripted(name: str) -> bool:
 
 
 def path(name: str) -> Path:
-    """The SVG file of a bundled scene. Raises `ValueError` if there is none: see `read`."""
+    """The SVG file of a bundled scene.
+
+    Raises `ValueError` for a name that is not in `names()`, and for a scripted scene, which has no
+    file; `read` makes it.
+    """
     if is_scripted(name):
         raise ValueError(f"the bundled scene {name!r} has no file; scenes.read({name!r}) makes it.")
     return Path(__file__).parent / f"{name}.svg"
 
 
 def purpose(name: str) -> str:
-    """What a bundled scene shows, in one sentence on one line."""
+    """What a bundled scene shows: one sentence, on one line.
+
+    Raises `ValueError` for a name that is not in `names()`.
+    """
     if is_scripted(name):
         from .scripted import SCRIPTED
 
@@ -72,10 +79,11 @@ def purpose(name: str) -> str:
 
 
 def read(name: str, **keywords: Any) -> "Scene":
-    """A bundled scene, for a canvas of `height` x `width` pixels, 300 x 300 unless given.
+    """Read or make a bundled scene.
 
-    `keywords` are those of `read_svg`, in the scene's own dialect; a scripted scene takes
-    `height` and `width` alone.
+    `keywords` are those of `read_svg`, such as `height` and `width` of the canvas in pixels, 300 by
+    default. The default of `dialect` is that of the scene. A scripted scene accepts only `height`
+    and `width`. Raises `ValueError` for a name that is not in `names()`.
     """
     if is_scripted(name):
         from .scripted import SCRIPTED
@@ -83,4 +91,4 @@ def read(name: str, **keywords: Any) -> "Scene":
         return SCRIPTED[name].make(**({"height": SIZE, "width": SIZE} | keywords))
     from ..io.svg.reader import read_svg
 
-    return read_svg(path(name), **(_KEYWORDS.get(name, {}) | keywords))
+    return read_svg(path(name), **(_READ_OPTIONS.get(name, {}) | keywords))

@@ -1,1 +1,1 @@
-"""This stage turns the polygons, strokes and lines of a drawing into triangles and pixels."""
+"""This stage triangulates the polygons and strokes of a drawing, and draws lines as pixels."""

@@ -10,20 +10,21 @@ from jaxtyping import Float
 from ..budget import Budget
 
 _PAIRS_AT_ONCE = 2**20
-"""Upper bound on the pairs that the queries of one block may find, if it has several queries."""
+"""Maximum number of pairs in one block, unless one box alone overlaps more boxes."""
 
 FEW = 64
-"""Polygons of at most this many edges are not counted: their number of pairs is bounded."""
+"""Pairs of edges are not counted in polygons of at most this many edges, which have few pairs."""
 
 
 def overlapping_pairs(boxes: Float[np.ndarray, "n 4"]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the pairs i < j of overlapping boxes (x0, y0, x1, y1) in blocks.
 
-    A block holds the pairs of consecutive boxes. Along each axis, two sorted lists give the number
-    of intervals that overlap the interval of a box; the smaller of the two numbers bounds the pairs
-    of that box. A block takes as many boxes as keep the sum of these bounds below `_PAIRS_AT_ONCE`,
-    and at least one. So memory is at most that of `_PAIRS_AT_ONCE` pairs or of `n` pairs, whichever
-    is more: one box may overlap all others. A caller that counts can stop after any block.
+    A block holds the pairs of several consecutive boxes. Along each axis, two sorted lists give the
+    number of intervals that overlap the interval of a box. The smaller of the two numbers bounds
+    the pairs of that box. A block takes as many boxes as keep the sum of these bounds below
+    `_PAIRS_AT_ONCE`, and at least one. Memory is therefore at most that of `_PAIRS_AT_ONCE` pairs
+    or, since one box may overlap all others, of `n` pairs. A caller that counts can stop after any
+    block.
     """
     max_pairs = np.full(len(boxes), len(boxes), np.int64)
     for axis in (0, 1):
@@ -33,16 +34,16 @@ def overlapping_pairs(boxes: Float[np.ndarray, "n 4"]) -> Iterator[tuple[np.ndar
         max_pairs = np.minimum(max_pairs, started - ended)
     shapes: Any = shapely.box(*boxes.T)
     tree = shapely.STRtree(shapes)
-    ends = np.cumsum(max_pairs)
+    pairs_up_to = np.cumsum(max_pairs)
     start = 0
     while start < len(boxes):
-        done = ends[start - 1] if start else 0
-        stop = int(np.searchsorted(ends, done + _PAIRS_AT_ONCE, side="right"))
+        done = pairs_up_to[start - 1] if start else 0
+        stop = int(np.searchsorted(pairs_up_to, done + _PAIRS_AT_ONCE, side="right"))
         stop = max(stop, start + 1)
         first, second = tree.query(shapes[start:stop])
         first = first + start
-        ordered = first < second
-        yield first[ordered], second[ordered]
+        is_ordered = first < second
+        yield first[is_ordered], second[is_ordered]
         start = stop
 
 
@@ -55,7 +56,7 @@ def charge_overlaps(boxes: Float[np.ndarray, "n 4"], budget: Budget, index: int)
 def charge_crossings(
     starts: Float[np.ndarray, "n 2"], ends: Float[np.ndarray, "n 2"], budget: Budget, index: int
 ) -> None:
-    """Charge the `pairs` of edges with overlapping boxes, and the `crossings` among them.
+    """Charge `budget` for the `pairs` of edges with overlapping boxes, and for their `crossings`.
 
     `index` is the shape of the edges. Edges that share an end do not count as crossing.
     """
@@ -64,11 +65,12 @@ def charge_crossings(
         budget.charge("pairs", len(first), index)
         a, b, c, d = starts[first], ends[first], starts[second], ends[second]
         crosses = (_side(a, b, c) * _side(a, b, d) <= 0) & (_side(c, d, a) * _side(c, d, b) <= 0)
-        shared = [(p == q).all(axis=1) for p in (a, b) for q in (c, d)]
-        budget.charge("crossings", int((crosses & ~np.logical_or.reduce(shared)).sum()), index)
+        equal_ends = [(p == q).all(axis=1) for p in (a, b) for q in (c, d)]
+        crosses &= ~np.logical_or.reduce(equal_ends)
+        budget.charge("crossings", int(crosses.sum()), index)
 
 
 def _side(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Side of the line from a to b on which `point` lies: 1, 0 (on it) or -1."""
-    along, to = b - a, point - a
-    return np.sign(along[:, 0] * to[:, 1] - along[:, 1] * to[:, 0])
+    edge, to_point = b - a, point - a
+    return np.sign(edge[:, 0] * to_point[:, 1] - edge[:, 1] * to_point[:, 0])

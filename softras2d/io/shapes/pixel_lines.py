@@ -1,45 +1,47 @@
 """Draws lines one pixel wide, as the course does, as rectangles of whole pixels.
 
-The course draws a line by repeated float32 addition of a step, and colours the whole pixel of each
-position. The rounding shows in the image, so it is reproduced. Runs of pixels along a row (along a
-column for steep lines) become one rectangle. Many lines are stepped together. A line that starts
-far from the canvas is advanced to it without single steps, with the same float32 result.
+The course draws a line by repeated float32 addition of a step, and colours the whole pixel that
+contains each position. The rounding is visible in the image, so it is reproduced. A run of pixels
+along a row, or along a column for steep lines, becomes one rectangle. Many lines are stepped along
+together. A line that starts far from the canvas is advanced to it without single steps, with the
+same float32 result.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Int
+from jaxtyping import Bool, Float32, Int
 
-from ..budget import Budget, BudgetError
+from ..budget import Budget
 
-_LONG = 1 << 14
+_LONG_STEPS = 1 << 14
 """Lines of more steps than this are first advanced to the canvas."""
 
-_BLOCK = 1 << 21
+_BLOCK_POSITIONS = 1 << 21
 """Positions that are computed in one block, which bounds memory."""
 
-_NEVER = 1 << 30
-"""Upper bound on steps that move a position: adding 1 changes a float32 at most 2^25 times."""
+_MAX_STEPS = 1 << 30
+"""More steps than can change a position: adding 1 changes a float32 at most 2^25 times."""
 
 
 class _Walks(NamedTuple):
-    """Lines to step along, one entry per line.
+    """Lines to step along.
 
     - `x`, `y`: position at which stepping begins; `step_x`, `step_y`: one step.
-    - `first_y`, `last_x`, `rise`: stepping ends past `last_x`, or `rise` away from `first_y`.
+    - `first_y`, `last_x`, `rise`: stepping ends when floor(x) exceeds that of `last_x`, or when y
+      is more than `rise` away from `first_y`.
     - `steps`: upper bound on the number of steps.
     """
 
-    x: np.ndarray
-    y: np.ndarray
-    step_x: np.ndarray
-    step_y: np.ndarray
-    first_y: np.ndarray
-    last_x: np.ndarray
-    rise: np.ndarray
-    steps: np.ndarray
+    x: Float32[np.ndarray, " lines"]
+    y: Float32[np.ndarray, " lines"]
+    step_x: Float32[np.ndarray, " lines"]
+    step_y: Float32[np.ndarray, " lines"]
+    first_y: Float32[np.ndarray, " lines"]
+    last_x: Float32[np.ndarray, " lines"]
+    rise: Float32[np.ndarray, " lines"]
+    steps: Int[np.ndarray, " lines"]
 
     def take(self, chosen: np.ndarray) -> "_Walks":
         return _Walks(*(field[chosen] for field in self))
@@ -52,13 +54,17 @@ def pixel_lines(
     budget: Budget | None = None,
     triangles_each: Int[np.ndarray, " lines"] | None = None,
 ) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
-    """Rectangles `[r, 4]` (x0, y0, x1, y1) of the pixels that lines cover, and the line of each.
+    """Cover lines with rectangles of whole pixels; returns these, and the line of each.
 
-    `segments` are (x0, y0, x1, y1) in pixels. From the end with the smaller x (the first, if they
-    are equal) steps go (1, m), or (1/|m|, sign m) where |m| > 1, while floor(x) has not passed the
-    other end's and |y - y0| not the height; all in float32. Pixels off the canvas are left out.
-    `triangles_each` is the number of triangles that a rectangle of each line will become. Raises
-    `BudgetError`, with the index of the line, if steps or triangles exceed `budget`.
+    Lines are (x0, y0, x1, y1) in pixels, and so are rectangles, sorted by line. Stepping starts at
+    the end with the smaller x, or at the first end if both are equal. For a slope m, a step is
+    (1, m), or (1/|m|, sign m) if |m| > 1. It continues while floor(x) is at most that of the other
+    end, and |y - y0| at most the height of the line. All of it is float32. Pixels off the canvas
+    are left out.
+
+    `triangles_each` is the number of triangles that each rectangle of a line will become, 1 by
+    default. Raises `BudgetError`, with the index of the line, if steps or triangles exceed
+    `budget`.
     """
     # Coordinates may be any float32; lines with infinite or undefined steps draw nothing.
     with np.errstate(all="ignore"):
@@ -66,87 +72,94 @@ def pixel_lines(
 
 
 def _pixel_lines(
-    segments: np.ndarray, height: int, width: int, budget: Budget, each: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
+    segments: Float32[np.ndarray, "lines 4"],
+    height: int,
+    width: int,
+    budget: Budget,
+    triangles_each: Int[np.ndarray, " lines"] | None,
+) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
     walks = _walks(segments)
-    near = np.flatnonzero(_may_touch(segments, walks, height, width))
+    # Index of the line of each walk.
+    lines = np.flatnonzero(_may_touch(segments, walks, height, width))
+    walks, reaches_canvas = _advance_long_lines(walks.take(lines), height, width)
+    lines = lines[reaches_canvas]
+    if triangles_each is None:
+        triangles_each = np.ones(len(segments), np.int64)
+    budget.charge_each("steps", walks.steps, lines.tolist())
     rectangles, owners = [np.zeros((0, 4), np.int64)], [np.zeros(0, np.int64)]
-    walks = walks.take(near)
-    walks, entered = _advance_long_lines(walks, height, width)
-    near = near[entered]
-    budget.charge_each("steps", walks.steps, near.tolist())
     order = np.argsort(walks.steps, kind="stable")
-    place = 0
-    while place < len(order):
-        # Lines of similar length together, as many as a block holds of the longest.
+    start = 0
+    while start < len(order):
+        # A block has lines of similar length, as many as fit if all were as long as its longest.
         count = np.searchsorted(
-            walks.steps[order[place:]] * np.arange(1, len(order) - place + 1), _BLOCK, "right"
+            walks.steps[order[start:]] * np.arange(1, len(order) - start + 1),
+            _BLOCK_POSITIONS,
+            "right",
         )
-        chosen = order[place : place + max(int(count), 1)]
-        place += len(chosen)
-        found, line = _block(walks.take(chosen), height, width)
-        # Charged block by block: what one makes is bounded.
-        made = np.bincount(line, minlength=len(chosen)) * (
-            1 if each is None else each[near[chosen]]
-        )
-        try:
-            budget.charge_each("triangles", made)
-        except BudgetError as error:
-            raise BudgetError(str(error), int(near[chosen[error.index]])) from None
-        rectangles.append(found)
-        owners.append(near[chosen[line]])
+        chosen = order[start : start + max(int(count), 1)]
+        start += len(chosen)
+        block_rectangles, walk = _block(walks.take(chosen), height, width)
+        # Charged block by block, since the rectangles of one block are bounded.
+        counts = np.bincount(walk, minlength=len(chosen)) * triangles_each[lines[chosen]]
+        budget.charge_each("triangles", counts, lines[chosen].tolist())
+        rectangles.append(block_rectangles)
+        owners.append(lines[chosen[walk]])
     owner = np.concatenate(owners)
     order = np.argsort(owner, kind="stable")
     return np.concatenate(rectangles)[order], owner[order]
 
 
-def _walks(segments: np.ndarray) -> _Walks:
+def _walks(segments: Float32[np.ndarray, "lines 4"]) -> _Walks:
+    """The start, step and end of each line, in the arithmetic of the course."""
     swap = segments[:, 0] > segments[:, 2]
     ordered = np.where(swap[:, None], segments[:, [2, 3, 0, 1]], segments)
     x, y, last_x, last_y = ordered.T
     one, zero = np.float32(1), np.float32(0)
     run, rise = last_x - x, last_y - y
     slope = rise / run
-    steep = np.abs(slope) > 1
-    step_x = np.where(steep, one / np.abs(slope), one)
-    step_y = np.where(steep, np.sign(slope), slope)
-    vertical = run == 0
-    step_x = np.where(vertical, zero, step_x)
-    step_y = np.where(vertical, np.sign(rise), step_y)
+    is_steep, is_vertical = np.abs(slope) > 1, run == 0
+    step_x = np.where(is_steep, one / np.abs(slope), one)
+    step_y = np.where(is_steep, np.sign(slope), slope)
+    step_x = np.where(is_vertical, zero, step_x)
+    step_y = np.where(is_vertical, np.sign(rise), step_y)
     # Rounding where a power of two is crossed may cost or save a step.
     reach = np.maximum(np.abs(run).astype(np.float64), np.abs(rise).astype(np.float64))
-    steps = np.minimum(reach + 4, _NEVER).astype(np.int64)
+    steps = np.minimum(reach + 4, _MAX_STEPS).astype(np.int64)
     return _Walks(x, y, step_x, step_y, y, last_x, np.abs(rise), steps)
 
 
-def _may_touch(segments: np.ndarray, walks: _Walks, height: int, width: int) -> np.ndarray:
+def _may_touch(
+    segments: Float32[np.ndarray, "lines 4"], walks: _Walks, height: int, width: int
+) -> Bool[np.ndarray, " lines"]:
     """Whether lines may meet a pixel of the canvas, with a margin for the rounding of steps."""
-    wide = segments.astype(np.float64)
-    # A step is rounded by half a unit in the last place, 2^-24 of the largest coordinate.
-    slack = 2.0 + walks.steps * np.abs(wide).max(axis=1, initial=0.0) * 2.0**-24
-    low = np.minimum(wide[:, :2], wide[:, 2:]) - slack[:, None]
-    high = np.maximum(wide[:, :2], wide[:, 2:]) + slack[:, None]
-    near = ((high >= 0) & (low <= (width, height))).all(axis=1)
-    return near & np.isfinite(walks.step_x) & np.isfinite(walks.step_y)
+    ends = segments.astype(np.float64)
+    # A step is rounded by at most half a unit in the last place, 2^-24 of the largest coordinate.
+    margin = 2.0 + walks.steps * np.abs(ends).max(axis=1, initial=0.0) * 2.0**-24
+    low = np.minimum(ends[:, :2], ends[:, 2:]) - margin[:, None]
+    high = np.maximum(ends[:, :2], ends[:, 2:]) + margin[:, None]
+    is_near = ((high >= 0) & (low <= (width, height))).all(axis=1)
+    return is_near & np.isfinite(walks.step_x) & np.isfinite(walks.step_y)
 
 
-def _advance_long_lines(walks: _Walks, height: int, width: int) -> tuple[_Walks, np.ndarray]:
+def _advance_long_lines(
+    walks: _Walks, height: int, width: int
+) -> tuple[_Walks, Bool[np.ndarray, " lines"]]:
     """Advance long lines to the canvas; returns the lines that reach it, and which ones do."""
-    entered = np.ones(len(walks.steps), bool)
+    reaches_canvas = np.ones(len(walks.steps), bool)
     x, y, steps = walks.x.copy(), walks.y.copy(), walks.steps.copy()
-    for line in np.flatnonzero(walks.steps > _LONG).tolist():
+    for line in np.flatnonzero(walks.steps > _LONG_STEPS).tolist():
         step_x, step_y = walks.step_x[line], walks.step_y[line]
         edge_y = -1.0 if step_y > 0 else height + 1.0
-        _, by_x = advance(x[line], step_x, _NEVER, -1.0)
-        _, by_y = advance(y[line], step_y, _NEVER, edge_y) if step_y else (y[line], 0)
-        count = max(by_x, by_y)
-        entered[line] = count < _NEVER
+        _, steps_in_x = advance(x[line], step_x, _MAX_STEPS, -1.0)
+        _, steps_in_y = advance(y[line], step_y, _MAX_STEPS, edge_y) if step_y else (y[line], 0)
+        count = max(steps_in_x, steps_in_y)
+        reaches_canvas[line] = count < _MAX_STEPS
         x[line], _ = advance(x[line], step_x, count)
         y[line], _ = advance(y[line], step_y, count)
-        # On one of the axes every step moves by a pixel, so it leaves the canvas by then.
+        # A step is one pixel long on one of the axes, so the line leaves the canvas after these.
         steps[line] = min(steps[line], max(height, width) + 8)
     moved = walks._replace(x=x, y=y, steps=steps)
-    return moved.take(entered), entered
+    return moved.take(reaches_canvas), reaches_canvas
 
 
 def advance(
@@ -154,10 +167,10 @@ def advance(
 ) -> tuple[np.float32, int]:
     """Add `step` to `start` in float32 until the value reaches `until`, at most `most` times.
 
-    Returns the value and the number of additions. Between two powers of two, every addition is
-    rounded by the same amount (a tie from the second addition on, since it goes to even). So all
-    additions there are one multiplication, which is exact in float64. If `step` is too small to
-    change the value, the number of additions is `most`.
+    Returns the value and the number of additions, which is `most` if `step` is too small to change
+    the value. Between two powers of two, every addition is rounded by the same amount, except that
+    a tie, which goes to even, may differ once. All further additions up to the next power of two
+    therefore amount to one multiplication, which is exact in float64.
     """
     if step < 0:
         value, count = advance(-start, -step, most, None if until is None else -until)
@@ -165,31 +178,34 @@ def advance(
     goal = np.inf if until is None else until
     value, count = start, 0
     while count < most and float(value) < goal:
-        following = np.float32(value + step)
-        if following == value:
+        next_value = np.float32(value + step)
+        if next_value == value:
             return value, most
-        value, count = following, count + 1
+        value, count = next_value, count + 1
         base = np.float32(value + step)
-        gain = float(np.float32(base + step)) - float(base)
-        # The powers of two between which `base` lies; upwards the nearer bound is the end.
+        increment = float(np.float32(base + step)) - float(base)
+        # The upper one of the powers of two between which `base` lies.
         _, exponent = math.frexp(base)
         end = math.ldexp(1.0, exponent) if base > 0 else -math.ldexp(1.0, exponent - 1)
-        if gain <= 0 or (value > 0) != (base > 0) or math.frexp(value)[1] != exponent:
+        if increment <= 0 or (value > 0) != (base > 0) or math.frexp(value)[1] != exponent:
             continue
-        more = int(min((end - float(base)) / gain, (goal - float(base)) / gain, _NEVER)) - 1
+        nearest = min(end, goal) - float(base)
+        more = int(min(nearest / increment, _MAX_STEPS)) - 1
         more = min(more, most - count - 1)
         if more > 0:
-            value, count = np.float32(float(base) + more * gain), count + 1 + more
+            value, count = np.float32(float(base) + more * increment), count + 1 + more
     return value, count
 
 
-def _block(walks: _Walks, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Step along lines of similar length; returns rectangles and the line of each."""
+def _block(
+    walks: _Walks, height: int, width: int
+) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
+    """Step along lines of similar length; returns rectangles, and the index of the walk of each."""
     shape = (len(walks.x), int(walks.steps.max(initial=1)))
     x, y = np.empty(shape, np.float32), np.empty(shape, np.float32)
     for positions, start, step in ((x, walks.x, walks.step_x), (y, walks.y, walks.step_y)):
         positions[:, 0], positions[:, 1:] = start, step[:, None]
-        # `accumulate` adds one after the other, as the course does; a sum would not.
+        # `accumulate` adds one step after the other, as the course does; `sum` adds in pairs.
         np.add.accumulate(positions, axis=1, out=positions)
     is_on_line = (np.floor(x) <= np.floor(walks.last_x)[:, None]) & (
         np.abs(y - walks.first_y[:, None]) <= walks.rise[:, None]
@@ -201,21 +217,27 @@ def _block(walks: _Walks, height: int, width: int) -> tuple[np.ndarray, np.ndarr
 
 
 def _runs(
-    line: np.ndarray, column: np.ndarray, row: np.ndarray, steep: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Join neighbouring pixels of a line along its longer axis; repeated pixels count once."""
+    line: Int[np.ndarray, " pixels"],
+    column: Int[np.ndarray, " pixels"],
+    row: Int[np.ndarray, " pixels"],
+    is_steep: Bool[np.ndarray, " pixels"],
+) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
+    """Join adjacent pixels of a line along its longer axis; returns rectangles and their lines.
+
+    A pixel that is repeated counts once.
+    """
     if len(line) == 0:
         return np.zeros((0, 4), np.int64), line
-    right, down = np.abs(np.diff(column)), np.abs(np.diff(row))
-    joined = np.where(steep[1:], (right == 0) & (down <= 1), (down == 0) & (right <= 1))
-    begins = np.flatnonzero(np.concatenate([[True], ~joined | (line[1:] != line[:-1])]))
+    dx, dy = np.abs(np.diff(column)), np.abs(np.diff(row))
+    is_joined = np.where(is_steep[1:], (dx == 0) & (dy <= 1), (dy == 0) & (dx <= 1))
+    starts = np.flatnonzero(np.concatenate([[True], ~is_joined | (line[1:] != line[:-1])]))
     rectangles = np.stack(
         [
-            np.minimum.reduceat(column, begins),
-            np.minimum.reduceat(row, begins),
-            np.maximum.reduceat(column, begins) + 1,
-            np.maximum.reduceat(row, begins) + 1,
+            np.minimum.reduceat(column, starts),
+            np.minimum.reduceat(row, starts),
+            np.maximum.reduceat(column, starts) + 1,
+            np.maximum.reduceat(row, starts) + 1,
         ],
         axis=1,
     )
-    return rectangles, line[begins]
+    return rectangles, line[starts]

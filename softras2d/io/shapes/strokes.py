@@ -1,6 +1,6 @@
 """Triangulates strokes: a quad per segment, joins between segments, caps at open ends.
 
-All strokes of a drawing are triangulated together. The pieces of one stroke overlap, so a
+All strokes of a drawing are triangulated together. The triangles of one stroke overlap, so a
 translucent stroke is replaced by their `union`. Dashes, markers and the joins `arcs` and
 `miter-clip` are not supported.
 """
@@ -22,12 +22,12 @@ _TOLERANCE = 0.02
 class Outline(NamedTuple):
     """A chain of segments to stroke.
 
-    - `points`: `[n, 2]`.
+    - `points`: `[n, 2]`, in the user's units.
     - `closed`: whether a segment joins the last point to the first.
-    - `width`: in the units of the points.
-    - `scale`: pixels per unit, from which the number of chords of an arc follows.
+    - `width`: width of the stroke, in the user's units.
     - `cap`: `butt`, `square` or `round`.
     - `join`: `miter`, `bevel` or `round`; a miter longer than `miterlimit` widths is a bevel.
+    - `scale`: pixels per unit, which determines the number of chords of an arc.
     """
 
     points: np.ndarray
@@ -42,58 +42,56 @@ class Outline(NamedTuple):
 def stroke(
     outlines: Sequence[Outline], budget: Budget | None = None
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
-    """Triangulate strokes; returns triangles `[t, 3, 2]` and the outline of each, in order.
+    """Triangulate strokes; returns the triangles, and the index of the outline of each.
 
-    Segments of zero length are dropped; an outline without segments draws a dot if its caps are
-    round or square. Raises `BudgetError`, with the index of the outline, if the triangles exceed
-    `budget`.
+    Triangles are in the order of the outlines, and in their units. Segments of zero length are
+    dropped; an outline without segments draws a dot if its caps are round or square. Raises
+    `BudgetError`, with the index of the outline, if the triangles exceed `budget`.
 
     **Source:** SVG 2, sections 13.5.4 to 13.5.6.
     """
-    budget = budget or Budget()
-    half = np.array([outline.width / 2 for outline in outlines])
-    closed = np.array([outline.closed for outline in outlines], bool)
+    half_width = np.array([outline.width / 2 for outline in outlines])
+    is_closed = np.array([outline.closed for outline in outlines], bool)
     cap = np.array([outline.cap for outline in outlines])
     join = np.array([outline.join for outline in outlines])
-    limit = np.array([outline.miterlimit for outline in outlines])
-    radius_px = half * np.array([outline.scale for outline in outlines])
-    edges = _edges(outlines)
-    counts = 2 * np.bincount(edges.owner, minlength=len(outlines))
-    side = half[edges.owner, None] * _left(edges.along)
-    a, b = edges.start, edges.end
-    pieces = [_quads(edges.owner, a + side, b + side, b - side, a - side)]
-    bends = _bends(edges, closed, half)
-    sharp = _is_sharp(bends, limit)
-    rounded = join[bends.owner] == "round"
-    mitred = (join[bends.owner] == "miter") & ~sharp
-    arcs = bends.take(rounded)
-    owner, place, outward = _ends(edges, closed, outlines)
-    has_square, has_round = cap[owner] == "square", cap[owner] == "round"
-    half_turn = np.full(int(has_round.sum()), -np.pi)
-    for owners, triangles in (
-        (bends.owner[~rounded], np.where(mitred[~rounded], 2, 1)),
-        (arcs.owner, _sector_counts(arcs.owner, arcs.turn, radius_px)),
-        (owner[has_square], np.full(int(has_square.sum()), 2)),
-        (owner[has_round], _sector_counts(owner[has_round], half_turn, radius_px)),
-    ):
-        counts += np.bincount(owners, triangles, minlength=len(outlines)).astype(np.int64)
-    budget.charge_each("triangles", counts)
-    pieces.append(_bevels(bends.take(~rounded & ~mitred)))
-    pieces.append(_miters(bends.take(mitred)))
-    pieces.append(_sectors(arcs.owner, arcs.place, arcs.first, arcs.turn, radius_px))
-    side = half[owner, None] * _left(outward)
-    far = place + half[owner, None] * outward
-    pieces.append(
-        _quads(
-            *(v[has_square] for v in (owner, place + side, far + side, far - side, place - side))
+    miterlimit = np.array([outline.miterlimit for outline in outlines])
+    radius_px = half_width * np.array([outline.scale for outline in outlines])
+
+    segments = _segments(outlines)
+    joins = _joins(segments, is_closed, half_width)
+    is_round = join[joins.outline] == "round"
+    is_miter = (join[joins.outline] == "miter") & ~_exceeds_limit(joins, miterlimit)
+    miters, bevels = joins.take(is_miter), joins.take(~is_round & ~is_miter)
+    caps = _caps(segments, is_closed, outlines)
+    squares = caps.take(cap[caps.outline] == "square")
+    sectors = (
+        _join_sectors(joins.take(is_round), radius_px),
+        _cap_sectors(caps.take(cap[caps.outline] == "round"), half_width, radius_px),
+    )
+
+    # Charged before the triangles are made.
+    count = len(outlines)
+    triangle_counts = (
+        2 * np.bincount(segments.outline, minlength=count)
+        + 2 * np.bincount(miters.outline, minlength=count)
+        + np.bincount(bevels.outline, minlength=count)
+        + 2 * np.bincount(squares.outline, minlength=count)
+        + sum(
+            np.bincount(s.outline, s.triangles, minlength=count).astype(np.int64) for s in sectors
         )
     )
-    pieces.append(
-        _sectors(owner[has_round], place[has_round], side[has_round], half_turn, radius_px)
-    )
-    owner = np.concatenate([piece[0] for piece in pieces])
-    order = np.argsort(owner, kind="stable")
-    return np.concatenate([piece[1] for piece in pieces])[order], owner[order]
+    (budget or Budget()).charge_each("triangles", triangle_counts)
+    parts = [
+        _segment_quads(segments, half_width),
+        _bevel_triangles(bevels),
+        _miter_quads(miters),
+        _sector_fans(sectors[0]),
+        _square_caps(squares, half_width),
+        _sector_fans(sectors[1]),
+    ]
+    outline = np.concatenate([part[0] for part in parts])
+    order = np.argsort(outline, kind="stable")
+    return np.concatenate([part[1] for part in parts])[order], outline[order]
 
 
 def union(
@@ -111,142 +109,206 @@ def union(
     return shapely.union_all(shapely.polygons(triangles))
 
 
-class _Edges(NamedTuple):
-    """Segments of positive length, in order: outline, ends and unit direction `along`."""
+class _Segments(NamedTuple):
+    """Segments of positive length, in the order of their outlines.
 
-    owner: np.ndarray
-    start: np.ndarray
-    end: np.ndarray
-    along: np.ndarray
+    `outline` is the index of the outline, `direction` the unit vector from `start` to `end`.
+    """
+
+    outline: Int[np.ndarray, " segments"]
+    start: Float[np.ndarray, "segments 2"]
+    end: Float[np.ndarray, "segments 2"]
+    direction: Float[np.ndarray, "segments 2"]
 
 
-class _Bends(NamedTuple):
+class _Joins(NamedTuple):
     """Corners at which two segments meet.
 
-    - `owner`: the outline; `place`: the position of the corner.
-    - `first`, `last`: vectors from the corner to the outer side of the segment before and after.
+    - `outline`: index of the outline; `position`: the corner.
+    - `start_offset`, `end_offset`: vectors from the corner to the outer border of the stroke at the
+      end of the segment before, and at the start of the segment after.
     - `turn`: angle between the segments, in radians, positive from x to y.
     """
 
-    owner: np.ndarray
-    place: np.ndarray
-    first: np.ndarray
-    last: np.ndarray
-    turn: np.ndarray
+    outline: Int[np.ndarray, " joins"]
+    position: Float[np.ndarray, "joins 2"]
+    start_offset: Float[np.ndarray, "joins 2"]
+    end_offset: Float[np.ndarray, "joins 2"]
+    turn: Float[np.ndarray, " joins"]
 
-    def take(self, chosen: np.ndarray) -> "_Bends":
-        return _Bends(*(field[chosen] for field in self))
-
-
-_Piece = tuple[np.ndarray, np.ndarray]
-"""The owners `[k]` of triangles `[k, 3, 2]`."""
+    def take(self, chosen: np.ndarray) -> "_Joins":
+        return _Joins(*(field[chosen] for field in self))
 
 
-def _edges(outlines: Sequence[Outline]) -> _Edges:
+class _Caps(NamedTuple):
+    """Ends of open outlines. `outward` is the unit vector that points away from the stroke."""
+
+    outline: Int[np.ndarray, " caps"]
+    position: Float[np.ndarray, "caps 2"]
+    outward: Float[np.ndarray, "caps 2"]
+
+    def take(self, chosen: np.ndarray) -> "_Caps":
+        return _Caps(*(field[chosen] for field in self))
+
+
+class _Sectors(NamedTuple):
+    """Sectors of circles, from the radius vector `start_offset` through `turn` radians.
+
+    `triangles` is the number of triangles that approximate each.
+    """
+
+    outline: Int[np.ndarray, " sectors"]
+    center: Float[np.ndarray, "sectors 2"]
+    start_offset: Float[np.ndarray, "sectors 2"]
+    turn: Float[np.ndarray, " sectors"]
+    triangles: Int[np.ndarray, " sectors"]
+
+
+_Triangles = tuple[Int[np.ndarray, " triangles"], Float[np.ndarray, "triangles 3 2"]]
+"""Triangles, after the index of the outline of each."""
+
+
+def _segments(outlines: Sequence[Outline]) -> _Segments:
     chains = [
         np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
         for line in outlines
     ]
     points = np.concatenate([np.zeros((0, 2)), *chains])
-    chain = np.repeat(np.arange(len(chains)), [len(points) for points in chains])
+    outline = np.repeat(np.arange(len(chains)), [len(points) for points in chains])
     step = np.diff(points, axis=0)
     lengths = np.hypot(step[:, 0], step[:, 1])
-    kept = np.flatnonzero((np.diff(chain) == 0) & (lengths > 0))
-    along = step[kept] / lengths[kept, None]
-    return _Edges(chain[kept], points[kept], points[kept + 1], along)
+    starts = np.flatnonzero((np.diff(outline) == 0) & (lengths > 0))
+    direction = step[starts] / lengths[starts, None]
+    return _Segments(outline[starts], points[starts], points[starts + 1], direction)
 
 
-def _bends(edges: _Edges, closed: np.ndarray, half: np.ndarray) -> _Bends:
+def _joins(segments: _Segments, is_closed: np.ndarray, half_width: np.ndarray) -> _Joins:
     """The corners of all outlines at which the direction changes."""
-    count = len(edges.owner)
-    firsts = np.flatnonzero(np.diff(edges.owner, prepend=-1))
-    after = np.arange(count)
-    before = after - 1
-    # The first edge of a closed outline follows its last.
-    before[firsts] = np.append(firsts[1:], count)[: len(firsts)] - 1
-    joined = np.ones(count, bool)
-    joined[firsts] = closed[edges.owner[firsts]]
-    before, after = edges.along[before[joined]], edges.along[joined]
-    owner, place = edges.owner[joined], edges.start[joined]
+    count = len(segments.outline)
+    firsts = np.flatnonzero(np.diff(segments.outline, prepend=-1))
+    previous = np.arange(count) - 1
+    # The first segment of a closed outline follows its last.
+    previous[firsts] = np.append(firsts[1:], count)[: len(firsts)] - 1
+    is_joined = np.ones(count, bool)
+    is_joined[firsts] = is_closed[segments.outline[firsts]]
+    before, after = segments.direction[previous[is_joined]], segments.direction[is_joined]
+    outline, position = segments.outline[is_joined], segments.start[is_joined]
     turn = np.arctan2(_cross(before, after), (before * after).sum(axis=1))
-    # The outer side is to the right of a left bend and to the left of a right one.
-    out = np.where(turn > 0, -half[owner], half[owner])[:, None]
-    bends = _Bends(owner, place, out * _left(before), out * _left(after), turn)
-    return bends.take(turn != 0)
+    # The outer border is to the right of a left turn and to the left of a right one.
+    offset = np.where(turn > 0, -half_width[outline], half_width[outline])[:, None]
+    joins = _Joins(outline, position, offset * _left(before), offset * _left(after), turn)
+    return joins.take(turn != 0)
 
 
-def _is_sharp(bends: _Bends, limit: np.ndarray) -> np.ndarray:
-    """Whether a miter, whose length is 1 / cos(turn / 2) widths, exceeds its limit."""
-    return limit[bends.owner] * np.cos(bends.turn / 2) < 1.0
-
-
-def _bevels(bends: _Bends) -> _Piece:
-    place = bends.place
-    return bends.owner, np.stack([place, place + bends.first, place + bends.last], axis=1)
-
-
-def _miters(bends: _Bends) -> _Piece:
-    # The tip lies along first + last, whose length is 2 half cos(turn / 2).
-    tip = (bends.first + bends.last) / (2 * np.cos(bends.turn / 2)[:, None] ** 2)
-    place = bends.place
-    return _quads(bends.owner, place, place + bends.first, place + tip, place + bends.last)
-
-
-def _ends(
-    edges: _Edges, closed: np.ndarray, outlines: Sequence[Outline]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Owner, position and outward direction of every end that gets a cap."""
-    firsts = np.flatnonzero(np.diff(edges.owner, prepend=-1))
-    lasts = np.append(firsts[1:], len(edges.owner))[: len(firsts)] - 1
-    is_open = ~closed[edges.owner[firsts]]
+def _caps(segments: _Segments, is_closed: np.ndarray, outlines: Sequence[Outline]) -> _Caps:
+    """The ends of all open outlines, and both ends of outlines without segments."""
+    firsts = np.flatnonzero(np.diff(segments.outline, prepend=-1))
+    lasts = np.append(firsts[1:], len(segments.outline))[: len(firsts)] - 1
+    is_open = ~is_closed[segments.outline[firsts]]
     firsts, lasts = firsts[is_open], lasts[is_open]
-    lone = np.setdiff1d(np.arange(len(outlines)), edges.owner)
-    lone = np.array([i for i in lone.tolist() if len(outlines[i].points)], np.int64)
-    dots = np.array([outlines[i].points[0] for i in lone.tolist()]).reshape(-1, 2)
-    right = np.tile([1.0, 0.0], (len(lone), 1))
-    owner = np.concatenate([edges.owner[firsts], edges.owner[lasts], lone, lone])
-    place = np.concatenate([edges.start[firsts], edges.end[lasts], dots, dots])
-    outward = np.concatenate([-edges.along[firsts], edges.along[lasts], right, -right])
-    return owner, place, outward
+    # An outline that is one point is a dot, as if it were a segment along x.
+    dots = np.setdiff1d(np.arange(len(outlines)), segments.outline)
+    dots = np.array([i for i in dots.tolist() if len(outlines[i].points)], np.int64)
+    dot_positions = np.array([outlines[i].points[0] for i in dots.tolist()]).reshape(-1, 2)
+    right = np.tile([1.0, 0.0], (len(dots), 1))
+    outline = np.concatenate([segments.outline[firsts], segments.outline[lasts], dots, dots])
+    position = np.concatenate(
+        [segments.start[firsts], segments.end[lasts], dot_positions, dot_positions]
+    )
+    outward = np.concatenate(
+        [-segments.direction[firsts], segments.direction[lasts], right, -right]
+    )
+    return _Caps(outline, position, outward)
 
 
-def _quads(owner: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> _Piece:
+def _exceeds_limit(joins: _Joins, miterlimit: np.ndarray) -> np.ndarray:
+    """Whether miters are too long: their length is 1 / cos(turn / 2), in widths of the stroke."""
+    return miterlimit[joins.outline] * np.cos(joins.turn / 2) < 1.0
+
+
+def _segment_quads(segments: _Segments, half_width: np.ndarray) -> _Triangles:
+    a, b = segments.start, segments.end
+    side = half_width[segments.outline, None] * _left(segments.direction)
+    return _quads(segments.outline, a + side, b + side, b - side, a - side)
+
+
+def _bevel_triangles(joins: _Joins) -> _Triangles:
+    corner = joins.position
+    bevels = np.stack([corner, corner + joins.start_offset, corner + joins.end_offset], axis=1)
+    return joins.outline, bevels
+
+
+def _miter_quads(joins: _Joins) -> _Triangles:
+    # The tip lies in the direction of the sum of both offsets, which is half the width times
+    # 2 cos(turn / 2) long.
+    tip = (joins.start_offset + joins.end_offset) / (2 * np.cos(joins.turn / 2)[:, None] ** 2)
+    corner = joins.position
+    start, end = corner + joins.start_offset, corner + joins.end_offset
+    return _quads(joins.outline, corner, start, corner + tip, end)
+
+
+def _square_caps(caps: _Caps, half_width: np.ndarray) -> _Triangles:
+    near = caps.position
+    side = half_width[caps.outline, None] * _left(caps.outward)
+    far = near + half_width[caps.outline, None] * caps.outward
+    return _quads(caps.outline, near + side, far + side, far - side, near - side)
+
+
+def _quads(
+    outline: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray
+) -> _Triangles:
     """Two triangles per quad, whose corners are the rows of a, b, c and d, in order around it."""
-    return np.repeat(owner, 2), np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3, 2)
+    return np.repeat(outline, 2), np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3, 2)
 
 
-def _sectors(
-    owner: np.ndarray,
-    place: np.ndarray,
-    first: np.ndarray,
-    turn: np.ndarray,
-    radius_px: np.ndarray,
-) -> _Piece:
-    """Circular sectors as fans of triangles, from the radius `first` through `turn` radians."""
-    counts = _sector_counts(owner, turn, radius_px)
-    which = np.repeat(np.arange(len(owner)), counts)
-    part_index = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
-    angle = turn[which] / counts[which]
-    rim = [place[which] + _rotate(first[which], angle * (part_index + k)) for k in (0, 1)]
-    return owner[which], np.stack([place[which], *rim], axis=1)
+def _join_sectors(joins: _Joins, radius_px: np.ndarray) -> _Sectors:
+    triangles = _sector_triangles(radius_px[joins.outline], joins.turn)
+    return _Sectors(joins.outline, joins.position, joins.start_offset, joins.turn, triangles)
 
 
-def _sector_counts(owner: np.ndarray, turn: np.ndarray, radius_px: np.ndarray) -> np.ndarray:
-    """Number of triangles of each sector, so that chords stay within `_TOLERANCE`."""
-    radius = np.maximum(radius_px[owner], _TOLERANCE)
-    part = np.maximum(2 * np.arccos(1.0 - _TOLERANCE / radius), np.pi / 512)
-    return np.maximum(np.ceil(np.abs(turn) / part), 1).astype(np.int64)
+def _cap_sectors(caps: _Caps, half_width: np.ndarray, radius_px: np.ndarray) -> _Sectors:
+    """Half circles beyond the ends of outlines."""
+    start_offset = half_width[caps.outline, None] * _left(caps.outward)
+    turn = np.full(len(caps.outline), -np.pi)
+    triangles = _sector_triangles(radius_px[caps.outline], turn)
+    return _Sectors(caps.outline, caps.position, start_offset, turn, triangles)
 
 
-def _rotate(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
+def _sector_triangles(
+    radius_px: Float[np.ndarray, " sectors"], turn: Float[np.ndarray, " sectors"]
+) -> Int[np.ndarray, " sectors"]:
+    """Numbers of triangles whose chords are within `_TOLERANCE` of sectors of these radii."""
+    radius = np.maximum(radius_px, _TOLERANCE)
+    max_angle = np.maximum(2 * np.arccos(1.0 - _TOLERANCE / radius), np.pi / 512)
+    return np.maximum(np.ceil(np.abs(turn) / max_angle), 1).astype(np.int64)
+
+
+def _sector_fans(sectors: _Sectors) -> _Triangles:
+    """Cut each sector into a fan of equal triangles."""
+    counts = sectors.triangles
+    sector = np.repeat(np.arange(len(counts)), counts)
+    index_in_sector = np.arange(len(sector)) - np.repeat(np.cumsum(counts) - counts, counts)
+    angle = sectors.turn[sector] / counts[sector]
+    center = sectors.center[sector]
+    rim = [
+        center + _rotate(sectors.start_offset[sector], angle * (index_in_sector + k))
+        for k in (0, 1)
+    ]
+    return sectors.outline[sector], np.stack([center, *rim], axis=1)
+
+
+def _rotate(
+    vectors: Float[np.ndarray, "n 2"], angle: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n 2"]:
+    """Rotate vectors by angles in radians, positive from x to y."""
     cos, sin = np.cos(angle), np.sin(angle)
     x, y = vectors.T
     return np.stack([x * cos - y * sin, x * sin + y * cos], axis=-1)
 
 
-def _left(along: np.ndarray) -> np.ndarray:
-    """Directions turned by 90 degrees, from x to y."""
-    return np.stack([-along[:, 1], along[:, 0]], axis=-1)
+def _left(directions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    """Rotate directions by 90 degrees, from x to y."""
+    return np.stack([-directions[:, 1], directions[:, 0]], axis=-1)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

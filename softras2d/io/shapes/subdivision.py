@@ -1,8 +1,8 @@
 """Cuts large polygons into small ones, so that triangulating them is fast.
 
-GEOS clips ears, which takes quadratic time for polygons such as spirals: one of 20,000 vertices
-took 85 s. Cutting a polygon at the median of its vertices, recursively, gives pieces of bounded
-size in n log n time.
+GEOS triangulates by clipping ears, which takes quadratic time for polygons such as spirals: one of
+20,000 vertices took 85 s. Cutting a polygon recursively at the median of its vertices gives pieces
+of bounded size in n log n time.
 """
 
 from typing import Any
@@ -11,17 +11,19 @@ import numpy as np
 import shapely
 from jaxtyping import Int
 
-LARGEST = 512
+MAX_UNCUT = 512
 """Regions of at most this many vertices stay in one piece."""
 
-_PIECE = 128
+_MAX_PIECE = 128
 """Pieces of at most this many vertices are not cut further."""
 
+_MAX_BOX_CLIPPED = 512
+"""Maximum number of edges across a cut for which GEOS clips a piece to a box.
 
-_FEW_CUTS = 512
-"""Edges across a cut up to which GEOS clips by a box, in a time that grows with their square: it
-joins the pieces of the outline by trying all. Its general intersection compares all edges instead,
-near the cut or not, which took 100 times as long for a star of 20,000 spikes."""
+Clipping takes time that grows with the square of this number, since GEOS tries all ways to join the
+parts of the outline. Its general intersection compares all edges instead, near the cut or not,
+which took 100 times as long for a star of 20,000 spikes.
+"""
 
 
 def cut_large_regions(
@@ -29,28 +31,29 @@ def cut_large_regions(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cut large shapely polygons into pieces; returns pieces and the owner of each, in order.
 
-    Regions of at most `LARGEST` vertices are returned as they are.
+    Regions of at most `MAX_UNCUT` vertices are returned as they are.
     """
-    large = shapely.get_num_coordinates(regions) > LARGEST
+    large = shapely.get_num_coordinates(regions) > MAX_UNCUT
     if not large.any():
         return regions, owner
-    pieces, which = [regions[~large]], [np.flatnonzero(~large)]
+    pieces, sources = [regions[~large]], [np.flatnonzero(~large)]
     for index in np.flatnonzero(large).tolist():
         cut = _pieces_of(regions[index])
         pieces.append(cut)
-        which.append(np.full(len(cut), index))
-    source = np.concatenate(which)
+        sources.append(np.full(len(cut), index))
+    source = np.concatenate(sources)
     order = np.argsort(source, kind="stable")
     return np.concatenate(pieces)[order], owner[source[order]]
 
 
 def _pieces_of(region: Any) -> np.ndarray:
+    """Cut a shapely (multi)polygon into pieces of at most `_MAX_PIECE` vertices, where possible."""
     finished: list[Any] = []
     open_pieces = shapely.get_parts(region).tolist()
     while open_pieces:
         piece = open_pieces.pop()
         size = shapely.get_num_coordinates(piece)
-        halves = _halves(piece) if size > _PIECE else []
+        halves = _halves(piece) if size > _MAX_PIECE else []
         # Stop if a cut crosses nearly every edge or none: the halves would be as large.
         if not halves or max(map(shapely.get_num_coordinates, halves)) > 0.95 * size:
             finished.append(piece)
@@ -63,27 +66,30 @@ def _halves(piece: Any) -> list[Any]:
     """Cut a polygon along a line that crosses few edges; empty if there is no such line."""
     points = shapely.get_coordinates(piece)
     low, high = points.min(axis=0), points.max(axis=0)
-    # The coordinate is one of float32, so that rounding moves no corner off the line. It is no
-    # multiple of 1/32 of a pixel, where samples lie: see `polygons` about inner edges.
+    # The cut has a float32 coordinate, so that rounding moves no corner off the line. It is no
+    # multiple of 1/32 of a pixel, where samples lie: `polygons.py` says why inner edges avoid them.
     middle = np.floor(np.median(points, axis=0)) + 0.5 + 2.0**-6 + 2.0**-10
     middle = np.where((middle > low) & (middle < high), middle, np.median(points, axis=0))
     middle = middle.astype(np.float32).astype(np.float64)
-    before, after = points[:-1] < middle, points[1:] < middle
-    axis = int(np.argmin((before != after).sum(axis=0)))
+    crosses_middle = (points[:-1] < middle) != (points[1:] < middle)
+    axis = int(np.argmin(crosses_middle.sum(axis=0)))
     if not low[axis] < middle[axis] < high[axis]:
         axis = 1 - axis
     if not low[axis] < middle[axis] < high[axis]:
         return []
     margin = 1.0 + (high - low)
-    first, second = high + margin, low - margin
-    first[axis] = second[axis] = middle[axis]
-    boxes: Any = [shapely.box(*(low - margin), *first), shapely.box(*second, *(high + margin))]
-    crossed = int((before != after)[:, axis].sum())
-    parts = _clipped(piece, boxes) if crossed <= _FEW_CUTS else None
-    if parts is None:
-        parts = shapely.get_parts(shapely.intersection(piece, boxes))
-    # Where an edge lies on the line, it comes out as a line of its own.
-    return [part for part in parts.tolist() if part.geom_type == "Polygon"]
+    first_high, second_low = high + margin, low - margin
+    first_high[axis] = second_low[axis] = middle[axis]
+    boxes: Any = [
+        shapely.box(*(low - margin), *first_high),
+        shapely.box(*second_low, *(high + margin)),
+    ]
+    cut_edges = int(crosses_middle[:, axis].sum())
+    halves = _clipped(piece, boxes) if cut_edges <= _MAX_BOX_CLIPPED else None
+    if halves is None:
+        halves = shapely.get_parts(shapely.intersection(piece, boxes))
+    # An edge that lies on the cut is returned as a separate line.
+    return [half for half in halves.tolist() if half.geom_type == "Polygon"]
 
 
 def _clipped(piece: Any, boxes: list[Any]) -> np.ndarray | None:

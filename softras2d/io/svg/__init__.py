@@ -1,1 +1,1 @@
-"""This stage reads scenes from SVG files, and writes them as such."""
+"""This stage reads scenes from SVG files and writes scenes as SVG files."""

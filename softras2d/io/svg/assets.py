@@ -1,4 +1,4 @@
-"""Image files that a document refers to: which ones may be read, and the textures they become."""
+"""Reads the image files to which a document refers, if it may, and numbers them as textures."""
 
 import base64
 import binascii
@@ -16,12 +16,12 @@ _DATA = re.compile(r"data:(image/[^;,]*+)?+(?:;(?!base64,)[^;,]*+)*+;base64,")
 
 
 class Assets:
-    """Images by name, as sRGB with straight alpha. Each is read once, when it is first used.
+    """The images of a document, in sRGB with straight alpha. Each is read once, on first use.
 
     - `folder`: folder of the document, to which names are relative.
     - `root`: folder that must contain every file, after symbolic links are resolved.
     - `alpha`: whether textures keep an alpha channel; a channel that is 1 everywhere is dropped.
-    - `budget`: charged with the pixels that the header of each image claims.
+    - `budget`: charged for the pixels that the header of each image claims.
     """
 
     def __init__(
@@ -55,6 +55,7 @@ class Assets:
         return self._read(self._key(href))
 
     def _key(self, href: str) -> Path | str:
+        """The file to which a link refers, or a `data:` URI as it is."""
         if href.lstrip().startswith("data:"):
             return href
         return self._path(unquote(href.strip()))
@@ -109,13 +110,13 @@ class Assets:
 def _embedded(uri: str) -> bytes:
     """The bytes of a `data:` URI."""
     uri = uri.lstrip()
-    found = _DATA.match(uri)
-    if found is None:
+    header = _DATA.match(uri)
+    if header is None:
         raise ValueError("data: only base64 images are read.")
-    if (found[1] or "").startswith("image/svg"):
+    if (header[1] or "").startswith("image/svg"):
         raise ValueError("data: an SVG inside an SVG is not read.")
     try:
-        text = "".join(unquote(uri[found.end() :]).split())
+        text = "".join(unquote(uri[header.end() :]).split())
         return base64.b64decode(text, validate=True)
     except (binascii.Error, ValueError):
         raise ValueError("data: not valid base64.") from None

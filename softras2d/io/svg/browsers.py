@@ -1,30 +1,33 @@
-"""Elements that `write_svg` adds for browsers alone: gradients, seams, and a style sheet.
+"""Makes the elements that `write_svg` adds for browsers alone: gradients, seams, a style sheet.
 
-Each is marked `data-fallback`, by which `read_svg` skips it. Everything here works in renderers
-that know plain SVG 1.1; what needs a blend mode is hidden unless the style sheet finds the mode.
+Each element has the attribute `data-fallback`, by which `read_svg` skips it. Renderers need only
+plain SVG 1.1. Elements that need a blend mode are hidden, unless the style sheet finds that the
+renderer supports the mode.
 """
 
+from collections import defaultdict
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from .context import FALLBACK
-from .gradients import Gradients, Line, fit_gradients
+from .gradients import GradientLines, Gradients, fit_gradients
 from .seams import seams, shares_edge, tiles_canvas
 
 _FALLBACK = f'{FALLBACK}="1"'
 
 _PATH = '<path {}d="M{} {} {} {} {} {}z" fill="{}"/>'
 
-# The attribute hides it from renderers without style sheets.
+# The attribute `display` hides it from renderers without style sheets.
 _SECOND = f'{_FALLBACK} class="softras2d-second" display="none"'
 
 _GRADIENT = (
     '<linearGradient id="{}" gradientUnits="userSpaceOnUse" x1="{}" y1="{}" x2="{}" y2="{}">'
     "{}</linearGradient>"
 )
-_STOPS = '<stop {}/><stop offset="1" {}/>'
-_STOPS_OF_SECOND = '<stop {}/><stop offset="{:.3g}" stop-color="#808080"/><stop offset="1" {}/>'
+_FIRST_STOPS = '<stop {}/><stop offset="1" {}/>'
+_SECOND_STOPS = '<stop {}/><stop offset="{:.3g}" stop-color="#808080"/><stop offset="1" {}/>'
 
 _SUM_STYLE = (
     "@supports (mix-blend-mode:plus-lighter){.softras2d-tiling{isolation:isolate}"
@@ -37,7 +40,11 @@ _SECOND_STYLE = (
 
 
 class Elements(NamedTuple):
-    """Lines of an SVG file: before all triangles, before single ones by index, and after all."""
+    """Lines of an SVG file to write around the elements of the triangles.
+
+    - `head`: before the first triangle; `tail`: after the last one.
+    - `before`: directly before the triangle whose index is the key.
+    """
 
     head: list[str]
     before: dict[int, str]
@@ -45,101 +52,117 @@ class Elements(NamedTuple):
 
 
 def elements_for_browsers(
-    corners: np.ndarray,
-    colors: np.ndarray,
-    is_polygon: np.ndarray,
-    in_gradients: np.ndarray,
+    corners: Float[np.ndarray, "triangles 3 2"],
+    colors: Float[np.ndarray, "triangles colors channels"],
+    is_polygon: Bool[np.ndarray, " triangles"],
+    has_gradients: Bool[np.ndarray, " triangles"],
     height: int,
     width: int,
 ) -> Elements:
-    """What browsers need beside the elements of the triangles `corners` `[n, 3, 2]`.
+    """Make the elements that let browsers show these triangles on a `height` x `width` canvas.
 
-    `colors` are `[n, 1 or 3, 3 or 4]`. Browsers draw the polygons among the triangles as they are;
-    those of `in_gradients` get paths; others are not shown, and get nothing.
+    - `colors`: sRGB, one per triangle or per corner, of 3 or 4 channels.
+    - `is_polygon`: triangles written as `<polygon>`, which browsers draw as they are.
+    - `has_gradients`: triangles for which paths with gradients are made.
+
+    Browsers do not show the other triangles, so nothing is made for them.
     """
-    # A hundred-thousandth of the canvas is finer than its pixels, and short.
+    # The precision is about 1e-5 of the canvas: much less than a pixel, and few characters.
     decimals = max(1, 5 - len(str(max(height, width) - 1)))
-    points = _decimals(corners, decimals)
+    coordinates = _decimals(corners, decimals)
     is_opaque = (colors[..., 3:] == 1).all(axis=(1, 2))
-    opaque = np.flatnonzero(is_opaque & (is_polygon | in_gradients))
+    opaque = np.flatnonzero(is_opaque & (is_polygon | has_gradients))
     is_tiling = len(opaque) == len(corners) and tiles_canvas(corners, height, width)
-    head, tail, styles = [], [], [_SUM_STYLE] * is_tiling
-
-    means = _hex(colors[opaque].astype(np.float64).mean(axis=1))
-    groups = seams(corners[opaque], points[opaque], means)
-    before = {} if is_tiling else {int(opaque[start]): g for start, g in groups.items()}
-    shaded = np.flatnonzero(in_gradients)
+    mean_colors = _hex(colors[opaque].astype(np.float64).mean(axis=1))
+    seam_groups = seams(corners[opaque], coordinates[opaque], mean_colors)
+    definitions, first, second = [], {}, {}
+    shaded = np.flatnonzero(has_gradients)
     if len(shaded):
         gradients = fit_gradients(corners[shaded], colors[shaded])
-        first = _first_paths(corners[shaded], points[shaded], colors[shaded], gradients)
-        second = _second_paths(points[shaded], gradients, "" if is_tiling else _SECOND + " ")
-        for row, index in enumerate(shaded.tolist()):
-            paths = [first[row]]
-            if row in second and not is_tiling:
-                paths.append(second[row])
-            before[index] = "\n".join([before[index], *paths] if index in before else paths)
-        if is_tiling and second:
-            # Over the finished sum: while it grows, the mode would see too little below it.
-            tail = [f"<g {_SECOND}>", *second.values(), "</g>"]
-        styles += [_SECOND_STYLE] * bool(second)
         definitions = _definitions(gradients, decimals)
-        head += [f"<defs {_FALLBACK}>", *definitions, "</defs>"] if definitions else []
-    if styles:
-        head.insert(0, f"<style {_FALLBACK}>{''.join(styles)}</style>")
+        paths = _first_paths(corners[shaded], coordinates[shaded], colors[shaded], gradients)
+        first = dict(zip(shaded.tolist(), paths, strict=True))
+        # Each path is hidden unless the style sheet shows it. In a tiling, the group of all is.
+        attributes = "" if is_tiling else f"{_SECOND} "
+        paths = _second_paths(coordinates[shaded], gradients, attributes)
+        second = {int(shaded[row]): path for row, path in paths.items()}
+    head = [f"<defs {_FALLBACK}>", *definitions, "</defs>"] if definitions else []
+    style = _SUM_STYLE * is_tiling + _SECOND_STYLE * bool(second)
+    if style:
+        head.insert(0, f"<style {_FALLBACK}>{style}</style>")
+
     if is_tiling:
-        # The seams lie below the sum, for pixels of which a browser loses a part: Chromium's
-        # corners are at quarters of a pixel.
-        head, tail = [*head, *groups.values(), '<g class="softras2d-tiling">'], [*tail, "</g>"]
-    return Elements(head, before, tail)
+        # Seam lines below the sum fill pixels that a browser does not cover completely: Chromium
+        # rounds corners to quarters of a pixel. Second gradients must lie over the complete sum.
+        head += [*seam_groups.values(), '<g class="softras2d-tiling">']
+        tail = [f"<g {_SECOND}>", *second.values(), "</g>"] if second else []
+        return Elements(head, first, [*tail, "</g>"])
+    before = defaultdict(list)
+    for start, group in seam_groups.items():
+        before[int(opaque[start])].append(group)
+    for index, path in [*first.items(), *second.items()]:
+        before[index].append(path)
+    return Elements(head, {index: "\n".join(lines) for index, lines in before.items()}, [])
 
 
 def _first_paths(
-    corners: np.ndarray, points: np.ndarray, colors: np.ndarray, gradients: Gradients
+    corners: Float[np.ndarray, "triangles 3 2"],
+    coordinates: np.ndarray,
+    colors: Float[np.ndarray, "triangles 3 channels"],
+    gradients: Gradients,
 ) -> list[str]:
-    """A path for each triangle, filled with its first gradient or its mean colour."""
+    """A path for each triangle, filled with its first gradient or with its mean colour.
+
+    `coordinates` are `corners` as text, `[triangles, 3, 2]`.
+    """
     fills = np.array(_hex(gradients.mean), object)
-    is_line = gradients.first.is_valid
+    is_gradient = gradients.first.is_valid
     opacities = _decimals(gradients.mean[:, 3:], 3)
-    for row in np.flatnonzero(~is_line & (gradients.mean[:, 3:] < 1).any(axis=1)).tolist():
+    for row in np.flatnonzero(~is_gradient & (gradients.mean[:, 3:] < 1).any(axis=1)).tolist():
         fills[row] += f'" fill-opacity="{opacities[row, 0]}'
-    lines = np.flatnonzero(is_line)
-    fills[lines] = [f"url(#a{row})" for row in lines.tolist()]
+    rows = np.flatnonzero(is_gradient)
+    fills[rows] = [f"url(#a{row})" for row in rows.tolist()]
     attributes = np.full(len(colors), f"{_FALLBACK} ", object)
-    # Where translucent triangles abut, what is below would show as hairlines, and a seam would be
-    # seen. Without antialiasing each pixel centre is in one triangle; outlines have stairs.
+    # Where antialiased translucent triangles abut, what lies below shows as thin lines, and a seam
+    # line would be visible through them. Without antialiasing, exactly one of them covers the
+    # centre of each pixel; outlines become jagged instead.
     translucent = np.flatnonzero((colors[..., 3:] < 1).any(axis=(1, 2)))
     abutting = translucent[shares_edge(corners[translucent])]
     attributes[abutting] = f'{_FALLBACK} shape-rendering="crispEdges" '
-    return list(map(_PATH.format, attributes, *points.reshape(-1, 6).T, fills))
+    return list(map(_PATH.format, attributes, *coordinates.reshape(-1, 6).T, fills))
 
 
-def _second_paths(points: np.ndarray, gradients: Gradients, attributes: str) -> dict[int, str]:
-    """A path for each triangle that needs a second gradient, by its row."""
+def _second_paths(coordinates: np.ndarray, gradients: Gradients, attributes: str) -> dict[int, str]:
+    """A path for each triangle that has a second gradient, by its row in `gradients`."""
     rows = np.flatnonzero(gradients.has_second).tolist()
     fills = [f"url(#b{row})" for row in rows]
-    coordinates = points[rows].reshape(-1, 6).T
-    paths = map(_PATH.format, [attributes] * len(rows), *coordinates, fills)
+    columns = coordinates[rows].reshape(-1, 6).T
+    paths = map(_PATH.format, [attributes] * len(rows), *columns, fills)
     return dict(zip(rows, paths, strict=True))
 
 
 def _definitions(gradients: Gradients, decimals: int) -> list[str]:
+    """The `<linearGradient>` elements, whose names are `a` or `b` and the row of the triangle."""
     rows = np.flatnonzero(gradients.first.is_valid)
-    stops = list(map(_STOPS.format, *(_stops(ends[rows]) for ends in gradients.first_colors)))
-    first = _lines("a", rows, gradients.first, decimals, stops)
+    low, high = (_stop_attributes(colors[rows]) for colors in gradients.first_colors)
+    stops = list(map(_FIRST_STOPS.format, low, high))
+    first = _gradient_elements("a", rows, gradients.first, decimals, stops)
     rows = np.flatnonzero(gradients.has_second)
-    low, high = (_stops(ends[rows]) for ends in gradients.second_colors)
-    stops = list(map(_STOPS_OF_SECOND.format, low, gradients.second_middle[rows].tolist(), high))
-    return first + _lines("b", rows, gradients.second, decimals, stops)
+    low, high = (_stop_attributes(colors[rows]) for colors in gradients.second_colors)
+    stops = list(map(_SECOND_STOPS.format, low, gradients.second_grey[rows].tolist(), high))
+    return first + _gradient_elements("b", rows, gradients.second, decimals, stops)
 
 
-def _lines(prefix: str, rows: np.ndarray, line: Line, decimals: int, stops: list[str]) -> list[str]:
+def _gradient_elements(
+    prefix: str, rows: np.ndarray, lines: GradientLines, decimals: int, stops: list[str]
+) -> list[str]:
     names = [f"{prefix}{row}" for row in rows.tolist()]
-    ends = np.concatenate([line.start[rows], line.end[rows]], axis=1)
+    ends = np.concatenate([lines.start[rows], lines.end[rows]], axis=1)
     return list(map(_GRADIENT.format, names, *_decimals(ends, decimals).T, stops))
 
 
-def _stops(colors: np.ndarray) -> list[str]:
-    """The attributes of a stop, for each colour of `[n, 3 or 4]`."""
+def _stop_attributes(colors: Float[np.ndarray, "stops channels"]) -> list[str]:
+    """The attributes of a `<stop>` of each colour."""
     paints = [f'stop-color="{color}"' for color in _hex(colors)]
     if colors.shape[1] == 3:
         return paints
@@ -150,14 +173,15 @@ def _stops(colors: np.ndarray) -> list[str]:
     ]
 
 
-def _hex(colors: np.ndarray) -> list[str]:
-    """The nearest bytes of each colour `[n, 3 or 4]`, as `#rrggbb`."""
+def _hex(colors: Float[np.ndarray, "colors channels"]) -> list[str]:
+    """Each colour, rounded to 8 bits, as `#rrggbb`."""
     levels = np.rint(np.clip(colors[:, :3], 0.0, 1.0) * 255.0).astype(np.int64)
     return [f"#{code:06x}" for code in (levels @ np.array([65536, 256, 1])).tolist()]
 
 
-def _decimals(values: np.ndarray, decimals: int) -> np.ndarray:
-    """Numbers rounded to at most so many decimals, as text in an array of objects."""
+def _decimals(values: Float[np.ndarray, "*shape"], decimals: int) -> np.ndarray:
+    """Round numbers to at most `decimals` decimals; returns an array of strings of this shape."""
+    # Adding zero turns -0 into 0.
     rounded = np.round(values.astype(np.float64), decimals) + 0.0
     texts = [text.removesuffix(".0") for text in map(repr, rounded.ravel().tolist())]
     return np.array(texts, object).reshape(values.shape)

@@ -1,4 +1,4 @@
-"""State of reading one document, shared by both dialects."""
+"""Holds the options and the collected results of reading one document, for both dialects."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -13,15 +13,15 @@ SILENT = frozenset({"title", "desc", "metadata"})
 """Elements that draw nothing in SVG, and are therefore skipped without a warning."""
 
 FALLBACK = "data-fallback"
-"""Attribute of elements that `write_svg` adds for browsers alone, such as a gradient below a
+"""Attribute of the elements that `write_svg` adds for browsers alone, such as a gradient below a
 `colortri`. Both dialects skip these elements and their children without a warning."""
 
 
 @dataclass
 class Context:
-    """Options of one reading, and what it has collected so far.
+    """Options for reading one document, and what has been collected from it so far.
 
-    - `name`: what errors and warnings call the document.
+    - `name`: name of the document in errors and warnings.
     - `height`, `width`: size of the canvas in pixels.
     - `transform`: the caller's map `[3, 3]` from SVG units to pixels; None for the dialect's view.
     - `opacity`: whether opacities and alpha are applied.
@@ -45,7 +45,7 @@ class Context:
     ignored: Counter[str] = field(default_factory=Counter)
 
     def declare_texture(self, attributes: Attributes) -> None:
-        """Let the `texid` of a `texture` element name its file, for elements after it."""
+        """Remember the file of a `texture` element by its `texid`, for later elements."""
         self.assets.declare(attributes.get("texid", ""), attributes.get("filename", ""))
 
     def warning(self) -> str | None:
@@ -61,7 +61,7 @@ class Context:
 
 
 _MAX_NAMES = 50
-"""Names in a warning. A hostile file may have a different name for each element."""
+"""Maximum number of names in a warning, since each element may have a different name."""
 
 
 def _counts(counter: Counter[str]) -> str:

@@ -1,8 +1,12 @@
-"""The SVG subset of the classic rasterizer course (dialect `"course"`), with its deviations."""
+"""Draws the SVG subset of the classic rasterizer course, including its deviations from SVG.
+
+It is the dialect `"course"` of `read_svg`.
+"""
 
 import re
 
 import numpy as np
+from jaxtyping import Float, Float32
 
 from ...geometry import affine_maps
 from ..budget import MAX_TRIANGLES
@@ -16,7 +20,7 @@ from .view_box import course_view, document_size
 _HEX = re.compile(r"\s*+#?+([0-9a-fA-F]*+)")
 
 _PIXELS_AT_ONCE = 2**18
-"""Pixels of an `image` that are made into rectangles in one block, which bounds memory."""
+"""Pixels of an `image` that are turned into rectangles in one block, which bounds memory."""
 
 
 class CourseDialect:
@@ -82,9 +86,9 @@ class CourseDialect:
         self._context.ignored[f"transform {name!r}"] += 1
 
     def _color(self, attributes: Attributes, name: str) -> Rgba:
-        """The colour that an attribute gives in hex digits; black if it has none."""
-        found = _HEX.match(attributes.get(name, ""))
-        code = min(int((found and found[1]) or "0", 16), 0xFFFFFFFF)
+        """Parse the hex digits of a colour attribute, with its opacity; black without digits."""
+        match = _HEX.match(attributes.get(name, ""))
+        code = min(int((match and match[1]) or "0", 16), 0xFFFFFFFF)
         red, green, blue = (float(np.float32((code >> shift & 255) / 255)) for shift in (16, 8, 0))
         return red, green, blue, self._opacity(attributes, name)
 
@@ -102,8 +106,8 @@ class CourseDialect:
         if width == 0 and height == 0:
             self._point(affine_maps.apply(map3, [[x, y]])[0], fill)
             return
-        left_right = np.array([[x, y], [x + width, y], [x, y + height], [x + width, y + height]])
-        a, b, c, d = corners = affine_maps.apply(map3, left_right)
+        points = np.array([[x, y], [x + width, y], [x, y + height], [x + width, y + height]])
+        a, b, c, d = corners = affine_maps.apply(map3, points)
         if fill[3] < 1:
             self._context.display.add_polygon(corners[[0, 1, 3, 2]], fill)
         else:
@@ -118,15 +122,14 @@ class CourseDialect:
             self._context.display.add_pixels(rectangle, np.array([color]))
 
     def _polygon(self, map3: np.ndarray, attributes: Attributes) -> None:
-        points = number_pairs(attributes.get("points", ""))
-        plane = np.array(points, np.float32).reshape(-1, 2)
-        corners = affine_maps.apply(map3, plane)
-        if len(plane) > 2:
-            self._context.display.add_ears(plane, corners, self._color(attributes, "fill"))
+        points = np.array(number_pairs(attributes.get("points", "")), np.float32).reshape(-1, 2)
+        corners = affine_maps.apply(map3, points)
+        if len(points) > 2:
+            self._context.display.add_ears(points, corners, self._color(attributes, "fill"))
         self._outline(corners, attributes)
 
     def _outline(self, corners: np.ndarray, attributes: Attributes) -> None:
-        """Draw pixel lines around the corners if there is a `stroke`; `stroke="none"` is black."""
+        """Draw pixel lines around the corners if there is a `stroke`; even `"none"` is black."""
         if "stroke" in attributes and len(corners):
             self._lines(corners, np.roll(corners, -1, axis=0), self._color(attributes, "stroke"))
 
@@ -178,12 +181,13 @@ class CourseDialect:
         display = self._context.display
         display.budget.charge("steps", len(columns) * len(rows))
         # Rows are sampled in blocks. Once there are more rectangles than the budget allows, the
-        # rest is not sampled: `add_pixels` will raise.
-        step = max(_PIXELS_AT_ONCE // len(columns), 1)
+        # rest is not sampled, since `add_pixels` will raise.
+        block_rows = max(_PIXELS_AT_ONCE // len(columns), 1)
         rectangles, colors, count = [], [], 0
-        for block in range(0, len(rows), step):
-            block_rows, block_v = rows[block : block + step], v[block : block + step]
-            runs, run_colors = _merge_runs(block_rows, columns, _bilinear(picture, u, block_v))
+        for start in range(0, len(rows), block_rows):
+            block = slice(start, start + block_rows)
+            sampled = _bilinear(picture, u, v[block])
+            runs, run_colors = _merge_runs(rows[block], columns, sampled)
             rectangles.append(runs)
             colors.append(np.pad(run_colors, ((0, 0), (0, 1)), constant_values=1.0))
             count += len(runs)
@@ -199,7 +203,8 @@ class CourseDialect:
         self._lines(np.array([a, a, d, d]), np.array([b, c, b, c]), (0.0, 0.0, 0.0, 1.0))
 
 
-def _numbers(attributes: Attributes, name: str, count: int) -> np.ndarray:
+def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray, " {count}"]:
+    """Parse the first `count` numbers of an attribute; `ValueError` if it has fewer."""
     try:
         numbers = blank_separated(attributes.get(name, ""))
     except ValueError as error:
@@ -211,8 +216,10 @@ def _numbers(attributes: Attributes, name: str, count: int) -> np.ndarray:
     return np.array(numbers[:count])
 
 
-def _pixels(ends: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels on the canvas between two ends, and the position of each in the picture, 0..1."""
+def _pixels(
+    ends: Float32[np.ndarray, "2"], side: int
+) -> tuple[Float[np.ndarray, " pixels"], Float[np.ndarray, " pixels"]]:
+    """Pixels of a canvas between two ends, and the position of each in the picture, 0..1."""
     low, high = float(ends[0]), float(ends[1])
     first, last = max(np.floor(low), 0.0), min(np.floor(high), side - 1.0)
     if high < low or last < first:
@@ -221,33 +228,39 @@ def _pixels(ends: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
     return pixels, (pixels + 0.5 - low) / (high - low + 1.0)
 
 
-def _bilinear(picture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Colours `[rows, columns, 3]`, interpolated between the four texels around each position.
+def _bilinear(
+    picture: Float[np.ndarray, "picture_height picture_width 3"],
+    u: Float[np.ndarray, " columns"],
+    v: Float[np.ndarray, " rows"],
+) -> Float[np.ndarray, "rows columns 3"]:
+    """Interpolate the colours at each (u, v) between the four texels around it.
 
     The course maps 0 and 1 to the centres of the first and last texel.
     """
-    tall, wide = picture.shape[:2]
-    x, y = u * (wide - 1), v * (tall - 1)
+    height, width = picture.shape[:2]
+    x, y = u * (width - 1), v * (height - 1)
     left, top = np.floor(x), np.floor(y)
-    columns = [np.clip(left + k, 0, wide - 1).astype(np.int64) for k in (0, 1)]
-    rows = [np.clip(top + k, 0, tall - 1).astype(np.int64) for k in (0, 1)]
-    across, down = (x - left)[None, :, None], (y - top)[:, None, None]
+    columns = [np.clip(left + k, 0, width - 1).astype(np.int64) for k in (0, 1)]
+    rows = [np.clip(top + k, 0, height - 1).astype(np.int64) for k in (0, 1)]
+    x_weight, y_weight = (x - left)[None, :, None], (y - top)[:, None, None]
     upper, lower = (
-        picture[row][:, columns[0]] * (1 - across) + picture[row][:, columns[1]] * across
+        picture[row][:, columns[0]] * (1 - x_weight) + picture[row][:, columns[1]] * x_weight
         for row in rows
     )
-    return upper * (1 - down) + lower * down
+    return upper * (1 - y_weight) + lower * y_weight
 
 
 def _merge_runs(
-    rows: np.ndarray, columns: np.ndarray, colors: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Merge runs of equal colour in each row into rectangles `[k, 4]` with RGB `[k, 3]`."""
-    changes = np.ones(colors.shape[:2], bool)
-    changes[:, 1:] = (colors[:, 1:] != colors[:, :-1]).any(axis=-1)
-    row, start = np.nonzero(changes)
-    # A run ends where the next begins, or with the row.
-    following = np.append(start[1:], len(columns))
-    ends = np.where(following > start, following, len(columns))
+    rows: Float[np.ndarray, " rows"],
+    columns: Float[np.ndarray, " columns"],
+    colors: Float[np.ndarray, "rows columns 3"],
+) -> tuple[Float[np.ndarray, "rectangles 4"], Float[np.ndarray, "rectangles 3"]]:
+    """Merge runs of equal colour in each row of pixels into rectangles; returns also their RGB."""
+    starts_run = np.ones(colors.shape[:2], bool)
+    starts_run[:, 1:] = (colors[:, 1:] != colors[:, :-1]).any(axis=-1)
+    row, start = np.nonzero(starts_run)
+    # A run ends where the next one of its row begins, or with the row.
+    next_start = np.append(start[1:], len(columns))
+    ends = np.where(next_start > start, next_start, len(columns))
     rectangles = np.stack([columns[start], rows[row], columns[ends - 1] + 1, rows[row] + 1], axis=1)
     return rectangles, colors[row, start]

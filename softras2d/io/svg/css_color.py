@@ -1,4 +1,4 @@
-"""CSS colours to sRGB."""
+"""Converts CSS colours to sRGB."""
 
 import functools
 import math
@@ -12,56 +12,55 @@ import tinycss2.color4
 from ...color import linear_to_srgb
 
 Rgba = tuple[float, float, float, float]
-"""Straight sRGB and alpha, 0..1."""
+"""sRGB colour and straight alpha. Alpha is in 0..1; colours may lie outside."""
 
 CURRENT = "currentcolor"
-"""What `color_of` gives for CSS's `currentColor`."""
+"""The value of `color_of` for the keyword `currentColor`."""
 
 _HEX = re.compile(r"#([0-9a-fA-F]{2})([0-9a-fA-F]{2})([0-9a-fA-F]{2})\Z")
 _PERCENT = re.compile(r"rgb\(([0-9.eE+-]++)%[ ,]\s*+([0-9.eE+-]++)%[ ,]\s*+([0-9.eE+-]++)%\)\Z")
 _BRACKET = re.compile(r"[()\[\]{}]")
 
+_MAX_LENGTH = 1000
+"""Maximum length of a colour, in characters. Longer text is not parsed, and counts as no colour."""
 
-_LONGEST = 1000
-"""Characters of a colour; a longer text is none, and is not parsed."""
+_MAX_NESTING = 8
+"""Limit of brackets within brackets in a colour, since tinycss2 recurses for each."""
 
-_DEEPEST = 8
-"""Parentheses within parentheses of a colour. The parser beneath calls itself for each."""
-
-_FARTHEST = 1e6
-"""Coordinates in CIE spaces are clamped to this size: they are cubed, which must not overflow."""
+_MAX_COORDINATE = 1e6
+"""Coordinates in CIE spaces are clamped to this size, so that their cubes do not overflow."""
 
 
 def color_of(text: str) -> Rgba | str | None:
-    """sRGB of a CSS colour, `"currentcolor"`, or None if it is no colour.
+    """Convert a CSS colour to sRGB; `CURRENT` for `currentColor`, None for text that is no colour.
 
-    Colours outside sRGB are clipped to it, but for `color(srgb ...)` and `color(srgb-linear ...)`,
-    which can say them.
+    Colours outside sRGB are clipped to 0..1 per channel. The exceptions are `color(srgb ...)` and
+    `color(srgb-linear ...)`, which are not clipped.
     """
     text = text.strip()
-    if len(text) > _LONGEST or nesting(text) > _DEEPEST:
+    if len(text) > _MAX_LENGTH or nesting(text) > _MAX_NESTING:
         return None
     return _parsed(text)
 
 
 def nesting(text: str) -> int:
-    """How deep brackets are nested in a text of CSS, at most."""
+    """Depth of brackets within brackets in a text of CSS."""
     deepest = depth = 0
-    for found in _BRACKET.finditer(text):
-        depth += 1 if found[0] in "([{" else -1
+    for bracket in _BRACKET.finditer(text):
+        depth += 1 if bracket[0] in "([{" else -1
         deepest = max(deepest, depth)
     return deepest
 
 
 @functools.lru_cache(maxsize=4096)
 def _parsed(text: str) -> Rgba | str | None:
-    # The two commonest spellings, twenty times faster than through a parser.
-    if found := _HEX.match(text):
-        red, green, blue = (int(digits, 16) / 255 for digits in found.groups())
+    # For the two most common spellings, this is twenty times faster than tinycss2.
+    if match := _HEX.match(text):
+        red, green, blue = (int(digits, 16) / 255 for digits in match.groups())
         return red, green, blue, 1.0
-    if found := _PERCENT.match(text):
+    if match := _PERCENT.match(text):
         try:
-            red, green, blue = (_clip(float(digits) / 100) for digits in found.groups())
+            red, green, blue = (_clip(float(digits) / 100) for digits in match.groups())
         except ValueError:
             return None
         return red, green, blue, 1.0
@@ -72,7 +71,7 @@ def _parsed(text: str) -> Rgba | str | None:
     if rgb is None:
         return None
     if not text.lower().startswith("color("):
-        if any(math.isnan(part) for part in rgb):
+        if any(math.isnan(channel) for channel in rgb):
             return None
         rgb = tuple(map(_clip, rgb))
     return rgb[0], rgb[1], rgb[2], color.alpha
@@ -82,26 +81,22 @@ def _clip(value: float) -> float:
     return min(max(value, 0.0), 1.0)
 
 
-def _limited(value: float, size: float) -> float:
-    return min(max(value, -size), size)
-
-
 def _srgb(color: Any) -> tuple[float, ...] | None:
-    """Coordinates in sRGB; None for spaces that are not converted."""
+    """Coordinates in sRGB of a parsed colour; None for spaces that are not supported."""
     if color.space in ("srgb", "hsl", "hwb"):
         return tuple(color.to("srgb").coordinates)
     if color.space == "srgb-linear":
-        return _encode(part or 0.0 for part in color.coordinates)
+        return _encode(value or 0.0 for value in color.coordinates)
     if color.space in ("lab", "lch", "oklab", "oklch"):
-        near = tuple(part and _limited(part, _FARTHEST) for part in color.coordinates)
-        color = tinycss2.color4.Color(color.space, near, color.alpha)
-    if color.space in ("oklab", "oklch"):
+        # A missing coordinate (`none`) is None, and stays so.
+        clamped = tuple(
+            value and min(max(value, -_MAX_COORDINATE), _MAX_COORDINATE)
+            for value in color.coordinates
+        )
+        color = tinycss2.color4.Color(color.space, clamped, color.alpha)
+    if color.space in ("oklab", "oklch", "xyz-d65"):
         xyz = color.to("xyz-d65").coordinates
-    elif color.space in ("lab", "lch"):
-        xyz = _product(_D50_TO_D65, color.to("xyz-d50").coordinates)
-    elif color.space == "xyz-d65":
-        xyz = color.to("xyz-d65").coordinates
-    elif color.space == "xyz-d50":
+    elif color.space in ("lab", "lch", "xyz-d50"):
         xyz = _product(_D50_TO_D65, color.to("xyz-d50").coordinates)
     else:
         return None
@@ -125,6 +120,6 @@ def _product(matrix: tuple[tuple[float, ...], ...], vector: tuple[float, ...]) -
     return tuple(sum(a * b for a, b in zip(row, vector, strict=True)) for row in matrix)
 
 
-def _encode(light: Iterable[float]) -> tuple[float, ...]:
+def _encode(linear: Iterable[float]) -> tuple[float, ...]:
     """Convert linear light to sRGB."""
-    return tuple(linear_to_srgb(np.array(list(light), np.float64)).tolist())
+    return tuple(linear_to_srgb(np.array(list(linear), np.float64)).tolist())

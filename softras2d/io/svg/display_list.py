@@ -1,12 +1,14 @@
 """Collects the shapes of a drawing in order, and triangulates all of them at the end.
 
-Shapes of one kind are triangulated together, which is much faster than one by one. A **draw** is
-the index of a shape in draw order; sorting triangles by draw restores the order between kinds.
+Shapes of one kind are triangulated together, which is much faster than one by one. The index of a
+shape in draw order is called its **draw**. Sorting triangles by draw restores the order between
+kinds.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float32, Int
 
 from ..budget import Budget, BudgetError
 from ..shapes.ear_clipping import clip_ears, crosses_itself, fill_nonzero
@@ -21,10 +23,10 @@ class Triangles(NamedTuple):
     """Triangles of a drawing, in draw order; all arrays are float32 except `texture`.
 
     - `corners`: `[triangles, 3, 2]`, in pixels.
-    - `colors`: `[triangles, 1 or 3, 4]`, straight alpha; one colour per corner if any triangle
-      needs it.
-    - `uv`: `[triangles, 3, 2]`; zero for triangles without texture, and of length 0 if no triangle
-      has one.
+    - `colors`: `[triangles, 1 or 3, 4]`, sRGB with straight alpha; one colour per corner if any
+      triangle needs it.
+    - `uv`: `[triangles, 3, 2]`, zero for triangles without texture; of length 0 if no triangle has
+      a texture.
     - `texture`: `[triangles]`, index of the texture, or -1.
     """
 
@@ -35,15 +37,15 @@ class Triangles(NamedTuple):
 
 
 class _Batch(NamedTuple):
-    """Triangles of one kind of shape: the draw of each, its corners and uv in float32."""
+    """Triangles of one kind of shape, and the draw of each."""
 
-    draw: np.ndarray
-    corners: np.ndarray
-    uv: np.ndarray | None = None
+    draw: Int[np.ndarray, " triangles"]
+    corners: Float32[np.ndarray, "triangles 3 2"]
+    uv: Float32[np.ndarray, "triangles 3 2"] | None = None
 
 
 class DisplayList:
-    """Shapes in draw order. Coordinates are in pixels, float64.
+    """Shapes of a drawing, in draw order. Coordinates are in pixels, float64.
 
     - `line`: line number of the element that is being read, for errors found by `finish`.
     - `approximated`: number of the course's polygons that `finish` filled by the nonzero rule
@@ -84,12 +86,12 @@ class DisplayList:
         self, points: np.ndarray, color: Rgba, uv: np.ndarray, texture: int, translucent: bool
     ) -> None:
         """Add a convex polygon `[n, 2]` with a texture; `uv` `[n, 2]` at its corners."""
-        both = np.concatenate([points, uv], axis=1)[None]
-        both = (fan_inside if translucent and len(points) > 3 else fan)(both)[0]
-        self.budget.charge("triangles", len(both))
+        cut = fan_inside if translucent and len(points) > 3 else fan
+        triangles = cut(np.concatenate([points, uv], axis=1)[None])[0]
+        self.budget.charge("triangles", len(triangles))
         draw = self._new_draw(color)
         self._textures[draw] = texture
-        self._triangles.append((draw, both[..., :2], both[..., 2:]))
+        self._triangles.append((draw, triangles[..., :2], triangles[..., 2:]))
 
     def add_polygon(self, points: np.ndarray, color: Rgba, evenodd: bool = False) -> None:
         """Add the inside of a closed contour `[n, 2]`, by the nonzero or the even-odd rule."""
@@ -125,7 +127,8 @@ class DisplayList:
     def finish(self, height: int, width: int) -> Triangles:
         """Triangulate all shapes on a canvas of `height` x `width` pixels.
 
-        Raises `ValueError` for coordinates beyond float32, and for too much work.
+        Raises `ValueError` for coordinates that are not finite in float32, and for work beyond the
+        budget.
         """
         batches = [
             _Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
@@ -143,13 +146,13 @@ class DisplayList:
         uv, texture = np.zeros((0, 3, 2), np.float32), np.full(len(self), -1)
         if self._textures:
             texture[list(self._textures)] = list(self._textures.values())
-            parts = [np.zeros_like(b.corners) if b.uv is None else b.uv for b in batches]
-            uv = np.concatenate(parts)[order]
+            uvs = [np.zeros_like(b.corners) if b.uv is None else b.uv for b in batches]
+            uv = np.concatenate(uvs)[order]
         corners = np.concatenate([batch.corners for batch in batches])[order]
         return Triangles(corners, self._color_table()[draw], uv, texture[draw])
 
     def _color_table(self) -> np.ndarray:
-        """Colours of all draws, `[draws, 1 or 3, 4]`; `ValueError` for one beyond float32."""
+        """Colours of all draws, `[draws, 1 or 3, 4]`; `ValueError` if float32 cannot hold one."""
         if not any(isinstance(color, np.ndarray) for color in self._colors):
             table = np.array(self._colors, np.float64).reshape(-1, 1, 4)
             return self._float32(table, np.arange(len(table)), "a colour")
@@ -162,24 +165,25 @@ class DisplayList:
         return self._float32(table, np.arange(len(table)), "a colour")
 
     def _is_translucent(self, draws: np.ndarray) -> np.ndarray:
-        """Which draws are not opaque. Each must have one colour."""
+        """Whether each draw is translucent. Each must have a single colour."""
         return np.array([self._colors[draw][3] < 1 for draw in draws.tolist()], bool)
 
     def _batch(self, draw: np.ndarray, corners: np.ndarray) -> _Batch:
         return _Batch(draw, self._float32(corners, draw))
 
     def _float32(
-        self, values: np.ndarray, draws: np.ndarray, what: str = "a coordinate"
+        self, values: np.ndarray, draws: np.ndarray, noun: str = "a coordinate"
     ) -> np.ndarray:
-        """Round numbers `[k, ...]` to float32.
+        """Round values `[k, ...]`, one row for each of `draws`, to float32.
 
-        Raises `ValueError` with the line of the draw for one that overflows; `what` names them.
+        If one is not finite then, raises `ValueError` with the line of its draw. The error calls
+        the value `noun`.
         """
         with np.errstate(over="ignore"):
             rounded = values.astype(np.float32)
-        bad = ~np.isfinite(rounded).all(axis=tuple(range(1, rounded.ndim)))
-        if bad.any():
-            raise self._error(int(draws[np.argmax(bad)]), f"{what} is not finite in float32.")
+        is_bad = ~np.isfinite(rounded).all(axis=tuple(range(1, rounded.ndim)))
+        if is_bad.any():
+            raise self._error(int(draws[np.argmax(is_bad)]), f"{noun} is not finite in float32.")
         return rounded
 
     def _error(self, draw: int, message: str) -> SvgError:
@@ -188,14 +192,13 @@ class DisplayList:
     def _from_triangles(self) -> _Batch | None:
         if not self._triangles:
             return None
-        draw, corners, uv = zip(*self._triangles, strict=True)
-        counts = [len(part) for part in corners]
-        batch = self._batch(np.repeat(draw, counts), np.concatenate(corners))
+        draw, corners, uvs = zip(*self._triangles, strict=True)
+        batch = self._batch(np.repeat(draw, list(map(len, corners))), np.concatenate(corners))
         if not self._textures:
             return batch
-        parts = [np.zeros_like(c) if u is None else u for u, c in zip(uv, corners, strict=True)]
+        uvs = [np.zeros_like(c) if uv is None else uv for uv, c in zip(uvs, corners, strict=True)]
         return batch._replace(
-            uv=self._float32(np.concatenate(parts), batch.draw, "a texture coordinate")
+            uv=self._float32(np.concatenate(uvs), batch.draw, "a texture coordinate")
         )
 
     def _from_polygons(self) -> _Batch | None:
@@ -204,14 +207,14 @@ class DisplayList:
         draw, contours, evenodd = zip(*self._polygons, strict=True)
         draw = np.array(draw)
         # Checked first, since GEOS does not handle infinities.
-        self._float32(np.concatenate(contours), np.repeat(draw, [len(part) for part in contours]))
+        self._float32(np.concatenate(contours), np.repeat(draw, list(map(len, contours))))
         try:
-            corners, index = triangulate(
+            corners, owner = triangulate(
                 contours, evenodd, self._is_translucent(draw).tolist(), self.budget
             )
         except BudgetError as error:
             raise self._error(int(draw[error.index]), f"the polygon {error}") from None
-        return self._batch(draw[index], corners)
+        return self._batch(draw[owner], corners)
 
     def _from_ears(self) -> _Batch | None:
         if not self._ears:
@@ -243,31 +246,33 @@ class DisplayList:
         except BudgetError as error:
             raise self._error(int(draw[error.index]), f"the stroke {error}") from None
         corners = self._mapped(np.array(maps), corners, owner, draw)
-        translucent = self._is_translucent(draw)
-        made, draws = [corners[~translucent[owner]]], [draw[owner[~translucent[owner]]]]
-        for index in np.flatnonzero(translucent).tolist():
-            # Pieces of a stroke overlap at joins, where translucent ones would show twice.
-            first, last = np.searchsorted(owner, [index, index + 1])
+        is_translucent = self._is_translucent(draw)
+        is_opaque = ~is_translucent[owner]
+        all_corners, all_draws = [corners[is_opaque]], [draw[owner[is_opaque]]]
+        for index in np.flatnonzero(is_translucent).tolist():
+            # The triangles of a stroke overlap at joins, where a translucent one would be blended
+            # twice.
+            start, end = np.searchsorted(owner, [index, index + 1])
             try:
-                region = np.array([union(corners[first:last], self.budget)])
+                region = np.array([union(corners[start:end], self.budget)])
             except BudgetError as error:
                 raise self._error(int(draw[index]), f"the translucent stroke {error}") from None
-            inner, which = fill_regions(region, np.ones(1, bool), draw[index : index + 1])
-            made.append(inner)
-            draws.append(which)
-        return self._batch(np.concatenate(draws), np.concatenate(made))
+            filled, draws = fill_regions(region, np.ones(1, bool), draw[index : index + 1])
+            all_corners.append(filled)
+            all_draws.append(draws)
+        return self._batch(np.concatenate(all_draws), np.concatenate(all_corners))
 
     def _mapped(
         self, maps: np.ndarray, corners: np.ndarray, owner: np.ndarray, draw: np.ndarray
     ) -> np.ndarray:
-        """Map each triangle of `[t, 3, 2]` to pixels by the map `[3, 3]` of its owner."""
+        """Map triangles `[t, 3, 2]` to pixels, each by the map `[3, 3]` of the stroke `owner`."""
         maps = maps[owner]
         with np.errstate(over="ignore", invalid="ignore"):
             mapped = np.einsum("tij,tcj->tci", maps[..., :2], corners) + maps[:, None, :, 2]
-        bad = ~(mapped[..., 2] > 0).all(axis=1)
-        if bad.any():
+        is_bad = ~(mapped[..., 2] > 0).all(axis=1)
+        if is_bad.any():
             message = "`transform` sends a stroke to infinity or behind it (w <= 0)."
-            raise self._error(int(draw[owner[np.argmax(bad)]]), message)
+            raise self._error(int(draw[owner[np.argmax(is_bad)]]), message)
         mapped = mapped[..., :2] / mapped[..., 2:]
         self._float32(mapped, draw[owner])
         return mapped
@@ -276,11 +281,11 @@ class DisplayList:
         if not self._hairlines:
             return None
         draw, segments = zip(*self._hairlines, strict=True)
-        draw = np.repeat(draw, [len(part) for part in segments])
+        draw = np.repeat(draw, list(map(len, segments)))
         rounded = self._float32(np.concatenate(segments), draw)
-        each = np.where(self._is_translucent(draw), 4, 2)
+        triangles_each = np.where(self._is_translucent(draw), 4, 2)
         try:
-            rectangles, line = pixel_lines(rounded, height, width, self.budget, each)
+            rectangles, line = pixel_lines(rounded, height, width, self.budget, triangles_each)
         except BudgetError as error:
             raise self._error(int(draw[error.index]), f"the line {error}") from None
         return self._rectangles(draw[line], rectangles)
@@ -295,13 +300,13 @@ class DisplayList:
         """Two triangles per opaque rectangle, four per translucent one (`polygons.py` says why)."""
         x0, y0, x1, y1 = rectangles.astype(np.float64).T
         quads = np.stack([x0, y0, x1, y0, x1, y1, x0, y1], axis=-1).reshape(-1, 4, 2)
-        translucent = self._is_translucent(draw)
-        made, rectangle = [], []
-        for chosen, fill in ((~translucent, fan), (translucent, fan_inside)):
-            triangles = fill(quads[chosen])
-            made.append(triangles.reshape(-1, 3, 2))
-            rectangle.append(np.repeat(np.flatnonzero(chosen), triangles.shape[1]))
-        # Rectangles of one draw may overlap, so their order is kept.
-        rectangle = np.concatenate(rectangle)
-        order = np.argsort(rectangle, kind="stable")
-        return self._batch(draw[rectangle[order]], np.concatenate(made)[order])
+        is_translucent = self._is_translucent(draw)
+        corners, owners = [], []
+        for chosen, cut in ((~is_translucent, fan), (is_translucent, fan_inside)):
+            triangles = cut(quads[chosen])
+            corners.append(triangles.reshape(-1, 3, 2))
+            owners.append(np.repeat(np.flatnonzero(chosen), triangles.shape[1]))
+        # Rectangles of one draw may overlap, so their order must not change.
+        owner = np.concatenate(owners)
+        order = np.argsort(owner, kind="stable")
+        return self._batch(draw[owner[order]], np.concatenate(corners)[order])

@@ -1,16 +1,15 @@
 """Parses XML element by element, safely: no entities, no network, errors with line numbers.
 
-Expat is the parser of Python's standard library. It fetches nothing by itself: a doctype is skipped
-with whatever it refers to. A document that declares entities is refused, so that none is ever
-expanded. No tree is built.
+Expat is the parser of Python's standard library. It fetches nothing by itself: files that a doctype
+refers to are not read. A document that declares entities is refused, so that none is ever expanded.
+No tree is built.
 """
 
 import contextlib
 import enum
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, NoReturn, Protocol, runtime_checkable
 from xml.parsers import expat
 
 import shapely.errors
@@ -23,16 +22,15 @@ MAX_BYTES = 64 * 2**20
 MAX_DEPTH = 100_000
 """Limit of elements within elements."""
 
-
 Attributes = dict[str, str]
-"""Attributes of an element, by name, as the document writes them."""
+"""Attributes of an element: values by name, both as in the document."""
 
 
 class Document(NamedTuple):
-    """A document that is not parsed yet.
+    """A document before it is parsed.
 
     - `data`: its bytes.
-    - `name`: what errors call it.
+    - `name`: its name in errors.
     - `folder`: folder to which names of image files are relative, or None.
     """
 
@@ -83,7 +81,8 @@ def load(path: str | os.PathLike[str]) -> Document:
     path = Path(path)
     try:
         with path.open("rb") as file:
-            # The size is not asked for, since that of a device or a pipe says nothing.
+            # Reading one byte more than the limit also works for devices and pipes, which have no
+            # size.
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise SvgError(f"{path}: cannot be read: {error.strerror or error}.") from None
@@ -107,19 +106,21 @@ LIBRARY_ERRORS = (ArithmeticError, MemoryError, RecursionError, shapely.errors.S
 """Errors besides `ValueError` that extreme values may cause in libraries."""
 
 
-_LONGEST_REASON = 500
+_MAX_REASON = 500
+"""Maximum length of the message of an error. Messages quote attributes, which may be huge."""
 
 
 def reason(error: Exception) -> str:
     """The message of an error on one line; a plain sentence for errors of libraries."""
     text = " ".join(str(error).split())
-    # Messages quote attributes, which may be as long as the document.
-    text = text if len(text) <= _LONGEST_REASON else f"{text[:_LONGEST_REASON]}..."
+    text = text if len(text) <= _MAX_REASON else f"{text[:_MAX_REASON]}..."
     if isinstance(error, ValueError):
         return text
-    kinds = {MemoryError: "needs more memory than there is", RecursionError: "is nested too deeply"}
-    plain = next((text for kind, text in kinds.items() if isinstance(error, kind)), None)
-    return f"{plain}." if plain else f"has values too extreme to be drawn ({text})."
+    if isinstance(error, MemoryError):
+        return "needs more memory than there is."
+    if isinstance(error, RecursionError):
+        return "is nested too deeply."
+    return f"has values too extreme to be drawn ({text})."
 
 
 def walk(document: Document, reader: Reader, budget: Budget | None = None) -> None:
@@ -130,36 +131,36 @@ def walk(document: Document, reader: Reader, budget: Budget | None = None) -> No
     """
     budget = budget or Budget()
     parser = expat.ParserCreate()
-    # Depth inside an element whose children are not read; 0 outside of such elements.
-    skipped = 0
     depth = 0
+    # Depth below an element whose children are not read; 0 outside of such elements.
+    skipped_depth = 0
     names_children = False
 
     def start(tag: str, attributes: Attributes) -> None:
-        nonlocal skipped, depth, names_children
+        nonlocal depth, skipped_depth, names_children
         depth += 1
         line = parser.CurrentLineNumber
         try:
             budget.charge("attributes", len(attributes))
             if depth > MAX_DEPTH:
                 raise ValueError(f"is nested deeper than {MAX_DEPTH}.")
-            if skipped:
-                if skipped == 1 and names_children:
+            if skipped_depth:
+                if skipped_depth == 1 and names_children:
                     reader.inside(tag, attributes, line)
-                skipped += 1
+                skipped_depth += 1
                 return
             children = reader.open(tag, attributes, line)
         except (ValueError, *LIBRARY_ERRORS) as error:
             message = f"{document.name}:{line}: <{tag[:60]}> {reason(error)}"
             raise SvgError(message) from None
         if children is not Children.READ:
-            skipped, names_children = 1, children is Children.NAMED
+            skipped_depth, names_children = 1, children is Children.NAMED
 
     def end(_: str) -> None:
-        nonlocal skipped, depth
+        nonlocal depth, skipped_depth
         depth -= 1
-        if skipped:
-            skipped -= 1
+        if skipped_depth:
+            skipped_depth -= 1
         else:
             reader.close()
 
@@ -168,32 +169,36 @@ def walk(document: Document, reader: Reader, budget: Budget | None = None) -> No
     _parse(document, parser)
 
 
-def root(document: Document) -> tuple[str, dict[str, str]]:
+class _RootRead(Exception):
+    """Raised by `root` to stop the parser after the first element."""
+
+
+def root(document: Document) -> tuple[str, Attributes]:
     """Name and attributes of the first element. The rest of the document is not parsed."""
-
-    class Found(Exception):
-        pass
-
     parser = expat.ParserCreate()
-    found: list[tuple[str, dict[str, str]]] = []
+    elements: list[tuple[str, Attributes]] = []
 
     def start(tag: str, attributes: Attributes) -> None:
-        found.append((tag, attributes))
-        raise Found
+        elements.append((tag, attributes))
+        raise _RootRead
 
     parser.StartElementHandler = start
-    with contextlib.suppress(Found):
+    with contextlib.suppress(_RootRead):
         _parse(document, parser)
-    return found[0]
+    return elements[0]
 
 
 def _parse(document: Document, parser: expat.XMLParserType) -> None:
-    def refuse(what: str) -> Callable[..., None]:
-        def handler(*_: object) -> None:
-            line = parser.CurrentLineNumber
-            raise SvgError(f"{document.name}:{line}: {what}, which is not supported.")
+    """Run a parser whose element handlers are set; errors in the XML become `SvgError`."""
 
-        return handler
+    def refuse(problem: str) -> NoReturn:
+        raise SvgError(f"{document.name}:{parser.CurrentLineNumber}: {problem}")
+
+    def refuse_entity(*_: object) -> NoReturn:
+        refuse("the document declares an entity, which is not supported.")
+
+    def refuse_undeclared_entity(*_: object) -> NoReturn:
+        refuse("an entity is used that is not declared, which is not supported.")
 
     defaults = 0
 
@@ -202,19 +207,16 @@ def _parse(document: Document, parser: expat.XMLParserType) -> None:
         _, _, _, default, _ = attribute
         defaults += default is not None
         if defaults > MAX_DEFAULTS:
-            raise SvgError(
-                f"{document.name}:{parser.CurrentLineNumber}: the document declares more than "
-                f"{MAX_DEFAULTS} attribute defaults."
-            )
+            refuse(f"the document declares more than {MAX_DEFAULTS} attribute defaults.")
 
     parser.AttlistDeclHandler = count_default
-    parser.EntityDeclHandler = refuse("the document declares an entity")
-    parser.SkippedEntityHandler = refuse("an entity is used that is not declared")
+    parser.EntityDeclHandler = refuse_entity
+    parser.SkippedEntityHandler = refuse_undeclared_entity
     try:
         parser.Parse(document.data, True)
     except expat.ExpatError as error:
-        what = expat.ErrorString(error.code)
-        raise SvgError(f"{document.name}:{error.lineno}: not well-formed XML: {what}.") from None
+        problem = expat.ErrorString(error.code)
+        raise SvgError(f"{document.name}:{error.lineno}: not well-formed XML: {problem}.") from None
     except SvgError:
         raise
     except (ValueError, LookupError) as error:

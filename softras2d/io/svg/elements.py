@@ -1,12 +1,12 @@
-"""The interface of an SVG element, and of a dialect: attributes in, shapes out.
+"""States the interface of SVG elements and dialects: from attributes to shapes.
 
-A **shape function** is the member of this family. It gets the attributes of one element and the
-state inherited from its ancestors (style and map to pixels), and adds what the element draws to the
-display list. It raises `ValueError` for attributes that cannot be read.
+A **shape function** draws one kind of element. It receives the attributes of the element and the
+state inherited from its ancestors (style and map to pixels), and adds shapes to the display list.
+It raises `ValueError` for attributes that cannot be parsed.
 
-A **dialect** (`svg_dialect.py`, `course_dialect.py`) has a table from element names to its shape
-functions, and says how state is inherited. `ElementReader` does what both dialects share: it walks
-into groups, declares textures, and counts elements that are not supported. To add an element to a
+A **dialect** (`svg_dialect.py`, `course_dialect.py`) has a table from element names to shape
+functions, and defines how state is inherited. `ElementReader` does what both dialects share: it
+enters groups, declares textures, and counts elements that are not supported. To add an element to a
 dialect, write its shape function and add one line to the table.
 """
 
@@ -17,14 +17,14 @@ from .context import FALLBACK, SILENT, Context
 from .document import Attributes, Children
 
 State = TypeVar("State")
-"""What an element passes on to its children, such as style and map to pixels."""
+"""What children inherit from an element, such as style and map to pixels."""
 
 ShapeFunction = Callable[[State, Attributes], None]
 
 
 @runtime_checkable
 class Dialect(Protocol[State]):
-    """The meaning of elements in one dialect, for one document."""
+    """Defines what elements mean in one dialect, while one document is read."""
 
     @property
     def shapes(self) -> Mapping[str, ShapeFunction[State]]:
@@ -42,7 +42,7 @@ class Dialect(Protocol[State]):
         ...
 
     def local_name(self, tag: str, attributes: Attributes) -> str:
-        """The name of an element without its prefix; empty if it belongs to another vocabulary."""
+        """The name of an element without its prefix; empty if its namespace is not SVG."""
         ...
 
     def root_state(self, tag: str, attributes: Attributes) -> State | None:
@@ -67,12 +67,12 @@ class Dialect(Protocol[State]):
 
 
 class ElementReader(Generic[State]):
-    """Reads a document in one dialect: the `document.Reader` of both dialects."""
+    """Reads a document in one dialect, as the `document.Reader` that `walk` calls."""
 
     def __init__(self, dialect: Dialect[State], context: Context):
         self._dialect = dialect
         self._context = context
-        # One state for the root and for each group that is open.
+        # One state for the root, and one for each open group.
         self._states: list[State] = []
 
     def open(self, tag: str, attributes: Attributes, line: int) -> Children:
@@ -99,7 +99,7 @@ class ElementReader(Generic[State]):
         return Children.NAMED
 
     def inside(self, tag: str, attributes: Attributes, line: int) -> None:
-        """A child of an element whose children are not drawn."""
+        """Handle a child of an element whose children are not drawn."""
         name = self._dialect.local_name(tag, attributes)
         if not _is_silent(name, attributes):
             self._dialect.undrawn_child(name, attributes)

@@ -1,119 +1,134 @@
-"""Numbers as SVG writes them: lists, lengths with units, and the course's leading floats."""
+"""Parses numbers in attributes: lists, lengths with units, fractions, and the course's numbers.
+
+Standard SVG is strict: text that its grammar does not allow is an error. The course stops reading
+at the first text that does not fit, without an error.
+"""
 
 import math
 import re
 
 import numpy as np
 
-# Every quantifier is possessive (`++`, `*+`, `?+`): it never gives back what it took, so that time
-# is linear in the text. Ordinary ones try all ways to split a run of digits or blanks.
+# Every quantifier is possessive (`++`, `*+`, `?+`), that is, it never backtracks, so that matching
+# takes linear time. Ordinary quantifiers try all ways to split a run of digits or blanks.
 _NUMBER = r"[+-]?+(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+"
 _NEXT = re.compile(rf"\s*+(,?+)\s*+({_NUMBER})")
 _LEADING = re.compile(rf"\s*+({_NUMBER})")
 _LENGTH = re.compile(rf"\s*+({_NUMBER})\s*+([a-zA-Z]++|%?+)\s*+\Z")
-# Number, one separating character (blanks before it do not count), number.
+# A number, one separator (a blank, or another character with blanks before it), and a number.
 _PAIR = re.compile(rf"\s*+({_NUMBER})(?:\s*+[^\s0-9.+-]|\s)\s*+({_NUMBER})")
 _NOT_FINITE = re.compile(r"(?<![a-z])[+-]?+(nan|inf(inity)?+)(?![a-z])", re.IGNORECASE)
 _DOUBLE_COMMA = re.compile(r",\s*+,")
 
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 
-_PIXELS = {
-    # CSS Values 4, section 6.2: 96 px are an inch.
+_PIXELS_PER_UNIT = {
+    # CSS Values 4, section 6.2: an inch is 96 px.
     "": 1.0, "px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "q": 96 / 101.6,
     "pt": 96 / 72, "pc": 16.0,
 }  # fmt: skip
 
 
 def number_list(text: str) -> list[float]:
-    """All numbers of a list; blanks, a comma, or nothing where a sign or point begins the next.
+    """Parse a list of numbers, by the grammar of SVG.
 
-    Raises `ValueError` for anything else, and for numbers that are not finite.
+    Numbers are separated by blanks, by a comma, or by nothing if the next one begins with a sign or
+    a point. Raises `ValueError` for any other text, and for numbers that are not finite.
     """
     if text.isascii() and "_" not in text:
-        # The common spelling, at the speed of C.
+        # `split` and `float` are much faster than the regular expression, and sufficient for the
+        # common spelling. They accept misplaced commas, which the checks below find.
         try:
             values = [float(word) for word in text.replace(",", " ").split()]
         except ValueError:
             pass
         else:
-            commas = text.count(",")
-            tidy = not commas or not (_DOUBLE_COMMA.search(text) or text.strip()[0] == ",")
+            has_commas = "," in text
+            tidy = not has_commas or not (_DOUBLE_COMMA.search(text) or text.strip()[0] == ",")
             if math.isfinite(sum(values)) and tidy and text.rstrip()[-1:] != ",":
                 return values
-    values, place = [], 0
+    values, position = [], 0
     text = text.rstrip()
-    while place < len(text):
-        found = _NEXT.match(text, place)
-        if found is None or (found[1] and not values):
-            raise ValueError(f"expected a number, got {_excerpt(text[place:])}.")
-        values.append(finite(found[2]))
-        place = found.end()
+    while position < len(text):
+        match = _NEXT.match(text, position)
+        if match is None or (match[1] and not values):
+            raise ValueError(f"expected a number, got {_excerpt(text[position:])}.")
+        values.append(finite(match[2]))
+        position = match.end()
     return values
 
 
 def number_pairs(text: str) -> list[float]:
-    """The course's points: number, one separator, number, until something does not fit; float32."""
-    values, place = [], 0
-    while found := _PAIR.match(text, place):
-        values += [finite32(found[1]), finite32(found[2])]
-        place = found.end()
-    if word := _not_a_number(text[place:]):
+    """Parse a list of points as the course does; returns x and y alternately, in float32.
+
+    A point is a number, one separator and a number. Reading stops at text that is no point.
+    """
+    values, position = [], 0
+    while match := _PAIR.match(text, position):
+        values += [finite32(match[1]), finite32(match[2])]
+        position = match.end()
+    if word := _infinity_or_nan(text[position:]):
         raise ValueError(f"expected a number, got {word}.")
     return values
 
 
 def blank_separated(text: str) -> list[float]:
-    """The course's lists: numbers with blanks between, until something else comes; float32."""
+    """Parse numbers with blanks between them as the course does, in float32.
+
+    Reading stops at the first text that is no number.
+    """
     values = []
     for word in text.split():
-        found = _LEADING.match(word)
-        if found is None:
-            if word := _not_a_number(word):
+        match = _LEADING.match(word)
+        if match is None:
+            if word := _infinity_or_nan(word):
                 raise ValueError(f"expected a number, got {word}.")
             break
-        values.append(finite32(found[1]))
-        if found.end() != len(word):
+        values.append(finite32(match[1]))
+        if match.end() != len(word):
             break
     return values
 
 
 def leading_float(text: str | None) -> float:
-    """The course's numbers: what a text begins with, in float32; 0 for a missing attribute."""
+    """Parse the number with which a text begins, as the course does, in float32.
+
+    A missing attribute, None, is 0.
+    """
     if text is None:
         return 0.0
-    found = _LEADING.match(text)
-    if found is None:
+    match = _LEADING.match(text)
+    if match is None:
         raise ValueError(f"expected a number, got {_excerpt(text)}.")
-    return finite32(found[1])
+    return finite32(match[1])
 
 
-def length(text: str, whole: float | None) -> float:
-    """A length in px; `whole` is what 100 % are, None where a percentage has no meaning."""
-    found = _LENGTH.match(text)
-    if found is None:
+def length(text: str, full: float | None) -> float:
+    """Parse a length in px; 100 % are `full` px, or an error if that is None."""
+    match = _LENGTH.match(text)
+    if match is None:
         raise ValueError(f"expected a length, got {_excerpt(text)}.")
-    value, unit = finite(found[1]), found[2].lower()
-    if unit == "%" and whole is not None:
-        return value / 100 * whole
-    if unit not in _PIXELS:
+    value, unit = finite(match[1]), match[2].lower()
+    if unit == "%" and full is not None:
+        return value / 100 * full
+    if unit not in _PIXELS_PER_UNIT:
         raise ValueError(
             f"lengths in {unit!r} are not supported, got {_excerpt(text)}; "
             "use px, pt, pc, mm, cm or in."
         )
-    return value * _PIXELS[unit]
+    return value * _PIXELS_PER_UNIT[unit]
 
 
 def fraction(text: str) -> float:
-    """An opacity, as a number or a percentage, clamped to 0..1."""
-    found = _LENGTH.match(text)
-    if found is None or found[2] not in ("", "%"):
+    """Parse an opacity, which is a number or a percentage, and clamp it to 0..1."""
+    match = _LENGTH.match(text)
+    if match is None or match[2] not in ("", "%"):
         raise ValueError(f"expected a number in 0..1, got {_excerpt(text)}.")
-    return min(max(finite(found[1]) / (100 if found[2] else 1), 0.0), 1.0)
+    return min(max(finite(match[1]) / (100 if match[2] else 1), 0.0), 1.0)
 
 
 def finite(text: str) -> float:
-    """The number, or `ValueError` if float64 does not hold it."""
+    """Parse a number as float64; `ValueError` if it is not finite there."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(f"{_excerpt(text)} is not a finite number.")
@@ -121,19 +136,23 @@ def finite(text: str) -> float:
 
 
 def finite32(text: str) -> float:
-    """The number rounded to float32, or `ValueError` if that is infinite."""
+    """Parse a number and round it to float32; `ValueError` if it is not finite there."""
     value = float(text)
     if not abs(value) <= FLOAT32_MAX:
         raise ValueError(f"{_excerpt(text)} is not a finite number in float32.")
     return float(np.float32(value))
 
 
-def _not_a_number(text: str) -> str | None:
-    """A word that says NaN or infinity, which no quirk should hide."""
-    found = _NOT_FINITE.search(text)
-    return _excerpt(found[0]) if found else None
+def _infinity_or_nan(text: str) -> str | None:
+    """The first word in a text that means NaN or infinity; None if there is none.
+
+    Stopping there without an error would hide a fault of the program that wrote the file.
+    """
+    match = _NOT_FINITE.search(text)
+    return _excerpt(match[0]) if match else None
 
 
 def _excerpt(text: str) -> str:
+    """The beginning of a text, in quotes, for error messages."""
     text = text.strip()
     return repr(text if len(text) <= 24 else text[:24] + "...")

@@ -46,7 +46,7 @@ def read_svg(
     The scene has the smallest structure that can represent the file, and a white background unless
     the file has another.
 
-    - `height`, `width`: size of the canvas in pixels; by default the size that the file gives,
+    - `height`, `width`: size of the canvas in pixels; by default the size that the file declares,
       rounded up. The drawing is fitted into the canvas by its viewBox and preserveAspectRatio, or
       by the course's rule.
     - `dialect`: `"svg"`, standard SVG; or `"course"`, the classic rasterizer course's rules, with
@@ -101,10 +101,10 @@ def parse_svg(
 
 
 def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int, int]:
-    """The (height, width) in pixels that an SVG file gives, rounded up.
+    """The (height, width) in pixels that an SVG file declares, rounded up.
 
-    In dialect `"svg"`, a side that is missing follows from the viewBox. Raises `ValueError`, one
-    line, if the file gives no size.
+    In dialect `"svg"`, a missing side is computed from the viewBox. Raises `ValueError`, one line,
+    if the file declares no size.
     """
     _check_dialect(dialect)
     return _document_size(load(path), dialect)
@@ -168,7 +168,7 @@ def _read(
 
 @contextmanager
 def _errors_named(document: Document) -> Iterator[None]:
-    """Name the document in errors of checks and libraries, which do not know it."""
+    """Add the name of the document to errors of checks and libraries, which do not know it."""
     try:
         yield
     except SvgError:
@@ -203,7 +203,7 @@ def _make_scene(
     addressing: TextureAddressing,
     linear: bool,
 ) -> Scene:
-    """The scene of these triangles, without arrays and channels that none of them needs."""
+    """Make the scene of these triangles, without arrays and channels that none of them needs."""
     colors = triangles.colors
     background = np.array(context.background or (1.0, 1.0, 1.0))
     if linear:

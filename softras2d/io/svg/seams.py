@@ -1,13 +1,13 @@
-"""Hides the seams that browsers show between triangles that abut.
+"""Hides the seams that browsers show between triangles that share an edge.
 
-A browser blends antialiased polygons one by one. Along an edge shared by two opaque triangles, the
-first covers a share `a` of a pixel and the second 1 - a, and `a (1 - a)` of what lies below still
-shows, so that a mesh looks like a wireframe. `write_svg` adds two remedies:
+A browser blends antialiased polygons one by one. Where two opaque triangles share an edge, the
+first covers a fraction `a` of a pixel and the second the fraction `1 - a`. The fraction `a (1 - a)`
+of what lies below still shows, so a mesh looks like a wireframe. `write_svg` adds two remedies:
 
-- **Seam lines.** A line in the colour of the triangle that is drawn first, below the mesh.
-  What shows through is then the colour that the first triangle lacks, and the pixel is exact:
-  `(1 - a) B + a (a A + (1 - a) A)`. Pixels that hold a vertex stay approximate. Any SVG renderer
-  can draw lines.
+- **Seam lines.** A line along the edge, below the mesh, has the colour A of the triangle that is
+  drawn first. What shows through is then A too, and the pixel is exact: with the colour B of the
+  second triangle, `(1 - a) B + a (a A + (1 - a) A)`. Pixels that contain a vertex stay approximate.
+  Any SVG renderer can draw lines.
 - **Sums.** Where triangles tile the canvas without overlap, the blend mode `plus-lighter` adds the
   colours times the coverage of all triangles, which is exact at vertices too. Only some renderers
   support the mode, so a style sheet tests for it.
@@ -16,7 +16,7 @@ shows, so that a mesh looks like a wireframe. `write_svg` adds two remedies:
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float32, Int
 
 from .context import FALLBACK
 
@@ -33,11 +33,13 @@ _TOLERANCE = 1e-3
 
 
 class Edges(NamedTuple):
-    """Distinct edges of triangles. Vertices are equal where their positions are.
+    """Distinct edges of triangles, whose vertices are equal if their positions are.
 
-    - `count`: triangles that have the edge.
-    - `first`: its first side, as three times the index of the triangle plus 0, 1 or 2.
-    - `edge_of_side`: the edge of each side; side k of a triangle goes from corner k to k + 1.
+    Side k of a triangle goes from corner k to the next corner.
+
+    - `count`: number of triangles that have the edge.
+    - `first`: the first side on this edge, as three times the index of its triangle plus k.
+    - `edge_of_side`: index of the edge on which each side lies.
     - `is_forward`: whether a side goes from the lower to the higher vertex number of its edge.
     """
 
@@ -47,8 +49,8 @@ class Edges(NamedTuple):
     is_forward: Bool[np.ndarray, "triangles 3"]
 
 
-def find_edges(points: Float[np.ndarray, "triangles 3 2"]) -> Edges:
-    """Find the distinct edges of triangles that are given by their corners, float32."""
+def find_edges(points: Float32[np.ndarray, "triangles 3 2"]) -> Edges:
+    """Find the distinct edges of triangles that are given by their corners."""
     # Adding zero makes -0 and 0 the same bits, and bits sort faster than pairs of floats.
     bits = np.ascontiguousarray(points.reshape(-1, 2) + np.float32(0.0)).view(np.uint64)
     _, vertex = np.unique(bits.ravel(), return_inverse=True)
@@ -61,12 +63,13 @@ def find_edges(points: Float[np.ndarray, "triangles 3 2"]) -> Edges:
     return Edges(count, first, edge.reshape(-1, 3), start < end)
 
 
-def tiles_canvas(points: Float[np.ndarray, "triangles 3 2"], height: int, width: int) -> bool:
-    """Whether triangles cover each point of the canvas once, and nothing beside it.
+def tiles_canvas(points: Float32[np.ndarray, "triangles 3 2"], height: int, width: int) -> bool:
+    """Whether triangles cover each point of the canvas exactly once, and nothing outside of it.
 
-    They do if each side inside the canvas meets one side of opposite direction (all triangles
-    taken as counter-clockwise), every other side lies on the border, and the areas sum to the
-    canvas: the number of triangles over a point can then change only at the border.
+    They do if three conditions hold. Each side inside the canvas coincides with exactly one other
+    side, of opposite direction once all triangles have the same orientation. Every other side lies
+    on the border. The areas sum to that of the canvas. The number of triangles that cover a point
+    can then change only at the border.
     """
     if len(points) == 0:
         return False
@@ -87,55 +90,58 @@ def tiles_canvas(points: Float[np.ndarray, "triangles 3 2"], height: int, width:
     return bool(is_border.all())
 
 
-def shares_edge(points: Float[np.ndarray, "triangles 3 2"]) -> Bool[np.ndarray, " triangles"]:
+def shares_edge(points: Float32[np.ndarray, "triangles 3 2"]) -> Bool[np.ndarray, " triangles"]:
     """Whether each triangle shares an edge with another one."""
     edges = find_edges(points)
     return np.asarray((edges.count[edges.edge_of_side] > 1).any(axis=1))
 
 
 def seams(
-    points: Float[np.ndarray, "triangles 3 2"], coordinates: np.ndarray, colors: list[str]
+    points: Float32[np.ndarray, "triangles 3 2"], coordinates: np.ndarray, colors: list[str]
 ) -> dict[int, str]:
-    """A group of seam lines for each connected part of a mesh of opaque triangles.
+    """Make a `<g>` of seam lines for each connected part of a mesh of opaque triangles.
 
-    The keys are the triangles before which the groups must be drawn: the first of each part.
-    `coordinates` are `points` as text, `[triangles, 3, 2]`; `colors` those of the triangles.
+    Each group must be drawn before the triangle whose index is its key: the first of that part.
+    `coordinates` are `points` as text, `[triangles, 3, 2]`; `colors` are one per triangle, as CSS.
     """
     edges = find_edges(points)
     is_shared = edges.count > 1
     if not is_shared.any():
         return {}
-    # Imported here: it takes long, and most scenes of layers share no edge.
+    # Imported here, since the import takes long, and separate triangles rarely share an edge.
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components
 
+    # Edges of the graph: from every triangle with a shared edge to the first triangle that has it.
+    triangle, side = np.nonzero(is_shared[edges.edge_of_side])
+    first_triangle = edges.first[edges.edge_of_side[triangle, side]] // 3
+    graph = sparse.coo_matrix(
+        (np.ones(len(triangle)), (triangle, first_triangle)), (len(points),) * 2
+    )
+    _, component = connected_components(graph, directed=False)
+    # Bit k is set if side k of the triangle is drawn as a seam line of its colour.
+    side_bits = np.zeros(len(points), np.int64)
     triangle, side = np.divmod(edges.first[is_shared], 3)
-    users, user_side = np.nonzero(is_shared[edges.edge_of_side])
-    owners = edges.first[edges.edge_of_side[users, user_side]] // 3
-    graph = sparse.coo_matrix((np.ones(len(users)), (users, owners)), (len(points),) * 2)
-    _, part = connected_components(graph, directed=False)
-    # Bit k: side k of the triangle is a seam of its colour.
-    sides = np.zeros(len(points), np.int64)
-    np.bitwise_or.at(sides, triangle, 1 << side)
-    # Backwards, so that where several lines meet, that of the triangle drawn first is on top.
-    drawn = np.flatnonzero(sides)[::-1]
-    first = np.unique(part, return_index=True)[1]
+    np.bitwise_or.at(side_bits, triangle, 1 << side)
+    # In reverse order, so that where lines meet, that of the triangle drawn first is on top.
+    with_lines = np.flatnonzero(side_bits)[::-1]
+    first_of_component = np.unique(component, return_index=True)[1]
     groups: dict[int, list[str]] = {}
-    for index in drawn.tolist():
-        line = _line(coordinates[index].tolist(), int(sides[index]))
+    for index in with_lines.tolist():
+        line = _path_along_sides(coordinates[index].tolist(), int(side_bits[index]))
         path = f'<path stroke="{colors[index]}" d="{line}"/>'
-        groups.setdefault(int(first[part[index]]), []).append(path)
+        groups.setdefault(int(first_of_component[component[index]]), []).append(path)
     return {start: "\n".join([_GROUP, *paths, "</g>"]) for start, paths in groups.items()}
 
 
 _GROUP = f'<g {FALLBACK}="1" fill="none" stroke-width="{SEAM_WIDTH}" stroke-linejoin="bevel">'
 
-_STARTS = (0, 0, 1, 0, 2, 2, 1, 0)
-"""The corner at which a line along the sides of a bit mask begins."""
+_START_CORNER = (0, 0, 1, 0, 2, 2, 1, 0)
+"""For each set of sides, as bits, the corner at which the path along these sides begins."""
 
 
-def _line(corners: list[list[str]], sides: int) -> str:
-    """Path data along the sides of a triangle whose bits are set in `sides`."""
-    start, count = _STARTS[sides], sides.bit_count()
-    order = [corners[(start + k) % 3] for k in range(min(count + 1, 3))]
-    return "M" + " ".join(f"{x} {y}" for x, y in order) + ("z" if count == 3 else "")
+def _path_along_sides(corners: list[list[str]], side_bits: int) -> str:
+    """Path data along the sides of a triangle whose bits are set."""
+    start, count = _START_CORNER[side_bits], side_bits.bit_count()
+    points = [corners[(start + k) % 3] for k in range(min(count + 1, 3))]
+    return "M" + " ".join(f"{x} {y}" for x, y in points) + ("z" if count == 3 else "")

@@ -17,7 +17,7 @@ _MAX_NESTING = 32
 
 
 class Style(NamedTuple):
-    """Computed style of an element. `opacity` is the product with that of all ancestors."""
+    """Computed style of an element; its `opacity` includes the factors of all ancestors."""
 
     fill: Rgba | str | None = (0.0, 0.0, 0.0, 1.0)
     stroke: Rgba | str | None = None
@@ -56,7 +56,8 @@ class Style(NamedTuple):
 INITIAL = Style()
 
 UNSUPPORTED = {
-    # Properties that would change the image, and their values that do not.
+    # Properties that change the image but are not supported, and those of their values that do not
+    # change it.
     "clip-path": ("none",),
     "filter": ("none",),
     "marker": ("none",),
@@ -76,9 +77,10 @@ def computed(
 ) -> Style:
     """Compute the style of an element from its attributes and the style of its parent.
 
-    `diagonal` is the length that 100 % of a stroke width stand for. `note` is called with the names
-    of properties and values that are not supported. Raises `ValueError` for text that is no number
-    where a number is expected.
+    - `diagonal`: length, in user units, that a stroke width of 100 % means.
+    - `note`: called with the names of properties and values that are not supported.
+
+    Raises `ValueError` for text that is no number where a number is expected.
     """
     declared = attributes
     if "style" in attributes:
@@ -98,7 +100,7 @@ def computed(
             continue
         value = value.strip()
         if value == "inherit":
-            # Inherited properties do so anyway; `opacity` is not inherited.
+            # The other properties are inherited anyway.
             if field == "opacity":
                 note("opacity: inherit")
             continue
@@ -124,7 +126,10 @@ def _parsed(
     diagonal: float,
     note: Callable[[str], None],
 ) -> dict[str, object]:
-    """The field with its new value; empty, after calling `note`, for an invalid declaration."""
+    """Parse one declaration; returns the changed field, or nothing if it is invalid.
+
+    `note` is called for an invalid declaration.
+    """
     try:
         if field in ("fill", "stroke", "color"):
             paint = _paint(value, note)
@@ -154,9 +159,9 @@ def _paint(text: str, note: Callable[[str], None]) -> Rgba | str | bool | None:
 
     Paint servers (`url(...)`) are not supported; the fallback colour after them is used.
     """
-    if found := _URL.match(text):
+    if url := _URL.match(text):
         note("url(...) paint")
-        text = text[found.end() :].strip()
+        text = text[url.end() :].strip()
     if not text or text.lower() == "none":
         return None
     color = color_of(text)
@@ -164,20 +169,20 @@ def _paint(text: str, note: Callable[[str], None]) -> Rgba | str | bool | None:
 
 
 def _declarations(text: str, note: Callable[[str], None]) -> dict[str, str]:
-    """Names and values in a `style` attribute; of equal names, the last."""
+    """Parse a `style` attribute into values by name; the last of equal names counts."""
     if _PLAIN_STYLE.match(text) and "(" not in text:
-        pairs = (part.partition(":") for part in text.split(";"))
+        pairs = (declaration.partition(":") for declaration in text.split(";"))
         plain = {name.strip().lower(): value for name, _, value in pairs if name.strip()}
         return {name: _without_important(value) for name, value in plain.items()}
     if nesting(text) > _MAX_NESTING:
         raise ValueError(f"style: brackets are nested deeper than {_MAX_NESTING}.")
-    found = {}
+    values = {}
     for node in tinycss2.parse_blocks_contents(text, skip_comments=True, skip_whitespace=True):
         if node.type == "declaration":
-            found[node.lower_name] = tinycss2.serialize(node.value).strip()
+            values[node.lower_name] = tinycss2.serialize(node.value).strip()
         else:
             note("style: " + text[:24])
-    return found
+    return values
 
 
 def _without_important(value: str) -> str:

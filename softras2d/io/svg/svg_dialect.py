@@ -1,9 +1,13 @@
-"""Standard SVG, with the course's additional elements `colortri`, `textri` and `texture`."""
+"""Draws standard SVG, and the course's additional elements `colortri`, `textri` and `texture`.
+
+It is the dialect `"svg"` of `read_svg`.
+"""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ...geometry import affine_maps
 from ..shapes.strokes import Outline
@@ -32,7 +36,7 @@ class _State(NamedTuple):
 
     @staticmethod
     def of(style: Style, map3: np.ndarray) -> "_State":
-        """The state with this style and map; `ValueError` if the map is not finite."""
+        """The state with a style and a map; `ValueError` if the map is not finite."""
         if not np.isfinite(map3).all():
             raise ValueError("transform: the numbers are too large.")
         stretch = float(np.linalg.norm(map3[:2, :2], 2) / abs(map3[2, 2] or 1.0))
@@ -65,18 +69,21 @@ class StandardDialect:
         }
 
     def local_name(self, tag: str, attributes: Attributes) -> str:
-        """The name without a prefix that stands for SVG; empty for other prefixes."""
+        """The name without a prefix whose namespace is SVG; empty for other prefixes.
+
+        The element itself or the root must declare the prefix. Names without prefix count as SVG,
+        whatever the default namespace is.
+        """
         prefix, colon, name = tag.rpartition(":")
         if not colon:
             return name
-        key = "xmlns:" + prefix
-        return name if attributes.get(key, self._namespaces.get(key)) == _SVG else ""
+        declaration = f"xmlns:{prefix}"
+        namespace = attributes.get(declaration, self._namespaces.get(declaration))
+        return name if namespace == _SVG else ""
 
     def root_state(self, tag: str, attributes: Attributes) -> _State | None:
         """Fit the viewBox into the canvas."""
-        if ":" in tag:
-            # Prefixes of children are those that a prefixed root declares.
-            self._namespaces = {k: v for k, v in attributes.items() if k.startswith("xmlns:")}
+        self._namespaces = {k: v for k, v in attributes.items() if k.startswith("xmlns:")}
         if self.local_name(tag, attributes) != "svg":
             raise ValueError("is the root, which must be <svg>.")
         context = self._context
@@ -123,6 +130,7 @@ class StandardDialect:
         self._context.ignored[name] += 1
 
     def _length(self, attributes: Attributes, name: str, default: float = 0.0) -> float:
+        """Parse a length attribute, in user units; `default` if it is missing or `auto`."""
         if name not in attributes or attributes[name].strip() == "auto":
             return default
         along_x = name in ("x", "x1", "x2", "width")
@@ -167,13 +175,13 @@ class StandardDialect:
         corners = affine_maps.apply(state.map3, points)
         x0, y0 = corners.min(axis=0)
         x1, y1 = corners.max(axis=0)
-        upright = all(len(set(axis.round(9))) == 2 for axis in corners.T)
-        slack = 1e-6 * max(context.height, context.width)
+        is_upright = all(len(set(axis.round(9))) == 2 for axis in corners.T)
+        tolerance = 1e-6 * max(context.height, context.width)
         return bool(
-            upright
-            and max(x0, y0) <= slack
-            and x1 >= context.width - slack
-            and y1 >= context.height - slack
+            is_upright
+            and max(x0, y0) <= tolerance
+            and x1 >= context.width - tolerance
+            and y1 >= context.height - tolerance
         )
 
     def _polygon(self, state: _State, attributes: Attributes) -> None:
@@ -254,25 +262,26 @@ class StandardDialect:
             return
         assets = self._context.assets
         texture = assets.linked(href)
-        tall, wide = assets.textures[texture].shape[:2]
+        picture_height, picture_width = map(float, assets.textures[texture].shape[:2])
         width = self._length(attributes, "width", math.inf)
         height = self._length(attributes, "height", math.inf)
         if width <= 0 or height <= 0:
             return
         # Infinity stands for `auto`: the side follows from the picture (SVG 2, section 12.3).
         if width == math.inf:
-            width = float(wide) if height == math.inf else height * wide / tall
+            is_auto = height == math.inf
+            width = picture_width if is_auto else height * picture_width / picture_height
         if height == math.inf:
-            height = width * tall / wide
-        inner = fit(
-            Box(0.0, 0.0, float(wide), float(tall)),
+            height = width * picture_height / picture_width
+        to_viewport = fit(
+            Box(0.0, 0.0, picture_width, picture_height),
             height,
             width,
             attributes.get("preserveAspectRatio", ""),
         )
-        # `slice` lets the picture reach beyond the viewport, which clips it. Texture coordinates
+        # With `slice`, the picture reaches beyond the viewport, which clips it. Texture coordinates
         # are fractions of the picture.
-        low, high = affine_maps.apply(inner, [[0.0, 0.0], [wide, tall]])
+        low, high = affine_maps.apply(to_viewport, [[0.0, 0.0], [picture_width, picture_height]])
         start, end = np.maximum(low, 0.0), np.minimum(high, [width, height])
         uv = _box_corners(Box(*((start - low) / (high - low)), *((end - start) / (high - low))))
         origin = np.array([self._length(attributes, "x"), self._length(attributes, "y")])
@@ -284,7 +293,8 @@ class StandardDialect:
             self._context.display.add_textured(points, white, uv, texture, translucent)
 
 
-def _numbers(attributes: Attributes, name: str, count: int) -> np.ndarray:
+def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray, " {count}"]:
+    """Parse an attribute of exactly `count` numbers."""
     try:
         numbers = number_list(attributes.get(name, ""))
     except ValueError as error:
@@ -295,15 +305,15 @@ def _numbers(attributes: Attributes, name: str, count: int) -> np.ndarray:
 
 
 def _fits_float32(color: Rgba) -> bool:
-    """Whether float32 can represent a colour.
+    """Whether all channels of a colour are finite in float32.
 
     Other colours are drawn as shapes, so that the error names their line.
     """
     return all(abs(value) <= np.finfo(np.float32).max for value in color)
 
 
-def _box_corners(box: Box) -> np.ndarray:
-    """Corners `[4, 2]`: top left, top right, bottom right, bottom left."""
+def _box_corners(box: Box) -> Float[np.ndarray, "4 2"]:
+    """Corners in the order top left, top right, bottom right, bottom left."""
     x, y = box.x, box.y
     return np.array(
         [[x, y], [x + box.width, y], [x + box.width, y + box.height], [x, y + box.height]]

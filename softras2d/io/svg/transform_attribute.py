@@ -1,17 +1,18 @@
-"""The attribute `transform`, by the grammar of SVG and by that of the course."""
+"""Parses the attribute `transform`, by the grammar of SVG and by that of the course."""
 
 import re
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Float64
 
 from ...geometry import affine_maps
 from .numbers import blank_separated, number_list
 
 _FUNCTION = re.compile(r"[\s,]*+([a-zA-Z]++)\s*+\(([^()]*+)\)")
 
-_ARGUMENTS: dict[str, tuple[tuple[int, ...], Callable[..., np.ndarray]]] = {
-    # How many numbers each function may have, and what makes its matrix.
+_FUNCTIONS: dict[str, tuple[tuple[int, ...], Callable[..., np.ndarray]]] = {
+    # For each transform function: the numbers of arguments that it may have, and its matrix.
     "matrix": ((6,), affine_maps.matrix),
     "translate": ((1, 2), affine_maps.translate),
     "scale": ((1, 2), affine_maps.scale),
@@ -21,60 +22,66 @@ _ARGUMENTS: dict[str, tuple[tuple[int, ...], Callable[..., np.ndarray]]] = {
 }
 
 
-def transform_list(text: str) -> np.ndarray:
-    """The matrix of an SVG transform list, or `ValueError`.
+def transform_list(text: str) -> Float64[np.ndarray, "3 3"]:
+    """Parse an SVG transform list; returns its matrix. Raises `ValueError` for any other text.
 
     **Source:** CSS Transforms 1, section 8.
     """
-    total, place = affine_maps.identity(), 0
+    product, position = affine_maps.identity(), 0
     text = text.strip().rstrip(",").rstrip()
     if text == "none":
-        return total
-    while place < len(text):
-        found = _FUNCTION.match(text, place)
-        if found is None:
-            raise ValueError(f"transform: expected a function, got {text[place : place + 24]!r}.")
-        name, arguments = found[1], number_list(found[2])
-        if name not in _ARGUMENTS:
+        return product
+    while position < len(text):
+        match = _FUNCTION.match(text, position)
+        if match is None:
+            excerpt = text[position : position + 24]
+            raise ValueError(f"transform: expected a function, got {excerpt!r}.")
+        name, arguments = match[1], number_list(match[2])
+        if name not in _FUNCTIONS:
             raise ValueError(f"transform: there is no function {name!r}.")
-        counts, make = _ARGUMENTS[name]
+        counts, make_matrix = _FUNCTIONS[name]
         if len(arguments) not in counts:
             wanted = " or ".join(map(str, counts))
             raise ValueError(f"transform: {name} takes {wanted} numbers, got {len(arguments)}.")
-        total = total @ make(*arguments)
-        place = found.end()
-    return total
+        product = product @ make_matrix(*arguments)
+        position = match.end()
+    return product
 
 
-def course_transform(text: str, unknown: Callable[[str], None]) -> np.ndarray:
-    """The matrix of a course transform: `matrix` knows commas, the other functions blanks only.
+def course_transform(text: str, unknown: Callable[[str], None]) -> Float64[np.ndarray, "3 3"]:
+    """Parse a transform list as the course does; returns its matrix.
 
-    Exactly one character is eaten after each `)`, so a function after two blanks has a name that
-    begins with a blank. `unknown` is told of names that are no function; they move nothing.
+    Exactly one character is skipped after each `)`. If a function has two blanks before it, its
+    name therefore begins with a blank. Functions with unknown names are ignored, after calling
+    `unknown` with the name.
     """
-    total, place = affine_maps.identity(), 0
-    while (opening := text.find("(", place)) >= 0:
-        name = text[place:opening]
+    product, position = affine_maps.identity(), 0
+    while (opening := text.find("(", position)) >= 0:
+        name = text[position:opening]
         closing = text.find(")", opening)
         if closing < 0:
             raise ValueError(f"transform: {name!r} has no closing parenthesis.")
         arguments = text[opening + 1 : closing]
-        place = closing + 2
-        if name not in _ARGUMENTS:
+        position = closing + 2
+        if name not in _FUNCTIONS:
             unknown(name)
             continue
-        total = total @ _course_function(name, arguments)
-    return total
+        product = product @ _course_function(name, arguments)
+    return product
 
 
-def _course_function(name: str, text: str) -> np.ndarray:
+def _course_function(name: str, text: str) -> Float64[np.ndarray, "3 3"]:
+    """The matrix of one function, given the text between its parentheses.
+
+    `matrix` accepts commas between its numbers, the other functions only blanks. Missing numbers
+    are 0, except those of `scale`, which are 1: `scale(2)` stretches x alone.
+    """
     numbers = blank_separated(text.replace(",", " ") if name == "matrix" else text)
     if name == "matrix":
         if len(numbers) < 6:
             raise ValueError(f"transform: matrix takes 6 numbers, got {len(numbers)}.")
         return affine_maps.matrix(*numbers[:6])
-    # A missing scale is 1, also the second: `scale(2)` stretches x alone.
-    missing = [1.0, 1.0] if name == "scale" else [0.0, 0.0, 0.0]
-    wanted = {"translate": 2, "scale": 2, "rotate": 3, "skewX": 1, "skewY": 1}[name]
-    numbers = (numbers + missing[len(numbers) :])[:wanted]
-    return _ARGUMENTS[name][1](*numbers)
+    defaults = [1.0, 1.0] if name == "scale" else [0.0, 0.0, 0.0]
+    counts, make_matrix = _FUNCTIONS[name]
+    numbers = (numbers + defaults[len(numbers) :])[: max(counts)]
+    return make_matrix(*numbers)

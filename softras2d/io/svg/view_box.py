@@ -1,17 +1,19 @@
-"""The size of a drawing, and the map from its units to the pixels of a canvas."""
+"""Computes the size of a drawing, and the map from its user units to the pixels of a canvas."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float64
 
 from ...geometry import affine_maps
 from .numbers import leading_float, length, number_list
 
 MAX_SIDE = 2**16
-"""Pixels along a side of a canvas; float32 still resolves 1/256 px there."""
+"""Maximum side of a canvas, in pixels. The spacing of float32 is at most 1/256 pixel there."""
 
-_ALIGN = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
+_ALIGNMENT = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
+"""Fraction of the free space that lies before the viewBox."""
 
 
 class Box(NamedTuple):
@@ -24,7 +26,7 @@ class Box(NamedTuple):
 
 
 def view_box(attributes: dict[str, str]) -> Box | None:
-    """The `viewBox`, if there is one."""
+    """Parse the attribute `viewBox`; None if there is none."""
     text = attributes.get("viewBox")
     if text is None:
         return None
@@ -35,11 +37,11 @@ def view_box(attributes: dict[str, str]) -> Box | None:
 
 
 def document_size(attributes: dict[str, str], dialect: str) -> tuple[float, float] | None:
-    """(height, width) in px that the root's `attributes` give, not rounded; None if they do not.
+    """The (height, width) of a document in px, not rounded; None if its root does not give them.
 
-    In dialect `svg`, a percentage is a part of the viewBox. A side that is missing, `auto` or 100 %
-    follows from the other side, so that the proportions of the viewBox are kept, or from the
-    viewBox if both are missing.
+    `attributes` are those of the root. In dialect `svg`, percentages are relative to the viewBox.
+    A side that is missing, `auto` or 100 % is computed from the other side and the aspect ratio of
+    the viewBox. If both are, the size is that of the viewBox.
     """
     if dialect == "course":
         size = leading_float(attributes.get("height")), leading_float(attributes.get("width"))
@@ -55,37 +57,43 @@ def document_size(attributes: dict[str, str], dialect: str) -> tuple[float, floa
     return None if height is None or width is None else (height, width)
 
 
-def _side(attributes: dict[str, str], name: str, whole: float | None) -> float | None:
+def _side(attributes: dict[str, str], name: str, full: float | None) -> float | None:
+    """Parse `width` or `height` in px, of which 100 % are `full`; None if it is `auto`."""
     text = attributes.get(name, "auto").strip()
-    if text == "auto" or text == "100%" or (text.endswith("%") and whole is None):
+    if text == "auto" or text == "100%" or (text.endswith("%") and full is None):
         return None
-    side = length(text, whole)
+    side = length(text, full)
     if side <= 0:
         raise ValueError(f"{name}: expected a positive length, got {text!r}.")
     return side
 
 
 def round_up(size: tuple[float, float]) -> tuple[int, int]:
-    """Whole pixels that hold `size`; the slack is for units such as `25.4mm`."""
+    """Round a (height, width) up to whole pixels, at least 1 each."""
+    # Units such as mm give sizes that exceed a whole number by a rounding error.
     height, width = (max(1, math.ceil(min(side, 1e15) - 1e-6)) for side in size)
     return height, width
 
 
-def fit(box: Box, height: float, width: float, aspect: str = "") -> np.ndarray:
-    """The map that shows `box` on a viewport at the origin, by `preserveAspectRatio`.
+def fit(box: Box, height: float, width: float, aspect: str = "") -> Float64[np.ndarray, "3 3"]:
+    """The map from `box` to a viewport of `height` x `width` with a corner at the origin.
+
+    `aspect` is the attribute `preserveAspectRatio`.
 
     **Source:** SVG 2, section 8.2 (*equivalent transform of an SVG viewport*).
     """
     x_scale, y_scale = width / box.width, height / box.height
     words = aspect.split()
     words = words[1:] if words[:1] == ["defer"] else words
-    align, how = (words + ["xMidYMid", "meet"][len(words) :])[:2] if len(words) < 3 else ("", "")
+    align, meet_or_slice = "", ""
+    if len(words) < 3:
+        align, meet_or_slice = (words + ["xMidYMid", "meet"][len(words) :])[:2]
     if align != "none":
-        x_align, y_align = _ALIGN.get(align[1:4]), _ALIGN.get(align[5:])
-        known = align[:1] + align[4:5] == "xY" and how in ("meet", "slice")
-        if x_align is None or y_align is None or not known:
+        x_align, y_align = _ALIGNMENT.get(align[1:4]), _ALIGNMENT.get(align[5:])
+        is_known = align[:1] + align[4:5] == "xY" and meet_or_slice in ("meet", "slice")
+        if x_align is None or y_align is None or not is_known:
             raise ValueError(f"preserveAspectRatio: {aspect!r} is none of its values.")
-        x_scale = y_scale = (min if how == "meet" else max)(x_scale, y_scale)
+        x_scale = y_scale = (min if meet_or_slice == "meet" else max)(x_scale, y_scale)
     else:
         x_align = y_align = 0.0
     x = x_align * (width - box.width * x_scale) - box.x * x_scale
@@ -93,10 +101,12 @@ def fit(box: Box, height: float, width: float, aspect: str = "") -> np.ndarray:
     return affine_maps.matrix(x_scale, 0.0, 0.0, y_scale, x, y)
 
 
-def course_view(size: tuple[float, float], height: int, width: int) -> np.ndarray:
-    """The course's map: centred, uniform, a margin of a tenth of the longer side at its ends.
+def course_view(size: tuple[float, float], height: int, width: int) -> Float64[np.ndarray, "3 3"]:
+    """The course's map from a drawing of (height, width) `size` to a canvas of `height` x `width`.
 
-    Written as the course does, so that float64 rounds alike.
+    It keeps the aspect ratio and centres the drawing, with a margin of a tenth of its longer side
+    at both ends of that side. The matrices are those of the course, so that float64 is rounded
+    alike.
     """
     svg_height, svg_width = size
     span = 0.6 * max(svg_width, svg_height)

@@ -1,6 +1,8 @@
-"""Writes scenes as SVG: flat triangles as polygons, which any browser shows, others in the dialect.
+"""Writes scenes as SVG files that `read_svg` reads back without loss.
 
-Numbers are the shortest decimals that give back the same float32.
+Flat triangles become polygons, which any browser shows. Triangles with corner colours or textures
+become the additional elements `colortri` and `textri`, which only `read_svg` knows. Every number is
+the shortest decimal that is rounded to the same float32.
 """
 
 import os
@@ -8,6 +10,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from jaxtyping import Float32
 
 from ...color import unpremultiply
 from ...scene import Scene, check
@@ -28,49 +31,50 @@ def write_svg(
     width: int,
     fallback: bool = False,
 ) -> None:
-    """Write `scene` as an SVG file of `width` x `height` pixels that `read_svg` takes back.
+    """Write `scene` as an SVG file of `width` x `height` pixels that `read_svg` reads back.
 
-    A triangle whose corners agree becomes a `<polygon>` without stroke: `fill="rgb(p% p% p%)"`,
-    colours beyond 0..1 as `color(srgb r g b)`, alpha as `fill-opacity`. One with corner colours
-    becomes a `<colortri>`, one with a texture a `<textri>`; browsers skip both. The base levels of
-    textures are written beside the file as `STEM_texture0.png`, ...: 8 bits where that is exact,
-    16 otherwise. A background other than white is a first `<rect>` over the whole canvas, with
-    `fill-opacity` if it is translucent.
+    - A triangle whose corners have equal colours becomes a `<polygon>` without stroke. Its fill is
+      `rgb(p% p% p%)`, or `color(srgb r g b)` for colours outside 0..1; its alpha is `fill-opacity`.
+    - A triangle with corner colours becomes a `<colortri>`, one with a texture a `<textri>`.
+      Browsers show neither.
+    - The base level of each texture is written beside the file as `STEM_texture0.png`, ..., with 8
+      bits per channel if that is exact, else with 16.
+    - A background other than white becomes a `<rect>` over the whole canvas before all triangles.
 
-    `fallback=True` puts what browsers can draw before each `<colortri>`: the linear gradient
-    nearest to its colours, and a second one where that lacks more than `gradients.VISIBLE`;
-    `in_browsers` gives the scene that they show.
+    `fallback=True` lets browsers show corner colours approximately. Before each `<colortri>` comes
+    a path with the nearest linear gradient, and a second one if the error of the first exceeds
+    `gradients.VISIBLE`. `in_browsers` gives the scene that browsers then show.
 
-    Browsers show the background through the edges of triangles that abut. Below opaque ones that
-    share an edge, lines of their colours hide it; triangles that tile the canvas are in a `<g>`
-    whose style adds what they cover, where the browser can (`seams`). All that is there for
-    browsers alone is marked `data-fallback`, which `read_svg` skips in both dialects.
+    Antialiasing in browsers lets the background show between triangles that share an edge. Lines
+    in the colours of opaque triangles, drawn below them, hide it. If the triangles tile the canvas,
+    a style sheet also makes browsers add up their coverage (`seams.py`). All elements that are for
+    browsers alone have the attribute `data-fallback`, and both dialects of `read_svg` skip them.
 
-    `read_svg` gives back the same triangles in the same order and every float32 of them, with the
-    smallest structure that holds them: vertices are not shared, colours are flat if all triangles
-    are, and of three channels if all are opaque, as is the background; textures are numbered by
-    first use. A translucent background comes back as triangles over white, since a picture in SVG
-    lies on a page.
+    `read_svg` gives the same triangles in the same order, with bitwise equal float32 numbers, in
+    the smallest structure that can represent them. Vertices are not shared, colours are one per
+    triangle if that suffices, there are three channels if everything is opaque, and textures are
+    numbered by first use. A translucent background comes back as triangles over white, since an SVG
+    has no background of its own.
 
-    Files appear whole or not at all. Raises `ValueError`, and writes nothing, for a batch, for
-    values that are not finite in float32, and for what the dialect cannot say: `depth`,
-    `inverse_w`, colours of textured triangles, textures that do not clamp.
+    Files are written completely or not at all. Raises `ValueError`, and writes nothing, for a batch
+    of scenes, for values that are not finite in float32, and for what SVG cannot represent:
+    `depth`, `inverse_w`, colours of textured triangles, and textures that do not clamp.
     """
     path = Path(path)
     _check(path, scene, height, width)
-    images = {} if scene.textures is None else _images(path, scene.textures)
+    images = {} if scene.textures is None else _base_levels(path.stem, scene.textures)
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
         f'viewBox="0 0 {width} {height}">',
-        *_background(scene, height, width),
+        *_background_elements(scene, height, width),
         *(
             f'<texture texid="{index}" filename={quoteattr(name)}/>'
             for index, name in enumerate(images)
         ),
-        *_triangles(scene, fallback, height, width),
+        *_triangle_elements(scene, fallback, height, width),
         "</svg>\n",
     ]
-    # The pictures first: a file that is there has all that it names.
+    # Textures first, so that whoever sees the SVG also finds the files that it names.
     for name, image in images.items():
         _write_png(path.with_name(name), image)
     with atomic_file(path) as temporary:
@@ -78,7 +82,7 @@ def write_svg(
 
 
 def _check(path: Path, scene: Scene, height: int, width: int) -> None:
-    """Refuse what cannot be written, in one line."""
+    """Raise `ValueError` for arguments that cannot be written."""
     if min(height, width) < 1:
         raise ValueError(f"`height` and `width` must be positive; got {height} and {width}.")
     if scene.positions.ndim != 2:
@@ -98,7 +102,7 @@ def _check(path: Path, scene: Scene, height: int, width: int) -> None:
 
 
 def _check_textures(scene: Scene, textures: TexturePyramid) -> None:
-    # What `read_svg` builds from a `texture` element.
+    # `read_svg` builds every `texture` element with these settings.
     if (textures.border, textures.addressing) != ("clamp", "half_texel"):
         raise ValueError(
             "SVG textures have border 'clamp' and addressing 'half_texel'; "
@@ -110,65 +114,72 @@ def _check_textures(scene: Scene, textures: TexturePyramid) -> None:
     textured = np.asarray(scene.texture_index) >= 0
     tinted = textured & (np.asarray(scene.colors) != 1).any(axis=(1, 2))
     if tinted.any():
-        where = int(np.argmax(tinted))
+        index = int(np.argmax(tinted))
         raise ValueError(
-            f"SVG cannot say `colors` of a textured triangle; triangle {where} is not white."
+            f"SVG cannot say `colors` of a textured triangle; triangle {index} is not white."
         )
 
 
-def _background(scene: Scene, height: int, width: int) -> list[str]:
+def _background_elements(scene: Scene, height: int, width: int) -> list[str]:
     background = _float32(scene.background)
     if (background == 1).all():
         return []
-    paint = _paint(background[None])[0]
+    paint = _paint_attributes(background[None])[0]
     return [f'<rect x="0" y="0" width="{width}" height="{height}" {paint}/>']
 
 
-def _triangles(scene: Scene, fallback: bool, height: int, width: int) -> list[str]:
-    """The elements of all triangles, in draw order, with what browsers are given beside them."""
+def _triangle_elements(scene: Scene, fallback: bool, height: int, width: int) -> list[str]:
+    """The elements of all triangles, in draw order, and those for browsers around them."""
     colors = _float32(scene.colors)
     corners = _float32(scene.positions)[np.asarray(scene.triangles)]
     points = corners.reshape(-1, 6)
-    flat = (colors == colors[:, :1]).all(axis=(1, 2))
-    textured = np.zeros(len(flat), bool)
+    is_flat = (colors == colors[:, :1]).all(axis=(1, 2))
+    is_textured = np.zeros(len(is_flat), bool)
     if scene.texture_index is not None:
-        textured = np.asarray(scene.texture_index) >= 0
-    lines = np.empty(len(flat), object)
-    plain = flat & ~textured
-    lines[plain] = _rows(_POLYGON, points[plain], _paint(colors[plain, 0]))
-    shaded = ~flat & ~textured
-    lines[shaded] = _rows(_COLORTRI, points[shaded], _lists(_with_alpha(colors[shaded])))
+        is_textured = np.asarray(scene.texture_index) >= 0
+    lines = np.empty(len(is_flat), object)
+    is_polygon = is_flat & ~is_textured
+    paints = _paint_attributes(colors[is_polygon, 0])
+    lines[is_polygon] = _elements(_POLYGON, points[is_polygon], paints)
+    is_shaded = ~is_flat & ~is_textured
+    corner_colors = _number_lists(_with_alpha(colors[is_shaded]))
+    lines[is_shaded] = _elements(_COLORTRI, points[is_shaded], corner_colors)
     if scene.uv is not None and scene.texture_index is not None:
-        uvs = _lists(_float32(scene.uv)[textured])
-        indices = np.asarray(scene.texture_index)[textured].tolist()
-        lines[textured] = _rows(_TEXTRI, points[textured], uvs, indices)
-    beside = elements_for_browsers(corners, colors, plain, shaded & fallback, height, width)
-    for index, elements in beside.before.items():
+        uvs = _number_lists(_float32(scene.uv)[is_textured])
+        indices = np.asarray(scene.texture_index)[is_textured].tolist()
+        lines[is_textured] = _elements(_TEXTRI, points[is_textured], uvs, indices)
+    extra = elements_for_browsers(corners, colors, is_polygon, is_shaded & fallback, height, width)
+    for index, elements in extra.before.items():
         lines[index] = elements + "\n" + lines[index]
-    return [*beside.head, *lines.tolist(), *beside.tail]
+    return [*extra.head, *lines.tolist(), *extra.tail]
 
 
-def _rows(element: str, points: np.ndarray, *attributes: list) -> list[str]:
-    """`element` filled with the six coordinates of each triangle, then its attributes."""
-    return list(map(element.format, *_shortest(points).T, *attributes))
+def _elements(
+    template: str, points: Float32[np.ndarray, "triangles 6"], *attributes: list
+) -> list[str]:
+    """Fill `template` with the coordinates of each triangle, then with its attributes."""
+    return list(map(template.format, *_shortest(points).T, *attributes))
 
 
-def _lists(values: np.ndarray) -> list[str]:
-    """The numbers of each triangle `[n, ...]`, with blanks between."""
-    row = int(np.prod(values.shape[1:]))
-    return list(map(" ".join, _shortest(values.reshape(-1, row)).tolist()))
+def _number_lists(values: Float32[np.ndarray, "triangles *shape"]) -> list[str]:
+    """The numbers of each triangle as text, with blanks between them."""
+    count = int(np.prod(values.shape[1:]))
+    return list(map(" ".join, _shortest(values.reshape(-1, count)).tolist()))
 
 
-def _with_alpha(colors: np.ndarray) -> np.ndarray:
+def _with_alpha(
+    colors: Float32[np.ndarray, "triangles colors channels"],
+) -> Float32[np.ndarray, "triangles colors 4"]:
+    """Append an alpha of 1 to colours of three channels."""
     alpha = np.ones((*colors.shape[:2], 4 - colors.shape[2]), np.float32)
     return np.concatenate([colors, alpha], axis=-1)
 
 
-def _paint(colors: np.ndarray) -> list[str]:
-    """The attributes that fill with each colour of `[n, 3 or 4]`."""
+def _paint_attributes(colors: Float32[np.ndarray, "colors channels"]) -> list[str]:
+    """The attributes that fill an element with each of these colours of 3 or 4 channels."""
     rgb = colors[:, :3]
     fills = list(map('fill="rgb({}% {}% {}%)"'.format, *_percent(rgb).T))
-    # What `rgb()` would clip: CSS Color 4, section 10.2.
+    # `rgb()` would clip colours outside 0..1 (CSS Color 4, section 10.2).
     for row in np.flatnonzero(((rgb < 0) | (rgb > 1)).any(axis=1)):
         fills[row] = 'fill="color(srgb {} {} {})"'.format(*_shortest(rgb[row]))
     if colors.shape[1] == 3:
@@ -181,55 +192,58 @@ def _paint(colors: np.ndarray) -> list[str]:
 
 
 def _float32(value: object) -> np.ndarray:
-    # Beyond float32 is infinite, which `_check` reports.
+    # Numbers beyond float32 become infinite, which `_check` reports.
     with np.errstate(over="ignore"):
         return np.asarray(value).astype(np.float32)
 
 
-def _shortest(values: np.ndarray) -> np.ndarray:
-    """The shortest decimals that read back as the same float32 (numpy's Dragon4), as objects."""
+def _shortest(values: Float32[np.ndarray, "*shape"]) -> np.ndarray:
+    """The shortest decimals that are read as the same float32; an array of strings.
+
+    numpy finds them by the algorithm Dragon4.
+    """
     texts = [text.removesuffix(".0") for text in values.astype(str).ravel().tolist()]
     return np.array(texts, object).reshape(values.shape)
 
 
-def _percent(values: np.ndarray) -> np.ndarray:
-    """A hundred times as much, such that float32(percent / 100) is the value again.
+def _percent(values: Float32[np.ndarray, "*shape"]) -> np.ndarray:
+    """Strings of 100 times each value, such that float32(percent / 100) is the value again.
 
-    The shortest decimal has at most nine digits, and a hundred times it the same digits.
+    The shortest decimal of a float32 has at most nine digits, and so has 100 times that decimal.
     """
     shortest = values.astype(str).astype(np.float64).ravel() * 100.0
-    texts = [f"{value:.10g}" for value in shortest.tolist()]
-    back = (np.array(texts, np.float64) / 100.0).astype(np.float32)
-    # A decimal next to the middle of two floats may be rounded the other way by the division;
-    # a hundred times a float32 is exact in float64, and so is its quotient.
-    for index in np.flatnonzero(back != values.ravel()):
+    texts = [f"{percent:.10g}" for percent in shortest.tolist()]
+    read_back = (np.array(texts, np.float64) / 100.0).astype(np.float32)
+    # If a decimal is almost halfway between two floats, the division may round it to the wrong one.
+    # 100 times a float32 is exact in float64, so dividing that by 100 gives the float32.
+    for index in np.flatnonzero(read_back != values.ravel()):
         texts[index] = repr(float(values.ravel()[index]) * 100.0)
     return np.array(texts, object).reshape(values.shape)
 
 
-def _images(path: Path, textures: TexturePyramid) -> dict[str, np.ndarray]:
-    """The base level of each texture `[height, width, 3 or 4]` by the name of its file."""
+def _base_levels(stem: str, textures: TexturePyramid) -> dict[str, np.ndarray]:
+    """The base level of each texture, `[height, width, 3 or 4]`, by the name of its file."""
     texels, images = np.asarray(textures.texels), {}
     for index, (offset, height, width) in enumerate(np.asarray(textures.levels)[:, 0].tolist()):
         base = unpremultiply(texels[offset : offset + height * width].reshape(height, width, -1))
-        images[f"{path.stem}_texture{index}.png"] = np.minimum(base, 1.0)
+        images[f"{stem}_texture{index}.png"] = np.minimum(base, 1.0)
     return images
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:
-    # Imported here: scenes without textures need no image library.
+    # Imported here, since scenes without textures need no image library.
     import OpenImageIO as oiio
 
-    byte = np.rint(image * 255.0)
-    exact = np.abs(byte / 255.0 - image).max() < 1e-6
-    pixels = byte.astype(np.uint8) if exact else np.rint(image * 65535.0).astype(np.uint16)
+    levels = np.rint(image * 255.0)
+    is_exact = np.abs(levels / 255.0 - image).max() < 1e-6
+    pixels = levels.astype(np.uint8) if is_exact else np.rint(image * 65535.0).astype(np.uint16)
     height, width, channels = image.shape
-    spec = oiio.ImageSpec(width, height, channels, "uint8" if exact else "uint16")
+    spec = oiio.ImageSpec(width, height, channels, str(pixels.dtype))
     # PNG holds straight alpha.
     spec.attribute("oiio:UnassociatedAlpha", 1)
     with atomic_file(path) as temporary:
         output = oiio.ImageOutput.create("png")
         assert output is not None, "OpenImageIO without PNG"
-        done = output.open(str(temporary), spec) and output.write_image(pixels)
-        if not (output.close() and done):
+        is_written = output.open(str(temporary), spec) and output.write_image(pixels)
+        if not (output.close() and is_written):
             raise ValueError(f"{path}: cannot be written: {output.geterror()}")

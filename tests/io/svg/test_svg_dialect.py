@@ -310,6 +310,14 @@ def test_prefixed_svg():
     assert parse_svg(text).triangles.shape[0] == 2
 
 
+def test_the_namespace_of_an_element_decides_not_its_prefix():
+    root = f'width="9" height="9" xmlns:svg="{NS[7:-1]}" xmlns:other="urn:x"'
+    body = '<svg:g><svg:rect width="3" height="3"/></svg:g><other:rect width="5" height="5"/>'
+    assert shape(read(body, root)).equals(shapely.box(0, 0, 3, 3))
+    with pytest.warns(UserWarning, match=r"not drawn: circle \(1\)\.$"):
+        read('<svg:circle r="3"/>', root)
+
+
 def test_no_warning_without_need():
     with warnings.catch_warnings():
         warnings.simplefilter("error")

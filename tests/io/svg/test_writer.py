@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import softras2d as sr
-from softras2d.io.svg.writer import _paint, _shortest
+from softras2d.io.svg.writer import _paint_attributes, _shortest
 
 RNG = np.random.default_rng(7)
 UNIT = st.floats(0.0, 1.0, width=32)
@@ -162,7 +162,7 @@ def test_translucent_background_is_a_rect_over_white(tmp_path, alpha):
 @given(st.lists(UNIT, min_size=3, max_size=3))
 def test_percentages_keep_float32(rgb):
     wanted = floats(rgb)
-    percent = re.findall(r"([^ (]+)%", _paint(wanted[None])[0])
+    percent = re.findall(r"([^ (]+)%", _paint_attributes(wanted[None])[0])
     got = (np.array(percent, np.float64) / 100).astype(np.float32)
     np.testing.assert_array_equal(got, wanted)
 
@@ -177,7 +177,7 @@ def test_numbers_keep_float32(value):
 def test_many_float32_of_the_unit_interval_survive():
     bits = RNG.integers(0, 0x3F800001, 150_000, dtype=np.uint32)
     wanted = bits.view(np.float32).reshape(-1, 3)
-    percent = re.findall(r"([^ (]+)%", " ".join(_paint(wanted)))
+    percent = re.findall(r"([^ (]+)%", " ".join(_paint_attributes(wanted)))
     got = (np.array(percent, np.float64) / 100).astype(np.float32)
     np.testing.assert_array_equal(got.reshape(-1, 3), wanted)
 
