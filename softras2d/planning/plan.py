@@ -9,7 +9,7 @@ from jaxtyping import Array, Int
 from ..binning.lists import BLOCK
 from ..geometry.fixed_point import Grid
 from ..geometry.tiling import Tiling
-from ..options import Area, Filter, Hard, Soft
+from ..options import Coverage, Filter, Hard
 from .capacities import Capacity
 from .effects import EFFECTS
 
@@ -31,7 +31,7 @@ class Plan(eqx.Module):
 
     height: int = eqx.field(static=True)
     width: int = eqx.field(static=True)
-    coverage: Hard | Soft | Area
+    coverage: Coverage
     filter: Filter
     origin: Int[Array, "2"]
     capacity: Capacity = eqx.field(static=True)

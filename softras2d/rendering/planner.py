@@ -10,7 +10,7 @@ from jax.core import Tracer
 
 from ..geometry.fixed_point import Grid
 from ..numerics.device import to_device
-from ..options import Area, Filter, Hard, Soft
+from ..options import Coverage, Filter, Hard
 from ..planning.effects import EFFECTS, Drawing
 from ..planning.plan import Plan
 from ..scene import Scene, check
@@ -23,7 +23,7 @@ def plan(
     *,
     height: int,
     width: int,
-    coverage: Hard | Soft | Area | None = None,
+    coverage: Coverage | None = None,
     filter: Filter | None = None,
     origin: Any = (0, 0),
     max_width: float | None = None,

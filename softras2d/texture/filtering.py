@@ -1,8 +1,7 @@
-"""Read a texture at a point: the nearest texel or the bilinear mix of four, in one level or two.
+"""Read a texture at a point: a mix of the texels around it, in one mip level or two.
 
-**Gradients** with respect to u and v are those of the bilinear mix. At a texel's centre, where the
-mix has a kink, the gradient is that of the right side. On a clamped border it is that of the
-inside. `"nearest"` has zero gradient.
+**Gradients** with respect to u and v are those of the mix, see `texel_filters`. On a clamped border
+the gradient is that of the inside, and zero beyond it.
 """
 
 import functools
@@ -12,28 +11,35 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ..names import PixelFilter, TextureAddressing, TextureBorder
 from ..numerics.fusion_barrier import materialized
 from .level_of_detail import Level, Levels
+from .texel_filters import TEXEL_FILTERS
 
 
 class Lookup(NamedTuple):
     """Addressing of texels: the static settings of a pyramid and of a `Filter`."""
 
-    pixel: str
-    border: str
-    addressing: str
+    pixel: PixelFilter
+    border: TextureBorder
+    addressing: TextureAddressing
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the texel after the last is the first, half a texel beyond the border each."""
+        return self.border == "repeat" and self.addressing == "half_texel"
 
 
 class Taps(NamedTuple):
-    """Texels on both sides of a point along u and v, `[2, *points]`.
+    """Texels in a row around a point along u and v, and their weights.
 
-    The texel (near, far) has the index `near[0] + far[1]`. `part` is the weight of `far`. With
-    `"nearest"`, `far` and `part` are None.
+    - `texels`: for each tap `[2, *points]`. The texel of tap i along u and j along v has the index
+      `texels[i][0] + texels[j][1]`.
+    - `weights`: for each tap `[2, *points]`; None for a single tap.
     """
 
-    near: Int[Array, "2 *points"]
-    far: Int[Array, "2 *points"] | None = None
-    part: Float[Array, "2 *points"] | None = None
+    texels: tuple[Int[Array, "2 *points"], ...]
+    weights: tuple[Float[Array, "2 *points"], ...] | None = None
 
 
 class LevelTaps(NamedTuple):
@@ -63,29 +69,37 @@ def read_levels(
     return fine + taps.fraction[None] * (_read(texels, taps.coarse) - fine)
 
 
-def _read(texels: Array, taps: Taps) -> Array:
+def _read(texels: Float[Array, "channels texels"], taps: Taps) -> Float[Array, "channels *points"]:
     """Gather the texels of the taps and mix them in one level."""
     channels, count = texels.shape
-    first = jnp.arange(channels, dtype=jnp.int32).reshape(-1, *(1,) * (taps.near.ndim - 1)) * count
+    points = taps.texels[0].ndim - 1
+    channel = jnp.arange(channels, dtype=jnp.int32).reshape(-1, *(1,) * points) * count
 
-    def at(u: Array, v: Array) -> Array:
+    def gather(u: Array, v: Array) -> Array:
         # Indices are in range for finite points; the clamp keeps a NaN from reading beyond. The
         # gather is along a single flat axis: XLA stores the result of a gather along one of two
         # axes transposed.
-        return texels.reshape(-1).at[first + (u[0] + v[1])[None]].get(mode="clip")
+        return texels.reshape(-1).at[channel + (u[0] + v[1])[None]].get(mode="clip")
 
-    near, far, part = taps
-    if far is None or part is None:
-        return at(near, near)
-    x, y = part[0][None], part[1][None]
-    above = at(near, near) * (1 - x) + at(far, near) * x
-    below = at(near, far) * (1 - x) + at(far, far) * x
-    return above * (1 - y) + below * y
+    if taps.weights is None:
+        return gather(taps.texels[0], taps.texels[0])
+    rows = [
+        _mix([gather(u, v) for u in taps.texels], [weight[0] for weight in taps.weights])
+        for v in taps.texels
+    ]
+    return _mix(rows, [weight[1] for weight in taps.weights])
 
 
-def _taps(level: Level, uv: Array, lookup: Lookup) -> Taps:
+def _mix(values: list[Array], weights: list[Array]) -> Array:
+    """Sum of values times weights."""
+    return functools.reduce(
+        jnp.add, [value * weight[None] for value, weight in zip(values, weights, strict=True)]
+    )
+
+
+def _taps(level: Level, uv: Float[Array, "2 *points"], lookup: Lookup) -> Taps:
+    """Compute the taps in one level, with the filter, border and addressing of `lookup`."""
     # Both axes use one formula: this halves the number of kernels, and needs none to join them.
-    """Compute the taps in one level, with the border and addressing of `lookup`."""
     along_v = jax.lax.broadcasted_iota(jnp.int32, uv.shape, 0) == 1
 
     def by_axis(of_u: Array | int, of_v: Array) -> Array:
@@ -94,27 +108,47 @@ def _taps(level: Level, uv: Array, lookup: Lookup) -> Taps:
     size = by_axis(level.width, level.height)
     stride, offset = by_axis(1, level.width), by_axis(0, level.offset)
     last = size - 1
-    position = _place(uv, size, lookup)
-    if lookup.pixel == "nearest":
-        texel = jnp.clip(jnp.floor(position + 0.5), 0.0, last.astype(uv.dtype)).astype(jnp.int32)
-        return Taps(texel * stride + offset)
-    if lookup.border == "repeat" and lookup.addressing == "half_texel":
-        first = jnp.floor(position)
-        texel = first.astype(jnp.int32)
-        after = jnp.where(texel >= last, 0, texel + 1)
-        texel = jnp.where(texel < 0, last, texel)
-        return Taps(texel * stride + offset, after * stride + offset, position - first)
-    last_position = last.astype(uv.dtype)
-    inside = (position >= 0) & (position <= last_position)
-    position = jnp.where(inside, position, jnp.where(position > 0, last_position, 0.0))
-    first = jnp.clip(jnp.floor(position), 0.0, jnp.maximum(last_position - 1.0, 0.0))
-    texel = first.astype(jnp.int32)
-    after = jnp.minimum(texel + 1, last)
-    return Taps(texel * stride + offset, after * stride + offset, position - first)
+    filter = TEXEL_FILTERS[lookup.pixel]
+    position = _texel_position(uv, size, lookup)
+    if not lookup.is_periodic:
+        # With zero gradient beyond the border.
+        last_position = last.astype(uv.dtype)
+        inside = (position >= 0) & (position <= last_position)
+        position = jnp.where(inside, position, jnp.where(position > 0, last_position, 0.0))
+    start = jnp.floor(position + filter.shift)
+    if not lookup.is_periodic:
+        # A mix on the last texel is that of the interval before it: its gradient is the inside's.
+        highest = last.astype(uv.dtype) - (1.0 if filter.taps > 1 else 0.0)
+        start = jnp.clip(start, 0.0, jnp.maximum(highest, 0.0))
+    texel = start.astype(jnp.int32)
+    offsets = range(filter.first, filter.first + filter.taps)
+    texels = tuple(_neighbor(texel, k, last, lookup) * stride + offset for k in offsets)
+    return Taps(texels, filter.weights(position - start))
 
 
-def _place(uv: Array, size: Array, lookup: Lookup) -> Array:
-    """Convert a coordinate to a position among the texels of its axis, where texel i is at i."""
+def _neighbor(
+    texel: Int[Array, "2 *points"], offset: int, last: Int[Array, "2 *points"], lookup: Lookup
+) -> Int[Array, "2 *points"]:
+    """The texel `offset` after another, by the rule for the border; `last` is the last texel."""
+    neighbor = texel + offset
+    # A periodic position begins up to one texel before the first, any other before the last texel.
+    below, above = (1 - offset, offset) if lookup.is_periodic else (-offset, offset - 1)
+    if lookup.border == "repeat":
+        period = last + 1 if lookup.is_periodic else jnp.maximum(last, 1)
+        # Whole periods at a time: XLA does not vectorise an integer remainder.
+        for _ in range(below):
+            neighbor = jnp.where(neighbor < 0, neighbor + period, neighbor)
+        for _ in range(above):
+            neighbor = jnp.where(neighbor > last, neighbor - period, neighbor)
+    if not lookup.is_periodic and offset > 0:
+        neighbor = jnp.minimum(neighbor, last)
+    if not lookup.is_periodic and offset < 0:
+        neighbor = jnp.maximum(neighbor, 0)
+    return neighbor
+
+
+def _texel_position(uv: Array, size: Array, lookup: Lookup) -> Float[Array, "2 *points"]:
+    """Convert coordinates to positions among the texels of an axis, where texel i is at i."""
     if lookup.border == "repeat":
         uv = uv - jnp.floor(uv)
     if lookup.addressing == "corners":

@@ -10,7 +10,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from ..color import premultiply, srgb_to_linear
-from ..names import TextureAddressing, TextureBorder
+from ..names import TextureAddressing, TextureBorder, check_name
 from ..numerics.byte_colors import check_whole_colors, warn_of_bytes
 from ..numerics.device import to_device, to_host
 
@@ -67,8 +67,8 @@ class TexturePyramid(eqx.Module):
         Raises `ValueError` for an image without texels or of integers above 1, for no images, and
         for an unknown `border` or `addressing`. Warns of images that look like bytes (0..255).
         """
-        if border not in ("clamp", "repeat") or addressing not in ("half_texel", "corners"):
-            raise ValueError(f"no such `border` or `addressing`: {border!r}, {addressing!r}.")
+        check_name("border", border, TextureBorder)
+        check_name("addressing", addressing, TextureAddressing)
         bases = [_image(image, index) for index, image in enumerate(images)]
         if not bases:
             raise ValueError("`images` must hold at least one texture; got none.")

@@ -1,0 +1,67 @@
+"""How the texels along one axis are mixed around a point: one class for each name of a filter.
+
+A two-dimensional filter is the product of the mix along u and that along v. To add one, write its
+class here, and put its name into `names.PixelFilter` and into `TEXEL_FILTERS`.
+"""
+
+import abc
+from typing import ClassVar
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from ..names import PixelFilter
+
+
+class AbstractTexelFilter(eqx.Module):
+    """Weights of the texels around a position along one axis, on which texel i lies at i.
+
+    A filter mixes `taps` texels in a row, of which the first lies `first` texels after
+    `start = floor(position + shift)`.
+    """
+
+    taps: eqx.AbstractClassVar[int]
+    first: eqx.AbstractClassVar[int]
+    shift: eqx.AbstractClassVar[float]
+
+    @abc.abstractmethod
+    def weights(self, fraction: Float[Array, "*points"]) -> tuple[Array, ...] | None:
+        """Weight of each tap; they add up to 1. None if one tap has all the weight.
+
+        `fraction` is `position - start`, 0..1, and 1 only at the last texel of a clamped border.
+        The derivative of the weights is that of the filtered texture.
+        """
+
+
+class Nearest(AbstractTexelFilter):
+    """The texel whose centre is nearest; of two that are equally near, the right one."""
+
+    taps: ClassVar[int] = 1
+    first: ClassVar[int] = 0
+    shift: ClassVar[float] = 0.5
+
+    def weights(self, fraction: Float[Array, "*points"]) -> None:
+        """All the weight is on one tap, so that the gradient by the position is zero."""
+        return None
+
+
+class Bilinear(AbstractTexelFilter):
+    """Linear interpolation between the texels on both sides.
+
+    At a texel's centre, where the mix has a kink, the gradient is that of the right side.
+    """
+
+    taps: ClassVar[int] = 2
+    first: ClassVar[int] = 0
+    shift: ClassVar[float] = 0.0
+
+    def weights(self, fraction: Float[Array, "*points"]) -> tuple[Array, ...]:
+        """Weights that are linear in the position."""
+        return 1 - fraction, fraction
+
+
+TEXEL_FILTERS: dict[PixelFilter, AbstractTexelFilter] = {
+    "nearest": Nearest(),
+    "bilinear": Bilinear(),
+}
+"""The filter of each name of `Filter.pixel`."""
