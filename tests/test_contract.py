@@ -18,8 +18,8 @@ import pytest
 
 import softras2d as sr
 
+from .cases.derivatives import inner, is_finite, weight_of
 from .cases.products import Products, moving, products, stack
-from .cases.slopes import inner, is_finite, weight_of
 
 SIZE = 16
 """Two tiles a side."""

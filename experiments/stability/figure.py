@@ -15,13 +15,13 @@ HERE = Path(__file__).parent
 
 def publish(results: Path, readme: Path) -> None:
     """Write the tables into `readme`, and the figure beside the results."""
-    cases, carried, shifts, sums, degenerate = (
+    cases, attributes, shifts, sums, degenerate = (
         report.read_csv(results / f"{name}.csv")
-        for name in ("cases", "carried", "shifts", "long_sums", "degenerate")
+        for name in ("cases", "attributes", "shifts", "long_sums", "degenerate")
     )
     run = json.loads((results / "run.json").read_text())
     report.fill_markers(readme, "cases", report.table(*case_table(cases)))
-    report.fill_markers(readme, "carried", report.table(*case_table(carried)))
+    report.fill_markers(readme, "attributes", report.table(*case_table(attributes)))
     report.fill_markers(readme, "degenerate", report.table(*_degenerate_table(degenerate)))
     report.fill_markers(readme, "shifts", report.table(*_shift_table(shifts)))
     long = [[r["mode"], _short(r["by_color"]), _short(r["by_positions"])] for r in sums]

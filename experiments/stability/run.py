@@ -13,7 +13,7 @@ import jax
 from rich.console import Console
 from rich.table import Table
 
-from tests.cases import stability_carried, stability_degenerate
+from tests.cases import stability_attributes, stability_degenerate
 from tests.cases.stability_cases import CASES, MODES
 from tests.cases.stability_measure import LONG_MODES, long_sum, measure, moved
 
@@ -30,13 +30,13 @@ def case_rows(modes: list[str]) -> list[dict[str, Any]]:
     return _measured(CASES, modes, measure, "cases")
 
 
-def carried_rows() -> list[dict[str, Any]]:
-    """Triangles that carry corner colours, textures, perspective and depth."""
+def attribute_rows() -> list[dict[str, Any]]:
+    """Each case of triangles with corner colours, textures, perspective and depth."""
     return _measured(
-        stability_carried.CASES,
-        list(stability_carried.MODES),
-        stability_carried.measure,
-        "what triangles carry",
+        stability_attributes.CASES,
+        list(stability_attributes.MODES),
+        stability_attributes.measure,
+        "attributes",
     )
 
 
@@ -104,7 +104,7 @@ def main() -> None:
     if modes != list(MODES):
         return
     report.write_csv(results / "cases.csv", rows)
-    report.write_csv(results / "carried.csv", carried_rows())
+    report.write_csv(results / "attributes.csv", attribute_rows())
     report.write_csv(results / "degenerate.csv", degenerate_rows(list(stability_degenerate.MODES)))
     report.write_csv(results / "shifts.csv", shift_rows(modes))
     report.write_csv(results / "long_sums.csv", sum_rows(modes))

@@ -6,7 +6,6 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 import softras2d as sr
 
@@ -171,8 +170,3 @@ def assert_close(
             f"the worst, row {row}, column {column}, is {image[row, column]} and should be "
             f"{expected.image[row, column]}."
         )
-
-
-def slowly(*values: Any) -> Any:
-    """Left to the slow run: each structure that is drawn takes seconds to compile."""
-    return pytest.param(*values, marks=pytest.mark.slow)

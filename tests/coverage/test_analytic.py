@@ -1,7 +1,6 @@
 """Soft coverage and exact area: values and slopes of single triangles, in float64."""
 
 import functools
-import itertools
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softras2d.coverage import analytic, area, centroid, edge_lines, nearest_weights, profiles, soft
+
+from ..oracles.analytic import area_in_pixel, centroid_in_pixel, distance
 
 PROFILES = ("logistic", "softras", "window")
 
@@ -41,32 +42,6 @@ def cover(kind: str, name: str | int, slots, parameter, tile=ORIGIN):
     return analytic.evaluate(measure, slots, shape, parameter)
 
 
-def clip_polygon(points, axis, bound, keep_less):
-    """Sutherland and Hodgman by one side of a pixel, point by point."""
-    kept = []
-    for k, b in enumerate(points):
-        a = points[k - 1]
-        inside_a, inside_b = ((p[axis] <= bound) == keep_less or p[axis] == bound for p in (a, b))
-        if inside_a != inside_b:
-            t = (bound - a[axis]) / (b[axis] - a[axis])
-            kept.append(a + t * (b - a))
-        if inside_b:
-            kept.append(b)
-    return kept
-
-
-def area_in_pixel(corners, column, row) -> float:
-    """Area of a triangle in a pixel by clipping it, in float64."""
-    points = [np.asarray(c, np.float64) for c in corners]
-    for axis, low in ((0, column), (1, row)):
-        points = clip_polygon(points, axis, low, False)
-        points = clip_polygon(points, axis, low + 1, True) if points else points
-        if not points:
-            return 0.0
-    x, y = np.array(points).T
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
-
-
 def six(corners, dtype: type = np.float64):
     """Positively oriented corners of one slot."""
     a, b, c = np.asarray(corners, np.float64)
@@ -89,22 +64,6 @@ def test_area_equals_the_clipped_polygon(corners):
         a, b, c = np.asarray(slot, np.float64)[:, 0].reshape(3, 2)
         truth = [[area_in_pixel((a, b, c), x, y) for x in range(8)] for y in range(8)]
         np.testing.assert_allclose(found.reshape(8, 8), truth, atol=close)
-
-
-def distance(corners, x, y) -> float:
-    """Signed distance in pixels to a positively oriented triangle, edge by edge."""
-    point, least, inside = np.array([x, y]), np.inf, True
-    for k in range(3):
-        a, b = corners[k], corners[(k + 1) % 3]
-        edge, to = b - a, point - a
-        square = edge @ edge
-        t = np.clip(to @ edge / square, 0, 1) if square else 0.0
-        least = min(least, np.hypot(*(to - t * edge)))
-        inside &= edge[0] * to[1] - edge[1] * to[0] >= 0
-    has_area = np.cross(
-        np.append(corners[1] - corners[0], 0), np.append(corners[2] - corners[0], 0)
-    )[2]
-    return least if inside and has_area > 0 else -least
 
 
 @pytest.mark.parametrize("name", PROFILES)
@@ -247,19 +206,6 @@ def test_weights_are_those_of_the_centroid(corners):
             for p, q in ((middle - a, c - a), (b - a, middle - a))
         ]
         assert [w[number] for w in found] == pytest.approx(truth, abs=1e-7)
-
-
-def centroid_in_pixel(corners, column, row):
-    """Of the clipped polygon, by fans of triangles."""
-    points = [np.asarray(c, np.float64) for c in corners]
-    for axis, low in ((0, column), (1, row)):
-        points = clip_polygon(points, axis, low, False)
-        points = clip_polygon(points, axis, low + 1, True)
-    total, moment = 0.0, np.zeros(2)
-    for b, c in itertools.pairwise(points[1:]):
-        part = np.cross(np.append(b - points[0], 0), np.append(c - points[0], 0))[2]
-        total, moment = total + part, moment + part * (points[0] + b + c) / 3
-    return moment / total
 
 
 @pytest.mark.parametrize("kind", ["soft", "area"])

@@ -7,9 +7,10 @@ import pytest
 
 import softras2d as sr
 
+from ..cases.marks import slowly
 from ..cases.scenes import COUNT, cases, colors_of, vast
 from ..cases.scenes import canvas as canvas_of
-from ..cases.shading import ON, assert_close, render_soup, slowly, soup_of
+from ..cases.shading import ON, assert_close, render_soup, soup_of
 from ..oracles.coverage import Canvas
 from ..oracles.shading import Soup, draw
 

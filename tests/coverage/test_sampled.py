@@ -7,6 +7,7 @@ import pytest
 
 import softras2d as sr
 
+from ..cases.marks import slowly
 from ..cases.scenes import (
     COUNT,
     assert_same_counts,
@@ -22,17 +23,12 @@ from ..oracles.coverage import Canvas, draw
 BLACK = np.zeros(3, np.float32)
 
 
-def _slowly(*values) -> object:
-    """Left to the slow run: each structure that is drawn takes seconds to compile."""
-    return pytest.param(*values, marks=pytest.mark.slow)
-
-
 RATES_AND_RULES = pytest.mark.parametrize(
     "rate, fill_rule",
     [(4, "inclusive"), (16, "top_left")]
-    + [_slowly(rate, "inclusive") for rate in (1, 3, 8, 16)]
+    + [slowly(rate, "inclusive") for rate in (1, 3, 8, 16)]
     # The tilings of `test_fill_rules.py` are drawn at every rate under the other rule.
-    + [_slowly(rate, "top_left") for rate in (2, 3)],
+    + [slowly(rate, "top_left") for rate in (2, 3)],
 )
 
 
@@ -86,14 +82,14 @@ def test_layers(rate, fill_rule):
 
 @pytest.mark.parametrize(
     "height, width, rate",
-    [(1, 1, 4), (33, 17, 2), _slowly(1, 37, 4), _slowly(3, 2, 16)],
+    [(1, 1, 4), (33, 17, 2), slowly(1, 37, 4), slowly(3, 2, 16)],
 )
 def test_sizes(height, width, rate):
     """Nothing is a multiple of a tile."""
     _check_cases(Canvas(height, width, rate))
 
 
-@pytest.mark.parametrize("side, rate", [_slowly(64, 1), (32, 4)])
+@pytest.mark.parametrize("side, rate", [slowly(64, 1), (32, 4)])
 def test_full_extent_of_the_grid(side, rate):
     """Where the longer side is a power of two, triangles of the band span all 2^23 grid units."""
     _check_cases(Canvas(side, side, rate))
@@ -131,7 +127,7 @@ def test_one_triangle():
     assert_same_counts(image, draw(corners, colors_of(1), np.ones(3), on), on.samples)
 
 
-@pytest.mark.parametrize("channels", [_slowly(3), 4])
+@pytest.mark.parametrize("channels", [slowly(3), 4])
 def test_three_hundred_layers_on_a_spot(channels):
     on = Canvas(21, 29)
     rng = np.random.default_rng(5)
@@ -175,7 +171,7 @@ def _check_colors(on: Canvas, channels: int, corners: int, background: int) -> N
         (3, 3, 3),
         (1, 3, 4),
         (3, 4, 4),
-        *(_slowly(*rest) for rest in ((1, 4, 4), (3, 3, 4), (3, 4, 3))),
+        *(slowly(*rest) for rest in ((1, 4, 4), (3, 3, 4), (3, 4, 3))),
     ],
 )
 def test_colors(corners, channels, background):
@@ -183,7 +179,7 @@ def test_colors(corners, channels, background):
     _check_colors(canvas(4), channels, corners, background)
 
 
-@pytest.mark.parametrize("rate", [3, _slowly(16)])
+@pytest.mark.parametrize("rate", [3, slowly(16)])
 def test_interpolated_translucent_at_other_rates(rate):
     _check_colors(canvas(rate, "top_left"), channels=4, corners=3, background=4)
 
@@ -284,7 +280,7 @@ def test_vmap_of_interpolated_translucent():
     np.testing.assert_allclose(image, eager, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("fill_rule", ["inclusive", _slowly("top_left")])
+@pytest.mark.parametrize("fill_rule", ["inclusive", slowly("top_left")])
 def test_float64_of_the_same_values(fill_rule):
     on = canvas(4, fill_rule)
     colors = colors_of(COUNT)

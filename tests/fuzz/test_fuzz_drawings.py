@@ -1,6 +1,6 @@
 """Mutated drawings: each becomes a valid scene, or one line that names its file.
 
-A failure names the number and the text of its case; `seconds.py` says how to repeat it.
+A failure names the number and the text of its case; `cases/fuzzing.py` says how to repeat it.
 """
 
 import random
@@ -15,7 +15,7 @@ import softras2d as sr
 from softras2d import scenes
 from softras2d.io.svg.reader import read_svg, svg_size
 
-from .seconds import cases
+from ..cases.fuzzing import cases
 
 LONGEST = 30
 """Seconds that one drawing may take, on a slow machine."""

@@ -10,7 +10,8 @@ import pytest
 import softras2d as sr
 from softras2d.fitting.prepare import check_images, check_resume
 from tests.cases.saved_fits import KINDS, packed, saved, target_of
-from tests.fuzz.seconds import cases, flipped
+
+from ..cases.fuzzing import cases, damaged
 
 pytestmark = pytest.mark.slow
 
@@ -78,7 +79,7 @@ def changed_file(arrays: dict[str, np.ndarray], rng: np.random.Generator) -> byt
         elif kind < 0.9:
             arrays[name] = changed_array(arrays[name], rng)
         else:
-            return flipped(packed(arrays), rng)
+            return damaged(packed(arrays), rng)
     return packed(arrays)
 
 

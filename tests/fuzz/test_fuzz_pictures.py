@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from softras2d.io.images import decode_image, read_image, write_image
-from tests.fuzz.seconds import cases, flipped
+
+from ..cases.fuzzing import cases, damaged
 
 pytestmark = pytest.mark.slow
 
@@ -72,7 +73,7 @@ def test_changed_pictures_are_read_or_refused_in_one_line(tmp_path: Path):
         if rng.random() < 0.9:
             # Half of the changes where headers are.
             end = len(data) if rng.random() < 0.5 else min(len(data), 400)
-            data = flipped(data[:end], rng) + data[end:]
+            data = damaged(data[:end], rng) + data[end:]
         path.write_bytes(data)
         linear = bool(rng.integers(2))
         try:

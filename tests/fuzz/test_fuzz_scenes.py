@@ -10,9 +10,9 @@ import pytest
 
 import softras2d as sr
 
-from ..geometry.test_far_triangles import covered_by, near_an_edge, project_one
+from ..cases.far_triangles import covered_by, near_an_edge, project_one
+from ..cases.fuzzing import cases
 from ..oracles.coverage import Canvas, footprint, snap
-from .seconds import cases
 
 SIDE = 16
 COUNT = 6

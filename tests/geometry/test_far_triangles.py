@@ -4,7 +4,6 @@ The oracle snaps corners to the same grid and decides in Python's integers, whic
 """
 
 from dataclasses import replace
-from fractions import Fraction
 from typing import Any
 
 import jax
@@ -13,9 +12,8 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.geometry.fixed_point import Grid
-from softras2d.geometry.projection import Projection, project
 
+from ..cases.far_triangles import covered_by, near_an_edge, project_one
 from ..cases.shading import COUNT, ON, scene_of, soup_of
 from ..oracles.coverage import Canvas, footprint, snap
 from ..oracles.shading import Soup, draw
@@ -45,46 +43,6 @@ def far_soup(seed: int, on: Canvas, **effects: Any) -> Soup:
     for index in range(0, COUNT, 2):
         corners[index] = far_corners(rng, on)
     return replace(soup, corners=corners)
-
-
-def project_one(corners: np.ndarray, on: Canvas) -> Projection:
-    return project(
-        corners,
-        np.array([[0, 1, 2]], np.int32),
-        np.array(on.origin, np.int32),
-        Grid.for_canvas(on.height, on.width, on.rate),
-        on.fill_rule,
-        cut=True,
-        weights=True,
-    )
-
-
-def covered_by(projection: Projection, on: Canvas) -> np.ndarray:
-    """The samples inside all three edges and the bounding box."""
-    column, row = np.meshgrid(
-        np.arange(on.width * on.rate, dtype=np.int32),
-        np.arange(on.height * on.rate, dtype=np.int32),
-    )
-    left, right, top, bottom = projection.bounds
-    inside = (column >= left) & (column <= right) & (row >= top) & (row <= bottom)
-    for edge in projection.edges:
-        inside = inside & edge.at(column, row).is_inside()
-    return inside
-
-
-def near_an_edge(triangle: np.ndarray, on: Canvas) -> np.ndarray:
-    """The samples within two grid units of an edge; `triangle` in the oracle's integers."""
-    step = 2 << on.exponent
-    y = (np.arange(on.height * on.rate) * step + step // 2).astype(object)[:, None]
-    x = (np.arange(on.width * on.rate) * step + step // 2).astype(object)[None]
-    near = np.zeros((y.size, x.size), bool)
-    for k in range(3):
-        (ax, ay), (bx, by) = triangle[k], triangle[(k + 1) % 3]
-        length = float(np.hypot(float(bx - ax), float(by - ay)))
-        if length > 0:
-            edge = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / Fraction(length)
-            near |= np.abs(edge.astype(float)) <= 2 * 2 * on.rate
-    return near
 
 
 @pytest.mark.parametrize("origin", [(0, 0), (-377, 261)])

@@ -7,7 +7,6 @@ import base64
 import contextlib
 import os
 import signal
-import struct
 import warnings
 import zlib
 from collections.abc import Iterator
@@ -23,6 +22,8 @@ from softras2d.io.budget import MAX_TEXELS, Budget, BudgetError
 from softras2d.io.images import decode_image, read_image
 from softras2d.io.svg import assets, css_color, numbers, style, transform_attribute, view_box
 from softras2d.io.svg.reader import parse_svg, read_svg
+
+from ..cases.png_files import png
 
 LENGTH = 200_000
 
@@ -274,23 +275,14 @@ def test_windings_of_a_large_polygon():
     assert hole == pytest.approx(np.pi * 12, rel=0.01)
 
 
-def png(height, width, rows=b""):
-    """A grey PNG of one bit a pixel."""
-
-    def chunk(kind, data):
-        return (
-            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        )
-
-    header = struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)
-    body = zlib.compress(rows or bytes((width // 8 + 1) * height), 9)
-    return (
-        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
-    )
+def grey_png(height, width, rows=b""):
+    """A grey PNG of one bit per pixel."""
+    rows = rows or bytes((width // 8 + 1) * height)
+    return png(height, width, zlib.compress(rows, 9), bits=1, channels=1)
 
 
 def test_a_picture_that_would_fill_the_memory(tmp_path):
-    data = png(16384, 16384, b"short")
+    data = grey_png(16384, 16384, b"short")
     (tmp_path / "bomb.png").write_bytes(data)
     for read in (
         lambda: read_image(tmp_path / "bomb.png"),
@@ -304,9 +296,9 @@ def test_a_picture_that_would_fill_the_memory(tmp_path):
 
 
 def test_pictures_of_a_document_share_a_limit(tmp_path):
-    (tmp_path / "first.png").write_bytes(png(1024, 4096))
+    (tmp_path / "first.png").write_bytes(grey_png(1024, 4096))
     # What is not to be decoded is damaged.
-    (tmp_path / "second.png").write_bytes(png(1024, 4096, b"damaged"))
+    (tmp_path / "second.png").write_bytes(grey_png(1024, 4096, b"damaged"))
     budget = Budget()
     budget.charge("texels", MAX_TEXELS - 2**22)
     pictures = assets.Assets(tmp_path, None, True, budget)
@@ -335,7 +327,7 @@ OWN = {
     "colour.svg": drawing('fill="lab(1e308 1e308 1e308)"'),
     "length.svg": drawing(f'x="{"1" * 5000}{" " * 5000}!"'),
     "style.svg": drawing(f'style="fill:{"(" * 1000}"'),
-    "bomb.png": png(16384, 16384),
+    "bomb.png": grey_png(16384, 16384),
 }
 
 

@@ -4,8 +4,6 @@ import os
 import pathlib
 import shutil
 import stat
-import struct
-import zlib
 from types import SimpleNamespace
 
 import jax.numpy as jnp
@@ -21,6 +19,8 @@ from softras2d.io.images import (
     srgb_to_linear,
     write_image,
 )
+
+from ..cases.png_files import png
 
 
 def random_image(channels=3, height=5, width=7, seed=0):
@@ -289,13 +289,7 @@ def test_other_unreadable_paths_are_one_line(tmp_path):
 
 def test_a_file_that_claims_too_much_is_refused_unread(tmp_path):
     # A PNG header of 100,000 x 100,000 pixels over no data.
-    def chunk(kind, data):
-        checksum = zlib.crc32(kind + data)
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", checksum)
-
-    header = struct.pack(">IIBBBBB", 100_000, 100_000, 8, 2, 0, 0, 0)
-    data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", b"") + chunk(b"IEND", b"")
-    (tmp_path / "image.png").write_bytes(data)
+    (tmp_path / "image.png").write_bytes(png(100_000, 100_000, b""))
     with pytest.raises(ValueError, match=r"too many|not an image"):
         read_image(tmp_path / "image.png")
 

@@ -59,7 +59,7 @@ def _edge_part(flat: Flat, weights: np.ndarray, points: int) -> np.ndarray:
     height, width = weights.shape[:2]
     gradient = np.zeros(flat.corners.shape)
     for i, corners in enumerate(flat.corners):
-        turning = np.sign(_cross(corners[1] - corners[0], corners[2] - corners[0]))
+        turning = np.sign(cross(corners[1] - corners[0], corners[2] - corners[0]))
         if turning == 0:
             continue
         for k in range(3):
@@ -100,7 +100,7 @@ def _area_part(flat: Flat, weights: np.ndarray, rate: int) -> np.ndarray:
     return gradient
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
@@ -115,8 +115,8 @@ def _weights(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     following, last = np.roll(corners, -1, 1), np.roll(corners, -2, 1)
     offset = points[None, :, None] - following[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        area = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        return _cross((last - following)[:, None], offset) / area[:, None, None]
+        area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return cross((last - following)[:, None], offset) / area[:, None, None]
 
 
 def _composite(

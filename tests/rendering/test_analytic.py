@@ -11,16 +11,13 @@ import pytest
 import softras2d as sr
 from softras2d.binning import tile_side
 
-from ..coverage.test_analytic import area_in_pixel, centroid_in_pixel, distance
+from ..cases.marks import slowly
 from ..oracles import edges
+from ..oracles.analytic import area_in_pixel, centroid_in_pixel, distance
 
 SIZE = 12
 
 SLOW = pytest.mark.slow
-
-
-def slowly(*names: str) -> list:
-    return [pytest.param(name, marks=SLOW) for name in names]
 
 
 def random_scene(
@@ -71,7 +68,7 @@ def drawn_by_hand(scene: sr.Scene, cover, *, summed: bool = False) -> np.ndarray
     paper = np.append(paper[:3] * paper[3], paper[3]) if paper.size == 4 else paper
     image = np.broadcast_to(paper, (SIZE, SIZE, paper.size)).copy()
     signs = [turned(corners)[1] for corners in positions]
-    areas = [abs(edges._cross(c[1] - c[0], c[2] - c[0])) for c in positions]
+    areas = [abs(edges.cross(c[1] - c[0], c[2] - c[0])) for c in positions]
     whole = np.sign(np.dot(signs, areas))
     for corners, sign, color in zip(positions, signs, np.asarray(scene.colors), strict=True):
         own = turned(corners)[0]
@@ -127,14 +124,14 @@ def nearest_weights(corners, x, y) -> np.ndarray:
             weights = np.zeros(3)
             weights[k], weights[(k + 1) % 3] = 1 - t, t
             best = far, weights
-        inside &= edges._cross(way, point - a) >= 0
+        inside &= edges.cross(way, point - a) >= 0
     if not inside:
         return best[1]
-    twice = edges._cross(corners[1] - corners[0], corners[2] - corners[0])
+    twice = edges.cross(corners[1] - corners[0], corners[2] - corners[0])
     return (
         np.array(
             [
-                edges._cross(
+                edges.cross(
                     corners[(k + 2) % 3] - corners[(k + 1) % 3], point - corners[(k + 1) % 3]
                 )
                 for k in range(3)
@@ -217,7 +214,7 @@ SMOOTH = {
 }
 
 
-@pytest.mark.parametrize("name", slowly(*SMOOTH))
+@pytest.mark.parametrize("name", [slowly(name) for name in SMOOTH])
 def test_slopes_are_those_of_the_image(name, float64):
     """These images have no jumps: differences tell, by every input together."""
     coverage, kind = SMOOTH[name]

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ..cases.shading import ON, assert_close, images_of, render_soup, slowly, soup_of
+from ..cases.marks import slowly
+from ..cases.shading import ON, assert_close, images_of, render_soup, soup_of
 from ..oracles.shading import draw
 from ..oracles.texture import Sampler
 

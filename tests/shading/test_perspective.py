@@ -8,7 +8,8 @@ import pytest
 
 import softras2d as sr
 
-from ..cases.shading import ON, assert_close, render_soup, scene_of, slowly, soup_of
+from ..cases.marks import slowly
+from ..cases.shading import ON, assert_close, render_soup, scene_of, soup_of
 from ..oracles.shading import draw
 from ..oracles.texture import PLAIN, Sampler
 

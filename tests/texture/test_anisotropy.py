@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ..cases.shading import ON, assert_close, plan_of, render_soup, scene_of, slowly, soup_of
-from ..cases.slopes import backward, direction_of, forward, is_finite, weight_of
+from ..cases.derivatives import backward, direction_of, forward, is_finite, weight_of
+from ..cases.marks import slowly
+from ..cases.shading import ON, assert_close, plan_of, render_soup, scene_of, soup_of
 from ..oracles.shading import Soup, draw
 from ..oracles.texture import Sampler
 

@@ -11,6 +11,7 @@ import pytest
 
 import softras2d as sr
 
+from ..cases.marks import slowly
 from ..cases.shading import (
     ON,
     SIZES,
@@ -19,7 +20,6 @@ from ..cases.shading import (
     plan_of,
     render_soup,
     scene_of,
-    slowly,
     soup_of,
 )
 from ..oracles.coverage import Canvas

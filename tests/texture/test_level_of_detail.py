@@ -9,8 +9,9 @@ import pytest
 
 import softras2d as sr
 
-from ..cases.shading import ON, assert_close, plan_of, render_soup, scene_of, slowly, soup_of
-from ..cases.slopes import backward, direction_of, forward, weight_of
+from ..cases.derivatives import backward, direction_of, forward, weight_of
+from ..cases.marks import slowly
+from ..cases.shading import ON, assert_close, plan_of, render_soup, scene_of, soup_of
 from ..oracles.shading import draw
 from ..oracles.texture import Sampler
 

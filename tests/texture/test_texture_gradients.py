@@ -11,8 +11,7 @@ import pytest
 
 import softras2d as sr
 
-from ..cases.shading import ON, plan_of, scene_of, slowly, soup_of
-from ..cases.slopes import (
+from ..cases.derivatives import (
     MOVING,
     backward,
     difference,
@@ -22,6 +21,8 @@ from ..cases.slopes import (
     is_finite,
     weight_of,
 )
+from ..cases.marks import slowly
+from ..cases.shading import ON, plan_of, scene_of, soup_of
 from ..oracles.texture import PLAIN, Sampler, chain
 
 ALL = {"colors": (3, 4), "texels": 4, "background": 4, "depth": True, "perspective": True}

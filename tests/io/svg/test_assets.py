@@ -1,7 +1,6 @@
 """Pictures: which are read, which are not, and what becomes of them."""
 
 import base64
-import struct
 import zlib
 
 import numpy as np
@@ -9,32 +8,23 @@ import pytest
 
 from softras2d.io.svg.reader import parse_svg, read_svg
 
+from ...cases.drawings import corners_of
+from ...cases.png_files import png
+
 NS = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 PIXELS = np.arange(2 * 3 * 4, dtype=np.uint8).reshape(2, 3, 4) * 8
 PIXELS[..., 3] = [[255, 128, 0], [255, 255, 255]]
 
 
-def png(pixels):
-    """A PNG file of bytes `[height, width, 3 or 4]` (ISO 15948)."""
-
-    def chunk(name, data):
-        return (
-            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
-        )
-
+def png_of(pixels):
+    """A PNG file of bytes `[height, width, 3 or 4]`."""
     height, width, channels = pixels.shape
-    header = struct.pack(">IIBBBBB", width, height, 8, {3: 2, 4: 6}[channels], 0, 0, 0)
     rows = b"".join(b"\0" + row.tobytes() for row in pixels)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(rows))
-        + chunk(b"IEND", b"")
-    )
+    return png(height, width, zlib.compress(rows), channels=channels)
 
 
 def embedded(pixels):
-    return "data:image/png;base64," + base64.b64encode(png(pixels)).decode()
+    return "data:image/png;base64," + base64.b64encode(png_of(pixels)).decode()
 
 
 @pytest.fixture
@@ -42,10 +32,10 @@ def folder(tmp_path):
     """scenes/ holds the scene and a picture, img/ beside it another."""
     (tmp_path / "scenes").mkdir()
     (tmp_path / "img").mkdir()
-    (tmp_path / "scenes" / "a.png").write_bytes(png(PIXELS))
-    (tmp_path / "scenes" / "my pic.png").write_bytes(png(PIXELS[..., :3]))
-    (tmp_path / "img" / "map.png").write_bytes(png(PIXELS[..., :3].copy()))
-    (tmp_path / "secret.png").write_bytes(png(PIXELS))
+    (tmp_path / "scenes" / "a.png").write_bytes(png_of(PIXELS))
+    (tmp_path / "scenes" / "my pic.png").write_bytes(png_of(PIXELS[..., :3]))
+    (tmp_path / "img" / "map.png").write_bytes(png_of(PIXELS[..., :3].copy()))
+    (tmp_path / "secret.png").write_bytes(png_of(PIXELS))
     return tmp_path
 
 
@@ -60,10 +50,6 @@ def textri(name, points="0 0 9 0 0 9"):
         f'<texture texid="t" filename="{name}"/><textri points="{points}" '
         'uvs="0 0 1 0 0 1" texid="t"/>'
     )
-
-
-def corners(scene):
-    return np.asarray(scene.positions)[np.asarray(scene.triangles)]
 
 
 def textures(scene):
@@ -104,7 +90,7 @@ def test_course_textures(folder):
 def test_opaque_textures_have_no_alpha(folder):
     opaque = PIXELS.copy()
     opaque[..., 3] = 255
-    (folder / "scenes" / "o.png").write_bytes(png(opaque))
+    (folder / "scenes" / "o.png").write_bytes(png_of(opaque))
     assert read(folder, textri("o.png")).colors.shape[-1] == 3
     assert base(read(folder, textri("o.png"))).shape[-1] == 3
     assert read(folder, textri("a.png"), opacity=False).colors.shape[-1] == 3
@@ -142,18 +128,18 @@ def test_image_keeps_its_proportions(folder):
     """3 x 2 texels in 30 x 40: 30 x 20, in the middle."""
     image = '<image x="10" y="20" width="30" height="40" href="a.png" {}/>'
     scene = read(folder, image.format(""))
-    assert corners(scene).reshape(-1, 2).min(axis=0).tolist() == [10, 30]
-    assert corners(scene).reshape(-1, 2).max(axis=0).tolist() == [40, 50]
+    assert corners_of(scene).reshape(-1, 2).min(axis=0).tolist() == [10, 30]
+    assert corners_of(scene).reshape(-1, 2).max(axis=0).tolist() == [40, 50]
     # Four triangles around a point inside, as the picture is translucent; uv follow.
-    assert corners(scene).shape == (4, 3, 2)
+    assert corners_of(scene).shape == (4, 3, 2)
     np.testing.assert_allclose(
-        np.asarray(scene.uv), (corners(scene) - [10, 30]) / [30, 20], atol=1e-6
+        np.asarray(scene.uv), (corners_of(scene) - [10, 30]) / [30, 20], atol=1e-6
     )
     stretched = read(folder, image.format('preserveAspectRatio="none"'))
-    assert corners(stretched).reshape(-1, 2).max(axis=0).tolist() == [40, 60]
+    assert corners_of(stretched).reshape(-1, 2).max(axis=0).tolist() == [40, 60]
     sliced = read(folder, image.format('preserveAspectRatio="xMaxYMid slice"'))
-    assert corners(sliced).reshape(-1, 2).min(axis=0).tolist() == [10, 20]
-    assert corners(sliced).reshape(-1, 2).max(axis=0).tolist() == [40, 60]
+    assert corners_of(sliced).reshape(-1, 2).min(axis=0).tolist() == [10, 20]
+    assert corners_of(sliced).reshape(-1, 2).max(axis=0).tolist() == [40, 60]
     np.testing.assert_allclose(np.asarray(sliced.uv)[..., 0].min(), 0.5, atol=1e-6)
     np.testing.assert_allclose(np.asarray(sliced.uv)[..., 1].max(), 1.0, atol=1e-6)
 
@@ -164,8 +150,8 @@ def test_image_keeps_its_proportions(folder):
 )
 def test_image_sizes_follow_the_picture(folder, attributes, size):
     scene = read(folder, f'<image xlink:href="my%20pic.png" {attributes}/>')
-    assert tuple(corners(scene).reshape(-1, 2).max(axis=0).tolist()) == size
-    assert corners(scene).shape == (2, 3, 2)
+    assert tuple(corners_of(scene).reshape(-1, 2).max(axis=0).tolist()) == size
+    assert corners_of(scene).shape == (2, 3, 2)
 
 
 def test_image_draws_nothing(folder):
@@ -192,7 +178,7 @@ def test_course_image():
         f'xlink:href="{embedded(pixels)}" transform="translate(0 1)"/></svg>'
     )
     scene = parse_svg(text, dialect="course", frame=False, transform=np.eye(3))
-    quads = corners(scene).reshape(-1, 6, 2)
+    quads = corners_of(scene).reshape(-1, 6, 2)
     assert quads.min(axis=1).tolist() == [[2, 2], [3, 2], [4, 2], [5, 2]]
     assert quads.max(axis=1).tolist() == [[3, 3], [4, 3], [5, 3], [6, 3]]
     np.testing.assert_allclose(np.asarray(scene.colors)[::2, 0, 0], [0.125, 0.375, 0.625, 0.875])
@@ -201,7 +187,7 @@ def test_course_image():
     # Off the canvas nothing, and equal neighbours are one rectangle.
     black = text.replace(embedded(pixels), embedded(pixels * 0)).replace('x="2"', 'x="-2"')
     scene = parse_svg(black, dialect="course", frame=False, transform=np.eye(3))
-    assert corners(scene).reshape(-1, 2).max(axis=0).tolist() == [2, 3]
+    assert corners_of(scene).reshape(-1, 2).max(axis=0).tolist() == [2, 3]
     assert scene.triangles.shape[0] == 2
 
 

@@ -8,6 +8,8 @@ import pytest
 
 from softras2d.io.svg.reader import parse_svg
 
+from ...cases.drawings import corners_of
+
 SIZE = 'width="100" height="80"'
 ONE_TO_ONE = np.eye(3)
 
@@ -30,17 +32,13 @@ def read(
     )
 
 
-def corners(scene):
-    return np.asarray(scene.positions)[np.asarray(scene.triangles)]
-
-
 def colors(scene):
     return np.asarray(scene.colors)[:, 0].tolist()
 
 
 def boxes(scene):
     """The rectangles of whole pixels, two triangles each: (x0, y0, x1, y1)."""
-    quads = corners(scene).reshape(-1, 6, 2)
+    quads = corners_of(scene).reshape(-1, 6, 2)
     return np.concatenate([quads.min(axis=1), quads.max(axis=1)], axis=1).tolist()
 
 
@@ -82,7 +80,7 @@ def test_style_is_not_inherited_but_transform_is():
     )
     scene = read(body)
     assert hexed(scene) == ["000000"] * 2
-    assert corners(scene).reshape(-1, 2).max(axis=0).tolist() == [15, 25]
+    assert corners_of(scene).reshape(-1, 2).max(axis=0).tolist() == [15, 25]
 
 
 def test_root_attributes_but_size_are_ignored():
@@ -93,19 +91,22 @@ def test_root_attributes_but_size_are_ignored():
         'transform="scale(9 9)" fill="red"',
         transform=None,
     )
-    np.testing.assert_array_equal(corners(plain), corners(other))
+    np.testing.assert_array_equal(corners_of(plain), corners_of(other))
 
 
 def test_the_view():
     # k = 100 / 120 and the drawing is centred; the canvas is the file's own size.
     scene = read('<rect width="100" height="80"/>', 'width="100" height="100"', transform=None)
-    low, high = corners(scene).reshape(-1, 2).min(axis=0), corners(scene).reshape(-1, 2).max(axis=0)
+    low, high = (
+        corners_of(scene).reshape(-1, 2).min(axis=0),
+        corners_of(scene).reshape(-1, 2).max(axis=0),
+    )
     np.testing.assert_allclose(low, [50 / 6, 50 / 6], rtol=1e-6)
     np.testing.assert_allclose(high, [50 + 250 / 6, 50 + 150 / 6], rtol=1e-6)
     wide = read('<rect width="100" height="80"/>', transform=None, height=600, width=800)
     k = 600 / (1.2 * 100)
     np.testing.assert_allclose(
-        corners(wide).reshape(-1, 2).min(axis=0), [400 - 50 * k, 300 - 40 * k]
+        corners_of(wide).reshape(-1, 2).min(axis=0), [400 - 50 * k, 300 - 40 * k]
     )
 
 
@@ -120,7 +121,7 @@ def test_rect():
     scene = read('<rect x="1" y="2" width="3" height="4" fill="#ff0000"/>')
     # (top left, top right, bottom left), (bottom left, top right, bottom right).
     wanted = [[[1, 2], [4, 2], [1, 6]], [[1, 6], [4, 2], [4, 6]]]
-    assert corners(scene).tolist() == wanted
+    assert corners_of(scene).tolist() == wanted
 
 
 def test_a_rect_without_size_is_a_point():
@@ -128,7 +129,7 @@ def test_a_rect_without_size_is_a_point():
     assert boxes(read('<rect x="3.7" y="5.2" stroke="#ff0000"/>')) == [[3, 5, 4, 6]]
     assert boxes(read('<rect x="-0.5" y="5"/><rect x="100" y="5"/><rect x="5" y="80"/>')) == []
     # With one of the two it is a rect of no area.
-    flat = corners(read('<rect x="3" y="5" width="4"/>'))
+    flat = corners_of(read('<rect x="3" y="5" width="4"/>'))
     assert flat.shape == (2, 3, 2) and (flat[..., 1] == 5).all()
     # The transform moves the point.
     moved = read('<rect x="1" y="1" transform="rotate(90) translate(3 -9)"/>')
@@ -157,12 +158,12 @@ def test_polygon():
     assert hexed(scene)[:2] == ["ff0000"] * 2
     assert set(hexed(scene)[2:]) == {"0000ff"}
     # Ears in the course's order: (last, first, second), then what is left.
-    assert corners(scene)[:2].tolist() == [[[1, 9], [1, 1], [9, 1]], [[9, 1], [9, 9], [1, 9]]]
+    assert corners_of(scene)[:2].tolist() == [[[1, 9], [1, 1], [9, 1]], [[9, 1], [9, 9], [1, 9]]]
     assert read('<polygon points="1,1 9,1"/>').triangles.size == 0
     assert len(boxes(read('<polygon points="1,1 9,1" stroke="#000000"/>'))) == 2
     # A fill rule is not known: the bow tie is what its ears make of it.
     bow = read('<polygon points="0,0 2,2 2,0 0,2" fill-rule="evenodd"/>')
-    assert corners(bow).tolist() == [[[0, 2], [2, 0], [2, 2]]]
+    assert corners_of(bow).tolist() == [[[0, 2], [2, 0], [2, 2]]]
 
 
 def test_rect_outline_runs_around():
@@ -177,7 +178,10 @@ def test_missing_attributes_are_zero():
 
 def test_numbers_are_leading_floats_in_float32():
     scene = read('<rect x="0.1px" y="1e0abc" width="3mm" height="4%"/>')
-    low, high = corners(scene).reshape(-1, 2).min(axis=0), corners(scene).reshape(-1, 2).max(axis=0)
+    low, high = (
+        corners_of(scene).reshape(-1, 2).min(axis=0),
+        corners_of(scene).reshape(-1, 2).max(axis=0),
+    )
     assert low.tolist() == [np.float32(0.1), 1]
     assert high.tolist() == [np.float32(float(np.float32(0.1)) + 3), 5]
 
@@ -188,15 +192,15 @@ def test_vertices_are_mapped_in_float64_from_float32():
         transform=[[1, 0, -16777216], [0, 1, 0], [0, 0, 1]],
     )
     # 16777217 and 16777219 round to even: 16777216 and 16777220.
-    assert sorted(set(corners(scene)[..., 0].ravel().tolist())) == [0, 4]
+    assert sorted(set(corners_of(scene)[..., 0].ravel().tolist())) == [0, 4]
 
 
 def test_transforms_with_commas_and_blanks():
     with pytest.warns(UserWarning, match="transform ' scale'"):
         scene = read('<rect width="5" height="5" transform="translate(10,20)  scale(2 2)"/>')
-    assert corners(scene).reshape(-1, 2).max(axis=0).tolist() == [15, 5]
+    assert corners_of(scene).reshape(-1, 2).max(axis=0).tolist() == [15, 5]
     scene = read('<rect width="5" height="5" transform="scale(2)"/>')
-    assert corners(scene).reshape(-1, 2).max(axis=0).tolist() == [10, 5]
+    assert corners_of(scene).reshape(-1, 2).max(axis=0).tolist() == [10, 5]
 
 
 def test_unknown_elements_go_with_their_subtree():
@@ -229,8 +233,8 @@ def test_opacity_is_honoured_unless_told_not_to():
 
 def test_translucent_pixels_are_covered_once():
     scene = read('<line x1=".5" y1=".5" x2="4.5" y2=".5" stroke="#000000" stroke-opacity=".5"/>')
-    assert corners(scene).shape == (4, 3, 2)
-    a, b = np.diff(corners(scene).astype(np.float64), axis=1).transpose(1, 0, 2)
+    assert corners_of(scene).shape == (4, 3, 2)
+    a, b = np.diff(corners_of(scene).astype(np.float64), axis=1).transpose(1, 0, 2)
     assert np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / 2 == pytest.approx(5, rel=1e-6)
 
 
@@ -273,7 +277,7 @@ def test_one_file_in_both_dialects():
     assert set(hexed(course)[4:]) == {"000000"}
     # Nothing; red at 20; a filled triangle.
     assert hexed(svg) == ["ff0000"] * 2 + ["000000"]
-    assert corners(svg)[0, 0].tolist() == [20, 0]
+    assert corners_of(svg)[0, 0].tolist() == [20, 0]
 
 
 def test_large_polygons_that_cross_themselves_are_told():

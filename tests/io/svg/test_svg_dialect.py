@@ -8,6 +8,8 @@ import shapely
 
 from softras2d.io.svg.reader import parse_svg
 
+from ...cases.drawings import corners_of
+
 NS = 'xmlns="http://www.w3.org/2000/svg"'
 
 
@@ -15,12 +17,8 @@ def read(body, root='width="100" height="80"', **options):
     return parse_svg(f"<svg {NS} {root}>{body}</svg>", **options)
 
 
-def corners(scene):
-    return np.asarray(scene.positions)[np.asarray(scene.triangles)]
-
-
 def shape(scene, index=slice(None)):
-    return shapely.union_all(shapely.polygons(corners(scene)[index].astype(np.float64)))
+    return shapely.union_all(shapely.polygons(corners_of(scene)[index].astype(np.float64)))
 
 
 def test_an_empty_drawing():
@@ -51,7 +49,7 @@ def test_fallbacks_are_skipped_with_what_they_hold():
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             scene = read(fallback + shaded + fallback)
-        assert corners(scene).tolist() == [[[0, 0], [9, 0], [0, 9]]]
+        assert corners_of(scene).tolist() == [[[0, 0], [9, 0], [0, 9]]]
 
 
 def test_rect_polygon_polyline_line():
@@ -144,14 +142,15 @@ def test_transform_replaces_the_view():
     assert shape(read(body, root, transform=2 * np.eye(3))).equals(shapely.box(0, 0, 4, 2))
     shrunk = read(body, root, transform=[[1, 0, 0], [0, 1, 0], [0.25, 0, 1]])
     np.testing.assert_array_equal(
-        corners(shrunk), np.array([[[0, 0], [2, 0], [2, 1]], [[0, 0], [2, 1], [0, 2]]], np.float32)
+        corners_of(shrunk),
+        np.array([[[0, 0], [2, 0], [2, 1]], [[0, 0], [2, 1], [0, 2]]], np.float32),
     )
 
 
 def test_vertices_are_mapped_in_float64():
     rect = '<rect x="-16777216" y=".1" width="1" height="1"/>'
     body = f'<g transform="translate(16777216.25 0)">{rect}</g>'
-    assert corners(read(body))[0, 0].tolist() == [0.25, np.float32(0.1)]
+    assert corners_of(read(body))[0, 0].tolist() == [0.25, np.float32(0.1)]
 
 
 def test_nested_transforms_and_inherited_style():
@@ -196,7 +195,7 @@ def test_translucent_shapes_cover_nothing_twice():
     ):  # fmt: skip
         scene = read(body)
         whole = shape(scene)
-        parts = shapely.area(shapely.polygons(corners(scene).astype(np.float64)))
+        parts = shapely.area(shapely.polygons(corners_of(scene).astype(np.float64)))
         assert parts.sum() == pytest.approx(whole.area, rel=1e-5)
         assert set(np.asarray(scene.colors)[..., 3].ravel().tolist()) == {0.5}
         opaque = shape(read(body, opacity=False))
@@ -205,7 +204,9 @@ def test_translucent_shapes_cover_nothing_twice():
 
 def test_a_translucent_triangle_stays_one():
     scene = read('<polygon points="1,1 9,1 1,9" fill-opacity="0.25"/>')
-    np.testing.assert_array_equal(corners(scene), np.array([[[1, 1], [9, 1], [1, 9]]], np.float32))
+    np.testing.assert_array_equal(
+        corners_of(scene), np.array([[[1, 1], [9, 1], [1, 9]]], np.float32)
+    )
     assert np.asarray(scene.colors).tolist() == [[[0, 0, 0, 0.25]]]
 
 
@@ -272,7 +273,7 @@ def test_colortri():
         'fill-opacity=".5"/></g>'
     )
     np.testing.assert_array_equal(
-        corners(scene), np.array([[[1, 2], [10, 2], [1, 11]]], np.float32)
+        corners_of(scene), np.array([[[1, 2], [10, 2], [1, 11]]], np.float32)
     )
     np.testing.assert_array_equal(
         scene.colors, np.array([[[1, 0, 0, 0.25], [0, 1.5, 0, 0.125], [0, 0, 1, 0]]], np.float32)

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ..cases.slopes import backward
-from ..cases.stability_carried import (
+from ..cases.derivatives import backward
+from ..cases.stability_attributes import (
     CASES,
     COUNT,
     MODES,

@@ -22,8 +22,8 @@ def cases(share: float = 1.0) -> Iterator[tuple[int, np.random.Generator]]:
         number += 1
 
 
-def flipped(data: bytes, rng: np.random.Generator, *, first: int = 0) -> bytes:
-    """Damage `data`: replace up to eight bytes after `first`, cut off the end or repeat a part."""
+def damaged(data: bytes, rng: np.random.Generator, *, first: int = 0) -> bytes:
+    """Damage `data`: replace up to eight bytes after `first`, cut off the end or repeat a piece."""
     changed = bytearray(data)
     kind = rng.integers(4)
     if kind == 0:
