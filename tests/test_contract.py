@@ -19,7 +19,7 @@ import pytest
 import softras2d as sr
 
 from .cases.derivatives import inner, is_finite, weight_of
-from .cases.products import Products, moving, products, stack
+from .cases.products import Products, float_leaves, products, stack
 
 SIZE = 16
 """Two tiles a side."""
@@ -125,10 +125,10 @@ def direction_of(scene: sr.Scene, name: str, seed: int) -> Any:
     rng = np.random.default_rng(seed)
     return eqx.tree_at(
         lambda s: getattr(s, name),
-        jax.tree.map(jnp.zeros_like, moving(scene)),
+        jax.tree.map(jnp.zeros_like, float_leaves(scene)),
         jax.tree.map(
             lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype),
-            getattr(moving(scene), name),
+            getattr(float_leaves(scene), name),
         ),
     )
 

@@ -1,4 +1,4 @@
-"""Small targets for tests of the fit, and what a mesh makes of its colours."""
+"""A small target for tests of the fit, and the image that a mesh of the fit draws."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from softras2d.fitting.mesh.vertex_colors import Colors, at_corners, mesh_pixels
 
 
 def blobs(height: int = 40, width: int = 48) -> np.ndarray:
-    """A smooth ground with a disc and a box upon it."""
+    """A gradient with a disc and a box on it, `[height, width, 3]`."""
     y, x = np.mgrid[:height, :width] + 0.5
     image = np.stack([x / width, y / height, 0.5 + 0 * x], -1)
     image[(x - 15) ** 2 + (y - 14) ** 2 < 81] = [0.9, 0.2, 0.1]
@@ -16,7 +16,7 @@ def blobs(height: int = 40, width: int = 48) -> np.ndarray:
 
 
 def draw(mesh: Mesh, solved: np.ndarray, *, colors: Colors = "vertex") -> np.ndarray:
-    """The picture at the pixel centres, `[height, width, channels]` float64."""
+    """The image of a mesh at pixel centres, `[height, width, channels]` float64."""
     pairs = mesh_pixels(mesh)
     values = predict(pairs, at_corners(mesh, solved, colors))
     image = np.empty((mesh.height * mesh.width, len(values)))

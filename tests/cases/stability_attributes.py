@@ -1,7 +1,8 @@
-"""Hard scenes whose triangles carry something: corner colours, a texture, perspective, depth.
+"""Hard scenes with vertex attributes: corner colours, a texture, perspective, depth.
 
-Six triangles on 16 x 16 pixels again; in each case some of them are hard to shade. The truth is the
-package in float64, which shows roundings alone: its slopes are held to differences elsewhere.
+Six triangles on 16 x 16 pixels; in each case some of them are hard to shade. The reference is the
+package in float64, which shows rounding errors alone: its derivatives are tested against
+differences elsewhere.
 """
 
 from collections.abc import Callable
@@ -14,26 +15,26 @@ import numpy as np
 
 import softras2d as sr
 
-from .products import moving, products, stack
-from .stability_cases import COUNT, SIZE, ordinary, sliver, tints
-from .stability_measure import Errors, error
+from .products import float_leaves, products, stack
+from .stability_cases import COUNT, SIZE, ordinary_triangles, sliver, translucent_colors
+from .stability_measure import Errors, relative_error
 
 MODES: dict[str, sr.Soft | sr.Area] = {"soft": sr.Soft(1.0, temperature=0.3), "area": sr.Area()}
-"""`Area` has no depth."""
+"""The coverages; `Area` has no depth."""
 
-WILD = 3
-"""The triangle with a corner that is no number, where there is one."""
+NOT_FINITE = 3
+"""Index of the triangle with a NaN or infinite corner, in the cases that have one."""
 
 
-TEXTURED = np.arange(COUNT, dtype=np.int32) % 3 - 1
-"""Which texture each triangle has, -1 for none."""
+TEXTURE_INDEX = np.arange(COUNT, dtype=np.int32) % 3 - 1
+"""Index of the texture of each triangle, -1 for none."""
 
 
 class Case(NamedTuple):
-    """Per corner: `corners` `[6, 3, 2]`, RGBA `[6, 3, 4]`, `uv`, `depth`, `inverse_w`, float32.
+    """Corners `[6, 3, 2]`, and per corner RGBA `[6, 3, 4]`, uv, depth and `1 / w`, float32.
 
-    - `temperature`: of the mixture by depth; `modes`: which draw it.
-    - `limits`: stated errors of the value, and of the three products, each input by itself,
+    - `temperature`: how softly depth is blended; `modes`: the modes that draw the case.
+    - `limits`: stated errors of the value, and of the three products, for each input separately,
       relative to the greatest number or to 1.
     """
 
@@ -47,13 +48,13 @@ class Case(NamedTuple):
     limits: tuple[float, float] = (5e-6, 5e-5)
 
 
-def carrying(hard: list | None = None, **options: Any) -> Case:
-    """Ordinary triangles, and hard ones in the place of some."""
+def with_attributes(hard: list | None = None, **options: Any) -> Case:
+    """Ordinary triangles, up to three of them replaced by `hard` ones; `options`: other fields."""
     rng = np.random.default_rng(4)
-    corners = ordinary()
-    given = np.asarray([] if hard is None else hard, np.float32).reshape(-1, 3, 2)
-    corners[[1, 3, 5][: len(given)]] = given
-    colors = np.repeat(tints()[:, None], 3, axis=1)
+    corners = ordinary_triangles()
+    hard_corners = np.asarray([] if hard is None else hard, np.float32).reshape(-1, 3, 2)
+    corners[[1, 3, 5][: len(hard_corners)]] = hard_corners
+    colors = np.repeat(translucent_colors()[:, None], 3, axis=1)
     colors[..., :3] = rng.random((COUNT, 3, 3), np.float32)
     return Case(
         corners,
@@ -64,21 +65,23 @@ def carrying(hard: list | None = None, **options: Any) -> Case:
     )._replace(**options)
 
 
-def wild(value: float) -> Case:
-    case = carrying()
-    case.corners[WILD, 1, 0] = value
+def with_coordinate(value: float) -> Case:
+    """Ordinary triangles, one coordinate of one corner set to `value`."""
+    case = with_attributes()
+    case.corners[NOT_FINITE, 1, 0] = value
     return case
 
 
-def steep() -> Case:
-    """Corners next to the eye and far from it: `1 / w` from a thousandth to a thousand."""
+def near_and_far_corners() -> Case:
+    """Corners near the eye and far from it: `1 / w` from a thousandth to a thousand."""
     powers = np.random.default_rng(7).uniform(-3, 3, (COUNT, 3))
     powers[0] = -3, 0, 3
-    return carrying(inverse_w=(10**powers).astype(np.float32), limits=(5e-6, 5e-4))
+    return with_attributes(inverse_w=(10**powers).astype(np.float32), limits=(5e-6, 5e-4))
 
 
-def slivers(aspect: float) -> Case:
-    return carrying(
+def with_slivers(aspect: float) -> Case:
+    """Three slivers of the given aspect ratio among ordinary triangles."""
+    return with_attributes(
         [
             sliver((1.3, 2.1), (13.2, 9.7), aspect),
             sliver((2.2, 12.4), (14.1, 12.9), aspect),
@@ -88,37 +91,41 @@ def slivers(aspect: float) -> Case:
 
 
 CASES: dict[str, Callable[[], Case]] = {
-    "ordinary": carrying,
-    # One place of a triangle without area has several colours: a rounding chooses.
-    "without area": lambda: carrying(
+    "ordinary": with_attributes,
+    # A point of a triangle without area has several colours: rounding decides which is used.
+    "without area": lambda: with_attributes(
         [[(5.3, 6.1)] * 3, [(2, 2), (6, 4), (12, 7)], [(4.5, 1), (4.5, 13), (4.5, 7)]],
         limits=(0.1, 2.0),
     ),
-    "small": lambda: carrying([[(7.3, 5.2), (7.302, 5.201), (7.3007, 5.2018)]]),
-    "slivers of 1e3": lambda: slivers(1e3)._replace(limits=(1e-5, 2e-4)),
-    # Their sides are a rounding apart, and it says which is nearer, or where between them.
-    "slivers of 1e6": lambda: slivers(1e6)._replace(limits=(1e-2, 1.0)),
-    "canvas times 1e4": lambda: carrying(
+    "small": lambda: with_attributes([[(7.3, 5.2), (7.302, 5.201), (7.3007, 5.2018)]]),
+    "slivers of 1e3": lambda: with_slivers(1e3)._replace(limits=(1e-5, 2e-4)),
+    # Their sides are a rounding apart: rounding decides which is nearer, or how far between them.
+    "slivers of 1e6": lambda: with_slivers(1e6)._replace(limits=(1e-2, 1.0)),
+    "canvas times 1e4": lambda: with_attributes(
         [[(7.3 - 6.1e4, 8.6 - 4.9e4), (7.3 + 6.1e4, 8.6 + 4.9e4), (-7.7e4, 8.3e4)]],
         limits=(5e-6, 5e-4),
     ),
-    "1 / w 1e-3 to 1e3": steep,
-    "all at one depth": lambda: carrying(depth=np.ones((COUNT, 3), np.float32), modes=("soft",)),
-    "temperature 1e-3": lambda: carrying(temperature=1e-3, modes=("soft",), limits=(5e-6, 1e-3)),
-    "NaN": lambda: wild(np.nan),
-    "infinity": lambda: wild(np.inf),
+    "1 / w 1e-3 to 1e3": near_and_far_corners,
+    "all at one depth": lambda: with_attributes(
+        depth=np.ones((COUNT, 3), np.float32), modes=("soft",)
+    ),
+    "temperature 1e-3": lambda: with_attributes(
+        temperature=1e-3, modes=("soft",), limits=(5e-6, 1e-3)
+    ),
+    "NaN": lambda: with_coordinate(np.nan),
+    "infinity": lambda: with_coordinate(np.inf),
 }
 
 
 def scene_of(case: Case, mode: str, dtype: Any) -> sr.Scene:
-    """With every effect that the mode draws; corners that are no numbers are 0."""
+    """A scene with every effect that the mode draws; corners that are not finite are 0."""
     rng = np.random.default_rng(8)
     return sr.Scene.from_soup(
         np.nan_to_num(case.corners, nan=0, posinf=0, neginf=0).astype(dtype),
         case.colors.astype(dtype),
         background=[0.9, 0.6, 0.3],
         uv=case.uv.astype(dtype),
-        texture_index=TEXTURED,
+        texture_index=TEXTURE_INDEX,
         textures=sr.TexturePyramid.build(
             [rng.random((8, 8, 3)).astype(np.float32).astype(dtype) for _ in "ab"]
         ),
@@ -127,8 +134,8 @@ def scene_of(case: Case, mode: str, dtype: Any) -> sr.Scene:
     )
 
 
-def planned(case: Case, mode: str, dtype: Any = np.float32) -> tuple[sr.Scene, sr.Plan]:
-    """Planned for corners that are finite; the others are put back in."""
+def scene_and_plan(case: Case, mode: str, dtype: Any = np.float32) -> tuple[sr.Scene, sr.Plan]:
+    """The scene, and a plan made with 0 for the corners that are not finite."""
     scene, coverage = scene_of(case, mode, dtype), MODES[mode]
     if isinstance(coverage, sr.Soft):
         coverage = sr.Soft(coverage.width, temperature=case.temperature)
@@ -138,31 +145,33 @@ def planned(case: Case, mode: str, dtype: Any = np.float32) -> tuple[sr.Scene, s
 
 
 def solve(case: Case, mode: str, dtype: Any = np.float32) -> dict[str, Any]:
-    """Image, gradient, jvp and Gauss-Newton product by every input, as `Errors` names them."""
-    scene, plan = planned(case, mode, dtype)
+    """Image, gradient, jvp and Gauss-Newton product by every input, under the names of `Errors`."""
+    scene, plan = scene_and_plan(case, mode, dtype)
     rng = np.random.default_rng(5)
     direction = jax.tree.map(
-        lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype), moving(scene)
+        lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype), float_leaves(scene)
     )
-    # What divides changes by a part of itself.
+    # A relative change of 1 / w, by which colours are divided.
     direction = eqx.tree_at(lambda d: d.inverse_w, direction, direction.inverse_w * scene.inverse_w)
     weight = jnp.asarray(rng.normal(size=(SIZE, SIZE, 3)), dtype)
-    found = products(scene, plan, stack([direction]), weight, jnp.ones((SIZE, SIZE), dtype))
-    assert not found.overflow
-    normal = jax.tree.map(lambda leaf: leaf[0], found.normal)
-    numbers = (found.image, found.gradient, found.tangents[0], normal)
-    held = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), numbers)
-    return dict(zip(("value", "gradient", "jvp", "gauss_newton"), held, strict=True))
+    result = products(scene, plan, stack([direction]), weight, jnp.ones((SIZE, SIZE), dtype))
+    assert not result.overflow
+    normal = jax.tree.map(lambda leaf: leaf[0], result.normal)
+    numbers = (result.image, result.gradient, result.tangents[0], normal)
+    in_float64 = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), numbers)
+    return dict(zip(("value", "gradient", "jvp", "gauss_newton"), in_float64, strict=True))
 
 
 def measure(case: Case, mode: str) -> Errors:
-    """float32 against float64, each input by itself."""
+    """Errors of float32 against float64, each input separately."""
     with jax.enable_x64(True):
-        true = solve(case, mode, np.float64)
-    found = solve(case, mode)
+        expected_numbers = solve(case, mode, np.float64)
+    numbers = solve(case, mode)
 
     def worst(name: str) -> float:
-        pairs = zip(jax.tree.leaves(found[name]), jax.tree.leaves(true[name]), strict=True)
-        return max(error(own, known) for own, known in pairs)
+        pairs = zip(
+            jax.tree.leaves(numbers[name]), jax.tree.leaves(expected_numbers[name]), strict=True
+        )
+        return max(relative_error(actual, expected) for actual, expected in pairs)
 
-    return Errors(*(worst(name) for name in found), kept=1.0)
+    return Errors(*(worst(name) for name in numbers), compared=1.0)

@@ -74,11 +74,11 @@ def test_resolve_and_over_by_hand():
 def test_weights_by_hand():
     canvas = Canvas(4, 4, rate=1)
     corners = np.array([[(0.5, 0.5), (2.5, 0.5), (0.5, 2.5)]], np.float32)
-    owned = footprint(snap(corners, canvas)[0], canvas)
-    np.testing.assert_array_equal(owned.weights[0, 0], [1, 0, 0])
-    np.testing.assert_array_equal(owned.weights[0, 1], [0.5, 0.5, 0])
-    np.testing.assert_array_equal(owned.weights[2, 0], [0, 0, 1])
-    np.testing.assert_array_equal(owned.weights[1, 1], [0, 0.5, 0.5])
+    covered = footprint(snap(corners, canvas)[0], canvas)
+    np.testing.assert_array_equal(covered.weights[0, 0], [1, 0, 0])
+    np.testing.assert_array_equal(covered.weights[0, 1], [0.5, 0.5, 0])
+    np.testing.assert_array_equal(covered.weights[2, 0], [0, 0, 1])
+    np.testing.assert_array_equal(covered.weights[1, 1], [0, 0.5, 0.5])
 
 
 def _brute_force(corners, canvas: Canvas) -> np.ndarray:
