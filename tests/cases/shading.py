@@ -123,7 +123,7 @@ def plan_of(scene: sr.Scene, on: Canvas, sampler: Sampler, shading: str = "sampl
 
 @functools.cache
 def _demanding(on: Canvas, count: int) -> list[np.ndarray]:
-    """Scenes that need most: the largest triangles, and thin ones of which most pixels show several."""
+    """Scenes that need most: the largest triangles, and thin ones, several in most pixels."""
     top = np.linspace(-2, on.height, count)[:, None, None]
     thin = np.array([(-4, 0), (on.width + 4, 0), (on.width + 4, 3.5 * on.height / count)])
     return [*vast(on, count), (thin + [0, 1] * top).astype(np.float32)]

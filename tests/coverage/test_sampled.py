@@ -1,4 +1,4 @@
-"""Hard mode against the oracle: not one pixel differs."""
+"""Sampled coverage (`Hard`) against the oracle in integers: not one pixel differs."""
 
 import jax
 import jax.numpy as jnp
@@ -40,13 +40,13 @@ def _plan(scenes, on: Canvas, **options) -> sr.Plan:
 
 
 def _shared_plan(on: Canvas, colors: np.ndarray, background=BLACK) -> sr.Plan:
-    """A plan with room for every case, and for about whatever `COUNT` triangles of the band are."""
+    """A plan for every case, and for nearly any `COUNT` triangles in the band."""
     soups = [*vast(on, COUNT), *cases(on).values()]
     return _plan([sr.Scene.from_soup(soup, colors, background=background) for soup in soups], on)
 
 
 @RATES_AND_RULES
-def test_each_triangle_alone(rate, fill_rule):
+def test_each_hard_triangle_alone_equals_the_oracle(rate, fill_rule):
     """Every triangle of every case on its own, among others that cover nothing."""
     on = canvas(rate, fill_rule)
     colors = colors_of(COUNT)
@@ -75,7 +75,7 @@ def _check_cases(on: Canvas) -> None:
 
 
 @RATES_AND_RULES
-def test_layers(rate, fill_rule):
+def test_layered_hard_triangles_equal_the_oracle(rate, fill_rule):
     """All triangles of a case, later ones in front."""
     _check_cases(canvas(rate, fill_rule))
 
@@ -84,13 +84,13 @@ def test_layers(rate, fill_rule):
     "height, width, rate",
     [(1, 1, 4), (33, 17, 2), slowly(1, 37, 4), slowly(3, 2, 16)],
 )
-def test_sizes(height, width, rate):
-    """Nothing is a multiple of a tile."""
+def test_canvases_of_any_size_equal_the_oracle(height, width, rate):
+    """No size is a multiple of a tile."""
     _check_cases(Canvas(height, width, rate))
 
 
 @pytest.mark.parametrize("side, rate", [slowly(64, 1), (32, 4)])
-def test_full_extent_of_the_grid(side, rate):
+def test_triangles_over_the_full_grid_equal_the_oracle(side, rate):
     """Where the longer side is a power of two, triangles of the band span all 2^23 grid units."""
     _check_cases(Canvas(side, side, rate))
 
@@ -106,11 +106,11 @@ def test_full_extent_of_the_grid(side, rate):
         (3, 1500, 2),
     ],
 )
-def test_more_sizes(height, width, rate):
+def test_more_sizes_equal_the_oracle(height, width, rate):
     _check_cases(Canvas(height, width, rate, "top_left"))
 
 
-def test_no_triangles():
+def test_a_scene_without_triangles_is_its_background():
     on = Canvas(21, 29)
     for background in ([0.25, 0.5, 0.75], [0.25, 0.5, 0.75, 0.5], [1.0, 1.0, 1.0, 0.0]):
         empty = sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)), background=background)
@@ -119,7 +119,7 @@ def test_no_triangles():
         np.testing.assert_array_equal(image, np.broadcast_to(wanted, (21, 29, len(wanted))))
 
 
-def test_one_triangle():
+def test_one_triangle_equals_the_oracle():
     on = Canvas(21, 29)
     corners = np.array([[[3.125, 2.0], [20.5, 4.25], [8.0, 19.875]]], np.float32)
     scene = sr.Scene.from_soup(corners, colors_of(1))
@@ -128,7 +128,7 @@ def test_one_triangle():
 
 
 @pytest.mark.parametrize("channels", [slowly(3), 4])
-def test_three_hundred_layers_on_a_spot(channels):
+def test_three_hundred_layers_equal_the_oracle(channels):
     on = Canvas(21, 29)
     rng = np.random.default_rng(5)
     corners = ([14, 11] + rng.normal(size=(300, 3, 2)) * [3, 2]).astype(np.float32)
@@ -141,7 +141,7 @@ def test_three_hundred_layers_on_a_spot(channels):
     np.testing.assert_allclose(image, expected, rtol=0, atol=2e-6)
 
 
-def test_two_thousand_small_triangles():
+def test_two_thousand_small_triangles_equal_the_oracle():
     on = Canvas(100, 75)
     rng = np.random.default_rng(6)
     centres = rng.uniform(0, 1, (2000, 1, 2)) * [75, 100]
@@ -174,7 +174,7 @@ def _check_colors(on: Canvas, channels: int, corners: int, background: int) -> N
         *(slowly(*rest) for rest in ((1, 4, 4), (3, 3, 4), (3, 4, 3))),
     ],
 )
-def test_colors(corners, channels, background):
+def test_colors_equal_the_oracle(corners, channels, background):
     """Flat and interpolated, opaque and translucent, over a background with and without alpha."""
     _check_colors(canvas(4), channels, corners, background)
 
@@ -281,7 +281,7 @@ def test_vmap_of_interpolated_translucent():
 
 
 @pytest.mark.parametrize("fill_rule", ["inclusive", slowly("top_left")])
-def test_float64_of_the_same_values(fill_rule):
+def test_float64_gives_the_same_image(fill_rule):
     on = canvas(4, fill_rule)
     colors = colors_of(COUNT)
     plan = _shared_plan(on, colors)
@@ -307,7 +307,7 @@ def test_float64_of_the_same_values(fill_rule):
 
 
 def test_corner_colors_of_large_triangles_at_256_samples():
-    """Sums over 256 samples of values near 2^31: the float estimate must tell the multiple."""
+    """Sums over 256 samples of values near 2^31: the multiple must follow from the float estimate."""
     on = Canvas(16, 16, rate=16)
     rng = np.random.default_rng(3)
     for _ in range(4):
