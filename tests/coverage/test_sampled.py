@@ -307,7 +307,7 @@ def test_float64_gives_the_same_image(fill_rule):
 
 
 def test_corner_colors_of_large_triangles_at_256_samples():
-    """Sums over 256 samples of values near 2^31: the multiple must follow from the float estimate."""
+    """Sums over 256 samples of values near 2^31, whose multiple the float estimate must give."""
     on = Canvas(16, 16, rate=16)
     rng = np.random.default_rng(3)
     for _ in range(4):

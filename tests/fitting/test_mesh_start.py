@@ -1,4 +1,4 @@
-"""Colours against dense least squares, predicted gains against what happens, starts by result."""
+"""Colours of meshes against dense least squares, predicted gains against actual ones, starts."""
 
 import numpy as np
 import pytest
@@ -20,8 +20,8 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def _error(mesh, target, colors: Colors = "vertex"):
-    picture = draw(mesh, solve_colors(mesh, target, colors=colors), colors=colors)
-    return float(((picture - target) ** 2).sum())
+    image = draw(mesh, solve_colors(mesh, target, colors=colors), colors=colors)
+    return float(((image - target) ** 2).sum())
 
 
 def _edge_set(mesh):
@@ -39,7 +39,7 @@ def _smooth():
 
 
 @pytest.mark.parametrize("vertices", [4, 5, 7, 60, 333])
-def test_even_starts_have_exactly_as_many_vertices(vertices):
+def test_uniform_starts_have_exactly_the_given_number_of_vertices(vertices):
     for jitter in (0.0, 0.4):
         mesh = uniform_start(HEIGHT, WIDTH, vertices, jitter=jitter, seed=1)
         check_tiling(mesh)
@@ -48,13 +48,13 @@ def test_even_starts_have_exactly_as_many_vertices(vertices):
 
 
 @pytest.mark.parametrize("asked", [(0, 5, 9), (5, 5, 3)])
-def test_what_has_no_mesh_is_refused(asked):
+def test_empty_images_and_too_few_vertices_are_refused(asked):
     with pytest.raises(ValueError, match="four vertices"):
         uniform_start(*asked)
 
 
 @pytest.mark.parametrize("colors", MODELS)
-def test_a_picture_of_the_mesh_gets_its_colours_back(colors):
+def test_colours_of_an_image_that_the_mesh_drew_are_recovered(colors):
     rng = np.random.default_rng(0)
     mesh = uniform_start(HEIGHT, WIDTH, 24, jitter=0.3)
     shape = {"vertex": (24,), "triangle": (len(mesh.triangles),)}
@@ -83,14 +83,14 @@ def test_colours_match_dense_least_squares(seed, colors):
 
 
 @pytest.mark.parametrize("colors", MODELS)
-def test_triangles_without_pixels_take_colours_near_by(colors):
+def test_triangles_without_pixels_have_colours_of_their_neighbours(colors):
     target = np.full((HEIGHT, WIDTH, 3), 0.25)
     mesh = uniform_start(HEIGHT, WIDTH, 2 * HEIGHT * WIDTH)
     solved = solve_colors(mesh, target, colors=colors)
     np.testing.assert_allclose(solved, 0.25, atol=1e-9)
 
 
-def test_predicted_gain_is_the_drop_with_the_other_colours_fixed():
+def test_predicted_gain_of_a_split_is_the_drop_with_other_colours_fixed():
     target, mesh = _noise(3), uniform_start(HEIGHT, WIDTH, 12)
     state = evaluate(mesh, target, "vertex", None)
     splits = best_splits(mesh, state, least_area=1.0)
@@ -98,7 +98,7 @@ def test_predicted_gain_is_the_drop_with_the_other_colours_fixed():
     for number in range(len(splits.gain)):
         finer = split(mesh, splits, np.array([number]))
         check_tiling(finer)
-        # The new vertex is the last; its hat function is the picture of one colour there.
+        # The new vertex is the last; its hat function is the image with colour 1 there, else 0.
         hat = draw(finer, np.eye(13)[:, 12:])
         residual = target - draw(mesh, old)
         drop = ((hat * residual).sum((0, 1)) ** 2).sum() / ((hat**2).sum() + 0.1)
@@ -106,7 +106,7 @@ def test_predicted_gain_is_the_drop_with_the_other_colours_fixed():
 
 
 @pytest.mark.parametrize("colors", ["triangle", "linear"])
-def test_predicted_gain_is_the_drop_where_triangles_are_on_their_own(colors):
+def test_predicted_gain_of_a_split_is_the_drop_for_independent_triangles(colors):
     target, mesh = _noise(4), uniform_start(HEIGHT, WIDTH, 12, jitter=0.3)
     state = evaluate(mesh, target, colors, None)
     splits = best_splits(mesh, state, least_area=1.0)
@@ -114,7 +114,7 @@ def test_predicted_gain_is_the_drop_where_triangles_are_on_their_own(colors):
     for number in range(len(splits.gain)):
         finer = split(mesh, splits, np.array([number]))
         drops.append(before - _error(finer, target, colors))
-    # Where a new vertex lies on a pixel centre, its pieces may own that pixel either way.
+    # Where a new vertex lies on a pixel centre, any of its triangles may cover that pixel.
     close = np.isclose(splits.gain, drops, atol=2e-3)
     assert close.mean() > 0.7
     np.testing.assert_allclose(splits.gain, drops, atol=1.0)
@@ -132,13 +132,13 @@ def test_predicted_gain_of_a_flip_is_the_drop_with_four_colours_free():
         check_tiling(flipped)
         quad = np.concatenate([edges.ends[number], edges.apexes[number]])
         hats = draw(flipped, np.eye(20)[:, quad]).reshape(-1, 4)
-        left = (target - draw(flipped, state.solved)).reshape(-1, 3)
-        after = left - hats @ np.linalg.lstsq(hats, left)[0]
+        remainder = (target - draw(flipped, state.solved)).reshape(-1, 3)
+        after = remainder - hats @ np.linalg.lstsq(hats, remainder)[0]
         np.testing.assert_allclose(gain, before - (after**2).sum(), atol=1e-3)
 
 
 @pytest.mark.parametrize("colors", MODELS)
-def test_flips_find_the_diagonal_of_the_picture(colors):
+def test_flips_find_the_diagonal_of_the_image(colors):
     corners = np.array([[0.0, 0], [WIDTH, 0], [WIDTH, HEIGHT], [0, HEIGHT]])
     true, false = (
         make_mesh(corners, np.array(triangles), height=HEIGHT, width=WIDTH)
@@ -154,8 +154,8 @@ def test_flips_find_the_diagonal_of_the_picture(colors):
 
 
 @pytest.mark.parametrize("colors", MODELS)
-def test_a_vertex_that_shows_nothing_is_the_first_to_go(colors):
-    # Vertices put into the triangles of a picture that a coarser mesh makes exactly.
+def test_collapses_first_remove_vertices_that_change_nothing(colors):
+    # Vertices inserted into the triangles of an image that a coarser mesh draws exactly.
     coarse = uniform_start(HEIGHT, WIDTH, 12)
     shape = {"vertex": (12, 3), "triangle": (len(coarse.triangles), 3)}
     solved = np.random.default_rng(1).random(shape.get(colors, (len(coarse.triangles), 3, 3)))
@@ -173,7 +173,7 @@ def test_a_vertex_that_shows_nothing_is_the_first_to_go(colors):
 
 
 @pytest.mark.parametrize("colors", MODELS)
-def test_exchanges_keep_the_count_and_lower_the_error(colors):
+def test_exchanges_lower_the_error_at_a_constant_count(colors):
     target, mesh = _smooth(), uniform_start(HEIGHT, WIDTH, 100)
     before = _error(mesh, target, colors)
     for _ in range(5):
@@ -184,7 +184,7 @@ def test_exchanges_keep_the_count_and_lower_the_error(colors):
 
 
 @pytest.mark.parametrize("colors", MODELS)
-def test_an_error_start_is_better_than_an_even_one(colors):
+def test_an_error_start_is_better_than_a_uniform_one(colors):
     target = _smooth()
     mesh = error_start(target, 120, colors=colors)
     check_tiling(mesh)
@@ -195,17 +195,17 @@ def test_an_error_start_is_better_than_an_even_one(colors):
     assert _error(mesh, target, colors) < 0.6 * _error(even, target, colors)
 
 
-def test_weights_draw_vertices_to_them():
+def test_an_error_start_has_more_vertices_where_weights_are_large():
     target = _noise(5)
     weights = np.where(np.arange(WIDTH) < WIDTH // 2, 1.0, 1e-3) * np.ones((HEIGHT, 1))
-    left = [
+    share_at_left = [
         (error_start(target, 100, weights=w).positions[:, 0] < WIDTH / 2).mean()
         for w in (None, weights)
     ]
-    assert left[1] > left[0] + 0.2
+    assert share_at_left[1] > share_at_left[0] + 0.2
 
 
-def test_nothing_to_gain_ends_the_start():
+def test_an_error_start_ends_when_nothing_is_gained():
     mesh = error_start(np.zeros((HEIGHT, WIDTH, 3)), 500)
     check_tiling(mesh)
     assert len(mesh.positions) < 500
@@ -235,14 +235,14 @@ def test_a_delaunay_start_of_any_size_tiles(size, vertices):
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2)])
-def test_tiny_targets(size):
+def test_meshes_of_tiny_targets_tile_the_canvas(size):
     target = np.random.default_rng(0).random((*size, 3))
     mesh = error_start(target, 50)
     check_tiling(mesh)
     check_tiling(insert(mesh, target, 5, least_area=0.01))
 
 
-def test_a_start_in_a_hurry_is_taken_as_it_is():
+def test_an_error_start_can_be_ended_early():
     target = _noise(0)
     looks = iter([False, True, True, True])
     mesh = error_start(target, 200, must_start=lambda: next(looks))

@@ -77,17 +77,17 @@ def test_every_pixel_centre_has_one_triangle(seed):
     mesh = _mesh(seed)
     # Vertices and edges on centres too.
     snapped = untangle(mesh, np.floor(mesh.positions) + 0.5)
-    for one in (mesh, snapped):
-        pairs = mesh_pixels(one)
+    for tiling in (mesh, snapped):
+        pairs = mesh_pixels(tiling)
         assert sorted(pairs.pixel) == list(range(HEIGHT * WIDTH))
         assert (pairs.weights > -1e-9).all()
-        corners = one.positions[one.triangles[pairs.triangle]]
+        corners = tiling.positions[tiling.triangles[pairs.triangle]]
         centers = np.einsum("ip,pid->pd", pairs.weights, corners)
         np.testing.assert_allclose(centers[:, 0], pairs.pixel % WIDTH + 0.5, atol=1e-9)
         np.testing.assert_allclose(centers[:, 1], pairs.pixel // WIDTH + 0.5, atol=1e-9)
         ones = np.ones(len(pairs.pixel))
         np.testing.assert_array_equal(
-            pairs.total(ones), np.bincount(pairs.triangle, minlength=len(one.triangles))
+            pairs.total(ones), np.bincount(pairs.triangle, minlength=len(tiling.triangles))
         )
 
 
@@ -106,7 +106,7 @@ def test_delaunay_flips_leave_every_circle_empty(seed):
 
 
 @given(seed=SEEDS, colors=st.sampled_from(["vertex", "triangle", "linear"]), reach=st.floats(0, 50))
-def test_any_sequence_of_changes_keeps_a_tiling(seed, colors, reach):
+def test_any_sequence_of_changes_leaves_a_tiling(seed, colors, reach):
     rng = np.random.default_rng(seed)
     target = rng.random((HEIGHT, WIDTH, 3))
     mesh = _mesh(seed, 20)
@@ -124,7 +124,7 @@ def test_any_sequence_of_changes_keeps_a_tiling(seed, colors, reach):
 
 
 @given(seed=SEEDS)
-def test_small_moves_arrive_and_large_ones_go_part_of_the_way(seed):
+def test_small_moves_are_made_in_full_and_large_ones_in_part(seed):
     rng = np.random.default_rng(seed)
     mesh = _mesh(seed)
     free = np.stack([mesh.free_x, mesh.free_y], 1)

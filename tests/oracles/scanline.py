@@ -39,7 +39,7 @@ def area_image(
 
 
 def _plane(corners: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Coefficients `[3, values]` of 1, x and y in affine functions with the values at the corners."""
+    """Coefficients `[3, values]` of 1, x and y for values given at the corners."""
     return np.linalg.solve(np.column_stack([np.ones(3), corners]), values)
 
 

@@ -91,15 +91,15 @@ def test_constant_attributes_are_dropped():
     ],
     ids=["equal", "sorted", "reversed", "crossing", "layers"],
 )
-def test_depth_that_draw_order_says_already(depths, kept):
+def test_depth_is_dropped_where_draw_order_implies_it(depths, kept):
     corners = np.array([[(1, 1), (9, 1), (1, 9)]] * len(depths), np.float32)
     colors = np.ones((len(depths), 3))
     scene = sr.Scene.from_soup(corners, colors, depth=np.array(depths, np.float32))
     assert (sr.simplify(scene, height=10, width=10).depth is not None) == kept
 
 
-def test_a_transparent_triangle_still_hides_what_is_drawn_behind_it():
-    """It writes its depth, so it stays for as long as there is a depth test."""
+def test_a_transparent_triangle_still_hides_later_ones_behind_it():
+    """It writes its depth, so it is not dropped if there is a depth test."""
     corners = np.array([[(1, 1), (9, 1), (1, 9)]] * 2, np.float32)
     colors = np.array([[1, 1, 1, 0], [1, 0, 0, 1]], np.float32)
     depth = np.array([[1, 1, 1], [2, 2, 2]], np.float32)
@@ -132,7 +132,7 @@ def _squares(scale: float, inverse_w: bool = False) -> sr.Scene:
         for rule in (("nearest", 0.0), ("linear", 0.0), ("linear", 0.5))
     ],
 )
-def test_levels_go_exactly_where_no_level_shows(rule, bias):
+def test_mip_levels_are_dropped_exactly_where_none_is_visible(rule, bias):
     """Against brute force: the image with levels and without."""
     scales = [0.5, 0.7, 0.72, 0.99, 1.0, 1.01, 1.4, 1.42, 2.0]
     scenes = [_squares(scale) for scale in scales]

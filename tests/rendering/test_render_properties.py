@@ -1,4 +1,4 @@
-"""Properties of every scene: equality with the oracle, translation, permutation, cropping, order."""
+"""Properties of every image: the oracle's samples, translation, permutation, cropping, order."""
 
 import functools
 

@@ -41,7 +41,7 @@ ALL = list(product(PIXELS, LEVELS, BORDERS, ADDRESSINGS))
 
 
 def _check(sampler: Sampler, on: Canvas = ON, dtype: Any = np.float32, seeds=(0, 1, 2), **options):
-    """Assert equality with the oracle. uv reach far in float64; in float32 2e-6 would be too tight."""
+    """Assert equality with the oracle; uv reach far only in float64, because of the tolerance."""
     single = dtype == np.float32
     for seed in seeds:
         soup = soup_of(seed, on=on, reach=0.0 if single else 3.0, **options)

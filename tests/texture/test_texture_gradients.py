@@ -1,4 +1,4 @@
-"""Derivatives of textured scenes: equal to differences, adjoint, unchanged by jit and vmap, finite."""
+"""Derivatives of textured scenes: against differences, adjoint, under jit and vmap, finite."""
 
 from dataclasses import replace
 from typing import Any
