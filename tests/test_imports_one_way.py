@@ -44,10 +44,10 @@ ORDER = (
 """Files and folders at the top of the package. Each imports from itself and those before it."""
 
 FOLDERS = {"softras2d", "tests", "notebooks", "experiments"}
-AT_THE_TOP = FOLDERS | {"pyproject.toml", "README.md", "LICENSE"}
+TOP_LEVEL = FOLDERS | {"pyproject.toml", "README.md", "LICENSE"}
 
-BUILT = {"build", "dist", "__pycache__", "demo"}
-"""What a build, a run or the README's first command leaves behind."""
+GENERATED = {"build", "dist", "__pycache__", "demo"}
+"""Folders that a build, a run or the README's first command creates."""
 
 
 def module_of(file: Path) -> str:
@@ -83,7 +83,7 @@ GRAPH = {
 
 
 def top_level_name(module: str) -> str:
-    """The file or folder at the top of the package that a module is in."""
+    """The name at the top of the package under which a module lies, as in `ORDER`."""
     return module.split(".")[1]
 
 
@@ -147,10 +147,12 @@ def test_few_files_at_the_top_of_the_package():
 
 
 def test_the_top_of_the_repository_holds_only_what_it_should():
-    names = {path.name for path in ROOT.iterdir() if not path.name.endswith(".egg-info")} - BUILT
+    names = {
+        path.name for path in ROOT.iterdir() if not path.name.endswith(".egg-info")
+    } - GENERATED
     if shutil.which("git") and (ROOT / ".git").exists():
         command = ["git", "-C", str(ROOT), "ls-files"]
         listed = subprocess.run(command, capture_output=True, text=True, check=False)
         if listed.returncode == 0:
             names = {path.split("/")[0] for path in listed.stdout.splitlines()}
-    assert {name for name in names if not name.startswith(".")} <= AT_THE_TOP
+    assert {name for name in names if not name.startswith(".")} <= TOP_LEVEL

@@ -1,4 +1,4 @@
-"""The projection of one far triangle, and the samples that it may decide either way."""
+"""Far triangles: their projection and coverage, and the samples that float32 may decide wrong."""
 
 from fractions import Fraction
 

@@ -1,4 +1,4 @@
-"""Time limit, seeds and damaged files, shared by the fuzz tests."""
+"""Time limit, seeds and damaged files for the fuzz tests."""
 
 import os
 import time

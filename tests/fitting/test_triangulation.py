@@ -1,4 +1,4 @@
-"""A tiling stays one, whatever is done to it; pixels are owned once."""
+"""Meshes that tile the canvas stay tilings under every change, and cover each pixel centre once."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def _square(**changes):
     return make_mesh(positions, triangles, height=4, width=4)._replace(**changes)
 
 
-def test_a_square_of_four():
+def test_areas_and_edges_of_a_square_by_hand():
     mesh = _square()
     check_tiling(mesh)
     assert (mesh.height, mesh.width) == (4, 4)
