@@ -203,7 +203,7 @@ class TestBudget:
         assert budget.share(9, 100.0) == 1.0
         assert budget.next_steps(9, 25, 0.1, 0.0) == 1
 
-    def test_chunks_are_as_long_as_between_two_reports(self, clock):
+    def test_chunks_are_short_enough_for_a_waiting_user(self, clock):
         budget = self.budget(2.0)
         assert budget.next_steps(0, 25, None, 0.0) == 1
         assert budget.next_steps(0, 25, 0.05, 0.0) == 10
