@@ -54,8 +54,8 @@ def elements(path) -> list[ElementTree.Element]:
 
 def assert_same(read: sr.Scene, written: sr.Scene) -> None:
     """Assert equal triangles, colours and background, however vertices are shared."""
-    got, wanted = (np.asarray(s.positions)[np.asarray(s.triangles)] for s in (read, written))
-    np.testing.assert_array_equal(read, wanted)
+    corners, expected = (np.asarray(s.positions)[np.asarray(s.triangles)] for s in (read, written))
+    np.testing.assert_array_equal(corners, expected)
     np.testing.assert_array_equal(read.colors, written.colors)
     np.testing.assert_array_equal(read.background, written.background)
 
