@@ -255,7 +255,7 @@ class TestNearPlane:
         scene = project_white(pairs.reshape(-1, 3), triangles, view=view, **traceable(triangles))
         owner = np.asarray(scene.texture_index)
         uv = np.asarray(scene.uv)
-        seen = np.concatenate(
+        vertices = np.concatenate(
             [scene.positions, scene.depth[:, None], scene.inverse_w[:, None]], axis=-1
         )[np.asarray(scene.triangles)]
         # Inside the edge from corner 0 to corner 1, which both triangles of a pair share.
@@ -263,7 +263,10 @@ class TestNearPlane:
         compared = 0
         for pair in range(200):
             one, other = (
-                {tuple(row) for row in seen[on_edge & (owner == 2 * pair + side)[:, None]].tolist()}
+                {
+                    tuple(row)
+                    for row in vertices[on_edge & (owner == 2 * pair + side)[:, None]].tolist()
+                }
                 for side in (0, 1)
             )
             assert one == other

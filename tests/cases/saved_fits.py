@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 import softras2d as sr
-from tests.cases.pictures import blobs
+
+from .pictures import blobs
 
 TARGET = blobs(16, 20)
 

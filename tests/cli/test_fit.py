@@ -12,7 +12,8 @@ import pytest
 
 import softras2d as sr
 from softras2d.io.images import read_image, write_image
-from tests.cases.pictures import blobs
+
+from ..cases.pictures import blobs
 
 COMMAND = [sys.executable, "-m", "softras2d", "fit"]
 

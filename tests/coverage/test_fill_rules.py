@@ -149,7 +149,7 @@ def test_right_triangle_by_hand(fill_rule, order):
 
 @RULES
 @pytest.mark.parametrize(
-    "corners, owned",
+    "corners, covered",
     [
         ([(1.5, 1.5)] * 3, [(1, 1)]),
         ([(0.5, 1.5), (3.5, 1.5), (1.5, 1.5)], [(0, 1), (1, 1), (2, 1), (3, 1)]),
@@ -163,11 +163,11 @@ def test_right_triangle_by_hand(fill_rule, order):
     ],
     ids=["point", "row", "column", "rising", "through", "before", "between", "beside", "tilted"],
 )
-def test_zero_area_by_hand(fill_rule, corners, owned):
+def test_triangles_without_area_cover_the_samples_on_their_segment(fill_rule, corners, covered):
     """The samples exactly on the segment, or none."""
     on = Canvas(4, 4, rate=1, fill_rule=fill_rule)
     wanted = np.zeros((4, 4))
-    for column, row in owned if fill_rule == "inclusive" else []:
+    for column, row in covered if fill_rule == "inclusive" else []:
         wanted[row, column] = 1
     np.testing.assert_array_equal(_image([corners], on, WHITE)[..., 0], wanted)
 

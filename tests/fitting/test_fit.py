@@ -14,7 +14,8 @@ import pytest
 import softras2d as sr
 from softras2d.fitting.mesh.triangulation import check_tiling, delaunay_mesh
 from softras2d.fitting.prepare import check_images
-from tests.cases.pictures import blobs
+
+from ..cases.pictures import blobs
 
 TARGET = blobs()
 

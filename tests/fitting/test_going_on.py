@@ -18,7 +18,8 @@ from softras2d.fitting.layers.family import LayersFit
 from softras2d.fitting.loop import Budget
 from softras2d.fitting.mesh.family import MeshFit
 from softras2d.fitting.solvers import levenberg_marquardt
-from tests.cases.pictures import blobs
+
+from ..cases.pictures import blobs
 
 TARGET = blobs()
 

@@ -20,7 +20,8 @@ from softras2d.fitting.loss import Loss
 from softras2d.fitting.resample import shrink
 from softras2d.fitting.score import ssim
 from softras2d.fitting.units import POSITION_UNIT, clip_straight_through
-from tests.cases.pictures import blobs
+
+from ..cases.pictures import blobs
 
 RNG = np.random.default_rng(0)
 IMAGE, TARGET = (jnp.asarray(RNG.random((12, 14, 3)), jnp.float32) for _ in range(2))

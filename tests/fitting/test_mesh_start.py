@@ -12,7 +12,8 @@ from softras2d.fitting.mesh.splits import best_splits, evaluate
 from softras2d.fitting.mesh.start import delaunay_start, error_start, exchange, uniform_start
 from softras2d.fitting.mesh.triangulation import check_tiling, find_edges, make_mesh
 from softras2d.fitting.mesh.vertex_colors import Colors, mesh_pixels, solve_colors
-from tests.cases.pictures import draw
+
+from ..cases.pictures import draw
 
 HEIGHT, WIDTH = 32, 48
 MODELS = ["vertex", "triangle", "linear"]

@@ -5,7 +5,8 @@ import pytest
 
 from softras2d.fitting.layers import placement
 from softras2d.fitting.layers.placement import place, random_triangles, removal_costs, soup_pixels
-from tests.cases.pictures import blobs
+
+from ..cases.pictures import blobs
 
 HEIGHT, WIDTH = 40, 48
 TARGET = blobs(HEIGHT, WIDTH).astype(np.float64)

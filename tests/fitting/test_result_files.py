@@ -13,7 +13,8 @@ import pytest
 import softras2d as sr
 from softras2d.fitting import archive, result
 from softras2d.fitting.archive import read_arrays
-from tests.cases.saved_fits import KINDS, TARGET, bomb, packed, saved, target_of
+
+from ..cases.saved_fits import KINDS, TARGET, bomb, packed, saved, target_of
 
 
 def error_of(path: Path) -> str:

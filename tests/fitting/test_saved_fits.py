@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from tests.cases.pictures import blobs
+
+from ..cases.pictures import blobs
 
 SAVED = Path(__file__).parent / "saved"
 

@@ -201,8 +201,8 @@ def test_mutated_drawings_are_read_or_refused_in_one_line(tmp_path):
                 try:
                     read(path, dialect, rng)
                 except Exception as error:
-                    kept = data[:2000].decode(errors="replace")
-                    raise AssertionError(f"case {number}, {dialect}: {kept}") from error
+                    excerpt = data[:2000].decode(errors="replace")
+                    raise AssertionError(f"case {number}, {dialect}: {excerpt}") from error
                 finally:
                     signal.alarm(0)
             count += 1

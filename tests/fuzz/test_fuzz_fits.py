@@ -9,9 +9,9 @@ import pytest
 
 import softras2d as sr
 from softras2d.fitting.prepare import check_images, check_resume
-from tests.cases.saved_fits import KINDS, packed, saved, target_of
 
 from ..cases.fuzzing import cases, damaged
+from ..cases.saved_fits import KINDS, packed, saved, target_of
 
 pytestmark = pytest.mark.slow
 

@@ -81,7 +81,7 @@ def test_constant_attributes_are_dropped():
 
 
 @pytest.mark.parametrize(
-    "depths, kept",
+    "depths, is_needed",
     [
         ([(5, 5, 5), (5, 5, 5)], False),
         ([(5, 6, 7), (1, 2, 3)], False),
@@ -91,11 +91,11 @@ def test_constant_attributes_are_dropped():
     ],
     ids=["equal", "sorted", "reversed", "crossing", "layers"],
 )
-def test_depth_is_dropped_where_draw_order_implies_it(depths, kept):
+def test_depth_is_dropped_where_draw_order_implies_it(depths, is_needed):
     corners = np.array([[(1, 1), (9, 1), (1, 9)]] * len(depths), np.float32)
     colors = np.ones((len(depths), 3))
     scene = sr.Scene.from_soup(corners, colors, depth=np.array(depths, np.float32))
-    assert (sr.simplify(scene, height=10, width=10).depth is not None) == kept
+    assert (sr.simplify(scene, height=10, width=10).depth is not None) == is_needed
 
 
 def test_a_transparent_triangle_still_hides_later_ones_behind_it():

@@ -7,7 +7,8 @@ import pytest
 
 import softras2d as sr
 from softras2d.io.svg.gradients import in_browsers
-from tests.cases.browser import psnr, require_browser, screenshot
+
+from ...cases.browser import psnr, require_browser, screenshot
 
 HEIGHT, WIDTH = 144, 192
 BACKGROUND = np.array([0.1, 0.1, 0.2], np.float32)
