@@ -1,4 +1,4 @@
-"""Strict JAX, seeded hypothesis, float64 on demand, a counter of compilations."""
+"""Strict JAX, seeded hypothesis, float64 on demand, and a counter of compilations."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -29,7 +29,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 @pytest.fixture(autouse=True)
-def _forget_programs() -> Iterator[None]:
+def _drop_programs() -> Iterator[None]:
     """Drop compiled programs before they are too many for one process."""
     yield
     drop_programs()
@@ -37,7 +37,7 @@ def _forget_programs() -> Iterator[None]:
 
 @pytest.fixture
 def float64() -> Iterator[None]:
-    """JAX with 64-bit types, for what must be compared tightly."""
+    """JAX with 64-bit types, for close comparisons."""
     with jax.enable_x64(True):
         yield
 

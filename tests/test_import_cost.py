@@ -1,4 +1,4 @@
-"""`softras2d --help` must not wait for JAX: what is imported, in a process of its own."""
+"""`softras2d --help` does not wait for JAX: the modules imported, in a process of its own."""
 
 import subprocess
 import sys
@@ -8,8 +8,8 @@ import pytest
 HEAVY = ("jax", "jaxlib", "equinox", "numpy", "OpenImageIO", "matplotlib")
 
 
-def imported(code: str) -> set[str]:
-    """The heavy modules that a fresh Python holds after running `code`."""
+def heavy_modules(code: str) -> set[str]:
+    """The heavy modules that a fresh Python has imported after running `code`."""
     script = f"""
 import sys
 try:
@@ -25,17 +25,17 @@ print("\\n" + " ".join(name for name in {HEAVY!r} if name in sys.modules))
     return set(done.stdout.splitlines()[-1].split())
 
 
-def test_the_package_alone_is_light():
-    assert imported("import softras2d; softras2d.__version__, dir(softras2d)") == set()
+def test_importing_the_package_imports_nothing_heavy():
+    assert heavy_modules("import softras2d; softras2d.__version__, dir(softras2d)") == set()
 
 
 @pytest.mark.parametrize(
     "arguments", [["--help"], ["--version"], ["render", "--help"], ["info", "-h"], ["demo", "-h"]]
 )
-def test_help_is_light(arguments):
+def test_help_imports_nothing_heavy(arguments):
     code = f"sys.argv[1:] = {arguments!r}; from softras2d.cli import main; main()"
-    assert imported(code) == set()
+    assert heavy_modules(code) == set()
 
 
 def test_a_name_of_the_package_is_loaded_on_first_use():
-    assert "jax" in imported("import softras2d; softras2d.Hard")
+    assert "jax" in heavy_modules("import softras2d; softras2d.Hard")

@@ -1,4 +1,8 @@
-"""Imports go one way through the package, and nothing strays to the top of a folder."""
+"""Imports go one way, and nothing strays to the top of a folder.
+
+Within the package, a module imports from those before it in `ORDER`; `experiments` import from
+`tests`, and `tests` not from `experiments`.
+"""
 
 import ast
 import shutil
@@ -40,10 +44,10 @@ ORDER = (
 """Files and folders at the top of the package. Each imports from itself and those before it."""
 
 FOLDERS = {"softras2d", "tests", "notebooks", "experiments"}
-AT_THE_TOP = FOLDERS | {"pyproject.toml", "README.md", "LICENSE"}
+TOP_LEVEL = FOLDERS | {"pyproject.toml", "README.md", "LICENSE"}
 
-BUILT = {"build", "dist", "__pycache__", "demo"}
-"""What a build, a run or the README's first command leaves behind."""
+GENERATED = {"build", "dist", "__pycache__", "demo"}
+"""Folders that a build, a run or the README's first command creates."""
 
 
 def module_of(file: Path) -> str:
@@ -56,7 +60,7 @@ FILES = {module_of(file): file for file in sorted(PACKAGE.rglob("*.py"))}
 
 
 def imports(module: str, file: Path, source: str) -> Iterator[str]:
-    """The modules of the package that a module imports, at any place: in functions, for types."""
+    """The modules of the package that a module imports anywhere: also in functions, for types."""
     package = module if file.name == "__init__.py" else module.rpartition(".")[0]
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -78,22 +82,24 @@ GRAPH = {
 """What each module imports. The package's own file, which loads all others lazily, is left out."""
 
 
-def place(module: str) -> str:
-    """The file or folder at the top of the package that a module is in."""
+def top_level_name(module: str) -> str:
+    """The name at the top of the package under which a module lies, as in `ORDER`."""
     return module.split(".")[1]
 
 
-def test_imports_are_seen():
+def test_imports_anywhere_in_a_file_are_recognized():
     source = "def f():\n from . import info\n from ..io.images import read_image as r\nimport jax"
-    found = list(imports("softras2d.cli.made_up", Path("made_up.py"), source))
-    assert found == ["softras2d.cli.info", "softras2d.io.images"]
-    found = list(imports("softras2d.camera", Path("__init__.py"), "from .near_plane import clip"))
-    assert found == ["softras2d.camera.near_plane"]
+    imported = list(imports("softras2d.cli.made_up", Path("made_up.py"), source))
+    assert imported == ["softras2d.cli.info", "softras2d.io.images"]
+    imported = list(
+        imports("softras2d.camera", Path("__init__.py"), "from .near_plane import clip")
+    )
+    assert imported == ["softras2d.camera.near_plane"]
     assert "softras2d.scene" in GRAPH["softras2d.plot.overlay"]
 
 
-def test_every_place_has_a_rank():
-    assert {place(module) for module in GRAPH} <= set(ORDER)
+def test_every_top_level_name_has_a_rank():
+    assert {top_level_name(module) for module in GRAPH} <= set(ORDER)
 
 
 def test_imports_go_one_way():
@@ -102,7 +108,7 @@ def test_imports_go_one_way():
         f"{module} imports {other}"
         for module, others in GRAPH.items()
         for other in sorted(others - {"softras2d"})
-        if rank[place(other)] > rank[place(module)]
+        if rank[top_level_name(other)] > rank[top_level_name(module)]
     ]
     assert not wrong
 
@@ -114,15 +120,39 @@ def test_no_modules_import_each_other_in_a_circle():
         pytest.fail(" <- ".join(error.args[1]))
 
 
+TESTS_OF_EXPERIMENTS = {
+    # The script of the bundled scenes must still write the files that the package holds.
+    "scenes/test_scenes.py",
+    # The script of the bundled pictures must still make those that the package holds.
+    "test_pictures.py",
+}
+"""Tests that may import `experiments`: each runs a script through its public entry point."""
+
+
+def test_tests_do_not_import_experiments():
+    importing = set()
+    for file in sorted((ROOT / "tests").rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = [name.name for name in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+                names += [name.name for name in node.names] if node.level else []
+            if any(name.split(".")[0] == "experiments" for name in names):
+                importing.add(file.relative_to(ROOT / "tests").as_posix())
+    assert importing == TESTS_OF_EXPERIMENTS
+
+
 def test_few_files_at_the_top_of_the_package():
     assert len(list(PACKAGE.glob("*.py"))) <= 6
 
 
 def test_the_top_of_the_repository_holds_only_what_it_should():
-    names = {path.name for path in ROOT.iterdir() if not path.name.endswith(".egg-info")} - BUILT
+    names = {
+        path.name for path in ROOT.iterdir() if not path.name.endswith(".egg-info")
+    } - GENERATED
     if shutil.which("git") and (ROOT / ".git").exists():
         command = ["git", "-C", str(ROOT), "ls-files"]
         listed = subprocess.run(command, capture_output=True, text=True, check=False)
         if listed.returncode == 0:
             names = {path.split("/")[0] for path in listed.stdout.splitlines()}
-    assert {name for name in names if not name.startswith(".")} <= AT_THE_TOP
+    assert {name for name in names if not name.startswith(".")} <= TOP_LEVEL

@@ -9,7 +9,7 @@ from softras2d.io.images import read_image
 
 
 @pytest.mark.parametrize("name", pictures.names())
-def test_pictures_are_as_made(name):
+def test_pictures_are_what_the_script_makes(name):
     image = read_image(pictures.path(name))
     assert image.shape == (*pictures.size(name), 3)
     assert image.std() > 0.1

@@ -1,7 +1,7 @@
-"""The public face: every public name with its parameters, which scripts of users rely on.
+"""The public interface: every public name with its parameters, on which users' scripts rely.
 
-A parameter is written `*name` if it is keyword-only, and `name=` if it has a default. A name or a
-parameter that goes away, or loses its default, breaks scripts; new ones are added to the list.
+A parameter is written `*name` if it is keyword-only, and `name=` if it has a default. Removing a
+name, a parameter or a default breaks scripts; new ones are added to the list.
 """
 
 import inspect
@@ -74,7 +74,7 @@ write_svg: path, scene, *height, *width, *fallback=
 """
 
 
-def described(value: Any) -> str:
+def describe(value: Any) -> str:
     """The parameters of a callable, as in `FACE`; "property" for a property."""
     if isinstance(value, property):
         return "property"
@@ -88,25 +88,25 @@ def described(value: Any) -> str:
     )
 
 
-def looked_up(path: str) -> Any:
-    """The value behind a dotted name; methods as the class holds them."""
-    *owners, last = path.split(".")
-    owner = sr
-    for name in owners:
-        owner = getattr(owner, name)
-    return vars(owner)[last] if inspect.isclass(owner) else getattr(owner, last)
+def look_up(path: str) -> Any:
+    """The value of a dotted name; methods as in the `__dict__` of their class."""
+    *containers, last = path.split(".")
+    container = sr
+    for name in containers:
+        container = getattr(container, name)
+    return vars(container)[last] if inspect.isclass(container) else getattr(container, last)
 
 
-def listed_face() -> dict[str, str]:
+def listed_parameters() -> dict[str, str]:
     """The rows of `FACE`; an indented line continues the one before."""
     rows = FACE.strip().replace("\n    ", " ").splitlines()
     return {name: parameters.strip() for name, parameters in (row.split(":", 1) for row in rows)}
 
 
-def test_public_names_and_parameters_stay():
-    listed = listed_face()
-    assert {name: described(looked_up(name)) for name in listed} == listed
+def test_public_names_have_the_listed_parameters():
+    listed = listed_parameters()
+    assert {name: describe(look_up(name)) for name in listed} == listed
 
 
 def test_every_public_name_is_listed():
-    assert set(sr.__all__) == {name.split(".")[0] for name in listed_face()}
+    assert set(sr.__all__) == {name.split(".")[0] for name in listed_parameters()}

@@ -1,4 +1,4 @@
-"""Every Python block of the README runs, in order, as one session; its shell lines exist."""
+"""The README: its Python blocks run as one session; its shell lines and images exist."""
 
 import re
 from pathlib import Path
@@ -44,7 +44,7 @@ def test_shell_lines_name_options_that_exist(line):
             assert word in result.output
 
 
-def test_pictures_are_there():
+def test_pictures_exist():
     root = Path(__file__).parent.parent
     for path in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", README):
         assert (root / path).is_file(), path

@@ -1,8 +1,8 @@
-"""The bundled scenes as small PNGs: the whole way from SVG to bytes stays as it was looked at.
+"""The bundled scenes as small PNGs: from SVG to bytes, images stay as they were checked by eye.
 
-After a change that is wanted, `pytest tests/test_reference_images.py -m "slow or not slow" -k
-bundled --update-references` writes them anew. A failure leaves the actual image and the difference
-under `tests/failures/`.
+After an intended change, `pytest tests/test_reference_images.py -m "slow or not slow" -k bundled
+--update-references` writes them anew. A failure leaves the image and its difference in
+`tests/failures/`.
 """
 
 from pathlib import Path
@@ -37,19 +37,19 @@ def _is_plain(scene: sr.Scene) -> bool:
     return scene.textures is None and scene.depth is None and scene.inverse_w is None
 
 
-def _alike(drawn: dict[str, sr.Scene]) -> dict[str, sr.Scene]:
-    """The same pictures in one structure, corner colours with alpha, to share a program."""
+def _in_one_structure(drawn: dict[str, sr.Scene]) -> dict[str, sr.Scene]:
+    """The scenes with equal arrays, corner colours and alpha, so as to share a program."""
     most = max(scene.triangles.shape[0] for scene in drawn.values())
-    alike = {}
+    padded = {}
     for name, scene in drawn.items():
-        given = np.asarray(scene.colors)
-        # Triangles that are added lie in a point off the canvas.
+        scene_colors = np.asarray(scene.colors)
+        # Added triangles are a point off the canvas.
         corners = np.full((most, 3, 2), -1, np.float32)
         colors = np.ones((most, 3, 4), np.float32)
-        corners[: len(given)] = np.asarray(scene.positions)[np.asarray(scene.triangles)]
-        colors[: len(given), :, : given.shape[-1]] = given
-        alike[name] = sr.Scene.from_soup(corners, colors, background=scene.background)
-    return alike
+        corners[: len(scene_colors)] = np.asarray(scene.positions)[np.asarray(scene.triangles)]
+        colors[: len(scene_colors), :, : scene_colors.shape[-1]] = scene_colors
+        padded[name] = sr.Scene.from_soup(corners, colors, background=scene.background)
+    return padded
 
 
 def _compare(image: np.ndarray, name: str, samples: int) -> None:
@@ -58,7 +58,7 @@ def _compare(image: np.ndarray, name: str, samples: int) -> None:
     assert image.shape == expected.shape
     levels = [np.rint(np.clip(value, 0, 1) * 255).astype(int) for value in (image, expected)]
     difference = np.abs(levels[0] - levels[1])
-    # Another device may round the last bit, and so a tie, the other way.
+    # Another device may round a tie the other way.
     if difference.max() > 1:
         FAILURES.mkdir(exist_ok=True)
         sr.write_image(FAILURES / file, image)
@@ -78,9 +78,9 @@ def _update(image: np.ndarray, name: str, samples: int, request: pytest.FixtureR
 
 
 @BOTH_RATES
-def test_bundled_scenes_together(samples, request):
+def test_bundled_scenes_in_one_structure_equal_their_references(samples, request):
     read = {name: _read(name) for name in scenes.names()}
-    drawn = _alike({name: scene for name, scene in read.items() if _is_plain(scene)})
+    drawn = _in_one_structure({name: scene for name, scene in read.items() if _is_plain(scene)})
     plan = _plan(list(drawn.values()), samples)
     for name, scene in drawn.items():
         image = np.asarray(sr.render(scene, plan))
@@ -89,8 +89,8 @@ def test_bundled_scenes_together(samples, request):
 
 
 @pytest.mark.parametrize("name", ["ground"])
-def test_textured_scene(name):
-    """One of those with further effects; the others are left to the slow run."""
+def test_a_textured_scene_equals_its_reference(name):
+    """One scene with further effects; the others are left to the slow run."""
     scene = _read(name)
     _compare(np.asarray(sr.render(scene, _plan(scene, 1))), name, 1)
 
@@ -99,29 +99,29 @@ def test_textured_scene(name):
 @pytest.mark.parametrize(
     ("name", "samples"), [*((name, 16) for name in scenes.names()), *((name, 1) for name in SHADED)]
 )
-def test_bundled_scene(name, samples, request):
-    """Each in the structure that its file has, against its reference and against the oracle."""
+def test_a_bundled_scene_equals_its_reference_and_the_oracle(name, samples, request):
+    """Each scene in the structure of its file, against its reference and the oracle."""
     scene = _read(name)
     image = np.asarray(sr.render(scene, _plan(scene, samples)))
     if not _is_plain(scene):
         _update(image, name, samples, request)
     _compare(image, name, samples)
     if not _is_plain(scene):
-        return  # Other oracles draw these effects; this is the whole way from file to bytes.
+        return  # Other tests compare these effects with oracles.
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     on = Canvas(SIZE, SIZE, round(samples**0.5))
     expected = draw(corners, scene.colors, scene.background, on)
     np.testing.assert_allclose(image, expected, rtol=0, atol=2e-6)
 
 
-def test_no_reference_is_left_over():
+def test_every_reference_belongs_to_a_scene():
     wanted = {f"{name}-{samples}.png" for name in scenes.names() for samples in (1, 16)}
     assert {path.name for path in REFERENCES.glob("*.png")} == wanted
 
 
 @pytest.mark.parametrize("name", scenes.names())
-def test_references_are_pictures(name):
-    """Neither empty nor, apart from edges, different at one sample and at sixteen."""
+def test_references_are_not_empty_and_agree_at_both_rates(name):
+    """They are not empty, and apart from edges the same at one sample and at sixteen."""
     coarse, fine = (sr.read_image(REFERENCES / f"{name}-{samples}.png") for samples in (1, 16))
     assert float(fine.std()) > 0.01
     assert abs(float(coarse.mean()) - float(fine.mean())) < 0.02

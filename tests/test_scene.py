@@ -1,4 +1,4 @@
-"""Scenes as a user makes them, and what is refused, each in one line that names what and where."""
+"""Scenes: what constructors make of arrays, and one-line errors that name what is invalid."""
 
 import subprocess
 import sys
@@ -16,7 +16,7 @@ HALVES = np.array([(0, 1, 2), (0, 2, 3)])
 CORNERS = SQUARE[HALVES]
 
 
-def test_soup_and_mesh_hold_the_same_corners():
+def test_soup_and_mesh_have_the_same_corners():
     colors = np.array([[1, 0, 0], [0, 1, 0]], np.float32)
     soup = sr.Scene.from_soup(CORNERS, colors)
     mesh = sr.Scene.from_mesh(SQUARE, HALVES, triangle_colors=colors)
@@ -29,7 +29,7 @@ def test_soup_and_mesh_hold_the_same_corners():
 
 
 @pytest.mark.parametrize("channels", [3, 4])
-def test_vertex_colors_reach_the_corners(channels):
+def test_vertex_colors_become_corner_colors(channels):
     colors = np.random.default_rng(0).random((4, channels)).astype(np.float32)
     scene = sr.Scene.from_mesh(SQUARE, HALVES, vertex_colors=colors)
     np.testing.assert_array_equal(scene.colors, colors[HALVES])
@@ -38,7 +38,7 @@ def test_vertex_colors_reach_the_corners(channels):
 @pytest.mark.parametrize(
     "colors, shape", [((2, 3), (2, 1, 3)), ((2, 4), (2, 1, 4)), ((2, 3, 4), (2, 3, 4))]
 )
-def test_shape_of_colors_says_what_is_drawn(colors, shape):
+def test_colors_have_one_or_three_corners_and_their_channels(colors, shape):
     assert sr.Scene.from_soup(CORNERS, np.zeros(colors, np.float32)).colors.shape == shape
 
 
@@ -56,14 +56,14 @@ def test_dtype_follows_positions(float64):
     assert scene.colors.dtype == jnp.float32
 
 
-def test_empty_scenes():
+def test_scenes_may_be_empty():
     assert sr.Scene.from_soup([], []).colors.shape == (0, 1, 3)
     assert sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3, 4))).colors.shape == (0, 3, 4)
     mesh = sr.Scene.from_mesh(SQUARE, [], triangle_colors=np.zeros((0, 4), np.float32))
     assert mesh.triangles.shape == (0, 3)
 
 
-def test_depth_and_inverse_w_per_corner():
+def test_depth_and_inverse_w_are_per_corner_in_a_soup():
     depth = np.arange(6, dtype=np.float32).reshape(2, 3)
     scene = sr.Scene.from_soup(CORNERS, np.ones((2, 3)), depth=depth, inverse_w=depth + 1)
     assert scene.depth is not None and scene.inverse_w is not None
@@ -71,12 +71,12 @@ def test_depth_and_inverse_w_per_corner():
     np.testing.assert_array_equal(scene.inverse_w, depth.ravel() + 1)
 
 
-def test_textures_go_together():
+def test_uv_index_and_textures_must_be_given_together():
     textures = sr.TexturePyramid.build([np.zeros((2, 2, 3), np.float32)])
     uv = np.zeros((2, 3, 2), np.float32)
     ones = np.ones((2, 3), np.float32)
-    whole = sr.Scene.from_soup(CORNERS, ones, uv=uv, texture_index=[0, -1], textures=textures)
-    assert whole.textures is not None
+    complete = sr.Scene.from_soup(CORNERS, ones, uv=uv, texture_index=[0, -1], textures=textures)
+    assert complete.textures is not None
     with pytest.raises(ValueError, match="go together"):
         sr.Scene.from_soup(CORNERS, ones, uv=uv)
     with pytest.raises(ValueError, match=r"texture_index.*triangle 1"):
@@ -84,9 +84,14 @@ def test_textures_go_together():
 
 
 def _refused(match: str, **change) -> None:
-    given = {"positions": SQUARE, "triangles": HALVES, "triangle_colors": np.ones((2, 4)), **change}
+    arguments = {
+        "positions": SQUARE,
+        "triangles": HALVES,
+        "triangle_colors": np.ones((2, 4)),
+        **change,
+    }
     with pytest.raises(ValueError, match=match) as raised:
-        sr.Scene.from_mesh(given.pop("positions"), given.pop("triangles"), **given)
+        sr.Scene.from_mesh(arguments.pop("positions"), arguments.pop("triangles"), **arguments)
     assert "\n" not in str(raised.value)
 
 
@@ -97,7 +102,7 @@ def _with(array, index, value) -> np.ndarray:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_values_that_are_not_finite(bad):
+def test_values_that_are_not_finite_are_refused(bad):
     _refused(r"positions.*vertex.*2", positions=_with(SQUARE, (2, 1), bad))
     _refused(r"colors.*triangle.*1", triangle_colors=_with(np.ones((2, 4)), (1, 0), bad))
     _refused(r"background", background=[0.5, bad, 0.5])
@@ -106,25 +111,25 @@ def test_values_that_are_not_finite(bad):
 
 
 @pytest.mark.parametrize("bad", [-0.25, 1.25])
-def test_alpha_out_of_range(bad):
+def test_alpha_out_of_range_is_refused(bad):
     _refused(r"alpha.*triangle.*1", triangle_colors=_with(np.ones((2, 4)), (1, 3), bad))
     _refused(r"alpha", background=[0, 0, 0, bad])
 
 
 @pytest.mark.parametrize("bad", [-1, 4])
-def test_index_out_of_range(bad):
+def test_indices_out_of_range_are_refused(bad):
     _refused(r"triangles.*triangle.*1", triangles=_with(HALVES, (1, 2), bad))
 
 
 @pytest.mark.parametrize("bad", [-1, 4])
-def test_index_out_of_range_with_vertex_colors(bad):
+def test_indices_out_of_range_are_refused_with_vertex_colors(bad):
     with pytest.raises(ValueError, match="triangles"):
         sr.Scene.from_mesh(
             SQUARE, _with(HALVES, (1, 2), bad), vertex_colors=np.ones((4, 3), np.float32)
         )
 
 
-def test_shapes_that_do_not_fit():
+def test_arrays_of_wrong_shape_are_refused():
     _refused("triangle_colors", triangle_colors=np.ones((3, 4)))
     _refused("channels", triangle_colors=np.ones((2, 2)))
     _refused("corners", triangle_colors=np.ones((2, 2, 3)))
@@ -154,7 +159,7 @@ REFUSED = {
     "profile": "sr.Soft(profile='box')",
     "border": "sr.TexturePyramid.build([np.zeros((2, 2, 3))], border='mirror')",
 }
-"""By what the message must name (its first word): calls that no type check stops for users."""
+"""Invalid calls, by what their message must name (its first word)."""
 
 SCRIPT = f"""
 import numpy as np
@@ -180,13 +185,13 @@ for name, call in {REFUSED!r}.items():
 
 
 def test_shapes_and_options_are_refused_without_type_checks():
-    """As users run it: the run-time type checks of these tests would speak first."""
+    """In a process without the run-time type checks of the tests, which would fail first."""
     done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
 
 
-def test_check_passes_what_constructors_made_and_batches():
+def test_check_accepts_constructed_scenes_and_batches():
     scene = sr.Scene.from_soup(CORNERS, np.ones((2, 4), np.float32))
     sr.check(scene)
     batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), scene)
@@ -207,7 +212,7 @@ def test_constructors_can_be_traced():
 
 
 @pytest.mark.parametrize("make", [lambda: sr.Hard(samples=5), lambda: sr.Filter(anisotropy=0)])
-def test_options_out_of_range(make):
+def test_options_out_of_range_are_refused(make):
     with pytest.raises(ValueError, match="must be"):
         make()
 
@@ -228,7 +233,7 @@ def _as_type(scene: sr.Scene, dtype: str) -> sr.Scene:
 
 @pytest.mark.parametrize("dtype", HALF)
 class TestHalfPrecision:
-    """Scenes in half precision were drawn 0.94 off, and NaN under `Area`."""
+    """Half precision is refused: errors were up to 0.94, and NaN under `Area`."""
 
     def test_constructors_refuse_it(self, dtype):
         with pytest.raises(ValueError, match=f"`corners` must be float32 or float64; got {dtype}"):
@@ -236,7 +241,7 @@ class TestHalfPrecision:
         with pytest.raises(ValueError, match=f"`positions` must be float32.*; got {dtype}"):
             sr.Scene.from_mesh(jnp.asarray(SQUARE, dtype), HALVES, vertex_colors=np.ones((4, 3)))
 
-    def test_what_follows_the_positions_is_exact(self, dtype):
+    def test_half_precision_colors_become_exact_float32(self, dtype):
         colors = jnp.asarray(np.full((2, 3), 0.3), dtype)
         scene = sr.Scene.from_soup(CORNERS, colors)
         assert scene.colors.dtype == jnp.float32
@@ -260,7 +265,7 @@ class TestHalfPrecision:
             assert "\n" not in str(caught.value)
 
     @pytest.mark.parametrize("name", ["colors", "background", "depth", "inverse_w"])
-    def test_each_array_is_looked_at(self, dtype, name):
+    def test_each_array_is_checked(self, dtype, name):
         scene = sr.Scene.from_soup(
             CORNERS, np.ones((2, 3)), depth=np.ones((2, 3)), inverse_w=np.ones((2, 3))
         )
@@ -277,7 +282,7 @@ class TestHalfPrecision:
 
 
 @pytest.mark.parametrize("wrap", [2**32, -(2**32), 2**33])
-def test_an_index_past_32_bits_is_no_other_index(wrap):
+def test_indices_past_32_bits_are_refused(wrap):
     _refused(r"triangles.*triangle \(1, 2\)", triangles=_with(HALVES, (1, 2), 3 + wrap))
     textures = sr.TexturePyramid.build([np.zeros((2, 2, 3), np.float32)])
     _refused(
@@ -286,7 +291,7 @@ def test_an_index_past_32_bits_is_no_other_index(wrap):
     )  # fmt: skip
 
 
-def test_unsigned_indices_are_compared_as_what_they_are():
+def test_unsigned_indices_are_checked_without_wrapping():
     largest = np.array(HALVES, np.uint64)
     assert sr.Scene.from_mesh(SQUARE, largest, vertex_colors=np.ones((4, 3))).triangles.shape
     _refused("triangles", triangles=_with(largest, (0, 0), 2**64 - 1))
@@ -294,7 +299,7 @@ def test_unsigned_indices_are_compared_as_what_they_are():
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.int32, np.uint16])
-def test_integer_colors_above_1_are_bytes(dtype):
+def test_integer_colors_above_1_are_refused_as_bytes(dtype):
     many = np.full((2, 3), 200, dtype)
     _refused("`triangle_colors`.*divide bytes by 255", triangle_colors=many)
     _refused("`vertex_colors`.*255", triangle_colors=None, vertex_colors=np.full((4, 3), 2, dtype))
@@ -318,28 +323,28 @@ def test_floats_that_look_like_bytes_are_warned_of_once():
     with pytest.warns(UserWarning, match="divide them by 255. They are in `triangle_colors`, `ba"):
         scene = sr.Scene.from_soup(CORNERS, white, background=[0.0, 128.0, 3.0])
     assert float(scene.colors.max()) == 255
-    with pytest.warns(UserWarning) as told:
+    with pytest.warns(UserWarning) as caught:
         sr.Scene.from_mesh(SQUARE, HALVES, vertex_colors=np.full((4, 4), [9.0, 0, 0, 1]))
-    assert len(told) == 1
+    assert len(caught) == 1
     with pytest.warns(UserWarning, match="texture 0"):
         sr.TexturePyramid.build([np.full((2, 2, 3), 7.0)])
 
 
 @pytest.mark.parametrize("colors", [1.0, 1.5, 2.25, -1.0, 256.0, 1e6])
 def test_light_brighter_than_white_is_not_warned_of(colors):
-    """It is drawn as it is; any warning fails a test."""
+    """It is drawn unchanged; any warning fails a test."""
     scene = sr.Scene.from_soup(CORNERS, np.full((2, 3), colors))
     image = sr.render(scene, sr.plan(scene, height=4, width=4))
     np.testing.assert_allclose(image, colors, rtol=1e-6)
 
 
 @pytest.mark.parametrize("wrong", ["words", [["a", "b"]], [[None, 1.0]], np.array([1j, 2])])
-def test_what_is_no_number_is_refused(wrong):
+def test_positions_that_are_no_numbers_are_refused(wrong):
     _refused("positions", positions=wrong)
 
 
 class TestConstructorsCompileNothing:
-    """One program for each shape was 8 ms and 1.4 MB: 1,342 MB after 200 drawings."""
+    """A program for each shape took 8 ms and 1.4 MB: 1,342 MB after 200 drawings."""
 
     def test_scenes_of_many_sizes(self, count_compilations):
         image = np.full((5, 7, 4), 0.5, np.float32)
@@ -358,7 +363,7 @@ class TestConstructorsCompileNothing:
                 )  # fmt: skip
         assert compiled.names == []
 
-    def test_arrays_of_jax_stay_what_they_are(self, count_compilations):
+    def test_jax_arrays_are_used_without_a_copy(self, count_compilations):
         positions, triangles = jnp.asarray(SQUARE), jnp.asarray(HALVES, jnp.int32)
         colors, depth = jnp.ones((2, 1, 3)), jnp.zeros(4)
         vertex_colors = jnp.ones((4, 3))
@@ -369,15 +374,15 @@ class TestConstructorsCompileNothing:
         assert scene.positions is positions and scene.triangles is triangles
         assert scene.colors is colors and scene.depth is depth
 
-    def test_what_a_caller_changes_later_does_not_show(self):
-        """On a CPU the memory of aligned arrays would be shared."""
+    def test_later_changes_of_the_given_arrays_do_not_matter(self):
+        """On a CPU, JAX would share the memory of aligned arrays."""
         corners = np.zeros((4096, 3, 2), np.float32)
         colors = np.ones((4096, 1, 3), np.float32)
         scene = sr.Scene.from_soup(corners, colors)
         corners[:], colors[:] = 7, 7
         assert float(scene.positions.max()) == 0 and float(scene.colors.max()) == 1
 
-    def test_traced_and_concrete_parts_go_together(self):
+    def test_traced_and_concrete_arrays_may_be_mixed(self):
         @jax.jit
         def shade(vertex_colors, triangles):
             scene = sr.Scene.from_mesh(SQUARE, triangles, vertex_colors=vertex_colors)
@@ -397,14 +402,14 @@ SCRIPT_OF_BYTES = """
 import warnings
 import numpy as np
 import softras2d as sr
-with warnings.catch_warnings(record=True) as told:
+with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
     sr.Scene.from_soup(np.zeros((1, 3, 2)), np.full((1, 3), 255.0))
-print(len(told), told[0].filename, told[0].lineno)
+print(len(caught), caught[0].filename, caught[0].lineno)
 """
 
 
 def test_the_warning_names_the_line_of_the_caller():
-    """As users run it: the run-time type checks of these tests would stand in between."""
+    """In a process without the run-time type checks of the tests, which add frames."""
     done = subprocess.run([sys.executable, "-c", SCRIPT_OF_BYTES], capture_output=True, text=True)
     assert done.stdout.split() == ["1", "<string>", "7"], done.stderr

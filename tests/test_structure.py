@@ -1,11 +1,11 @@
-"""A scene pays for what it shows: an opaque flat one neither blends nor interpolates.
+"""A scene pays only for effects that it has: an opaque flat one neither blends nor interpolates.
 
-What the compiled program holds is read from the scopes of its instructions: texture, depth test,
-transmittance. What arithmetic is in it is read from the traced program, in which what derives from
-the colours and from the positions is followed from the inputs on. Blending multiplies two numbers
-that derive from colours (colour and transmittance). Interpolation multiplies one of them by one
-that derives from positions (weights). A flat scene multiplies colours by counts of samples:
-decisions and counts derive from nothing here, and to choose a colour is no arithmetic with it.
+The effects of a compiled program (texture, depth test, transmittance) are read from the scopes of
+its instructions. Its arithmetic is read from the traced program: values that derive from the
+colours, and those that derive from the positions, are marked from the inputs on. Blending
+multiplies two values that derive from colours (colour and transmittance). Interpolation multiplies
+one of them by one that derives from positions (a weight). A flat scene multiplies colours by counts
+of samples, which have no mark, and neither have decisions: choosing a colour is no arithmetic.
 """
 
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ Marks = list[int]
 
 
 def _program(channels: int, corners: int, background: int = 3) -> tuple[ClosedJaxpr, Marks]:
-    """The traced `render`, and what its inputs are."""
+    """The traced `render`, and the marks of its inputs."""
     rng = np.random.default_rng(0)
     points = rng.uniform(0, 32, (COUNT, 3, 2)).astype(np.float32)
     scene = sr.Scene.from_soup(
@@ -68,66 +68,72 @@ _VALUES = {
     "select_n": [1, 2],
     **{name: [] for name in ("population_count", "and", "or", "xor", "not")},
 }
-"""Operands that are values: the others only say where, or which. Bits are decisions."""
+"""Operands that are values, not indices or conditions. Bits are decisions."""
 
 
 class _Products:
-    """Products in a program: how many are blending, how many interpolation."""
+    """The products in a program, and how many of them are blending or interpolation."""
 
     def __init__(self, program: ClosedJaxpr, marks: Marks):
-        self.seen: dict[int, Marks] = {}
+        self.factors: dict[int, Marks] = {}
         self._follow(program.jaxpr, marks)
-        pairs = [sorted(factors) for factors in self.seen.values()]
+        pairs = [sorted(pair) for pair in self.factors.values()]
         self.blending = sum(bool(a & b & COLORS) for a, b in pairs)
         self.interpolation = sum(
             bool((a & COLORS and b & POSITIONS) or (a & POSITIONS and b & COLORS)) for a, b in pairs
         )
 
     def _follow(self, jaxpr: Jaxpr, marks: Marks) -> Marks:
-        """What the outputs derive from."""
+        """The marks of the outputs."""
         known: dict[Any, int] = dict(zip(jaxpr.invars, marks, strict=True))
 
         def mark(var: Any) -> int:
             return 0 if isinstance(var, Literal) else known.get(var, 0)
 
         for eqn in jaxpr.eqns:
-            given = [mark(var) for var in eqn.invars]
-            if not any(given):
+            operands = [mark(var) for var in eqn.invars]
+            if not any(operands):
                 continue
             if eqn.primitive.name in ("mul", "div", "dot_general"):
-                before = self.seen.get(id(eqn), [0, 0])
-                self.seen[id(eqn)] = _either(before, given)
-            for var, derived in zip(eqn.outvars, self._through(eqn, given), strict=True):
+                before = self.factors.get(id(eqn), [0, 0])
+                self.factors[id(eqn)] = _either(before, operands)
+            for var, derived in zip(
+                eqn.outvars, self._marks_of_outputs(eqn, operands), strict=True
+            ):
                 decision = getattr(var.aval, "dtype", None) == np.bool_
                 known[var] = 0 if decision else derived
         return [mark(var) for var in jaxpr.outvars]
 
-    def _through(self, eqn: JaxprEqn, given: Marks) -> Marks:
-        """What the outputs of one equation derive from."""
+    def _marks_of_outputs(self, eqn: JaxprEqn, operands: Marks) -> Marks:
+        """The marks of the outputs of one equation."""
         name, params = eqn.primitive.name, eqn.params
         if name == "while":
             first, second = params["cond_nconsts"], params["body_nconsts"]
-            fixed, carry = given[first : first + second], given[first + second :]
-            return self._loop(params["body_jaxpr"].jaxpr, fixed, carry, [])
+            constants, carry = operands[first : first + second], operands[first + second :]
+            return self._loop(params["body_jaxpr"].jaxpr, constants, carry, [])
         if name == "scan":
             first, second = params["num_consts"], params["num_carry"]
-            fixed, carry, rest = given[:first], given[first:][:second], given[first + second :]
-            return self._loop(params["jaxpr"].jaxpr, fixed, carry, rest)
+            constants, carry, scanned = (
+                operands[:first],
+                operands[first:][:second],
+                operands[first + second :],
+            )
+            return self._loop(params["jaxpr"].jaxpr, constants, carry, scanned)
         if name == "cond":
-            outs = [self._follow(branch.jaxpr, given[1:]) for branch in params["branches"]]
+            outs = [self._follow(branch.jaxpr, operands[1:]) for branch in params["branches"]]
             return [int(np.bitwise_or.reduce(column)) for column in zip(*outs, strict=True)]
         inner = list(_inner(eqn))
-        if len(inner) == 1 and len(inner[0].invars) == len(given):
-            return self._follow(inner[0], given)
+        if len(inner) == 1 and len(inner[0].invars) == len(operands):
+            return self._follow(inner[0], operands)
         if name == "sort":
-            return given
-        used = [given[i] for i in _VALUES[name]] if name in _VALUES else given
+            return operands
+        used = [operands[i] for i in _VALUES[name]] if name in _VALUES else operands
         return [int(np.bitwise_or.reduce([0, *used]))] * len(eqn.outvars)
 
-    def _loop(self, body: Jaxpr, fixed: Marks, carry: Marks, rest: Marks) -> Marks:
-        """Once around until nothing more derives from anything more."""
+    def _loop(self, body: Jaxpr, constants: Marks, carry: Marks, scanned: Marks) -> Marks:
+        """The marks of a loop's outputs, iterated until they no longer grow."""
         while True:
-            out = self._follow(body, fixed + carry + rest)
+            out = self._follow(body, constants + carry + scanned)
             new = _either(carry, out[: len(carry)])
             if new == carry:
                 return out
@@ -138,36 +144,36 @@ def _either(first: Marks, second: Marks) -> Marks:
     return [a | b for a, b in zip(first, second, strict=True)]
 
 
-def test_opaque_flat_neither_blends_nor_interpolates():
+def test_an_opaque_flat_scene_neither_blends_nor_interpolates():
     products = _Products(*_program(channels=3, corners=1))
-    assert len(products.seen) > 0
+    assert len(products.factors) > 0
     assert products.blending == 0
     assert products.interpolation == 0
 
 
 @pytest.mark.parametrize("channels", [3, 4])
-def test_corner_colors_interpolate(channels):
-    """The search finds what it looks for, and opaque scenes never blend."""
+def test_corner_colors_interpolate_and_blend_only_with_alpha(channels):
+    """The search recognizes interpolation, and opaque scenes never blend."""
     products = _Products(*_program(channels, corners=3))
     assert products.interpolation > 0
     assert (products.blending > 0) == (channels == 4)
 
 
-def test_translucent_flat_blends():
+def test_a_translucent_flat_scene_blends():
     assert _Products(*_program(channels=4, corners=1)).blending > 0
 
 
 @pytest.mark.parametrize("corners", [1, 3])
 def test_a_transparent_background_blends_no_triangles(corners):
-    """Opaque triangles over a background with alpha: divided by alpha once, for the image."""
+    """Over a background with alpha, the image is divided by alpha once."""
     products = _Products(*_program(channels=3, corners=corners, background=4))
     assert products.blending <= 1
 
 
 @pytest.mark.parametrize("corners", [1, 3])
 @pytest.mark.parametrize("channels", [3, 4])
-def test_nothing_takes_64_bits(channels, corners):
-    """What `jit` without x64, and a GPU, can hold."""
+def test_no_number_takes_64_bits(channels, corners):
+    """As under `jit` without x64."""
     program, _ = _program(channels, corners)
     for eqn in _equations(program.jaxpr):
         for var in eqn.outvars:
@@ -181,7 +187,7 @@ SCOPES = ("texture", "depth_test", "transmittance")
 
 
 def _scopes(scene: sr.Scene) -> set[str]:
-    """Those of `SCOPES` that name an instruction of the compiled program."""
+    """The `SCOPES` that name an instruction of the compiled program."""
     plan = sr.plan(scene, height=24, width=24, coverage=sr.Hard(samples=4))
     text = compile_render(scene, plan).compiled.as_text()
     return {scope for scope in SCOPES if f"/{scope}/" in text}
@@ -192,8 +198,8 @@ def _scopes(scene: sr.Scene) -> set[str]:
     [(), ("texture",), ("depth_test",), ("transmittance",), SCOPES],
     ids=lambda present: "+".join(present) or "none",
 )
-def test_a_program_holds_the_effects_of_its_scene(present):
-    """No texel is fetched, no depth kept and no transmittance carried for a scene without them."""
+def test_a_program_has_exactly_the_effects_of_its_scene(present):
+    """No texel, depth or transmittance is computed for a scene without them."""
     rng = np.random.default_rng(1)
     points = rng.uniform(0, 24, (8, 3, 2)).astype(np.float32)
     effects = {}

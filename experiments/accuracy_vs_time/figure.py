@@ -18,7 +18,7 @@ from ..common import labels
 from .points import Point, front
 
 # Colours that differ to colour-blind readers too: Okabe and Ito, *Color Universal Design* (2008).
-# Soft and Cairo, and DEODR and the loop, are told apart by their markers as well.
+# Soft and Cairo, and DEODR and the loop, also differ by their markers.
 STYLES: dict[str, tuple[str, str, Any]] = {
     "Hard": ("#D55E00", "o", "-"),
     "Hard, pixel shading": ("#D55E00", "d", "none"),
@@ -35,11 +35,11 @@ _FONT = 8.5
 
 
 def draw(
-    points: Sequence[Point], titles: dict[str, str], took: str, error: str, note: str
+    points: Sequence[Point], titles: dict[str, str], time_label: str, error: str, note: str
 ) -> Figure:
     """One panel for each scene of `titles`, the legend in a panel of its own.
 
-    `took` and `error` name the axes; `note` stands below the legend.
+    `time_label` and `error` name the axes; `note` is placed below the legend.
     """
     columns = 2
     lines = -(-(len(titles) + 1) // columns)
@@ -50,17 +50,17 @@ def draw(
     for axes, (scene, title) in zip(panels, titles.items(), strict=False):
         _panel(axes, [point for point in points if point.scene == scene])
         axes.set_title(title)
-        axes.set(xlabel=took, ylabel=error)
+        axes.set(xlabel=time_label, ylabel=error)
     for axes in panels[len(titles) :]:
         axes.axis("off")
     _key(panels[len(titles)], points, note)
-    # Labels are placed in pixels: the layout must not change after.
+    # Labels are placed in pixels, so that the layout must not change afterwards.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     for axes, scene in zip(panels, titles, strict=False):
-        mine = [point for point in points if point.scene == scene]
-        texts = [labels.Label(p.ms, p.error, _text(p), STYLES[p.family][0]) for p in mine]
-        clashes = labels.place(axes, texts, _FONT, _joined(mine))
+        of_scene = [point for point in points if point.scene == scene]
+        texts = [labels.Label(p.ms, p.error, _text(p), STYLES[p.family][0]) for p in of_scene]
+        clashes = labels.place(axes, texts, _FONT, _joined(of_scene))
         if clashes:
             print(f"{scene}: {clashes} labels found no free place")
     return figure
@@ -75,11 +75,11 @@ def _panel(axes: Any, points: Sequence[Point]) -> None:
     )  # fmt: skip
     for family, (color, marker, line) in STYLES.items():
         for filtered in (False, True):
-            mine = [p for p in points if p.family == family and ("mip" in p.label) == filtered]
-            joined = line != "none" and len(mine) > 1 and not filtered
+            of_family = [p for p in points if p.family == family and ("mip" in p.label) == filtered]
+            joined = line != "none" and len(of_family) > 1 and not filtered
             axes.plot(
-                [point.ms for point in mine],
-                [point.error for point in mine],
+                [point.ms for point in of_family],
+                [point.error for point in of_family],
                 color=color, marker=marker, linestyle=line if joined else "none",
                 linewidth=0.8, markersize=6, zorder=3,
                 markerfacecolor="white" if filtered else color,
@@ -109,7 +109,7 @@ def _joined(points: Sequence[Point]) -> list[list[tuple[float, float]]]:
 
 
 def _text(point: Point) -> str:
-    """Joined families are told by colour; the others say their name at the point too."""
+    """The label of a point; with the family's name if its points are not joined by a line."""
     joined = STYLES[point.family][2] == "-"
     if point.family == "Hard, pixel shading":
         return f"{point.label}, pixel"
@@ -117,7 +117,7 @@ def _text(point: Point) -> str:
 
 
 def _key(axes: Any, points: Sequence[Point], note: str) -> None:
-    there = {point.family for point in points}
+    families = {point.family for point in points}
     handles = [
         Line2D(
             [],
@@ -129,7 +129,7 @@ def _key(axes: Any, points: Sequence[Point], note: str) -> None:
             markerfacecolor="white" if family == "Hard, pixel shading" else color,
         )
         for family, (color, marker, line) in STYLES.items()
-        if family in there
+        if family in families
     ]
     handles.append(Line2D([], [], color="#F0E442", linewidth=6, alpha=0.8, label="Pareto front"))
     axes.legend(handles=handles, loc="upper left", fontsize=10, frameon=False)
@@ -138,11 +138,11 @@ def _key(axes: Any, points: Sequence[Point], note: str) -> None:
 
 def _family(family: str) -> str:
     about = {
-        "Hard": "softras2d Hard: samples a pixel",
+        "Hard": "softras2d Hard: samples per pixel",
         "Hard, pixel shading": "softras2d Hard, pixel shading: samples",
         "Soft": "softras2d Soft: width",
         "Area": "softras2d Area: compositing",
-        "compiled scanline": "compiled scanline (numba): samples a pixel",
+        "compiled scanline": "compiled scanline (numba): samples per pixel",
         "DEODR": "DEODR: canvas a side",
     }
     return about.get(family, family)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import softras2d as sr
 
 from ..gradient_accuracy import exact
-from ..hard_speed.own import CORES
+from ..hard_speed.ours import CORES
 from . import tiling_gradient, ways
 from .subjects import Subject
 
@@ -25,8 +25,12 @@ TARGET_SEED = 1
 
 
 @dataclass(frozen=True)
-class Slope:
-    """One way: `call` draws forwards and backwards, `read` gives `[vertices, 2]` of its result."""
+class GradientMethod:
+    """A way to compute the gradient.
+
+    - `call()` draws and differentiates.
+    - `read(result)` gives the gradient `[vertices, 2]` in what `call` returned.
+    """
 
     family: str
     label: str
@@ -41,7 +45,7 @@ def target_of(subject: Subject) -> NDArray[np.float32]:
 
 
 def truth(subject: Subject, reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """By quadrature along visible edges, about the reference image; `[vertices, 2]`."""
+    """The exact gradient `[vertices, 2]`, by quadrature along visible edges."""
     soup, scene = subject.soup, subject.scene
     assert soup is not None
     weights = 2 * (reference - target_of(subject)) / reference.size
@@ -54,36 +58,36 @@ def truth(subject: Subject, reference: NDArray[np.float64]) -> NDArray[np.float6
     return exact.position_gradient(soup, weights).reshape(-1, 2)
 
 
-def slopes(subject: Subject, quick: bool) -> list[Slope]:
+def methods_of(subject: Subject, quick: bool) -> list[GradientMethod]:
     target = target_of(subject)
-    found = [_own(subject, target, *one) for one in ways.coverages(subject, quick)]
-    return found + _deodr(subject, target)
+    methods = [_package_method(subject, target, *one) for one in ways.coverages(subject, quick)]
+    return methods + _deodr(subject, target)
 
 
-def _own(
+def _package_method(
     subject: Subject, target: NDArray[np.float32], family: str, label: str, coverage: Any
-) -> Slope:
-    """Value and gradient by all positions."""
+) -> GradientMethod:
+    """Value and gradient of the package by all positions."""
     scene, size = subject.scene, subject.size
     plan = sr.plan(scene, height=size, width=size, coverage=coverage)
-    held = jnp.asarray(target)
+    target_array = jnp.asarray(target)
 
     def loss(positions: jax.Array) -> jax.Array:
         image, _ = sr.render_checked(replace(scene, positions=positions), plan)
-        return jnp.mean((image - held) ** 2)
+        return jnp.mean((image - target_array) ** 2)
 
-    both = jax.jit(jax.value_and_grad(loss))
-    return Slope(
+    value_and_gradient = jax.jit(jax.value_and_grad(loss))
+    return GradientMethod(
         family,
         label,
         CORES,
-        lambda: jax.block_until_ready(both(scene.positions)),
-        lambda got: np.asarray(got[1], np.float64),
+        lambda: jax.block_until_ready(value_and_gradient(scene.positions)),
+        lambda result: np.asarray(result[1], np.float64),
     )
 
 
-def _deodr(subject: Subject, target: NDArray[np.float32]) -> list[Slope]:
-    """Per corner; where triangles share vertices, what their corners receive is added."""
+def _deodr(subject: Subject, target: NDArray[np.float32]) -> list[GradientMethod]:
+    """DEODR differentiates by corner; at shared vertices the gradients of corners are added."""
     soup = subject.soup
     if soup is None or not soup.opaque or "DEODR" in ways.missing():
         return []
@@ -92,13 +96,13 @@ def _deodr(subject: Subject, target: NDArray[np.float32]) -> list[Slope]:
     triangles = np.asarray(subject.scene.triangles)
     vertices = subject.scene.positions.shape[0]
 
-    def read(got: Any) -> NDArray[np.float64]:
-        gathered = np.zeros((vertices, 2))
-        np.add.at(gathered, triangles, got[1])
-        return gathered
+    def read(result: Any) -> NDArray[np.float64]:
+        gradient = np.zeros((vertices, 2))
+        np.add.at(gradient, triangles, result[1])
+        return gradient
 
-    def one(rate: int) -> Slope:
+    def one(rate: int) -> GradientMethod:
         peer = Deodr(soup, rate)
-        return Slope("DEODR", f"{rate}x{rate}", 1, lambda: peer.loss(target), read)
+        return GradientMethod("DEODR", f"{rate}x{rate}", 1, lambda: peer.loss(target), read)
 
     return [one(1), one(4)]

@@ -4,12 +4,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .ways import OWN
+from .ways import OURS
 
 
 @dataclass(frozen=True)
 class Point:
-    """One way on one scene: milliseconds, and one of its errors."""
+    """One method on one scene, with its time and one of its errors."""
 
     scene: str
     family: str
@@ -19,8 +19,9 @@ class Point:
     error: float
 
     @property
-    def own(self) -> bool:
-        return self.family in OWN
+    def is_ours(self) -> bool:
+        """Whether the method is one of softras2d."""
+        return self.family in OURS
 
     @property
     def name(self) -> str:
@@ -28,7 +29,7 @@ class Point:
 
 
 def read(rows: Sequence[dict[str, Any]], error: str) -> list[Point]:
-    """`error` names the column."""
+    """The points of rows; `error` names the column of the error."""
     return [
         Point(
             row["scene"],
@@ -43,12 +44,12 @@ def read(rows: Sequence[dict[str, Any]], error: str) -> list[Point]:
 
 
 def front(points: Sequence[Point]) -> list[Point]:
-    """Those that no other beats in time and error at once, the quickest first."""
-    found: list[Point] = []
+    """The points that no other beats in both time and error, the quickest first."""
+    best: list[Point] = []
     for point in sorted(points, key=lambda one: (one.ms, one.error)):
-        if not found or point.error < found[-1].error:
-            found.append(point)
-    return found
+        if not best or point.error < best[-1].error:
+            best.append(point)
+    return best
 
 
 def quickest(points: Sequence[Point], most: float) -> Point | None:
@@ -58,16 +59,16 @@ def quickest(points: Sequence[Point], most: float) -> Point | None:
 
 
 ALIKE = 1.01
-"""Errors that differ by a hundredth are alike: eight bits and float32 round differently."""
+"""Errors that differ by a hundredth count as equal, as eight bits and float32 round differently."""
 
 
 def ahead(points: Sequence[Point]) -> Iterator[tuple[Point, Point | None]]:
-    """Peers that no way of ours matches in time and error at once, the quickest first.
+    """Peers that no method of softras2d matches in both time and error, the quickest first.
 
-    Beside each, our quickest way with an error as low (`ALIKE`); None if there is none.
+    Each with the quickest method whose error is as low (within `ALIKE`); None if there is none.
     """
-    own = [point for point in points if point.own]
-    for peer in sorted((point for point in points if not point.own), key=lambda one: one.ms):
-        match = quickest(own, ALIKE * peer.error)
+    ours = [point for point in points if point.is_ours]
+    for peer in sorted((point for point in points if not point.is_ours), key=lambda one: one.ms):
+        match = quickest(ours, ALIKE * peer.error)
         if match is None or match.ms > peer.ms:
             yield peer, match

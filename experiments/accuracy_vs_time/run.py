@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..common import machine, progress, report
 from ..common.timing import Times, interleave
 from ..gradient_accuracy.run import cosine, error
-from ..hard_speed.own import CORES
+from ..hard_speed.ours import CORES
 from . import gradients, subjects, tables, ways
 from .subjects import Subject
 
@@ -46,55 +46,61 @@ PACKAGES = (
 
 def image_rows(subject: Subject, quick: bool) -> list[dict[str, Any]]:
     """A row for each way of drawing a scene; all are timed in turn."""
-    found = ways.contestants(subject, quick)
-    drawn = [one.draw for one in found if one.family in ways.OWN]
+    contestants = ways.contestants(subject, quick)
+    drawn = [contestant.draw for contestant in contestants if contestant.family in ways.OURS]
     compile_together([lambda: subjects.reference(subject, REFERENCES), *drawn])
-    truth = subjects.reference(subject, REFERENCES)
-    images = {one.name: np.asarray(one.image(one.draw())) for one in found}
-    times = _timed({one.name: one.draw for one in found}, quick)
+    reference = subjects.reference(subject, REFERENCES)
+    images = {
+        contestant.name: np.asarray(contestant.image(contestant.draw()))
+        for contestant in contestants
+    }
+    times = _timed({contestant.name: contestant.draw for contestant in contestants}, quick)
     return [
         {
             "scene": subject.name,
-            "family": one.family,
-            "label": one.sampling,
-            "threads": one.threads,
-            "median_ms": times[one.name].median,
-            "least_ms": times[one.name].least,
-            "calls": times[one.name].calls,
-            "rmse": float(np.sqrt(np.mean((images[one.name] - truth) ** 2))),
-            "flip": mean_flip(truth, images[one.name]),
+            "family": contestant.family,
+            "label": contestant.sampling,
+            "threads": contestant.threads,
+            "median_ms": times[contestant.name].median,
+            "least_ms": times[contestant.name].least,
+            "calls": times[contestant.name].calls,
+            "rmse": float(np.sqrt(np.mean((images[contestant.name] - reference) ** 2))),
+            "flip": mean_flip(reference, images[contestant.name]),
         }
-        for one in found
+        for contestant in contestants
     ]
 
 
 def gradient_rows(subject: Subject, quick: bool) -> list[dict[str, Any]]:
     """A row for each way of differentiating a scene; all are timed in turn."""
     truth = gradients.truth(subject, subjects.reference(subject, REFERENCES))
-    found = {f"{one.family}, {one.label}": one for one in gradients.slopes(subject, quick)}
-    compile_together(one.call for one in found.values() if one.family in ways.OWN)
-    slopes = {name: one.read(one.call()) for name, one in found.items()}
-    times = _timed({name: one.call for name, one in found.items()}, quick)
+    methods = {
+        f"{method.family}, {method.label}": method
+        for method in gradients.methods_of(subject, quick)
+    }
+    compile_together(method.call for method in methods.values() if method.family in ways.OURS)
+    by_method = {name: method.read(method.call()) for name, method in methods.items()}
+    times = _timed({name: method.call for name, method in methods.items()}, quick)
     return [
         {
             "scene": subject.name,
-            "family": one.family,
-            "label": one.label,
-            "threads": one.threads,
+            "family": method.family,
+            "label": method.label,
+            "threads": method.threads,
             "median_ms": times[name].median,
             "least_ms": times[name].least,
             "calls": times[name].calls,
-            "relative_error": error(slopes[name], truth),
-            "one_minus_cosine": 1 - cosine(slopes[name], truth),
+            "relative_error": error(by_method[name], truth),
+            "one_minus_cosine": 1 - cosine(by_method[name], truth),
         }
-        for name, one in found.items()
+        for name, method in methods.items()
     ]
 
 
 def mean_flip(truth: NDArray[np.float64], image: NDArray[Any]) -> float:
-    """Mean FLIP of two images in display values, at the evaluator's 67 pixels a degree."""
-    held, seen = (np.clip(one, 0, 1).astype(np.float32) for one in (truth, image))
-    return float(flip_evaluator.evaluate(held, seen, "LDR", applyMagma=False)[1])
+    """Mean FLIP of two images in display values, at the evaluator's 67 pixels per degree."""
+    reference, drawn = (np.clip(entry, 0, 1).astype(np.float32) for entry in (truth, image))
+    return float(flip_evaluator.evaluate(reference, drawn, "LDR", applyMagma=False)[1])
 
 
 def _timed(calls: dict[str, Callable[[], object]], quick: bool) -> dict[str, Times]:
@@ -103,14 +109,14 @@ def _timed(calls: dict[str, Callable[[], object]], quick: bool) -> dict[str, Tim
 
 
 def compile_together(calls: Iterable[Callable[[], object]]) -> None:
-    """Call each once: a compilation keeps one core busy, so as many at a time as there are."""
+    """Call each once, as many at a time as there are cores: compiling keeps one core busy."""
     with ThreadPoolExecutor(CORES) as pool:
         for done in [pool.submit(call) for call in calls]:
             done.result()
 
 
-def keep_programs() -> None:
-    """More than a hundred programs, which a second run need not compile again."""
+def cache_programs() -> None:
+    """Cache compiled programs on disk: a run has more than a hundred."""
     jax.config.update("jax_compilation_cache_dir", str(CACHE / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
@@ -121,7 +127,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="scenes by comma, into cache/only")
     arguments = parser.parse_args()
     quick, only = arguments.quick, {name for name in arguments.only.split(",") if name}
-    keep_programs()
+    cache_programs()
     results = HERE / "results"
     if quick or only:
         results = CACHE / ("quick" if quick else "only")
@@ -130,25 +136,25 @@ def main() -> None:
     chosen = [one for one in subjects.load(size) if not only or one.name in only]
     for name in ways.missing():
         print(f"left out, not installed: {name}")
-    # A run of textures alone has no gradients, and must not show those of a run before.
+    # A run of textured scenes alone has no gradients, and must not show those of an earlier run.
     (results / "gradients.csv").unlink(missing_ok=True)
     images: list[dict[str, Any]] = []
-    slopes: list[dict[str, Any]] = []
+    gradient_results: list[dict[str, Any]] = []
     for name, subject in progress.steps({one.name: one for one in chosen}.items(), "scenes"):
         images += image_rows(subject, quick)
-        # The exact gradient knows no textures.
+        # The exact gradient does not support textures.
         if not subject.textured and (not quick or name in QUICK_GRADIENTS):
-            slopes += gradient_rows(subject, quick)
+            gradient_results += gradient_rows(subject, quick)
         report.write_csv(results / "images.csv", images)
-        if slopes:
-            report.write_csv(results / "gradients.csv", slopes)
+        if gradient_results:
+            report.write_csv(results / "gradients.csv", gradient_results)
         print(f"{time.perf_counter() - began:5.0f} s  {name}", flush=True)
     run = {
         "seed": subjects.SEED,
         "target_seed": gradients.TARGET_SEED,
         "precision": "float32",
         "jax_enable_x64": False,
-        "truth": "1024 samples a pixel: Hard(256) on a canvas of twice the size",
+        "truth": "1024 samples per pixel: Hard(256) on a canvas of twice the size",
         "size_px": size,
         "threads": CORES,
         "titles": {one.name: one.title for one in chosen},

@@ -20,7 +20,7 @@ CELLS = 22
 """Cells along a side of the mesh; each is two triangles."""
 
 IDEAL = sr.Filter(pixel="bilinear", level="zero")
-"""What a texture is before any filter: texels joined by ramps, and no mip level."""
+"""The unfiltered texture: bilinear between texels, without mip levels."""
 MIPMAPPED = sr.Filter(pixel="bilinear", level="linear")
 
 
@@ -45,7 +45,7 @@ class Subject:
 
 
 def load(size: int) -> list[Subject]:
-    """All scenes; those of random triangles scale with the canvas, the width of slivers not."""
+    """All scenes; random triangles scale with the canvas, except for the width of slivers."""
     flat, glass = random_soup(1000, size, seed=SEED), random_soup(1000, size, "flat_a50", seed=SEED)
     thin = sliver_soup(size)
     textured = scenes.read("minified", height=size, width=size)
@@ -61,7 +61,7 @@ def load(size: int) -> list[Subject]:
 def mesh(size: int) -> Subject:
     """A jittered grid in the colours of a photograph; its outermost vertices are off the canvas.
 
-    So no edge lies on the border of the canvas, where a move inwards and one outwards differ.
+    Thus no edge lies on the border of the canvas, where the derivative jumps.
     """
     rng = np.random.default_rng(SEED)
     cell = size / (CELLS - 1)
@@ -99,9 +99,9 @@ def sliver_soup(size: int) -> Soup:
 
 
 def reference(subject: Subject, cache: Path) -> NDArray[np.float64]:
-    """The mean of 1024 samples a pixel: 256 on a canvas of twice the size, which is halved.
+    """The mean of 1024 samples per pixel: 256 on a canvas of twice the size, which is halved.
 
-    Textures are read at each sample, without mip levels. Kept under `cache`, by the content.
+    Textures are read at each sample, without mip levels. Cached under `cache`, by the content.
     """
     content = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(subject.scene))
     key = hashlib.sha256(content + str(subject.size).encode()).hexdigest()[:16]
@@ -124,7 +124,7 @@ def _draw_reference(subject: Subject) -> NDArray[np.float64]:
 
 
 def _soup(size: int, corners: np.ndarray, colors: np.ndarray) -> Soup:
-    """Flat, opaque and over white; `colors` is `[triangles, 3]`."""
+    """A flat opaque soup over white; `colors` is `[triangles, 3]`."""
     corner_colors = np.ones((len(corners), 3, 4), np.float32)
     corner_colors[..., :3] = colors[:, None]
     white = np.ones(3, np.float32)
@@ -132,5 +132,5 @@ def _soup(size: int, corners: np.ndarray, colors: np.ndarray) -> Soup:
 
 
 def _scene(soup: Soup) -> sr.Scene:
-    """One colour a triangle; three channels where opaque."""
+    """The scene of a soup: one colour per triangle; three channels if opaque."""
     return sr.Scene.from_soup(soup.corners, soup.colors[:, 0, : 3 if soup.opaque else 4])

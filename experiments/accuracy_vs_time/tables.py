@@ -16,15 +16,15 @@ HERE = Path(__file__).parent
 IMAGE_BOUNDS = (0.02, 0.01, 0.005, 0.002, 0.001)
 FLIP_BOUNDS = (0.05, 0.02, 0.01, 0.005)
 GRADIENT_BOUNDS = (0.5, 0.2, 0.1, 0.05)
-_MARKS = (
-    "16, 4x4: samples a pixel, or a canvas 4 times as wide, averaged.\n"
+_LABELS = (
+    "16, 4x4: samples per pixel, or a canvas 4 times as wide, averaged.\n"
     "AA: anti-aliased by coverage.\n"
 )
 _TEXTURES = (
     "Textured panel: without `mip`, bilinear and no mip level; `mip`, hollow:\n"
     "trilinear; `mip -2`: level lowered by 2. Cairo best: its best filter.\n"
 )
-_SLOPES = (
+_GRADIENTS = (
     "Of the mean squared difference to white noise.\n"
     "softras2d: all cores; DEODR: one thread; 4x4: on a canvas 4 times as wide.\n"
 )
@@ -34,37 +34,41 @@ def publish(results: Path, readme: Path | None) -> None:
     """Draw the figures, and put the tables into `readme` (None: print them)."""
     images = report.read_csv(results / "images.csv")
     path = results / "gradients.csv"
-    slopes = report.read_csv(path) if path.exists() else []
+    gradient_rows = report.read_csv(path) if path.exists() else []
     run = json.loads((results / "run.json").read_text())
     titles, size = run["titles"], run["size_px"]
     by_rmse, by_flip = read(images, "rmse"), read(images, "flip")
-    by_slope = read(slopes, "relative_error")
+    by_gradient = read(gradient_rows, "relative_error")
     threads = f"softras2d and the scanline: {run['threads']} threads, others one.\n"
     square = f"{size} x {size} px."
-    about = _MARKS + _TEXTURES + threads + square
+    about = _LABELS + _TEXTURES + threads + square
     for name, points, what, note in (
         ("rmse", by_rmse, "RMSE to 1024 samples", about),
         ("flip", by_flip, "mean FLIP to 1024 samples", about),
-        ("gradients", by_slope, "relative error of the position gradient", _SLOPES + square),
+        ("gradients", by_gradient, "relative error of the position gradient", _GRADIENTS + square),
     ):
         if not points:
             continue
         shown = {scene: titles[scene] for scene in dict.fromkeys(p.scene for p in points)}
-        took = (
-            "median time of forward and backward, ms" if points is by_slope else "median time, ms"
+        time_label = (
+            "median time of forward and backward, ms"
+            if points is by_gradient
+            else "median time, ms"
         )
-        drawn = figure.draw(points, shown, took, what, note)
+        drawn = figure.draw(points, shown, time_label, what, note)
         for suffix in ("png", "svg"):
             report.save_figure(drawn, results / f"{name}.{suffix}")
         figure.pyplot.close(drawn)
     texts = {
         "quickest-image": _quickest_table(by_rmse, titles, IMAGE_BOUNDS, "RMSE"),
         "quickest-flip": _quickest_table(by_flip, titles, FLIP_BOUNDS, "FLIP"),
-        "quickest-gradient": _quickest_table(by_slope, titles, GRADIENT_BOUNDS, "relative error"),
+        "quickest-gradient": _quickest_table(
+            by_gradient, titles, GRADIENT_BOUNDS, "relative error"
+        ),
         "ahead-image": _ahead(by_rmse, titles, "RMSE"),
-        "ahead-gradient": _ahead(by_slope, titles, "relative error"),
+        "ahead-gradient": _ahead(by_gradient, titles, "relative error"),
         "images": _images(images, titles),
-        "gradients": _gradients(slopes, titles),
+        "gradients": _gradients(gradient_rows, titles),
         "left-out": _left_out(run["left_out"]),
         "machine": _machine(run),
     }
@@ -74,17 +78,17 @@ def publish(results: Path, readme: Path | None) -> None:
 def _quickest_table(
     points: Sequence[Point], titles: dict[str, str], bounds: Sequence[float], what: str
 ) -> str:
-    """Who is quickest below each error, and softras2d's quickest beside it."""
+    """The quickest method below each error, and the quickest of softras2d."""
     header = ["scene", f"{what} at most", "quickest of all", "ms", "softras2d's quickest", "ms",
               "over the quickest"]  # fmt: skip
     lines = []
     for scene in dict.fromkeys(point.scene for point in points):
-        mine = [point for point in points if point.scene == scene]
+        of_scene = [point for point in points if point.scene == scene]
         for bound in bounds:
-            best = quickest(mine, bound)
-            own = quickest([point for point in mine if point.own], bound)
-            ratio = f"{own.ms / best.ms:.2f}" if own and best else ""
-            lines.append([titles[scene], f"{bound:g}", *_cells(best), *_cells(own), ratio])
+            best = quickest(of_scene, bound)
+            ours = quickest([point for point in of_scene if point.is_ours], bound)
+            ratio = f"{ours.ms / best.ms:.2f}" if ours and best else ""
+            lines.append([titles[scene], f"{bound:g}", *_cells(best), *_cells(ours), ratio])
     return report.table(header, lines)
 
 
@@ -93,7 +97,7 @@ def _cells(point: Point | None) -> tuple[str, str]:
 
 
 def _ahead(points: Sequence[Point], titles: dict[str, str], what: str) -> str:
-    """Each peer that is quicker than all of ours whose error is as low."""
+    """Each peer that is quicker than all methods of softras2d with as low an error."""
     header = ["scene", "peer", "ms", what, "softras2d's quickest with as low an error", "ms", what,
               "over the peer"]  # fmt: skip
     lines = []

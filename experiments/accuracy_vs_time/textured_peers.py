@@ -21,7 +21,7 @@ Draw = Callable[[], NDArray[np.uint8]]
 
 
 def contestants(subject: Subject) -> list[Contestant]:
-    """What the installed ones can do."""
+    """The renderers of the installed libraries."""
     found: list[Contestant] = []
     picture, boxes, paper = _images(subject)
     if importlib.util.find_spec("skia"):

@@ -16,7 +16,7 @@ def position_gradient(
     weights: NDArray[np.float64],
     points: int = 32,
 ) -> NDArray[np.float64]:
-    """`[vertices, 2]`, of the sum of `weights` `[size, size, 3]` times the box-filtered image.
+    """Gradient `[vertices, 2]` of the box-filtered image times `weights` `[size, size, 3]`, summed.
 
     `colors` is `[triangles, 3]`; the midpoint rule has `points` along each pixel of an edge.
     """

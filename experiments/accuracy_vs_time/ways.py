@@ -13,12 +13,12 @@ import softras2d as sr
 from ..common import scanline
 from ..hard_speed import peers
 from ..hard_speed.contestant import Contestant
-from ..hard_speed.own import CORES
+from ..hard_speed.ours import CORES
 from ..hard_speed.peers import canvas
 from . import textured_peers
 from .subjects import IDEAL, MIPMAPPED, Subject
 
-OWN = ("Hard", "Hard, pixel shading", "Soft", "Area")
+OURS = ("Hard", "Hard, pixel shading", "Soft", "Area")
 """Families of softras2d; all others are peers."""
 SAMPLES = (1, 4, 9, 16, 64, 256)
 WIDTHS_PX = (0.5, 0.8, 1.2, 2.0)
@@ -38,20 +38,20 @@ _NEEDS = {
 
 
 def missing() -> list[str]:
-    """Peers that are not installed, and so are left out."""
+    """Names of the peers that are not installed, and are left out."""
     return [name for name, module in _NEEDS.items() if importlib.util.find_spec(module) is None]
 
 
 def contestants(subject: Subject, quick: bool) -> list[Contestant]:
-    """All that can draw this scene; `sampling` is the label of the point."""
-    found = [_own(subject, *one) for one in _choices(subject, quick)]
+    """All renderers of this scene; `sampling` is the label of the point."""
+    ours = [_package(subject, *one) for one in _choices(subject, quick)]
     if subject.textured:
-        return found + textured_peers.contestants(subject)
-    return found + _loops(subject, quick) + _libraries(subject) + _deodr(subject)
+        return ours + textured_peers.contestants(subject)
+    return ours + _loops(subject, quick) + _libraries(subject) + _deodr(subject)
 
 
 def coverages(subject: Subject, quick: bool) -> Iterator[tuple[str, str, Any]]:
-    """Family, label and coverage of what draws any scene."""
+    """Family, label and coverage of the modes that draw every scene."""
     for samples in (16,) if quick else SAMPLES:
         yield "Hard", str(samples), sr.Hard(samples)
     for width in _few(subject) if quick else WIDTHS_PX:
@@ -62,7 +62,7 @@ def coverages(subject: Subject, quick: bool) -> Iterator[tuple[str, str, Any]]:
 
 
 def _few(subject: Subject) -> tuple[float, ...]:
-    """The width of a pixel's box filter; none for a tiling, which has one `Area` more."""
+    """The widths of a quick run: about a pixel; none for a tiling, which has a second `Area`."""
     return () if subject.tiling else (0.8,)
 
 
@@ -88,7 +88,9 @@ def _choices(subject: Subject, quick: bool) -> Iterator[tuple[str, str, Any, sr.
         yield "Hard, pixel shading", f"{samples} mip", coverage, MIPMAPPED
 
 
-def _own(subject: Subject, family: str, label: str, coverage: Any, how: sr.Filter) -> Contestant:
+def _package(
+    subject: Subject, family: str, label: str, coverage: Any, how: sr.Filter
+) -> Contestant:
     scene, size = subject.scene, subject.size
     plan = sr.plan(scene, height=size, width=size, coverage=coverage, filter=how)
     return Contestant(

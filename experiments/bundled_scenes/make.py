@@ -1,7 +1,7 @@
 """Write the bundled scenes: `python -m experiments.bundled_scenes.make [FOLDER]`.
 
-The files are kept in `softras2d/scenes`, so that a scene can be read without this script, and a
-test holds them to it.
+The files are in `softras2d/scenes`, so that scenes can be read without this script, and a test
+compares them with it.
 """
 
 import sys
@@ -165,7 +165,7 @@ def oklch(lightness: float, chroma: float, hue: float) -> np.ndarray:
 def rings() -> str:
     """A zone plate: ring n ends at radius sqrt(n), so rings and the gaps between cover equal areas.
 
-    Its frequency grows with the radius, to one ring a pixel at the rim.
+    Its frequency grows with the radius, to one ring per pixel at the rim.
     """
     rim, edges = 145.0, 144
     lines = [page(PAPER), '<g fill="none" stroke-linejoin="bevel">']
@@ -217,7 +217,7 @@ RIDGES = (
 
 
 def mesh() -> str:
-    """Mountains at dusk: a jittered grid whose vertices are drawn to the ridges."""
+    """Mountains at dusk: a jittered grid whose vertices are moved to the ridges."""
     random = np.random.default_rng(4)
     grid = _grid(random)
     lines = [page("#274a72")]
@@ -227,7 +227,7 @@ def mesh() -> str:
             c, d = grid[row + 1, column], grid[row + 1, column + 1]
             falling = _layer((a + b + d) / 3) != _layer((a + c + d) / 3)
             rising = _layer((a + b + c) / 3) != _layer((b + c + d) / 3)
-            # The diagonal that parts two ranges, or either.
+            # The diagonal that separates two ranges; either if there is none.
             if falling or (not rising and random.random() < 0.5):
                 halves = ([a, b, d], [a, d, c])
             else:
@@ -255,7 +255,7 @@ def _grid(random: np.random.Generator) -> np.ndarray:
     x = (x + jitter[0]) * (SIZE / COLUMNS)
     y = (y + jitter[1]) * (SIZE / ROWS)
     for column in range(COLUMNS + 1):
-        # From the nearest range back; one that is hidden, or close above another, draws no vertex.
+        # From the nearest range back; hidden ranges, or those close above another, move no vertex.
         nearest = float(SIZE)
         for layer in reversed(range(len(RIDGES))):
             row = 1 + int(np.argmin(np.abs(y[1:-1, column] - _ridge(layer, x[1:-1, column]))))
@@ -300,7 +300,7 @@ MADE: dict[str, Callable[[], str]] = {
 
 
 def write(folder: Path) -> None:
-    """The files of `MADE`, and in `textures` those of `PICTURES`."""
+    """Write the files of `MADE`, and those of `PICTURES` into `textures`."""
     (folder / "textures").mkdir(parents=True, exist_ok=True)
     for name, make in MADE.items():
         (folder / f"{name}.svg").write_text(make(), encoding="utf-8")

@@ -31,7 +31,7 @@ def sunflower() -> np.ndarray:
     radius, angle = np.hypot(x, y), np.arctan2(y, x)
     index = np.zeros((256, 256), int)
     for petals, turn, reach, color in ((21, 0.5, 122.0, 1), (21, 0.0, 112.0, 2)):
-        # From the middle of the nearest petal, -1..1 over its width.
+        # Distance from the middle of the nearest petal, -1..1 over its width.
         across = (angle * petals / (2 * np.pi) + turn + 0.5) % 1.0 * 2 - 1
         edge = 60.0 + (reach - 60.0) * np.sqrt(1 - np.abs(across) ** 1.5)
         index[radius < edge] = color
@@ -50,8 +50,8 @@ def sunflower() -> np.ndarray:
 def zone_quarter() -> np.ndarray:
     """A quarter of a zone plate, whose middle is the corner at u = v = 0; 320 x 320.
 
-    Half a period to the next texel, the finest that texels hold, is reached at each far border.
-    Grey, in few steps, keeps the file small.
+    It has half a period per texel, the finest possible pattern, at each far border. Few grey levels
+    make the file small.
     """
     size, steps = 320, 7
     along = np.arange(size) + 0.5

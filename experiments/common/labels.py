@@ -40,8 +40,8 @@ def place(
 ) -> int:
     """Draw the labels; the axes must have their final place and limits.
 
-    `paths` are lines already there, as points in data coordinates, which labels shun if they can.
-    Returns how many labels still meet another label or a point.
+    `paths` are lines on the axes, as points in data coordinates, which labels avoid if they can.
+    Returns how many labels still overlap another label or a point.
     """
     renderer = axes.figure.canvas.get_renderer()
     frame = axes.get_window_extent(renderer)
@@ -73,7 +73,7 @@ def place(
 
 
 def _sampled(axes: Any, path: list[tuple[float, float]]) -> NDArray[np.float64]:
-    """A broken line in display pixels, a point every four or so."""
+    """A polyline in display pixels, with a point about every four pixels."""
     ends = axes.transData.transform(path)
     pieces = [
         a + np.linspace(0, 1, 2 + int(np.linalg.norm(b - a) / 4))[:, None] * (b - a)
@@ -93,7 +93,7 @@ def _size(axes: Any, text: str, fontsize: float, renderer: Any) -> NDArray[np.fl
 def _option(
     point: NDArray[np.float64], size: NDArray[np.float64], angle: float, radius: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The box `x0, y0, x1, y1` of a label in one place, and its line to the point, sampled."""
+    """The box `x0, y0, x1, y1` of a label in one position, and its sampled line to the point."""
     way = np.array([np.cos(angle), np.sin(angle)])
     # As far as the box's side is from its middle in that direction, and `radius` beyond.
     reach = np.min(size / 2 / np.maximum(np.abs(way), 1e-9))
@@ -112,7 +112,7 @@ def _cost(
     lines: NDArray[np.float64],
     points: NDArray[np.float64],
 ) -> float:
-    """Places are ranked by what they cover first, then by how far off they are."""
+    """Positions are ranked first by what they cover, then by their distance."""
     outside = np.any(box[:2] < limits[:2] + 2) or np.any(box[2:] > limits[2:] - 2)
     cost = 1e6 * outside + 1e4 * _hits(box, taken).sum() + 3e3 * _hits(box, others).sum()
     cost += 30.0 * _inside(lines, box[None]).any()
@@ -130,12 +130,12 @@ def _length(leader: NDArray[np.float64]) -> float:
 
 
 def _hits(box: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which of `boxes` meet `box`."""
+    """Whether each of `boxes` overlaps `box`."""
     return np.all((boxes[:, :2] < box[2:]) & (boxes[:, 2:] > box[:2]), axis=1)
 
 
 def _inside(points: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """`[points, boxes]`."""
+    """Whether each point is inside each box, `[points, boxes]`."""
     low = points[:, None] > boxes[None, :, :2]
     return np.all(low & (points[:, None] < boxes[None, :, 2:]), axis=2)
 

@@ -27,7 +27,7 @@ def record(packages: Iterable[str]) -> dict[str, Any]:
 
 
 def describe(run: dict[str, Any], *, seed: str) -> str:
-    """A run's machine, packages and precision in a line, without its end; `seed` says which."""
+    """A run's machine, packages, precision and `seed` in one line, without a full stop."""
     on = run["machine"]
     packages = ", ".join(f"{name} {got}" for name, got in on["packages"].items() if got)
     return (
@@ -45,7 +45,7 @@ def version(package: str) -> str | None:
 
 
 def _processor() -> str:
-    """Model, family and vector width of the first processor: cloud machines name little else."""
+    """Model, family and vector width of the first processor, as cloud machines name little else."""
     path = Path("/proc/cpuinfo")
     if not path.exists():
         return platform.processor() or platform.machine()

@@ -9,7 +9,7 @@ Step = TypeVar("Step")
 
 
 def steps(items: Iterable[Step], title: str) -> Iterator[Step]:
-    """`items`, one after the other, with a bar that names the one at work."""
+    """Iterate over `items` with a bar that names the current one."""
     items = items if isinstance(items, Sequence) else list(items)
     columns = (
         TextColumn(title),

@@ -11,7 +11,7 @@ Row = Mapping[str, Any]
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> None:
-    """Columns are the keys of the first row; floats to four significant digits."""
+    """Write rows to CSV; columns are the keys of the first row, floats have four digits."""
 
     def write(temporary: Path) -> None:
         with temporary.open("w", newline="") as file:
@@ -38,7 +38,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def fill_markers(path: Path, name: str, text: str) -> None:
-    """Replace what stands between `<!-- name -->` and `<!-- /name -->` in a file."""
+    """Replace the text between `<!-- name -->` and `<!-- /name -->` in a file."""
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
     page = path.read_text()
     if page.count(begin) != 1 or page.count(end) != 1:
@@ -50,7 +50,7 @@ def fill_markers(path: Path, name: str, text: str) -> None:
 
 
 def fill_or_print(path: Path | None, texts: Mapping[str, str]) -> None:
-    """Texts by the names of their markers, into a file; without one, onto the screen."""
+    """Fill texts into a file, by the names of their markers, or print them if there is no file."""
     for name, text in texts.items():
         if path is None:
             print(f"\n{text}")

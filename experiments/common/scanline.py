@@ -11,7 +11,7 @@ on one core; `threads=2` gives each thread its share of the rows.
 Practice* (2nd edition, 1990), section 3.6.
 """
 
-# numba belongs to the experiments, not to the package that the type checker's run installs.
+# Experiments need numba, which the type checker's environment does not have.
 # pyright: reportMissingImports=false, reportPrivateImportUsage=false
 # pyright: reportAttributeAccessIssue=false
 
@@ -28,7 +28,7 @@ TRUTH_RATE = 32
 
 
 def render(soup: Soup, rate: int, threads: int = 1) -> NDArray[np.float32]:
-    """The image `[size, size, 3]` with `rate` x `rate` samples a pixel, each composited alone."""
+    """The image `[size, size, 3]` with `rate` x `rate` samples per pixel, each composited."""
     draw = _draw_parallel if threads > 1 else _draw_serial
     set_threads(threads)
     return draw(soup.corners, soup.colors, soup.background, soup.size, rate, soup.flat, soup.opaque)
@@ -40,7 +40,7 @@ def set_threads(threads: int) -> None:
 
 
 def truth(soup: Soup, cache: Path) -> NDArray[np.float32]:
-    """The 32x32-sample image, kept under `cache` once made."""
+    """The image at 32x32 samples, cached under `cache`."""
     path = cache / f"{soup.kind}_{soup.count}_{soup.size}_{soup.seed}.npy"
     if not path.exists():
         image = render(soup, TRUTH_RATE, threads=os.cpu_count() or 1)
@@ -130,7 +130,7 @@ def _interval(points, slopes, y, width):
 def _span(samples, start, step, alpha):
     """Draw one channel of a run of samples, in colours `start + step * i`.
 
-    Runs are slices, so that indices start at zero: that is what lets the compiler vectorise.
+    Runs are slices, whose indices start at zero, so that the compiler vectorises the loop.
     """
     if alpha == 1.0:
         if step == 0.0:
@@ -192,7 +192,7 @@ def _draw_row(pixel_row, listed, shapes, colors, background, rate, flat, opaque,
             out[x, k] = total[k, x] * scale
 
 
-# The same loop twice: numba's cache on disk tells functions apart by name, not by option.
+# The loop exists twice, as numba's disk cache distinguishes functions by name, not by option.
 @nb.njit(cache=True)
 def _draw_serial(corners, colors, background, size, rate, flat, opaque):
     start, index = _bin_rows(corners, size)

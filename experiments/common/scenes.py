@@ -9,7 +9,7 @@ KINDS = ("flat", "flat_a50", "gouraud", "gouraud_a50")
 COUNTS = (100, 1_000, 10_000, 100_000)
 SIZES_PX = (512, 1024)
 
-# Half, as near as eight bits come: renderers that store bytes lose nothing on the way in.
+# Nearly one half, and exact in eight bits, so that renderers that store bytes lose nothing.
 HALF = np.float32(128 / 255)
 
 # Circumradius over canvas side that makes 1000 triangles add up to about five canvases.
@@ -47,7 +47,7 @@ class Soup:
 
 
 def random_soup(count: int, size: int, kind: str = "flat", seed: int = 0) -> Soup:
-    """`count` triangles at uniform places and angles on a `size` x `size` canvas.
+    """`count` triangles at uniform positions and angles on a `size` x `size` canvas.
 
     Sides average a tenth of the canvas up to 1000 triangles; beyond, they shrink so that the
     summed area stays at five canvases. Positions scale with `size`; kinds share positions.

@@ -41,8 +41,8 @@ def interleave(
     share_s = budget_s / max(1, len(names))
     wanted = {name: _rounds(warm_s[name], share_s, rounds) for name in names}
     samples: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
-    # Among the objects of many compiled programs, one collection takes half a second: those that
-    # are there are set aside.
+    # Among the objects of many compiled programs, one garbage collection takes half a second: the
+    # existing ones are excluded from it.
     gc.collect()
     gc.freeze()
     try:
@@ -63,7 +63,7 @@ def _rounds(call_s: float, share_s: float, most: int) -> int:
 
 
 def _warm_up(call: Callable[[], object]) -> float:
-    """Seconds of a second call, the first having compiled, allocated and cached."""
+    """Seconds of the second call; the first compiles and allocates."""
     call()
     return _timed(call, warm=False)[0]
 

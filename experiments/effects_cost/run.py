@@ -72,7 +72,7 @@ def main() -> None:
     for name in steps(names, "pricing"):
         rows += price(name)
         if not only:
-            # After each scene: a run that is cut off leaves what it has.
+            # After each scene, so that an interrupted run leaves results.
             report.write_csv(HERE / "results" / "prices.csv", rows)
             report.fill_markers(HERE / "README.md", "prices", table(rows))
     if only:

@@ -20,7 +20,7 @@ HERE = Path(__file__).parent
 HEIGHT, WIDTH, SAMPLES = 600, 800, 16
 TEXTURE, REPEATS = 256, 4
 CELLS = (1, 12)
-"""Squares a side that the canvas is cut into: two triangles, or 288."""
+"""Squares along a side of the canvas: two triangles, or 288."""
 
 
 def canvas_of_squares(cells: int) -> sr.Scene:
@@ -41,10 +41,10 @@ def canvas_of_squares(cells: int) -> sr.Scene:
 
 
 def contestants(cells: int) -> dict[str, Any]:
-    """Calls by name."""
+    """Programs to time, by name."""
     textured = canvas_of_squares(cells)
     flat = replace(textured, uv=None, texture_index=None, textures=None)
-    # Colours that no sum of places tells: evaluated at each sample, and no texture.
+    # Corner colours, to be evaluated at each sample, without a texture.
     rng = np.random.default_rng(1)
     count = flat.triangles.shape[0]
     bent = replace(

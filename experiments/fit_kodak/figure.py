@@ -10,7 +10,7 @@ HERE = Path(__file__).parent
 
 
 def publish(results: Path, readme: Path) -> None:
-    """Write the table of every folder of results that the README has a place for."""
+    """Write the table of each folder of results for which the README has markers."""
     text = readme.read_text()
     for folder in sorted(path for path in results.iterdir() if (path / "run.json").exists()):
         if f"<!-- {folder.name} -->" not in text:
@@ -57,7 +57,7 @@ def _line(row: dict[str, Any]) -> list[str]:
 
 
 def _against(psnr: float, static: float | None) -> tuple[str, str]:
-    """Another's PSNR, and how much higher the fit's is."""
+    """The PSNR of another method, and how much higher that of the fit is."""
     return ("", "") if static is None else (f"{static:.2f}", f"{psnr - static:+.2f}")
 
 

@@ -1,4 +1,4 @@
-"""How good do pictures become, with how many parameters, in how many seconds?
+"""Measure PSNR of fits against numbers of parameters and seconds.
 
 python -m experiments.fit_kodak.run [FOLDER] [--astronaut] [--mesh 12300,24600] [--linear 98000]
     [--layers 200:30,1000:60] [--seconds 240] [--into results/NAME] [--statics]
@@ -34,8 +34,11 @@ SEED = 0
 
 
 class Case(NamedTuple):
-    """One fit of one picture: parameters are 5 a vertex that triangles share, 10 a triangle with
-    colours of its own, 9 a flat layer."""
+    """One fit of one picture.
+
+    Parameters: 5 for each vertex that triangles share, 10 for each triangle with its own corner
+    colours, 9 for each flat layer.
+    """
 
     family: str
     shading: str
@@ -53,7 +56,7 @@ class Case(NamedTuple):
 
 
 def fit_row(name: str, target: np.ndarray, case: Case) -> dict[str, Any]:
-    """A fit, and what a static mesh of as many vertices reaches."""
+    """The row of a fit, with the PSNR of a static mesh of as many vertices."""
     began = time.perf_counter()
     result = sr.fit(
         target,

@@ -17,11 +17,11 @@ from ..gradient_accuracy.with_deodr import Deodr
 
 SIDE = 256
 RATES = (0.5, 0.0125)
-"""Of positions in pixels, and of colours."""
+"""Learning rates of positions, in pixels, and of colours."""
 
 BETAS, SMALL = (0.9, 0.99), 1e-8
 FALL = 0.3
-"""Share of the time in which the rates fall to zero, at the end."""
+"""Share of the time, at the end, in which the learning rates fall to zero."""
 
 
 def fit(target: np.ndarray, count: int, seconds: float, seed: int) -> tuple[sr.Scene, int]:
@@ -33,19 +33,19 @@ def fit(target: np.ndarray, count: int, seconds: float, seed: int) -> tuple[sr.S
     corners = random_triangles(rng, middle, 0.9 * SIDE / count**0.5).astype(np.float64)
     pixel = np.clip(middle.astype(int), 0, SIDE - 1)
     unknowns = [corners, small[pixel[:, 1], pixel[:, 0]].copy()]
-    paper = small.mean((0, 1)).astype(np.float32)
+    background = small.mean((0, 1)).astype(np.float32)
     means, squares = ([np.zeros_like(entry) for entry in unknowns] for _ in "ms")
     steps = 0
-    while (passed := (time.perf_counter() - began) / seconds) < 1:
+    while (elapsed := (time.perf_counter() - began) / seconds) < 1:
         steps += 1
-        slopes = _slopes(unknowns[0], unknowns[1], paper, small)
-        fall = min(1.0, (1 - passed) / FALL)
-        for k, slope in enumerate(slopes):
-            means[k] = BETAS[0] * means[k] + (1 - BETAS[0]) * slope
-            squares[k] = BETAS[1] * squares[k] + (1 - BETAS[1]) * slope**2
+        gradients = _gradients(unknowns[0], unknowns[1], background, small)
+        fall = min(1.0, (1 - elapsed) / FALL)
+        for k, gradient in enumerate(gradients):
+            means[k] = BETAS[0] * means[k] + (1 - BETAS[0]) * gradient
+            squares[k] = BETAS[1] * squares[k] + (1 - BETAS[1]) * gradient**2
             mean, square = (
-                held / (1 - beta**steps)
-                for held, beta in zip((means[k], squares[k]), BETAS, strict=True)
+                moment / (1 - beta**steps)
+                for moment, beta in zip((means[k], squares[k]), BETAS, strict=True)
             )
             unknowns[k] = unknowns[k] - fall * RATES[k] * mean / (np.sqrt(square) + SMALL)
         unknowns[1] = np.clip(unknowns[1], 0, 1)
@@ -53,17 +53,17 @@ def fit(target: np.ndarray, count: int, seconds: float, seed: int) -> tuple[sr.S
     scene = sr.Scene.from_soup(
         (unknowns[0] * scale).astype(np.float32),
         unknowns[1].astype(np.float32),
-        background=paper,
+        background=background,
     )
     return scene, steps
 
 
-def _slopes(
-    corners: np.ndarray, colors: np.ndarray, paper: np.ndarray, target: np.ndarray
+def _gradients(
+    corners: np.ndarray, colors: np.ndarray, background: np.ndarray, target: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of the summed squared error, by corners and by colours."""
+    """Gradients of the summed squared error by corners and by colours."""
     rgba = np.ones((len(corners), 3, 4))
     rgba[..., :3] = colors[:, None]
-    soup = Soup("flat", SIDE, 0, corners.astype(np.float32), rgba.astype(np.float32), paper)
-    _, moved, tinted = Deodr(soup, 1).loss(target)
-    return moved * target.size, tinted * target.size
+    soup = Soup("flat", SIDE, 0, corners.astype(np.float32), rgba.astype(np.float32), background)
+    _, by_corner, by_color = Deodr(soup, 1).loss(target)
+    return by_corner * target.size, by_color * target.size

@@ -26,15 +26,15 @@ SEED = 0
 
 
 ENDLESS = 100_000
-"""Steps, of a fit that is stopped by its time."""
+"""Number of steps of a fit that is limited by time."""
 
 
 def rows_of(target: np.ndarray, count: int, solver: str, seconds: float) -> list[dict[str, Any]]:
-    """The error of the start, and after each chunk of steps; compilation is not among the time."""
+    """The error of the start and after each chunk of steps; the time excludes compilation."""
     start = sr.fit(target, triangles=count, start="uniform", seed=SEED, steps=0)
     records, compiled = _fitted(target, count, solver, seconds, ENDLESS)
     if solver == "adam":
-        # Its rate falls towards the end, which is to be where the time ends.
+        # The learning rate falls towards the last step, which must be reached when the time ends.
         records, compiled = _fitted(target, count, solver, np.inf, records[-1].steps)
     own = {"triangles": count, "solver": solver}
     first = own | {"steps": 0, "seconds": 0.0, "psnr": start.psnr}
@@ -47,7 +47,7 @@ def rows_of(target: np.ndarray, count: int, solver: str, seconds: float) -> list
 def _fitted(
     target: np.ndarray, count: int, solver: str, seconds: float, steps: int
 ) -> tuple[list[Any], float]:
-    """Records of so many steps, or of so many seconds; and what the first chunk took to compile."""
+    """Records of a fit by steps or seconds, and the compile time of its first chunk."""
     records: list[Any] = []
 
     def note(moment: Any) -> None:
@@ -63,7 +63,7 @@ def _fitted(
 
 
 def _compiling(records: list[Any]) -> float:
-    """Seconds of the first chunk beyond those that its steps take later."""
+    """Seconds of the first chunk less those of its steps in later chunks."""
     if len(records) < 3:
         return records[0].seconds
     paces = [(b.seconds - a.seconds) / (b.steps - a.steps) for a, b in itertools.pairwise(records)]

@@ -18,13 +18,16 @@ from numpy.typing import NDArray
 from ..common.scenes import Soup
 
 _TILE = 16
-"""Pixels along a tile, for which the triangles near it are listed."""
+"""Side in pixels of a tile, for each of which the triangles near it are listed."""
 
 
 def position_gradient(
     soup: Soup, weights: NDArray[np.float64], points: int = 32, rate: int = 8
 ) -> NDArray[np.float64]:
-    """`[triangles, 3, 2]`; `points` along each pixel of an edge, `rate` squared inside it."""
+    """The gradient `[triangles, 3, 2]`.
+
+    `points`: per pixel of length along edges; `rate`: squared, points per pixel inside triangles.
+    """
     corners = soup.corners.astype(np.float64)
     tiles = -(-soup.size // _TILE)
     low, high = ((f(corners, axis=1) // _TILE).astype(int) for f in (np.min, np.max))
@@ -36,18 +39,18 @@ def position_gradient(
     start = np.concatenate([[0], np.cumsum([len(one) for one in lists])])
     members = np.array([number for one in lists for number in one], np.int64)
     planes = _planes(corners, soup.colors.astype(np.float64))
-    paper = soup.background.astype(np.float64)
-    gradient = _integrate(corners, planes, paper, weights, start, members, tiles, points)
+    background = soup.background.astype(np.float64)
+    gradient = _integrate(corners, planes, background, weights, start, members, tiles, points)
     if not soup.flat:
         gradient += _integrate_inside(corners, planes, weights, start, members, tiles, rate)
     return gradient
 
 
 def _planes(corners: NDArray[np.float64], colors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """`[triangles, 4, 3]`: colour and alpha as constant, and what they gain along x and y."""
+    """Colour and alpha at the origin and their gradients by x and y, `[triangles, 4, 3]`."""
     ones = np.ones((*corners.shape[:2], 1))
-    found = np.linalg.solve(np.concatenate([ones, corners], 2), colors)
-    return found.transpose(0, 2, 1).astype(np.float64)
+    planes = np.linalg.solve(np.concatenate([ones, corners], 2), colors)
+    return planes.transpose(0, 2, 1).astype(np.float64)
 
 
 @nb.njit(cache=True)
@@ -57,7 +60,7 @@ def _color(planes, number, channel, x, y):
 
 
 @nb.njit(cache=True)
-def _holds(corners, number, x, y):
+def _contains(corners, number, x, y):
     sign = 0.0
     for k in range(3):
         ax, ay = corners[number, k]
@@ -71,98 +74,103 @@ def _holds(corners, number, x, y):
 
 
 @nb.njit(cache=True)
-def _jump(corners, planes, paper, members, first, last, own, x, y, weight):
-    """Weighted change of the composite at a point when triangle `own` comes to cover it."""
-    through, behind = 1.0, 0.0
-    shade = 0.0
+def _jump(corners, planes, background, members, first, last, triangle, x, y, weight):
+    """Weighted change of the composited colour at a point if `triangle` covers it."""
+    transmittance, behind = 1.0, 0.0
+    color = 0.0
     for channel in range(3):
-        shade += weight[channel] * _color(planes, own, channel, x, y)
-    clear = _color(planes, own, 3, x, y)
-    place = last - 1
-    while place >= first and members[place] > own:
-        other = members[place]
-        if _holds(corners, other, x, y):
-            through *= 1.0 - _color(planes, other, 3, x, y)
-            if through < 1e-9:
+        color += weight[channel] * _color(planes, triangle, channel, x, y)
+    opacity = _color(planes, triangle, 3, x, y)
+    position = last - 1
+    while position >= first and members[position] > triangle:
+        other = members[position]
+        if _contains(corners, other, x, y):
+            transmittance *= 1.0 - _color(planes, other, 3, x, y)
+            if transmittance < 1e-9:
                 return 0.0
-        place -= 1
-    rest = 1.0
-    while place >= first:
-        other = members[place]
-        if other != own and _holds(corners, other, x, y):
+        position -= 1
+    transmittance_behind = 1.0
+    while position >= first:
+        other = members[position]
+        if other != triangle and _contains(corners, other, x, y):
             alpha = _color(planes, other, 3, x, y)
             for channel in range(3):
-                behind += rest * alpha * weight[channel] * _color(planes, other, channel, x, y)
-            rest *= 1.0 - alpha
-            if rest < 1e-9:
+                behind += (
+                    transmittance_behind
+                    * alpha
+                    * weight[channel]
+                    * _color(planes, other, channel, x, y)
+                )
+            transmittance_behind *= 1.0 - alpha
+            if transmittance_behind < 1e-9:
                 break
-        place -= 1
+        position -= 1
     for channel in range(3):
-        behind += rest * weight[channel] * paper[channel]
-    return through * clear * (shade - behind)
+        behind += transmittance_behind * weight[channel] * background[channel]
+    return transmittance * opacity * (color - behind)
 
 
 @nb.njit(parallel=True, cache=True)
-def _integrate(corners, planes, paper, weights, start, members, tiles, points):
+def _integrate(corners, planes, background, weights, start, members, tiles, points):
     count, size = corners.shape[0], weights.shape[0]
     gradient = np.zeros((count, 3, 2))
-    for own in nb.prange(count):
-        a, b, c = corners[own, 0], corners[own, 1], corners[own, 2]
+    for triangle in nb.prange(count):
+        a, b, c = corners[triangle, 0], corners[triangle, 1], corners[triangle, 2]
         area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        turn = 1.0 if area > 0 else -1.0
+        orientation = 1.0 if area > 0 else -1.0
         for k in range(3):
             n = (k + 1) % 3
-            dx = corners[own, n, 0] - corners[own, k, 0]
-            dy = corners[own, n, 1] - corners[own, k, 1]
+            dx = corners[triangle, n, 0] - corners[triangle, k, 0]
+            dy = corners[triangle, n, 1] - corners[triangle, k, 1]
             steps = int(np.ceil(np.sqrt(dx * dx + dy * dy) * points))
             for step in range(steps):
                 u = (step + 0.5) / steps
-                x, y = corners[own, k, 0] + u * dx, corners[own, k, 1] + u * dy
+                x, y = corners[triangle, k, 0] + u * dx, corners[triangle, k, 1] + u * dy
                 if x < 0.0 or y < 0.0 or x >= size or y >= size:
                     continue
                 tile = (int(y) // _TILE) * tiles + int(x) // _TILE
                 amount = _jump(
-                    corners, planes, paper, members, start[tile], start[tile + 1], own, x, y,
-                    weights[int(y), int(x)],
+                    corners, planes, background, members, start[tile], start[tile + 1], triangle,
+                    x, y, weights[int(y), int(x)],
                 )  # fmt: skip
-                amount *= turn / steps
-                gradient[own, k, 0] += (1.0 - u) * amount * dy
-                gradient[own, k, 1] -= (1.0 - u) * amount * dx
-                gradient[own, n, 0] += u * amount * dy
-                gradient[own, n, 1] -= u * amount * dx
+                amount *= orientation / steps
+                gradient[triangle, k, 0] += (1.0 - u) * amount * dy
+                gradient[triangle, k, 1] -= (1.0 - u) * amount * dx
+                gradient[triangle, n, 0] += u * amount * dy
+                gradient[triangle, n, 1] -= u * amount * dx
     return gradient
 
 
 @nb.njit(parallel=True, cache=True)
 def _integrate_inside(corners, planes, weights, start, members, tiles, rate):
-    """A colour at a place changes by -grad c . (sum of w_k dv_k)."""
+    """The interior term: the colour at a point changes by -grad c . (sum of w_k dv_k)."""
     count, size = corners.shape[0], weights.shape[0]
     gradient = np.zeros((count, 3, 2))
-    for own in nb.prange(count):
-        x0, y0 = corners[own, :, 0], corners[own, :, 1]
-        twice = (x0[1] - x0[0]) * (y0[2] - y0[0]) - (y0[1] - y0[0]) * (x0[2] - x0[0])
+    for triangle in nb.prange(count):
+        x0, y0 = corners[triangle, :, 0], corners[triangle, :, 1]
+        doubled_area = (x0[1] - x0[0]) * (y0[2] - y0[0]) - (y0[1] - y0[0]) * (x0[2] - x0[0])
         low_x, high_x = max(int(x0.min()), 0), min(int(x0.max()) + 1, size)
         low_y, high_y = max(int(y0.min()), 0), min(int(y0.max()) + 1, size)
         for row in range(low_y * rate, high_y * rate):
             for column in range(low_x * rate, high_x * rate):
                 x, y = (column + 0.5) / rate, (row + 0.5) / rate
-                if not _holds(corners, own, x, y):
+                if not _contains(corners, triangle, x, y):
                     continue
                 tile = (int(y) // _TILE) * tiles + int(x) // _TILE
-                seen = _color(planes, own, 3, x, y) / rate**2
-                place = start[tile + 1] - 1
-                while members[place] > own and seen > 1e-12:
-                    if _holds(corners, members[place], x, y):
-                        seen *= 1.0 - _color(planes, members[place], 3, x, y)
-                    place -= 1
-                along, down = 0.0, 0.0
+                visible = _color(planes, triangle, 3, x, y) / rate**2
+                position = start[tile + 1] - 1
+                while members[position] > triangle and visible > 1e-12:
+                    if _contains(corners, members[position], x, y):
+                        visible *= 1.0 - _color(planes, members[position], 3, x, y)
+                    position -= 1
+                right, down = 0.0, 0.0
                 for channel in range(3):
-                    weight = weights[int(y), int(x), channel] * seen
-                    along += weight * planes[own, channel, 1]
-                    down += weight * planes[own, channel, 2]
+                    weight = weights[int(y), int(x), channel] * visible
+                    right += weight * planes[triangle, channel, 1]
+                    down += weight * planes[triangle, channel, 2]
                 for k in range(3):
                     n, m = (k + 1) % 3, (k + 2) % 3
-                    part = (x0[m] - x0[n]) * (y - y0[n]) - (y0[m] - y0[n]) * (x - x0[n])
-                    gradient[own, k, 0] -= along * part / twice
-                    gradient[own, k, 1] -= down * part / twice
+                    weight_area = (x0[m] - x0[n]) * (y - y0[n]) - (y0[m] - y0[n]) * (x - x0[n])
+                    gradient[triangle, k, 0] -= right * weight_area / doubled_area
+                    gradient[triangle, k, 1] -= down * weight_area / doubled_area
     return gradient

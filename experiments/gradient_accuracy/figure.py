@@ -45,7 +45,7 @@ def _short(value: str) -> str:
 
 
 COLORS = {"hard": "#0072B2", "soft": "#E69F00", "area": "#009E73", "DEODR": "#000000"}
-"""Okabe and Ito's: told apart by the colour-blind too."""
+"""Colours by Okabe and Ito, which colour-blind readers can distinguish."""
 
 
 def _draw(rows: list[dict[str, Any]], path: Path) -> None:

@@ -37,8 +37,8 @@ FEW = ("hard, 4", "hard, 16", "soft, 0.8 px", "area")
 """Modes that are measured on scenes that are not flat and opaque."""
 
 
-class Own:
-    """One mode: the loss, its gradient, and a tangent, compiled."""
+class Programs:
+    """The compiled loss, gradient and tangent of one mode on one scene."""
 
     def __init__(self, soup: Soup, coverage: Any):
         scene = scene_of(soup)
@@ -83,14 +83,14 @@ def error(a: Any, b: Any) -> float:
 def rows_of(soup: Soup, targets: dict[str, np.ndarray]) -> Iterator[dict[str, Any]]:
     """A row for every target, mode and peer on one scene; those of a target are timed in turn."""
     # A gradient at 256 samples of translucent corner colours would take 30 GB.
-    fine = Own(soup, sr.Hard(256, edge_gradients=False)) if soup.opaque else None
+    fine = Programs(soup, sr.Hard(256, edge_gradients=False)) if soup.opaque else None
     scene = scene_of(soup)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(256))
     image = np.asarray(sr.render(scene, plan), np.float64)
     modes = MODES if soup.flat and soup.opaque else {mode: MODES[mode] for mode in FEW}
-    own = {mode: Own(soup, coverage) for mode, coverage in modes.items()}
+    programs = {mode: Programs(soup, coverage) for mode, coverage in modes.items()}
     for name, target in targets.items():
-        yield from _rows_of(soup, name, target, image, fine, own)
+        yield from _rows_of(soup, name, target, image, fine, programs)
 
 
 def _rows_of(
@@ -98,43 +98,43 @@ def _rows_of(
     name: str,
     target: np.ndarray,
     image: np.ndarray,
-    fine: Own | None,
-    own: dict[str, Own],
+    fine: Programs | None,
+    programs: dict[str, Programs],
 ) -> Iterator[dict[str, Any]]:
     truth = exact.position_gradient(soup, 2 * (image - target) / image.size)
-    held = jnp.asarray(target)
-    by_color = fine.gradient(*fine.arguments, held)[1] if fine else None
+    target_array = jnp.asarray(target)
+    by_color = fine.gradient(*fine.arguments, target_array)[1] if fine else None
     calls: dict[str, Callable[[], Any]] = {}
-    found: dict[str, tuple[Any, Any]] = {}
-    for mode, one in own.items():
-        calls[f"{mode}/forward"] = one.call(one.forward, held)
-        calls[f"{mode}/gradient"] = one.call(one.gradient, held)
-        calls[f"{mode}/tangent"] = one.call(one.tangent, held)
-        found[mode] = one.gradient(*one.arguments, held)
+    gradients: dict[str, tuple[Any, Any]] = {}
+    for mode, one in programs.items():
+        calls[f"{mode}/forward"] = one.call(one.forward, target_array)
+        calls[f"{mode}/gradient"] = one.call(one.gradient, target_array)
+        calls[f"{mode}/tangent"] = one.call(one.tangent, target_array)
+        gradients[mode] = one.gradient(*one.arguments, target_array)
     if soup.opaque and soup.flat and importlib.util.find_spec("deodr"):
         from .with_deodr import Deodr
 
         for rate in (1, 4) if soup.count <= 1000 else (1,):
             peer = Deodr(soup, rate)
-            found[f"DEODR, {rate} x {rate}"] = peer.loss(target)[1:]
+            gradients[f"DEODR, {rate} x {rate}"] = peer.loss(target)[1:]
             calls[f"DEODR, {rate} x {rate}/gradient"] = lambda peer=peer: peer.loss(target)
     times = interleave(calls, rounds=9, budget_s=30)
     yardstick = times.get("DEODR, 1 x 1/gradient")
-    for mode, (moved, tinted) in found.items():
-        took = {kind: times.get(f"{mode}/{kind}") for kind in ("forward", "gradient", "tangent")}
-        gradient = took["gradient"]
+    for mode, (by_position, by_colors) in gradients.items():
+        by_kind = {kind: times.get(f"{mode}/{kind}") for kind in ("forward", "gradient", "tangent")}
+        gradient = by_kind["gradient"]
         yield {
             "scene": soup.kind,
             "triangles": soup.count,
             "target": name,
             "mode": mode,
-            "cosine": f"{cosine(moved, truth):.5f}",
-            "relative_error": error(moved, truth),
-            "color_cosine": "" if by_color is None else f"{cosine(tinted, by_color):.6f}",
-            **{f"{kind}_ms": one.median if one else "" for kind, one in took.items()},
+            "cosine": f"{cosine(by_position, truth):.5f}",
+            "relative_error": error(by_position, truth),
+            "color_cosine": "" if by_color is None else f"{cosine(by_colors, by_color):.6f}",
+            **{f"{kind}_ms": one.median if one else "" for kind, one in by_kind.items()},
             "least_gradient_ms": gradient.least if gradient else "",
             "over_deodr": gradient.median / yardstick.median if gradient and yardstick else "",
-            "first_call_s": own[mode].first_call_s if mode in own else "",
+            "first_call_s": programs[mode].first_call_s if mode in programs else "",
         }
 
 
@@ -157,8 +157,8 @@ def main() -> None:
         targets["photograph"] = cut.mean((1, 3)).astype(np.float32)
     results = HERE / "results" / "gradients.csv"
     kinds = options.kinds.split(",")
-    kept = report.read_csv(results) if results.exists() else []
-    rows = [row for row in kept if row["scene"] not in kinds]
+    stored = report.read_csv(results) if results.exists() else []
+    rows = [row for row in stored if row["scene"] not in kinds]
     cells = [
         (kind, int(count))
         for kind in kinds

@@ -22,8 +22,8 @@ class Deodr:
         count, self.rate, self.size = soup.count, rate, soup.size
         corners = soup.corners.astype(np.float64)
         edge, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        turned = edge[:, 0] * other[:, 1] - edge[:, 1] * other[:, 0] > 0
-        self.order = np.where(turned[:, None], [0, 2, 1], [0, 1, 2])
+        is_clockwise = edge[:, 0] * other[:, 1] - edge[:, 1] * other[:, 0] > 0
+        self.order = np.where(is_clockwise[:, None], [0, 2, 1], [0, 1, 2])
         corners = np.take_along_axis(corners, self.order[..., None], 1)
         self.target = np.zeros((0, 0, 3))
         faces = np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
@@ -58,6 +58,6 @@ class Deodr:
         weight = 2 * (image - target) / image.size / rate**2
         scene.render_backward(np.ascontiguousarray(weight.repeat(rate, 0).repeat(rate, 1)))
         by_corner = np.zeros((len(self.order), 3, 2))
-        moved = scene.ij_b.reshape(-1, 3, 2) * rate
-        np.put_along_axis(by_corner, self.order[..., None], moved, 1)
+        by_oriented_corner = scene.ij_b.reshape(-1, 3, 2) * rate
+        np.put_along_axis(by_corner, self.order[..., None], by_oriented_corner, 1)
         return image, by_corner, scene.colors_b.reshape(-1, 3, 3).sum(1)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 class Contestant:
     """A way to draw one scene.
 
-    - `family`: who draws: "softras2d", "scanline", "scalar loop" or a peer's name.
+    - `family`: who draws: "softras2d", "scanline", "scalar loop" or the name of a peer.
     - `sampling`: how pixels are averaged: "16 samples", "4x4 canvas", "anti-aliased".
-    - `threads`: how many it may use.
+    - `threads`: number of threads that it may use.
     - `draw()` does the timed work and returns when it is done.
     - `image(drawn)` turns what `draw` returned into `[size, size, 3]` float32, untimed.
     """

@@ -39,7 +39,7 @@ def _box(canvas: Any, rate: int, out: Any) -> None:
 
 @nb.njit(cache=True)
 def _box_words(canvas: Any, out: Any) -> None:
-    """Sixteen bytes sum to less than 2^16, so channels 0 and 2 of a word never meet."""
+    """Sixteen bytes sum to less than 2^16, so that channels 0 and 2 of a word do not overlap."""
     scale = np.float32(1.0 / (255.0 * 16))
     even, low = np.uint32(0x00FF00FF), np.uint32(0x000000FF)
     for y in range(out.shape[0]):

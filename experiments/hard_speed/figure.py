@@ -40,7 +40,7 @@ _SHORT = {
     "4x4 canvas, anti-aliased": "4x4 AA",
     "1 sample": "1",
 }
-# Where a label stands, in points from its marker: Cairo's would meet Skia's.
+# Offset of a label from its marker in points: Cairo's would overlap Skia's.
 _OFFSETS = {"Cairo": (5, -10), "scanline": (-12, -11)}
 
 
@@ -111,7 +111,7 @@ def _time_against_count(axes: Any, times: Times) -> None:
                     label=line[0].label,
                 )
     axes.set(xscale="log", yscale="log", xlabel="triangles", ylabel="median time (ms)")
-    axes.set_title("16 samples a pixel, flat opaque, 512 x 512 px")
+    axes.set_title("16 samples per pixel, flat opaque, 512 x 512 px")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower right")
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))

@@ -23,11 +23,11 @@ _ROOT = Path(__file__).parents[2]
 
 
 def measure(kind: str, count: int, size: int, samples: int) -> dict[str, Any]:
-    """Seconds and mebibytes of a fresh process that draws one scene, then one alike.
+    """Seconds and mebibytes of a fresh process that draws one scene, then a similar one.
 
     `first_s` is scene, plan and first render together, compilation included, after the imports, and
     `first_render_s` the render alone; `alike_s` is the same for the scene with its triangles moved
-    by half a pixel and other colours; `peak_mib` is the most memory ever held.
+    by half a pixel and other colours; `peak_mib` is the peak of its memory.
     """
     environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
     environment["JAX_ENABLE_COMPILATION_CACHE"] = "false"
@@ -49,9 +49,9 @@ def _draw_two(kind: str, count: int, size: int, samples: int) -> dict[str, Any]:
 
     import softras2d as sr
 
-    from .own import package_scene
+    from .ours import package_scene
 
-    # Names load on first use: take them here, so that imports are not counted as drawing.
+    # Names are imported on first use: import them here, so that the time of imports is not counted.
     plan_scene, render, hard = sr.plan, sr.render, sr.Hard(samples=samples)
     result: dict[str, Any] = {"import_s": lap(), "import_mib": _peak_mib()}
     first = random_soup(count, size, kind)
@@ -75,7 +75,7 @@ def _draw_two(kind: str, count: int, size: int, samples: int) -> dict[str, Any]:
 def _peak_mib() -> float:
     """Largest resident set of this program so far (Linux).
 
-    Not `getrusage`: its figure survives `exec`, and would be that of the process that started us.
+    Not `getrusage`, whose value survives `exec`, and would be that of the parent process.
     """
     status = Path("/proc/self/status").read_text()
     return int(re.search(r"VmHWM:\s+(\d+) kB", status)[1]) / 1024  # pyright: ignore

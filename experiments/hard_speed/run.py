@@ -15,7 +15,7 @@ import numpy as np
 from ..common import machine, report, scanline
 from ..common.scenes import COUNTS, KINDS, SIZES_PX, Soup, random_soup
 from ..common.timing import Times, interleave
-from . import check, fresh, own, peers, tables
+from . import check, fresh, ours, peers, tables
 from .contestant import Contestant
 from .peers.canvas import LARGE_ANTI_ALIASED
 
@@ -37,8 +37,8 @@ PACKAGES = (
 class Cell(NamedTuple):
     """One scene: softras2d at all `samples`, the loops at all `loop_samples`.
 
-    The slowest contestants, which scale as their quicker kin do, are left to scenes of 512 px
-    (the scalar loop) and to the one scene that everybody draws (anti-aliasing on a large canvas).
+    The slowest contestants draw fewer scenes, as they scale like the quicker ones: the scalar loop
+    draws those of 512 px, and anti-aliasing on a large canvas draws the scene common to all.
     """
 
     kind: str
@@ -51,7 +51,7 @@ class Cell(NamedTuple):
 def cells(quick: bool, every: bool = False) -> Iterator[Cell]:
     """Scenes to draw: every rate on 1000 triangles at 512 px, else 16 samples.
 
-    Without `every`, the scenes that are asked about: all counts of flat opaque triangles at 512 px,
+    Without `every`, only the scenes of the targets: all counts of flat opaque triangles at 512 px,
     and 1000 and 100,000 of the others.
     """
     if quick:
@@ -72,7 +72,7 @@ def cells(quick: bool, every: bool = False) -> Iterator[Cell]:
 
 
 def fresh_cells(quick: bool) -> Iterator[tuple[str, int, int, int]]:
-    """Kind, triangles, size and samples of what is drawn in a process of its own."""
+    """Kind, triangles, size and samples of the scenes drawn in separate processes."""
     yield "flat", 1000, 512, 16
     if not quick:
         yield "flat_a50", 1000, 512, 16
@@ -84,12 +84,12 @@ def fresh_cells(quick: bool) -> Iterator[tuple[str, int, int, int]]:
 def contestants(cell: Cell, soup: Soup, only: set[str]) -> list[Contestant]:
     found = []
     if not only or "softras2d" in only:
-        found += [own.softras2d(soup, samples) for samples in cell.samples]
+        found += [ours.softras2d(soup, samples) for samples in cell.samples]
     for samples in cell.loop_samples:
-        for threads in sorted({1, own.CORES}):
-            found.append(own.loop(soup, samples, threads, by_rows=True))
+        for threads in sorted({1, ours.CORES}):
+            found.append(ours.loop(soup, samples, threads, by_rows=True))
             if cell.size == 512:
-                found.append(own.loop(soup, samples, threads, by_rows=False))
+                found.append(ours.loop(soup, samples, threads, by_rows=False))
     everybody = (cell.count, cell.size) == (1000, 512)
     found += [
         one for one in peers.contestants(soup) if everybody or one.sampling != LARGE_ANTI_ALIASED
@@ -124,14 +124,14 @@ def _row(cell: Cell, one: Contestant, times: Times, rmse: float | None) -> dict[
 
 
 def _rmse(image: np.ndarray, truth: np.ndarray) -> float | None:
-    """None where the contestant draws no image: calls alone."""
+    """The error of an image; None for contestants that draw none, which measure calls alone."""
     if image.shape != truth.shape:
         return None
     return float(np.sqrt(np.mean((image.astype(np.float64) - truth) ** 2)))
 
 
 def measure_fresh(quick: bool) -> list[dict[str, Any]]:
-    """First renders and peak memory, each in a process of its own."""
+    """First renders and peak memory, each in a separate process."""
     found = []
     for kind, count, size, samples in fresh_cells(quick):
         about = {"kind": kind, "triangles": count, "size_px": size, "samples": samples}

@@ -20,7 +20,7 @@ from ..common.scenes import Soup
 
 
 def render(soup: Soup, rate: int, threads: int = 1) -> NDArray[np.float32]:
-    """The image `[size, size, 3]` with `rate` x `rate` samples a pixel."""
+    """The image `[size, size, 3]` with `rate` x `rate` samples per pixel."""
     set_threads(threads)
     draw = _draw_parallel if threads > 1 else _draw_serial
     return draw(

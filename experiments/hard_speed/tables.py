@@ -21,7 +21,7 @@ KIND_NAMES = {
     "gouraud": "Corner colours, opaque",
     "gouraud_a50": "Corner colours, alpha 0.5",
 }
-# What is compared on every scene.
+# The samplings that are compared on every scene.
 _SAMPLINGS = ("16 samples", "4x4 canvas", "anti-aliased")
 
 
@@ -53,7 +53,7 @@ def targets_table(times: Times, fresh: list[dict[str, Any]]) -> str:
 
 
 def speed_table(times: Times) -> str:
-    """For the project's README: flat scenes at 16 samples, and who else averages as many."""
+    """The table of the project's README: flat scenes at 16 samples or on a 4x4 canvas."""
     contestants = {
         "softras2d, 16 samples": ("softras2d", "16 samples", None),
         "Skia, 4x4": ("Skia", "4x4 canvas", None),
@@ -64,11 +64,11 @@ def speed_table(times: Times) -> str:
     }
     rows = []
     for count in COUNTS:
-        found = [
+        entries = [
             times.find(family, sampling, triangles=count, parallel=parallel)
             for family, sampling, parallel in contestants.values()
         ]
-        cells = ["" if e is None else f"{e.median_ms:.1f} ms" for e in found]
+        cells = ["" if e is None else f"{e.median_ms:.1f} ms" for e in entries]
         rows.append([f"{count:,}", *cells])
     return report.table(["triangles, flat, 512 px", *contestants], rows)
 

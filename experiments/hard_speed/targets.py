@@ -6,7 +6,7 @@ from .times import Entry, Times
 
 
 class Target(NamedTuple):
-    """`value` and `least` in the words of a table; `met` is None where nothing was asked."""
+    """A row of the table: `met` is None if the question has no target."""
 
     question: str
     asked: str
@@ -21,7 +21,7 @@ def targets(times: Times, fresh: list[dict[str, Any]]) -> list[Target]:
 
 
 def _against_others(times: Times) -> list[Target]:
-    """softras2d at 16 samples over the time of those who average as many."""
+    """The time of softras2d at 16 samples over that of peers with as many."""
     rows = []
     for count, most in ((1000, 0.6), (10_000, 1.0), (100_000, 1.0)):
         own = times.find("softras2d", "16 samples", triangles=count)

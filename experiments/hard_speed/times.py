@@ -8,7 +8,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Entry:
-    """One contestant on one scene, as `run.py` wrote it; `rmse` is None for calls alone."""
+    """One contestant on one scene, as written by `run.py`; `rmse` is None for calls alone."""
 
     kind: str
     triangles: int
@@ -47,7 +47,7 @@ class Times:
         size_px: int = 512,
         parallel: bool | None = None,
     ) -> Entry | None:
-        """The entry, or None if the run has it not; `parallel` picks among the compiled loops."""
+        """The entry, or None if the run lacks it; `parallel` selects among the compiled loops."""
         for entry in self.scene(kind, triangles, size_px):
             if (entry.family, entry.sampling) == (family, sampling) and (
                 parallel is None or parallel == (entry.threads > 1)

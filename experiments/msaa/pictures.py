@@ -26,7 +26,7 @@ PART, ZOOM = 24, 9
 
 
 def sheet(path: Path, pictures: dict[str, dict[str, np.ndarray]], samples: int) -> None:
-    """A row for each scene: the whole, then the detail by each method, by name."""
+    """A row for each scene: the full image, then the detail by each method."""
     strips = []
     for name, (x, y) in DETAILS.items():
         whole = pictures[name]["MSAA"].astype(np.float32)
@@ -41,7 +41,7 @@ def sheet(path: Path, pictures: dict[str, dict[str, np.ndarray]], samples: int) 
 
 
 def _framed(image: np.ndarray, x: int, y: int) -> np.ndarray:
-    """With the border of the detail drawn in, in a colour that no scene has."""
+    """The image with the border of the detail drawn in a colour that no scene has."""
     framed = image.copy()
     color = np.array([1.0, 0.0, 0.8], np.float32)
     for row in (y - 1, y + PART):
@@ -57,7 +57,7 @@ _FAR = np.array([[-4.0, -4.0], [9.0, -4.0], [-4.0, 9.0]])
 
 
 def explanation() -> Figure:
-    """One pixel on the silhouette: what is stored after each triangle, the near one first."""
+    """What each variant stores for one silhouette pixel after each triangle, the near one first."""
     figure, panels = pyplot.subplots(
         3, 4, figsize=(11.5, 9.2), layout="constrained", width_ratios=(1.15, 1, 1, 1)
     )
@@ -93,7 +93,7 @@ def _triangle(corners: np.ndarray, depth: float, color: np.ndarray) -> Triangle:
 
 
 def _owner_color(drawn: list[Triangle], point: np.ndarray) -> np.ndarray:
-    """The colour in a sample's own store; black where nothing was drawn."""
+    """The colour that a sample stores; black where nothing was drawn."""
     over = [triangle for triangle in drawn if triangle.covers(point)]
     nearest = min(over, key=lambda triangle: triangle.depth[0], default=None)
     return np.zeros(3) if nearest is None else nearest.color
@@ -110,7 +110,7 @@ def _geometry(axes: Any, points: np.ndarray, near: Triangle, far: Triangle) -> N
 
 
 def _stored(axes: Any, points: np.ndarray, colors: list[np.ndarray], depths: list[str]) -> None:
-    """A square for each colour in store, and a depth written for each depth in store."""
+    """A square for each stored colour, and a number for each stored depth."""
     _square(axes, (-0.02, 1.02))
     for color, (x, y) in zip(colors, points if len(colors) > 1 else [(0.5, 0.5)], strict=True):
         side = 0.5 if len(colors) > 1 else 1.0

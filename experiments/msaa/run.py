@@ -27,7 +27,7 @@ CACHE = HERE / "cache"
 PACKAGES = ("softras2d", "jax", "jaxlib", "numpy", "matplotlib")
 SHADINGS = {"SSAA": "sample", "MSAA": "pixel"}
 SHOWN = 4
-"""Samples a pixel in the picture: the courses' 2 x 2."""
+"""Samples per pixel in the contact sheet: 2 x 2, as in courses."""
 TIMED = 16
 
 
@@ -78,7 +78,7 @@ def measure(name: str, samples: int) -> tuple[list[dict[str, Any]], dict[str, np
     background = np.asarray(scene.background, np.float64)
     for method, draw in VARIANTS.items():
         images[method], shaded[method] = draw(drawn, points, background)
-    # Both shade each triangle once in each pixel where it shows.
+    # Both shade each triangle once in each pixel where it is visible.
     shaded["MSAA"] = shaded["c: depth and colour a sample"]
     covered = int((owner >= 0).any(axis=-1).sum())
     rows = []
@@ -89,7 +89,7 @@ def measure(name: str, samples: int) -> tuple[list[dict[str, Any]], dict[str, np
             "method": method,
             "samples": samples,
             "rmse": float(np.sqrt(((image - truth) ** 2).mean())),
-            # Another shading is not wrong.
+            # Colours that differ by shading alone are not counted as wrong.
             "wrong": "" if method == "SSAA" else float((off > 1 / 255).mean()),
             "furthest": float(off.max()),
             "shaded": shaded[method] / covered,
@@ -99,7 +99,7 @@ def measure(name: str, samples: int) -> tuple[list[dict[str, Any]], dict[str, np
 
 
 def measure_times(samples: int) -> list[dict[str, Any]]:
-    """The package alone: each scene as it is, and its triangles in flat colours."""
+    """Times of the package: each scene as it is, and with flat colours."""
     subjects_timed = {
         "crossing": (subjects.read("crossing"), subjects.FILTER),
         "carpets": (subjects.read("carpets"), subjects.FILTER),
@@ -123,7 +123,7 @@ def measure_times(samples: int) -> list[dict[str, Any]]:
 
 
 def _ground() -> sr.Scene:
-    """The bundled plane, which hides nothing: without depth."""
+    """The bundled ground plane without its depth, as it hides nothing."""
     size = subjects.SIZE
     return replace(scenes.read("ground", height=size, width=size), depth=None)
 

@@ -28,7 +28,7 @@ class Triangle(NamedTuple):
     texels: np.ndarray | None
 
     def box(self, size: int) -> tuple[slice, slice]:
-        """The rows and columns of pixels that it can touch."""
+        """The rows and columns of pixels that the triangle can touch."""
         low = np.clip(np.floor(self.corners.min(axis=0)), 0, size).astype(int)
         high = np.clip(np.floor(self.corners.max(axis=0)) + 1, 0, size).astype(int)
         return slice(low[1], high[1]), slice(low[0], high[0])
@@ -40,18 +40,18 @@ class Triangle(NamedTuple):
         first = _cross(b - points, c - points)
         second = _cross(c - points, a - points)
         third = _cross(a - points, b - points)
-        # The signs are exact: corners lie on a grid that leaves float64 room for the products.
+        # The signs are exact, as float64 represents products of coordinates on the grid.
         return np.stack([first, second, third], axis=-1) / area
 
     def covers(self, points: np.ndarray) -> np.ndarray:
-        """Whether the closed triangle holds points."""
+        """Whether the closed triangle contains each point."""
         return np.all(self.weights(points) >= 0, axis=-1)
 
     def depth_at(self, points: np.ndarray) -> np.ndarray:
         return self.weights(points) @ self.depth
 
     def color_at(self, points: np.ndarray) -> np.ndarray:
-        """`[..., 3]`, in perspective; the texture bilinear, from its base level."""
+        """Perspective-correct colours `[..., 3]`, with bilinear lookups in the base level."""
         if self.uv is None or self.texels is None:
             return np.broadcast_to(self.color, (*points.shape[:-1], 3))
         weighted = self.weights(points) * self.inverse_w
@@ -60,7 +60,7 @@ class Triangle(NamedTuple):
 
 
 def triangles(scene: sr.Scene, size: int) -> Iterator[Triangle]:
-    """In draw order, on the grid to which the package snaps."""
+    """The triangles of a scene in draw order, snapped to the package's grid."""
     unit = 2.0 ** Grid.for_canvas(size, size, 1).bits
     positions = np.round(np.asarray(scene.positions, np.float64) * unit) / unit
     none = np.zeros(len(positions))
@@ -93,8 +93,8 @@ def pixel_corners(size: int) -> np.ndarray:
 def color_of_pixels(triangle: Triangle, points: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     """One colour of a triangle in each pixel `[pixels, 3]`, for the pixels with `chosen` samples.
 
-    At the centre if the triangle holds it, else at the centroid of the samples that it covers, so
-    that nothing is read beyond the triangle, and whatever hides some of them changes nothing.
+    Evaluated at the centre if the triangle contains it, else at the centroid of the covered
+    samples, whether hidden or not, so that nothing is extrapolated.
     """
     found = chosen.any(axis=-1)
     at = points[found]

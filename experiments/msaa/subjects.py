@@ -18,7 +18,7 @@ SIZE = 240
 NAMES = ("overlap", "crossing", "carpets")
 
 FILTER = sr.Filter(pixel="bilinear", level="zero")
-"""How carpets are sampled: simple enough to be written down again in numpy."""
+"""The filter of the carpets, simple enough for a second implementation in numpy."""
 
 
 def read(name: str) -> sr.Scene:
@@ -27,7 +27,7 @@ def read(name: str) -> sr.Scene:
 
 
 def carpets() -> sr.Scene:
-    """Two kilims in space, one through the other, over black; the near one is drawn first."""
+    """Two kilims that cross in space, over black; the near one is drawn first."""
     square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     lying = square[:, [0, 2, 1]] * (1.0, 1.0, 1.2) + (0.0, -0.15, 0.0)
     c, s = np.cos(np.radians(38.0)), np.sin(np.radians(38.0))
@@ -50,22 +50,22 @@ def carpets() -> sr.Scene:
 
 
 def flat(scene: sr.Scene) -> sr.Scene:
-    """The same triangles in one colour each, without a texture."""
+    """The same triangles in one colour each, without textures."""
     tone = jnp.linspace(0.2, 0.8, scene.triangles.shape[0], dtype=scene.colors.dtype)
     colors = jnp.broadcast_to(tone[:, None, None], (scene.triangles.shape[0], 1, 3))
     return replace(scene, colors=colors, uv=None, texture_index=None, textures=None)
 
 
 def plan(scene: sr.Scene, samples: int, shading: str, filter: sr.Filter = FILTER) -> sr.Plan:
-    """With every choice but these the same."""
+    """The plan of a scene; the arguments are all that differs between methods."""
     coverage = sr.Hard(samples=samples, shading=shading)  # pyright: ignore[reportArgumentType]
     return sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage, filter=filter)
 
 
 def reference(scene: sr.Scene, cache: Path) -> np.ndarray:
-    """The mean of 1024 samples a pixel, each shaded: 256 on twice the canvas, which is halved.
+    """The mean of 1024 samples per pixel, each shaded: 256 on twice the canvas, which is halved.
 
-    Kept under `cache`, by the scene's content.
+    Cached under `cache`, by the scene's content.
     """
     content = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(scene))
     path = cache / f"{hashlib.sha256(content).hexdigest()[:16]}.npy"

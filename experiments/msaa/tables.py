@@ -35,7 +35,7 @@ def methods_table(rows: list[dict[str, Any]]) -> str:
             wrong = row["wrong"] and f"{100 * float(row['wrong']):.2f} %"
             cells += [f"{float(row['rmse']):.4f}", wrong, f"{float(row['shaded']):.2f}"]
         lines.append([f"{scene}, {method}", *cells])
-    columns = ("RMSE", "wrong pixels", "colours a pixel")
+    columns = ("RMSE", "wrong pixels", "colours per pixel")
     header = [f"{count} samples: {column}" for count in counts for column in columns]
     return report.table(["scene, method", *header], lines)
 

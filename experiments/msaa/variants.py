@@ -2,7 +2,7 @@
 
 Each draws one triangle after another over the square of pixels `points [size, size, samples, 2]`,
 and returns the frame `[size, size, 3]` and how many times a colour was evaluated. They differ in
-what they keep of a pixel between two triangles.
+what they store for a pixel between two triangles.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,12 +15,12 @@ Drawing = tuple[np.ndarray, int]
 
 
 def one_depth(drawn: Sequence[Triangle], points: np.ndarray, background: np.ndarray) -> Drawing:
-    """Wrong: a pixel keeps one depth, of its nearest covered sample, and one colour.
+    """Wrong: a pixel stores one depth, of its nearest covered sample, and one colour.
 
-    The colour that is stored is the triangle's times its share of the samples. On the silhouette of
-    a near triangle that is part of its colour and nothing else: what lies behind is deeper than the
-    one depth and never gets in. Over a black background such a pixel looks right; before another
-    triangle it is a black line.
+    The stored colour is the triangle's times its share of the samples. On the silhouette of a near
+    triangle it is a fraction of that triangle's colour and nothing else, since what lies behind is
+    deeper than the one depth. Over a black background such a pixel looks right; in front of another
+    triangle it is part of a black line.
     """
     frame = _empty(points, background)
     depth = np.full(points.shape[:2], np.inf)
@@ -41,12 +41,11 @@ def one_depth(drawn: Sequence[Triangle], points: np.ndarray, background: np.ndar
 def frame_as_store(
     drawn: Sequence[Triangle], points: np.ndarray, background: np.ndarray
 ) -> Drawing:
-    """Wrong: each sample keeps its depth, but the colours of a pixel are blended at once.
+    """Wrong: each sample stores its depth, but colours are blended into the pixel at once.
 
-    A triangle is mixed into the frame by its share of the samples. Drawn back to front that is
-    right for two triangles; else a later triangle, which owns the other samples, also thins out the
-    colour of the earlier one, whose samples it does not own, and what was there before that shines
-    through.
+    A triangle is blended into the frame by its share of the samples. That is right for two
+    triangles drawn back to front. Otherwise a later triangle, which covers other samples, also
+    reduces the weight of the earlier one, so that the background shows through.
     """
     frame = _empty(points, background)
     depth = np.full(points.shape[:3], np.inf)
@@ -63,9 +62,9 @@ def frame_as_store(
 
 
 def per_sample(drawn: Sequence[Triangle], points: np.ndarray, background: np.ndarray) -> Drawing:
-    """Right: each sample keeps its depth and its colour; a pixel is the mean of its samples.
+    """Right: each sample stores its depth and its colour; a pixel is the mean of its samples.
 
-    Depth is tested first for all triangles, so that only those are shaded that keep a sample.
+    All triangles are tested for depth first, so that only visible ones are shaded.
     """
     owner = owners(drawn, points)
     store = np.repeat(_empty(points, background)[:, :, None], points.shape[2], axis=2)
@@ -81,7 +80,7 @@ def per_sample(drawn: Sequence[Triangle], points: np.ndarray, background: np.nda
 
 
 def owners(drawn: Sequence[Triangle], points: np.ndarray) -> np.ndarray:
-    """The triangle that each sample shows, `[size, size, samples]`; -1: none."""
+    """The triangle visible at each sample, `[size, size, samples]`; -1: none."""
     depth = np.full(points.shape[:3], np.inf)
     owner = np.full(points.shape[:3], -1)
     for index, triangle in enumerate(drawn):
@@ -91,7 +90,7 @@ def owners(drawn: Sequence[Triangle], points: np.ndarray) -> np.ndarray:
 
 
 def _pass_depth_test(triangle: Triangle, points: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """The samples where a triangle is no deeper than all before; `depth` becomes its own there."""
+    """The samples where a triangle passes the depth test; its depth is stored there."""
     here = triangle.depth_at(points)
     passed = triangle.covers(points) & (here <= depth)
     depth[passed] = here[passed]

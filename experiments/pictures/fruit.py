@@ -3,7 +3,7 @@
 import numpy as np
 
 SIDE = 256
-"""Pixels along each side."""
+"""Side in pixels."""
 
 _SUN = np.array([-0.55, -0.65, 0.53])
 """Towards the light: x right, y down, z towards the viewer."""
@@ -18,7 +18,7 @@ _BALLS = (
 
 
 def fruit(samples: int) -> np.ndarray:
-    """Linear light `[256 samples, 256 samples, 3]`."""
+    """The picture in linear light, `[256 samples, 256 samples, 3]`."""
     y, x = (np.mgrid[: SIDE * samples, : SIDE * samples] + 0.5) / samples
     image = np.where((y < 118)[..., None], _wall(x, y), _cloth(x, y))
     for (cx, cy), radius, _ in _BALLS:
@@ -36,7 +36,7 @@ def _wall(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _cloth(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Squares seen under a slant, faded with distance."""
+    """Squares seen at a slant, faded with distance."""
     depth = 60 / (y - 88).clip(1)
     across, along = (x - 128) * depth / 26, 9 * depth
     square = (np.floor(across) + np.floor(along)) % 2
@@ -47,7 +47,7 @@ def _cloth(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _shadow(x: np.ndarray, y: np.ndarray, cx: float, cy: float, radius: float) -> np.ndarray:
-    """How much light is left beside a ball."""
+    """The share of light that a ball does not block."""
     u, v = x - cx - 0.75 * radius, y - cy - 0.8 * radius
     off = np.hypot(u / 1.25, v / 0.42) / radius
     return 1 - 0.72 / (1 + np.exp(12 * (off - 0.95)))

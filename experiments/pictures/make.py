@@ -1,7 +1,7 @@
 """Write the bundled pictures: `python -m experiments.pictures.make [FOLDER]`.
 
-The files are kept in `softras2d/pictures`, and a test holds them to this script. Each picture is
-computed with 4 x 4 samples a pixel in linear light.
+The files are in `softras2d/pictures`, and a test compares them with this script. Each picture is
+computed with 4 x 4 samples per pixel in linear light.
 """
 
 import sys
@@ -17,13 +17,13 @@ from .fruit import fruit
 from .valley import valley
 
 _SAMPLES = 4
-"""Along each side of a pixel."""
+"""Samples along each side of a pixel."""
 
 _LIGHT = {"valley": valley, "fruit": fruit}
 
 
 def make(name: str) -> np.ndarray:
-    """`[height, width, 3]` in 0..1, in sRGB."""
+    """A picture `[height, width, 3]` in 0..1, in sRGB."""
     fine = _LIGHT[name](_SAMPLES)
     height, width = fine.shape[0] // _SAMPLES, fine.shape[1] // _SAMPLES
     pixels = fine.reshape(height, _SAMPLES, width, _SAMPLES, 3).mean((1, 3))
@@ -31,7 +31,7 @@ def make(name: str) -> np.ndarray:
 
 
 def main() -> None:
-    """Write all pictures into the folder given, else where they are kept."""
+    """Write all pictures into the given folder, else into the package."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else pictures.path("valley").parent
     folder.mkdir(parents=True, exist_ok=True)
     for name in pictures.names():

@@ -11,7 +11,7 @@ def smooth(ys: np.ndarray, xs: np.ndarray, rng: np.random.Generator) -> np.ndarr
     """
     rows, columns = _weights(ys), _weights(xs)
     values = rng.standard_normal((rows.shape[1], columns.shape[1]))
-    # The mean over places of the squared weights of one axis is 151 / 315.
+    # The mean over positions of the sum of squared weights along one axis is 151 / 315.
     return rows @ values @ columns.T * (315 / 151)
 
 
@@ -53,13 +53,13 @@ def look_up(field: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndar
 
 
 def ramp(x: np.ndarray, start: float | np.ndarray, end: float | np.ndarray) -> np.ndarray:
-    """From 0 at `start` smoothly to 1 at `end`, which may be the lesser."""
+    """A smooth step from 0 at `start` to 1 at `end`, which may be below `start`."""
     t = np.clip((x - start) / (end - start), 0, 1)
     return t * t * (3 - 2 * t)
 
 
 def mix(first: np.ndarray, second: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Colours `[..., 3]`, or numbers, from `first` at share 0 to `second` at share 1."""
+    """Interpolate colours `[..., 3]` or numbers, from `first` at share 0 to `second` at share 1."""
     return first + (second - first) * share
 
 

@@ -7,16 +7,16 @@ from .noise import fractal, look_up, mix, ramp, ridged, smooth
 HEIGHT, WIDTH = 256, 384
 FOCAL_PX, HORIZON_PX, EYE_KM = 400.0, 148.0, 0.07
 SUN = np.array([0.30, 0.178])
-"""Where the sun stands, as tangents: right of the middle, and above the horizon."""
+"""Direction of the sun as tangents, right of the middle and above the horizon."""
 LIGHT = np.array([0.80, 0.40, 0.12])
 """Towards the sun (right, up, away). Further to the side than `SUN`, which shows more relief."""
 NEAREST, FARTHEST, CELL_KM = 2.0, 13.0, 0.009
 HALF_KM = 6.3
-"""The land reaches so far to both sides."""
+"""How far the land reaches to both sides."""
 
 
 def valley(samples: int) -> np.ndarray:
-    """Radiance with `samples` x `samples` to a pixel."""
+    """Radiance with `samples` x `samples` samples per pixel."""
     rng = np.random.default_rng(7)
     rows = (np.arange(HEIGHT * samples) + 0.5) / samples
     columns = (np.arange(WIDTH * samples) + 0.5) / samples
@@ -40,7 +40,7 @@ def valley(samples: int) -> np.ndarray:
 
 
 def _sky(up: np.ndarray, right: np.ndarray, clouds: np.ndarray) -> np.ndarray:
-    """From blue down to gold, the sun with its glow, and thin clouds."""
+    """Blue above and gold below, the sun with its glow, and thin clouds."""
     height = ramp(up, -0.02, 0.38)[:, None, None]
     glow = _glow(up, right)
     sky = mix(np.array([0.86, 0.60, 0.40]), np.array([0.13, 0.27, 0.52]), height**0.75)
@@ -160,7 +160,7 @@ def _lake(
     samples: int,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """The mirrored view on rippled water, which reflects the more the flatter it is looked at."""
+    """The mirrored view on rippled water, which reflects more at grazing angles."""
     depth = np.log(np.clip(away, 0.05, 30))
     ripples = fractal(depth * 34, right * 22, rng, 3, 0.6)
     breeze = ramp(fractal(depth * 4, right * 3.2, rng, 3), 0.1, 1.3)

@@ -14,7 +14,7 @@ class Case:
 
     - `kind`: as in `random_soup`; `triangles` of each scene on `size_px` x `size_px` pixels.
     - `overdraw`: the triangles' summed area over that of the canvas.
-    - `samples` a pixel; `batch`: scenes of one call, by `vmap`.
+    - `samples`: per pixel; `batch`: number of scenes in one call, by `vmap`.
     """
 
     kind: str = "flat"
@@ -27,7 +27,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Axis:
-    """`base` with `field` set to each of `sizes`; the figure says `label`."""
+    """Cases that are `base` with `field` set to each of `sizes`; `label` is for the figure."""
 
     name: str
     label: str
@@ -40,7 +40,7 @@ class Axis:
             yield size, replace(self.base, **{self.field: size})
 
 
-# The upper half of each range, on a log scale, holds most of the sizes: it is what is fitted.
+# Most sizes lie in the upper half of each range on a log scale, which is fitted.
 _OVERDRAW = (1.0, 3.16, 10.0, 17.8, 31.6, 56.2, 100.0)
 AXES = (
     Axis(
@@ -50,7 +50,7 @@ AXES = (
         (100, 1_000, 10_000, 31_600, 100_000, 316_000, 1_000_000),
     ),
     Axis("canvas", "side of the canvas (px)", "size_px", (256, 512, 1024, 1448, 2048, 2896, 4096)),
-    Axis("samples", "samples a pixel", "samples", (1, 4, 9, 16, 64, 256)),
+    Axis("samples", "samples per pixel", "samples", (1, 4, 9, 16, 64, 256)),
     Axis(
         "overdraw",
         "overdraw, opaque (canvases)",
@@ -77,7 +77,7 @@ QUICK = (
     Axis("triangles", "triangles", "triangles", (100, 1_000, 10_000), Case(size_px=256)),
     Axis("batch", "scenes a call", "batch", (1, 4), Case(triangles=100, size_px=64, samples=4)),
 )
-"""Few and small sizes: that everything runs, not what it costs."""
+"""Few and small sizes, to check that everything runs."""
 
 
 def soups(case: Case) -> list[Soup]:
@@ -89,9 +89,9 @@ def soups(case: Case) -> list[Soup]:
 
 
 def with_overdraw(soup: Soup, overdraw: float) -> Soup:
-    """Every triangle grown about its centre, so that their areas add up to `overdraw` canvases.
+    """Scale every triangle about its centre, so that their areas add up to `overdraw` canvases.
 
-    Parts beyond the border count: the overdraw of the pixels is a little less.
+    Areas beyond the border count, so that the overdraw of pixels is a little less.
     """
     corners = soup.corners.astype(np.float64)
     centre = corners.mean(1, keepdims=True)

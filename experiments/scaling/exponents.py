@@ -9,7 +9,7 @@ import numpy as np
 class Fit(NamedTuple):
     """`cost = scale size ** exponent`, fitted to the sizes from `first` to `last`.
 
-    `error` is the standard error of the exponent, NaN where two sizes leave none.
+    `error` is the standard error of the exponent; NaN for two sizes.
     """
 
     exponent: float
@@ -28,7 +28,7 @@ def fit(sizes: Sequence[float], costs: Sequence[float]) -> Fit | None:
     The half begins at the geometric mean of the least and the greatest.
     """
     middle = np.sqrt(min(sizes) * max(sizes)) if sizes else 0.0
-    # A rounding must not drop the size in the middle.
+    # Rounding must not exclude the size in the middle.
     upper = [(s, c) for s, c in zip(sizes, costs, strict=True) if s >= 0.99 * middle]
     if len(upper) < 2:
         return None

@@ -19,7 +19,7 @@ from ..common import machine, report
 from .cases import AXES, QUICK
 from .exponents import Fit, fit
 from .growth import WHAT
-from .visits import COUNTED, OWN, YARDSTICK
+from .visits import COUNTED, OURS, YARDSTICK
 
 HERE = Path(__file__).parent
 # Colours that differ to colour-blind readers too: Okabe and Ito, *Color Universal Design* (2008).
@@ -53,7 +53,7 @@ def publish(results: Path, readme: Path | None) -> None:
 
 
 def series(rows: list[Row], axis: str, what: str, cost: str) -> tuple[list[float], list[float]]:
-    """Sizes and costs that were measured."""
+    """The measured sizes and costs."""
     key = COSTS[cost][0]
     mine = [r for r in rows if (r["axis"], r["what"]) == (axis, what) and r[key]]
     return [float(r["size"]) for r in mine], [float(r[key]) for r in mine]
@@ -64,7 +64,7 @@ def axes_of(rows: list[Row]) -> list[str]:
 
 
 def draw_growth(rows: list[Row]) -> Figure:
-    """Small multiples, three axes abreast: their times above their memory."""
+    """Panels of times above panels of memory, three axes in a row."""
     names = axes_of(rows)
     across = min(3, len(names))
     blocks = -(-len(names) // across)
@@ -96,7 +96,7 @@ def _draw_growth(axes: Any, rows: list[Row], name: str, cost: str) -> None:
             axes.plot(ends, [_fitted(found, size) for size in ends], color="black", linewidth=1.2)
     axes.set(xscale="log", yscale="log", xlabel=LABELS[name])
     low, high = axes.get_ylim()
-    # Room for the legend above the lines, and a decade at least, so that slopes are not flattered.
+    # Space for the legend above the lines, and at least a decade, so that slopes look comparable.
     high = max(high, 10 * low)
     axes.set_ylim(low, high * (high / low) ** 0.35)
     axes.grid(alpha=0.3)
@@ -119,7 +119,7 @@ def _plain(value: float, _: Any) -> str:
 
 
 def draw_ways(rows: list[Row]) -> Figure:
-    """A panel of bars for each scene: finding what shows, and averaging it after."""
+    """A panel of bars for each scene: time to find visible triangles, and to average colours."""
     scenes = list(dict.fromkeys(r["scene"] for r in rows))
     ways = list(dict.fromkeys(r["way"] for r in rows))
     figure, grid = pyplot.subplots(
@@ -131,8 +131,8 @@ def draw_ways(rows: list[Row]) -> Figure:
         place = range(len(ways))
         find = [float(mine[way]["find_ms"]) for way in ways]
         resolve = [float(mine[way]["resolve_ms"]) for way in ways]
-        at_once = [way in (COUNTED, OWN) for way in ways]
-        colors = ["#D55E00" if way == OWN else "#0072B2" for way in ways]
+        at_once = [way in (COUNTED, OURS) for way in ways]
+        colors = ["#D55E00" if way == OURS else "#0072B2" for way in ways]
         axes.barh(place, find, color=colors, hatch=["//" if one else "" for one in at_once],
                   edgecolor="white", label="_")  # fmt: skip
         axes.barh(place, resolve, left=find, color="#BBBBBB")
@@ -159,7 +159,7 @@ def _key() -> Iterable[Any]:
 
 
 def _way_label(way: str) -> str:
-    return "softras2d (all cores)" if way == OWN else way
+    return "softras2d (all cores)" if way == OURS else way
 
 
 def _scene_title(scene: str, row: Row) -> str:
@@ -190,7 +190,7 @@ def exponents_table(rows: list[Row]) -> str:
 
 
 def left_out(rows: list[Row]) -> str:
-    """A sentence for every case that was not drawn."""
+    """A sentence for each case that was left out."""
     missing = [r for r in rows if r["left_out"]]
     if not missing:
         return "No case was left out: each needed less than 16 GiB and less than a minute a call."
@@ -203,7 +203,7 @@ def left_out(rows: list[Row]) -> str:
 
 
 def memory_table(rows: list[Row]) -> str:
-    """The compiler's figure against what a fresh process grew by."""
+    """Memory by the compiler's analysis, and the growth of a fresh process."""
     lines = []
     for r in rows:
         laid_out = float(r["program_mib"]) - float(r["arguments_mib"])
@@ -239,7 +239,7 @@ def ways_tables(rows: list[Row]) -> str:
         lines = []
         for r in mine:
             find, resolve = float(r["find_ms"]), float(r["resolve_ms"])
-            alone = r["way"] not in (COUNTED, OWN)
+            alone = r["way"] not in (COUNTED, OURS)
             lines.append(
                 [
                     _way_label(r["way"]),

@@ -12,7 +12,7 @@ import numpy as np
 import softras2d as sr
 
 from ..common.timing import interleave
-from ..hard_speed.own import package_scene
+from ..hard_speed.ours import package_scene
 from .cases import Axis, Case, soups
 
 MOST_BYTES = 16 * 2**30
@@ -85,12 +85,12 @@ class Drawing:
             drawn = replace(scene, positions=positions, colors=colors)
             return jnp.mean((sr.render_checked(drawn, plan)[0] - target) ** 2)
 
-        def slopes(scene, target):
+        def gradient(scene, target):
             return jax.grad(loss, (0, 1))(scene.positions, scene.colors, scene, target)
 
         if self.over_batch:
-            slopes = jax.vmap(slopes, (0, None))
-        return Program(slopes, self.scene, target)
+            gradient = jax.vmap(gradient, (0, None))
+        return Program(gradient, self.scene, target)
 
 
 def _stack(*leaves: Any) -> Any:
@@ -100,7 +100,7 @@ def _stack(*leaves: Any) -> Any:
 def measure_axis(
     axis: Axis, known: dict[Case, list[dict[str, Any]]], budget_s: float
 ) -> list[dict[str, Any]]:
-    """Two rows, for image and gradient, of every size; `known` remembers cases of other axes."""
+    """Two rows per size, for image and gradient; `known` caches cases shared by several axes."""
     rows: list[dict[str, Any]] = []
     for size, case in axis.cases():
         if case not in known:
@@ -111,9 +111,9 @@ def measure_axis(
 
 
 def _foreseen(rows: list[dict[str, Any]], size: float) -> dict[str, float]:
-    """Seconds of a call at `size`, if it grows from the last one by proportion.
+    """Estimated seconds of a call at `size`, in proportion to the last size.
 
-    Infinite where the last one was left out.
+    Infinite if the last one was left out.
     """
     last = {row["what"]: row for row in rows}
     return {

@@ -1,4 +1,4 @@
-"""Compare the compiler's figure for memory with what the system gave to a fresh process.
+"""Compare the compiler's figure for memory with the growth of a fresh process.
 
     python -m experiments.scaling.memory WHAT KIND TRIANGLES SIZE_PX SAMPLES OVERDRAW BATCH
 
@@ -24,9 +24,9 @@ def measure(what: str, case: Case) -> dict[str, Any]:
     """Mebibytes of a process that draws one case once.
 
     - `program_mib`: arguments, results and temporaries, as the compiler lays them out.
-    - `arguments_mib`: those of them that the process held before the call.
+    - `arguments_mib`: the arguments, which the process has before the call.
     - `grown_mib`: how far the resident set grew above its size before the call.
-    - `imported_mib`: after the imports; `process_mib`: the most ever held, planning and
+    - `imported_mib`: after the imports; `process_mib`: the peak, planning and
       compiling included.
     """
     environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
@@ -46,7 +46,7 @@ def _draw_once(what: str, case: Case) -> dict[str, float]:
     found = {"imported_mib": _status_mib("VmHWM")}
     program = Drawing(case).program(what)
     before, before_peak = _status_mib("VmRSS"), _status_mib("VmHWM")
-    Path("/proc/self/clear_refs").write_text("5")  # VmHWM starts again from what is held now.
+    Path("/proc/self/clear_refs").write_text("5")  # Reset VmHWM to the current resident set.
     # The results must be alive when the peak is read.
     results = program()
     peak = _status_mib("VmHWM")

@@ -24,12 +24,12 @@ MEMORY_CASES = (
     ("gradient", Case(samples=256)),
     ("gradient", Case(triangles=100, size_px=128, batch=64)),
 )
-"""What is drawn once more in a process of its own."""
+"""Cases that are also drawn in separate processes."""
 QUICK_MEMORY_CASES = (("gradient", Case(size_px=256)),)
 
 
 def growth_rows(axes: tuple[Axis, ...], path: Path, budget_s: float) -> list[dict[str, Any]]:
-    """Rows of all axes, kept after each: a run that is cut off leaves what it has."""
+    """Rows of all axes, written after each, so that an interrupted run leaves results."""
     known: dict[Case, list[dict[str, Any]]] = {}
     rows: list[dict[str, Any]] = []
     for axis in axes:

@@ -17,7 +17,7 @@ import numpy as np
 RATE = 4
 """Samples along a side of a pixel."""
 TILE = 32
-"""Samples along a side of a tile: a row of them is one word."""
+"""Samples along a side of a tile, so that a row of them is one word."""
 
 _ONES = np.uint32(0xFFFFFFFF)
 _COUNT = np.array([bits.bit_count() for bits in range(1 << RATE)], np.float32)
@@ -99,7 +99,7 @@ def box_by_columns(edges, boxes, owner):
 def _one_by_one(edges, boxes, owner, patience):
     """Rows of the bounding box, each left `patience` samples after the triangle's far side.
 
-    A loop that may break is one that the compiler does not vectorise.
+    The compiler does not vectorise a loop that may break.
     """
     for t in range(boxes.shape[0]):
         left, right, top, bottom = boxes[t]
@@ -124,7 +124,7 @@ def box_one_by_one(edges, boxes, owner):
 
 @compiled
 def early_exit(edges, boxes, owner):
-    """The same, each row left for the next one where it leaves the triangle."""
+    """Like `box_one_by_one`, but each row ends where it leaves the triangle."""
     _one_by_one(edges, boxes, owner, 0)
 
 
@@ -139,7 +139,7 @@ def _first_inside(value, step):
 
 @compiled
 def _interval(row, first, last):
-    """The samples of `first..last` that lie inside: a triangle is convex, so they are a run."""
+    """The samples of `first..last` that lie inside, one interval as triangles are convex."""
     for value, step in row:
         if step > 0:
             first = max(first, _first_inside(value, step))
@@ -152,7 +152,7 @@ def _interval(row, first, last):
 
 @compiled
 def spans(edges, boxes, owner):
-    """The ends of each row's run from the edges, and then no more tests."""
+    """The ends of each row's interval from the edges, without tests of samples between."""
     for t in range(boxes.shape[0]):
         left, right, top, bottom = boxes[t]
         for j in range(top, bottom + 1):
@@ -163,7 +163,7 @@ def spans(edges, boxes, owner):
 
 @compiled
 def count_covered(edges, boxes):
-    """Samples inside, those of each triangle counted alone."""
+    """The number of covered samples, summed over triangles."""
     count = 0
     for t in range(boxes.shape[0]):
         left, right, top, bottom = boxes[t]
@@ -191,7 +191,7 @@ def _write(samples, word, t):
 
 @compiled
 def bit_masks(edges, boxes, owner):
-    """Front to back, with a bit for each sample: what is hidden is dropped 32 samples at a time."""
+    """Front to back, with a bit per sample, so that 32 hidden samples are skipped at once."""
     covered = np.zeros((owner.shape[0], owner.shape[1] // TILE), np.uint32)
     for t in range(boxes.shape[0] - 1, -1, -1):
         left, right, top, bottom = boxes[t]
@@ -209,7 +209,7 @@ def bit_masks(edges, boxes, owner):
 
 @compiled
 def _touches(edges, t, column, row):
-    """Whether no edge alone rules out the whole tile."""
+    """Whether each edge has some sample of the tile inside."""
     for k in range(3):
         value, right, down = edges[t, k]
         most = value + right * column * TILE + down * row * TILE
@@ -247,7 +247,7 @@ def list_tiles(edges, boxes, tiles):
 
 @compiled
 def _see(edges, boxes, t, column, row, covered, seen):
-    """Put what shows of a triangle in a tile into the words `seen`, and mark it `covered`."""
+    """Store a triangle's visible samples of a tile in the words `seen`, and mark them covered."""
     left, right, top, bottom = boxes[t]
     start = column * TILE
     for j in range(TILE):
@@ -261,7 +261,7 @@ def _see(edges, boxes, t, column, row, covered, seen):
 
 @compiled
 def tile_lists(edges, boxes, owner):
-    """Masks tile by tile, front to back through its list, until the tile is full."""
+    """Masks tile by tile, front to back through the tile's list, until the tile is full."""
     tiles = owner.shape[0] // TILE
     start, index = list_tiles(edges, boxes, tiles)
     covered, seen = np.empty(TILE, np.uint32), np.empty(TILE, np.uint32)
@@ -290,7 +290,7 @@ def _add(sums, word, color):
 
 @compiled
 def tile_lists_counted(edges, boxes, colors, background, image):
-    """The same, with bits counted instead of a canvas of samples: the image at once."""
+    """Like `tile_lists`, but counts bits and adds colours to the image, without storing samples."""
     side = TILE // RATE
     tiles = image.shape[0] // side
     start, index = list_tiles(edges, boxes, tiles)

@@ -12,7 +12,7 @@ from softras2d.geometry.fixed_point import Grid
 
 from ..common.scenes import Soup, random_soup
 from ..common.timing import interleave
-from ..hard_speed import own
+from ..hard_speed import ours
 from . import traversal
 from .cases import with_overdraw
 
@@ -26,12 +26,12 @@ LOOPS: dict[str, Callable[..., None]] = {
     "bit masks": traversal.bit_masks,
     "tile lists": traversal.tile_lists,
 }
-COUNTED, OWN = "tile lists, counted", "softras2d"
+COUNTED, OURS = "tile lists, counted", "softras2d"
 SET_UP, RESOLVE = "set-up alone", "resolve alone"
 YARDSTICK = "bounding box, by rows"
 TOLERANCE = 2e-6
 _NO_TRIANGLE = 2**17
-"""Above every index: an index over it is a colour below 1, exact in float32."""
+"""A number above every index; an index divided by it is a colour below 1, exact in float32."""
 
 
 def scenes(quick: bool) -> Iterator[tuple[str, Soup]]:
@@ -58,7 +58,7 @@ def slivers(count: int, size: int, seed: int = 0) -> Soup:
 
 
 class Table(NamedTuple):
-    """What the loops of a scene share: see `traversal`; `owner` and `image` are written over."""
+    """Arrays that the loops of a scene share (see `traversal`); `owner` and `image` are results."""
 
     soup: Soup
     bits: int
@@ -91,7 +91,7 @@ class Table(NamedTuple):
         return self.image
 
     def count(self) -> NDArray[np.float32]:
-        """The image without a canvas of samples."""
+        """The image, without storing samples."""
         shapes = self.shapes()
         traversal.tile_lists_counted(*shapes, self.colors, self.soup.background, self.image)
         return self.image
@@ -102,17 +102,17 @@ def compare(name: str, soup: Soup, budget_s: float) -> list[dict[str, Any]]:
 
     `find_ms` is the time until the triangle in front of every sample is known, edges and boxes
     (`set_up_ms` of it) included; `resolve_ms` is that of averaging their colours, which is the
-    same for all loops; what does both at once has `find_ms` alone. Counts of samples are the
-    scene's.
+    same for all loops; methods that do both at once have `find_ms` alone. Counts of samples are
+    those of the scene.
     """
     table = Table.of(soup)
-    package = own.softras2d(soup, traversal.RATE**2)
+    package = ours.softras2d(soup, traversal.RATE**2)
     check(table, package.image(package.draw()))
     counts = count_samples(table)
     calls: dict[str, Callable[[], object]] = {
         way: lambda loop=loop: table.find(loop) for way, loop in LOOPS.items()
     }
-    calls |= {COUNTED: table.count, OWN: package.draw}
+    calls |= {COUNTED: table.count, OURS: package.draw}
     calls |= {SET_UP: table.shapes, RESOLVE: table.resolve}
     times = interleave(calls, rounds=7, budget_s=budget_s)
     set_up, resolve = times.pop(SET_UP), times.pop(RESOLVE)
@@ -125,7 +125,7 @@ def compare(name: str, soup: Soup, budget_s: float) -> list[dict[str, Any]]:
             "find_ms": measured.median,
             "least_find_ms": measured.least,
             "cpu_ms": measured.cpu,
-            "set_up_ms": set_up.median if way != OWN else 0.0,
+            "set_up_ms": set_up.median if way != OURS else 0.0,
             "resolve_ms": resolve.median if way in LOOPS else 0.0,
             "calls": measured.calls,
             **counts,
@@ -135,10 +135,10 @@ def compare(name: str, soup: Soup, budget_s: float) -> list[dict[str, Any]]:
 
 
 def check(table: Table, drawn: NDArray[np.float32]) -> None:
-    """Every way shows the same triangle at the same sample, or `ValueError`.
+    """Raise `ValueError` unless all methods give the same visible triangle at every sample.
 
-    `drawn` is the package's image. The package shows its samples as pixels of a canvas so much
-    larger, with one sample a pixel: the grid of vertices is the same, and colours tell triangles.
+    `drawn` is the package's image. The samples of the package are found by drawing them as pixels
+    of a larger canvas, with the same grid and a colour for each triangle.
     """
     wanted = shown_by_package(table.soup)
     for way, loop in LOOPS.items():
@@ -146,7 +146,7 @@ def check(table: Table, drawn: NDArray[np.float32]) -> None:
         if differing:
             raise ValueError(f"{way!r} differs from the package at {differing} samples.")
     image = table.resolve().copy()
-    for way, other in ((COUNTED, table.count()), (OWN, drawn)):
+    for way, other in ((COUNTED, table.count()), (OURS, drawn)):
         error = np.abs(other - image).max()
         if error > TOLERANCE:
             raise ValueError(f"the image by {way!r} is off by {error:.1e}.")

@@ -1,4 +1,4 @@
-"""Draw one tiling under each coverage mode, and measure where paper shows through seams.
+"""Draw one tiling under each coverage mode, and measure how the background shows through seams.
 
 python -m experiments.seams.run
 """
@@ -33,7 +33,7 @@ COVERAGES = {
 }
 
 MOST = 0.3
-"""Difference at the end of the scale."""
+"""The difference at the end of the colour scale."""
 
 
 def tiling() -> sr.Scene:

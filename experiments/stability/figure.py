@@ -15,13 +15,13 @@ HERE = Path(__file__).parent
 
 def publish(results: Path, readme: Path) -> None:
     """Write the tables into `readme`, and the figure beside the results."""
-    cases, carried, shifts, sums, degenerate = (
+    cases, attributes, shifts, sums, degenerate = (
         report.read_csv(results / f"{name}.csv")
-        for name in ("cases", "carried", "shifts", "long_sums", "degenerate")
+        for name in ("cases", "attributes", "shifts", "long_sums", "degenerate")
     )
     run = json.loads((results / "run.json").read_text())
     report.fill_markers(readme, "cases", report.table(*case_table(cases)))
-    report.fill_markers(readme, "carried", report.table(*case_table(carried)))
+    report.fill_markers(readme, "attributes", report.table(*case_table(attributes)))
     report.fill_markers(readme, "degenerate", report.table(*_degenerate_table(degenerate)))
     report.fill_markers(readme, "shifts", report.table(*_shift_table(shifts)))
     long = [[r["mode"], _short(r["by_color"]), _short(r["by_positions"])] for r in sums]
@@ -36,10 +36,10 @@ def case_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     modes = list(dict.fromkeys(r["mode"] for r in rows))
     lines = []
     for name in dict.fromkeys(r["case"] for r in rows):
-        own = {r["mode"]: r for r in rows if r["case"] == name}
-        stated = next(iter(own.values()))
+        by_mode = {r["mode"]: r for r in rows if r["case"] == name}
+        stated = next(iter(by_mode.values()))
         limits = f"{_short(stated['stated_value'])}; {_short(stated['stated_product'])}"
-        lines.append([name, limits, *(_cell(own.get(mode)) for mode in modes)])
+        lines.append([name, limits, *(_cell(by_mode.get(mode)) for mode in modes)])
     return ["case", "stated", *modes], lines
 
 
@@ -49,13 +49,13 @@ def _degenerate_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[
     for name in dict.fromkeys(r["case"] for r in rows):
         line = [name]
         for mode in modes:
-            own = [r for r in rows if r["case"] == name and r["mode"] == mode]
-            if not own:
+            of_kind = [r for r in rows if r["case"] == name and r["mode"] == mode]
+            if not of_kind:
                 line.append("")
                 continue
-            worst = [max(float(r[key]) for r in own) for key in ("jvp_vjp", "largest")]
+            worst = [max(float(r[key]) for r in of_kind) for key in ("jvp_vjp", "largest")]
             text = f"{_short(worst[0])}; {worst[1]:.2f}"
-            line.append(text if all(r["within"] == "yes" for r in own) else f"**{text}**")
+            line.append(text if all(r["within"] == "yes" for r in of_kind) else f"**{text}**")
         lines.append(line)
     return ["kind", *modes], lines
 
@@ -72,9 +72,9 @@ def _shift_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]
     modes = list(dict.fromkeys(r["mode"] for r in rows))
     lines = []
     for shift in dict.fromkeys(r["shift_px"] for r in rows):
-        own = [r for r in rows if r["shift_px"] == shift]
-        cells = [f"{_short(r['value'])}; {_short(r['gradient'])}" for r in own]
-        same = "same" if all(r["same_bits_on_grid"] == "True" for r in own) else "differ"
+        of_shift = [r for r in rows if r["shift_px"] == shift]
+        cells = [f"{_short(r['value'])}; {_short(r['gradient'])}" for r in of_shift]
+        same = "same" if all(r["same_bits_on_grid"] == "True" for r in of_shift) else "differ"
         lines.append([f"{int(shift):,}", same, *cells])
     return ["moved by, px", "bits on the grid", *modes], lines
 
@@ -95,8 +95,8 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
     for axis, key in zip(axes, ("value", "gradient"), strict=True):
         # Open markers, so that modes that agree show through each other.
         for mode, marker, color in zip(modes, _MARKERS, COLORS, strict=False):
-            found = [float(r[key]) for r in rows if r["mode"] == mode]
-            axis.plot(shifts, found, marker=marker, color=color, fillstyle="none", label=mode)
+            errors = [float(r[key]) for r in rows if r["mode"] == mode]
+            axis.plot(shifts, errors, marker=marker, color=color, fillstyle="none", label=mode)
         rounding = [shift * 2.0**-23 for shift in shifts]
         axis.plot(shifts, rounding, "k:", label="one rounding of a coordinate")
         axis.set_xscale("symlog", linthresh=1.0)

@@ -13,7 +13,7 @@ import jax
 from rich.console import Console
 from rich.table import Table
 
-from tests.cases import stability_carried, stability_degenerate
+from tests.cases import stability_attributes, stability_degenerate
 from tests.cases.stability_cases import CASES, MODES
 from tests.cases.stability_measure import LONG_MODES, long_sum, measure, moved
 
@@ -30,13 +30,13 @@ def case_rows(modes: list[str]) -> list[dict[str, Any]]:
     return _measured(CASES, modes, measure, "cases")
 
 
-def carried_rows() -> list[dict[str, Any]]:
-    """Triangles that carry corner colours, textures, perspective and depth."""
+def attribute_rows() -> list[dict[str, Any]]:
+    """Each case of triangles with corner colours, textures, perspective and depth."""
     return _measured(
-        stability_carried.CASES,
-        list(stability_carried.MODES),
-        stability_carried.measure,
-        "what triangles carry",
+        stability_attributes.CASES,
+        list(stability_attributes.MODES),
+        stability_attributes.measure,
+        "attributes",
     )
 
 
@@ -56,10 +56,10 @@ def _measured(
     rows = []
     for mode, name in progress.steps(pairs, title):
         case = cases[name]()
-        found = measure(case, mode)
+        errors = measure(case, mode)
         stated = dict(zip(("stated_value", "stated_product"), case.limits, strict=True))
-        verdict = "yes" if found.within(case.limits) else "NO"
-        rows.append({"case": name, "mode": mode, **found._asdict(), **stated, "within": verdict})
+        verdict = "yes" if errors.within(case.limits) else "NO"
+        rows.append({"case": name, "mode": mode, **errors._asdict(), **stated, "within": verdict})
     return rows
 
 
@@ -69,8 +69,8 @@ def shift_rows(modes: list[str]) -> list[dict[str, Any]]:
     for mode, shift in progress.steps([(m, s) for m in modes for s in SHIFTS], "shifts"):
         errors, _ = moved(mode, shift, on_grid=False)
         _, same = moved(mode, shift, on_grid=True)
-        found = {"value": errors.value, "gradient": errors.gradient}
-        rows.append({"mode": mode, "shift_px": shift, "same_bits_on_grid": same, **found})
+        numbers = {"value": errors.value, "gradient": errors.gradient}
+        rows.append({"mode": mode, "shift_px": shift, "same_bits_on_grid": same, **numbers})
     return rows
 
 
@@ -96,7 +96,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--modes", default=",".join(MODES))
     modes = parser.parse_args().modes.split(",")
-    # What the tests turn on.
+    # As in the tests.
     jax.config.update("jax_numpy_dtype_promotion", "strict")
     began, results = time.perf_counter(), HERE / "results"
     rows = case_rows(modes)
@@ -104,7 +104,7 @@ def main() -> None:
     if modes != list(MODES):
         return
     report.write_csv(results / "cases.csv", rows)
-    report.write_csv(results / "carried.csv", carried_rows())
+    report.write_csv(results / "attributes.csv", attribute_rows())
     report.write_csv(results / "degenerate.csv", degenerate_rows(list(stability_degenerate.MODES)))
     report.write_csv(results / "shifts.csv", shift_rows(modes))
     report.write_csv(results / "long_sums.csv", sum_rows(modes))

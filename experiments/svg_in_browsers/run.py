@@ -1,4 +1,4 @@
-"""Compare fits that Chromium shows as SVG with the image that the package draws.
+"""Compare SVG files of fits in Chromium with the image that the package draws.
 
 python -m experiments.svg_in_browsers.run FOLDER
 """
@@ -49,7 +49,7 @@ def fitted(name: str, folder: Path) -> sr.FitResult:
 
 
 def polygons_alone(path: Path) -> str:
-    """A written file as it was before it had gradients and seams: flat polygons for browsers."""
+    """A written file with flat polygons alone as fallback, without gradients and seams."""
     text = re.sub(r"<(style|defs|g) data-fallback.*?</\1>\n", "", path.read_text(), flags=re.DOTALL)
     text = re.sub(r"<path data-fallback.*\n", "", text)
     text = re.sub(r'</?g( class="softras2d-tiling")?>\n', "", text)
@@ -59,7 +59,7 @@ def polygons_alone(path: Path) -> str:
 def _mean_polygon(match: re.Match[str]) -> str:
     colors = np.array(match[2].split(), float).reshape(3, 4)
     red, green, blue, alpha = (100 * colors.mean(axis=0)).round(1)
-    # Without antialiasing, so that neighbours show no seam.
+    # Without antialiasing, so that there are no seams between neighbours.
     return (
         f'<polygon data-fallback="1" shape-rendering="crispEdges" points="{match[1]}" '
         f'fill="rgb({red}% {green}% {blue}%)" fill-opacity="{alpha / 100:g}"/>\n{match[0]}'

@@ -15,7 +15,7 @@ from . import subjects, tables
 from .measures import moire, rmse
 from .methods import SAMPLES, Method
 from .programs import Program
-from .run import CACHE, SEED, keep_programs
+from .run import CACHE, SEED, cache_programs
 
 HERE = Path(__file__).parent
 
@@ -29,7 +29,7 @@ def measure() -> list[dict[str, Any]]:
             program = Program(
                 [scenes[name] for name in names], Method("bilinear", "linear", 1, samples)
             )
-            # Samples are a pixel over the root of their number apart.
+            # The spacing of samples is a pixel over the root of their number.
             spacing = 0.5 * math.log2(samples)
             for bias in (0.0, -0.5 * spacing, -spacing):
                 value = jnp.asarray(bias, jnp.float32)
@@ -47,6 +47,6 @@ def measure() -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    keep_programs()
+    cache_programs()
     report.write_csv(HERE / "results" / "bias.csv", measure())
     tables.publish(HERE / "results", HERE / "README.md")

@@ -10,7 +10,7 @@ Greene and Heckbert, *Creating Raster Omnimax Images from Multiple Perspective V
 Elliptical Weighted Average Filter* (IEEE CG&A 6(6), 1986), for the scan through the ellipse's box.
 """
 
-# numba belongs to the experiments, not to the package that the type checker's run installs.
+# Experiments need numba, which the type checker's environment does not have.
 # pyright: reportMissingImports=false
 
 import math
@@ -25,11 +25,11 @@ from .footprints import Footprints
 
 
 class Ewa(NamedTuple):
-    """A choice of the filter.
+    """Parameters of the filter.
 
     - `radius`: of the disc in pixels; 1 is Heckbert's.
     - `least`: texels across the shorter axis.
-    - `ratio`: of the axes at most; rounder ellipses blur a longer footprint along its short side.
+    - `ratio`: greatest ratio of the axes; a rounder ellipse blurs along its short side.
     """
 
     radius: float
@@ -42,7 +42,7 @@ class Ewa(NamedTuple):
 
 
 def filtered(scene: sr.Scene, at: Footprints, choice: Ewa) -> tuple[np.ndarray, ...]:
-    """Of the interior pixels, colours `[pixels, 3]`, texels read, and texels of the ellipse's box.
+    """Colours `[pixels, 3]` of interior pixels, texels read, and texels of the ellipse's box.
 
     Each texel of the box is tested; those within the ellipse are read.
     """
@@ -75,7 +75,7 @@ def _filter(texels, levels, textures, uvs, jacobians, repeat, radius, least, rat
             colors[i] = texels[offset]
             reads[i] = tests[i] = 1
             continue
-        # From base texels to those of the level.
+        # From texels of the base level to those of the level.
         scale = (width / table[0, 2]) ** 2
         xx, xy, yy = _widen(xx * scale, xy * scale, yy * scale, 1.0)
         determinant = xx * yy - xy * xy

@@ -10,13 +10,13 @@ from .subjects import SIZE
 
 
 class Footprints(NamedTuple):
-    """Of every pixel `[height, width]`:
+    """The footprint of every pixel, `[height, width]`.
 
-    - `surface`: the pair of triangles, or the plane, that its centre shows; -1: background.
+    - `surface`: the pair of triangles, or the plane, visible at its centre; -1: background.
     - `texture`: the index of its texture.
     - `uv`: `[..., 2]`, in 0..1 across the image.
     - `jacobian`: `[..., 2, 2]`, base texels along (u, v) for a step of one pixel along (x, y).
-    - `interior`: whether no edge of the surface comes into the pixel.
+    - `interior`: whether no edge of the surface crosses the pixel.
     """
 
     surface: np.ndarray
@@ -32,7 +32,7 @@ class Footprints(NamedTuple):
 
 
 def footprints(scene: sr.Scene, *, plane: bool) -> Footprints:
-    """Of a scene of pairs of triangles, or of one `plane`, later triangles in front."""
+    """Footprints of a scene of pairs of triangles, or of one `plane`; later triangles in front."""
     centres = np.stack(np.meshgrid(*[np.arange(SIZE) + 0.5] * 2), axis=-1)
     borders = np.stack(np.meshgrid(*[np.arange(SIZE + 1.0)] * 2), axis=-1)
     owner, weights = _owners(scene, centres)
@@ -52,14 +52,14 @@ def footprints(scene: sr.Scene, *, plane: bool) -> Footprints:
 
 
 class _Weights(NamedTuple):
-    """Perspective-correct barycentrics `[..., 3]` and their slopes `[..., 3, (x, y)]`."""
+    """Perspective-correct barycentrics `[..., 3]` and their gradients `[..., 3, (x, y)]`."""
 
     value: np.ndarray
     slope: np.ndarray
 
 
 def _owners(scene: sr.Scene, points: np.ndarray) -> tuple[np.ndarray, _Weights]:
-    """The triangle that shows at each point (-1: none), and its weights there."""
+    """The visible triangle at each point (-1: none), and its weights there."""
     corners = np.asarray(scene.positions, np.float64)[np.asarray(scene.triangles)]
     ones = np.ones(scene.positions.shape[0])
     per_vertex = ones if scene.inverse_w is None else np.asarray(scene.inverse_w, np.float64)
@@ -80,7 +80,7 @@ def _owners(scene: sr.Scene, points: np.ndarray) -> tuple[np.ndarray, _Weights]:
         total = weighted.sum(-1, keepdims=True)
         owner[inside] = index
         value[inside] = weighted / total
-        # The slope of a quotient.
+        # The derivative of a quotient.
         change = rise[None] - (weighted / total)[..., None] * rise.sum(0)[None, None]
         slope[inside] = change / total[..., None]
     return owner, _Weights(value, slope)

@@ -1,11 +1,11 @@
-"""Measures of an image: its error, and how much of a zone plate comes back as moire."""
+"""Measures of an image: its error, and the share of a zone plate that becomes moire."""
 
 import numpy as np
 
 from .subjects import SIZE
 
 ZONE_TEXELS = 320
-"""A quarter of the zone plate; half a period to the next texel at its far borders."""
+"""Side in texels of a quarter zone plate, with half a period per texel at its far borders."""
 
 
 def rmse(image: np.ndarray, reference: np.ndarray, where: np.ndarray | None = None) -> float:
@@ -17,8 +17,8 @@ def rmse(image: np.ndarray, reference: np.ndarray, where: np.ndarray | None = No
 def beyond_nyquist() -> np.ndarray:
     """Pixels of the zone plate where its waves are shorter than two pixels along x or y.
 
-    At x pixels from the middle they have x s^2 / (2 n) periods a pixel along x, for n texels in a
-    quarter and s texels in a pixel.
+    At x pixels from the middle they have x s^2 / (2 n) periods per pixel along x, for n texels in a
+    quarter and s texels per pixel.
     """
     texels_per_pixel = 2 * ZONE_TEXELS / SIZE
     along = np.abs(np.arange(SIZE) + 0.5 - SIZE / 2)
@@ -27,11 +27,11 @@ def beyond_nyquist() -> np.ndarray:
 
 
 def moire(image: np.ndarray, reference: np.ndarray, texture: np.ndarray) -> float:
-    """The share of the zone plate's energy that comes back as false pattern.
+    """The share of the zone plate's energy that is aliased.
 
-    Where no pixel can hold the waves, whatever varies is false. The variance there, less that of
-    the reference (a box filter lets a little through), over the variance of the texture itself.
-    Negative where a filter lets less through than the reference.
+    Beyond the Nyquist frequency all variation is aliasing. The measure is the variance there, less
+    that of the reference (a box filter passes a little), over the variance of the texture. It is
+    negative if a filter passes less than the reference.
     """
     false = beyond_nyquist()
     excess = image[false].astype(np.float64).var() - reference[false].var()

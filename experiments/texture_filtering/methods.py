@@ -11,7 +11,7 @@ _AT_ALL_SAMPLES = (4, 16)
 
 
 class Method(NamedTuple):
-    """A filter and how many samples a pixel it is given."""
+    """A filter and its number of samples per pixel."""
 
     pixel: str
     level: str
@@ -20,7 +20,7 @@ class Method(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The filter, without its samples."""
+        """The name of the filter, without its samples."""
         if self.anisotropy > 1:
             return f"anisotropic, {self.anisotropy} probes"
         return f"{self.pixel}, level {self.level}"
@@ -36,14 +36,14 @@ class Method(NamedTuple):
 
 
 YARDSTICK = Method("bilinear", "zero", 1, 1)
-"""Times are ratios to this one's."""
+"""Times are divided by that of this method."""
 
 
 def methods(quick: bool = False) -> Iterator[Method]:
     """Every pixel filter, level rule and number of samples; then anisotropic ones.
 
-    A few probes are a question for one sample: with more, only 4 and 16 probes are drawn. `quick`
-    has four filters at one sample.
+    All numbers of probes are drawn at one sample; at more samples only 4 and 16 probes. `quick` has
+    four filters at one sample.
     """
     samples = (1,) if quick else SAMPLES
     for pixel in ("nearest", "bilinear"):

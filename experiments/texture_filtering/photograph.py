@@ -31,7 +31,7 @@ COPIES = (
 def picture(seed: int, count: int = 6000) -> np.ndarray:
     """`[512, 512, 3]` in 0..1: discs lit from above, later ones in front."""
     rng = np.random.default_rng(seed)
-    # The distribution function of r^-3 between two radii, inverted.
+    # The inverse distribution function of r^-3 between two radii.
     share = rng.random(count)
     radius = (_LEAST**-2 + share * (_MOST**-2 - _LEAST**-2)) ** -0.5
     radius[: count // 100] = _MOST
@@ -53,7 +53,7 @@ def picture(seed: int, count: int = 6000) -> np.ndarray:
 
 
 def scene(seed: int) -> sr.Scene:
-    """The picture as thumbnails, from 2.8 texels a pixel to 32."""
+    """The picture as thumbnails, from 2.8 to 32 texels per pixel."""
     square = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
     halves = [[0, 1, 2], [0, 2, 3]]
     corners, uv = [], []
@@ -73,6 +73,6 @@ def scene(seed: int) -> sr.Scene:
 
 
 def _reach(middle: float, radius: float) -> tuple[int, int]:
-    """Texels from the first to past the last that a disc can touch along an axis."""
+    """The range of texels that a disc can touch along an axis."""
     first, last = np.clip([middle - radius, middle + radius + 1], 0, TEXELS).astype(int)
     return first, last

@@ -85,7 +85,7 @@ COLORS = {
 def error_against_time(
     rows: list[dict[str, Any]], biased: list[dict[str, Any]], scenes: tuple[str, ...]
 ) -> Figure:
-    """A panel for each scene; the points of a line are 1, 4 and 16 samples a pixel.
+    """A panel for each scene; the points of a line are 1, 4 and 16 samples per pixel.
 
     `biased` are rows of trilinear images whose level of detail is that of a sample's spacing.
     """
@@ -111,7 +111,7 @@ def error_against_time(
             if (row["scene"], row["filter"]) == (name, "bilinear, level linear")
         }
         mine = [row for row in biased if row["scene"] == name and row["samples"] in trilinear]
-        # The bias is data: the program, and so its time, is the same.
+        # The bias is an array, so that the program and its time are the same.
         times = [trilinear[row["samples"]] for row in mine]
         errors = [float(row["rmse"]) for row in mine]
         label = "bilinear, level linear, biased to the samples"

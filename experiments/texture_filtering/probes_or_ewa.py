@@ -25,7 +25,7 @@ BIASES = (0.0, -0.5)
 def compare(
     scene: sr.Scene, name: str, reference: np.ndarray, programs: dict[Method, Program]
 ) -> list[dict[str, Any]]:
-    """A row for each filter, over the pixels that no edge of a surface crosses."""
+    """A row for each filter, over pixels that no edge of a surface crosses."""
     at = footprints(scene, plane=name == "ground")
     wanted = [Method("bilinear", "linear", probes, 1) for probes in (1, *ANISOTROPY)]
     rows = []
@@ -59,6 +59,6 @@ def _probes_row(
 
 
 def _row(name: str, error: float, reads: np.ndarray, most: int, steps: int) -> dict[str, Any]:
-    """`most` texels are read by one pixel; a program without branches takes `steps` for all."""
+    """A row: `most` texels are read by one pixel, and `steps` by all without branches."""
     mean = float(reads.mean())
     return {"filter": name, "rmse": error, "mean_texels": mean, "most_texels": most, "steps": steps}

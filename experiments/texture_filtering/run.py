@@ -28,13 +28,13 @@ CACHE = HERE / "cache"
 PACKAGES = ("softras2d", "jax", "jaxlib", "numpy", "numba", "matplotlib")
 SEED = 0
 TIMED = ("stretched", subjects.GROUND)
-"""One affine map and one in perspective."""
+"""Scenes that are timed: an affine one and one in perspective."""
 MOST_TEXELS = 512
-"""Texels a pixel; 16 probes at 16 samples, 2,048, would take longer than all others together."""
+"""Limit of texels per pixel; 16 probes at 16 samples would take longest, with 2,048."""
 
 
 class Run:
-    """What a run has found so far."""
+    """The results of a run so far."""
 
     def __init__(self, quick: bool):
         self.methods = list(methods(quick))
@@ -49,7 +49,7 @@ class Run:
         print(f"{time.time() - self.began:5.0f} s  {what}", flush=True)
 
     def measure(self, scenes: dict[str, sr.Scene], names: Sequence[str]) -> None:
-        """Everything about scenes of one structure."""
+        """All measurements of scenes of one structure."""
         for name in names:
             self.references[name] = subjects.reference(scenes[name], CACHE / "references")
             self.say(f"reference of {name}")
@@ -102,8 +102,8 @@ def _rows(
     return rows
 
 
-def keep_programs() -> None:
-    """Some fifty programs, which a run that goes on need not compile again."""
+def cache_programs() -> None:
+    """Cache compiled programs on disk for a resumed run; there are some fifty."""
     jax.config.update("jax_compilation_cache_dir", str(CACHE / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
@@ -114,7 +114,7 @@ def main() -> None:
     parser.add_argument("--resume", action="store_true", help="go on where a run was cut off")
     arguments = parser.parse_args()
     quick = arguments.quick
-    keep_programs()
+    cache_programs()
     results = CACHE / "quick" if quick else HERE / "results"
 
     state = CACHE / ("quick.pickle" if quick else "run.pickle")

@@ -16,24 +16,24 @@ from . import photograph
 
 SIZE = 300
 FLAT = ("zone_plate", "minified", "photograph", "stretched", "magnified")
-"""Affine maps, each with one footprint for a triangle."""
+"""Scenes of affine maps, with one footprint for each triangle."""
 GROUND = "ground"
-"""The only one in perspective."""
+"""The only scene in perspective."""
 
 IDEAL = sr.Filter(pixel="bilinear", level="zero")
-"""What a texture is before any filter: texels joined by ramps, and no mip level."""
+"""The unfiltered texture: bilinear between texels, without mip levels."""
 
 
 def load(seed: int) -> dict[str, sr.Scene]:
     """All scenes; the affine ones have one structure, so that they share compiled programs."""
     flat = _share_structure([_read(name, seed) for name in FLAT])
-    # One surface: nothing hides anything, and a depth test would only add its own cost.
+    # Without depth, as one surface hides nothing and the depth test would add to the time.
     ground = replace(_read(GROUND, seed), depth=None)
     return dict(zip(FLAT, flat, strict=True)) | {GROUND: ground}
 
 
 def pyramids(seed: int) -> dict[str, dict[str, int]]:
-    """Bytes of the base level, and of the whole pyramid, of each scene's own texture."""
+    """Bytes of the base level and of the full pyramid of each scene's texture."""
     found = {}
     for name in (*FLAT, GROUND):
         textures = _read(name, seed).textures
@@ -55,10 +55,10 @@ def base(scene: sr.Scene, texture: int = 0) -> np.ndarray:
 
 
 def reference(scene: sr.Scene, cache: Path) -> np.ndarray:
-    """The mean of 1024 samples a pixel: 256 on a canvas of twice the size, which is halved.
+    """The mean of 1024 samples per pixel: 256 on a canvas of twice the size, which is halved.
 
     Every sample reads the `IDEAL` texture at one point: this is the box-filtered image of the
-    texture itself, to which all filters are shortcuts. Kept under `cache`, by the scene's content.
+    unfiltered texture, which all filters approximate. Cached under `cache`, by the scene's content.
     """
     content = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(scene))
     path = cache / f"{hashlib.sha256(content).hexdigest()[:16]}.npy"
@@ -85,7 +85,7 @@ def _read(name: str, seed: int) -> sr.Scene:
 
 
 def _share_structure(found: list[sr.Scene]) -> list[sr.Scene]:
-    """The same pictures with equal shapes: all textures in each, and triangles out of sight."""
+    """The same images from arrays of equal shapes, with all textures and with hidden triangles."""
     most = max(scene.triangles.shape[0] for scene in found)
     pyramid = sr.TexturePyramid.build([base(scene) for scene in found])
     same = []

@@ -15,7 +15,7 @@ _TIMED = ("stretched", subjects.GROUND)
 _SCENES = (*subjects.FLAT, subjects.GROUND)
 
 BIAS_OF = {"4": 1.0, "16": 2.0}
-"""Levels between the spacing of pixels and that of samples."""
+"""Mip levels between the spacing of pixels and that of samples."""
 
 
 def publish(results: Path, readme: Path | None) -> None:
@@ -107,7 +107,7 @@ def bias_table(rows: list[dict[str, Any]]) -> str:
 
 
 def bytes_table(pyramids: dict[str, dict[str, int]]) -> str:
-    """What each scene's texture takes, as float32 RGB."""
+    """Memory of each scene's texture, as float32 RGB."""
     lines = [
         [
             name.replace("_", " "),

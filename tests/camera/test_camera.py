@@ -1,4 +1,4 @@
-"""The camera: matrices by hand, the viewport, and what the near plane must leave."""
+"""The camera: matrices by hand, the viewport, clipping at the near plane, and errors."""
 
 import math
 from typing import Any
@@ -14,14 +14,14 @@ import softras2d as sr
 from softras2d.camera import look_at, perspective, project
 
 EYE = np.eye(4)
-"""A viewer at the origin who looks down -z."""
+"""The view matrix of a viewer at the origin who looks down -z."""
 
 BARYCENTRIC = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
-"""As uv, the weights of corners 1 and 2: they say where in its owner a corner lies."""
+"""Corner weights 1 and 2 as uv, so that uv are barycentric coordinates in the original triangle."""
 
 
-def shown(vertices, triangles, *, view=EYE, projection=None, size=(60, 80), **rest) -> Any:
-    """Projected in white, at 90 degrees with the near plane at -1, unless said otherwise."""
+def project_white(vertices, triangles, *, view=EYE, projection=None, size=(60, 80), **rest) -> Any:
+    """The projected scene; by default white, at 90 degrees, with the near plane at z = -1."""
     height, width = size
     if projection is None:
         projection = perspective(90.0, width / height, 1.0, 9.0)
@@ -32,8 +32,8 @@ def shown(vertices, triangles, *, view=EYE, projection=None, size=(60, 80), **re
     )
 
 
-def located(triangles) -> dict:
-    """Keywords that make uv tell where in its triangle a corner lies."""
+def traceable(triangles) -> dict:
+    """Options that make uv barycentric coordinates and texture indices triangle numbers."""
     count = len(triangles)
     return {
         "uv": np.broadcast_to(BARYCENTRIC, (count, 3, 2)),
@@ -49,11 +49,13 @@ class TestMatrices:
             view, [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -5], [0, 0, 0, 1]]
         )
 
-    def test_look_at_from_the_side(self):
-        # From +x towards the origin: -z is to the right, y stays up, and x is towards the viewer.
+    def test_look_at_from_the_side_rotates(self):
+        # From +x towards the origin: -z is to the right, y is up, and +x is towards the viewer.
         view = look_at((3, 0, 0), (0, 0, 0))
-        seen = view @ np.array([[0, 0, -1, 1], [0, 1, 0, 1], [1, 0, 0, 1]]).T
-        np.testing.assert_allclose(seen.T[:, :3], [[1, 0, -3], [0, 1, -3], [0, 0, -2]], atol=1e-15)
+        in_view = view @ np.array([[0, 0, -1, 1], [0, 1, 0, 1], [1, 0, 0, 1]]).T
+        np.testing.assert_allclose(
+            in_view.T[:, :3], [[1, 0, -3], [0, 1, -3], [0, 0, -2]], atol=1e-15
+        )
 
     @given(st.lists(st.floats(-5, 5), min_size=9, max_size=9))
     def test_look_at_is_a_rigid_motion(self, numbers):
@@ -105,18 +107,18 @@ class TestMatrices:
 
 
 class TestViewport:
-    def test_y_is_down_and_the_middle_is_the_middle(self):
-        scene = shown([(0, 0, -2), (2, 0, -2), (0, 2, -2)], [[0, 1, 2]])
+    def test_y_points_down_and_the_axis_meets_the_middle(self):
+        scene = project_white([(0, 0, -2), (2, 0, -2), (0, 2, -2)], [[0, 1, 2]])
         np.testing.assert_allclose(scene.positions, [[40, 30], [70, 30], [40, 0]], atol=1e-5)
         np.testing.assert_allclose(scene.inverse_w, [0.5] * 3)
         # (9 / 8) (1 - 1 / 2).
         np.testing.assert_allclose(scene.depth, [0.5625] * 3)
 
-    def test_the_z_buffer_assignment(self):
+    def test_the_scene_of_a_z_buffer_exercise_by_hand(self):
         vertices = [
             (2, 0, -2), (0, 2, -2), (-2, 0, -2), (3.5, -1, -5), (2.5, 1.5, -5), (-1, 0.5, -5),
         ]  # fmt: skip
-        scene = shown(
+        scene = project_white(
             vertices,
             [[0, 1, 2], [3, 4, 5]],
             view=look_at((0, 0, 5), (0, 0, 0)),
@@ -136,32 +138,34 @@ class TestViewport:
         np.testing.assert_allclose(scene.depth, np.repeat(depth, 3), rtol=1e-7)
         assert (np.asarray(scene.triangles) == [[0, 1, 2], [3, 4, 5]]).all()
 
-    def test_model_then_view_then_projection(self):
+    def test_model_is_applied_before_view(self):
         model = np.array([[0, -2, 0, 1], [2, 0, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1.0]])
         view = look_at((1, 2, 6), (0, 0, 0))
         points = np.array([(0, 0, 0), (1, 0, 0.5), (0, 1, -0.5)])
         moved = np.stack([1 - 2 * points[:, 1], 2 * points[:, 0], 2 * points[:, 2]], -1)
-        one = shown(points, [[0, 1, 2]], view=view, model=model)
-        other = shown(moved, [[0, 1, 2]], view=view)
+        one = project_white(points, [[0, 1, 2]], view=view, model=model)
+        other = project_white(moved, [[0, 1, 2]], view=view)
         np.testing.assert_allclose(one.positions, other.positions, rtol=1e-6)
         np.testing.assert_allclose(one.depth, other.depth, rtol=1e-6)
 
     def test_an_orthographic_projection_is_affine(self):
         flat = np.diag([0.5, 0.5, -0.1, 1.0])
-        scene = shown([(0, 0, -1), (2, 0, -5), (0, 2, -9)], [[0, 1, 2]], projection=flat)
+        scene = project_white([(0, 0, -1), (2, 0, -5), (0, 2, -9)], [[0, 1, 2]], projection=flat)
         np.testing.assert_allclose(scene.positions, [[40, 30], [80, 30], [40, 0]])
         np.testing.assert_array_equal(scene.inverse_w, 1.0)
         np.testing.assert_allclose(scene.depth, [0.1, 0.5, 0.9])
 
     def test_a_flattening_model_is_a_shadow(self):
         onto_the_ground = np.diag([1.0, 0.0, 1.0, 1.0])
-        scene = shown([(0, 5, -3), (1, 2, -3), (0, 1, -4)], [[0, 1, 2]], model=onto_the_ground)
+        scene = project_white(
+            [(0, 5, -3), (1, 2, -3), (0, 1, -4)], [[0, 1, 2]], model=onto_the_ground
+        )
         np.testing.assert_allclose(scene.positions[:, 1], 30.0)
 
-    def test_the_rest_of_the_scene(self):
+    def test_colors_textures_and_background_are_passed_on(self):
         textures = sr.TexturePyramid.build([np.ones((2, 2, 3), np.float32)])
         uv = np.arange(12.0).reshape(2, 3, 2)
-        scene = shown(
+        scene = project_white(
             [(0, 0, -2), (1, 0, -2), (0, 1, -2), (1, 1, -3)],
             [[0, 1, 2], [1, 2, 3]],
             vertex_colors=[(1, 0, 0, 1), (0, 1, 0, 0.5), (0, 0, 1, 0), (1, 1, 1, 1)],
@@ -176,8 +180,10 @@ class TestViewport:
         np.testing.assert_allclose(scene.background, [0.1, 0.2, 0.3])
         np.testing.assert_array_equal(scene.colors[1, 1], [0, 0, 1, 0])
 
-    def test_float32_whatever_comes_in(self, float64):
-        scene = shown(np.array([(0, 0, -2), (1, 0, -2), (0, 1, -2)], np.float64), [[0, 1, 2]])
+    def test_arrays_are_float32_for_any_input(self, float64):
+        scene = project_white(
+            np.array([(0, 0, -2), (1, 0, -2), (0, 1, -2)], np.float64), [[0, 1, 2]]
+        )
         floats = (scene.positions, scene.colors, scene.depth, scene.inverse_w, scene.background)
         assert {str(array.dtype) for array in floats if array is not None} == {"float32"}
 
@@ -186,7 +192,7 @@ class TestNearPlane:
     def test_two_corners_behind_by_hand(self):
         # The tip at 3, the base 1 behind the viewer: cut at half of both sides, 1 before the eye.
         vertices = [(0, 0, -3), (2, 0, 1), (0, 2, 1)]
-        scene = shown(vertices, [[0, 1, 2]], vertex_colors=np.eye(3))
+        scene = project_white(vertices, [[0, 1, 2]], vertex_colors=np.eye(3))
         np.testing.assert_allclose(scene.positions, [[40, 30], [70, 30], [40, 0]], atol=1e-5)
         np.testing.assert_allclose(scene.inverse_w, [1 / 3, 1, 1])
         np.testing.assert_array_equal(scene.depth[1:], 0.0)
@@ -195,9 +201,9 @@ class TestNearPlane:
     def test_one_corner_behind_makes_two_in_order(self):
         vertices = [(0, 0, -3), (2, 0, -3), (0, 2, 1), (1, 1, -4), (1, 0, 2), (2, 0, 2)]
         triangles = [[3, 0, 1], [0, 1, 2], [3, 0, 1], [3, 4, 5], [2, 4, 5], [1, 0, 3]]
-        scene = shown(vertices, triangles, **located(triangles))
+        scene = project_white(vertices, triangles, **traceable(triangles))
         np.testing.assert_array_equal(scene.texture_index, [0, 1, 1, 2, 3, 5])
-        # The two share the edge from the first corner that was kept.
+        # The two share an edge from the first corner in front of the plane.
         first, second = np.asarray(scene.triangles)[1:3]
         assert first[0] == second[0] and first[2] == second[1]
 
@@ -213,31 +219,31 @@ class TestNearPlane:
             ((0, 0, 0), 0),
         ],
     )
-    def test_corners_on_the_plane(self, z, parts):
+    def test_corners_on_the_plane_by_hand(self, z, parts):
         vertices = np.stack([[0, 1, 0], [0, 0, 1], z], axis=-1)
         for turn in range(3):
-            scene = shown(np.roll(vertices, turn, axis=0), [[0, 1, 2]])
+            scene = project_white(np.roll(vertices, turn, axis=0), [[0, 1, 2]])
             assert len(scene.triangles) == parts
             assert (np.asarray(scene.inverse_w) <= 1).all()
 
-    def test_nothing_left_is_an_empty_scene(self):
-        scene = shown([(0, 0, 1), (1, 0, 1), (0, 1, 1)], [[0, 1, 2]])
+    def test_a_scene_behind_the_viewer_is_empty(self):
+        scene = project_white([(0, 0, 1), (1, 0, 1), (0, 1, 1)], [[0, 1, 2]])
         assert scene.positions.shape == (0, 2) and scene.colors.shape == (0, 1, 3)
-        empty = shown(np.zeros((0, 3)), np.zeros((0, 3), int))
+        empty = project_white(np.zeros((0, 3)), np.zeros((0, 3), int))
         assert empty.triangles.shape == (0, 3)
 
-    def test_what_is_not_cut_stays_to_the_bit(self):
+    def test_triangles_in_front_are_unchanged_to_the_bit(self):
         vertices = np.random.default_rng(0).uniform(-1, 1, (30, 3)) - [0, 0, 3]
         triangles = np.arange(30).reshape(10, 3)
         both = np.concatenate([triangles, [[0, 1, 30]]])
-        alone = shown(vertices, triangles)
-        scene = shown([*vertices, (0, 0, 5)], both)
+        alone = project_white(vertices, triangles)
+        scene = project_white([*vertices, (0, 0, 5)], both)
         np.testing.assert_array_equal(alone.triangles, triangles)
         np.testing.assert_array_equal(scene.triangles[:10], triangles)
         np.testing.assert_array_equal(scene.positions[:30], alone.positions)
         assert scene.positions.shape == (32, 2)
 
-    def test_neighbours_are_cut_alike(self):
+    def test_neighbours_are_cut_at_equal_points(self):
         # Pairs on both sides of an edge through the plane, as a soup that shares no vertex.
         random = np.random.default_rng(3)
         edge = random.uniform(-3, 3, (200, 2, 3))
@@ -246,18 +252,21 @@ class TestNearPlane:
         pairs = np.concatenate([edge, tips[:, :1], edge[:, ::-1], tips[:, 1:]], axis=1)
         triangles = np.arange(1200).reshape(-1, 3)
         view = look_at((0.1, 0.2, 0.3), (0, 0.1, -1))
-        scene = shown(pairs.reshape(-1, 3), triangles, view=view, **located(triangles))
+        scene = project_white(pairs.reshape(-1, 3), triangles, view=view, **traceable(triangles))
         owner = np.asarray(scene.texture_index)
         uv = np.asarray(scene.uv)
-        seen = np.concatenate(
+        vertices = np.concatenate(
             [scene.positions, scene.depth[:, None], scene.inverse_w[:, None]], axis=-1
         )[np.asarray(scene.triangles)]
-        # Off the ends of corner 0 to corner 1, which is the shared edge of both.
+        # Inside the edge from corner 0 to corner 1, which both triangles of a pair share.
         on_edge = (uv[..., 1] == 0) & (uv[..., 0] > 0) & (uv[..., 0] < 1)
         compared = 0
         for pair in range(200):
             one, other = (
-                {tuple(row) for row in seen[on_edge & (owner == 2 * pair + side)[:, None]].tolist()}
+                {
+                    tuple(row)
+                    for row in vertices[on_edge & (owner == 2 * pair + side)[:, None]].tolist()
+                }
                 for side in (0, 1)
             )
             assert one == other
@@ -268,12 +277,12 @@ class TestNearPlane:
         st.lists(st.tuples(*[st.integers(-3, 3)] * 3), min_size=3, max_size=7),
         st.data(),
     )
-    def test_parts_are_what_lies_beyond(self, vertices, data):
-        """Where, what and how much each part shows, from where in its owner its corners lie."""
+    def test_clipped_triangles_are_what_lies_in_front(self, vertices, data):
+        """Positions, attributes and areas of the clipped triangles, by barycentric coordinates."""
         corner = st.integers(0, len(vertices) - 1)
         triangles = data.draw(st.lists(st.tuples(corner, corner, corner), min_size=1, max_size=5))
         colors = np.random.default_rng(0).random((len(triangles), 3, 4))
-        scene = shown(vertices, triangles, triangle_colors=colors, **located(triangles))
+        scene = project_white(vertices, triangles, triangle_colors=colors, **traceable(triangles))
         owner = np.asarray(scene.texture_index)
         assert (np.diff(owner) >= 0).all()
         assert np.bincount(owner, minlength=1).max() <= 2
@@ -289,7 +298,7 @@ class TestNearPlane:
         np.testing.assert_allclose(scene.inverse_w[corners], -1 / z, rtol=1e-5)
         np.testing.assert_allclose(scene.depth[corners], 1.125 * (1 + 1 / z), atol=1e-6)
         np.testing.assert_allclose(scene.colors, weights @ colors[owner], atol=1e-6)
-        # Areas in barycentric space: all of it, less or alone what the lone corner cuts off.
+        # The area in barycentric space is the share of the triangle in front of the plane.
         sides = bc[:, 1:] - bc[:, :1]
         area = np.abs(np.linalg.det(sides)) if len(bc) else np.zeros(0)
         for index, heights in enumerate(-1 - space[..., 2]):
@@ -337,17 +346,17 @@ class TestErrors:
             ({"size": (0, 80), "projection": np.eye(4)}, "`height` and `width` must be positive"),
         ],
     )
-    def test_bad_input_is_one_clear_line(self, change, message):
+    def test_invalid_input_is_refused_in_one_line(self, change, message):
         vertices, triangles = change.pop("vertices", None), change.pop("triangles", None)
         vertices = self.GOOD[0] if vertices is None else vertices
         triangles = self.GOOD[1] if triangles is None else triangles
         with pytest.raises(ValueError, match=message) as caught:
-            shown(vertices, triangles, **change)
+            project_white(vertices, triangles, **change)
         assert "\n" not in str(caught.value)
 
-    def test_it_is_not_for_tracers(self):
+    def test_traced_vertices_are_refused(self):
         def first_depth(vertices):
-            scene = shown(vertices, self.GOOD[1])
+            scene = project_white(vertices, self.GOOD[1])
             return scene.depth[0]
 
         with pytest.raises(ValueError, match="concrete"):

@@ -1,4 +1,4 @@
-"""Pictures that a browser makes of SVG files, if Chromium or Chrome is installed."""
+"""Images of SVG files by a browser, where Chromium or Chrome is installed."""
 
 import contextlib
 import os
@@ -16,7 +16,7 @@ import softras2d as sr
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 
 REQUIRE = "SOFTRAS2D_REQUIRE_BROWSER"
-"""Environment variable with which a missing browser is a failure, rather than a skipped test."""
+"""Environment variable under which a missing browser fails a test instead of skipping it."""
 
 _SECONDS, _TRIES = 120.0, 2
 
@@ -38,12 +38,12 @@ def find_browser() -> str | None:
 
 
 def require_browser() -> str:
-    """The browser's path; without one the test that asks is skipped, or fails under `REQUIRE`."""
-    found = find_browser()
-    if found is None:
+    """The browser's path; without one the calling test is skipped, or fails under `REQUIRE`."""
+    path = find_browser()
+    if path is None:
         message = f"no browser: none of {', '.join(NAMES)} is installed"
         (pytest.fail if os.environ.get(REQUIRE) else pytest.skip)(message)
-    return found
+    return path
 
 
 def screenshot(browser: str, svg: Path, *, height: int, width: int) -> np.ndarray:
@@ -51,24 +51,24 @@ def screenshot(browser: str, svg: Path, *, height: int, width: int) -> np.ndarra
 
     Raises `RuntimeError` if the browser fails twice or does not end in time.
     """
-    last = "nothing"
+    output = "nothing"
     for _ in range(_TRIES):
-        # A browser that ends may still be writing into its profile.
+        # A browser may still write into its profile as it ends.
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-            last = _run(browser, svg, Path(folder), height, width)
+            output = _run(browser, svg, Path(folder), height, width)
             picture = Path(folder) / "picture.png"
             if picture.exists():
                 return sr.read_image(picture)[:height, :width, :3]
-    raise RuntimeError(f"{browser} made no picture of {svg}: {last}")
+    raise RuntimeError(f"{browser} made no picture of {svg}: {output}")
 
 
 def _run(browser: str, svg: Path, folder: Path, height: int, width: int) -> str:
-    """Let the browser write `picture.png` into the folder; what it said."""
+    """Let the browser write `picture.png` into the folder; the end of its output."""
     shutil.copy(svg, folder / "scene.svg")
     (folder / "page.html").write_text(_PAGE.format(width=width, height=height))
     command = [
         browser, *_OPTIONS, f"--user-data-dir={folder / 'profile'}",
-        # Windows have a least size, and their frames take some of it.
+        # Windows have a least size, which includes their frames.
         f"--window-size={max(width, 600)},{max(height, 400) + 200}",
         f"--screenshot={folder / 'picture.png'}", (folder / "page.html").as_uri(),
     ]  # fmt: skip
@@ -77,14 +77,14 @@ def _run(browser: str, svg: Path, folder: Path, height: int, width: int) -> str:
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
     )
     try:
-        told, _ = process.communicate(timeout=_SECONDS)
+        output, _ = process.communicate(timeout=_SECONDS)
     except subprocess.TimeoutExpired:
-        told = b"it did not end"
+        output = b"it did not end"
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
-    return told.decode(errors="replace")[-300:]
+    return output.decode(errors="replace")[-300:]
 
 
 def psnr(image: np.ndarray, reference: np.ndarray) -> float:

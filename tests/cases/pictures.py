@@ -1,4 +1,4 @@
-"""Small targets for tests of the fit, and what a mesh makes of its colours."""
+"""A small target for tests of the fit, and the image that a mesh of the fit draws."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from softras2d.fitting.mesh.triangulation import Mesh
 
 
 def blobs(height: int = 40, width: int = 48) -> np.ndarray:
-    """A smooth ground with a disc and a box upon it."""
+    """A gradient with a disc and a box on it, `[height, width, 3]`."""
     y, x = np.mgrid[:height, :width] + 0.5
     image = np.stack([x / width, y / height, 0.5 + 0 * x], -1)
     image[(x - 15) ** 2 + (y - 14) ** 2 < 81] = [0.9, 0.2, 0.1]

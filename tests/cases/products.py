@@ -1,4 +1,4 @@
-"""What a solver of least squares asks of an image: the value, J v, J^T w, and J^T J v."""
+"""What a least-squares solver needs of an image: the value, J v, J^T w, and J^T J v."""
 
 from typing import Any, NamedTuple
 
@@ -10,11 +10,11 @@ import softras2d as sr
 
 
 class Products(NamedTuple):
-    """With a leading axis over directions where there are several.
+    """The image and its products, those over several directions with a leading axis.
 
     - `tangents`: J v of each direction.
-    - `gradient`: J^T of the weight; `normal`: J^T J v of each direction.
-    - `overflow`: whether the plan was outgrown.
+    - `gradient`: J^T w; `normal`: J^T J v of each direction.
+    - `overflow`: whether the scene exceeded the plan.
     """
 
     image: Any
@@ -25,30 +25,40 @@ class Products(NamedTuple):
 
 
 @eqx.filter_jit
-def products(scene: sr.Scene, plan: sr.Plan, directions: Any, weight: Any, kept: Any) -> Products:
-    """By `jax.linearize` and its transpose, all in one program: compiling is what takes time.
+def products(
+    scene: sr.Scene, plan: sr.Plan, directions: Any, weight: Any, pixel_weight: Any
+) -> Products:
+    """Compute all products by `jax.linearize` and its transpose, in one program to compile once.
 
     - `directions`: trees as `moving(scene)`, stacked.
-    - `weight`: of each value of the image; `kept`: of each pixel, for both products with J^T.
+    - `weight`: w, for each value of the image.
+    - `pixel_weight`: a factor for each pixel, for both products with J^T.
     """
     floats, rest = eqx.partition(scene, eqx.is_inexact_array)
 
     def image(floats):
         return sr.render_checked(eqx.combine(floats, rest), plan)
 
-    drawn, push, overflow = jax.linearize(image, floats, has_aux=True)
-    tangents = jax.lax.map(push, directions)
-    pull = jax.linear_transpose(push, floats)
-    weights = jnp.concatenate([weight[None], tangents]) * kept[None, ..., None]
-    backs = jax.lax.map(lambda weight: pull(weight)[0], weights)
-    gradient = jax.tree.map(lambda back: back[0], backs)
-    return Products(drawn, tangents, gradient, jax.tree.map(lambda back: back[1:], backs), overflow)
+    drawn, jvp, overflow = jax.linearize(image, floats, has_aux=True)
+    tangents = jax.lax.map(jvp, directions)
+    vjp = jax.linear_transpose(jvp, floats)
+    weights = jnp.concatenate([weight[None], tangents]) * pixel_weight[None, ..., None]
+    cotangents = jax.lax.map(lambda weight: vjp(weight)[0], weights)
+    gradient = jax.tree.map(lambda cotangent: cotangent[0], cotangents)
+    return Products(
+        drawn,
+        tangents,
+        gradient,
+        jax.tree.map(lambda cotangent: cotangent[1:], cotangents),
+        overflow,
+    )
 
 
-def moving(scene: sr.Scene) -> sr.Scene:
-    """The floats of a scene; None elsewhere."""
+def float_leaves(scene: sr.Scene) -> sr.Scene:
+    """The floating-point arrays of a scene; None in place of the others."""
     return eqx.filter(scene, eqx.is_inexact_array)
 
 
 def stack(trees: Any) -> Any:
+    """Stack trees leaf by leaf along a new first axis."""
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)

@@ -1,4 +1,4 @@
-"""Saved fits to be broken: small ones of every kind, and their entries as NumPy alone sees them."""
+"""Small saved fits of every kind, to be damaged, and their entries read by NumPy alone."""
 
 import functools
 import io
@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 import softras2d as sr
-from tests.cases.pictures import blobs
+
+from .pictures import blobs
 
 TARGET = blobs(16, 20)
 
@@ -29,14 +30,15 @@ KINDS: dict[str, dict[str, Any]] = {
     "mesh": {"family": "mesh", "steps": 40},
     "linear": {"family": "mesh", "shading": "linear", "solver": "lm"},
 }  # fmt: skip
+"""The options of each kind of fit."""
 
 
 @functools.cache
 def saved(kind: str) -> dict[str, np.ndarray]:
-    """The entries of such a fit's file."""
-    given = dict(KINDS[kind])
-    target = given.pop("target", TARGET)
-    result = sr.fit(target, **{"triangles": 6, "steps": 2, **given})
+    """The entries of the file of a fit of this kind."""
+    options = dict(KINDS[kind])
+    target = options.pop("target", TARGET)
+    result = sr.fit(target, **{"triangles": 6, "steps": 2, **options})
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "fit.npz"
         result.save(path)
@@ -45,7 +47,7 @@ def saved(kind: str) -> dict[str, np.ndarray]:
 
 
 def target_of(kind: str) -> np.ndarray:
-    """What it was fitted to."""
+    """The image that a fit of this kind was fitted to."""
     return KINDS[kind].get("target", TARGET)
 
 
@@ -57,14 +59,14 @@ def packed(arrays: dict[str, np.ndarray]) -> bytes:
 
 
 def bomb(header: str, size: int) -> bytes:
-    """An `.npz` with one entry `image`: a header, and so many zeros behind it."""
+    """An `.npz` with one entry `image`: a header, and `size` zeros after it, well compressed."""
     file = io.BytesIO()
-    told = header.encode().ljust(117) + b"\n"
+    padded_header = header.encode().ljust(117) + b"\n"
     with (
         zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
         archive.open("image.npy", "w", force_zip64=True) as entry,
     ):
-        entry.write(b"\x93NUMPY\x01\x00" + len(told).to_bytes(2, "little") + told)
+        entry.write(b"\x93NUMPY\x01\x00" + len(padded_header).to_bytes(2, "little") + padded_header)
         block = bytes(2**20)
         for _ in range(size >> 20):
             entry.write(block)

@@ -1,4 +1,4 @@
-"""Triangles that are hard to draw, and what it takes to compare a drawing with the oracle."""
+"""Triangles that are hard to draw, and comparisons of images with the oracle."""
 
 import numpy as np
 
@@ -7,10 +7,10 @@ import softras2d as sr
 from ..oracles.coverage import Canvas
 
 SIZES = {1: (75, 100), 2: (45, 53), 3: (31, 37), 4: (21, 29), 8: (13, 17), 16: (9, 11)}
-"""Height and width for each rate: several tiles a side, none of them whole, yet few samples."""
+"""Height and width for each rate: several tiles a side, the last one cut, and few samples."""
 
 COUNT = 40
-"""Triangles in each case, so that all of a rate share one program."""
+"""Number of triangles in each case, so that all cases of a rate share one program."""
 
 
 def canvas(rate: int, fill_rule: str = "inclusive", origin: tuple[int, int] = (0, 0)) -> Canvas:
@@ -21,28 +21,28 @@ def cases(canvas: Canvas) -> dict[str, np.ndarray]:
     """Named corners `[COUNT, 3, 2]`, float32, all inside the band."""
     makers = (uniform, small, halves, on_samples, grazing, degenerate, slivers, beside, in_band)
     low, high = canvas.band()
-    made = {}
+    by_name = {}
     for seed, maker in enumerate(makers):
         corners = maker(np.random.default_rng(seed), canvas)
         assert corners.shape == (COUNT, 3, 2), maker.__name__
-        made[maker.__name__] = np.clip(corners, low, high).astype(np.float32)
-    return made
+        by_name[maker.__name__] = np.clip(corners, low, high).astype(np.float32)
+    return by_name
 
 
 def uniform(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
-    """Anywhere on and a little around the canvas."""
+    """Triangles anywhere on the canvas and a little around it."""
     return rng.uniform(-0.1, 1.1, (COUNT, 3, 2)) * [canvas.width, canvas.height]
 
 
 def small(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
-    """About a pixel large, down to less than a sample."""
+    """Triangles from three pixels down to less than a sample."""
     centres = rng.uniform(0, 1, (COUNT, 1, 2)) * [canvas.width, canvas.height]
     radius = np.geomspace(1 / (8 * canvas.rate), 3, COUNT)[:, None, None]
     return centres + rng.normal(size=(COUNT, 3, 2)) * radius
 
 
 def halves(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
-    """Corners and centres of pixels: at odd rates, samples."""
+    """Vertices on corners and centres of pixels; centres are samples at odd rates."""
     return rng.integers(-1, 2 * np.array([canvas.width, canvas.height]) + 2, (COUNT, 3, 2)) / 2
 
 
@@ -53,12 +53,12 @@ def sample_points(rng: np.random.Generator, canvas: Canvas, *shape: int) -> np.n
 
 
 def on_samples(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
-    """Every corner on a sample."""
+    """Every vertex on a sample."""
     return sample_points(rng, canvas, COUNT, 3)
 
 
 def grazing(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
-    """Long edges through a sample, or one grid unit beside it: the hardest exact tests."""
+    """Long edges through a sample or one grid unit beside it, the hardest to decide exactly."""
     grid = 2.0**-canvas.exponent
     low, high = canvas.band()
     sample = np.rint(sample_points(rng, canvas, COUNT, 1) / grid) * grid

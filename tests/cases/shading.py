@@ -1,4 +1,4 @@
-"""Random scenes with textures, depth and perspective, alike enough to share their programs."""
+"""Random scenes with textures, depth and perspective, of one structure so as to share programs."""
 
 import functools
 from typing import Any
@@ -6,7 +6,6 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 import softras2d as sr
 
@@ -16,10 +15,10 @@ from ..oracles.texture import PLAIN, Sampler
 from .scenes import vast
 
 ON = Canvas(24, 28, rate=2)
-"""Small, no multiple of a tile; the other rates are drawn on it too."""
+"""A small canvas, no multiple of a tile; other rates and origins replace its own."""
 
 COUNT = 20
-"""Triangles of each scene."""
+"""Number of triangles in each scene."""
 
 SIZES = ((5, 3), (1, 7), (7, 7), (1, 1), (8, 16), (6, 1))
 """Height and width of each texture of a scene: odd, one row, one column, one texel, even."""
@@ -42,12 +41,12 @@ def soup_of(
     perspective: bool = False,
     reach: float = 0.0,
 ) -> Soup:
-    """`COUNT` triangles, large to small, one in seven untextured, uv beyond 0..1.
+    """`COUNT` random triangles, large to small, one in seven untextured, with uv beyond 0..1.
 
     - `colors`: corners and channels; `texels`: channels of the textures, None for none.
-    - `reach`: how far uv reach, in powers of two: 0 spans a few textures, 3 some dozen.
+    - `reach`: greatest extent of uv as a power of two: 0 spans a few textures, 3 some dozen.
 
-    Corners are multiples of 1/64 px, which every grid here holds.
+    Corners are multiples of 1/64 px, which every grid here represents.
     """
     rng = np.random.default_rng(seed)
     size = np.array([on.width, on.height])
@@ -107,13 +106,13 @@ def filter_of(sampler: Sampler) -> sr.Filter:
 
 
 def plan_of(scene: sr.Scene, on: Canvas, sampler: Sampler, shading: str = "sample") -> sr.Plan:
-    """A plan with room for any `COUNT` triangles in the band, so that scenes share a program."""
+    """A plan for any `COUNT` triangles in the band, so that scenes share a program."""
     count = scene.triangles.shape[0]
     filter = filter_of(sampler)
     coverage = sr.Hard(samples=on.samples, fill_rule=on.fill_rule, shading=shading)  # pyright: ignore
-    roomy = [_spread(scene, corners) for corners in _roomy(on, count)]
+    demanding = [_with_corners(scene, corners) for corners in _demanding(on, count)]
     return sr.plan(
-        [scene, *roomy],
+        [scene, *demanding],
         height=on.height,
         width=on.width,
         coverage=coverage,
@@ -123,15 +122,15 @@ def plan_of(scene: sr.Scene, on: Canvas, sampler: Sampler, shading: str = "sampl
 
 
 @functools.cache
-def _roomy(on: Canvas, count: int) -> list[np.ndarray]:
-    """The largest triangles, and thin ones side by side, so that most pixels show several."""
+def _demanding(on: Canvas, count: int) -> list[np.ndarray]:
+    """Scenes that need most: the largest triangles, and thin ones, several in most pixels."""
     top = np.linspace(-2, on.height, count)[:, None, None]
     thin = np.array([(-4, 0), (on.width + 4, 0), (on.width + 4, 3.5 * on.height / count)])
     return [*vast(on, count), (thin + [0, 1] * top).astype(np.float32)]
 
 
-def _spread(scene: sr.Scene, corners: np.ndarray) -> sr.Scene:
-    """`scene` with other positions, and with equal depths: later triangles hide no earlier ones."""
+def _with_corners(scene: sr.Scene, corners: np.ndarray) -> sr.Scene:
+    """`scene` with other positions, and with equal depths, so that no triangle hides another."""
     positions = jnp.asarray(corners.reshape(-1, 2), scene.positions.dtype)
     scene = eqx.tree_at(lambda s: s.positions, scene, positions)
     if scene.depth is None:
@@ -157,12 +156,12 @@ def render_soup(
 def assert_close(
     image: np.ndarray, expected: Drawing, atol: float = 2e-6, message: str = "", **margins: float
 ) -> None:
-    """Equal in every pixel in which no decision is near; those must be most of the image."""
+    """Assert equality in every certain pixel (`Drawing.certain`), and that most pixels are."""
     certain = expected.certain(**margins)
     assert certain.mean() > 0.95, f"{message}: only {certain.mean():.0%} of the pixels are certain"
     difference = np.abs(image - expected.image).max(axis=-1)
     difference = np.where(certain, difference, 0)
-    # A NaN is no small difference.
+    # A NaN fails too.
     if not (difference <= atol).all():
         worst = np.nanargmax(np.where(np.isnan(difference), np.inf, difference))
         row, column = np.unravel_index(worst, difference.shape)
@@ -171,8 +170,3 @@ def assert_close(
             f"the worst, row {row}, column {column}, is {image[row, column]} and should be "
             f"{expected.image[row, column]}."
         )
-
-
-def slowly(*values: Any) -> Any:
-    """Left to the slow run: each structure that is drawn takes seconds to compile."""
-    return pytest.param(*values, marks=pytest.mark.slow)

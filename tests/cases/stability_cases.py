@@ -1,7 +1,7 @@
-"""Scenes on which a differentiable rasterizer may lose its footing, and what must hold of each.
+"""Numerically hard scenes, and the errors that float32 may make in each.
 
-Six flat triangles on a canvas of 16 x 16 pixels, so that all share one program; in each case some
-of them are the hard ones, among others that are ordinary.
+Six flat triangles on a canvas of 16 x 16 pixels, so that all cases share one program. In each case
+some of the triangles are hard and the others ordinary.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ SIZE = 16
 COUNT = 6
 
 WIDEST = 1e4
-"""Softness in pixels."""
+"""The widest soft edge, in pixels."""
 
 MODES: dict[str, sr.Hard | sr.Soft | sr.Area] = {
     "hard": sr.Hard(4),
@@ -30,11 +30,11 @@ MODES: dict[str, sr.Hard | sr.Soft | sr.Area] = {
 class Case(NamedTuple):
     """Corners `[6, 3, 2]` and RGBA `[6, 4]`, float32.
 
-    - `modes`: which draw it.
+    - `modes`: the modes that draw it.
     - `softness`: width of soft coverage in pixels.
     - `limits`: stated errors of the value, and of the three products, relative to the greatest
       number of each or to 1.
-    - `size`: of the canvas in pixels.
+    - `size`: side of the canvas in pixels.
     """
 
     corners: np.ndarray
@@ -45,46 +45,47 @@ class Case(NamedTuple):
     size: int = SIZE
 
 
-def ordinary(seed: int = 0) -> np.ndarray:
+def ordinary_triangles(seed: int = 0) -> np.ndarray:
     """Triangles of a few pixels."""
     rng = np.random.default_rng(seed)
     spread = rng.normal(size=(COUNT, 3, 2)) * 3
     return (rng.uniform(3, SIZE - 3, (COUNT, 1, 2)) + spread).clip(-6, SIZE + 6).astype(np.float32)
 
 
-def tints(seed: int = 1) -> np.ndarray:
+def translucent_colors(seed: int = 1) -> np.ndarray:
+    """RGBA `[6, 4]` with alpha from 0.3 to 0.9."""
     colors = np.random.default_rng(seed).random((COUNT, 4))
     colors[:, 3] = 0.3 + 0.6 * colors[:, 3]
     return colors.astype(np.float32)
 
 
-def among(hard: list, **options) -> Case:
-    """The hard triangles, every other one of six, or all from the first on."""
-    corners = ordinary()
-    given = np.asarray(hard, np.float32)
-    places = [1, 3, 5, 0, 2, 4][: len(given)]
-    corners[places] = given
-    return Case(corners, tints(), **options)
+def with_hard_triangles(hard: list, **options) -> Case:
+    """Ordinary triangles, some of them replaced by up to six hard ones."""
+    corners = ordinary_triangles()
+    hard_corners = np.asarray(hard, np.float32)
+    indices = [1, 3, 5, 0, 2, 4][: len(hard_corners)]
+    corners[indices] = hard_corners
+    return Case(corners, translucent_colors(), **options)
 
 
-def of_area(area: float) -> Case:
-    """A right triangle of an area in square pixels, turned so that no edge is level.
+def with_area(area: float) -> Case:
+    """A right triangle of `area` square pixels, rotated so that no edge is level.
 
     A large one has its longest edge across the canvas; a small one lies at 1/64 pixel from the
-    corner of the canvas, where float32 is fine enough to hold it.
+    corner of the canvas, where float32 is fine enough to represent it.
     """
     leg = (2 * area) ** 0.5
     turn = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
     shape = np.array([[0, 0], [leg, 0], [0, leg]]) @ turn.T
-    # A third along its longest edge lies near the middle of the canvas, where of all crossings with
-    # lines of samples none is so near to a side of a pixel that roundings say on which it lies.
+    # A third along its longest edge lies near the middle of the canvas. There, no crossing with a
+    # line of samples is so near to a side of a pixel that rounding decides on which it lies.
     middle = np.array([6.66, 8.6]) - (shape[1] * 2 + shape[2]) / 3
     placed = shape + (1 / 64 if leg < 1 else middle)
-    return among([placed])
+    return with_hard_triangles([placed])
 
 
-def layers() -> Case:
-    """A thousand translucent triangles over one pixel, and its neighbours."""
+def thousand_layers() -> Case:
+    """A thousand translucent triangles over one pixel and its neighbours."""
     rng = np.random.default_rng(2)
     corners = np.array([3.5, 3.5]) + rng.normal(size=(1000, 3, 2)) * 1.5
     colors = rng.random((1000, 4))
@@ -94,92 +95,97 @@ def layers() -> Case:
 
 
 def sliver(start: tuple, end: tuple, aspect: float = 1e6) -> list:
-    """A triangle as long as from start to end, thinner by `aspect`."""
+    """A triangle from `start` to `end`, whose height is its length over about `aspect`."""
     p, q = np.array(start, float), np.array(end, float)
     normal = np.array([p[1] - q[1], q[0] - p[0]])
     return [p, q, 0.4 * p + 0.6 * q + normal / aspect]
 
 
-def wild(value: float) -> Case:
-    corners = ordinary()
+def with_coordinate(value: float) -> Case:
+    """Ordinary triangles, one coordinate of one corner set to `value`."""
+    corners = ordinary_triangles()
     corners[3, 1, 0] = value
-    return Case(corners, tints())
+    return Case(corners, translucent_colors())
 
 
-def clear_and_solid() -> Case:
-    colors = tints()
+def clear_and_opaque() -> Case:
+    """Ordinary triangles, alternately of alpha 0 and 1."""
+    colors = translucent_colors()
     colors[::2, 3], colors[1::2, 3] = 0, 1
-    return Case(ordinary(), colors)
+    return Case(ordinary_triangles(), colors)
 
 
-def of_width(softness: float) -> Case:
-    """Upright and level edges on centres of pixels, where any width has a slope."""
-    corners = ordinary()
+def with_width(softness: float) -> Case:
+    """Upright and level edges on pixel centres, where the derivative is not zero for any width."""
+    corners = ordinary_triangles()
     corners[1] = [(4.5, -6), (4.5, 22), (22, 7.25)]
     corners[4] = [(-6, 9.5), (22, 9.5), (7.25, 22)]
-    # A distance is known to a few roundings of a coordinate, and they count over the width.
+    # A distance has an error of a few roundings of a coordinate, which is divided by the width.
     limits = (max(2e-6, min(0.5, 1e-6 / softness)), max(2e-5, min(1.0, 4e-6 / softness)))
-    return Case(corners, tints(), ("soft",), softness, limits)
+    return Case(corners, translucent_colors(), ("soft",), softness, limits)
 
 
 CASES: dict[str, Callable[[], Case]] = {
-    "ordinary": lambda: Case(ordinary(), tints()),
-    "vertices coincident": lambda: among(
+    "ordinary": lambda: Case(ordinary_triangles(), translucent_colors()),
+    "vertices coincident": lambda: with_hard_triangles(
         [[(5.3, 6.1)] * 3, [(8.5, 8.5)] * 3, [(3.2, 4.4), (3.2, 4.4), (11.7, 9.3)]]
     ),
-    "vertices collinear": lambda: among(
+    "vertices collinear": lambda: with_hard_triangles(
         [
             [(2, 2), (6, 4), (12, 7)],
             [(4.5, 1), (4.5, 13), (4.5, 7)],
             [(3.25, 9.25), (12.25, 9.25), (5.75, 9.25)],
         ]
     ),
-    "vertices on samples": lambda: among(
+    "vertices on samples": lambda: with_hard_triangles(
         [
             [(4.5, 3.5), (11.5, 5.5), (6.5, 12.5)],
             [(2.25, 2.25), (9.75, 4.25), (3.75, 10.75)],
             [(8.5, 8.5), (13.5, 8.5), (8.5, 13.5)],
         ]
     ),
-    "vertices on pixel corners": lambda: among(
+    "vertices on pixel corners": lambda: with_hard_triangles(
         [[(4, 3), (11, 5), (6, 12)], [(2, 2), (10, 2), (2, 10)], [(1, 14), (15, 14), (8, 1)]]
     ),
-    "vertices on tile borders": lambda: among(
+    "vertices on tile borders": lambda: with_hard_triangles(
         [[(8, 0), (8, 16), (16, 8)], [(0, 8), (16, 8), (8, 16)], [(0, 0), (8, 8), (0, 16)]]
     ),
     **{
-        f"area {area:.0e}": (lambda area=area: of_area(area))
+        f"area {area:.0e}": (lambda area=area: with_area(area))
         for area in (1e-12, 1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9)
     },
-    # The part of its longest edge that lies in a pixel is a millionth of it.
-    "area 1e+12": lambda: of_area(1e12)._replace(limits=(2e-6, 1e-3)),
-    "slivers": lambda: among(
+    # A pixel contains a millionth of the longest edge.
+    "area 1e+12": lambda: with_area(1e12)._replace(limits=(2e-6, 1e-3)),
+    "slivers": lambda: with_hard_triangles(
         [
             sliver((1.3, 2.1), (13.2, 9.7)),
             sliver((2.2, 12.4), (14.1, 12.9)),
             sliver((6.1, 1.2), (5.7, 14.9)),
         ]
     ),
-    "slivers, 1e4 px": lambda: among(
+    "slivers, 1e4 px": lambda: with_hard_triangles(
         [sliver((-4816.4, -3235.2), (5132.7, 3427.9)), sliver((-5003.3, 11.2), (4992.2, 5.4))]
     ),
-    "slivers, 1000 px": lambda: among(
+    "slivers, 1000 px": lambda: with_hard_triangles(
         [sliver((-481.3, -322.1), (513.2, 341.7)), sliver((-500.3, 11.2), (499.2, 5.4))]
     ),
-    "canvas times 1e4": lambda: among(
+    "canvas times 1e4": lambda: with_hard_triangles(
         # An edge across the canvas, which it meets at some angle to the pixels.
         [[(7.3 - 6.1e4, 8.6 - 4.9e4), (7.3 + 6.1e4, 8.6 + 4.9e4), (-7.7e4, 8.3e4)]],
         limits=(2e-6, 1e-4),
     ),
-    "NaN": lambda: wild(np.nan),
-    "infinity": lambda: wild(-np.inf),
-    "alpha 0 and 1": clear_and_solid,
+    "NaN": lambda: with_coordinate(np.nan),
+    "infinity": lambda: with_coordinate(-np.inf),
+    "alpha 0 and 1": clear_and_opaque,
     **{
-        f"width {width:.0e}": (lambda width=width: of_width(width))
+        f"width {width:.0e}": (lambda width=width: with_width(width))
         for width in (1e-6, 1e-4, 1e-2, 1e2, 1e4)
     },
     "one pixel": lambda: Case(
-        ordinary() - np.float32(7.5), tints(), modes=("hard", "soft", "area"), size=1
+        ordinary_triangles() - np.float32(7.5),
+        translucent_colors(),
+        modes=("hard", "soft", "area"),
+        size=1,
     ),
-    "1000 layers": layers,
+    "1000 layers": thousand_layers,
 }

@@ -1,8 +1,8 @@
-"""Triangles without area, or hardly any, and what must hold of their derivatives.
+"""Triangles without area, or hardly any, and the limits that their derivatives must keep to.
 
-Each lies between two ordinary triangles on a canvas of 16 x 16 pixels. Unlike the truth of
-`measure`, which has to leave out pixels whose slope jumps within a rounding of the corners (and so
-every pixel that sees such a triangle), these checks leave out nothing.
+Each lies between two ordinary triangles on a canvas of 16 x 16 pixels. `stability_measure` leaves
+out pixels whose derivative jumps within a rounding of the corners, which is every pixel that such
+a triangle touches; these checks leave out nothing.
 """
 
 from collections.abc import Callable
@@ -18,10 +18,11 @@ import softras2d as sr
 SIZE = 16
 Coverage = sr.Hard | sr.Soft | sr.Area
 
-HARD = 1
-"""Which of the three triangles is the degenerate one."""
+DEGENERATE = 1
+"""Index of the degenerate one of the three triangles."""
 
 WIDTHS = (1e-4, 0.1, 1.0, 100.0)
+"""Widths of soft coverage in pixels."""
 
 MODES: dict[str, tuple[Coverage, str]] = {
     "hard": (sr.Hard(16), ""),
@@ -34,30 +35,30 @@ MODES: dict[str, tuple[Coverage, str]] = {
     "area, shaded": (sr.Area(), "gat"),
     "sum, shaded": (sr.Area("sum"), "ga"),
 }
-"""Coverage, and the effects of `scene_of`."""
+"""Coverage, and the effects of `scene_of`, by name."""
 
-LARGEST = 4.0
-"""Times the greatest entry of the gradient of the triangle made a pixel thick, at most."""
+GRADIENT_LIMIT = 4.0
+"""Greatest `relative_gradient` that is allowed."""
 
-AGREES = 2e-3
-"""Difference of jvp and vjp over the norms of both, at most.
+MISMATCH_LIMIT = 2e-3
+"""Greatest `mismatch` of jvp and vjp that is allowed.
 
-The worst is a triangle of a few roundings that lies on the centre of a pixel, whose direction from
-there is known to a rounding over a thousandth of a pixel.
+The worst case is a triangle of a few roundings on the centre of a pixel: its direction from there
+is known to a rounding over a thousandth of a pixel.
 """
 
 
-def _on_line(start: np.ndarray, end: np.ndarray, part: float) -> list[np.ndarray]:
-    return [start, end, start + part * (end - start)]
+def _on_line(start: np.ndarray, end: np.ndarray, fraction: float) -> list[np.ndarray]:
+    return [start, end, start + fraction * (end - start)]
 
 
 def _lifted(height: float) -> Callable[[np.ndarray, np.ndarray], list[np.ndarray]]:
-    """The third corner between the others, and off their line."""
+    """The third corner between the others, and `height` pixels off their line."""
 
     def build(start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
-        way = end - start
-        normal = np.array([-way[1], way[0]]) / np.hypot(*way)
-        return [start, end, start + 0.4 * way + height * normal]
+        direction = end - start
+        normal = np.array([-direction[1], direction[0]]) / np.hypot(*direction)
+        return [start, end, start + 0.4 * direction + height * normal]
 
     return build
 
@@ -86,10 +87,10 @@ KINDS: dict[str, Callable[[np.ndarray, np.ndarray], list[np.ndarray]]] = {
         start - 997 * (end - start), end + 1013 * (end - start), 0.6
     ),
 }
-"""From two points of the canvas to three corners."""
+"""The three corners of each kind, from two points of the canvas."""
 
 SEGMENTS = (
-    # Through centres of pixels: on the diagonal, upright, level; at a slope of a half.
+    # Through centres of pixels: on the diagonal, upright, level; rising by one half.
     ((0.0, 0.0), (10.0, 10.0)),
     ((4.5, 1.5), (4.5, 13.5)),
     ((2.5, 9.5), (12.5, 9.5)),
@@ -99,8 +100,8 @@ SEGMENTS = (
 )
 
 
-def draws(kind: str, *, random: int = 5) -> np.ndarray:
-    """Corners of a kind, `[draws, 3, 2]` in float32: structured ones first, then random ones."""
+def corners_of_kind(kind: str, *, random: int = 5) -> np.ndarray:
+    """Triangles of a kind, `[n, 3, 2]` in float32: on `SEGMENTS` first, then random ones."""
     rng = np.random.default_rng(11)
     ends = [*np.asarray(SEGMENTS), *rng.uniform(1, SIZE - 1, (random, 2, 2))]
     return np.asarray([KINDS[kind](*pair) for pair in ends], np.float32)
@@ -114,9 +115,9 @@ ORDINARY = np.array(
 
 
 def scene_of(effects: str, *, depth: float = 1.0, color: float = 1.0) -> sr.Scene:
-    """Corner colours (g), alpha (a), depth (d), a texture (t); depth and colours up to a greatest.
+    """A scene with corner colours (g), alpha (a), depth (d) and a texture (t), by letters.
 
-    `derive` puts the degenerate triangle into it.
+    `depth`, `color`: the greatest. `derive` inserts the degenerate triangle.
     """
     rng = np.random.default_rng(3)
     soup = np.stack([ORDINARY[0], CROSSING, ORDINARY[1]])
@@ -136,15 +137,15 @@ def scene_of(effects: str, *, depth: float = 1.0, color: float = 1.0) -> sr.Scen
 
 
 def plan_of(coverage: Coverage, effects: str) -> sr.Plan:
-    """One plan for all draws: of a scene whose triangles all cross the canvas."""
+    """One plan for all triangles: of a scene in which each crosses the canvas."""
     crossings = jnp.asarray(np.tile(CROSSING, (3, 1)), jnp.float32)
     scene = eqx.tree_at(lambda s: s.positions, scene_of(effects), crossings)
     widest = max(WIDTHS) if isinstance(coverage, sr.Soft) else None
     return sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage, max_width=widest)
 
 
-class Found(NamedTuple):
-    """The image, its tangent, and what the degenerate triangle's corners get: `[3, 2]`."""
+class Derivatives(NamedTuple):
+    """The image, its tangent, and the gradient `[3, 2]` by the degenerate triangle's corners."""
 
     image: np.ndarray
     tangent: np.ndarray
@@ -156,75 +157,75 @@ WEIGHT = np.random.default_rng(6).normal(size=(SIZE, SIZE, 3)).astype(np.float32
 
 
 BATCH = 42
-"""Triangles that are looked at in one call, one after the other."""
+"""Number of triangles in one call, which draws them one after the other."""
 
 
 @eqx.filter_jit
 def _derive(scene: sr.Scene, plan: sr.Plan, batch: Any, velocity: Any, weight: Any) -> Any:
     def draw(corners):
-        positions = scene.positions.at[3 * HARD : 3 * HARD + 3].set(corners)
+        positions = scene.positions.at[3 * DEGENERATE : 3 * DEGENERATE + 3].set(corners)
         moved = eqx.tree_at(lambda s: s.positions, scene, positions)
         return sr.render_checked(moved, plan)
 
-    def look(corners):
-        image, push, overflow = jax.linearize(draw, corners, has_aux=True)
-        return image, push(velocity), jax.linear_transpose(push, corners)(weight)[0], overflow
+    def derive_one(corners):
+        image, jvp, overflow = jax.linearize(draw, corners, has_aux=True)
+        return image, jvp(velocity), jax.linear_transpose(jvp, corners)(weight)[0], overflow
 
-    return jax.lax.map(look, batch)
+    return jax.lax.map(derive_one, batch)
 
 
-def derive_each(scene: sr.Scene, plan: sr.Plan, corners: np.ndarray) -> list[Found]:
-    """Image, jvp and vjp of degenerate triangles `[n, 3, 2]`, each by itself."""
-    found = []
+def derive_each(scene: sr.Scene, plan: sr.Plan, corners: np.ndarray) -> list[Derivatives]:
+    """Image, jvp and vjp of degenerate triangles `[n, 3, 2]`, each in a scene of its own."""
+    derived = []
     for first in range(0, len(corners), BATCH):
-        part = np.asarray(corners[first : first + BATCH], np.float32)
-        spare = np.repeat(part[:1], BATCH - len(part), axis=0)
-        batch = jnp.asarray(np.concatenate([part, spare]))
+        chunk = np.asarray(corners[first : first + BATCH], np.float32)
+        padding = np.repeat(chunk[:1], BATCH - len(chunk), axis=0)
+        batch = jnp.asarray(np.concatenate([chunk, padding]))
         *numbers, overflow = _derive(scene, plan, batch, VELOCITY, WEIGHT)
         assert not overflow.any()
         images, tangents, gradients = (np.asarray(entry, np.float64) for entry in numbers)
-        found += [Found(images[k], tangents[k], gradients[k]) for k in range(len(part))]
-    return found
+        derived += [Derivatives(images[k], tangents[k], gradients[k]) for k in range(len(chunk))]
+    return derived
 
 
-def derive(scene: sr.Scene, plan: sr.Plan, corners: np.ndarray) -> Found:
+def derive(scene: sr.Scene, plan: sr.Plan, corners: np.ndarray) -> Derivatives:
     """Image, jvp and vjp of one degenerate triangle."""
     return derive_each(scene, plan, corners[None])[0]
 
 
-def mismatch(found: Found) -> float:
+def mismatch(derivatives: Derivatives) -> float:
     """How far the jvp is from the vjp: of `w . J v` and `J^T w . v`, over the norms of both."""
-    forward = float((WEIGHT * found.tangent).sum())
-    backward = float((found.gradient * VELOCITY).sum())
-    scale = np.linalg.norm(WEIGHT) * np.linalg.norm(found.tangent)
-    scale += np.linalg.norm(found.gradient) * np.linalg.norm(VELOCITY)
+    forward = float((WEIGHT * derivatives.tangent).sum())
+    backward = float((derivatives.gradient * VELOCITY).sum())
+    scale = np.linalg.norm(WEIGHT) * np.linalg.norm(derivatives.tangent)
+    scale += np.linalg.norm(derivatives.gradient) * np.linalg.norm(VELOCITY)
     return float(abs(forward - backward) / (scale if scale > 0 else 1.0))
 
 
 def thickened(corners: np.ndarray) -> np.ndarray:
-    """Six triangles that are a pixel thick: over each edge, to either side, `[6, 3, 2]`.
+    """Six triangles that are a pixel thick, over each edge to either side, `[6, 3, 2]`.
 
     An edge shorter than a pixel is made one long around its middle, along x if it has no direction.
     The third corner lies a pixel from its middle.
     """
-    found = []
+    triangles = []
     for k in range(3):
         start, end = corners[k].astype(np.float64), corners[(k + 1) % 3].astype(np.float64)
-        way, middle = end - start, 0.5 * (start + end)
-        length = float(np.hypot(*way))
-        along = way / length if length > 0 else np.array([1.0, 0.0])
+        direction, middle = end - start, 0.5 * (start + end)
+        length = float(np.hypot(*direction))
+        along = direction / length if length > 0 else np.array([1.0, 0.0])
         if length < 1:
             start, end = middle - 0.5 * along, middle + 0.5 * along
         normal = np.array([-along[1], along[0]])
-        found += [[start, end, middle + sign * normal] for sign in (1, -1)]
-    return np.asarray(found, np.float32)
+        triangles += [[start, end, middle + sign * normal] for sign in (1, -1)]
+    return np.asarray(triangles, np.float32)
 
 
-def excess(found: Found, thick: list[Found]) -> float:
-    """Greatest entry of the gradient over that of the triangle made a pixel thick."""
-    most = max(np.abs(other.gradient).max() for other in thick)
-    own = np.abs(found.gradient).max()
-    return float(own / most) if most > 0 else float(np.inf if own > 0 else 0)
+def relative_gradient(derivatives: Derivatives, thick: list[Derivatives]) -> float:
+    """Greatest entry of the gradient, over that of `thickened` triangles."""
+    reference = max(np.abs(derived.gradient).max() for derived in thick)
+    largest = np.abs(derivatives.gradient).max()
+    return float(largest / reference) if reference > 0 else float(np.inf if largest > 0 else 0)
 
 
 def with_width(plan: sr.Plan, width: float) -> sr.Plan:
@@ -240,13 +241,13 @@ SHADED_KINDS = (
     "tiny, 1e-05 px",
     "needle",
 )
-"""Kinds for scenes with every effect, which take a hundred times as long as flat ones."""
+"""Kinds for scenes with effects, which take a hundred times as long as flat ones."""
 
 
 def measure(
     mode: str, *, widths: tuple[float, ...] = WIDTHS, random: int = 1
 ) -> list[dict[str, Any]]:
-    """The worst draw of each kind: `jvp_vjp` is `mismatch`, `largest` is `excess`.
+    """The worst of each kind: `jvp_vjp` is `mismatch`, `largest` is `relative_gradient`.
 
     Scenes with effects are measured at one width, and for `SHADED_KINDS`.
     """
@@ -254,53 +255,58 @@ def measure(
     scene, plan, rows = scene_of(effects), plan_of(coverage, effects), []
     kinds = SHADED_KINDS if effects else tuple(KINDS)
     if isinstance(coverage, sr.Hard):
-        # The plan holds what crosses the canvas, not what leaves the guard band.
+        # The plan is for triangles that cross the canvas, not for those past the guard band.
         kinds = tuple(kind for kind in kinds if kind != "far")
     if effects:
         widths = (1.0,)
     for width in widths if isinstance(coverage, sr.Soft) else (None,):
-        own = plan if width is None else with_width(plan, width)
+        plan_at_width = plan if width is None else with_width(plan, width)
         for kind in kinds:
-            corners = draws(kind, random=random)
+            corners = corners_of_kind(kind, random=random)
             every = np.concatenate([corners, *map(thickened, corners)])
-            every = derive_each(scene, own, every)
-            found, thick = every[: len(corners)], every[len(corners) :]
+            every = derive_each(scene, plan_at_width, every)
+            degenerate, thick = every[: len(corners)], every[len(corners) :]
             finite = all(np.isfinite(entry).all() for one in every for entry in one)
-            worst = max(map(mismatch, found))
-            largest = max(excess(one, thick[6 * k : 6 * k + 6]) for k, one in enumerate(found))
+            worst = max(map(mismatch, degenerate))
+            largest = max(
+                relative_gradient(one, thick[6 * k : 6 * k + 6]) for k, one in enumerate(degenerate)
+            )
             row = {"mode": mode, "width": width or "", "case": kind, "finite": finite}
             rows.append({**row, "jvp_vjp": worst, "largest": largest})
     return rows
 
 
 def within(row: dict[str, Any]) -> bool:
-    """Whether a row of `measure` keeps to what is stated."""
-    return row["finite"] and row["jvp_vjp"] <= AGREES and row["largest"] <= LARGEST
+    """Whether a row of `measure` is finite and within the limits."""
+    return row["finite"] and row["jvp_vjp"] <= MISMATCH_LIMIT and row["largest"] <= GRADIENT_LIMIT
 
 
 HEIGHTS = tuple(sign * 10.0**-power for power in range(8) for sign in (1, -1))
 
 
 def collapse(mode: str, *, random: int = 3) -> list[dict[str, Any]]:
-    """How much changes between a height of 1e-7 pixels, of either sign, and none.
+    """How much changes between a height of 1e-7 pixels, of either sign, and no height.
 
-    Of the image; of the gradient and the jvp over the greatest number that they have at a height
-    of one pixel. `largest`: the greatest gradient at any height, over the same.
+    The image; the gradient and the jvp, over their greatest number at a height of one pixel.
+    `largest`: the greatest gradient at any height, over the same.
     """
     coverage, effects = MODES[mode]
     scene, plan, rows = scene_of(effects), plan_of(coverage, effects), []
     for width in WIDTHS[1:] if isinstance(coverage, sr.Soft) else (None,):
-        own = plan if width is None else with_width(plan, width)
+        plan_at_width = plan if width is None else with_width(plan, width)
         drawn = np.random.default_rng(12).uniform(3, SIZE - 3, (random, 2, 2))
         for case, (start, end) in enumerate([*np.asarray(BY_THE_ORIGIN), *drawn]):
             heights = (*HEIGHTS, 0.0)
             corners = np.asarray([_lifted(height)(start, end) for height in heights])
-            by_height = dict(zip(heights, derive_each(scene, own, corners), strict=True))
+            by_height = dict(zip(heights, derive_each(scene, plan_at_width, corners), strict=True))
             flat, thick = by_height[0.0], (by_height[1.0], by_height[-1.0])
 
-            def change(name: str, flat: Found = flat, by_height: Any = by_height) -> float:
-                own = getattr(flat, name)
-                return max(float(np.abs(getattr(by_height[h], name) - own).max()) for h in LEAST)
+            def change(name: str, flat: Derivatives = flat, by_height: Any = by_height) -> float:
+                at_zero = getattr(flat, name)
+                return max(
+                    float(np.abs(getattr(by_height[h], name) - at_zero).max())
+                    for h in LEAST_HEIGHTS
+                )
 
             size = max(np.abs(found.gradient).max() for found in thick)
             speed = max(np.abs(found.tangent).max() for found in thick)
@@ -312,10 +318,10 @@ def collapse(mode: str, *, random: int = 3) -> list[dict[str, Any]]:
     return rows
 
 
-LEAST = HEIGHTS[-2:]
+LEAST_HEIGHTS = HEIGHTS[-2:]
 
 BY_THE_ORIGIN = (
     ((2.2, 2.0**-6), (13.1, 2.0**-6)),
     ((2.0**-6, 14.3), (2.0**-6, 3.4)),
 )
-"""Where float32 holds a height of 1e-7; elsewhere on the canvas it is one of up to 5e-7."""
+"""Segments where float32 represents a height of 1e-7; elsewhere it is rounded up to 5e-7."""

@@ -1,7 +1,7 @@
-"""The command line: wiring, files, errors and exit codes, with pictures from a stand-in.
+"""The command line: options, files, errors and exit codes, with a stand-in for drawing.
 
-The stand-in replaces reading, planning and drawing, so these tests compile nothing. The commands on
-real scenes are at the end.
+The stand-in replaces reading, planning and drawing, so that most of these tests compile nothing.
+Tests on real scenes follow at the end.
 """
 
 import os
@@ -32,8 +32,8 @@ EDGE = """<svg xmlns="http://www.w3.org/2000/svg" width="4" height="1">
 
 
 @pytest.fixture(autouse=True)
-def own_cache(monkeypatch, tmp_path):
-    """The session's cache folder, and JAX's settings as they were."""
+def fresh_cache(monkeypatch, tmp_path):
+    """A new cache folder, and JAX's settings restored afterwards."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("TERM", "dumb")
     monkeypatch.setenv("COLUMNS", "200")
@@ -47,13 +47,13 @@ def own_cache(monkeypatch, tmp_path):
     yield
     for name, value in before.items():
         jax.config.update(name, value)
-    # JAX looks at its settings once; later tests must not find this cache.
+    # JAX reads these settings once; later tests must not use this cache.
     reset_cache()
 
 
 @pytest.fixture
 def stand_in(monkeypatch):
-    """Scenes that are grey, sized as asked; names with `bad` fail, `slow` are interrupted."""
+    """Draw grey images; files named `bad` or `bug` fail, and `slow` is interrupted."""
     views = []
 
     def read(path, asked):
@@ -83,7 +83,7 @@ def run(*arguments):
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
-def test_version():
+def test_version_is_printed():
     result = run("--version")
     assert result.exit_code == 0 and result.stdout == f"softras2d {sr.__version__}\n"
 
@@ -102,7 +102,7 @@ def test_one_scene_into_a_file(stand_in, tmp_path):
     assert read_image(tmp_path / "a.png").shape == (30, 40, 3)
 
 
-def test_every_option_reaches_the_view(stand_in, tmp_path):
+def test_every_option_is_passed_on(stand_in, tmp_path):
     result = run(
         "render", "a.svg", "-o", tmp_path / "a.png", "--samples", 4, "--size", "64x48",
         "--dialect", "course", "--fill-rule", "top_left", "--shading", "pixel",
@@ -191,7 +191,7 @@ def test_no_output_is_misuse(stand_in):
     assert run("render", "a.svg").exit_code == 2
 
 
-def test_faults_of_ours_are_one_line_too_and_the_batch_goes_on(stand_in, tmp_path, monkeypatch):
+def test_unexpected_errors_are_one_line_and_the_batch_continues(stand_in, tmp_path, monkeypatch):
     result = run("render", "bad.svg", "bug.svg", "a.svg", "-o", tmp_path)
     assert result.exit_code == 1 and (tmp_path / "a.png").exists()
     bad, bug = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
@@ -209,7 +209,7 @@ def test_warnings_are_one_line_each(stand_in, tmp_path):
     assert lines == [f"warning: {n}.svg: circle, path are not supported" for n in ("odd", "odd2")]
 
 
-def test_interruption_is_one_line_and_130(stand_in, tmp_path):
+def test_interruption_is_one_line_and_exit_code_130(stand_in, tmp_path):
     result = run("render", "a.svg", "slow.svg", "-o", tmp_path / "out")
     assert result.exit_code == 130
     assert result.stderr.splitlines()[-1] == "interrupted"
@@ -218,23 +218,23 @@ def test_interruption_is_one_line_and_130(stand_in, tmp_path):
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["a.png"]
 
 
-def test_sizes():
-    own = (30, 40)
-    assert render_steps.canvas_size(None, own) == own
-    assert render_steps.canvas_size(options.parse_size("800x600"), own) == (600, 800)
-    assert render_steps.canvas_size(options.parse_size("800"), own) == (600, 800)
+def test_sizes_are_parsed_and_fit_the_drawing():
+    drawing_size = (30, 40)
+    assert render_steps.canvas_size(None, drawing_size) == drawing_size
+    assert render_steps.canvas_size(options.parse_size("800x600"), drawing_size) == (600, 800)
+    assert render_steps.canvas_size(options.parse_size("800"), drawing_size) == (600, 800)
     assert render_steps.canvas_size(options.parse_size("7"), (1000, 1)) == (7, 1)
     with pytest.raises(typer.BadParameter):
         options.parse_size("-3")
 
 
-def test_colours():
+def test_colours_are_parsed():
     assert options.parse_color("transparent") == (0, 0, 0, 0)
     assert options.parse_color("rgba(255, 0, 0, 0.5)") == (1, 0, 0, 0.5)
 
 
 class TestOnRealScenes:
-    def test_a_picture_is_what_the_package_draws(self, tmp_path):
+    def test_render_writes_what_the_package_draws(self, tmp_path):
         scene_file, target = scenes.path("squares"), tmp_path / "squares.png"
         asked = ("--samples", 4, "--size", "40x30", "--truncate", "--origin", "3,-2")
         result = run("render", scene_file, "-o", target, *asked)
@@ -244,7 +244,7 @@ class TestOnRealScenes:
         image = np.asarray(sr.render(scene, plan))
         np.testing.assert_array_equal(read_image(target), np.floor(image * 255) / np.float32(255))
 
-    def test_a_background_and_linear_light(self, tmp_path):
+    def test_linear_light_over_a_given_background(self, tmp_path):
         (tmp_path / "a.svg").write_text(EDGE)
         result = run(
             "render", tmp_path / "a.svg", "-o", tmp_path / "a.png", "--linear", "--samples", 4,
@@ -264,7 +264,7 @@ class TestOnRealScenes:
         np.testing.assert_array_equal(row[:, 3] * 255, [255, 128, 0, 0])
         assert row[:, :3].max() == 0
 
-    def test_info_says_what_the_plan_says(self):
+    def test_info_prints_the_plan(self):
         result = run("info", scenes.path("joints"), "--samples", 4, "--size", 64)
         assert result.exit_code == 0, result.stderr
         scene = sr.read_svg(scenes.path("joints"), height=64, width=64)
@@ -279,7 +279,7 @@ class TestOnRealScenes:
         assert "without translucency" in result.stdout and "MiB" in result.stdout
 
     @pytest.mark.slow
-    def test_demo_draws_every_scene_as_alone(self, tmp_path, monkeypatch):
+    def test_demo_draws_each_scene_as_drawn_alone(self, tmp_path, monkeypatch):
         monkeypatch.setattr(scenes, "names", lambda: ("joints", "squares"))
         monkeypatch.setattr(demo, "_RATES", (4,))
         result = run("demo", tmp_path / "out")
@@ -287,21 +287,21 @@ class TestOnRealScenes:
         assert f"2 pictures in {tmp_path / 'out'}" in result.stdout
         names = {"joints-4.png", "squares-4.png", "contact_sheet.png"}
         assert {path.name for path in (tmp_path / "out").iterdir()} == names
-        # Lengthened to the triangles of the other, and under the plan of both.
+        # The demo draws it padded to the triangles of the other, under one plan.
         scene = scenes.read("joints")
         plan = sr.plan(scene, height=300, width=300, coverage=sr.Hard(samples=4))
         image = np.floor(np.asarray(sr.render(scene, plan)) * 255 + 0.5) / np.float32(255)
         np.testing.assert_array_equal(read_image(tmp_path / "out" / "joints-4.png"), image)
 
     @pytest.mark.slow
-    def test_a_second_time_compiles_nothing(self, tmp_path):
-        kept = []
+    def test_a_second_process_compiles_nothing(self, tmp_path):
+        cached = []
         command = [*COMMAND, "render", str(scenes.path("squares")), "--size", "40", "-o"]
         for name in ("first.png", "second.png"):
             done = subprocess.run([*command, str(tmp_path / name)], check=True)
             assert done.returncode == 0
-            kept.append(sorted(compilation_cache.cache_folder().iterdir()))
-        assert kept[0] == kept[1] and len(kept[0]) > 0
+            cached.append(sorted(compilation_cache.cache_folder().iterdir()))
+        assert cached[0] == cached[1] and len(cached[0]) > 0
 
     @pytest.mark.slow
     def test_processes_share_a_cache_and_survive_a_broken_one(self, tmp_path):
@@ -326,7 +326,7 @@ class TestAsAProcess:
         assert done.stderr.startswith("error: none.svg: ") and done.stderr.count("\n") == 1
 
     @pytest.mark.skipif(sys.platform == "win32", reason="needs named pipes and SIGINT")
-    def test_ctrl_c_is_one_line_and_130(self, tmp_path):
+    def test_ctrl_c_is_one_line_and_exit_code_130(self, tmp_path):
         pipe = tmp_path / "endless.svg"
         os.mkfifo(pipe)
         command = [*COMMAND, "render", str(pipe), "-o", str(tmp_path / "a.png")]
@@ -340,7 +340,7 @@ class TestAsAProcess:
 
 
 class TestContactSheet:
-    def test_holds_every_picture_pixel_for_pixel_and_some_ink(self):
+    def test_contains_every_image_unchanged_and_text(self):
         random = np.random.default_rng(0)
         images = [random.random((20, 30, 3), np.float32) for _ in range(4)]
         sheet = contact_sheet(
@@ -354,10 +354,10 @@ class TestContactSheet:
             corner = np.argwhere((windows[:, :, 0, 0] == image[0, 0]).all(axis=-1))
             assert len(corner) == 1
             np.testing.assert_array_equal(windows[tuple(corner[0])], image)
-        # Dark where nothing but type can be: above the first picture.
+        # Above the first image there is only text, which is dark.
         assert sheet[:50].min() < 0.5
 
-    def test_needs_a_picture(self):
+    def test_without_images_is_refused(self):
         with pytest.raises(ValueError, match="at least one"):
             contact_sheet([])
 
@@ -367,7 +367,7 @@ def cache_dir():
 
 
 class TestCompilationCache:
-    def test_is_the_users(self, tmp_path):
+    def test_is_private_in_the_users_folder(self, tmp_path):
         folder = compilation_cache.cache_folder()
         assert folder.is_relative_to(tmp_path / "cache" / "softras2d")
         compilation_cache.keep_compiled_programs()
@@ -379,12 +379,12 @@ class TestCompilationCache:
         monkeypatch.setenv("HOME", str(tmp_path))
         assert compilation_cache.cache_folder().is_relative_to(tmp_path)
 
-    def test_leaves_a_folder_that_was_chosen(self, tmp_path):
+    def test_does_not_replace_a_folder_that_was_chosen(self, tmp_path):
         jax.config.update("jax_compilation_cache_dir", str(tmp_path))
         compilation_cache.keep_compiled_programs()
         assert cache_dir() == str(tmp_path)
 
-    def test_is_done_without_where_it_cannot_be(self, monkeypatch, tmp_path):
+    def test_is_not_used_where_it_cannot_be_created(self, monkeypatch, tmp_path):
         (tmp_path / "file").write_text("")
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
         compilation_cache.keep_compiled_programs()

@@ -1,4 +1,4 @@
-"""`softras2d fit`: its files, what it refuses, and Ctrl-C."""
+"""`softras2d fit`: the files it writes, the arguments it refuses, and Ctrl-C."""
 
 import json
 import os
@@ -12,7 +12,8 @@ import pytest
 
 import softras2d as sr
 from softras2d.io.images import read_image, write_image
-from tests.cases.pictures import blobs
+
+from ..cases.pictures import blobs
 
 COMMAND = [sys.executable, "-m", "softras2d", "fit"]
 
@@ -28,7 +29,7 @@ def photo(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["none.png"], "none.png: no such file"),
         (["PHOTO", "-o", "a.txt"], "a.txt: the suffix must be one of .svg"),
@@ -50,32 +51,32 @@ def photo(tmp_path, monkeypatch):
         (["PHOTO", "--start", "a.svg", "--family", "mesh"], "or an .npz; got 'a.svg'"),
     ],
 )
-def test_errors_are_one_line(photo, tmp_path, arguments, told):
+def test_errors_are_one_line(photo, tmp_path, arguments, message):
     from typer.testing import CliRunner
 
     from softras2d.cli import app
 
     os.chdir(tmp_path)
     done = CliRunner().invoke(
-        app, ["fit", *(str(photo) if part == "PHOTO" else part for part in arguments)]
+        app, ["fit", *(str(photo) if argument == "PHOTO" else argument for argument in arguments)]
     )
     assert done.exit_code == 1
-    assert told in done.stderr
+    assert message in done.stderr
     assert done.stderr.count("\n") == 1
     assert {p.name for p in tmp_path.iterdir()} <= {"photo.png", "cache"}
 
 
 @pytest.fixture(autouse=True)
-def home():
+def restore_working_folder():
     before = os.getcwd()
     yield
     os.chdir(before)
 
 
 @pytest.mark.slow
-def test_every_kind_of_file(photo, tmp_path):
+def test_every_kind_of_file_is_written(photo, tmp_path):
     names = ["a.svg", "a.png", "a.gif", "a.npz", "a.json"]
-    outputs = [part for name in names for part in ("-o", str(tmp_path / name))]
+    outputs = [argument for name in names for argument in ("-o", str(tmp_path / name))]
     command = [*COMMAND, str(photo), "-n", "8", "--steps", "50", "--shading", "gouraud", *outputs]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -137,7 +138,7 @@ def test_without_a_photo_a_bundled_picture_is_fitted(photo, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGINT")
-def test_ctrl_c_keeps_the_best_so_far(photo, tmp_path):
+def test_ctrl_c_saves_the_best_so_far(photo, tmp_path):
     output = tmp_path / "a.npz"
     command = [*COMMAND, str(photo), "-n", "8", "--steps", "100000", "-o", str(output)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -147,10 +148,10 @@ def test_ctrl_c_keeps_the_best_so_far(photo, tmp_path):
         assert process.poll() is None and time.monotonic() < limit
         time.sleep(0.2)
     process.send_signal(signal.SIGINT)
-    told, errors = process.communicate(timeout=120)
+    output_text, errors = process.communicate(timeout=120)
     assert process.returncode == 130, errors
     assert "interrupted" in errors
-    assert "PSNR" in told
+    assert "PSNR" in output_text
     result = sr.FitResult.load(output)
     assert result.interrupted
     assert np.isfinite(result.image).all()

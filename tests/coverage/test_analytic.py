@@ -1,7 +1,6 @@
-"""Soft coverage and exact area: values and slopes of single triangles, in float64."""
+"""Soft coverage and exact area of single triangles in float64: values and derivatives."""
 
 import functools
-import itertools
 
 import jax
 import jax.numpy as jnp
@@ -12,16 +11,18 @@ from hypothesis import strategies as st
 
 from softras2d.coverage import analytic, area, centroid, edge_lines, nearest_weights, profiles, soft
 
+from ..oracles.analytic import area_in_pixel, centroid_in_pixel, distance
+
 PROFILES = ("logistic", "softras", "window")
 
 SIDE = 8
-"""Pixels along a tile."""
+"""Side of a tile in pixels."""
 
 ORIGIN = np.zeros((2, 1))
 
 
-def shape_of(slots, kind: str, tile=ORIGIN):
-    """What a measure of some kind wants to know of slots."""
+def geometry_of(slots, kind: str, tile=ORIGIN):
+    """The geometry that a measure of this kind takes, for slots `[6, slots]`."""
     tile = jnp.broadcast_to(jnp.asarray(tile, slots.dtype), (2, slots.shape[1]))
     lines = edge_lines.triangle_lines(slots, tile)
     if kind == "soft":
@@ -32,8 +33,8 @@ def shape_of(slots, kind: str, tile=ORIGIN):
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def cover(kind: str, name: str | int, slots, parameter, tile=ORIGIN):
-    """Coverage by a profile or by area, or the weight of a corner."""
-    shape = shape_of(slots, kind, tile)
+    """Coverage by a profile or by area, or the weight of corner `name`."""
+    shape = geometry_of(slots, kind, tile)
     if isinstance(name, int):
         weights = centroid.CentroidWeights if kind == "centroid" else nearest_weights.NearestWeights
         return analytic.evaluate(weights(SIDE), slots, shape, parameter)[name - 1]
@@ -41,34 +42,8 @@ def cover(kind: str, name: str | int, slots, parameter, tile=ORIGIN):
     return analytic.evaluate(measure, slots, shape, parameter)
 
 
-def clip_polygon(points, axis, bound, keep_less):
-    """Sutherland and Hodgman by one side of a pixel, point by point."""
-    kept = []
-    for k, b in enumerate(points):
-        a = points[k - 1]
-        inside_a, inside_b = ((p[axis] <= bound) == keep_less or p[axis] == bound for p in (a, b))
-        if inside_a != inside_b:
-            t = (bound - a[axis]) / (b[axis] - a[axis])
-            kept.append(a + t * (b - a))
-        if inside_b:
-            kept.append(b)
-    return kept
-
-
-def area_in_pixel(corners, column, row) -> float:
-    """Area of a triangle in a pixel by clipping it, in float64."""
-    points = [np.asarray(c, np.float64) for c in corners]
-    for axis, low in ((0, column), (1, row)):
-        points = clip_polygon(points, axis, low, False)
-        points = clip_polygon(points, axis, low + 1, True) if points else points
-        if not points:
-            return 0.0
-    x, y = np.array(points).T
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
-
-
-def six(corners, dtype: type = np.float64):
-    """Positively oriented corners of one slot."""
+def slot_of(corners, dtype: type = np.float64):
+    """The corners of one slot `[6, 1]`, positively oriented."""
     a, b, c = np.asarray(corners, np.float64)
     if np.cross(np.append(b - a, 0), np.append(c - a, 0))[2] < 0:
         b, c = c, b
@@ -84,43 +59,30 @@ triangles = st.tuples(*[st.tuples(coordinates, coordinates)] * 3)
 def test_area_equals_the_clipped_polygon(corners):
     for dtype, close in ((np.float32, 2e-6), (np.float64, 1e-12)):
         with jax.enable_x64(dtype is np.float64):
-            slot = six(corners, dtype)
-            found = np.asarray(cover("area", "", slot, jnp.zeros((), dtype)))
+            slot = slot_of(corners, dtype)
+            actual = np.asarray(cover("area", "", slot, jnp.zeros((), dtype)))
         a, b, c = np.asarray(slot, np.float64)[:, 0].reshape(3, 2)
-        truth = [[area_in_pixel((a, b, c), x, y) for x in range(8)] for y in range(8)]
-        np.testing.assert_allclose(found.reshape(8, 8), truth, atol=close)
-
-
-def distance(corners, x, y) -> float:
-    """Signed distance in pixels to a positively oriented triangle, edge by edge."""
-    point, least, inside = np.array([x, y]), np.inf, True
-    for k in range(3):
-        a, b = corners[k], corners[(k + 1) % 3]
-        edge, to = b - a, point - a
-        square = edge @ edge
-        t = np.clip(to @ edge / square, 0, 1) if square else 0.0
-        least = min(least, np.hypot(*(to - t * edge)))
-        inside &= edge[0] * to[1] - edge[1] * to[0] >= 0
-    has_area = np.cross(
-        np.append(corners[1] - corners[0], 0), np.append(corners[2] - corners[0], 0)
-    )[2]
-    return least if inside and has_area > 0 else -least
+        expected = [[area_in_pixel((a, b, c), x, y) for x in range(8)] for y in range(8)]
+        np.testing.assert_allclose(actual.reshape(8, 8), expected, atol=close)
 
 
 @pytest.mark.parametrize("name", PROFILES)
 @given(corners=triangles, width=st.floats(0.3, 5.0))
 def test_soft_coverage_is_a_step_of_the_distance(name, corners, width):
     with jax.enable_x64(True):
-        slot = six(corners)
-        found = np.asarray(cover("soft", name, slot, jnp.asarray(width)))[0]
-        held = np.asarray(slot)[:, 0].reshape(3, 2)
-        q = [[distance(held, x + 0.5, y + 0.5) / width for x in range(8)] for y in range(8)]
-        truth = np.asarray(profiles.step(name, jnp.asarray(q)))
-    np.testing.assert_allclose(found.reshape(8, 8), truth, atol=1e-6)
+        slot = slot_of(corners)
+        actual = np.asarray(cover("soft", name, slot, jnp.asarray(width)))[0]
+        corners_of_slot = np.asarray(slot)[:, 0].reshape(3, 2)
+        q = [
+            [distance(corners_of_slot, x + 0.5, y + 0.5) / width for x in range(8)]
+            for y in range(8)
+        ]
+        expected = np.asarray(profiles.step(name, jnp.asarray(q)))
+    np.testing.assert_allclose(actual.reshape(8, 8), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", PROFILES)
-def test_a_profile_keeps_the_convention(name, float64):
+def test_profiles_are_symmetric_steps_of_one_width(name, float64):
     support = profiles.SUPPORT[name]
     q = jnp.array([0.0, 0.5, -0.5, support, -support, 2 * support, -1e9, 1e9])
     expected = [0.5, 0.9, 0.1, 1.0, 0.0, 1.0, 0.0, 1.0]
@@ -159,21 +121,21 @@ MEASURES = [
 
 @pytest.mark.parametrize(("kind", "name"), MEASURES)
 @pytest.mark.parametrize("shape", SHAPES)
-def test_slopes_are_those_of_the_value(kind, name, shape, float64):
-    slot, width = six(SHAPES[shape]), jnp.asarray(1.3)
+def test_derivatives_equal_differences_of_the_value(kind, name, shape, float64):
+    slot, width = slot_of(SHAPES[shape]), jnp.asarray(1.3)
     weight = jnp.asarray(np.random.default_rng(0).normal(size=(1, 64)))
     thin = shape in ("small", "sliver")
     if isinstance(name, int):
         if kind == "soft" and thin:
             pytest.skip("slopes of weights are held in triangles thinner than a pixel")
-        # Where none of a triangle is, a centroid is held.
+        # In pixels without a piece of the triangle the centroid is clamped.
         if kind == "centroid":
             weight = jnp.where(cover("area", "", slot, width) > 1e-6, weight, 0.0)
 
     def total(slot, width=width):
         return jnp.sum(weight * cover(kind, name, slot, width))
 
-    push = jax.jit(lambda slot, change: jax.jvp(total, (slot,), (change,))[1])
+    jvp = jax.jit(lambda slot, change: jax.jvp(total, (slot,), (change,))[1])
     gradient = np.asarray(jax.jit(jax.grad(total))(slot))
     step = 1e-6
     for k in range(6):
@@ -182,7 +144,7 @@ def test_slopes_are_those_of_the_value(kind, name, shape, float64):
         difference = (forward - backward) / (2 * step)
         close = 2e-5 * max(1, np.abs(gradient).max())
         assert gradient[k, 0] == pytest.approx(difference, abs=close)
-        tangent = push(slot, change / step)
+        tangent = jvp(slot, change / step)
         assert float(tangent) == pytest.approx(gradient[k, 0], abs=1e-9)
     if name in PROFILES:
         wide = jax.grad(total, 1)(slot, width)
@@ -190,101 +152,88 @@ def test_slopes_are_those_of_the_value(kind, name, shape, float64):
         assert float(wide) == pytest.approx((forward - backward) / (2 * step), abs=1e-5)
 
 
-def distances_by_hand(slots, x, y):
-    """Signed distance in plain operations, to be differentiated as they are."""
+def signed_distance(slots, x, y):
+    """Signed distance in plain operations, for autodiff."""
     corners = slots[:, 0].reshape(3, 2)
     point = jnp.stack([x, y])
     squares, inside = [], True
     for k in range(3):
-        a, way = corners[k], corners[(k + 1) % 3] - corners[k]
-        t = jnp.clip((point - a) @ way / (way @ way), 0, 1)
-        off = point - a - t * way
-        squares.append(off @ off)
-        inside &= way[0] * (point[1] - a[1]) - way[1] * (point[0] - a[0]) >= 0
+        a, edge = corners[k], corners[(k + 1) % 3] - corners[k]
+        t = jnp.clip((point - a) @ edge / (edge @ edge), 0, 1)
+        offset = point - a - t * edge
+        squares.append(offset @ offset)
+        inside &= edge[0] * (point[1] - a[1]) - edge[1] * (point[0] - a[0]) >= 0
     length = jnp.sqrt(jnp.min(jnp.stack(squares)))
     return jnp.where(inside, length, -length)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", ["large", "sliver"])
-def test_slopes_are_those_of_plain_autodiff(shape, float64):
-    slot, width = six(SHAPES[shape]), 1.3
+def test_derivatives_equal_those_of_plain_autodiff(shape, float64):
+    slot, width = slot_of(SHAPES[shape]), 1.3
     x, y = jnp.meshgrid(jnp.arange(8.0) + 0.5, jnp.arange(8.0) + 0.5)
     weight = jnp.asarray(np.random.default_rng(0).normal(size=64))
 
     def plain(slot):
-        far = jax.vmap(distances_by_hand, (None, 0, 0))(slot, x.ravel(), y.ravel())
+        far = jax.vmap(signed_distance, (None, 0, 0))(slot, x.ravel(), y.ravel())
         return jnp.sum(weight * profiles.step("logistic", far / width))
 
     def ours(slot):
         return jnp.sum(weight * cover("soft", "logistic", slot, jnp.asarray(width))[0])
 
     np.testing.assert_allclose(jax.grad(ours)(slot), jax.grad(plain)(slot), rtol=1e-9, atol=1e-12)
-    # Curvature too: the closed form is differentiated again.
+    # Second derivatives too, as the closed form is differentiated again.
     direction = jnp.asarray(np.random.default_rng(1).normal(size=(6, 1)))
-    ours_curve, plain_curve = (
+    second_of_ours, second_of_plain = (
         jax.jvp(jax.grad(f), (slot,), (direction,))[1] for f in (ours, plain)
     )
-    np.testing.assert_allclose(ours_curve, plain_curve, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(second_of_ours, second_of_plain, rtol=1e-7, atol=1e-9)
 
 
 @settings(max_examples=60)
 @given(triangles)
 def test_weights_are_those_of_the_centroid(corners):
     with jax.enable_x64(True):
-        slot = six(corners)
+        slot = slot_of(corners)
         a, b, c = np.asarray(slot)[:, 0].reshape(3, 2)
-        twice = np.cross(np.append(b - a, 0), np.append(c - a, 0))[2]
-        found = [np.asarray(cover("centroid", k, slot, jnp.zeros(())))[0] for k in (1, 2)]
+        doubled_area = np.cross(np.append(b - a, 0), np.append(c - a, 0))[2]
+        actual = [np.asarray(cover("centroid", k, slot, jnp.zeros(())))[0] for k in (1, 2)]
     for number in range(64):
         x, y = number % 8, number // 8
-        part = area_in_pixel((a, b, c), x, y)
-        if part < 1e-5 or twice < 1e-3:
+        area = area_in_pixel((a, b, c), x, y)
+        if area < 1e-5 or doubled_area < 1e-3:
             continue
         middle = centroid_in_pixel((a, b, c), x, y)
-        truth = [
-            np.cross(np.append(p, 0), np.append(q, 0))[2] / twice
+        expected = [
+            np.cross(np.append(p, 0), np.append(q, 0))[2] / doubled_area
             for p, q in ((middle - a, c - a), (b - a, middle - a))
         ]
-        assert [w[number] for w in found] == pytest.approx(truth, abs=1e-7)
-
-
-def centroid_in_pixel(corners, column, row):
-    """Of the clipped polygon, by fans of triangles."""
-    points = [np.asarray(c, np.float64) for c in corners]
-    for axis, low in ((0, column), (1, row)):
-        points = clip_polygon(points, axis, low, False)
-        points = clip_polygon(points, axis, low + 1, True)
-    total, moment = 0.0, np.zeros(2)
-    for b, c in itertools.pairwise(points[1:]):
-        part = np.cross(np.append(b - points[0], 0), np.append(c - points[0], 0))[2]
-        total, moment = total + part, moment + part * (points[0] + b + c) / 3
-    return moment / total
+        assert [w[number] for w in actual] == pytest.approx(expected, abs=1e-7)
 
 
 @pytest.mark.parametrize("kind", ["soft", "area"])
 def test_far_corners_lose_no_digits(kind):
     rng = np.random.default_rng(0)
-    # Corners millions of pixels away, whose edges pass the tile: floats that are exact as they are.
+    # Corners millions of pixels away, whose edges cross the tile; they are given as exact floats.
     x, y = rng.uniform(-5e6, 5e6, (2, 500))
-    turn = rng.uniform(0, np.pi, 500)
-    along = np.stack([np.cos(turn), np.sin(turn)]) * 4e6
-    through = np.stack([rng.uniform(800, 808, 500), rng.uniform(400, 408, 500)])
-    slots = np.concatenate([through - along, through + along, np.stack([x, y])])
+    angle = rng.uniform(0, np.pi, 500)
+    half_edge = np.stack([np.cos(angle), np.sin(angle)]) * 4e6
+    on_tile = np.stack([rng.uniform(800, 808, 500), rng.uniform(400, 408, 500)])
+    slots = np.concatenate([on_tile - half_edge, on_tile + half_edge, np.stack([x, y])])
     a, b, c = slots.reshape(3, 2, 500)
     swap = (b - a)[0] * (c - a)[1] - (b - a)[1] * (c - a)[0] < 0
     slots = np.where(swap, np.concatenate([b, a, c]), slots).astype(np.float32)
     tile, name = np.array([[800.0], [400.0]]), "logistic" if kind == "soft" else ""
-    found = cover(kind, name, jnp.asarray(slots), jnp.float32(1.0), tile)
+    actual = cover(kind, name, jnp.asarray(slots), jnp.float32(1.0), tile)
     with jax.enable_x64(True):
-        truth = cover(kind, name, jnp.asarray(slots, jnp.float64), jnp.asarray(1.0), tile)
-    assert ((np.asarray(truth) > 0.01) & (np.asarray(truth) < 0.99)).any(1).mean() > 0.5
-    np.testing.assert_allclose(found, truth, atol=3e-6)
+        expected = cover(kind, name, jnp.asarray(slots, jnp.float64), jnp.asarray(1.0), tile)
+    assert ((np.asarray(expected) > 0.01) & (np.asarray(expected) < 0.99)).any(1).mean() > 0.5
+    np.testing.assert_allclose(actual, expected, atol=3e-6)
 
 
-def test_an_edge_on_the_side_of_a_pixel_still_moves(float64):
-    # A square half, whose edges lie on sides of pixels: moving its left edge sweeps two pixels.
-    slot = six([(2, 2), (5, 2), (2, 5)])
+def test_an_edge_on_the_side_of_a_pixel_has_a_derivative(float64):
+    # Half of a square, with edges on sides of pixels; its left edge is moved.
+    slot = slot_of([(2, 2), (5, 2), (2, 5)])
     slot_order = np.asarray(slot)[:, 0].reshape(3, 2)
     left = jnp.asarray([[1.0 if x == 2 else 0.0, 0.0] for x, _ in slot_order]).reshape(6, 1)
 
@@ -298,7 +247,7 @@ def test_an_edge_on_the_side_of_a_pixel_still_moves(float64):
 
 @pytest.mark.parametrize(("kind", "name"), MEASURES)
 @pytest.mark.parametrize("width", [1e-6, 1e-2, 1.0, 1e4])
-def test_hard_cases_are_finite(kind, name, width):
+def test_values_and_derivatives_of_hard_cases_are_finite(kind, name, width):
     cases = [
         [(4, 4)] * 3,
         [(1, 1), (5, 5), (3, 3)],
@@ -309,14 +258,14 @@ def test_hard_cases_are_finite(kind, name, width):
         [(-1e9, -1e9), (1e9, -1e9), (0, 1e9)],
         [(4, 4), (4 + 1e-6, 4), (4, 4 + 1e-6)],
     ]
-    slots = jnp.concatenate([six(case, np.float32) for case in cases], 1)
+    slots = jnp.concatenate([slot_of(case, np.float32) for case in cases], 1)
 
     def total(slots, width):
         return jnp.sum(cover(kind, name, slots, width) ** 2)
 
-    value, (slope, by_width) = jax.value_and_grad(total, (0, 1))(slots, jnp.float32(width))
+    value, (gradient, by_width) = jax.value_and_grad(total, (0, 1))(slots, jnp.float32(width))
     assert np.isfinite(value)
-    assert np.isfinite(slope).all()
+    assert np.isfinite(gradient).all()
     assert np.isfinite(by_width)
     ones = (jnp.ones_like(slots), jnp.float32(1.0))
     assert np.isfinite(jax.jvp(total, (slots, jnp.float32(width)), ones)[1])

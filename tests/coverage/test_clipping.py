@@ -1,4 +1,4 @@
-"""Triangles that leave the guard band: drawn as the geometry says, save right at their edges."""
+"""Triangles that leave the guard band: drawn by their geometry, except right at their edges."""
 
 import numpy as np
 import pytest
@@ -20,14 +20,14 @@ def _plan(scene, on=ON) -> sr.Plan:
     return sr.plan(scene, height=on.height, width=on.width, coverage=coverage)
 
 
-def _alone(*triangles) -> np.ndarray:
-    """White over black: the share of the samples that each triangle covers, per pixel."""
+def _coverage_of_each(*triangles) -> np.ndarray:
+    """Share of samples that each triangle covers, per pixel: drawn alone, white over black."""
     white = np.ones((1, 3), np.float32)
     scenes = [
         sr.Scene.from_soup(np.array([corners], np.float32), white, background=BLACK)
         for corners in (*triangles, AROUND * 1e3)
     ]
-    # The last one is all that a plan for one triangle can be asked for: one program for all.
+    # The last one needs the most of a plan for one triangle, so that all share one program.
     plan = _plan(scenes)
     return np.stack([draw_scene(scene, plan)[..., 0] for scene in scenes[:-1]])
 
@@ -39,11 +39,11 @@ def _bounds(corners, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     row = (np.arange(ON.height * ON.rate, dtype=np.longdouble) + 0.5) / ON.rate
     x, y = np.meshgrid(column, row)
     distance = np.full(x.shape, np.inf, np.longdouble)
-    turn = np.sign((x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0))
+    orientation = np.sign((x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0))
     for (ax, ay), (bx, by) in (((x0, y0), (x1, y1)), ((x1, y1), (x2, y2)), ((x2, y2), (x0, y0))):
         length = np.hypot(bx - ax, by - ay)
         signed = ((bx - ax) / length) * (y - ay) - ((by - ay) / length) * (x - ax)
-        distance = np.minimum(distance, turn * signed)
+        distance = np.minimum(distance, orientation * signed)
     shape = (ON.height, ON.rate, ON.width, ON.rate)
     least, most = (
         (distance > limit).reshape(shape).mean(axis=(1, 3)) for limit in (tolerance, -tolerance)
@@ -57,9 +57,9 @@ def test_large_triangles_follow_their_edges(size):
     corners = rng.normal(size=(40, 3, 2)) * size + [14, 10]
     # One edge passes near the middle, so that it shows.
     corners[:, 1] = 2 * np.array([14, 10]) - corners[:, 0] + rng.uniform(-5, 5, (40, 2))
-    images = _alone(*corners)
+    images = _coverage_of_each(*corners)
     for triangle, image in zip(corners, images, strict=True):
-        # A cut cannot know better than the float32 end points: a few units in their last place.
+        # A cut is as exact as its float32 end points: a few units in their last place.
         last = float(np.spacing(np.float32(np.abs(triangle).max())))
         least, most = _bounds(triangle, 2.0**-ON.exponent + 8 * last)
         assert (image >= least - 1e-6).all()
@@ -70,14 +70,14 @@ def test_large_triangles_follow_their_edges(size):
 @pytest.mark.parametrize("size", [40.0, 1e3, 1e6, 1e12, 1e30, 1e38])
 def test_a_huge_triangle_covers_the_canvas(size):
     around = AROUND * size
-    np.testing.assert_array_equal(_alone(around, around[::-1], -around), 1)
+    np.testing.assert_array_equal(_coverage_of_each(around, around[::-1], -around), 1)
 
 
 @pytest.mark.parametrize("size", [1e4, 1e6, 1e9, 1e10, 1e20, 1e38, 3e38])
 def test_a_needle_across_the_canvas_is_not_lost(size):
-    """Both ends beyond all measure: near the middle its half width is 5."""
+    """Both ends are far away; near the middle its half width is 5."""
     needle = np.array([(size, 0), (-size, 10), (-size, -10)])
-    rows, columns = _alone(needle, needle[:, ::-1])
+    rows, columns = _coverage_of_each(needle, needle[:, ::-1])
     wanted = np.zeros_like(rows)
     wanted[:5] = 1
     np.testing.assert_array_equal(rows, wanted)
@@ -87,13 +87,13 @@ def test_a_needle_across_the_canvas_is_not_lost(size):
 
 
 @pytest.mark.parametrize("size", [50.0, 1e4, 1e12, 1e38])
-def test_far_off_covers_nothing(size):
+def test_triangles_far_off_cover_nothing(size):
     shape = np.array([(1, 1.2), (1.5, 1.1), (1.2, 1.6)])
     triangles = []
     for side in ((-1, 0), (1, 0), (0, -1), (0, 1), (1, 1), (-1, 1)):
         corners = shape * np.sign(np.array(side) + 0.1) * size
         triangles.append(np.where(np.array(side) == 0, shape * 10, corners))
-    np.testing.assert_array_equal(_alone(*triangles), 0)
+    np.testing.assert_array_equal(_coverage_of_each(*triangles), 0)
 
 
 def test_axis_aligned_edges_stay_exact():
@@ -103,11 +103,11 @@ def test_axis_aligned_edges_stay_exact():
     wanted = np.zeros((ON.height, ON.width))
     wanted[:, 11:] = 1
     wanted[:, 10] = 1
-    np.testing.assert_array_equal(_alone(right_of)[0], wanted)
+    np.testing.assert_array_equal(_coverage_of_each(right_of)[0], wanted)
 
 
-def test_neighbours_are_cut_alike():
-    """A fan of huge triangles around a vertex owns each sample once under `top_left`."""
+def test_a_fan_of_huge_triangles_covers_each_sample_once():
+    """Under `top_left`, since neighbours are cut alike."""
     on = Canvas(21, 29, 4, "top_left")
     rng = np.random.default_rng(0)
     angles = np.sort(rng.uniform(0, 2 * np.pi, 24)) + 0.01
@@ -123,8 +123,8 @@ def test_neighbours_are_cut_alike():
         np.testing.assert_array_equal(draw_scene(scene, _plan(scene, on)), 0.5)
 
 
-def test_corner_colors_of_a_huge_triangle():
-    """Weights are those of the whole triangle, not of what is left after cutting."""
+def test_weights_are_those_of_the_uncut_triangle():
+    """Corner colours are not interpolated over the cut triangle."""
     corners = np.array([[(-1000, -1000), (3000, -1000), (-1000, 3000)]], np.float32)
     colors = np.array([[[1, 0, 0], [0, 1, 0], [0, 0, 1]]], np.float32)
     scene = sr.Scene.from_soup(corners, colors)
@@ -136,8 +136,8 @@ def test_corner_colors_of_a_huge_triangle():
     np.testing.assert_allclose(image, expected, rtol=0, atol=2e-6)
 
 
-def test_an_edge_that_leaves_right_beside_a_vertex():
-    """A vertex a few grid units inside the band: the cut edge there is short, and must not lead."""
+def test_an_edge_cut_right_beside_a_vertex_is_not_moved():
+    """The cut edge is short if the vertex lies a few grid units inside the band."""
     on = Canvas(64, 64)
     rng = np.random.default_rng(5)
     unit = 2.0**-on.exponent
@@ -159,8 +159,8 @@ def test_an_edge_that_leaves_right_beside_a_vertex():
         inside = np.full(x.shape, np.inf)
         for a, b in zip(one, np.roll(one, -1, 0), strict=True):
             dx, dy = b - a
-            away = sign * (dx * (y - a[1]) - dy * (x - a[0])) / np.hypot(dx, dy)
-            inside = np.minimum(inside, away)
+            distance = sign * (dx * (y - a[1]) - dy * (x - a[0])) / np.hypot(dx, dy)
+            inside = np.minimum(inside, distance)
         least, most = (
             (inside > margin).reshape(64, on.rate, 64, on.rate).mean((1, 3))
             for margin in (1e-3, -1e-3)

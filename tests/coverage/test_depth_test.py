@@ -7,17 +7,18 @@ import pytest
 
 import softras2d as sr
 
+from ..cases.marks import slowly
 from ..cases.scenes import COUNT, cases, colors_of, vast
 from ..cases.scenes import canvas as canvas_of
-from ..cases.shading import ON, assert_close, render_soup, slowly, soup_of
+from ..cases.shading import ON, assert_close, render_soup, soup_of
 from ..oracles.coverage import Canvas
 from ..oracles.shading import Soup, draw
 
-NEAR = 2e-6
-"""Depths in 0..1 that differ by less, after interpolation in float32, may be taken for a tie."""
+TIE = 2e-6
+"""Depths in 0..1 that differ by less may tie, as they are interpolated in float32."""
 
 
-def _planned(on: Canvas, soup: Soup, shading: str = "sample") -> sr.Plan:
+def _plan(on: Canvas, soup: Soup, shading: str = "sample") -> sr.Plan:
     """A plan for every case of a canvas."""
     soups = [*vast(on, COUNT), *cases(on).values()]
     return sr.plan(
@@ -52,22 +53,22 @@ def _soup(corners: int = 1, channels: int = 3) -> Soup:
         *(slowly(rate, "top_left", 3, 4) for rate in (1, 8)),
     ],
 )
-def test_hard_cases(rate, fill_rule, corners, channels):
+def test_hard_triangles_equal_the_oracle(rate, fill_rule, corners, channels):
     """Triangles that are hard to draw, up to the whole band, with random depths."""
     on = canvas_of(rate, fill_rule)
     soup = _soup(corners, channels)
-    plan = _planned(on, soup)
+    plan = _plan(on, soup)
     for name, points in cases(on).items():
-        there = replace(soup, corners=points)
-        image, overflow = sr.render_checked(_scene(there), plan)
+        case = replace(soup, corners=points)
+        image, overflow = sr.render_checked(_scene(case), plan)
         assert not bool(overflow)
-        expected = draw(there, on)
-        assert_close(np.asarray(image), expected, 2e-6, name, depth_margin=NEAR)
+        expected = draw(case, on)
+        assert_close(np.asarray(image), expected, 2e-6, name, depth_margin=TIE)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("colors", [(3, 3), (3, 4)])
-def test_float64(colors, float64):
+def test_equals_the_oracle_in_float64(colors, float64):
     for seed in (0, 1):
         soup = soup_of(seed, texels=None, depth=True, colors=colors)
         image = render_soup(soup, ON, dtype=np.float64)
@@ -76,10 +77,10 @@ def test_float64(colors, float64):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("colors, texels", [((3, 3), 3), ((3, 4), 4)])
-def test_with_textures(colors, texels):
+def test_textured_scenes_equal_the_oracle(colors, texels):
     for seed in (0, 1, 2):
         soup = soup_of(seed, depth=True, colors=colors, texels=texels)
-        assert_close(render_soup(soup), draw(soup, ON), message=f"seed {seed}", depth_margin=NEAR)
+        assert_close(render_soup(soup), draw(soup, ON), message=f"seed {seed}", depth_margin=TIE)
 
 
 def _rectangle(left, top, right, bottom) -> list:
@@ -88,8 +89,8 @@ def _rectangle(left, top, right, bottom) -> list:
 
 
 @pytest.mark.parametrize("channels", [pytest.param(3, marks=pytest.mark.slow), 4])
-def test_equal_depth_the_later_wins_exactly(channels):
-    """Constant depths that no binary fraction holds, under rectangles cut in different ways."""
+def test_at_equal_depth_the_later_triangle_wins_exactly(channels):
+    """Constant depths that are no binary fractions, on rectangles cut in different ways."""
     soup = soup_of(0, texels=None, depth=True, colors=(3, channels))
     corners, depth = np.array(soup.corners), np.array(soup.depth)
     rng = np.random.default_rng(0)
@@ -106,8 +107,8 @@ def test_equal_depth_the_later_wins_exactly(channels):
     np.testing.assert_allclose(image, draw(painted, ON).image, rtol=0, atol=2e-6)
 
 
-def test_the_same_triangle_twice():
-    """Sloping, the same corners in the same order: a tie at every sample, and the later wins."""
+def test_of_a_triangle_drawn_twice_the_later_wins():
+    """Not parallel to the screen, with the same corners in the same order: all samples tie."""
     soup = soup_of(4, texels=None, depth=True)
     fields = {}
     for name in ("corners", "depth"):
@@ -127,13 +128,13 @@ def test_order_does_not_matter_without_ties():
     order = np.random.default_rng(0).permutation(len(soup.corners))
     fields = {name: getattr(soup, name)[order] for name in ("corners", "colors", "depth")}
     first, second = render_soup(soup), render_soup(replace(soup, **fields))
-    certain = draw(soup, ON).certain(depth_margin=NEAR)
+    certain = draw(soup, ON).certain(depth_margin=TIE)
     assert certain.mean() > 0.95
     np.testing.assert_allclose(first[certain], second[certain], atol=1e-6)
 
 
-def test_interpenetrating():
-    """Two planes that cross on the line x = 14, sample by sample, whoever is drawn first."""
+def test_interpenetrating_planes_meet_at_their_crossing():
+    """Two planes that cross at x = 14, sample by sample, in any draw order."""
     soup = soup_of(0, texels=None, depth=True)
     corners = np.full_like(soup.corners, -1.0)
     depth, colors = np.zeros_like(soup.depth), np.zeros_like(soup.colors)
@@ -150,8 +151,8 @@ def test_interpenetrating():
         np.testing.assert_allclose(image, np.repeat(columns, 24, axis=0), atol=1e-6)
 
 
-def test_alpha_and_draw_order():
-    """What lies behind a triangle drawn before is hidden, however clear that one is."""
+def test_translucent_triangles_write_depth_in_draw_order():
+    """What lies behind a triangle drawn before is hidden, even if that one is translucent."""
     soup = soup_of(0, texels=None, depth=True, colors=(3, 4))
     corners = np.full_like(soup.corners, -1.0)
     depth, colors = np.ones_like(soup.depth), np.zeros_like(soup.colors)
@@ -167,7 +168,7 @@ def test_alpha_and_draw_order():
         depth[:6] = np.repeat(depths, 2)[:, None]
         image = render_soup(replace(soup, corners=corners, colors=colors, depth=depth))
         np.testing.assert_allclose(image, np.broadcast_to(wanted, (24, 28, 3)), atol=1e-6)
-    # A clear one hides what is drawn later behind it, as it writes its depth.
+    # A triangle of alpha 0 hides what is drawn later behind it, as it writes its depth.
     colors[2:4, :, 3] = 0
     depth[:6] = np.repeat([0.5, 0.25, 0.375], 2)[:, None]
     image = render_soup(replace(soup, corners=corners, colors=colors, depth=depth))

@@ -1,4 +1,4 @@
-"""Who owns a sample on an edge: `top_left` tilings own each sample once, `inclusive` both sides."""
+"""Samples on edges: under `top_left` a tiling covers each once, under `inclusive` both sides do."""
 
 from fractions import Fraction
 from itertools import pairwise
@@ -13,13 +13,13 @@ from ..oracles.coverage import Canvas, coverage, draw
 
 RATES = pytest.mark.parametrize("rate", [1, 2, 3, 4, 8, 16])
 RULES = pytest.mark.parametrize("fill_rule", ["inclusive", "top_left"])
-ONE_RULE = pytest.mark.parametrize(
+ONE_RULE_QUICKLY = pytest.mark.parametrize(
     "fill_rule", ["inclusive", pytest.param("top_left", marks=pytest.mark.slow)]
 )
 
 
 def _images(soups, on: Canvas, colors=None) -> list[np.ndarray]:
-    """Images of as many triangles each, over black; white at alpha one half unless `colors`."""
+    """Images of soups of equal length, over black; white at alpha one half unless `colors`."""
     if colors is None:
         colors = np.tile(np.array([1, 1, 1, 0.5], np.float32), (len(soups[0]), 1))
     scenes = [
@@ -56,7 +56,7 @@ def _jittered_grid(rng: np.random.Generator, on: Canvas, cells: int, snapped: bo
 def _split_at_random(rng: np.random.Generator, on: Canvas, splits: int) -> np.ndarray:
     """Two triangles over the canvas, then each new vertex splits a triangle in three.
 
-    Slivers and vertices with many neighbours come by themselves. Vertices lie on a coarse grid,
+    This yields slivers and vertices with many neighbours. Vertices lie on a coarse grid,
     so that many fall on samples; one on an edge leaves a T-junction and a triangle of zero area.
     """
     grid = 4 * on.rate
@@ -67,7 +67,7 @@ def _split_at_random(rng: np.random.Generator, on: Canvas, splits: int) -> np.nd
         point = (int(rng.integers(1, right)), int(rng.integers(1, bottom)))
         if any(point in triangle for triangle in triangles):
             continue
-        index = next(i for i, triangle in enumerate(triangles) if _holds(triangle, point))
+        index = next(i for i, triangle in enumerate(triangles) if _contains(triangle, point))
         a, b, c = triangles.pop(index)
         triangles += [(a, b, point), (point, b, c), (c, a, point)]
         splits -= 1
@@ -79,15 +79,15 @@ def _doubled_area(a, b, c) -> int:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
-def _holds(triangle, p) -> bool:
+def _contains(triangle, p) -> bool:
     a, b, c = triangle
     signs = [_doubled_area(a, b, p), _doubled_area(b, c, p), _doubled_area(c, a, p)]
     return sum(signs) != 0 and (min(signs) >= 0 or max(signs) <= 0)
 
 
 @RATES
-def test_tiling_owns_each_sample_once(rate):
-    """Vertices anywhere and vertices on samples."""
+def test_a_jittered_tiling_covers_each_sample_once(rate):
+    """With vertices anywhere, and with vertices on samples."""
     on = canvas(rate, "top_left")
     rng = np.random.default_rng(rate)
     tilings = [_jittered_grid(rng, on, 5, snapped) for snapped in (False, True) * 3]
@@ -97,7 +97,7 @@ def test_tiling_owns_each_sample_once(rate):
 
 
 @pytest.mark.parametrize("rate", [1, 4, pytest.param(8, marks=pytest.mark.slow)])
-def test_split_triangulation_owns_each_sample_once(rate):
+def test_a_random_triangulation_covers_each_sample_once(rate):
     on = canvas(rate, "top_left")
     tilings = [_split_at_random(np.random.default_rng(seed), on, 40) for seed in range(3)]
     for tiling, image in zip(tilings, _images(tilings, on), strict=True):
@@ -105,9 +105,9 @@ def test_split_triangulation_owns_each_sample_once(rate):
         np.testing.assert_array_equal(image, 0.5)
 
 
-@ONE_RULE
-def test_abutting_translucent_shows_no_seam(fill_rule):
-    """Edges inside pixels, between samples: one colour, where blending coverage shows seams."""
+@ONE_RULE_QUICKLY
+def test_abutting_translucent_triangles_show_no_seam(fill_rule):
+    """Edges lie inside pixels, between samples, where blending by coverage would show seams."""
     on = canvas(4, fill_rule)
     height, width = SIZES[4]
     soup = []
@@ -119,8 +119,8 @@ def test_abutting_translucent_shows_no_seam(fill_rule):
 
 
 @RULES
-def test_inclusive_owns_both_sides_of_a_shared_edge(fill_rule):
-    """The diagonal of a square runs through samples: twice covered, or once."""
+def test_inclusive_covers_a_shared_edge_twice(fill_rule):
+    """The diagonal of a square through samples; under `top_left` once."""
     on = Canvas(4, 4, rate=1, fill_rule=fill_rule)
     square = [[(0, 0), (4, 0), (4, 4)], [(0, 0), (4, 4), (0, 4)]]
     wanted = np.full((4, 4), 0.5)
@@ -149,7 +149,7 @@ def test_right_triangle_by_hand(fill_rule, order):
 
 @RULES
 @pytest.mark.parametrize(
-    "corners, owned",
+    "corners, covered",
     [
         ([(1.5, 1.5)] * 3, [(1, 1)]),
         ([(0.5, 1.5), (3.5, 1.5), (1.5, 1.5)], [(0, 1), (1, 1), (2, 1), (3, 1)]),
@@ -163,17 +163,17 @@ def test_right_triangle_by_hand(fill_rule, order):
     ],
     ids=["point", "row", "column", "rising", "through", "before", "between", "beside", "tilted"],
 )
-def test_zero_area_by_hand(fill_rule, corners, owned):
+def test_triangles_without_area_cover_the_samples_on_their_segment(fill_rule, corners, covered):
     """The samples exactly on the segment, or none."""
     on = Canvas(4, 4, rate=1, fill_rule=fill_rule)
     wanted = np.zeros((4, 4))
-    for column, row in owned if fill_rule == "inclusive" else []:
+    for column, row in covered if fill_rule == "inclusive" else []:
         wanted[row, column] = 1
     np.testing.assert_array_equal(_image([corners], on, WHITE)[..., 0], wanted)
 
 
-@ONE_RULE
-def test_overlapping_squares_through_samples(fill_rule):
+@ONE_RULE_QUICKLY
+def test_squares_with_edges_on_samples_equal_the_oracle(fill_rule):
     """Edges along rows and columns of samples, drawn over each other."""
     on = canvas(4, fill_rule)
     rng = np.random.default_rng(0)
@@ -189,7 +189,7 @@ def test_overlapping_squares_through_samples(fill_rule):
     np.testing.assert_array_equal(_image(corners, on, colors), expected.astype(np.float32))
 
 
-def test_zero_area_takes_the_mean_of_its_corners():
+def test_a_triangle_without_area_has_the_mean_of_its_corner_colours():
     on = Canvas(4, 4, rate=1)
     colors = np.array([[[1, 0, 0.5], [0, 1, 0.5], [0.5, 0.5, 0.5]]], np.float32)
     image = _image([[(0.5, 1.5), (3.5, 1.5), (1.5, 1.5)]], on, colors)

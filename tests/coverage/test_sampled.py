@@ -1,4 +1,4 @@
-"""Hard mode against the oracle: not one pixel differs."""
+"""Sampled coverage (`Hard`) against the oracle in integers: not one pixel differs."""
 
 import jax
 import jax.numpy as jnp
@@ -7,6 +7,7 @@ import pytest
 
 import softras2d as sr
 
+from ..cases.marks import slowly
 from ..cases.scenes import (
     COUNT,
     assert_same_counts,
@@ -22,17 +23,12 @@ from ..oracles.coverage import Canvas, draw
 BLACK = np.zeros(3, np.float32)
 
 
-def _slowly(*values) -> object:
-    """Left to the slow run: each structure that is drawn takes seconds to compile."""
-    return pytest.param(*values, marks=pytest.mark.slow)
-
-
 RATES_AND_RULES = pytest.mark.parametrize(
     "rate, fill_rule",
     [(4, "inclusive"), (16, "top_left")]
-    + [_slowly(rate, "inclusive") for rate in (1, 3, 8, 16)]
+    + [slowly(rate, "inclusive") for rate in (1, 3, 8, 16)]
     # The tilings of `test_fill_rules.py` are drawn at every rate under the other rule.
-    + [_slowly(rate, "top_left") for rate in (2, 3)],
+    + [slowly(rate, "top_left") for rate in (2, 3)],
 )
 
 
@@ -44,13 +40,13 @@ def _plan(scenes, on: Canvas, **options) -> sr.Plan:
 
 
 def _shared_plan(on: Canvas, colors: np.ndarray, background=BLACK) -> sr.Plan:
-    """A plan with room for every case, and for about whatever `COUNT` triangles of the band are."""
+    """A plan for every case, and for nearly any `COUNT` triangles in the band."""
     soups = [*vast(on, COUNT), *cases(on).values()]
     return _plan([sr.Scene.from_soup(soup, colors, background=background) for soup in soups], on)
 
 
 @RATES_AND_RULES
-def test_each_triangle_alone(rate, fill_rule):
+def test_each_hard_triangle_alone_equals_the_oracle(rate, fill_rule):
     """Every triangle of every case on its own, among others that cover nothing."""
     on = canvas(rate, fill_rule)
     colors = colors_of(COUNT)
@@ -79,22 +75,22 @@ def _check_cases(on: Canvas) -> None:
 
 
 @RATES_AND_RULES
-def test_layers(rate, fill_rule):
+def test_layered_hard_triangles_equal_the_oracle(rate, fill_rule):
     """All triangles of a case, later ones in front."""
     _check_cases(canvas(rate, fill_rule))
 
 
 @pytest.mark.parametrize(
     "height, width, rate",
-    [(1, 1, 4), (33, 17, 2), _slowly(1, 37, 4), _slowly(3, 2, 16)],
+    [(1, 1, 4), (33, 17, 2), slowly(1, 37, 4), slowly(3, 2, 16)],
 )
-def test_sizes(height, width, rate):
-    """Nothing is a multiple of a tile."""
+def test_canvases_of_any_size_equal_the_oracle(height, width, rate):
+    """No size is a multiple of a tile."""
     _check_cases(Canvas(height, width, rate))
 
 
-@pytest.mark.parametrize("side, rate", [_slowly(64, 1), (32, 4)])
-def test_full_extent_of_the_grid(side, rate):
+@pytest.mark.parametrize("side, rate", [slowly(64, 1), (32, 4)])
+def test_triangles_over_the_full_grid_equal_the_oracle(side, rate):
     """Where the longer side is a power of two, triangles of the band span all 2^23 grid units."""
     _check_cases(Canvas(side, side, rate))
 
@@ -110,11 +106,11 @@ def test_full_extent_of_the_grid(side, rate):
         (3, 1500, 2),
     ],
 )
-def test_more_sizes(height, width, rate):
+def test_more_sizes_equal_the_oracle(height, width, rate):
     _check_cases(Canvas(height, width, rate, "top_left"))
 
 
-def test_no_triangles():
+def test_a_scene_without_triangles_is_its_background():
     on = Canvas(21, 29)
     for background in ([0.25, 0.5, 0.75], [0.25, 0.5, 0.75, 0.5], [1.0, 1.0, 1.0, 0.0]):
         empty = sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)), background=background)
@@ -123,7 +119,7 @@ def test_no_triangles():
         np.testing.assert_array_equal(image, np.broadcast_to(wanted, (21, 29, len(wanted))))
 
 
-def test_one_triangle():
+def test_one_triangle_equals_the_oracle():
     on = Canvas(21, 29)
     corners = np.array([[[3.125, 2.0], [20.5, 4.25], [8.0, 19.875]]], np.float32)
     scene = sr.Scene.from_soup(corners, colors_of(1))
@@ -131,8 +127,8 @@ def test_one_triangle():
     assert_same_counts(image, draw(corners, colors_of(1), np.ones(3), on), on.samples)
 
 
-@pytest.mark.parametrize("channels", [_slowly(3), 4])
-def test_three_hundred_layers_on_a_spot(channels):
+@pytest.mark.parametrize("channels", [slowly(3), 4])
+def test_three_hundred_layers_equal_the_oracle(channels):
     on = Canvas(21, 29)
     rng = np.random.default_rng(5)
     corners = ([14, 11] + rng.normal(size=(300, 3, 2)) * [3, 2]).astype(np.float32)
@@ -145,7 +141,7 @@ def test_three_hundred_layers_on_a_spot(channels):
     np.testing.assert_allclose(image, expected, rtol=0, atol=2e-6)
 
 
-def test_two_thousand_small_triangles():
+def test_two_thousand_small_triangles_equal_the_oracle():
     on = Canvas(100, 75)
     rng = np.random.default_rng(6)
     centres = rng.uniform(0, 1, (2000, 1, 2)) * [75, 100]
@@ -175,15 +171,15 @@ def _check_colors(on: Canvas, channels: int, corners: int, background: int) -> N
         (3, 3, 3),
         (1, 3, 4),
         (3, 4, 4),
-        *(_slowly(*rest) for rest in ((1, 4, 4), (3, 3, 4), (3, 4, 3))),
+        *(slowly(*rest) for rest in ((1, 4, 4), (3, 3, 4), (3, 4, 3))),
     ],
 )
-def test_colors(corners, channels, background):
+def test_colors_equal_the_oracle(corners, channels, background):
     """Flat and interpolated, opaque and translucent, over a background with and without alpha."""
     _check_colors(canvas(4), channels, corners, background)
 
 
-@pytest.mark.parametrize("rate", [3, _slowly(16)])
+@pytest.mark.parametrize("rate", [3, slowly(16)])
 def test_interpolated_translucent_at_other_rates(rate):
     _check_colors(canvas(rate, "top_left"), channels=4, corners=3, background=4)
 
@@ -284,8 +280,8 @@ def test_vmap_of_interpolated_translucent():
     np.testing.assert_allclose(image, eager, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("fill_rule", ["inclusive", _slowly("top_left")])
-def test_float64_of_the_same_values(fill_rule):
+@pytest.mark.parametrize("fill_rule", ["inclusive", slowly("top_left")])
+def test_float64_gives_the_same_image(fill_rule):
     on = canvas(4, fill_rule)
     colors = colors_of(COUNT)
     plan = _shared_plan(on, colors)
@@ -311,7 +307,7 @@ def test_float64_of_the_same_values(fill_rule):
 
 
 def test_corner_colors_of_large_triangles_at_256_samples():
-    """Sums over 256 samples of values near 2^31: the float estimate must tell the multiple."""
+    """Sums over 256 samples of values near 2^31, whose multiple the float estimate must give."""
     on = Canvas(16, 16, rate=16)
     rng = np.random.default_rng(3)
     for _ in range(4):

@@ -1,4 +1,4 @@
-"""The fit as a whole: it lowers the error, can be stopped and resumed, and never shows a NaN."""
+"""The whole fit: it lowers the error, stops and resumes, gives no NaN, refuses bad arguments."""
 
 import re
 import signal
@@ -14,7 +14,8 @@ import pytest
 import softras2d as sr
 from softras2d.fitting.mesh.triangulation import check_tiling, delaunay_mesh
 from softras2d.fitting.prepare import check_images
-from tests.cases.pictures import blobs
+
+from ..cases.pictures import blobs
 
 TARGET = blobs()
 
@@ -31,19 +32,19 @@ def mean_psnr(target):
         pytest.param("mesh", "gouraud", marks=pytest.mark.slow),
     ],
 )
-def test_a_fit_looks_like_its_target(family, shading):
-    seen = []
+def test_a_fit_lowers_the_error_and_reports_it(family, shading):
+    moments = []
     result = sr.fit(
-        TARGET, triangles=24, family=family, shading=shading, steps=125, report=seen.append
+        TARGET, triangles=24, family=family, shading=shading, steps=125, report=moments.append
     )
     assert result.psnr > mean_psnr(TARGET) + 6
     assert (result.height, result.width) == TARGET.shape[:2]
     assert result.scene.triangles.shape[0] <= 24
     assert result.history[-1].steps == 125
-    assert len(seen) == len(result.history) == 8
-    assert seen[-1].share == 1
+    assert len(moments) == len(result.history) == 8
+    assert moments[-1].share == 1
     assert not result.interrupted
-    # The score is that of an image which anyone can draw.
+    # Rendering the scene gives the image that was scored.
     plan = sr.plan(result.scene, height=40, width=48, coverage=sr.Hard(16))
     np.testing.assert_allclose(sr.render(result.scene, plan), result.image, atol=1e-6)
     assert result.psnr == pytest.approx(-10 * np.log10(np.mean((result.image - TARGET) ** 2)), 1e-4)
@@ -58,26 +59,26 @@ def test_the_same_seed_gives_the_same_result():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", ["layers", "mesh"])
-def test_an_interrupted_fit_resumes_where_it_was(family, tmp_path):
+def test_an_interrupted_fit_resumes_to_the_uninterrupted_result(family, tmp_path):
     def interrupt(moment):
         if moment.record.steps >= 50:
             raise KeyboardInterrupt
 
     settings: dict[str, Any] = {"triangles": 14, "family": family, "seed": 1}
-    whole = sr.fit(TARGET, steps=100, **settings)
+    uninterrupted = sr.fit(TARGET, steps=100, **settings)
     first = sr.fit(TARGET, steps=100, report=interrupt, **settings)
     assert first.interrupted
-    # The chunk in which step 50 falls is the last, and the chunks are those of the whole fit.
+    # The chunk that contains step 50 is the last, and chunks end as in the uninterrupted fit.
     chunk_ends = [record.steps for record in first.history]
-    assert chunk_ends == [record.steps for record in whole.history][: len(chunk_ends)]
+    assert chunk_ends == [record.steps for record in uninterrupted.history][: len(chunk_ends)]
     assert chunk_ends[-2] < 50 <= chunk_ends[-1]
     assert np.isfinite(first.image).all()
     first.save(tmp_path / "fit.npz")
     second = sr.fit(TARGET, steps=100, resume=sr.FitResult.load(tmp_path / "fit.npz"))
     assert not second.interrupted
     assert second.history[-1].steps == 100
-    np.testing.assert_allclose(second.scene.positions, whole.scene.positions, atol=1e-3)
-    assert second.psnr == pytest.approx(whole.psnr, abs=1e-3)
+    np.testing.assert_allclose(second.scene.positions, uninterrupted.scene.positions, atol=1e-3)
+    assert second.psnr == pytest.approx(uninterrupted.psnr, abs=1e-3)
     assert second.settings == first.settings
 
 
@@ -97,12 +98,12 @@ def test_a_fit_for_seconds_ends():
     began = time.perf_counter()
     result = sr.fit(TARGET, triangles=12, seconds=12.0)
     assert result.history
-    # A machine may be busy: only that it ends. Figures are those of `experiments/fit_kodak`.
+    # A machine may be busy, so the bound is loose; `experiments/fit_kodak` measures time.
     assert time.perf_counter() - began < 60
 
 
-def known(number: int, seed: int) -> tuple[sr.Scene, np.ndarray, sr.Scene]:
-    """A scene, its image at the centre of pixels' areas, and the scene moved by up to 5 px."""
+def known_scene(number: int, seed: int) -> tuple[sr.Scene, np.ndarray, sr.Scene]:
+    """A scene, its image under soft coverage, and the scene with corners moved by up to 5 px."""
     rng = np.random.default_rng(seed)
     middle = rng.uniform([14, 14], [50, 50], (number, 1, 2))
     angle = rng.uniform(0, 6.28, (number, 1)) + np.array([0, 2.09, 4.19])
@@ -120,12 +121,12 @@ def known(number: int, seed: int) -> tuple[sr.Scene, np.ndarray, sr.Scene]:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_levenberg_marquardt_recovers_a_known_scene(seed):
-    scene, image, start = known(3, seed)
+    scene, image, start = known_scene(3, seed)
     result = sr.fit(
         np.clip(image, 0, 1), triangles=3, solver="lm", steps=30, start=start, softness=0.8
     )
-    off = np.abs(np.asarray(result.scene.positions) - np.asarray(scene.positions))
-    assert off.max() < 0.05
+    error = np.abs(np.asarray(result.scene.positions) - np.asarray(scene.positions))
+    assert error.max() < 0.05
 
 
 NOISE = np.random.default_rng(0).random((24, 24, 3)).astype(np.float32)
@@ -149,7 +150,7 @@ POINTS = {
 @pytest.mark.parametrize("solver", ["adam", "lm", "dogleg", "bfgs", "lbfgs"])
 @pytest.mark.parametrize("target", EXTREME_TARGETS)
 def test_extreme_starts_give_no_nan(target, solver):
-    """25 pairs of target and solver; with the starts below some 100 fits."""
+    """Some 100 fits: every target under every solver, and every start where the size allows it."""
     image = EXTREME_TARGETS[target]
     starts = POINTS.values() if image.shape[:2] == (24, 24) else [None]
     for corners in starts:
@@ -169,43 +170,47 @@ def assert_sound(result):
 @pytest.mark.slow
 @pytest.mark.parametrize("target", EXTREME_TARGETS)
 def test_extreme_targets_are_fitted_to_the_end(target):
-    """With triangles placed and exchanged, translucent ones, other losses, and meshes."""
+    """Until triangles are placed and exchanged; translucent under another loss, and as a mesh."""
     image = EXTREME_TARGETS[target]
-    tried: list[dict[str, Any]] = [{"translucent": True, "loss": "ssim"}, {"family": "mesh"}]
-    for settings in tried:
+    variants: list[dict[str, Any]] = [{"translucent": True, "loss": "ssim"}, {"family": "mesh"}]
+    for settings in variants:
         assert_sound(sr.fit(image, triangles=8, steps=30, **settings))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("loss, light", [("l1", "linear"), ("ssim", "display")])
-def test_other_losses(loss, light):
+def test_fits_under_other_losses_lower_the_error(loss, light):
     result = sr.fit(TARGET, triangles=12, steps=75, loss=loss, light=light)
     assert result.psnr > mean_psnr(TARGET) + 3
 
 
 @pytest.mark.slow
-def test_a_target_with_alpha():
+def test_a_target_with_alpha_is_fitted_in_alpha_too():
     alpha = np.zeros((40, 48, 1), np.float32)
     alpha[8:30, 10:36] = 1
     target = np.concatenate([TARGET, alpha], -1)
     result = sr.fit(target, triangles=16, steps=100)
     assert result.image.shape == target.shape
-    # What was told while it fitted is of the same kind as the score.
+    # The error reported during the fit is comparable to the score.
     assert result.history[-1].psnr == pytest.approx(result.psnr, abs=1.5)
     # All clear would be 0.3, all opaque 0.7.
     assert np.mean((result.image[..., 3] - alpha[..., 0]) ** 2) < 0.05
 
 
 @pytest.mark.slow
-def test_translucent_layers_and_colors_in_closed_form():
-    tried: list[dict[str, Any]] = [{"translucent": True}, {"colors": "solve"}, {"colors": "polish"}]
-    for settings in tried:
+def test_fits_with_other_colors_lower_the_error():
+    variants: list[dict[str, Any]] = [
+        {"translucent": True},
+        {"colors": "solve"},
+        {"colors": "polish"},
+    ]
+    for settings in variants:
         result = sr.fit(TARGET, triangles=12, steps=75, **settings)
         assert result.psnr > mean_psnr(TARGET) + 5
 
 
 @pytest.mark.slow
-def test_weights_draw_triangles_to_where_they_count():
+def test_the_error_is_lower_where_weights_are_large():
     left = np.zeros((40, 48))
     left[:, :24] = 1
     result = sr.fit(TARGET, triangles=6, steps=75, weights=left)
@@ -215,7 +220,7 @@ def test_weights_draw_triangles_to_where_they_count():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shading", ["flat", "linear"])
-def test_other_colors_of_a_mesh(shading):
+def test_meshes_with_other_shading_lower_the_error(shading):
     result = sr.fit(TARGET, triangles=40, family="mesh", shading=shading, steps=50)
     assert result.psnr > mean_psnr(TARGET) + 6
 
@@ -234,10 +239,10 @@ def test_a_mesh_may_start_anywhere():
         assert np.isfinite(result.psnr)
 
 
-TWO = sr.Scene.from_soup(np.arange(12.0).reshape(2, 3, 2) ** 2 / 8, np.full((2, 3), 0.5))
-DEEP = replace(TWO, depth=jnp.zeros(6))
+TWO_TRIANGLES = sr.Scene.from_soup(np.arange(12.0).reshape(2, 3, 2) ** 2 / 8, np.full((2, 3), 0.5))
+WITH_DEPTH = replace(TWO_TRIANGLES, depth=jnp.zeros(6))
 
-BAD: dict[str, dict[str, Any]] = {
+REFUSED: dict[str, dict[str, Any]] = {
     "`target` must be \\[height": dict(target=np.zeros((4, 4), np.float32)),
     "`target` must hold numbers in 0..1": dict(target=np.full((4, 4, 3), np.nan, np.float32)),
     "`family` must be one of 'layers', 'mesh'": dict(family="sphere"),
@@ -255,15 +260,15 @@ BAD: dict[str, dict[str, Any]] = {
     "`weights` must be numbers": dict(weights=np.ones((3, 3))),
     "`weights` must be finite": dict(weights=np.zeros((40, 48))),
     "`start` must be 'error'": dict(start="middle"),
-    "`start` has 2 triangles; `triangles` is 1": dict(start=TWO, triangles=1),
-    "it has depth": dict(start=DEEP),
+    "`start` has 2 triangles; `triangles` is 1": dict(start=TWO_TRIANGLES, triangles=1),
+    "it has depth": dict(start=WITH_DEPTH),
     "`start` is a mesh of 20 x 20 pixels; the fit has 48 x 40": dict(
         family="mesh", start=mesh_of_corners(20, 20)
     ),
     "`start` has 5 vertices; `triangles` allows 4": dict(
         family="mesh", start=mesh_of_corners(40, 48), triangles=2
     ),
-    "let through": dict(start=replace(TWO, colors=jnp.full((2, 1, 4), 0.5))),
+    "let through": dict(start=replace(TWO_TRIANGLES, colors=jnp.full((2, 1, 4), 0.5))),
     "suffix of a checkpoint must be .npz": dict(checkpoint="fit.ckpt"),
     "no folder": dict(checkpoint="nowhere/fit.npz"),
     "`translucent` is for layers": dict(family="mesh", translucent=True),
@@ -273,16 +278,16 @@ BAD: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("told", BAD)
-def test_what_makes_no_sense_is_refused_in_one_line(told):
-    with pytest.raises(ValueError, match=told) as caught:
-        arguments: dict[str, Any] = {"target": TARGET} | BAD[told]
+@pytest.mark.parametrize("message", REFUSED)
+def test_invalid_arguments_are_refused_in_one_line(message):
+    with pytest.raises(ValueError, match=message) as caught:
+        arguments: dict[str, Any] = {"target": TARGET} | REFUSED[message]
         sr.fit(**arguments)
     assert "\n" not in str(caught.value)
 
 
-def test_an_alpha_that_is_one_everywhere_is_none():
-    """Pictures of screens often have it."""
+def test_an_alpha_of_one_everywhere_is_dropped():
+    """Screenshots often have it."""
     opaque = np.concatenate([TARGET, np.ones_like(TARGET[..., :1])], -1)
     (alone,) = check_images([opaque])
     np.testing.assert_array_equal(alone, TARGET)
@@ -292,7 +297,7 @@ def test_an_alpha_that_is_one_everywhere_is_none():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("solver", ["adam", "lm", "lbfgs"])
-def test_a_fit_is_of_float32_whatever_jax_is_set_to(solver, float64):
+def test_a_fit_is_in_float32_also_under_x64(solver, float64):
     with jax.enable_x64(True):
         result = sr.fit(TARGET, triangles=8, steps=4, solver=solver, colors="polish")
     assert result.scene.positions.dtype == np.float32
@@ -300,17 +305,17 @@ def test_a_fit_is_of_float32_whatever_jax_is_set_to(solver, float64):
 
 
 @pytest.mark.slow
-def test_files_come_back_exactly(tmp_path):
+def test_a_saved_fit_loads_exactly(tmp_path):
     result = sr.fit(TARGET, triangles=8, steps=25)
     result.save(tmp_path / "fit.npz")
-    back = sr.FitResult.load(tmp_path / "fit.npz")
-    assert back.history == result.history
-    assert back.settings == result.settings
-    assert (back.psnr, back.ssim) == (result.psnr, result.ssim)
+    loaded = sr.FitResult.load(tmp_path / "fit.npz")
+    assert loaded.history == result.history
+    assert loaded.settings == result.settings
+    assert (loaded.psnr, loaded.ssim) == (result.psnr, result.ssim)
     for name in ("positions", "triangles", "colors", "background"):
-        np.testing.assert_array_equal(getattr(back.scene, name), getattr(result.scene, name))
-    np.testing.assert_array_equal(back.image, result.image)
-    assert back.state.keys() == result.state.keys()
+        np.testing.assert_array_equal(getattr(loaded.scene, name), getattr(result.scene, name))
+    np.testing.assert_array_equal(loaded.image, result.image)
+    assert loaded.state.keys() == result.state.keys()
     report = result.report()
     assert report["settings"]["seed"] == 0
     assert report["versions"]["jax"]
@@ -320,10 +325,10 @@ def test_files_come_back_exactly(tmp_path):
     with pytest.raises(ValueError, match="no such file"):
         sr.FitResult.load(tmp_path / "none.npz")
     with pytest.raises(ValueError, match="`resume` is of 48 x 40"):
-        sr.fit(TARGET[:20], resume=replace(back, history=()))
+        sr.fit(TARGET[:20], resume=replace(loaded, history=()))
 
 
-def test_no_steps_is_a_valid_fit():
+def test_a_fit_without_steps_is_valid():
     result = sr.fit(TARGET, triangles=8, steps=0)
     assert result.history == ()
     assert np.isfinite(result.psnr)
@@ -331,20 +336,20 @@ def test_no_steps_is_a_valid_fit():
 
 
 @pytest.mark.slow
-def test_a_batch_is_as_each_alone():
+def test_a_batch_fits_as_well_as_each_target_alone():
     targets = [TARGET, TARGET[::-1, ::-1]]
-    seen = []
-    both = sr.fit_batch(targets, triangles=10, steps=50, seed=4, report=seen.append)
-    assert [records[1] for records in seen] == list(both[1].history)
-    for k, (target, found) in enumerate(zip(targets, both, strict=True)):
+    reports = []
+    results = sr.fit_batch(targets, triangles=10, steps=50, seed=4, report=reports.append)
+    assert [records[1] for records in reports] == list(results[1].history)
+    for k, (target, result) in enumerate(zip(targets, results, strict=True)):
         alone = sr.fit(target, triangles=10, steps=50, seed=4 + k)
-        assert found.psnr == pytest.approx(alone.psnr, abs=0.3)
-        assert found.history[-1].steps == 50
-        assert found.psnr > mean_psnr(target) + 4
+        assert result.psnr == pytest.approx(alone.psnr, abs=0.3)
+        assert result.history[-1].steps == 50
+        assert result.psnr > mean_psnr(target) + 4
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         ({"targets": [TARGET, TARGET[1:]]}, "images of one shape"),
         ({"targets": []}, "images of one shape"),
@@ -361,36 +366,36 @@ def test_a_batch_is_as_each_alone():
         ({"weights": [None, np.ones((40, 48))]}, "for every target or for none"),
     ],
 )
-def test_a_batch_that_makes_no_sense_is_refused(arguments, told):
-    with pytest.raises(ValueError, match=re.escape(told)):
+def test_invalid_batches_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
         sr.fit_batch(**{"targets": [TARGET, TARGET], **arguments})
 
 
 @pytest.mark.slow
-def test_a_batch_has_starts_and_weights_of_its_own_and_goes_on():
+def test_a_batch_takes_a_start_and_weights_for_each_and_resumes():
     targets = [TARGET, TARGET[::-1, ::-1]]
     left = np.zeros((40, 48))
     left[:, :24] = 1
     scene = sr.fit(targets[1], triangles=10, steps=25).scene
     settings: dict[str, Any] = {"triangles": 10, "start": ["delaunay", scene], "colors": "polish"}
-    whole = sr.fit_batch(targets, weights=np.stack([left, 1 - left]), steps=25, **settings)
-    for k, (target, found) in enumerate(zip(targets, whole, strict=True)):
+    first_fits = sr.fit_batch(targets, weights=np.stack([left, 1 - left]), steps=25, **settings)
+    for k, (target, result) in enumerate(zip(targets, first_fits, strict=True)):
         side = np.s_[:, :24] if k == 0 else np.s_[:, 24:]
         other = np.s_[:, 24:] if k == 0 else np.s_[:, :24]
-        off = (found.image - target) ** 2
-        assert off[side].mean() < off[other].mean()
-    on = sr.fit_batch(targets, steps=50, resume=whole)
-    for k, (target, first, found) in enumerate(zip(targets, whole, on, strict=True)):
-        assert found.history[: len(first.history)] == first.history
-        assert found.history[-1].steps == 50
+        error = (result.image - target) ** 2
+        assert error[side].mean() < error[other].mean()
+    longer_fits = sr.fit_batch(targets, steps=50, resume=first_fits)
+    for k, (target, first, result) in enumerate(zip(targets, first_fits, longer_fits, strict=True)):
+        assert result.history[: len(first.history)] == first.history
+        assert result.history[-1].steps == 50
         alone = sr.fit(target, steps=50, resume=first)
-        assert found.psnr == pytest.approx(alone.psnr, abs=0.3), k
+        assert result.psnr == pytest.approx(alone.psnr, abs=0.3), k
     with pytest.raises(ValueError, match="fits with the same settings"):
-        sr.fit_batch(targets, resume=[on[0], sr.fit(targets[1], triangles=3, steps=1)])
+        sr.fit_batch(targets, resume=[longer_fits[0], sr.fit(targets[1], triangles=3, steps=1)])
     with pytest.raises(ValueError, match="fits of as many steps"):
-        sr.fit_batch(targets, resume=[whole[0], on[1]])
+        sr.fit_batch(targets, resume=[first_fits[0], longer_fits[1]])
     with pytest.raises(ValueError, match="is of 48 x 40 pixels"):
-        sr.fit_batch([image[:20] for image in targets], resume=on)
+        sr.fit_batch([image[:20] for image in targets], resume=longer_fits)
     mesh = sr.fit(TARGET, triangles=10, family="mesh", steps=1)
     with pytest.raises(ValueError, match="fits of layers; got those of a mesh"):
         sr.fit_batch([TARGET, TARGET], resume=[mesh, mesh])
@@ -401,7 +406,7 @@ def test_a_batch_for_seconds_ends():
     began = time.perf_counter()
     results = sr.fit_batch([TARGET, TARGET[::-1]], triangles=10, seconds=8.0)
     assert all(result.history[-1].steps >= 1 for result in results)
-    # A machine may be busy: only that it ends.
+    # A machine may be busy, so the bound is loose.
     assert time.perf_counter() - began < 60
     np.testing.assert_array_equal(
         [record.steps for record in results[0].history],
@@ -411,7 +416,7 @@ def test_a_batch_for_seconds_ends():
 
 @pytest.mark.slow
 def test_scores_of_a_batch_share_a_program(count_compilations):
-    """The seconds that are set aside for them are those of programs that are there."""
+    """The time reserved for scoring assumes that its program is compiled already."""
     with count_compilations() as compiled:
         sr.fit_batch([TARGET, TARGET[::-1], TARGET[:, ::-1]], triangles=10, steps=10)
     drawn = [name for name in compiled.names if "render" in name]
@@ -421,7 +426,7 @@ def test_scores_of_a_batch_share_a_program(count_compilations):
 @pytest.mark.slow
 @pytest.mark.parametrize("shading", ["flat", "gouraud"])
 def test_layers_start_from_a_delaunay_mesh(shading):
-    """Abutting triangles of least squares look like the image from the first step on."""
+    """Abutting triangles with least-squares colours resemble the image from the first step on."""
     result = sr.fit(TARGET, triangles=60, shading=shading, start="delaunay", steps=0)
     assert 40 < result.scene.triangles.shape[0] <= 60
     assert result.psnr > mean_psnr(TARGET) + 4
@@ -437,7 +442,7 @@ def test_a_mesh_starts_from_a_delaunay_mesh():
 
 
 @pytest.mark.slow
-def test_corners_far_out_stay_where_a_start_has_them(tmp_path):
+def test_far_corners_of_a_start_are_not_moved_to_the_canvas(tmp_path):
     far = [[[-900.0, 20.0], [900.0, -300.0], [900.0, 340.0]]]
     scene = sr.Scene.from_soup(far, [[0.2, 0.4, 0.6]], background=[0.5, 0.5, 0.5])
     result = sr.fit(TARGET, triangles=3, start=scene, steps=0)
@@ -451,7 +456,7 @@ def test_corners_far_out_stay_where_a_start_has_them(tmp_path):
         sr.fit(TARGET, start=replace(scene, positions=scene.positions * np.nan), steps=0)
 
 
-def test_a_batch_ends_with_ctrl_c():
+def test_ctrl_c_ends_a_batch():
     def press(records):
         signal.raise_signal(signal.SIGINT)
 

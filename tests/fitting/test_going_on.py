@@ -1,4 +1,4 @@
-"""A fit that is stopped, goes on, outgrows its plan, or starts from what it is given."""
+"""Fits that are stopped, resumed, exceed their plan, or run on a budget of steps or time."""
 
 import os
 import signal
@@ -18,28 +18,27 @@ from softras2d.fitting.interrupt import deferred_interrupt
 from softras2d.fitting.layers.family import LayersFit
 from softras2d.fitting.mesh.family import MeshFit
 from softras2d.fitting.solvers import levenberg_marquardt
-from tests.cases.pictures import blobs
+
+from ..cases.pictures import blobs
 
 TARGET = blobs()
-
-"""`softras2d.fit` is the function, so that no path through it finds a module."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("solver", ["adam", "lm"])
-def test_a_plan_that_is_outgrown_is_renewed(solver, monkeypatch):
+def test_a_fit_that_exceeds_its_plan_makes_another(solver, monkeypatch):
     """The first plan is that of an empty scene."""
     plans = []
-    own = LayersFit._plan
+    plan_of = LayersFit._plan
 
-    def tight(self, scenes):
+    def plan_too_small(self, scenes):
         plans.append(len(scenes))
         if len(plans) > 1:
-            return own(self, scenes)
+            return plan_of(self, scenes)
         empty = sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)))
-        return own(self, [empty])
+        return plan_of(self, [empty])
 
-    monkeypatch.setattr(LayersFit, "_plan", tight)
+    monkeypatch.setattr(LayersFit, "_plan", plan_too_small)
     result = sr.fit(TARGET, triangles=400, start="uniform", solver=solver, steps=4)
     assert len(plans) > 1
     assert result.history[-1].steps == 4
@@ -49,18 +48,18 @@ def test_a_plan_that_is_outgrown_is_renewed(solver, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("solver", ["adam", "lm"])
-def test_plans_of_a_batch_that_are_outgrown_are_renewed(solver, monkeypatch):
+def test_a_batch_that_exceeds_its_plans_makes_others(solver, monkeypatch):
     """The first plan of each fit is that of an empty scene."""
     plans = []
-    own = LayersFit._plan
+    plan_of = LayersFit._plan
 
-    def tight(self, scenes):
+    def plan_too_small(self, scenes):
         plans.append(len(scenes))
         if len(plans) > 2:
-            return own(self, scenes)
-        return own(self, [sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)))])
+            return plan_of(self, scenes)
+        return plan_of(self, [sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)))])
 
-    monkeypatch.setattr(LayersFit, "_plan", tight)
+    monkeypatch.setattr(LayersFit, "_plan", plan_too_small)
     many = sr.fit_batch([TARGET, TARGET[::-1]], triangles=600, solver=solver, steps=6)
     assert len(plans) > 2
     for result in many:
@@ -79,19 +78,19 @@ def test_solvers_of_second_order_resume(solver):
 
 
 @pytest.mark.slow
-def test_a_resumed_fit_is_of_the_same_target_and_weights():
+def test_resuming_checks_the_target_and_uses_the_same_weights():
     left = np.zeros((40, 48))
     left[:, :24] = 1
     first = sr.fit(TARGET, triangles=6, steps=25, weights=left, seed=3)
     with pytest.raises(ValueError, match="of another `target`"):
         sr.fit(TARGET[::-1], resume=first, steps=50)
-    whole = sr.fit(TARGET, triangles=6, steps=50, weights=left, seed=3)
+    uninterrupted = sr.fit(TARGET, triangles=6, steps=50, weights=left, seed=3)
     second = sr.fit(TARGET, resume=first, steps=50)
-    assert second.psnr == pytest.approx(whole.psnr, abs=0.3)
+    assert second.psnr == pytest.approx(uninterrupted.psnr, abs=0.3)
 
 
 @pytest.mark.slow
-def test_a_solver_handed_over_is_asked_for_again():
+def test_a_custom_solver_must_be_given_again_to_resume():
     settings: dict[str, Any] = {"triangles": 6, "start": "uniform"}
     first = sr.fit(TARGET, solver=levenberg_marquardt(5), steps=2, **settings)
     assert first.settings["solver"] == "ByProducts"
@@ -104,14 +103,14 @@ def test_a_solver_handed_over_is_asked_for_again():
 @pytest.mark.slow
 @pytest.mark.parametrize("family", [LayersFit, MeshFit])
 def test_stopped_after_an_exchange_the_best_before_it_is_returned(family, monkeypatch, tmp_path):
-    """To put triangles to use elsewhere raises the error for a while."""
-    records, own, advance = [], family._exchange, loop.advance_fits
+    """An exchange of triangles raises the error at first."""
+    records, exchange_of, advance = [], family._exchange, loop.advance_fits
 
     def exchange(self, count):
-        own(self, count)
+        exchange_of(self, count)
         if len(records) > 8:
             signal.raise_signal(signal.SIGINT)
-            # One step makes up for no exchange.
+            # One step, which cannot lower the error to that before the exchange.
             monkeypatch.setattr(
                 loop, "advance_fits", lambda fits, steps, max_steps: advance(fits, 1, max_steps)
             )
@@ -139,14 +138,14 @@ def test_checkpoints_can_be_resumed(tmp_path, monkeypatch):
     monkeypatch.setattr(loop, "_CHECKPOINT_SECONDS", 0.0)
     path = tmp_path / "fit.npz"
     sr.fit(TARGET, triangles=6, steps=50, checkpoint=path)
-    found = sr.FitResult.load(path)
-    assert found.interrupted
-    assert sr.fit(TARGET, resume=found, steps=75).history[-1].steps == 75
+    checkpoint = sr.FitResult.load(path)
+    assert checkpoint.interrupted
+    assert sr.fit(TARGET, resume=checkpoint, steps=75).history[-1].steps == 75
 
 
 @pytest.mark.slow
-def test_a_scene_starts_where_it_is_in_the_target():
-    """It is in pixels of the target, whatever the size of the fit."""
+def test_a_start_scene_is_drawn_at_its_position_in_the_target():
+    """A start is in pixels of the target, also if the fit has another size."""
     first = sr.fit(TARGET, triangles=10, steps=50)
     again = sr.fit(TARGET, triangles=10, steps=0, size=24, start=first.scene)
     np.testing.assert_allclose(again.scene.positions, first.scene.positions, atol=1e-4)
@@ -154,7 +153,7 @@ def test_a_scene_starts_where_it_is_in_the_target():
 
 
 @pytest.mark.slow
-def test_triangles_that_wait_do_not_show_under_soft_edges():
+def test_unused_triangles_are_invisible_under_soft_edges():
     white = np.ones((40, 48, 3), np.float32)
     far = sr.Scene.from_soup(np.full((1, 3, 2), 20.0), np.ones((1, 3)), background=[1, 1, 1])
     result = sr.fit(white, triangles=20, start=far, softness=64, steps=1)
@@ -169,15 +168,15 @@ def test_softness_falls_to_its_last_width():
     assert result.psnr > -10 * np.log10(((TARGET - TARGET.mean((0, 1))) ** 2).mean()) + 5
 
 
-def test_settings_are_plain():
-    given = {"seed": np.int64(3), "softness": np.float32(2), "shading": None, "family": "mesh"}
-    found = settle(given)
-    assert type(found["seed"]) is int
-    assert found == {"seed": 3, "softness": (2.0, 2.0), "shading": "gouraud", "family": "mesh"}
+def test_settings_become_plain_values():
+    settings = {"seed": np.int64(3), "softness": np.float32(2), "shading": None, "family": "mesh"}
+    plain = settle(settings)
+    assert type(plain["seed"]) is int
+    assert plain == {"seed": 3, "softness": (2.0, 2.0), "shading": "gouraud", "family": "mesh"}
 
 
 class TestBudget:
-    """Of time, with a clock that the test sets."""
+    """The budget of time, with a clock that the test sets."""
 
     @pytest.fixture
     def clock(self, monkeypatch):
@@ -191,12 +190,12 @@ class TestBudget:
             known.set_result(scoring)
         return Budget(Limits(100.0, None, 130.0), known, 0.0)
 
-    def test_scoring_is_set_aside(self, clock):
+    def test_time_for_scoring_is_reserved(self, clock):
         clock[0] = 110.0
         assert self.budget(2.0).seconds_left(0, np.nan) == 18.0
         assert self.budget(None).seconds_left(0, np.nan) == 17.0
 
-    def test_it_ends_before_what_is_set_aside(self, clock):
+    def test_the_share_is_one_at_the_reserved_time(self, clock):
         budget = self.budget(2.0)
         assert budget.share(0, None) == 0.0
         clock[0] = 114.0
@@ -205,12 +204,12 @@ class TestBudget:
         assert budget.share(9, 100.0) == 1.0
         assert budget.next_steps(9, 25, 0.1, 0.0) == 1
 
-    def test_chunks_are_as_long_as_a_user_waits(self, clock):
+    def test_chunks_are_short_enough_for_a_waiting_user(self, clock):
         budget = self.budget(2.0)
         assert budget.next_steps(0, 25, None, 0.0) == 1
         assert budget.next_steps(0, 25, 0.05, 0.0) == 10
         assert budget.next_steps(0, 25, 0.001, 0.0) == 25
-        # Large pictures take long to judge: that is to be a tenth of the time.
+        # Large images take long to score, which is to be a tenth of the time.
         assert budget.next_steps(0, 25, 0.05, 0.1) == 20
         clock[0] = 127.88
         assert budget.next_steps(0, 25, 0.05, 0.0) == 2
@@ -237,13 +236,13 @@ class TestInterrupt:
             time.sleep(1)
 
     def test_other_threads_have_none(self):
-        seen = []
+        requested = []
 
         def work():
             with deferred_interrupt() as noted:
-                seen.append(noted.requested)
+                requested.append(noted.requested)
 
         thread = threading.Thread(target=work)
         thread.start()
         thread.join()
-        assert seen == [False]
+        assert requested == [False]

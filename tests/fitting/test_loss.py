@@ -1,4 +1,4 @@
-"""Losses, images made smaller, and colours in closed form, against what they say they are."""
+"""Losses, resampled images and closed-form colours, against their definitions."""
 
 from typing import NamedTuple
 
@@ -20,7 +20,8 @@ from softras2d.fitting.loss import Loss
 from softras2d.fitting.resample import shrink
 from softras2d.fitting.score import ssim
 from softras2d.fitting.units import POSITION_UNIT, clip_straight_through
-from tests.cases.pictures import blobs
+
+from ..cases.pictures import blobs
 
 RNG = np.random.default_rng(0)
 IMAGE, TARGET = (jnp.asarray(RNG.random((12, 14, 3)), jnp.float32) for _ in range(2))
@@ -28,47 +29,47 @@ WEIGHTS = jnp.asarray(RNG.random((12, 14)), jnp.float32)
 
 
 def test_losses_by_hand():
-    off = np.asarray(IMAGE) - np.asarray(TARGET)
+    error = np.asarray(IMAGE) - np.asarray(TARGET)
     residual = Loss("squared").residual(IMAGE, TARGET, None)
-    np.testing.assert_allclose(residual, off, atol=1e-6)
-    weighed = Loss("squared").residual(IMAGE, TARGET, WEIGHTS)
-    squares = (off**2 * np.asarray(WEIGHTS)[..., None]).sum()
-    assert float(jnp.sum(weighed**2)) == pytest.approx(squares, rel=1e-5)
+    np.testing.assert_allclose(residual, error, atol=1e-6)
+    weighted = Loss("squared").residual(IMAGE, TARGET, WEIGHTS)
+    squares = (error**2 * np.asarray(WEIGHTS)[..., None]).sum()
+    assert float(jnp.sum(weighted**2)) == pytest.approx(squares, rel=1e-5)
     assert float(Loss("l1").residual(IMAGE, TARGET, None)) == pytest.approx(
-        np.abs(off).sum(), rel=1e-5
+        np.abs(error).sum(), rel=1e-5
     )
-    both = (off**2).sum() + 0.02 * off.size * (1 - float(ssim(IMAGE, TARGET)))
-    assert float(Loss("ssim").residual(IMAGE, TARGET, None)) == pytest.approx(both, rel=1e-5)
+    with_ssim = (error**2).sum() + 0.02 * error.size * (1 - float(ssim(IMAGE, TARGET)))
+    assert float(Loss("ssim").residual(IMAGE, TARGET, None)) == pytest.approx(with_ssim, rel=1e-5)
 
 
-def test_linear_light_and_alpha():
+def test_images_are_prepared_in_linear_light_and_premultiplied():
     loss = Loss("squared", "linear")
     np.testing.assert_allclose(loss.prepare(IMAGE), srgb_to_linear(np.asarray(IMAGE)), atol=1e-6)
     straight = jnp.concatenate([IMAGE, WEIGHTS[..., None]], -1)
     prepared = Loss().prepare(straight)
     np.testing.assert_allclose(prepared[..., :3], IMAGE * WEIGHTS[..., None], atol=1e-7)
     # Below 0 the curve is the negative of that above, as wherever sRGB is decoded.
-    slope = jax.grad(lambda x: jnp.sum(loss.prepare(x)))(jnp.full((1, 1, 3), -0.5))
-    np.testing.assert_allclose(slope, 2.4 / 1.055 * ((0.5 + 0.055) / 1.055) ** 1.4, rtol=1e-5)
-    slope = jax.grad(lambda x: jnp.sum(loss.prepare(x)))(jnp.full((1, 1, 3), -0.02))
-    np.testing.assert_allclose(slope, 1 / 12.92, rtol=1e-6)
+    gradient = jax.grad(lambda x: jnp.sum(loss.prepare(x)))(jnp.full((1, 1, 3), -0.5))
+    np.testing.assert_allclose(gradient, 2.4 / 1.055 * ((0.5 + 0.055) / 1.055) ** 1.4, rtol=1e-5)
+    gradient = jax.grad(lambda x: jnp.sum(loss.prepare(x)))(jnp.full((1, 1, 3), -0.02))
+    np.testing.assert_allclose(gradient, 1 / 12.92, rtol=1e-6)
 
 
-def test_held_values_have_a_slope_outside():
-    value, slope = jax.value_and_grad(lambda x: jnp.sum(clip_straight_through(x)))(
+def test_clipped_values_have_a_gradient_outside():
+    value, gradient = jax.value_and_grad(lambda x: jnp.sum(clip_straight_through(x)))(
         jnp.asarray([-0.5, 0.5, 1.5])
     )
     assert float(value) == 1.5
-    np.testing.assert_array_equal(slope, 1.0)
+    np.testing.assert_array_equal(gradient, 1.0)
 
 
-def test_shrinking_keeps_the_mean():
+def test_shrinking_preserves_the_mean():
     image = RNG.random((13, 17, 4)).astype(np.float32)
     small = shrink(image, 5, 6)
     assert small.shape == (5, 6, 4)
     for channel in range(3):
-        whole = (image[..., channel] * image[..., 3]).mean()
-        assert (small[..., channel] * small[..., 3]).mean() == pytest.approx(whole, rel=1e-5)
+        mean = (image[..., channel] * image[..., 3]).mean()
+        assert (small[..., channel] * small[..., 3]).mean() == pytest.approx(mean, rel=1e-5)
     halved = shrink(image[:12, :16, :3], 6, 8)
     wanted = image[:12, :16, :3].reshape(6, 2, 8, 2, 3).mean((1, 3))
     np.testing.assert_allclose(halved, wanted, atol=1e-6)
@@ -83,14 +84,14 @@ def test_colors_in_closed_form_are_those_of_least_squares():
     matrix = RNG.normal(size=(40, 6)).astype(np.float32)
     right = matrix @ RNG.random(6).astype(np.float32)
     start = Colored(jnp.full(6, 0.5))
-    found = best_colors(lambda y, args: (matrix @ y.colors - args, None), start, right)
-    np.testing.assert_allclose(matrix @ found.colors, right, atol=1e-3)
+    solution = best_colors(lambda y, args: (matrix @ y.colors - args, None), start, right)
+    np.testing.assert_allclose(matrix @ solution.colors, right, atol=1e-3)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("light", ["display", "linear"])
-def test_colors_of_layers_in_closed_form(light):
-    """The slope of the squared error by each colour is zero, for colours that need no holding."""
+def test_closed_form_colors_of_layers_minimize_the_error(light):
+    """Where all are within 0..1, the gradient of the squared error by each is zero."""
     target = 0.5 + 0.3 * (blobs() - 0.5)
     corners = np.array([[[4, 4], [30, 6], [8, 34]], [[20, 10], [44, 12], [30, 38]]], np.float32)
     y = LayersUnknowns(jnp.asarray(corners / POSITION_UNIT), jnp.full((2, 3, 3), 0.5), None)
@@ -103,8 +104,8 @@ def test_colors_of_layers_in_closed_form(light):
     def error(colors):
         return jnp.sum(residual(y._replace(colors=colors), data)[0] ** 2)
 
-    found = best_colors(residual, y, data, light).colors
-    slope = jax.grad(error)(found)
-    assert bool(((found > 0) & (found < 1)).all())
-    assert float(jnp.abs(slope).max()) < 0.001 * float(jnp.abs(jax.grad(error)(y.colors)).max())
-    assert error(found) < error(y.colors)
+    best = best_colors(residual, y, data, light).colors
+    gradient = jax.grad(error)(best)
+    assert bool(((best > 0) & (best < 1)).all())
+    assert float(jnp.abs(gradient).max()) < 0.001 * float(jnp.abs(jax.grad(error)(y.colors)).max())
+    assert error(best) < error(y.colors)

@@ -1,4 +1,4 @@
-"""Colours against dense least squares, predicted gains against what happens, starts by result."""
+"""Colours of meshes against dense least squares, predicted gains against actual ones, starts."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def _smooth():
 
 
 @pytest.mark.parametrize("vertices", [4, 5, 7, 60, 333])
-def test_even_starts_have_exactly_as_many_vertices(vertices):
+def test_uniform_starts_have_exactly_the_given_number_of_vertices(vertices):
     for jitter in (0.0, 0.4):
         mesh = uniform_start(HEIGHT, WIDTH, vertices, jitter=jitter, seed=1)
         check_tiling(mesh)
@@ -50,7 +50,7 @@ def test_even_starts_have_exactly_as_many_vertices(vertices):
 
 
 @pytest.mark.parametrize("asked", [(0, 5, 9), (5, 5, 3)])
-def test_what_has_no_mesh_is_refused(asked):
+def test_empty_images_and_too_few_vertices_are_refused(asked):
     with pytest.raises(ValueError, match="four vertices"):
         uniform_start(*asked)
 
@@ -92,7 +92,7 @@ def test_triangles_without_pixels_take_colours_near_by(model):
     np.testing.assert_allclose(solved, 0.25, atol=1e-9)
 
 
-def test_predicted_gain_is_the_drop_with_the_other_colours_fixed():
+def test_predicted_gain_of_a_split_is_the_drop_with_other_colours_fixed():
     target, mesh = _noise(3), uniform_start(HEIGHT, WIDTH, 12)
     evaluation = evaluate(mesh, target, "vertex")
     splits = best_splits(mesh, evaluation, least_area=1.0)
@@ -100,7 +100,7 @@ def test_predicted_gain_is_the_drop_with_the_other_colours_fixed():
     for number in range(len(splits.gain)):
         finer = split(mesh, splits, np.array([number]))
         check_tiling(finer)
-        # The new vertex is the last; its hat function is the picture of one colour there.
+        # The new vertex is the last; its hat function is the image with colour 1 there, else 0.
         hat = draw(finer, np.eye(13)[:, 12:])
         residual = target.image - draw(mesh, old)
         drop = ((hat * residual).sum((0, 1)) ** 2).sum() / ((hat**2).sum() + 0.1)
@@ -197,14 +197,14 @@ def test_an_error_start_is_better_than_an_even_one(model):
     assert _error(mesh, target, model) < 0.6 * _error(even, target, model)
 
 
-def test_weights_draw_vertices_to_them():
+def test_an_error_start_has_more_vertices_where_weights_are_large():
     target = _noise(5)
     weights = np.where(np.arange(WIDTH) < WIDTH // 2, 1.0, 1e-3) * np.ones((HEIGHT, 1))
     left = [
         (error_start(Target(target.image, w), 100).positions[:, 0] < WIDTH / 2).mean()
         for w in (None, weights)
     ]
-    assert left[1] > left[0] + 0.2
+    assert share_at_left[1] > share_at_left[0] + 0.2
 
 
 def test_nothing_to_gain_ends_the_start():
@@ -244,7 +244,7 @@ def test_tiny_targets(size):
     check_tiling(insert(mesh, target, 5, least_area=0.01))
 
 
-def test_a_start_in_a_hurry_is_taken_as_it_is():
+def test_an_error_start_can_be_ended_early():
     target = _noise(0)
     looks = iter([False, True, True, True])
     mesh = error_start(target, 200, must_start=lambda: next(looks))

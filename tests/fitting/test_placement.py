@@ -1,4 +1,4 @@
-"""What triangles are worth, against error sums of pictures drawn one triangle at a time."""
+"""Gains and costs of triangles against errors of images drawn one triangle at a time."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ RNG = np.random.default_rng(5)
 
 
 def inside(corners):
-    """Which pixel centres a triangle holds, and their barycentric weights, by half-planes."""
+    """Whether a triangle contains each pixel centre, and barycentric weights, by half-planes."""
     y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
     (ax, ay), (bx, by), (cx, cy) = corners
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
@@ -26,17 +26,17 @@ def inside(corners):
 
 def draw(corners, colors, opacity, background):
     image = np.tile(background, (HEIGHT, WIDTH, 1))
-    for one, color, alpha in zip(corners, colors, opacity, strict=True):
-        held, weights = inside(one)
-        own = weights @ np.broadcast_to(color, (3, 3))
-        image = np.where(held[..., None], image + alpha * (own - image), image)
+    for triangle, color, alpha in zip(corners, colors, opacity, strict=True):
+        is_inside, weights = inside(triangle)
+        at_pixels = weights @ np.broadcast_to(color, (3, 3))
+        image = np.where(is_inside[..., None], image + alpha * (at_pixels - image), image)
     return image
 
 
 @pytest.mark.parametrize("corner_colors", [1, 3])
 @pytest.mark.parametrize("translucent", [False, True])
 @pytest.mark.parametrize("weighted", [False, True])
-def test_removal_costs_are_what_removal_costs(corner_colors, translucent, weighted):
+def test_removal_costs_are_the_rise_of_the_error(corner_colors, translucent, weighted):
     count = 12
     corners = random_triangles(RNG, RNG.random((count, 2)) * [WIDTH, HEIGHT], 10.0)
     corners[::2] = corners[::2, ::-1]
@@ -47,8 +47,8 @@ def test_removal_costs_are_what_removal_costs(corner_colors, translucent, weight
     background = np.array([0.2, 0.5, 0.7])
     weights = RNG.random((HEIGHT, WIDTH)) if weighted else np.ones((HEIGHT, WIDTH))
 
-    def error(kept):
-        image = draw(corners[kept], colors[kept], opacity[kept], background)
+    def error(indices):
+        image = draw(corners[indices], colors[indices], opacity[indices], background)
         return (((image - TARGET) ** 2).sum(-1) * weights).sum()
 
     usable = [i for i in range(count) if i not in (3, 4)]
@@ -59,13 +59,13 @@ def test_removal_costs_are_what_removal_costs(corner_colors, translucent, weight
         Target(TARGET, weights if weighted else None),
         background,
     )
-    for one in usable:
-        without = [i for i in usable if i != one]
-        assert costs[one] == pytest.approx(error(without) - error(usable), abs=1e-6)
+    for removed in usable:
+        without = [i for i in usable if i != removed]
+        assert costs[removed] == pytest.approx(error(without) - error(usable), abs=1e-6)
     assert costs[3] == costs[4] == 0
 
 
-def test_gains_are_what_drawing_gains():
+def test_gains_are_the_drop_of_the_error():
     image = np.tile(TARGET.mean((0, 1)), (HEIGHT, WIDTH, 1))
     found = place(np.random.default_rng(0), image, Target(TARGET), 5, size=8.0)
     assert 0 < len(found.corners) <= 5
@@ -75,7 +75,7 @@ def test_gains_are_what_drawing_gains():
         after = ((color - TARGET) ** 2).sum(-1)[held].sum()
         assert gain == pytest.approx(before - after, abs=1e-6)
         assert gain > 0
-        np.testing.assert_allclose(color, TARGET[held].mean(0), atol=1e-9)
+        np.testing.assert_allclose(color, TARGET[is_inside].mean(0), atol=1e-9)
 
 
 def test_nothing_is_placed_where_nothing_is_gained():
@@ -84,7 +84,7 @@ def test_nothing_is_placed_where_nothing_is_gained():
     assert len(found.corners) == 0
 
 
-def test_weights_say_where_triangles_are_placed():
+def test_triangles_are_placed_where_weights_are():
     weights = np.zeros((HEIGHT, WIDTH))
     weights[:, :20] = 1
     image = np.zeros_like(TARGET)
@@ -97,15 +97,15 @@ def test_pixels_of_either_orientation_have_the_weights_of_their_corners():
     corners[1::2] = corners[1::2, ::-1]
     pairs = soup_pixels(corners, height=HEIGHT, width=WIDTH)
     for one in range(6):
-        held, weights = inside(corners[one])
+        is_inside, weights = inside(corners[one])
         mine = pairs.triangle == one
-        assert set(pairs.pixel[mine]) == set(np.flatnonzero(held))
+        assert set(pairs.pixel[mine]) == set(np.flatnonzero(is_inside))
         wanted = weights.reshape(-1, 3)[pairs.pixel[mine]].T
         np.testing.assert_allclose(pairs.weights[:, mine], wanted, atol=1e-9)
 
 
-def test_a_dark_shape_on_clear_ground_is_an_error_like_any_other():
-    """What is drawn premultiplied differs from clear ground in its alpha alone."""
+def test_a_black_shape_on_a_clear_background_counts_as_error():
+    """Premultiplied, it differs from the clear background in its alpha alone."""
     target = np.zeros((HEIGHT, WIDTH, 4))
     target[10:30, 12:36, 3] = 1
     found = place(np.random.default_rng(0), np.zeros_like(target), Target(target), 4, size=8.0)
@@ -119,7 +119,7 @@ def test_a_dark_shape_on_clear_ground_is_an_error_like_any_other():
     costs = removal_costs(
         found.corners[:1], np.zeros((1, 1, 3)), None, Target(target), np.zeros(4, np.float32)
     )
-    assert costs == pytest.approx(found.gains[:1])
+    assert costs == pytest.approx(placed.gains[:1])
 
 
 def test_candidates_in_blocks_are_those_of_one_block(monkeypatch):

@@ -1,4 +1,4 @@
-"""Fits that an earlier version saved: they load, show what they showed, and can be resumed.
+"""Fits saved by an earlier version: they load, give the image that was saved, and can be resumed.
 
 The files hold fits of 12 triangles to a target of 24 x 24 pixels, interrupted after 10 of 40 steps:
 
@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from tests.cases.pictures import blobs
+
+from ..cases.pictures import blobs
 
 SAVED = Path(__file__).parent / "saved"
 
@@ -36,7 +37,7 @@ def test_a_fit_of_an_earlier_version_loads(family):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
-def test_a_fit_of_an_earlier_version_goes_on(family):
+def test_a_fit_of_an_earlier_version_can_be_resumed(family):
     result = sr.FitResult.load(SAVED / f"{family}.npz")
     longer = sr.fit(TARGET, resume=result, steps=40)
     assert not longer.interrupted

@@ -1,4 +1,4 @@
-"""PSNR and SSIM against plain loops and another implementation's definition."""
+"""PSNR and SSIM against loops by their definitions."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +8,7 @@ from softras2d.fitting.score import psnr, ssim
 
 
 def ssim_by_hand(a, b) -> float:
-    """Window after window, in float64."""
+    """SSIM, window after window, in float64."""
     taps = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
     window = np.outer(taps, taps) / taps.sum() ** 2
     values = []
@@ -17,11 +17,13 @@ def ssim_by_hand(a, b) -> float:
             for channel in range(a.shape[2]):
                 p, q = (i[y : y + 11, x : x + 11, channel].astype(np.float64) for i in (a, b))
                 p_mean, q_mean = (window * p).sum(), (window * q).sum()
-                p_spread = (window * (p - p_mean) ** 2).sum()
-                q_spread = (window * (q - q_mean) ** 2).sum()
-                both = (window * (p - p_mean) * (q - q_mean)).sum()
-                top = (2 * p_mean * q_mean + 1e-4) * (2 * both + 9e-4)
-                values.append(top / ((p_mean**2 + q_mean**2 + 1e-4) * (p_spread + q_spread + 9e-4)))
+                p_variance = (window * (p - p_mean) ** 2).sum()
+                q_variance = (window * (q - q_mean) ** 2).sum()
+                covariance = (window * (p - p_mean) * (q - q_mean)).sum()
+                numerator = (2 * p_mean * q_mean + 1e-4) * (2 * covariance + 9e-4)
+                values.append(
+                    numerator / ((p_mean**2 + q_mean**2 + 1e-4) * (p_variance + q_variance + 9e-4))
+                )
     return float(np.mean(values))
 
 

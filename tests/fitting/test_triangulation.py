@@ -1,4 +1,4 @@
-"""A tiling stays one, whatever is done to it; pixels are owned once."""
+"""Meshes that tile the canvas stay tilings under every change, and cover each pixel centre once."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def _square(**changes):
     return make_mesh(positions, triangles, height=4, width=4)._replace(**changes)
 
 
-def test_a_square_of_four():
+def test_areas_and_edges_of_a_square_by_hand():
     mesh = _square()
     check_tiling(mesh)
     assert (mesh.height, mesh.width) == (4, 4)
@@ -78,11 +78,11 @@ def test_every_pixel_centre_has_one_triangle(seed):
     mesh = _mesh(seed)
     # Vertices and edges on centres too.
     snapped = untangle(mesh, np.floor(mesh.positions) + 0.5)
-    for one in (mesh, snapped):
-        pairs = mesh_pixels(one)
+    for tiling in (mesh, snapped):
+        pairs = mesh_pixels(tiling)
         assert sorted(pairs.pixel) == list(range(HEIGHT * WIDTH))
         assert (pairs.weights > -1e-9).all()
-        corners = one.positions[one.triangles[pairs.triangle]]
+        corners = tiling.positions[tiling.triangles[pairs.triangle]]
         centers = np.einsum("ip,pid->pd", pairs.weights, corners)
         np.testing.assert_allclose(centers[:, 0], pairs.pixel % WIDTH + 0.5, atol=1e-9)
         np.testing.assert_allclose(centers[:, 1], pairs.pixel // WIDTH + 0.5, atol=1e-9)
@@ -125,7 +125,7 @@ def test_any_sequence_of_changes_keeps_a_tiling(seed, model, reach):
 
 
 @given(seed=SEEDS)
-def test_small_moves_arrive_and_large_ones_go_part_of_the_way(seed):
+def test_small_moves_are_made_in_full_and_large_ones_in_part(seed):
     rng = np.random.default_rng(seed)
     mesh = _mesh(seed)
     free = np.stack([mesh.free_x, mesh.free_y], 1)

@@ -1,6 +1,6 @@
-"""Mutated drawings: each becomes a valid scene, or one line that names its file.
+"""Mutated drawings: each is read as a valid scene, or refused in one line that names its file.
 
-A failure names the number and the text of its case; `seconds.py` says how to repeat it.
+A failure names the number and the text of its case; `cases/fuzzing.py` says how to repeat it.
 """
 
 import random
@@ -15,12 +15,12 @@ import softras2d as sr
 from softras2d import scenes
 from softras2d.io.svg.reader import read_svg, svg_size
 
-from .seconds import cases
+from ..cases.fuzzing import cases
 
 LONGEST = 30
-"""Seconds that one drawing may take, on a slow machine."""
+"""Limit in seconds for one drawing, on a slow machine."""
 
-OWN = (
+HAND_WRITTEN = (
     """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 40 30" width="80" height="60">
 <defs><g id="a"/></defs><g transform="translate(1 2) rotate(30, 4, 5) scale(2)" opacity=".5">
 <polyline points="1,1 9,1 9,9 1,9 5,-3" fill="none" stroke="#0f0" stroke-width="2%"
@@ -64,7 +64,7 @@ PIXELS = (
     "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNkYPhfDwAChwGA"
     "60e6kgAAAABJRU5ErkJggg=="
 )
-"""A picture of one pixel."""
+"""An image of one pixel, as a data URI."""
 
 
 def mutated(text: str, rng: random.Random) -> str | bytes:
@@ -76,17 +76,17 @@ def mutated(text: str, rng: random.Random) -> str | bytes:
     if rng.random() < 0.1:
         data = bytearray(text.encode())
         for _ in range(rng.randint(1, 4)):
-            place = rng.randrange(len(data) + 1)
-            data[place : place + rng.randint(0, 3)] = rng.randbytes(rng.randint(0, 3))
+            position = rng.randrange(len(data) + 1)
+            data[position : position + rng.randint(0, 3)] = rng.randbytes(rng.randint(0, 3))
         return bytes(data)
     return text
 
 
 def replaced(pattern: re.Pattern, text: str, rng: random.Random, make) -> str:
-    """One match of the pattern, or now and then some, replaced by what `make` gives for it."""
-    found = list(pattern.finditer(text))
-    for match in sorted(rng.sample(found, min(len(found), rng.choice((1, 1, 1, 3)))), reverse=True,
-                        key=lambda match: match.start()):  # fmt: skip
+    """The text with one match of the pattern, or up to three, replaced by `make` of it."""
+    matches = list(pattern.finditer(text))
+    chosen = rng.sample(matches, min(len(matches), rng.choice((1, 1, 1, 3))))
+    for match in sorted(chosen, reverse=True, key=lambda match: match.start()):
         text = text[: match.start()] + make(match[0]) + text[match.end() :]
     return text
 
@@ -149,7 +149,7 @@ MUTATIONS = (
 
 
 def read(path, dialect, rng):
-    """Read as the command line does; any outcome but a valid scene or one line is an error."""
+    """Read as the command line does; fail unless it gives a valid scene or a one-line error."""
     size = {} if rng.random() < 0.3 else {"height": rng.choice((1, 60)), "width": 80}
     options = {
         "opacity": rng.random() < 0.8,
@@ -181,11 +181,11 @@ def too_long(*_: object) -> None:
 
 
 @pytest.mark.slow
-def test_mutated_drawings(tmp_path):
+def test_mutated_drawings_are_read_or_refused_in_one_line(tmp_path):
     texts = [
         scenes.path(name).read_text() for name in scenes.names() if not scenes.is_scripted(name)
     ]
-    texts = [*(text for text in texts if len(text) < 100_000), *OWN * 3]
+    texts = [*(text for text in texts if len(text) < 100_000), *HAND_WRITTEN * 3]
     texts = [text.replace("PIXELS", PIXELS) for text in texts]
     path = tmp_path / "drawing.svg"
     count = 0
@@ -201,13 +201,13 @@ def test_mutated_drawings(tmp_path):
                 try:
                     read(path, dialect, rng)
                 except Exception as error:
-                    kept = data[:2000].decode(errors="replace")
-                    raise AssertionError(f"case {number}, {dialect}: {kept}") from error
+                    excerpt = data[:2000].decode(errors="replace")
+                    raise AssertionError(f"case {number}, {dialect}: {excerpt}") from error
                 finally:
                     signal.alarm(0)
             count += 1
             if count % 500 == 0:
-                # Every number of triangles compiles its own copies.
+                # Each number of triangles compiles programs of its own.
                 jax.clear_caches()
     finally:
         signal.signal(signal.SIGALRM, before)

@@ -1,4 +1,4 @@
-"""Saved fits that were changed: each is read as a whole fit, or refused in one line."""
+"""Changed files of fits: each is read as a valid fit, or refused in one line."""
 
 import json
 from pathlib import Path
@@ -9,8 +9,9 @@ import pytest
 
 import softras2d as sr
 from softras2d.fitting.prepare import check_images, check_resume
-from tests.cases.saved_fits import KINDS, packed, saved, target_of
-from tests.fuzz.seconds import cases, flipped
+
+from ..cases.fuzzing import cases, damaged
+from ..cases.saved_fits import KINDS, packed, saved, target_of
 
 pytestmark = pytest.mark.slow
 
@@ -25,7 +26,7 @@ _WORDS: tuple[Any, ...] = (
 
 
 def changed_array(value: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Another type, another shape, or other numbers."""
+    """The array with another type, another shape, or other numbers."""
     kind = rng.integers(6)
     with np.errstate(all="ignore"):
         if kind == 0:
@@ -49,19 +50,19 @@ def changed_array(value: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def changed_facts(packed_facts: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Another setting, or none."""
+    """The facts with one setting changed or removed."""
     facts = json.loads(packed_facts.tobytes())
-    place = facts["settings"] if rng.random() < 0.8 else facts
-    name = str(rng.choice([*place, "more"]))
+    section = facts["settings"] if rng.random() < 0.8 else facts
+    name = str(rng.choice([*section, "more"]))
     if rng.random() < 0.2:
-        place.pop(name, None)
+        section.pop(name, None)
     else:
-        place[name] = _WORDS[rng.integers(len(_WORDS))]
+        section[name] = _WORDS[rng.integers(len(_WORDS))]
     return np.frombuffer(json.dumps(facts).encode(), np.uint8)
 
 
 def changed_file(arrays: dict[str, np.ndarray], rng: np.random.Generator) -> bytes:
-    """The bytes of a file of which something is not as it was."""
+    """The bytes of a file with up to three changed entries."""
     arrays = dict(arrays)
     for _ in range(rng.integers(1, 4)):
         name = str(rng.choice(list(arrays)))
@@ -78,31 +79,32 @@ def changed_file(arrays: dict[str, np.ndarray], rng: np.random.Generator) -> byt
         elif kind < 0.9:
             arrays[name] = changed_array(arrays[name], rng)
         else:
-            return flipped(packed(arrays), rng)
+            return damaged(packed(arrays), rng)
     return packed(arrays)
 
 
 def saved_facts(arrays: dict[str, np.ndarray]) -> np.ndarray:
+    """The facts among the arrays, or those of a saved fit if they are damaged already."""
     facts = arrays.get("facts")
-    whole = saved("layers")["facts"]
+    valid = saved("layers")["facts"]
     try:
         assert facts is not None
         json.loads(facts.tobytes())["settings"].keys()
     except (AssertionError, ValueError, KeyError, TypeError, AttributeError):
-        return whole
+        return valid
     return facts
 
 
 def test_changed_fits_are_read_or_refused_in_one_line(tmp_path: Path):
     path = tmp_path / "fit.npz"
-    # Made before the clock starts.
+    # Fitted before the time limit starts.
     kinds = [kind for kind in KINDS if saved(kind)]
     outcomes = {"read": 0, "refused": 0, "resumed": 0}
     for number, rng in cases():
         kind = kinds[number % len(kinds)]
         path.write_bytes(changed_file(saved(kind), rng))
         try:
-            found = sr.FitResult.load(path)
+            fit = sr.FitResult.load(path)
         except ValueError as error:
             check_message(str(error), f"{path}: ", number)
             outcomes["refused"] += 1
@@ -110,15 +112,15 @@ def test_changed_fits_are_read_or_refused_in_one_line(tmp_path: Path):
         except Exception as error:
             raise AssertionError(f"case {number}: {error!r}") from error
         outcomes["read"] += 1
-        assert np.isfinite(found.image).all(), f"case {number}"
-        sr.check(found.scene)
+        assert np.isfinite(fit.image).all(), f"case {number}"
+        sr.check(fit.scene)
         (target,) = check_images([target_of(kind)])
         try:
-            check_resume(found, target)
-            # A step compiles: of those that pass, a few are taken.
+            check_resume(fit, target)
+            # A step compiles, so that few of the readable fits are resumed.
             if outcomes["read"] % 25 == 1:
-                steps = found.history[-1].steps if found.history else 0
-                sr.fit(target_of(kind), resume=found, steps=steps + 1)
+                steps = fit.history[-1].steps if fit.history else 0
+                sr.fit(target_of(kind), resume=fit, steps=steps + 1)
                 outcomes["resumed"] += 1
         except ValueError as error:
             check_message(str(error), "`resume`", number)

@@ -1,4 +1,4 @@
-"""Pictures that were changed: each is read whole, or refused in one line that names the file."""
+"""Changed image files: each is read, or refused in one line that names the file."""
 
 import struct
 import zlib
@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from softras2d.io.images import decode_image, read_image, write_image
-from tests.fuzz.seconds import cases, flipped
+
+from ..cases.fuzzing import cases, damaged
 
 pytestmark = pytest.mark.slow
 
@@ -18,7 +19,7 @@ _SIZES = (0, 1, 2, 3, 7, 255, 256, 65535, 2**16, 2**24, 2**31 - 1, 2**31, 2**32 
 
 
 def originals(folder: Path) -> list[bytes]:
-    """Small pictures of every format that the package writes."""
+    """The bytes of small images in every format that the package writes."""
     rng = np.random.default_rng(0)
     files = []
     for suffix in _FORMATS:
@@ -39,7 +40,7 @@ def with_other_size(data: bytes, rng: np.random.Generator) -> bytes:
     changed = bytearray(data)
     if data.startswith(b"\x89PNG"):
         struct.pack_into(">I", changed, int(rng.choice([16, 20])), size)
-        # Its checksum is that of the changed header, as a forger would write it.
+        # With the checksum of the changed header, so that it passes.
         struct.pack_into(">I", changed, 29, zlib.crc32(bytes(changed[12:29])))
         return bytes(changed)
     if data.startswith(b"\xff\xd8"):
@@ -70,9 +71,9 @@ def test_changed_pictures_are_read_or_refused_in_one_line(tmp_path: Path):
         if rng.random() < 0.3:
             data = with_other_size(data, rng)
         if rng.random() < 0.9:
-            # Half of the changes where headers are.
+            # Half of the changes are within the first 400 bytes, where headers are.
             end = len(data) if rng.random() < 0.5 else min(len(data), 400)
-            data = flipped(data[:end], rng) + data[end:]
+            data = damaged(data[:end], rng) + data[end:]
         path.write_bytes(data)
         linear = bool(rng.integers(2))
         try:

@@ -1,4 +1,4 @@
-"""Random extreme scenes: coverage against integers, and numbers that stay finite in every mode."""
+"""Random extreme scenes: coverage against integers, and finite numbers in every mode."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,9 +10,9 @@ import pytest
 
 import softras2d as sr
 
-from ..geometry.test_far_triangles import covered_by, near_an_edge, project_one
+from ..cases.far_triangles import covered_by, near_an_edge, project_one
+from ..cases.fuzzing import cases
 from ..oracles.coverage import Canvas, footprint, snap
-from .seconds import cases
 
 SIDE = 16
 COUNT = 6
@@ -46,8 +46,8 @@ def extreme_corners(rng: np.random.Generator, count: int, farthest: float) -> np
 
 
 @pytest.mark.slow
-def test_coverage_up_to_a_thousand_canvases_away():
-    """No sample differs that is farther than two grid units from an edge."""
+def test_coverage_equals_the_oracle_up_to_a_thousand_canvases_away():
+    """Only samples within two grid units of an edge may differ, and only of far triangles."""
     for _, rng in cases(0.5):
         height, width = (int(n) for n in rng.integers(1, 33, 2))
         origin = tuple(int(n) for n in rng.integers(-5000, 5000, 2))
@@ -62,19 +62,19 @@ def test_coverage_up_to_a_thousand_canvases_away():
             corners[rng.integers(3)] = rng.integers(0, 2 * side, 2) / 2 + origin
         corners = corners.astype(np.float32)
         projection = project_one(corners, on)
-        true = snap(corners[None], on, anywhere=True)[0]
-        owned = footprint(true, on)
+        snapped = snap(corners[None], on, anywhere=True)[0]
+        covered = footprint(snapped, on)
         expected = np.zeros((height * on.rate, width * on.rate), bool)
-        expected[owned.rows, owned.columns] = owned.inside
+        expected[covered.rows, covered.columns] = covered.inside
         wrong = covered_by(projection, on) != expected
         cut = bool(projection.is_far[0])
-        assert not (wrong & ~(near_an_edge(true, on) & cut)).any(), (corners, on)
+        assert not (wrong & ~(near_an_edge(snapped, on) & cut)).any(), (corners, on)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_numbers_stay_finite_and_bounded(mode):
-    """Value, gradient and jvp; the derivative of a vertex is that of an edge across the canvas."""
+    """Value, gradient and jvp; a vertex moves at most an edge across the canvas."""
     rng = np.random.default_rng(12)
     colors = rng.random((COUNT, 3, 3))
     made = [sr.Scene.from_soup(extreme_corners(rng, COUNT, 3.0), colors) for _ in range(12)]

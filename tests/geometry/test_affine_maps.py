@@ -1,4 +1,4 @@
-"""Plane maps against their definitions in the SVG specification."""
+"""Affine and projective maps against their definitions in the SVG specification."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ def _moved(map3, *point) -> np.ndarray:
     return affine_maps.apply(map3, np.array([point], np.float64))[0]
 
 
-def test_by_hand():
+def test_maps_by_hand():
     assert _moved(affine_maps.identity(), 3, 4).tolist() == [3, 4]
     assert _moved(affine_maps.translate(1.0, 2.0), 3, 4).tolist() == [4, 6]
     assert _moved(affine_maps.translate(1.0), 3, 4).tolist() == [4, 4]
@@ -25,7 +25,7 @@ def test_rotation_is_clockwise_where_y_points_down():
     np.testing.assert_allclose(_moved(affine_maps.rotate(30.0, 5.0, 7.0), 5, 7), [5, 7], atol=1e-14)
 
 
-def test_skews():
+def test_skews_by_45_degrees():
     np.testing.assert_allclose(_moved(affine_maps.skew_x(45.0), 1, 2), [3, 2], atol=1e-15)
     np.testing.assert_allclose(_moved(affine_maps.skew_y(45.0), 1, 2), [1, 3], atol=1e-15)
 
@@ -44,7 +44,7 @@ def test_perspective_divides():
         _moved(map3, -4, 4)
 
 
-def test_points_keep_their_shape():
+def test_points_have_their_shape_after_a_map():
     points = np.zeros((5, 3, 2), np.float32)
     moved = affine_maps.apply(affine_maps.translate(1.0, 1.0), points)
     assert moved.shape == (5, 3, 2)
@@ -56,7 +56,7 @@ def test_points_keep_their_shape():
     [np.zeros((3, 3)), np.full((3, 3), np.nan), np.eye(2), np.diag([1, 0, 1]), np.diag([1, 1, 0])],
     ids=["zero", "nan", "2x2", "flat", "no-w"],
 )
-def test_maps_that_are_refused(map3):
+def test_singular_maps_are_refused(map3):
     with pytest.raises(ValueError, match="transform"):
         affine_maps.check_map(map3)
 

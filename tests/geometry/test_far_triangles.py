@@ -1,10 +1,9 @@
-"""Triangles of one to hundreds of canvases, against an oracle that has no guard band.
+"""Triangles of one to hundreds of canvases, against an oracle without a guard band.
 
 The oracle snaps corners to the same grid and decides in Python's integers, which never overflow.
 """
 
 from dataclasses import replace
-from fractions import Fraction
 from typing import Any
 
 import jax
@@ -13,19 +12,18 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.geometry.fixed_point import Grid
-from softras2d.geometry.projection import Projection, project
 
+from ..cases.far_triangles import covered_by, near_an_edge, project_one
 from ..cases.shading import COUNT, ON, scene_of, soup_of
 from ..oracles.coverage import Canvas, footprint, snap
 from ..oracles.shading import Soup, draw
 
-NAMED = np.array([(-160, -610), (1080, 435), (-92, -224)], np.float32)
-"""Reaches past the band of a canvas of 544 x 416 pixels, and turns the other way when clamped."""
+FAR_TRIANGLE = np.array([(-160, -610), (1080, 435), (-92, -224)], np.float32)
+"""A triangle past the guard band of 544 x 416 pixels; clamped to it, its orientation changes."""
 
 
 def far_corners(rng: np.random.Generator, on: Canvas) -> np.ndarray:
-    """One triangle of 1 to 300 canvases: corners far away, some near, some nearly collinear."""
+    """A triangle of 1 to 300 canvases with far corners; some near, some nearly collinear."""
     side = max(on.height, on.width)
     size = side * 10.0 ** rng.uniform(0, 2.5)
     corners = rng.normal(size=(3, 2)) * size + rng.uniform(0, side, (1, 2))
@@ -38,7 +36,7 @@ def far_corners(rng: np.random.Generator, on: Canvas) -> np.ndarray:
 
 
 def far_soup(seed: int, on: Canvas, **effects: Any) -> Soup:
-    """The soup of `shading_cases`, with far corners in half of its triangles."""
+    """The soup of `cases/shading`, with far corners in half of its triangles."""
     soup = soup_of(seed, on=on, **effects)
     rng = np.random.default_rng(seed + 100)
     corners = soup.corners.copy() + np.asarray(on.origin, np.float32)
@@ -47,49 +45,9 @@ def far_soup(seed: int, on: Canvas, **effects: Any) -> Soup:
     return replace(soup, corners=corners)
 
 
-def project_one(corners: np.ndarray, on: Canvas) -> Projection:
-    return project(
-        corners,
-        np.array([[0, 1, 2]], np.int32),
-        np.array(on.origin, np.int32),
-        Grid.for_canvas(on.height, on.width, on.rate),
-        on.fill_rule,
-        cut=True,
-        weights=True,
-    )
-
-
-def covered_by(projection: Projection, on: Canvas) -> np.ndarray:
-    """The samples inside all three edges and the bounding box."""
-    column, row = np.meshgrid(
-        np.arange(on.width * on.rate, dtype=np.int32),
-        np.arange(on.height * on.rate, dtype=np.int32),
-    )
-    left, right, top, bottom = projection.bounds
-    inside = (column >= left) & (column <= right) & (row >= top) & (row <= bottom)
-    for edge in projection.edges:
-        inside = inside & edge.at(column, row).is_inside()
-    return inside
-
-
-def near_an_edge(triangle: np.ndarray, on: Canvas) -> np.ndarray:
-    """The samples within two grid units of an edge; `triangle` in the oracle's integers."""
-    step = 2 << on.exponent
-    y = (np.arange(on.height * on.rate) * step + step // 2).astype(object)[:, None]
-    x = (np.arange(on.width * on.rate) * step + step // 2).astype(object)[None]
-    near = np.zeros((y.size, x.size), bool)
-    for k in range(3):
-        (ax, ay), (bx, by) = triangle[k], triangle[(k + 1) % 3]
-        length = float(np.hypot(float(bx - ax), float(by - ay)))
-        if length > 0:
-            edge = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / Fraction(length)
-            near |= np.abs(edge.astype(float)) <= 2 * 2 * on.rate
-    return near
-
-
 @pytest.mark.parametrize("origin", [(0, 0), (-377, 261)])
-def test_coverage_orientation_and_weights(origin):
-    """On the host, in numpy, which a plan counts with: by the same functions as a render."""
+def test_coverage_orientation_and_weights_equal_the_oracle(origin):
+    """On the host in numpy, as a plan counts, by the same functions as a render."""
     rng = np.random.default_rng(7)
     uncertain = 0
     for _ in range(120):
@@ -97,28 +55,28 @@ def test_coverage_orientation_and_weights(origin):
         on = Canvas(height, width, int(rng.choice([1, 2, 4])), origin=origin)
         corners = far_corners(rng, on)
         projection = project_one(corners, on)
-        true = snap(corners[None], on, anywhere=True)[0]
-        (x0, y0), (x1, y1), (x2, y2) = true
+        snapped = snap(corners[None], on, anywhere=True)[0]
+        (x0, y0), (x1, y1), (x2, y2) = snapped
         area = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0)
         assert projection.segments.orientation[0] == np.sign(area)
-        owned = footprint(true, on)
+        covered = footprint(snapped, on)
         expected = np.zeros((height * on.rate, width * on.rate), bool)
-        expected[owned.rows, owned.columns] = owned.inside
+        expected[covered.rows, covered.columns] = covered.inside
         wrong = covered_by(projection, on) != expected
-        assert not (wrong & ~near_an_edge(true, on)).any()
+        assert not (wrong & ~near_an_edge(snapped, on)).any()
         uncertain += int(wrong.sum())
         if not projection.is_far[0] or area == 0:
             continue
         planes = projection.planes
         assert planes is not None
         row, column = np.nonzero(expected)
-        shown = owned.inside
-        # Corners 1 and 2 have changed places in a triangle that was turned.
+        shown = covered.inside
+        # Corners 1 and 2 are exchanged in a triangle that was reoriented.
         order = (1, 2) if area > 0 else (2, 1)
         for which, corner in enumerate(order):
             weight = planes.start[which, 0] + planes.right[which, 0] * column
             weight = weight + planes.down[which, 0] * row
-            np.testing.assert_allclose(weight, owned.weights[shown][:, corner], atol=1e-4)
+            np.testing.assert_allclose(weight, covered.weights[shown][:, corner], atol=1e-4)
     assert uncertain <= 4
 
 
@@ -139,7 +97,7 @@ EFFECTS = {
         for name in EFFECTS
     ],
 )
-def test_images_of_every_effect(name):
+def test_images_with_every_effect_equal_the_oracle(name):
     on = replace(ON, origin=(13, -7))
     soups = [far_soup(seed, on, **EFFECTS[name]) for seed in range(4)]
     scenes = [scene_of(soup) for soup in soups]
@@ -149,34 +107,34 @@ def test_images_of_every_effect(name):
     assert "guard band" in plan.effects
     for soup, scene in zip(soups, scenes, strict=True):
         drawn = draw(soup, on, anywhere=True)
-        # Where two depths or two levels are nearly equal, roundings choose.
+        # Where two depths or two levels are nearly equal, rounding decides.
         certain = drawn.certain(1e-3, 1e-3)
         assert certain.mean() > 0.5
-        found = np.asarray(sr.render(scene, plan))
-        np.testing.assert_allclose(found[certain], drawn.image[certain], atol=2e-3)
+        image = np.asarray(sr.render(scene, plan))
+        np.testing.assert_allclose(image[certain], drawn.image[certain], atol=2e-3)
 
 
 def colored(corners: Any) -> sr.Scene:
     return sr.Scene.from_soup(np.asarray(corners, np.float32)[None], np.eye(3)[None])
 
 
-def test_a_window_of_a_larger_canvas():
-    """The colours of a triangle that turns the other way when it is clamped to the band."""
-    scene = colored(NAMED)
+def test_an_image_is_a_window_of_a_larger_canvas():
+    """The triangle whose orientation would change if it were clamped to the band."""
+    scene = colored(FAR_TRIANGLE)
     small = sr.plan(scene, height=416, width=544, coverage=sr.Hard(4))
     large = sr.plan(scene, height=2048, width=2048, coverage=sr.Hard(4), origin=(-700, -700))
     window = sr.render(scene, large)[700:1116, 700:1244]
     np.testing.assert_allclose(sr.render(scene, small), window, atol=1e-5)
 
 
-def test_tiles_with_one_grid_are_the_whole():
-    """The same samples, and the same gradients, to the roundings of sums over other pixels."""
+def test_tiles_with_one_grid_add_up_to_the_canvas():
+    """The same samples, and the same gradients but for rounding in sums over other pixels."""
     rng = np.random.default_rng(3)
     corners = rng.uniform(-20, 84, (12, 3, 2))
     corners[0] = [(-3000, -2000), (2500, 100), (40, 1500)]
     scene = sr.Scene.from_soup(corners.astype(np.float32), rng.random((12, 1, 3)))
     weight = jnp.asarray(rng.normal(size=(64, 64, 3)), jnp.float32)
-    whole = sr.plan(scene, height=64, width=64, coverage=sr.Hard(16))
+    plan_of_all = sr.plan(scene, height=64, width=64, coverage=sr.Hard(16))
     plans = [
         sr.plan(
             scene,
@@ -184,34 +142,36 @@ def test_tiles_with_one_grid_are_the_whole():
             width=32,
             coverage=sr.Hard(16),
             origin=(x, y),
-            grid_bits=whole.grid.bits,
+            grid_bits=plan_of_all.grid.bits,
         )
         for y in (0, 32)
         for x in (0, 32)
     ]
 
-    def loss(positions: jax.Array, plan: sr.Plan, part: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def loss(
+        positions: jax.Array, plan: sr.Plan, tile_weight: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
         image = sr.render(replace(scene, positions=positions), plan)
-        return jnp.sum(part * image), image
+        return jnp.sum(tile_weight * image), image
 
     differentiate = jax.jit(jax.grad(loss, has_aux=True))
-    expected, image = differentiate(scene.positions, whole, weight)
+    expected, image = differentiate(scene.positions, plan_of_all, weight)
     total = jnp.zeros_like(expected)
     for plan in plans:
         x, y = (int(entry) for entry in plan.origin)
-        part = weight[y : y + 32, x : x + 32]
-        gradient, tile = differentiate(scene.positions, plan, part)
+        tile_weight = weight[y : y + 32, x : x + 32]
+        gradient, tile = differentiate(scene.positions, plan, tile_weight)
         # A sample of 16 flips where a cut edge passes within two grid units of it.
         flipped = np.abs(tile - image[y : y + 32, x : x + 32]).max(-1) > 1e-6
         assert flipped.sum() <= 1
         total = total + gradient
-    # Crossings between two tiles lie between a sample of each, and neither tile counts them.
+    # Neither tile counts crossings between a sample of one and a sample of the other.
     scale = np.abs(expected).max()
     assert np.abs(total - expected).max() < 0.15 * scale
 
 
-def test_grid_bits_are_checked():
-    scene = colored(NAMED)
+def test_grid_bits_out_of_range_are_refused():
+    scene = colored(FAR_TRIANGLE)
     for bits in (7, 19):
         with pytest.raises(ValueError, match="`grid_bits` must be"):
             sr.plan(scene, height=64, width=64, grid_bits=bits)
@@ -221,7 +181,7 @@ def test_grid_bits_are_checked():
 
 
 @pytest.mark.slow
-def test_slopes_of_far_and_nearly_flat_edges_are_finite():
+def test_gradients_of_far_and_nearly_flat_edges_are_bounded():
     """Corners up to the greatest float, and edges that rise by 1e-35 over 2e4 pixels."""
     rng = np.random.default_rng(0)
     scenes = []
@@ -241,9 +201,9 @@ def test_slopes_of_far_and_nearly_flat_edges_are_finite():
     def loss(positions: jax.Array) -> jax.Array:
         return jnp.sum(sr.render(replace(made[0], positions=positions), plan) ** 2)
 
-    slope = jax.jit(jax.grad(loss))
-    # What a far corner of a large triangle moves is little, and nothing is larger than the canvas.
+    gradient_of = jax.jit(jax.grad(loss))
+    # A far corner moves the edge on the canvas little, and no edge there exceeds the canvas.
     for scene in made:
-        gradient = np.asarray(slope(scene.positions))
+        gradient = np.asarray(gradient_of(scene.positions))
         assert np.isfinite(gradient).all()
         assert np.abs(gradient).max() < 200

@@ -1,4 +1,4 @@
-"""Wrapped values against the same integers in 64 bits."""
+"""`WrappedValue` against the same integers in 64 bits."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,13 +16,13 @@ def values() -> np.ndarray:
 
 
 def wrap(value: np.ndarray, error: float = 2.0**28) -> WrappedValue:
-    """A value in both parts, the estimate wrong by up to `error`."""
+    """A wrapped value whose float estimate is wrong by up to `error`."""
     wrong = np.random.default_rng(1).uniform(-error, error, value.shape)
     return WrappedValue(value.astype(np.int32), (value + wrong).astype(np.float32))
 
 
 @pytest.mark.parametrize("xp", [np, jnp], ids=["numpy", "jax"])
-def test_signs_and_floats(xp):
+def test_signs_and_floats_are_those_of_the_integers(xp):
     value = values()
     both = WrappedValue(*map(xp.asarray, wrap(value)))
     np.testing.assert_array_equal(both.is_inside(), value >= 0)
@@ -33,7 +33,7 @@ def test_signs_and_floats(xp):
     np.testing.assert_array_equal(np.asarray(number)[short], value[short].astype(np.float32))
 
 
-def test_a_remainder_turns_values_below_zero():
+def test_a_remainder_is_added_before_the_sign_is_taken():
     value = np.arange(-300, 300)
     remainder = np.full(value.shape, 255.5, np.float32)
     np.testing.assert_array_equal(wrap(value).is_inside(remainder), value + 255.5 >= 0)

@@ -1,4 +1,4 @@
-"""The derivative of the hard image with respect to positions, against quadrature along edges."""
+"""The gradient of the hard image by positions, against quadrature along edges."""
 
 from dataclasses import replace
 
@@ -18,7 +18,10 @@ SIZE = 20
 def random_scene(
     kind: str, *, triangles: int = 10, seed: int = 0, dtype: type = np.float32
 ) -> sr.Scene:
-    """Triangles of a few pixels; letters say which effects they have."""
+    """Triangles of a few pixels, with the effects that letters name.
+
+    Corner colours (g), alpha (a), depth (d), perspective (p), a background with alpha (b).
+    """
     rng = np.random.default_rng(seed)
     corners = rng.random((triangles, 1, 2)) * SIZE + rng.normal(size=(triangles, 3, 2)) * 5
     colors = rng.random((triangles, 3 if "g" in kind else 1, 4 if "a" in kind else 3))
@@ -40,17 +43,19 @@ def weights_of(scene: sr.Scene, seed: int = 1) -> np.ndarray:
 
 def weighted_sum(scene: sr.Scene, plan: sr.Plan, weights: np.ndarray):
     """The sum of the image times weights, as a function of the positions."""
-    held = jnp.asarray(weights, scene.positions.dtype)
+    weights_of_dtype = jnp.asarray(weights, scene.positions.dtype)
 
     def total(positions):
-        return jnp.sum(held * sr.render_checked(replace(scene, positions=positions), plan)[0])
+        return jnp.sum(
+            weights_of_dtype * sr.render_checked(replace(scene, positions=positions), plan)[0]
+        )
 
     return total
 
 
 @eqx.filter_jit
 def gradient_of(scene: sr.Scene, plan: sr.Plan, weights):
-    """Gradient of `weighted_sum`; scenes alike share a program."""
+    """Gradient of `weighted_sum`; scenes of one structure share a program."""
     return jax.grad(weighted_sum(scene, plan, weights))(scene.positions)
 
 
@@ -60,28 +65,30 @@ def cosine(a, b) -> float:
 
 
 OPAQUE = ("flat", "g", "d", "gp", "b")
-NEARNESS = [("flat", 16, 0.98)]
+QUICK = [("flat", 16, 0.98)]
 FINE = [(kind, 256, 0.9975) for kind in OPAQUE]
 FINE += [("ga", 4, 0.9), ("a", 64, 0.99), ("ad", 64, 0.99)]
 
 
 @pytest.mark.parametrize(
     "kind, samples, least",
-    NEARNESS + [pytest.param(*fine, marks=pytest.mark.slow) for fine in FINE],
+    QUICK + [pytest.param(*fine, marks=pytest.mark.slow) for fine in FINE],
 )
-def test_nears_the_quadrature(kind, samples, least):
+def test_gradient_approaches_the_quadrature(kind, samples, least):
     kind = "" if kind == "flat" else kind
     scene = random_scene(kind)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(samples))
     weights = weights_of(scene)
-    truth = edges.position_gradient(scene, weights)
-    found = gradient_of(scene, plan, weights)
-    assert cosine(found, truth) > least
-    assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(truth), rel=0.6 / samples**0.5)
+    expected = edges.position_gradient(scene, weights)
+    gradient = gradient_of(scene, plan, weights)
+    assert cosine(gradient, expected) > least
+    assert np.linalg.norm(gradient) == pytest.approx(
+        np.linalg.norm(expected), rel=0.6 / samples**0.5
+    )
 
 
 def scene_with_a_strip(width: float, *, depth: bool) -> sr.Scene:
-    """Two triangles with a strip of `width` pixels between them, through which a third shows."""
+    """Two triangles, and a strip of `width` pixels between them that shows a third."""
     corners = [
         [[-5, -5], [30, -4], [4, 40]],
         [[6.03, -3], [7.53, 20], [-12, 8]],
@@ -93,26 +100,26 @@ def scene_with_a_strip(width: float, *, depth: bool) -> sr.Scene:
 
 
 def distance_to_quadrature(scene: sr.Scene, samples: int) -> float:
-    """Distance of the gradient to that by quadrature, as a share of it."""
+    """Distance of the gradient to that by quadrature, over the norm of the latter."""
     weights = np.ones((12, 12, 3)) * [1.0, 0.5, -0.3]
     plan = sr.plan(scene, height=12, width=12, coverage=sr.Hard(samples))
-    truth = edges.position_gradient(scene, weights, points=256)
-    found = np.asarray(gradient_of(scene, plan, weights), np.float64)
-    return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
+    expected = edges.position_gradient(scene, weights, points=256)
+    gradient = np.asarray(gradient_of(scene, plan, weights), np.float64)
+    return float(np.linalg.norm(gradient - expected) / np.linalg.norm(expected))
 
 
 @pytest.mark.parametrize("depth", [False, True])
 @pytest.mark.parametrize("width", [0.2, pytest.param(0.02, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("samples, most", [(4, 0.03), (256, 0.005)])
-def test_both_sides_of_a_thin_strip_border_on_what_shows_in_it(samples, most, width, depth):
+def test_both_edges_of_a_thin_strip_equal_the_quadrature(samples, most, width, depth):
     assert distance_to_quadrature(scene_with_a_strip(width, depth=depth), samples) < most
 
 
 @pytest.mark.parametrize("side", [0.03, 11.97])
 @pytest.mark.parametrize("alpha", [None, 0.6])
 @pytest.mark.parametrize("inwards", [False, True])
-def test_an_edge_between_the_border_and_the_first_sample(inwards, alpha, side):
-    """The triangle reaches across the canvas, or ends just within it."""
+def test_an_edge_between_border_and_first_sample_equals_the_quadrature(inwards, alpha, side):
+    """The triangle reaches across the canvas, or ends just inside it."""
     far = 24 if inwards == (side < 6) else -12
     corners = np.array([[[side, -3], [side + 0.02, 20], [far, 8]]], np.float32)
     color = [0.0, 1.0, 0.2] if alpha is None else [0.0, 1.0, 0.2, alpha]
@@ -120,7 +127,7 @@ def test_an_edge_between_the_border_and_the_first_sample(inwards, alpha, side):
     assert distance_to_quadrature(scene, 16) < 0.02
 
 
-def square(left: float, top: float, right: float, bottom: float) -> np.ndarray:
+def rectangle(left: float, top: float, right: float, bottom: float) -> np.ndarray:
     """An axis-aligned rectangle as two triangles, `[2, 3, 2]`."""
     a, b, c, d = (left, top), (right, top), (right, bottom), (left, bottom)
     return np.array([[a, b, c], [a, c, d]], np.float32)
@@ -130,9 +137,9 @@ def square(left: float, top: float, right: float, bottom: float) -> np.ndarray:
 @pytest.mark.parametrize(
     "samples", [16, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 4, 9, 64, 256))]
 )
-def test_an_upright_edge_moves_exactly_its_pixels(axis, samples):
+def test_an_axis_aligned_edge_changes_exactly_its_pixels(axis, samples):
     # One pixel wide strips of the canvas, whose edges at 3.3 and 6.8 move to greater x (or y).
-    corners = square(3.3, -2.0, 6.8, 12.0)[..., [axis, 1 - axis]]
+    corners = rectangle(3.3, -2.0, 6.8, 12.0)[..., [axis, 1 - axis]]
     scene = sr.Scene.from_soup(corners, [[1.0, 0.5, 0.0]] * 2, background=[0.0, 0.0, 0.25])
     plan = sr.plan(scene, height=10, width=10, coverage=sr.Hard(samples))
     direction = jnp.zeros_like(scene.positions).at[:, axis].set(1.0)
@@ -140,19 +147,19 @@ def test_an_upright_edge_moves_exactly_its_pixels(axis, samples):
     def image(positions):
         return sr.render_checked(replace(scene, positions=positions), plan)[0]
 
-    found = np.asarray(jax.jvp(image, (scene.positions,), (direction,))[1])
+    tangent = np.asarray(jax.jvp(image, (scene.positions,), (direction,))[1])
     expected = np.zeros((10, 10, 3))
     jump = np.array([1.0, 0.5, -0.25])
-    at = (slice(None), 3) if axis == 0 else (3, slice(None))
-    expected[at] = -jump
-    at = (slice(None), 6) if axis == 0 else (6, slice(None))
-    expected[at] = jump
-    np.testing.assert_allclose(found, expected, atol=1e-6)
+    strip = (slice(None), 3) if axis == 0 else (3, slice(None))
+    expected[strip] = -jump
+    strip = (slice(None), 6) if axis == 0 else (6, slice(None))
+    expected[strip] = jump
+    np.testing.assert_allclose(tangent, expected, atol=1e-6)
 
 
-def test_the_seam_of_a_tiling_has_no_slope():
-    # The diagonal divides one colour: it may move as it likes.
-    scene = sr.Scene.from_soup(square(2.2, 2.2, 8.8, 8.8), [[0.5, 0.5, 0.5]] * 2)
+def test_a_seam_of_one_colour_has_no_gradient():
+    # Both sides of the diagonal have one colour.
+    scene = sr.Scene.from_soup(rectangle(2.2, 2.2, 8.8, 8.8), [[0.5, 0.5, 0.5]] * 2)
     plan = sr.plan(scene, height=10, width=10, coverage=sr.Hard(16))
     diagonal = jnp.zeros_like(scene.positions).at[jnp.array([0, 3])].set(jnp.array([[1.0, -1.0]]))
 
@@ -167,7 +174,7 @@ SLOW = pytest.mark.slow
 
 
 class TestZero:
-    """Slopes that must be exactly zero."""
+    """Gradients that must be exactly zero."""
 
     def gradient(self, scene, coverage):
         plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage)
@@ -175,26 +182,26 @@ class TestZero:
 
     @SLOW
     @pytest.mark.parametrize("kind", ["g", "ga"])
-    def test_when_not_asked_for(self, kind):
+    def test_without_edge_gradients(self, kind):
         scene = random_scene(kind)
         assert not self.gradient(scene, sr.Hard(4, edge_gradients=False)).any()
         assert self.gradient(scene, sr.Hard(4)).any()
 
-    def test_of_what_is_hidden(self):
-        front = square(-1.0, -1.0, SIZE + 1.0, SIZE + 1.0)
+    def test_for_hidden_triangles(self):
+        front = rectangle(-1.0, -1.0, SIZE + 1.0, SIZE + 1.0)
         behind = random_scene("")
         corners = np.concatenate([np.asarray(behind.positions).reshape(-1, 3, 2), front])
         colors = np.concatenate([np.asarray(behind.colors)[:, 0], [[0.5] * 3] * 2])
         gradient = self.gradient(sr.Scene.from_soup(corners, colors), sr.Hard(16))
         assert not gradient[: len(behind.positions)].any()
 
-    def test_of_the_colour_of_the_paper(self):
+    def test_for_triangles_of_the_background_colour(self):
         scene = random_scene("", triangles=3)
-        paper = replace(scene, colors=jnp.ones_like(scene.colors))
-        assert not self.gradient(paper, sr.Hard(16)).any()
+        background_colored = replace(scene, colors=jnp.ones_like(scene.colors))
+        assert not self.gradient(background_colored, sr.Hard(16)).any()
 
     @pytest.mark.slow
-    def test_off_the_canvas(self):
+    def test_for_triangles_off_the_canvas(self):
         scene = random_scene("g")
         assert not self.gradient(
             replace(scene, positions=scene.positions + 500.0), sr.Hard(16)
@@ -210,7 +217,7 @@ class TestZero:
         pytest.param("ga", np.inf, marks=SLOW),
     ],
 )
-def test_a_wild_corner_harms_no_other_triangle(kind, bad):
+def test_a_huge_or_nan_corner_leaves_other_gradients_finite(kind, bad):
     scene = random_scene(kind)
     plan = sr.plan(
         [scene, replace(scene, positions=scene.positions.at[0, 0].set(1e30))],
@@ -218,8 +225,8 @@ def test_a_wild_corner_harms_no_other_triangle(kind, bad):
         width=SIZE,
         coverage=sr.Hard(4),
     )
-    wild = replace(scene, positions=scene.positions.at[0, 0].set(bad))
-    gradient = np.asarray(gradient_of(wild, plan, weights_of(scene)))
+    broken = replace(scene, positions=scene.positions.at[0, 0].set(bad))
+    gradient = np.asarray(gradient_of(broken, plan, weights_of(scene)))
     assert np.isfinite(gradient).all()
     if not np.isfinite(bad):
         assert not gradient[:3].any()
@@ -227,7 +234,7 @@ def test_a_wild_corner_harms_no_other_triangle(kind, bad):
 
 
 @SLOW
-def test_degenerate_triangles_have_finite_slopes():
+def test_degenerate_triangles_have_finite_gradients():
     corners = np.array(
         [
             [[5, 5], [5, 5], [5, 5]],
@@ -243,25 +250,25 @@ def test_degenerate_triangles_have_finite_slopes():
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
     gradient = np.asarray(gradient_of(scene, plan, weights_of(scene)))
     assert np.isfinite(gradient).all()
-    # Nothing has more slope than a row of samples on each edge can give.
+    # A row of samples on each edge cannot give more.
     assert np.abs(gradient).max() < 100
 
 
 @SLOW
-def test_scene_and_origin_moved_together():
+def test_moving_a_scene_with_its_origin_leaves_the_gradient():
     scene = random_scene("g")
     scene = replace(scene, positions=jnp.round(scene.positions * 64) / 64)
     weights = weights_of(scene)
-    found = []
+    gradients = []
     for shift in (0, 1000, 100_000):
         moved = replace(scene, positions=scene.positions + shift)
         plan = sr.plan(moved, height=SIZE, width=SIZE, coverage=sr.Hard(4), origin=(shift, shift))
-        found.append(np.asarray(gradient_of(moved, plan, weights)))
-    np.testing.assert_array_equal(found[0], found[1])
-    np.testing.assert_array_equal(found[0], found[2])
+        gradients.append(np.asarray(gradient_of(moved, plan, weights)))
+    np.testing.assert_array_equal(gradients[0], gradients[1])
+    np.testing.assert_array_equal(gradients[0], gradients[2])
 
 
-def test_a_plan_outgrown_is_reported():
+def test_more_triangles_need_a_plan_with_more_crossings():
     scene = random_scene("", triangles=2)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
     assert not sr.render_checked(scene, plan)[1]
@@ -278,7 +285,7 @@ def test_second_derivatives_are_zero():
     assert not np.asarray(second(scene.positions, ones)).any()
 
 
-def test_a_picture_has_no_slopes_in_its_program():
+def test_a_program_without_gradients_computes_no_edge_slopes():
     scene = random_scene("g")
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
     program = jax.jit(lambda scene: sr.render_checked(scene, plan)[0])
@@ -288,7 +295,7 @@ def test_a_picture_has_no_slopes_in_its_program():
     assert "edge_slopes" in str(program.lower(scene.positions).compile().as_text())
 
 
-def thin_things(seed: int, kind: str, corners: int) -> sr.Scene:
+def thin_triangles(seed: int, kind: str, corners: int) -> sr.Scene:
     """Nine triangles that do not touch each other, each in its own square of 8 pixels."""
     rng = np.random.default_rng(seed)
     grid = np.stack(np.meshgrid(np.arange(3), np.arange(3)), -1).reshape(-1, 1, 2)
@@ -309,23 +316,23 @@ def thin_things(seed: int, kind: str, corners: int) -> sr.Scene:
 
 @pytest.mark.parametrize("corners", [1, pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind, most", [("pixel", 0.02), ("sliver", 0.1)])
-def test_thin_triangles_have_the_whole_gradient(kind, most, corners):
-    """Sides of a pixel, and slivers a tenth of a pixel high: the scale to the quadrature is 1.
+def test_thin_triangles_have_their_full_gradient(kind, most, corners):
+    """Triangles with sides of a pixel, and slivers a tenth of a pixel high.
 
-    An edge between two samples that both miss the triangle must count, or the scale falls to 0.85
-    and 0.47.
+    Their gradient over that by quadrature is 1. It would be 0.85 and 0.47 if edges between two
+    samples that both miss the triangle did not count.
     """
-    scenes = [thin_things(seed, kind, corners) for seed in range(8)]
+    scenes = [thin_triangles(seed, kind, corners) for seed in range(8)]
     plan = sr.plan(scenes, height=24, width=24, coverage=sr.Hard(16))
-    product, square = 0.0, 0.0
+    product, rectangle = 0.0, 0.0
     for seed, scene in enumerate(scenes):
-        # One weight for each square: what a single triangle moves is what is measured.
+        # One weight for each square, so that only the change by its triangle is measured.
         rng = np.random.default_rng(seed)
         weights = rng.normal(size=(3, 3, 3)).repeat(8, 0).repeat(8, 1).astype(np.float32)
-        found = np.asarray(gradient_of(scene, plan, weights), np.float64)
-        true = edges.position_gradient(scene, weights)
-        product, square = product + (found * true).sum(), square + (true**2).sum()
-    assert product / square == pytest.approx(1.0, abs=most)
+        gradient = np.asarray(gradient_of(scene, plan, weights), np.float64)
+        expected = edges.position_gradient(scene, weights)
+        product, rectangle = product + (gradient * expected).sum(), rectangle + (expected**2).sum()
+    assert product / rectangle == pytest.approx(1.0, abs=most)
 
 
 @pytest.mark.parametrize(

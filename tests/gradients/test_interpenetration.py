@@ -27,14 +27,14 @@ def crossing_scene(seed: int, *, triangles: int = 4, corner_colors: bool) -> sr.
 
 
 def weights_of(seed: int = 5) -> np.ndarray:
-    """Smooth over the canvas, so that a difference measures how lines move, not single pixels."""
+    """Weights that are smooth over the canvas, so that single pixels hardly matter."""
     y, x = np.mgrid[:SIZE, :SIZE] / SIZE
     phase = np.random.default_rng(seed).uniform(0, 6, 3)
     return np.sin(3 * x[..., None] + 2 * y[..., None] + phase)
 
 
 def exact_gradient(scene: sr.Scene, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Central differences with respect to positions and depth of the weighted sum."""
+    """Central differences of the weighted sum by positions and by depth."""
     triangles = np.asarray(scene.triangles)
     colors = np.broadcast_to(np.asarray(scene.colors), (len(triangles), 3, 3))
 
@@ -43,25 +43,25 @@ def exact_gradient(scene: sr.Scene, weights: np.ndarray) -> tuple[np.ndarray, np
         image = area_image(corners, depth[triangles], colors, background, height=SIZE, width=SIZE)
         return float((weights * image).sum())
 
-    given = [np.asarray(scene.positions), np.asarray(scene.depth)]
-    gradients = [np.zeros(entry.shape) for entry in given]
+    inputs = [np.asarray(scene.positions), np.asarray(scene.depth)]
+    gradients = [np.zeros(entry.shape) for entry in inputs]
     for entry, gradient in enumerate(gradients):
-        for at in np.ndindex(*gradient.shape):
+        for index in np.ndindex(*gradient.shape):
             ends = []
             for sign in (1, -1):
-                moved = [array.copy() for array in given]
-                moved[entry][at] += sign * STEP
+                moved = [array.copy() for array in inputs]
+                moved[entry][index] += sign * STEP
                 ends.append(total(*moved))
-            gradient[at] = (ends[0] - ends[1]) / (2 * STEP)
+            gradient[index] = (ends[0] - ends[1]) / (2 * STEP)
     return gradients[0], gradients[1]
 
 
 def weighted_sum(scene: sr.Scene, plan: sr.Plan, weights: np.ndarray):
-    held = jnp.asarray(weights, scene.positions.dtype)
+    weights_of_dtype = jnp.asarray(weights, scene.positions.dtype)
 
     def total(positions, depth):
         moved = replace(scene, positions=positions, depth=depth)
-        return jnp.sum(held * sr.render_checked(moved, plan)[0])
+        return jnp.sum(weights_of_dtype * sr.render_checked(moved, plan)[0])
 
     return total
 
@@ -69,54 +69,54 @@ def weighted_sum(scene: sr.Scene, plan: sr.Plan, weights: np.ndarray):
 def gradient_of(scene: sr.Scene, samples: int) -> tuple[np.ndarray, np.ndarray]:
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(samples))
     total = weighted_sum(scene, plan, weights_of())
-    found = jax.jit(jax.grad(total, (0, 1)))(scene.positions, scene.depth)
-    return np.asarray(found[0], np.float64), np.asarray(found[1], np.float64)
+    gradients = jax.jit(jax.grad(total, (0, 1)))(scene.positions, scene.depth)
+    return np.asarray(gradients[0], np.float64), np.asarray(gradients[1], np.float64)
 
 
-def cosine(found: np.ndarray, expected: np.ndarray) -> float:
-    return float((found * expected).sum() / np.linalg.norm(found) / np.linalg.norm(expected))
+def cosine(gradient: np.ndarray, expected: np.ndarray) -> float:
+    return float((gradient * expected).sum() / np.linalg.norm(gradient) / np.linalg.norm(expected))
 
 
-def distance(found: np.ndarray, expected: np.ndarray) -> float:
-    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+def distance(gradient: np.ndarray, expected: np.ndarray) -> float:
+    return float(np.linalg.norm(gradient - expected) / np.linalg.norm(expected))
 
 
 @pytest.mark.parametrize("corner_colors", [False, True])
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
-def test_nears_the_differences_of_the_area_image(seed, corner_colors, float64):
+def test_gradient_approaches_differences_of_the_area_image(seed, corner_colors, float64):
     scene = crossing_scene(seed, corner_colors=corner_colors)
     expected = exact_gradient(scene, weights_of())
     coarse, fine = gradient_of(scene, 16), gradient_of(scene, 256)
-    for near, nearer, exact in zip(coarse, fine, expected, strict=True):
+    for coarse_gradient, fine_gradient, exact in zip(coarse, fine, expected, strict=True):
         assert np.linalg.norm(exact) > 0.1
-        assert cosine(near, exact) > 0.95
-        assert cosine(nearer, exact) > 0.99
-        assert distance(nearer, exact) < 0.5 * distance(near, exact)
-        assert np.linalg.norm(nearer) == pytest.approx(np.linalg.norm(exact), rel=0.05)
+        assert cosine(coarse_gradient, exact) > 0.95
+        assert cosine(fine_gradient, exact) > 0.99
+        assert distance(fine_gradient, exact) < 0.5 * distance(coarse_gradient, exact)
+        assert np.linalg.norm(fine_gradient) == pytest.approx(np.linalg.norm(exact), rel=0.05)
 
 
-def test_both_directions_and_precisions_agree(float64):
+def test_jvp_vjp_and_both_precisions_agree(float64):
     scene = crossing_scene(3, corner_colors=True)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(16))
     total = weighted_sum(scene, plan, weights_of())
-    given = scene.positions, scene.depth
-    gradient = jax.jit(jax.grad(total, (0, 1)))(*given)
+    inputs = scene.positions, scene.depth
+    gradient = jax.jit(jax.grad(total, (0, 1)))(*inputs)
     rng = np.random.default_rng(0)
     assert scene.depth is not None
     shapes = scene.positions.shape, scene.depth.shape
     direction = tuple(jnp.asarray(rng.normal(size=shape)) for shape in shapes)
-    tangent = jax.jit(lambda *d: jax.jvp(total, given, d)[1])(*direction)
+    tangent = jax.jit(lambda *d: jax.jvp(total, inputs, d)[1])(*direction)
     product = sum(float(jnp.sum(g * d)) for g, d in zip(gradient, direction, strict=True))
     assert float(tangent) == pytest.approx(product, rel=1e-10)
 
     single = jax.tree.map(
         lambda leaf: leaf.astype(jnp.float32) if leaf.dtype == jnp.float64 else leaf, scene
     )
-    for wide, narrow in zip(gradient, gradient_of(single, 16), strict=True):
-        assert distance(narrow, np.asarray(wide)) < 1e-3
+    for in_double, in_single in zip(gradient, gradient_of(single, 16), strict=True):
+        assert distance(in_single, np.asarray(in_double)) < 1e-3
 
 
-def test_a_batch_is_a_loop():
+def test_vmap_equals_a_loop():
     scenes = [crossing_scene(seed, corner_colors=False) for seed in (0, 1, 3)]
     plan = sr.plan(scenes, height=SIZE, width=SIZE, coverage=sr.Hard(16))
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes)
@@ -125,14 +125,14 @@ def test_a_batch_is_a_loop():
         return jnp.sum(weights_of() * sr.render_checked(scene, plan)[0])
 
     gradient = jax.grad(lambda depth, scene: total(replace(scene, depth=depth)))
-    together = jax.jit(jax.vmap(gradient))(batch.depth, batch)
-    for scene, depth in zip(scenes, together, strict=True):
+    of_batch = jax.jit(jax.vmap(gradient))(batch.depth, batch)
+    for scene, depth in zip(scenes, of_batch, strict=True):
         alone = jax.jit(gradient)(scene.depth, scene)
         assert np.abs(alone).max() > 0.1
         np.testing.assert_allclose(depth, alone, atol=2e-5)
 
 
-def test_planes_that_do_not_cross_give_depth_no_gradient():
+def test_without_crossings_the_gradient_by_depth_is_zero():
     scene = crossing_scene(0, corner_colors=False)
     depth = jnp.repeat(jnp.arange(4.0), 3)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(16))
@@ -141,12 +141,12 @@ def test_planes_that_do_not_cross_give_depth_no_gradient():
 
 
 @pytest.mark.parametrize("tilt", [0.0, 1e-9, 1e-6])
-def test_almost_equal_depths_are_noise_and_no_line(tilt):
-    """Two triangles in one plane, but for roundings: nothing large, nothing infinite."""
+def test_nearly_equal_planes_have_bounded_gradients(tilt):
+    """Two triangles in one plane but for roundings: gradients are bounded."""
     corners = np.array([[[1, 1], [11, 2], [5, 11]], [[2, 1], [10, 3], [4, 10.5]]], np.float32)
     depth = 0.3 + 0.04 * corners[..., 0] + tilt * corners[..., 1] * np.array([[1], [-1]])
     colors = np.array([[[1, 0, 0]], [[0, 0, 1]]], np.float32)
     scene = sr.Scene.from_soup(corners, colors, depth=depth.astype(np.float32))
-    found = gradient_of(scene, 16)
-    assert np.abs(found[0]).max() < 10
-    assert np.abs(found[1]).max() < 1e4
+    gradients = gradient_of(scene, 16)
+    assert np.abs(gradients[0]).max() < 10
+    assert np.abs(gradients[1]).max() < 1e4

@@ -1,4 +1,4 @@
-"""Animations: what is written comes back from OpenImageIO, frame by frame."""
+"""Animations: written GIFs have the given frames and times, and errors are one line."""
 
 import re
 
@@ -13,8 +13,8 @@ from softras2d.io.animation import ANIMATED, write_animation
 RNG = np.random.default_rng(5)
 
 
-def moving(count=4, height=40, width=60):
-    """A shaded disc before white, and a spot of few pixels."""
+def moving_disc(count=4, height=40, width=60):
+    """A shaded disc that moves over white, and a spot of six pixels."""
     row, column = np.mgrid[:height, :width].astype(np.float32)
     frames = np.ones((count, height, width, 3), np.float32)
     for k, frame in enumerate(frames):
@@ -25,8 +25,8 @@ def moving(count=4, height=40, width=60):
     return frames
 
 
-def shown(path):
-    """What a viewer shows `[n, height, width, 3]` in 0..1, and the seconds of each frame."""
+def read_frames(path):
+    """The frames as a viewer shows them, `[n, height, width, 3]` in 0..1, and their seconds."""
     source = oiio.ImageInput.open(str(path))
     assert source is not None
     pictures, seconds = [], []
@@ -35,7 +35,7 @@ def shown(path):
         raw = np.asarray(source.read_image(len(pictures), 0, 0, spec.nchannels, "uint8"))
         assert not source.geterror()
         before = pictures[-1] if pictures else np.zeros_like(raw[..., :3])
-        # OpenImageIO leaves transparent what a frame does not draw.
+        # OpenImageIO gives alpha 0 where a frame does not draw.
         drawn = raw[..., 3:] > 0 if raw.shape[-1] == 4 else True
         pictures.append(np.where(drawn, raw[..., :3], before))
         numerator, denominator = spec.getattribute("FramesPerSecond")
@@ -43,10 +43,10 @@ def shown(path):
     return np.array(pictures) / 255.0, seconds
 
 
-def test_frames_come_back_in_near_colours(tmp_path):
-    frames = moving()
+def test_frames_are_read_back_in_nearly_the_same_colours(tmp_path):
+    frames = moving_disc()
     write_animation(tmp_path / "a.gif", frames)
-    pictures, seconds = shown(tmp_path / "a.gif")
+    pictures, seconds = read_frames(tmp_path / "a.gif")
     assert pictures.shape == frames.shape
     assert seconds == [0.1, 0.1, 0.1, 1.1]
     error = np.abs(pictures - frames)
@@ -56,7 +56,7 @@ def test_frames_come_back_in_near_colours(tmp_path):
 
 
 def test_it_repeats_endlessly(tmp_path):
-    write_animation(tmp_path / "a.gif", moving(2))
+    write_animation(tmp_path / "a.gif", moving_disc(2))
     source = oiio.ImageInput.open(str(tmp_path / "a.gif"))
     assert source is not None
     assert source.spec().get_int_attribute("gif:LoopCount", -1) == 0
@@ -65,35 +65,39 @@ def test_it_repeats_endlessly(tmp_path):
 def test_few_colours_are_exact_and_clipped(tmp_path):
     frames = RNG.choice(np.array([-0.5, 0.2, 0.6, 1.5]), (5, 9, 7, 3))
     write_animation(tmp_path / "a.GIF", frames)
-    np.testing.assert_allclose(shown(tmp_path / "a.GIF")[0], np.clip(frames, 0, 1), atol=1e-12)
+    np.testing.assert_allclose(
+        read_frames(tmp_path / "a.GIF")[0], np.clip(frames, 0, 1), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 300), (300, 1), (33, 65)], ids=str)
-def test_sizes_and_frames_that_do_not_change(tmp_path, size):
-    still = RNG.integers(0, 6, (*size, 3)) / 5
-    write_animation(tmp_path / "a.gif", [still, still, 1 - still, 1 - still])
-    pictures, _ = shown(tmp_path / "a.gif")
-    expected = [still, still, 1 - still, 1 - still]
+def test_any_size_and_unchanged_frames_are_read_back_exactly(tmp_path, size):
+    unchanged = RNG.integers(0, 6, (*size, 3)) / 5
+    write_animation(tmp_path / "a.gif", [unchanged, unchanged, 1 - unchanged, 1 - unchanged])
+    pictures, _ = read_frames(tmp_path / "a.gif")
+    expected = [unchanged, unchanged, 1 - unchanged, 1 - unchanged]
     np.testing.assert_allclose(pictures, expected, atol=1e-12)
 
 
-def test_what_stands_still_costs_nothing(tmp_path):
-    still = RNG.random((64, 64, 3))
-    write_animation(tmp_path / "one.gif", [still])
-    write_animation(tmp_path / "ten.gif", [still] * 10)
+def test_unchanged_frames_take_few_bytes(tmp_path):
+    unchanged = RNG.random((64, 64, 3))
+    write_animation(tmp_path / "one.gif", [unchanged])
+    write_animation(tmp_path / "ten.gif", [unchanged] * 10)
     # A palette of 768 bytes and one pixel each.
     sizes = [(tmp_path / name).stat().st_size for name in ("one.gif", "ten.gif")]
     assert sizes[1] - sizes[0] < 9 * 820
 
 
-def test_times(tmp_path):
+def test_frames_have_the_given_seconds(tmp_path):
     for each, hold, wanted in ((0.02, 0.0, [0.02, 0.02]), (0.349, 600.0, [0.35, 600.35])):
-        write_animation(tmp_path / "a.gif", moving(2), seconds_per_frame=each, hold_seconds=hold)
-        assert shown(tmp_path / "a.gif")[1] == pytest.approx(wanted)
+        write_animation(
+            tmp_path / "a.gif", moving_disc(2), seconds_per_frame=each, hold_seconds=hold
+        )
+        assert read_frames(tmp_path / "a.gif")[1] == pytest.approx(wanted)
 
 
-def test_a_generator_of_jax_arrays(tmp_path):
-    frames = moving(3)
+def test_a_generator_of_jax_arrays_is_written(tmp_path):
+    frames = moving_disc(3)
     write_animation(tmp_path / "a.gif", (jnp.asarray(frame) for frame in frames))
     write_animation(tmp_path / "b.gif", frames.astype(np.float64))
     assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
@@ -106,7 +110,7 @@ def test_every_length_of_code_is_read_back(tmp_path, count):
     grey = np.arange(256, dtype=np.uint8).repeat(3).reshape(256, 3)
     frame = gif.frame(indices, grey, top=0, left=0, delay=2)
     (tmp_path / "a.gif").write_bytes(gif.header(1, count) + frame + gif.TRAILER)
-    pictures, _ = shown(tmp_path / "a.gif")
+    pictures, _ = read_frames(tmp_path / "a.gif")
     np.testing.assert_array_equal(np.rint(pictures[0, :, :, 0] * 255), indices)
 
 
@@ -139,11 +143,11 @@ def test_refusals_are_one_line_and_leave_nothing(tmp_path, case):
     assert ANIMATED == (".gif",)
 
 
-def test_a_failure_halfway_keeps_the_old_file(tmp_path):
+def test_a_failure_halfway_leaves_the_old_file(tmp_path):
     (tmp_path / "a.gif").write_bytes(b"old")
 
     def interrupted():
-        yield from moving(2)
+        yield from moving_disc(2)
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""Budgets: what is charged adds up, and errors say what, how much, how much at most, and where."""
+"""Budgets: charges add up, and errors name the kind, the count, the limit and the shape."""
 
 import numpy as np
 import pytest
@@ -28,22 +28,22 @@ def test_the_first_shape_beyond_the_limit_is_named():
 
 
 @pytest.mark.parametrize("count", [0, 1, 70, 3000])
-def test_pairs_of_overlapping_boxes(count, monkeypatch):
-    """Against all pairs, however few are looked at together."""
+def test_pairs_of_overlapping_boxes_equal_brute_force(count, monkeypatch):
+    """All pairs, compared in blocks of any size."""
     rng = np.random.default_rng(count)
     corner = rng.integers(0, 100, (count, 2))
     boxes = np.concatenate([corner, corner + rng.integers(0, 9, (count, 2))], axis=1).astype(float)
     low, high = boxes[:, None, :2], boxes[:, None, 2:]
-    meet = ((low <= boxes[None, :, 2:]) & (boxes[None, :, :2] <= high)).all(axis=-1)
-    expected = np.argwhere(np.triu(meet, 1)).tolist()
+    overlap = ((low <= boxes[None, :, 2:]) & (boxes[None, :, :2] <= high)).all(axis=-1)
+    expected = np.argwhere(np.triu(overlap, 1)).tolist()
     for at_once in (1, 5000, 2**20):
         monkeypatch.setattr(overlaps, "_PAIRS_AT_ONCE", at_once if count < 100 else at_once + 4000)
-        found = [np.stack(pair, axis=1) for pair in overlaps.overlapping_pairs(boxes)]
-        assert sorted(np.concatenate([np.zeros((0, 2)), *found]).tolist()) == expected
+        pairs = [np.stack(pair, axis=1) for pair in overlaps.overlapping_pairs(boxes)]
+        assert sorted(np.concatenate([np.zeros((0, 2)), *pairs]).tolist()) == expected
 
 
 def test_crossings_are_counted_by_their_edges():
-    """Parallel edges across others: each crosses each, and shared ends do not count."""
+    """Every edge of one direction crosses each of the other; shared ends do not count."""
 
     class Count(Budget):
         def charge(self, kind: str, count: int, index: int = 0) -> None:

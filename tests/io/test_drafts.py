@@ -1,4 +1,4 @@
-"""Files appear whole or not at all, also beside what a killed process has left."""
+"""Files are replaced as a whole or not at all, and drafts of killed processes are removed."""
 
 import os
 import subprocess
@@ -31,21 +31,21 @@ def write(path: Path, text: str = "whole") -> None:
         draft.write_text(text)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="processes are asked for as POSIX does")
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX processes")
 class TestAbandonedDrafts:
-    def test_the_next_write_to_that_name_removes_them(self, tmp_path):
+    def test_the_next_write_to_the_same_name_removes_them(self, tmp_path):
         path = tmp_path / "a [1]*.txt"
         abandon(path)
         abandon(path)
         write(path)
         assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
 
-    def test_those_of_other_names_stay(self, tmp_path):
+    def test_drafts_of_other_names_are_left(self, tmp_path):
         drafts = {abandon(tmp_path / name) for name in ("b.txt", "a.png", "a-b.txt", "A.txt")}
         write(tmp_path / "a.txt")
         assert set(tmp_path.iterdir()) == drafts | {tmp_path / "a.txt"}
 
-    def test_those_that_are_being_written_stay(self, tmp_path):
+    def test_drafts_that_are_being_written_are_left(self, tmp_path):
         path = tmp_path / "a.txt"
         with atomic_file(path) as first:
             first.write_text("first")
@@ -72,7 +72,7 @@ def test_errors_name_the_file_and_not_its_draft(tmp_path, kind):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_old_file_stays_where_the_new_one_fails(tmp_path):
+def test_an_old_file_is_left_if_the_new_one_fails(tmp_path):
     path = tmp_path / "a.txt"
     write(path, "old")
     with pytest.raises(ZeroDivisionError), atomic_file(path) as draft:

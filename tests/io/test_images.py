@@ -1,11 +1,9 @@
-"""Image files: what is written comes back, under each meaning that files and arrays have."""
+"""Image files: what is written is read back, under every convention of files and arrays."""
 
 import os
 import pathlib
 import shutil
 import stat
-import struct
-import zlib
 from types import SimpleNamespace
 
 import jax.numpy as jnp
@@ -21,6 +19,8 @@ from softras2d.io.images import (
     srgb_to_linear,
     write_image,
 )
+
+from ..cases.png_files import png
 
 
 def random_image(channels=3, height=5, width=7, seed=0):
@@ -53,7 +53,7 @@ def stored(path):
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".tiff", ".PNG"])
 @pytest.mark.parametrize("channels", [3, 4])
-def test_eight_bits_are_the_nearest_and_alpha_stays_straight(tmp_path, suffix, channels):
+def test_eight_bits_are_rounded_and_alpha_is_straight(tmp_path, suffix, channels):
     path = tmp_path / f"image{suffix}"
     image = random_image(channels)
     image[0, 0, -1] = 0.0
@@ -80,13 +80,13 @@ def test_rounding_and_truncation_differ_between_bytes(tmp_path):
     assert stored(tmp_path / "floor.png")[0, 0, 0] == 10
 
 
-def test_eight_bits_clip(tmp_path):
+def test_eight_bits_are_clipped(tmp_path):
     image = np.array([[[-0.5, 0.5, 7.0]]], np.float32)
     write_image(tmp_path / "image.png", image)
     assert stored(tmp_path / "image.png").tolist() == [[[0, 128, 255]]]
 
 
-def test_jpeg_is_near(tmp_path):
+def test_jpeg_is_nearly_the_image(tmp_path):
     ramp = np.linspace(0, 1, 64, dtype=np.float32)
     image = np.stack(np.broadcast_arrays(ramp[:, None], ramp[None, :], np.float32(0.3)), axis=-1)
     write_image(tmp_path / "image.jpg", image)
@@ -101,10 +101,10 @@ def test_srgb_curve_by_hand_and_its_inverse():
     np.testing.assert_allclose(linear_to_srgb(srgb_to_linear(values)), values, atol=2e-6)
 
 
-def test_linear_light_through_eight_bits(tmp_path):
+def test_linear_light_is_encoded_and_decoded(tmp_path):
     light = np.array([[[0.21404114, 0.0, 1.0, 0.25]]], np.float32)
     write_image(tmp_path / "image.png", light, linear=True)
-    # Alpha is a share, not light.
+    # Alpha is not converted.
     assert stored(tmp_path / "image.png").tolist() == [[[128, 0, 255, 64]]]
     read = read_image(tmp_path / "image.png", linear=True)
     np.testing.assert_allclose(read, [[[0.2158605, 0.0, 1.0, 64 / 255]]], atol=1e-6)
@@ -117,14 +117,14 @@ def test_every_byte_survives_linear_light(tmp_path):
     np.testing.assert_array_equal(stored(tmp_path / "b.png"), image)
 
 
-def test_exr_keeps_linear_floats_bit_for_bit(tmp_path):
+def test_exr_stores_linear_floats_bit_for_bit(tmp_path):
     image = random_image() * 5 - 1
     write_image(tmp_path / "image.exr", image, linear=True)
     np.testing.assert_array_equal(stored(tmp_path / "image.exr"), image)
     np.testing.assert_array_equal(read_image(tmp_path / "image.exr", linear=True), image)
 
 
-def test_exr_holds_light_and_premultiplied_colour(tmp_path):
+def test_exr_stores_premultiplied_linear_light(tmp_path):
     image = np.array([[[0.5, 0.0, 1.0, 0.5], [0.3, 0.2, 0.1, 0.0]]], np.float32)
     write_image(tmp_path / "image.exr", image)
     raw = stored(tmp_path / "image.exr")
@@ -135,7 +135,7 @@ def test_exr_holds_light_and_premultiplied_colour(tmp_path):
     np.testing.assert_allclose(light[0, 0], [0.21404114, 0, 1, 0.5], atol=1e-6)
 
 
-def test_half_float_exr_with_more_channels_picks_rgba(tmp_path):
+def test_rgba_is_read_from_half_float_exr_with_more_channels(tmp_path):
     pixels = random_image(5)
     save(tmp_path / "image.exr", pixels, "half", ("Z", "B", "A", "R", "G"))
     read = read_image(tmp_path / "image.exr", linear=True)
@@ -153,7 +153,7 @@ def test_premultiplied_tiff_is_divided(tmp_path):
 
 
 @pytest.mark.parametrize("channels", [1, 2], ids=["grey", "grey-alpha"])
-def test_grey_is_repeated(tmp_path, channels):
+def test_grey_becomes_rgb(tmp_path, channels):
     pixels = np.random.default_rng(0).integers(0, 256, (3, 4, channels), np.uint8)
     names = ("Y", "A")[:channels]
     save(tmp_path / "image.png", pixels, names=names)
@@ -163,7 +163,7 @@ def test_grey_is_repeated(tmp_path, channels):
     np.testing.assert_array_equal(read, expected)
 
 
-def test_sixteen_bits(tmp_path):
+def test_sixteen_bits_are_read_exactly(tmp_path):
     pixels = np.array([[[0, 1, 65535], [256, 30000, 65534]]], np.uint16)
     save(tmp_path / "image.png", pixels, "uint16")
     expected = pixels.astype(np.float32) / np.float32(65535)
@@ -171,8 +171,8 @@ def test_sixteen_bits(tmp_path):
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_camera_orientation(tmp_path, orientation):
-    # Where the first stored row, and the first stored column, lie in the upright picture.
+def test_images_are_rotated_by_their_exif_orientation(tmp_path, orientation):
+    # The sides of the upright image at which the first stored row and column lie.
     row, column = {
         1: ("top", "left"), 2: ("top", "right"), 3: ("bottom", "right"), 4: ("bottom", "left"),
         5: ("left", "top"), 6: ("right", "top"), 7: ("right", "bottom"), 8: ("left", "bottom"),
@@ -188,7 +188,7 @@ def test_camera_orientation(tmp_path, orientation):
     assert side[column][..., 2].min() > 0.8
 
 
-def test_bytes_are_decoded_whatever_their_name(tmp_path):
+def test_bytes_are_decoded_without_a_suffix(tmp_path):
     image = random_image(4)
     write_image(tmp_path / "image.png", image)
     data = (tmp_path / "image.png").read_bytes()
@@ -210,7 +210,7 @@ def test_jax_arrays_and_double_precision_are_written(tmp_path):
         )
 
 
-def test_files_are_as_readable_as_the_user_asked(tmp_path):
+def test_files_have_the_permissions_of_the_umask(tmp_path):
     before = os.umask(0o022)
     try:
         write_image(tmp_path / "image.png", random_image())
@@ -242,7 +242,7 @@ def test_refusals_to_write_are_one_line_and_leave_nothing(tmp_path, name, image,
     assert [path.name for path in tmp_path.iterdir()] == ["folder.png"]
 
 
-def test_a_failure_keeps_the_old_file_and_no_draft(tmp_path, monkeypatch):
+def test_a_failure_leaves_the_old_file_and_no_draft(tmp_path, monkeypatch):
     write_image(tmp_path / "image.png", np.zeros((2, 2, 3)))
     before = (tmp_path / "image.png").read_bytes()
 
@@ -257,7 +257,7 @@ def test_a_failure_keeps_the_old_file_and_no_draft(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
-def test_a_full_disk_is_found_beforehand(tmp_path, monkeypatch, suffix):
+def test_a_full_disk_is_noticed_before_writing(tmp_path, monkeypatch, suffix):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1000))
     with pytest.raises(ValueError, match="not enough space"):
         write_image(tmp_path / f"image{suffix}", np.zeros((2, 2, 3)))
@@ -266,20 +266,20 @@ def test_a_full_disk_is_found_beforehand(tmp_path, monkeypatch, suffix):
 
 @pytest.mark.parametrize("suffix", sorted(set(WRITABLE) - {".jpeg", ".tiff"}))
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.95])
-def test_cut_files_are_one_line(tmp_path, capfd, suffix, share):
-    whole = tmp_path / f"whole{suffix}"
-    write_image(whole, random_image(height=64, width=64))
-    data = whole.read_bytes()
+def test_files_cut_short_are_refused_in_one_line(tmp_path, capfd, suffix, share):
+    complete = tmp_path / f"whole{suffix}"
+    write_image(complete, random_image(height=64, width=64))
+    data = complete.read_bytes()
     cut = tmp_path / f"cut{suffix}"
     cut.write_bytes(data[: int(share * len(data))])
     with pytest.raises(ValueError, match=r"cut short|not an image") as caught:
         read_image(cut)
     assert str(caught.value).startswith(f"{cut}: ") and "\n" not in str(caught.value)
-    # OpenImageIO 3.1 lets OpenEXR print a line of its own.
+    # With OpenImageIO 3.1, OpenEXR prints a line itself.
     assert suffix == ".exr" or capfd.readouterr().err == ""
 
 
-def test_other_unreadable_paths_are_one_line(tmp_path):
+def test_other_unreadable_paths_are_refused_in_one_line(tmp_path):
     (tmp_path / "text.png").write_text("hello")
     for name, message in (("none.png", "no such file"), (".", "a folder"), ("text.png", "not an")):
         with pytest.raises(ValueError, match=message) as caught:
@@ -289,13 +289,7 @@ def test_other_unreadable_paths_are_one_line(tmp_path):
 
 def test_a_file_that_claims_too_much_is_refused_unread(tmp_path):
     # A PNG header of 100,000 x 100,000 pixels over no data.
-    def chunk(kind, data):
-        checksum = zlib.crc32(kind + data)
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", checksum)
-
-    header = struct.pack(">IIBBBBB", 100_000, 100_000, 8, 2, 0, 0, 0)
-    data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", b"") + chunk(b"IEND", b"")
-    (tmp_path / "image.png").write_bytes(data)
+    (tmp_path / "image.png").write_bytes(png(100_000, 100_000, b""))
     with pytest.raises(ValueError, match=r"too many|not an image"):
         read_image(tmp_path / "image.png")
 
@@ -318,8 +312,8 @@ def _exr_with(tmp_path, old, new):
         (b"dataWindow\0", b"data\xc3indow\0"),
     ],
 )
-def test_names_that_are_not_utf8_are_one_line(tmp_path, old, new):
-    """OpenImageIO hands them over as they are, and Python could not decode them."""
+def test_names_that_are_not_utf8_are_refused_in_one_line(tmp_path, old, new):
+    """OpenImageIO passes them on unchanged, and Python cannot decode them."""
     path = _exr_with(tmp_path, old, new)
     with pytest.raises(ValueError, match=r"broken\.exr: ") as caught:
         read_image(path)
@@ -337,7 +331,7 @@ def test_values_that_are_not_finite_are_named_when_read(tmp_path, value):
 
 
 def test_colors_that_overflow_are_named(tmp_path):
-    """Divided by an alpha of nearly nothing, or decoded to linear light."""
+    """When divided by an alpha near 0, or decoded to linear light."""
     save(tmp_path / "thin.exr", np.full((1, 1, 4), [1e10, 0, 0, 1e-35], np.float32), "float")
     with pytest.raises(ValueError, match=r"thin\.exr: row 0, column 0, channel 0 is inf"):
         read_image(tmp_path / "thin.exr")
@@ -351,7 +345,7 @@ HOSTILE = os.environ.get("SOFTRAS2D_DATA")
 
 
 @pytest.mark.skipif(HOSTILE is None, reason="SOFTRAS2D_DATA is not set")
-def test_hostile_pictures_are_one_line():
+def test_hostile_images_are_refused_in_one_line():
     for path in sorted(pathlib.Path(HOSTILE or "", "hostile").glob("*.exr")):
         with pytest.raises(ValueError) as caught:
             read_image(path)

@@ -1,4 +1,4 @@
-"""Pictures in few colours: exact where that is possible, near elsewhere, small parts kept."""
+"""Palettes: few colours are exact, many are near, and small areas have their colours."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_many_colours_are_near():
     assert error[..., 2].max() == 0
 
 
-def test_a_small_part_keeps_its_colour_beside_many():
+def test_a_small_area_has_its_colour_beside_many():
     image = np.full((200, 200, 3), 255, np.uint8)
     image[:100, :, 0] = np.arange(200)
     image[:100, :, 1] = np.arange(100)[:, None]

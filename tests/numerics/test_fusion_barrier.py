@@ -1,4 +1,4 @@
-"""The compiler behaviour that `fusion_barrier` is written for still holds."""
+"""The behaviour of the compiler that makes `fusion_barrier` necessary."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""A linear map with a transpose of its own, under every transformation."""
+"""A linear map with a given transpose, under every transformation."""
 
 import jax
 import jax.numpy as jnp
@@ -32,40 +32,40 @@ def case():
     )
 
 
-def test_both_directions(case):
+def test_jvp_and_transpose_are_the_given_functions(case):
     matrix, x, y = case
     fixed = (matrix, jnp.float32(2.0))
-    value, push = jax.linearize(lambda x: MAP(fixed, x), x)
+    value, jvp = jax.linearize(lambda x: MAP(fixed, x), x)
     np.testing.assert_allclose(value, 2 * matrix @ x, rtol=1e-6)
-    np.testing.assert_allclose(push(x), value, rtol=1e-6)
-    (pulled,) = jax.linear_transpose(lambda x: MAP(fixed, x), x)(y)
-    np.testing.assert_allclose(pulled, 2 * matrix.T @ y, rtol=1e-6)
+    np.testing.assert_allclose(jvp(x), value, rtol=1e-6)
+    (transposed,) = jax.linear_transpose(lambda x: MAP(fixed, x), x)(y)
+    np.testing.assert_allclose(transposed, 2 * matrix.T @ y, rtol=1e-6)
     assert "transpose" not in str(jax.make_jaxpr(jax.grad(lambda x: MAP(fixed, x)[0]))(x))
 
 
-def test_what_is_fixed_has_derivatives_too(case):
+def test_fixed_arguments_have_derivatives_too(case):
     matrix, x, y = case
 
-    def ours(matrix, scale, x):
+    def with_map(matrix, scale, x):
         return y @ MAP((matrix, scale), x) ** 2
 
     def plain(matrix, scale, x):
         return y @ _forward((matrix, scale), x) ** 2
 
     arguments = (matrix, jnp.float32(1.5), x)
-    for ours_found, found in zip(
-        jax.jit(jax.jacfwd(ours, (0, 1, 2)))(*arguments),
+    for actual, expected in zip(
+        jax.jit(jax.jacfwd(with_map, (0, 1, 2)))(*arguments),
         jax.jit(jax.jacfwd(plain, (0, 1, 2)))(*arguments),
         strict=True,
     ):
-        np.testing.assert_allclose(ours_found, found, rtol=1e-5)
+        np.testing.assert_allclose(actual, expected, rtol=1e-5)
     np.testing.assert_allclose(
-        jax.hessian(ours, 2)(*arguments), jax.hessian(plain, 2)(*arguments), rtol=1e-5
+        jax.hessian(with_map, 2)(*arguments), jax.hessian(plain, 2)(*arguments), rtol=1e-5
     )
 
 
 @pytest.mark.parametrize("axes", [(None, 0), (0, None), (0, 0), (1, 1)])
-def test_vmap_is_a_loop(case, axes):
+def test_vmap_equals_a_loop(case, axes):
     matrix, x, _ = case
     factor = jnp.arange(1.0, 4.0)
     batch = [
@@ -73,13 +73,13 @@ def test_vmap_is_a_loop(case, axes):
         for entry, axis in zip((matrix, x), axes, strict=True)
     ]
 
-    def slope(matrix, x):
+    def gradient(matrix, x):
         return jax.grad(lambda x: jnp.sum(MAP((matrix, jnp.float32(1.0)), x) ** 2))(x)
 
-    together = jax.vmap(slope, axes)(*batch)
+    of_batch = jax.vmap(gradient, axes)(*batch)
     for k in range(3):
-        own = [
+        entries = [
             entry if axis is None else jnp.take(entry, k, axis)
             for entry, axis in zip(batch, axes, strict=True)
         ]
-        np.testing.assert_allclose(together[k], slope(*own), rtol=1e-5)
+        np.testing.assert_allclose(of_batch[k], gradient(*entries), rtol=1e-5)

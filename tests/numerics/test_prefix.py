@@ -16,7 +16,7 @@ def test_scans_equal_numpy(length):
     np.testing.assert_array_equal(cumulative_max(jnp.asarray(values)), maxima)
 
 
-def test_scans_of_a_batch():
+def test_scans_of_a_batch_equal_numpy():
     values = np.random.default_rng(0).integers(0, 9, (3, 130)).astype(np.int32)
     sums = jax.vmap(cumulative_sum)(jnp.asarray(values))
     np.testing.assert_array_equal(sums, np.cumsum(values, 1))

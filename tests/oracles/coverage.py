@@ -17,7 +17,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Canvas:
-    """What is drawn on: sizes in pixels, `rate` samples a side, `origin` (x, y) subtracted."""
+    """The canvas: sizes in pixels, `rate` samples a side, `origin` (x, y) subtracted."""
 
     height: int
     width: int
@@ -35,6 +35,7 @@ class Canvas:
 
     @property
     def samples(self) -> int:
+        """Samples per pixel."""
         return self.rate**2
 
     def band(self) -> tuple[np.ndarray, np.ndarray]:
@@ -44,10 +45,10 @@ class Canvas:
 
 
 def snap(corners: Any, canvas: Canvas, *, anywhere: bool = False) -> np.ndarray:
-    """`corners` `[triangles, 3, 2]` in units of the oracle, int64.
+    """Round `corners` `[triangles, 3, 2]` to the grid, in units of the oracle, int64.
 
-    Refuses what leaves the band, unless they may lie `anywhere`: the units are then Python
-    integers, which never overflow.
+    Corners outside the band are an error, unless they may lie `anywhere`: the units are then
+    Python integers, which never overflow.
     """
     corners = np.asarray(corners)
     assert corners.dtype in (np.float32, np.float64)
@@ -76,7 +77,7 @@ class Footprint:
 
 
 def footprint(triangle: np.ndarray, canvas: Canvas) -> Footprint:
-    """What one snapped triangle `[3, 2]` covers."""
+    """The samples that one snapped triangle `[3, 2]` covers."""
     step = 2 << canvas.exponent
     rows = _box(triangle[:, 1], step, canvas.height * canvas.rate)
     columns = _box(triangle[:, 0], step, canvas.width * canvas.rate)
@@ -86,16 +87,16 @@ def footprint(triangle: np.ndarray, canvas: Canvas) -> Footprint:
         x, y = x.astype(object), y.astype(object)
 
     # Edge i runs opposite corner i; its function is the doubled area that corner i weighs.
-    edges, slopes = [], []
+    edges, gradients = [], []
     for i in range(3):
         (x0, y0), (x1, y1) = triangle[(i + 1) % 3], triangle[(i + 2) % 3]
         edges.append((x1 - x0) * (y - y0) - (y1 - y0) * (x - x0))
-        slopes.append((-(y1 - y0), x1 - x0))
+        gradients.append((-(y1 - y0), x1 - x0))
     (x0, y0), (x1, y1), (x2, y2) = triangle
     area = int((x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0))
 
     if area == 0:
-        # The box is the hull's, so that on the line and in the box is on the segment.
+        # A sample on the line and in the bounding box is on the segment.
         low, high = triangle.min(axis=0), triangle.max(axis=0)
         inside = ((edges[0] == 0) & (edges[1] == 0) & (edges[2] == 0)).astype(bool)
         inside &= ((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])).astype(bool)
@@ -104,11 +105,11 @@ def footprint(triangle: np.ndarray, canvas: Canvas) -> Footprint:
 
     sign = 1 if area > 0 else -1
     inside = np.ones((y.size, x.size), bool)
-    for edge, (dx, dy) in zip(edges, slopes, strict=True):
+    for edge, (dx, dy) in zip(edges, gradients, strict=True):
         # The gradient (dx, dy) of the edge function points inwards, once oriented.
         left, top = sign * dx > 0, dx == 0 and sign * dy > 0
-        owned = canvas.fill_rule == "inclusive" or left or top
-        inside &= ((sign * edge >= 0) if owned else (sign * edge > 0)).astype(bool)
+        has_boundary = canvas.fill_rule == "inclusive" or left or top
+        inside &= ((sign * edge >= 0) if has_boundary else (sign * edge > 0)).astype(bool)
     weights = np.stack([edge / area for edge in edges], axis=-1).astype(np.float64)
     return Footprint(rows, columns, inside, weights)
 
@@ -122,16 +123,16 @@ def _box(values: np.ndarray, step: int, count: int) -> slice:
 
 
 def footprints(corners: Any, canvas: Canvas) -> Iterator[Footprint]:
-    """What each triangle covers, in draw order."""
+    """The samples that each triangle covers, in draw order."""
     for triangle in snap(corners, canvas):
         yield footprint(triangle, canvas)
 
 
 def coverage(corners: Any, canvas: Canvas) -> np.ndarray:
-    """How many triangles own each sample, `[height * rate, width * rate]`."""
+    """How many triangles cover each sample, `[height * rate, width * rate]`."""
     count = np.zeros((canvas.height * canvas.rate, canvas.width * canvas.rate), np.int64)
-    for owned in footprints(corners, canvas):
-        count[owned.rows, owned.columns] += owned.inside
+    for footprint in footprints(corners, canvas):
+        count[footprint.rows, footprint.columns] += footprint.inside
     return count
 
 
@@ -145,15 +146,17 @@ def draw(corners: Any, colors: Any, background: Any, canvas: Canvas) -> np.ndarr
     background = np.asarray(background, np.float64)
     premultiplied = _premultiply(background)
     samples = np.tile(premultiplied, (canvas.height * canvas.rate, canvas.width * canvas.rate, 1))
-    for owned, color in zip(footprints(corners, canvas), colors, strict=True):
+    for footprint, color in zip(footprints(corners, canvas), colors, strict=True):
         if color.shape[0] == 1:
-            value = np.broadcast_to(color[0], (*owned.inside.shape, color.shape[-1]))
+            value = np.broadcast_to(color[0], (*footprint.inside.shape, color.shape[-1]))
         else:
-            value = owned.weights @ color
+            value = footprint.weights @ color
         source = _premultiply(value)
-        target = samples[owned.rows, owned.columns]
+        target = samples[footprint.rows, footprint.columns]
         over = source + (1 - source[..., 3:]) * target
-        samples[owned.rows, owned.columns] = np.where(owned.inside[..., None], over, target)
+        samples[footprint.rows, footprint.columns] = np.where(
+            footprint.inside[..., None], over, target
+        )
     rate = canvas.rate
     image = samples.reshape(canvas.height, rate, canvas.width, rate, 4).mean(axis=(1, 3))
     if background.shape[-1] == 3:

@@ -1,10 +1,12 @@
 """Derivatives of the box-filtered image by quadrature, in float64 numpy, one sample at a time.
 
-Shares no code with the package and has no gather, tile or integer in it. The derivative of a sum
-of pixels times weights with respect to the vertices has two parts: along every edge, the weight of
-the pixel there times the jump of the composited colour across the edge times the speed of the edge
-along its normal; and over the area, the change of composited colours as weights of corners change
-under a fixed coverage, by central differences, which are smooth there.
+Shares no code with the package, and has no gather, tile or integer in it. The derivative of a
+weighted sum of pixels with respect to the vertices has two terms:
+
+- Along every edge: the pixel's weight, times the jump of the composited colour across the edge,
+  times the speed of the edge along its normal.
+- Over the area: the change of composited colours as barycentric weights change under a fixed
+  coverage. It is smooth, and found by central differences.
 """
 
 from typing import NamedTuple
@@ -13,7 +15,7 @@ import numpy as np
 
 
 class Flat(NamedTuple):
-    """A scene in float64: corners `[n, 3, 2]`, straight colours `[n, 3, 4]`, the rest or None."""
+    """A scene in float64: corners `[n, 3, 2]`, straight RGBA `[n, 3, 4]`, and what is optional."""
 
     corners: np.ndarray
     colors: np.ndarray
@@ -43,80 +45,82 @@ def position_gradient(
 ) -> np.ndarray:
     """Gradient `[vertices, 2]` of the sum of the box-filtered image times `pixel_weights`.
 
-    `points` along a pixel's length of an edge, `rate` squared samples in a pixel's area.
+    `points`: per pixel of length along edges; `rate`: squared, samples per pixel of area.
     """
     flat = flatten(scene, origin)
     weights = np.asarray(pixel_weights, np.float64)
-    by_corner = _edge_part(flat, weights, points)
+    corner_gradient = _edge_term(flat, weights, points)
     if np.ptp(flat.colors, axis=1).any():
-        by_corner = by_corner + _area_part(flat, weights, rate)
+        corner_gradient = corner_gradient + _area_term(flat, weights, rate)
     gradient = np.zeros(np.asarray(scene.positions).shape)
-    np.add.at(gradient, np.asarray(scene.triangles), by_corner)
+    np.add.at(gradient, np.asarray(scene.triangles), corner_gradient)
     return gradient
 
 
-def _edge_part(flat: Flat, weights: np.ndarray, points: int) -> np.ndarray:
+def _edge_term(flat: Flat, weights: np.ndarray, points: int) -> np.ndarray:
+    """The term of the edges, `[n, 3, 2]`, by `points` per pixel of length."""
     height, width = weights.shape[:2]
     gradient = np.zeros(flat.corners.shape)
     for i, corners in enumerate(flat.corners):
-        turning = np.sign(_cross(corners[1] - corners[0], corners[2] - corners[0]))
-        if turning == 0:
+        orientation = np.sign(cross(corners[1] - corners[0], corners[2] - corners[0]))
+        if orientation == 0:
             continue
         for k in range(3):
             p, q = corners[k], corners[(k + 1) % 3]
             count = max(int(np.ceil(np.hypot(*(q - p)) * points)), 1)
             u = (np.arange(count) + 0.5) / count
             x = p + u[:, None] * (q - p)
-            on = (x >= 0).all(1) & (x[:, 0] < width) & (x[:, 1] < height)
-            x, u = x[on], u[on]
-            inside = _inside(flat.corners, x)
-            with_it, without = inside.copy(), inside.copy()
+            on_canvas = (x >= 0).all(1) & (x[:, 0] < width) & (x[:, 1] < height)
+            x, u = x[on_canvas], u[on_canvas]
+            covering = _inside(flat.corners, x)
+            with_it, without = covering.copy(), covering.copy()
             with_it[i], without[i] = True, False
             jump = _composite(flat, flat.corners, with_it, x) - _composite(
                 flat, flat.corners, without, x
             )
-            there = weights[x[:, 1].astype(int), x[:, 0].astype(int)]
-            amount = (there * jump).sum(1) / count
-            normal = turning * np.array([q[1] - p[1], p[0] - q[0]])
+            weight_at = weights[x[:, 1].astype(int), x[:, 0].astype(int)]
+            amount = (weight_at * jump).sum(1) / count
+            normal = orientation * np.array([q[1] - p[1], p[0] - q[0]])
             gradient[i, k] += (amount * (1 - u)).sum() * normal
             gradient[i, (k + 1) % 3] += (amount * u).sum() * normal
     return gradient
 
 
-def _area_part(flat: Flat, weights: np.ndarray, rate: int) -> np.ndarray:
+def _area_term(flat: Flat, weights: np.ndarray, rate: int) -> np.ndarray:
+    """The term of the area, `[n, 3, 2]`, by `rate` squared samples per pixel."""
     height, width = weights.shape[:2]
     y, x = (np.mgrid[0 : height * rate, 0 : width * rate].reshape(2, -1) + 0.5) / rate
     points = np.stack([x, y], 1)
     inside = _inside(flat.corners, points)
-    there = weights[y.astype(int), x.astype(int)] / rate**2
+    weight_at = weights[y.astype(int), x.astype(int)] / rate**2
     gradient, step = np.zeros(flat.corners.shape), 1e-6
-    for at in np.ndindex(*flat.corners.shape):
+    for entry in np.ndindex(*flat.corners.shape):
         values = []
         for sign in (1, -1):
             moved = flat.corners.copy()
-            moved[at] += sign * step
-            values.append((_composite(flat, moved, inside, points) * there).sum())
-        gradient[at] = (values[0] - values[1]) / (2 * step)
+            moved[entry] += sign * step
+            values.append((_composite(flat, moved, inside, points) * weight_at).sum())
+        gradient[entry] = (values[0] - values[1]) / (2 * step)
     return gradient
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _inside(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Whether each closed triangle holds each point, `[triangles, points]`."""
+    """Whether each closed triangle contains each point, `[triangles, points]`."""
     weights = _weights(corners, points)
     return np.all(weights >= 0, axis=-1)
 
 
 def _weights(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Barycentric weights `[triangles, points, 3]`; NaN without area."""
+    """Barycentric weights `[triangles, points, 3]`; NaN for triangles without area."""
     following, last = np.roll(corners, -1, 1), np.roll(corners, -2, 1)
     offset = points[None, :, None] - following[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        area = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        return _cross((last - following)[:, None], offset) / area[:, None, None]
+        area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return cross((last - following)[:, None], offset) / area[:, None, None]
 
 
 def _composite(
@@ -124,22 +128,24 @@ def _composite(
 ) -> np.ndarray:
     """Premultiplied colours at points, in draw order, with the depth test if there is depth."""
     channels = flat.background.shape[0]
-    paper = flat.background
+    premultiplied_background = flat.background
     if channels == 4:
-        paper = np.append(paper[:3] * paper[3], paper[3])
-    color = np.broadcast_to(paper, (len(points), channels)).copy()
-    least = np.full(len(points), np.inf)
+        premultiplied_background = np.append(
+            premultiplied_background[:3] * premultiplied_background[3], premultiplied_background[3]
+        )
+    color = np.broadcast_to(premultiplied_background, (len(points), channels)).copy()
+    nearest = np.full(len(points), np.inf)
     for i, weights in enumerate(_weights(corners, points)):
         passed = covered[i]
         if flat.depth is not None:
             depth = weights @ flat.depth[i]
-            passed = passed & (depth <= least)
-            least = np.where(passed, depth, least)
+            passed = passed & (depth <= nearest)
+            nearest = np.where(passed, depth, nearest)
         if flat.inverse_w is not None:
             weights = weights * flat.inverse_w[i]
             weights = weights / weights.sum(1, keepdims=True)
-        own = weights @ flat.colors[i]
-        alpha = own[:, 3:]
-        shown = np.concatenate([own[:, :3] * alpha, alpha], 1)[:, :channels]
-        color = np.where(passed[:, None], shown + (1 - alpha) * color, color)
+        straight = weights @ flat.colors[i]
+        alpha = straight[:, 3:]
+        source = np.concatenate([straight[:, :3] * alpha, alpha], 1)[:, :channels]
+        color = np.where(passed[:, None], source + (1 - alpha) * color, color)
     return color

@@ -1,9 +1,9 @@
-"""The area image of crossing triangles in float64 numpy, exact along each line of a pixel.
+"""The area image of crossing triangles in float64 numpy, exact along each scanline.
 
-A line across the canvas is cut wherever what shows can change: at the triangles' edges, where two
-planes of depth meet, and at the borders of pixels. Between two cuts one triangle shows, and its
-colour is affine: the value in the middle times the length is the integral. Lines are taken at the
-midpoints of equal steps down, so that the sum is smooth in positions and depths.
+A scanline is cut wherever the visible triangle can change: at the triangles' edges, where two
+planes of depth meet, and at the borders of pixels. Between two cuts one triangle is visible and its
+colour is affine, so that the colour in the middle times the length is the integral. Scanlines lie
+at the midpoints of equal steps, so that the sum is smooth in positions and depths.
 """
 
 import numpy as np
@@ -19,10 +19,10 @@ def area_image(
     width: int,
     lines: int = 64,
 ) -> np.ndarray:
-    """Mean colour of each pixel, `[height, width, 3]`; the nearest triangle shows.
+    """Mean colour of each pixel, `[height, width, 3]`; the nearest triangle is visible.
 
     `corners` is `[triangles, 3, 2]`, `depth` `[triangles, 3]`, and `colors`, one for each corner,
-    `[triangles, 3, 3]`. `lines` are taken in each pixel.
+    `[triangles, 3, 3]`. `lines`: scanlines per pixel.
     """
     planes = [
         _plane(c, np.column_stack([d, k])) for c, d, k in zip(corners, depth, colors, strict=True)
@@ -32,44 +32,44 @@ def area_image(
         y = (line + 0.5) / lines
         cuts = np.unique(np.clip(_cuts(corners, planes, y, width), 0, width))
         middle, length = (cuts[:-1] + cuts[1:]) / 2, np.diff(cuts)
-        shown = _colors_at(corners, planes, background, middle, y)
+        color = _colors_at(corners, planes, background, middle, y)
         pixel = np.minimum(middle.astype(int), width - 1)
-        np.add.at(image[int(y)], pixel, shown * length[:, None] / lines)
+        np.add.at(image[int(y)], pixel, color * length[:, None] / lines)
     return image
 
 
 def _plane(corners: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Coefficients `[3, values]` of 1, x and y."""
+    """Coefficients `[3, values]` of 1, x and y for values given at the corners."""
     return np.linalg.solve(np.column_stack([np.ones(3), corners]), values)
 
 
 def _cuts(corners: np.ndarray, planes: list[np.ndarray], y: float, width: int) -> np.ndarray:
-    found = [np.arange(width + 1.0)]
+    cuts = [np.arange(width + 1.0)]
     for triangle in corners:
         for (x0, y0), (x1, y1) in zip(triangle, np.roll(triangle, -1, 0), strict=True):
             if min(y0, y1) <= y < max(y0, y1):
-                found.append(np.array([x0 + (y - y0) / (y1 - y0) * (x1 - x0)]))
+                cuts.append(np.array([x0 + (y - y0) / (y1 - y0) * (x1 - x0)]))
     for i, first in enumerate(planes):
         for second in planes[:i]:
             constant, right, down = (first - second)[:, 0]
             if right != 0:
-                found.append(np.array([-(constant + down * y) / right]))
-    return np.concatenate(found)
+                cuts.append(np.array([-(constant + down * y) / right]))
+    return np.concatenate(cuts)
 
 
 def _colors_at(
     corners: np.ndarray, planes: list[np.ndarray], background: np.ndarray, x: np.ndarray, y: float
 ) -> np.ndarray:
     color = np.broadcast_to(background, (len(x), 3)).copy()
-    least = np.full(len(x), np.inf)
+    least_depth = np.full(len(x), np.inf)
     for triangle, plane in zip(corners, planes, strict=True):
         following = np.roll(triangle, -1, 0)
-        side = (following[:, 0] - triangle[:, 0])[:, None] * (y - triangle[:, 1])[:, None] - (
-            following[:, 1] - triangle[:, 1]
-        )[:, None] * (x[None] - triangle[:, :1])
-        inside = (side >= 0).all(0) | (side <= 0).all(0)
+        edge_functions = (following[:, 0] - triangle[:, 0])[:, None] * (y - triangle[:, 1])[
+            :, None
+        ] - (following[:, 1] - triangle[:, 1])[:, None] * (x[None] - triangle[:, :1])
+        inside = (edge_functions >= 0).all(0) | (edge_functions <= 0).all(0)
         values = plane[0] + x[:, None] * plane[1] + y * plane[2]
-        nearest = inside & (values[:, 0] <= least)
-        least = np.where(nearest, values[:, 0], least)
+        nearest = inside & (values[:, 0] <= least_depth)
+        least_depth = np.where(nearest, values[:, 0], least_depth)
         color = np.where(nearest[:, None], values[:, 1:], color)
     return color

@@ -1,7 +1,7 @@
-"""The whole picture, sample after sample: texture, depth, perspective, multisampling.
+"""Whole images, one sample after another: textures, depth, perspective, multisampling.
 
-Coverage is decided by the integers of `coverage.py`, everything else in numpy, float64, by the
-definitions. Nothing is shared with the package, pyramids least of all.
+Coverage is decided by the integers of `coverage.py`, everything else in float64 numpy by the
+definitions. Nothing is shared with the package, and texture pyramids are built anew.
 """
 
 import functools
@@ -34,17 +34,18 @@ class Soup:
 
     @property
     def translucent(self) -> bool:
-        """Whether something may show through a triangle, by structure."""
+        """Whether any colour or texture has an alpha channel."""
         images = self.images if self.images is not None else ()
         return self.colors.shape[-1] == 4 or any(image.shape[-1] == 4 for image in images)
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """`image` `[height, width, 3 or 4]`, straight; `margin` of every decision, both float64.
+    """An image, and how near each of its decisions was, in float64.
 
+    - `image` `[height, width, 3 or 4]`: straight.
     - `depth_margin` `[height, width]`: least difference of two depths that were compared.
-    - `margin`: least of `texture_oracle.sample` among the points that show.
+    - `margin` `[height, width]`: least of the margins of `texture.sample` among the visible points.
     """
 
     image: np.ndarray
@@ -52,7 +53,7 @@ class Drawing:
     depth_margin: np.ndarray
 
     def certain(self, margin: float = 1e-4, depth_margin: float = 0.0) -> np.ndarray:
-        """Pixels in which no decision is near."""
+        """Pixels in which every decision is farther than the margins from going the other way."""
         return (self.margin > margin) & (self.depth_margin >= depth_margin)
 
 
@@ -69,29 +70,31 @@ def draw(
     `anywhere`: whether corners may lie outside the band.
     """
     scene = _Scene(soup, canvas, sampler, anywhere)
-    covered = [footprint(triangle, canvas) for triangle in scene.snapped]
-    passes, depth_margin = _depth_test(scene, covered)
+    footprints = [footprint(triangle, canvas) for triangle in scene.snapped]
+    passes, depth_margin = _depth_test(scene, footprints)
     shape = (canvas.height * canvas.rate, canvas.width * canvas.rate)
     samples = np.tile(premultiplied(np.asarray(soup.background, np.float64)), (*shape, 1))
     margin = np.full(shape, np.inf)
-    for index, (owned, drawn) in enumerate(zip(covered, passes, strict=True)):
+    for index, (covered, drawn) in enumerate(zip(footprints, passes, strict=True)):
         if not drawn.any():
             continue
         if shading == "sample":
-            color, near = scene.shade(index, owned.weights[drawn])
+            color, point_margin = scene.shade(index, covered.weights[drawn])
         else:
-            color, near = _once_a_pixel(scene, index, owned, drawn)
-        target, nearest = (array[owned.rows, owned.columns] for array in (samples, margin))
-        through = 1 - color[:, 3:]
-        target[drawn] = color + through * target[drawn]
-        kept = np.where(through[:, 0] > 0, nearest[drawn], np.inf)
-        nearest[drawn] = np.minimum(near, kept)
+            color, point_margin = _once_per_pixel(scene, index, covered, drawn)
+        target, sample_margin = (
+            array[covered.rows, covered.columns] for array in (samples, margin)
+        )
+        transmittance = 1 - color[:, 3:]
+        target[drawn] = color + transmittance * target[drawn]
+        margin_behind = np.where(transmittance[:, 0] > 0, sample_margin[drawn], np.inf)
+        sample_margin[drawn] = np.minimum(point_margin, margin_behind)
     image = _straight(_mean(samples, canvas), len(soup.background))
     return Drawing(image, _least(margin, canvas), _least(depth_margin, canvas))
 
 
 class _Scene:
-    """What is needed of each triangle, made once."""
+    """A soup with what is computed once: snapped corners and texture pyramids."""
 
     def __init__(self, soup: Soup, canvas: Canvas, sampler: Sampler, anywhere: bool = False):
         self.soup, self.canvas, self.sampler = soup, canvas, sampler
@@ -106,35 +109,37 @@ class _Scene:
         return units / (2.0 * self.canvas.rate * 2.0**self.canvas.exponent)
 
     def shade(self, index: int, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Premultiplied colours `[points, 4]` and margins where the screen's weights are given."""
+        """Premultiplied colours `[points, 4]` and margins, by screen-space weights."""
         soup = self.soup
-        weights, slopes = self._projected(index, weights)
+        weights, gradients = self._projected(index, weights)
         corners = np.asarray(soup.colors[index], np.float64)
         straight = weights @ np.broadcast_to(corners, (3, corners.shape[-1]))
         color, margin = premultiplied(straight), np.full(len(weights), np.inf)
         if soup.texture_index is not None and soup.texture_index[index] >= 0:
             uv = np.asarray(soup.uv[index], np.float64)
-            jacobian = np.einsum("pia,ik->pka", slopes, uv)
+            jacobian = np.einsum("pia,ik->pka", gradients, uv)
             levels = self.chains[soup.texture_index[index]]
             texel, margin = sample(levels, weights @ uv, jacobian, self.sampler)
             color = color * texel
         return color, margin
 
     def _projected(self, index: int, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Perspective weights `[points, 3]` and their slopes by x and y, `[points, 3, 2]`."""
-        slopes = np.broadcast_to(_weight_slopes(self.pixels[index]), (len(weights), 3, 2))
+        """Perspective weights `[points, 3]` and their gradients by x and y, `[points, 3, 2]`."""
+        gradients = np.broadcast_to(_weight_gradients(self.pixels[index]), (len(weights), 3, 2))
         if self.soup.inverse_w is None:
-            return weights, slopes
+            return weights, gradients
         inverse_w = np.asarray(self.soup.inverse_w[index], np.float64)
         total = (weights @ inverse_w)[:, None]
         projected = weights * inverse_w / total
-        change = np.einsum("pia,i->pa", slopes, inverse_w)[:, None, :]
-        slopes = (slopes * inverse_w[:, None] - projected[:, :, None] * change) / total[..., None]
-        return projected, slopes
+        change = np.einsum("pia,i->pa", gradients, inverse_w)[:, None, :]
+        gradients = (gradients * inverse_w[:, None] - projected[:, :, None] * change) / total[
+            ..., None
+        ]
+        return projected, gradients
 
 
-def _weight_slopes(corners: np.ndarray) -> np.ndarray:
-    """`[3, 2]`: what the weight of each corner gains by one pixel along x, y; 0 without area."""
+def _weight_gradients(corners: np.ndarray) -> np.ndarray:
+    """Gradient of each corner's weight by x and y in pixels, `[3, 2]`; 0 without area."""
     matrix = np.concatenate([corners, np.ones((3, 1))], axis=1).T
     x, y = corners.T
     if (x[1] - x[0]) * (y[2] - y[0]) == (x[2] - x[0]) * (y[1] - y[0]):
@@ -142,54 +147,61 @@ def _weight_slopes(corners: np.ndarray) -> np.ndarray:
     return np.linalg.inv(matrix)[:, :2]
 
 
-def _depth_test(scene: _Scene, covered: list[Footprint]) -> tuple[list[np.ndarray], np.ndarray]:
+def _depth_test(scene: _Scene, footprints: list[Footprint]) -> tuple[list[np.ndarray], np.ndarray]:
     """Which covered samples of each triangle pass, and the least margin at each sample."""
     canvas, soup = scene.canvas, scene.soup
     shape = (canvas.height * canvas.rate, canvas.width * canvas.rate)
-    least, margin = np.full(shape, np.inf), np.full(shape, np.inf)
+    depth_buffer, margin = np.full(shape, np.inf), np.full(shape, np.inf)
     if soup.depth is None:
-        return [owned.inside for owned in covered], margin
+        return [covered.inside for covered in footprints], margin
     passes = []
-    for owned, depth in zip(covered, np.asarray(soup.depth, np.float64), strict=True):
+    for covered, depth in zip(footprints, np.asarray(soup.depth, np.float64), strict=True):
         # By differences, so that a triangle of constant depth has it everywhere.
-        value = depth[0] + owned.weights @ (depth - depth[0])
-        buffer, near = (array[owned.rows, owned.columns] for array in (least, margin))
-        drawn = owned.inside & (value <= buffer)
-        near[owned.inside] = np.minimum(near, np.abs(value - buffer))[owned.inside]
+        value = depth[0] + covered.weights @ (depth - depth[0])
+        buffer, least_difference = (
+            array[covered.rows, covered.columns] for array in (depth_buffer, margin)
+        )
+        drawn = covered.inside & (value <= buffer)
+        least_difference[covered.inside] = np.minimum(least_difference, np.abs(value - buffer))[
+            covered.inside
+        ]
         buffer[drawn] = value[drawn]
         passes.append(drawn)
     return passes, margin
 
 
-def _once_a_pixel(
-    scene: _Scene, index: int, owned: Footprint, drawn: np.ndarray
+def _once_per_pixel(
+    scene: _Scene, index: int, covered: Footprint, drawn: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Colours and margins for the `drawn` samples, each its pixel's.
+    """Colours and margins for the `drawn` samples, shaded once per pixel.
 
-    Taken at the pixel's centre if the closed triangle holds it, else at the centroid of the
-    samples of the pixel that it covers, be they drawn or not.
+    At the pixel's centre if the closed triangle contains it, else at the centroid of the pixel's
+    covered samples, whether drawn or not.
     """
     canvas = scene.canvas
-    whole = replace(canvas, rate=1, fill_rule="inclusive")
-    centre = footprint(scene.snapped[index] // canvas.rate, whole)
-    holds = np.zeros((canvas.height, canvas.width), bool)
-    holds[centre.rows, centre.columns] = centre.inside
+    pixel_canvas = replace(canvas, rate=1, fill_rule="inclusive")
+    centre = footprint(scene.snapped[index] // canvas.rate, pixel_canvas)
+    contains_centre = np.zeros((canvas.height, canvas.width), bool)
+    contains_centre[centre.rows, centre.columns] = centre.inside
     points = np.zeros((canvas.height, canvas.width, 3))
     points[centre.rows, centre.columns] = centre.weights
 
     rows, columns = (
-        np.arange(part.start, part.stop) // canvas.rate for part in (owned.rows, owned.columns)
+        np.arange(samples.start, samples.stop) // canvas.rate
+        for samples in (covered.rows, covered.columns)
     )
     pixel = rows[:, None] * canvas.width + columns
     total = np.zeros((canvas.height * canvas.width, 4))
-    np.add.at(total, pixel[owned.inside], np.insert(owned.weights[owned.inside], 3, 1, axis=-1))
+    np.add.at(
+        total, pixel[covered.inside], np.insert(covered.weights[covered.inside], 3, 1, axis=-1)
+    )
     total = total.reshape(canvas.height, canvas.width, 4)
-    used = total[..., 3] > 0
-    outside = used & ~holds
+    is_covered = total[..., 3] > 0
+    outside = is_covered & ~contains_centre
     points[outside] = total[outside, :3] / total[outside, 3:]
     color = np.zeros((canvas.height, canvas.width, 4))
     margin = np.full((canvas.height, canvas.width), np.inf)
-    color[used], margin[used] = scene.shade(index, points[used])
+    color[is_covered], margin[is_covered] = scene.shade(index, points[is_covered])
     return color.reshape(-1, 4)[pixel[drawn]], margin.reshape(-1)[pixel[drawn]]
 
 

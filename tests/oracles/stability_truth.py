@@ -16,6 +16,7 @@ Coverage = Callable[[np.ndarray], np.ndarray]
 
 
 def centres(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pixel centres, x and y `[height, width]`."""
     y, x = np.mgrid[:height, :width] + 0.5
     return x, y
 
@@ -34,71 +35,80 @@ def distance(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     for k in range(3):
         (px, py), (ex, ey) = corners[k], corners[(k + 1) % 3] - corners[k]
         wx, wy = x - px, y - py
-        square = ex * ex + ey * ey
-        t = np.clip((wx * ex + wy * ey) / square, 0, 1) if square > 0 else np.zeros(x.shape)
+        squared_length = ex * ex + ey * ey
+        t = (
+            np.clip((wx * ex + wy * ey) / squared_length, 0, 1)
+            if squared_length > 0
+            else np.zeros(x.shape)
+        )
         least = np.minimum(least, np.hypot(wx - t * ex, wy - t * ey))
         inside &= ex * wy - ey * wx >= 0
     return np.where(inside, least, -least)
 
 
 def soft(height: int, width: int, softness: float) -> Coverage:
-    """The logistic profile: cut at 6, rescaled, and 0.9 at half a `softness` in pixels."""
+    """Soft coverage with the logistic profile: cut at 6, rescaled, and 0.9 at `softness` / 2 px."""
     x, y = centres(height, width)
-    rest = 1 / (1 + math.exp(6))
-    high = 0.9 - 0.8 * rest
+    cut_value = 1 / (1 + math.exp(6))
+    high = 0.9 - 0.8 * cut_value
     per_pixel = 2 * math.log(high / (1 - high)) / softness
 
     def cover(corners: np.ndarray) -> np.ndarray:
         z = np.clip(distance(corners, x, y) * per_pixel, -6, 6)
-        return (1 / (1 + np.exp(-z)) - rest) / (1 - 2 * rest)
+        return (1 / (1 + np.exp(-z)) - cut_value) / (1 - 2 * cut_value)
 
     return cover
 
 
 def area(height: int, width: int) -> Coverage:
-    """The area in each pixel: the mean length of level cuts, linear between those at corners."""
+    """The area in each pixel, by integrating the length of horizontal cuts.
+
+    The length is linear in y between the corners and crossings of pixel sides, where it breaks.
+    """
     x, y = (c[..., None] - 0.5 for c in centres(height, width))
 
     def cover(corners: np.ndarray) -> np.ndarray:
-        ends = [(corners[k], corners[(k + 1) % 3]) for k in range(3)]
-        bends = [np.broadcast_to(y, x.shape), np.broadcast_to(y + 1, x.shape)]
-        bends += [np.full(x.shape, corner[1]) for corner in corners]
-        for p, q in ends:
+        sides = [(corners[k], corners[(k + 1) % 3]) for k in range(3)]
+        breaks = [np.broadcast_to(y, x.shape), np.broadcast_to(y + 1, x.shape)]
+        breaks += [np.full(x.shape, corner[1]) for corner in corners]
+        for p, q in sides:
             run = q[0] - p[0]
             if run != 0:
-                bends += [p[1] + (x + side - p[0]) * ((q[1] - p[1]) / run) for side in (0, 1)]
-        level = np.sort(np.clip(np.concatenate(bends, -1), y, y + 1), -1)
+                breaks += [
+                    p[1] + (x + pixel_side - p[0]) * ((q[1] - p[1]) / run) for pixel_side in (0, 1)
+                ]
+        level = np.sort(np.clip(np.concatenate(breaks, -1), y, y + 1), -1)
         middle = 0.5 * (level[..., 1:] + level[..., :-1])
         left, right = np.full(middle.shape, np.inf), np.full(middle.shape, -np.inf)
-        for p, q in ends:
+        for p, q in sides:
             rise = q[1] - p[1]
             if rise == 0:
                 continue
             cut = p[0] + (middle - p[1]) / rise * (q[0] - p[0])
-            on = (middle >= min(p[1], q[1])) & (middle <= max(p[1], q[1]))
-            left = np.where(on, np.minimum(left, cut), left)
-            right = np.where(on, np.maximum(right, cut), right)
+            crosses = (middle >= min(p[1], q[1])) & (middle <= max(p[1], q[1]))
+            left = np.where(crosses, np.minimum(left, cut), left)
+            right = np.where(crosses, np.maximum(right, cut), right)
         length = np.clip(right, x, x + 1) - np.clip(left, x, x + 1)
         return np.sum(np.diff(level) * np.where(right > left, length, 0), -1)
 
     return cover
 
 
-def slopes(cover: Coverage, corners: np.ndarray, step: float) -> np.ndarray:
-    """Central differences `[3, 2, height, width]`."""
-    found = []
+def derivatives(cover: Coverage, corners: np.ndarray, step: float) -> np.ndarray:
+    """Central differences of coverage by each coordinate, `[3, 2, height, width]`."""
+    differences = []
     for k, axis in np.ndindex(3, 2):
         change = np.zeros((3, 2))
         change[k, axis] = step
-        found.append((cover(corners + change) - cover(corners - change)) / (2 * step))
-    return np.stack(found).reshape(3, 2, *found[0].shape)
+        differences.append((cover(corners + change) - cover(corners - change)) / (2 * step))
+    return np.stack(differences).reshape(3, 2, *differences[0].shape)
 
 
 class Scale(NamedTuple):
     """Lengths in pixels.
 
-    - `rounding`: by which the corners of a scene are not known; `smooth`: over which slopes change
-      where they have no bend.
+    - `rounding`: uncertainty of the corners of a scene.
+    - `smooth`: over which derivatives change where they do not jump.
     - `compares`: whether coverage depends on which edge is nearer, not on the sign of areas alone.
     """
 
@@ -106,7 +116,7 @@ class Scale(NamedTuple):
     smooth: float
     compares: bool
 
-    def of(self, corners: np.ndarray) -> tuple[float, float]:
+    def for_triangle(self, corners: np.ndarray) -> tuple[float, float]:
         """The step of differences for a triangle, and by how much its corners may be moved."""
         sides = corners - np.roll(corners, 1, 0)
         (ax, ay), (bx, by) = sides[:2]
@@ -118,54 +128,59 @@ class Scale(NamedTuple):
         return step, self.rounding if self.compares else min(self.rounding, 1e-2 * height)
 
 
-def is_bend(cover: Coverage, corners: np.ndarray, by: np.ndarray, scale: Scale) -> np.ndarray:
-    """Pixels whose slopes jump within a rounding of the corners: no float32 program can tell them.
+def jumps_nearby(
+    cover: Coverage, corners: np.ndarray, derivative: np.ndarray, scale: Scale
+) -> np.ndarray:
+    """Pixels whose derivatives jump within a rounding of the corners.
 
-    Such as those with a vertex on their centre, or with two edges as near to it as each other.
+    No float32 program can know the derivative there: a vertex lies on the centre, or two edges are
+    equally near to it.
     """
     rng = np.random.default_rng(0)
-    step, rounding = scale.of(corners)
-    most = max(1.0, float(np.abs(by).max()))
-    found = np.zeros(by.shape[2:], bool)
+    step, rounding = scale.for_triangle(corners)
+    scale_of_jumps = max(1.0, float(np.abs(derivative).max()))
+    jumps = np.zeros(derivative.shape[2:], bool)
     for _ in range(6):
-        near = corners + rng.choice([-1.0, 1.0], (3, 2)) * rounding
-        jump = np.abs(slopes(cover, near, step) - by).max((0, 1))
-        found |= jump > 8 * rounding / scale.smooth * most
-    return found
+        perturbed = corners + rng.choice([-1.0, 1.0], (3, 2)) * rounding
+        jump = np.abs(derivatives(cover, perturbed, step) - derivative).max((0, 1))
+        jumps |= jump > 8 * rounding / scale.smooth * scale_of_jumps
+    return jumps
 
 
 class Jacobian(NamedTuple):
     """An image, and its derivatives with respect to what a scene of flat triangles holds.
 
     - `image`: `[height, width, 3]`; `corners`: `[n, 3, 2, height, width, 3]`.
-    - `shade`: by a triangle's own colour, `[n, height, width]`; `alpha`: `[n, height, width, 3]`.
-    - `paper`: by the background's colour, `[height, width]`.
-    - `bends`: `[height, width]`, pixels whose derivative by corners is not known.
+    - `color`: by a triangle's colour, `[n, height, width]`; `alpha`: `[n, height, width, 3]`.
+    - `background`: by the background's colour, `[height, width]`.
+    - `is_unknown`: `[height, width]`, pixels whose derivative by corners is not known.
     """
 
     image: np.ndarray
     corners: np.ndarray
-    shade: np.ndarray
+    color: np.ndarray
     alpha: np.ndarray
-    paper: np.ndarray
-    bends: np.ndarray
+    background: np.ndarray
+    is_unknown: np.ndarray
 
-    def forward(self, corners: np.ndarray, colors: np.ndarray, paper: np.ndarray) -> np.ndarray:
-        """J v, for `[n, 3, 2]`, RGBA `[n, 4]` and `[3]`."""
+    def forward(
+        self, corners: np.ndarray, colors: np.ndarray, background: np.ndarray
+    ) -> np.ndarray:
+        """J v, for a direction of corners `[n, 3, 2]`, RGBA `[n, 4]` and background `[3]`."""
         total = np.einsum("nkahwc,nka->hwc", self.corners, corners)
-        total += np.einsum("nhw,nc->hwc", self.shade, colors[:, :3])
+        total += np.einsum("nhw,nc->hwc", self.color, colors[:, :3])
         total += np.einsum("nhwc,n->hwc", self.alpha, colors[:, 3])
-        return total + self.paper[..., None] * paper
+        return total + self.background[..., None] * background
 
     def backward(self, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """J^T w, for the same three."""
+        """J^T w, by corners, RGBA and background."""
         corners = np.einsum("nkahwc,hwc->nka", self.corners, weight)
-        shade = np.einsum("nhw,hwc->nc", self.shade, weight)
+        color = np.einsum("nhw,hwc->nc", self.color, weight)
         alpha = np.einsum("nhwc,hwc->n", self.alpha, weight)
         return (
             corners,
-            np.append(shade, alpha[:, None], 1),
-            np.einsum("hw,hwc->c", self.paper, weight),
+            np.append(color, alpha[:, None], 1),
+            np.einsum("hw,hwc->c", self.background, weight),
         )
 
 
@@ -173,44 +188,50 @@ def jacobian(
     cover: Coverage,
     corners: np.ndarray,
     colors: np.ndarray,
-    paper: np.ndarray,
+    background: np.ndarray,
     *,
     scale: Scale,
     summed: bool = False,
 ) -> Jacobian:
-    """Of triangles `[n, 3, 2]` in RGBA `[n, 4]`, "over" in draw order or summed with their signs.
+    """Image and derivatives of triangles `[n, 3, 2]` in RGBA `[n, 4]`.
 
+    Composited "over" in draw order, or `summed` with the signs of their areas.
     A triangle with a corner that is not finite covers nothing.
     """
     finite = np.all(np.isfinite(corners), axis=(1, 2))
     corners = np.where(finite[:, None, None], corners, 0.0)
     (ax, ay), (bx, by) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
-    twice = ax * by - ay * bx
-    signs, whole = np.sign(twice), -1.0 if twice.sum() < 0 else 1.0
-    covered, moved, bends = [], [], None
-    for own, there in zip(corners, finite, strict=True):
-        covered.append(cover(own) * there)
-        moved.append(slopes(cover, own, scale.of(own)[0]) * there)
-        bend = is_bend(cover, own, moved[-1], scale) & there
-        bends = bend if bends is None else bends | bend
-    c, dc, alpha = np.stack(covered), np.stack(moved), colors[:, 3, None, None]
+    doubled_area = ax * by - ay * bx
+    signs, sign_of_sum = np.sign(doubled_area), -1.0 if doubled_area.sum() < 0 else 1.0
+    coverages, gradients, is_unknown = [], [], None
+    for triangle, is_drawn in zip(corners, finite, strict=True):
+        coverages.append(cover(triangle) * is_drawn)
+        gradients.append(derivatives(cover, triangle, scale.for_triangle(triangle)[0]) * is_drawn)
+        jumps = jumps_nearby(cover, triangle, gradients[-1], scale) & is_drawn
+        is_unknown = jumps if is_unknown is None else is_unknown | jumps
+    coverage, gradient = np.stack(coverages), np.stack(gradients)
+    alpha = colors[:, 3, None, None]
     if summed:
-        sign = (signs * whole)[:, None, None]
-        jump = (colors[:, :3] - paper)[:, None, None] * sign[..., None]
-        share, clear = sign * c * alpha, 1 - np.sum(sign * c * alpha, 0)
+        sign = (signs * sign_of_sum)[:, None, None]
+        jump = (colors[:, :3] - background)[:, None, None] * sign[..., None]
+        contribution = sign * coverage * alpha
+        transmittance = 1 - np.sum(contribution, 0)
     else:
-        opacity = c * alpha
-        behind = [np.broadcast_to(paper, (*c.shape[1:], 3))]
-        for o, color in zip(opacity, colors, strict=True):
-            behind.append(o[..., None] * color[:3] + (1 - o[..., None]) * behind[-1])
-        through = [np.ones(c.shape[1:])]
-        for o in opacity[::-1]:
-            through.append(through[-1] * (1 - o))
-        clear, front = through[-1], np.stack(through[-2::-1])
-        jump = front[..., None] * (colors[:, None, None, :3] - np.stack(behind[:-1]))
-        share = front * opacity
-    image = np.einsum("nhw,nc->hwc", share, colors[:, :3]) + clear[..., None] * paper
-    by_corners = dc[..., None] * (alpha[..., None] * jump)[:, None, None]
-    by_alpha = c[..., None] * jump
-    assert bends is not None
-    return Jacobian(image, by_corners, share, by_alpha, clear, bends)
+        opacity = coverage * alpha
+        behind = [np.broadcast_to(background, (*coverage.shape[1:], 3))]
+        for layer, color in zip(opacity, colors, strict=True):
+            behind.append(layer[..., None] * color[:3] + (1 - layer[..., None]) * behind[-1])
+        transmittances = [np.ones(coverage.shape[1:])]
+        for layer in opacity[::-1]:
+            transmittances.append(transmittances[-1] * (1 - layer))
+        transmittance, in_front = transmittances[-1], np.stack(transmittances[-2::-1])
+        jump = in_front[..., None] * (colors[:, None, None, :3] - np.stack(behind[:-1]))
+        contribution = in_front * opacity
+    image = (
+        np.einsum("nhw,nc->hwc", contribution, colors[:, :3])
+        + transmittance[..., None] * background
+    )
+    by_corners = gradient[..., None] * (alpha[..., None] * jump)[:, None, None]
+    by_alpha = coverage[..., None] * jump
+    assert is_unknown is not None
+    return Jacobian(image, by_corners, contribution, by_alpha, transmittance, is_unknown)

@@ -1,4 +1,4 @@
-"""The oracle against cases counted by hand, and against a second one in fractions."""
+"""The coverage oracle against cases counted by hand, and against a second one in fractions."""
 
 from fractions import Fraction
 from itertools import pairwise
@@ -8,11 +8,11 @@ import pytest
 
 from .coverage import Canvas, coverage, draw, footprint, snap
 
-BOTH = pytest.mark.parametrize("fill_rule", ["inclusive", "top_left"])
+BOTH_RULES = pytest.mark.parametrize("fill_rule", ["inclusive", "top_left"])
 
 
 def _covered(corners, **canvas) -> list[tuple[int, int]]:
-    """(column, row) of every sample that one triangle owns, row after row."""
+    """(column, row) of every sample that one triangle covers, row after row."""
     count = coverage(np.array([corners], np.float32), Canvas(**canvas))
     return [(int(c), int(r)) for r, c in np.argwhere(count)]
 
@@ -20,7 +20,7 @@ def _covered(corners, **canvas) -> list[tuple[int, int]]:
 @pytest.mark.parametrize(
     "longest, exponent", [(1, 18), (8, 18), (16, 18), (17, 17), (512, 13), (1024, 12)]
 )
-def test_grid(longest, exponent):
+def test_exponent_of_the_grid_by_hand(longest, exponent):
     assert Canvas(1, longest).exponent == Canvas(longest, 1).exponent == exponent
 
 
@@ -36,7 +36,7 @@ def test_right_triangle_by_hand():
     corners = [(0.5, 0.5), (2.5, 0.5), (0.5, 2.5)]
     inclusive = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (0, 2)]
     assert _covered(corners, height=4, width=4, rate=1) == inclusive
-    # The left and the top edge are owned, their far ends lie on the hypotenuse, which is not.
+    # The left and the top edge are covered; their far ends lie on the hypotenuse, which is not.
     assert _covered(corners, height=4, width=4, rate=1, fill_rule="top_left") == [
         (0, 0),
         (1, 0),
@@ -44,14 +44,14 @@ def test_right_triangle_by_hand():
     ]
 
 
-def test_right_and_bottom_edges_are_not_owned():
+def test_right_and_bottom_edges_are_not_covered_under_top_left():
     corners = [(2.5, 2.5), (0.5, 2.5), (2.5, 0.5)]
     # All three edges: the hypotenuse is a left edge, the others right and bottom.
     assert _covered(corners, height=4, width=4, rate=1, fill_rule="top_left") == [(1, 1)]
 
 
-@BOTH
-def test_degenerate_by_hand(fill_rule):
+@BOTH_RULES
+def test_points_and_segments_by_hand(fill_rule):
     point, segment = [(1.5, 1.5)] * 3, [(0.5, 0.5), (2.5, 2.5), (1.5, 1.5)]
     missed = [(0.5, 0.75), (2.5, 2.75), (1.5, 1.75)]
     options = {"height": 4, "width": 4, "rate": 1, "fill_rule": fill_rule}
@@ -61,7 +61,7 @@ def test_degenerate_by_hand(fill_rule):
     assert _covered(missed, **options) == []
 
 
-def test_resolve_and_over_by_hand():
+def test_averaging_and_compositing_by_hand():
     # Half of pixel 0 is red at alpha 1/2 over white: three quarters of its samples stay as bright.
     half = np.array([[(0, 0), (0.5, 0), (0, 2)], [(0.5, 0), (0.5, 2), (0, 2)]], np.float32)
     red = np.array([[1, 0, 0, 0.5]] * 2, np.float32)
@@ -74,15 +74,15 @@ def test_resolve_and_over_by_hand():
 def test_weights_by_hand():
     canvas = Canvas(4, 4, rate=1)
     corners = np.array([[(0.5, 0.5), (2.5, 0.5), (0.5, 2.5)]], np.float32)
-    owned = footprint(snap(corners, canvas)[0], canvas)
-    np.testing.assert_array_equal(owned.weights[0, 0], [1, 0, 0])
-    np.testing.assert_array_equal(owned.weights[0, 1], [0.5, 0.5, 0])
-    np.testing.assert_array_equal(owned.weights[2, 0], [0, 0, 1])
-    np.testing.assert_array_equal(owned.weights[1, 1], [0, 0.5, 0.5])
+    covered = footprint(snap(corners, canvas)[0], canvas)
+    np.testing.assert_array_equal(covered.weights[0, 0], [1, 0, 0])
+    np.testing.assert_array_equal(covered.weights[0, 1], [0.5, 0.5, 0])
+    np.testing.assert_array_equal(covered.weights[2, 0], [0, 0, 1])
+    np.testing.assert_array_equal(covered.weights[1, 1], [0, 0.5, 0.5])
 
 
 def _brute_force(corners, canvas: Canvas) -> np.ndarray:
-    """The same answer in fractions of pixels: hull and edges by other formulas."""
+    """Covered samples in fractions of pixels, by other formulas than the oracle's."""
     scale = 2**canvas.exponent
     moved = [
         [Fraction(float(v)) - o for v, o in zip(p, canvas.origin, strict=True)] for p in corners
@@ -91,17 +91,17 @@ def _brute_force(corners, canvas: Canvas) -> np.ndarray:
     inside = np.zeros((canvas.height * canvas.rate, canvas.width * canvas.rate), bool)
     for row, column in np.ndindex(inside.shape):
         p = tuple(Fraction(2 * int(i) + 1, 2 * canvas.rate) for i in (column, row))
-        inside[row, column] = _owns(p, (a, b, c), canvas.fill_rule)
+        inside[row, column] = _covers(p, (a, b, c), canvas.fill_rule)
     return inside
 
 
-def _owns(p, triangle, fill_rule) -> bool:
+def _covers(p, triangle, fill_rule) -> bool:
     a, b, c = triangle
     u, v, w = (b[0] - a[0], b[1] - a[1]), (c[0] - a[0], c[1] - a[1]), (p[0] - a[0], p[1] - a[1])
     determinant = u[0] * v[1] - u[1] * v[0]
     if determinant == 0:
         ends = pairwise((*triangle, a))
-        return fill_rule == "inclusive" and any(_between(p, *end) for end in ends)
+        return fill_rule == "inclusive" and any(_on_segment(p, *end) for end in ends)
     s = (w[0] * v[1] - w[1] * v[0]) / determinant
     t = (u[0] * w[1] - u[1] * w[0]) / determinant
     if min(s, t, 1 - s - t) < 0:
@@ -111,10 +111,10 @@ def _owns(p, triangle, fill_rule) -> bool:
     # On the boundary: every edge that holds the point must be a left or a top one, so a step
     # towards +x, and then an infinitely smaller one towards +y, leads inside.
     small = (Fraction(1, 10**15), Fraction(1, 10**30))
-    return _owns((p[0] + small[0], p[1] + small[1]), triangle, "inclusive")
+    return _covers((p[0] + small[0], p[1] + small[1]), triangle, "inclusive")
 
 
-def _between(p, start, end) -> bool:
+def _on_segment(p, start, end) -> bool:
     along = (end[0] - start[0], end[1] - start[1])
     to = (p[0] - start[0], p[1] - start[1])
     if along[0] * to[1] != along[1] * to[0]:
@@ -122,9 +122,9 @@ def _between(p, start, end) -> bool:
     return all(min(s, e) <= q <= max(s, e) for q, s, e in zip(p, start, end, strict=True))
 
 
-@BOTH
+@BOTH_RULES
 @pytest.mark.parametrize("rate", [1, 3, 4])
-def test_against_fractions(rate, fill_rule):
+def test_coverage_equals_that_in_fractions(rate, fill_rule):
     rng = np.random.default_rng(rate)
     canvas = Canvas(5, 7, rate, fill_rule, origin=(100, -20))
     coarse = rng.integers(-4, 4 * 9, (24, 3, 2)) / 4 - 0.5 / rate

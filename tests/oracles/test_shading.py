@@ -1,4 +1,4 @@
-"""The shading oracle against closed forms, small cases by hand, and what cannot be otherwise."""
+"""The shading oracle against closed forms, small cases by hand, and invariants."""
 
 from dataclasses import replace
 from typing import Any
@@ -28,7 +28,7 @@ def _at(image, u, v, jacobian: Any = 0.0, **sampler) -> np.ndarray:
     return texel[0]
 
 
-def test_reduction_weights():
+def test_reduction_weights_by_hand():
     np.testing.assert_allclose(reduction(4), [[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5]])
     np.testing.assert_allclose(reduction(1), [[1]])
     np.testing.assert_allclose(reduction(3), [[1 / 3] * 3])
@@ -44,12 +44,12 @@ def test_levels_of_translucent_images_are_premultiplied():
 
 
 @pytest.mark.parametrize("pixel", ["nearest", "bilinear"])
-def test_texel_centres(pixel):
+def test_texel_centres_give_texels(pixel):
     for column in range(4):
-        there = _at(RAMP, (column + 0.5) / 4, 0.3, pixel=pixel)
-        np.testing.assert_allclose(there[:3], column / 4)
-        there = _at(RAMP, column / 3, 0.3, pixel=pixel, addressing="corners")
-        np.testing.assert_allclose(there[:3], column / 4, atol=1e-15)
+        texel = _at(RAMP, (column + 0.5) / 4, 0.3, pixel=pixel)
+        np.testing.assert_allclose(texel[:3], column / 4)
+        texel = _at(RAMP, column / 3, 0.3, pixel=pixel, addressing="corners")
+        np.testing.assert_allclose(texel[:3], column / 4, atol=1e-15)
 
 
 def test_borders_by_hand():
@@ -63,7 +63,7 @@ def test_borders_by_hand():
     assert _at(RAMP, 1, 0, pixel="nearest", border="repeat")[0] == 0
 
 
-def test_level_by_hand():
+def test_levels_by_hand():
     """Sixteen texels over eight pixels: level one, and half a level on with a bias."""
     image = np.random.default_rng(0).random((16, 16, 3))
     levels = chain(image)
@@ -111,7 +111,7 @@ def test_a_ramp_is_drawn_as_a_ramp():
     np.testing.assert_allclose(image[3, :, 0], x.reshape(8, 2).mean(axis=1))
 
 
-def test_perspective_of_a_plane():
+def test_perspective_of_a_plane_by_closed_form():
     """u over w is affine: along a row, u = (x / 8 * q1) / (1 - x / 8 + x / 8 * q1)."""
     inverse_w = np.where(QUAD[..., 0] > 0, 0.25, 1.0)
     ramp = np.array([[[0.0] * 3, [1.0] * 3]])
@@ -121,7 +121,7 @@ def test_perspective_of_a_plane():
     np.testing.assert_allclose(image[2, :, 0], t * 0.25 / (1 - t + t * 0.25))
 
 
-def test_perspective_slopes_are_the_differences():
+def test_perspective_gradients_are_the_differences():
     from .shading import _Scene
 
     soup = soup_of(3, perspective=True)
@@ -131,24 +131,24 @@ def test_perspective_slopes_are_the_differences():
     for index in range(5):
         point = rng.dirichlet(np.ones(3))
         affine = np.linalg.inv(np.vstack([scene.pixels[index].T, np.ones(3)]))[:, :2]
-        _, slopes = scene._projected(index, point[None])
+        _, gradients = scene._projected(index, point[None])
         for axis in range(2):
             ends = point + np.array([[-1], [1]]) * step * affine[:, axis]
             values, _ = scene._projected(index, ends)
             difference = (values[1] - values[0]) / (2 * step)
-            np.testing.assert_allclose(slopes[0, :, axis], difference, rtol=1e-6, atol=1e-8)
+            np.testing.assert_allclose(gradients[0, :, axis], difference, rtol=1e-6, atol=1e-8)
 
 
 @pytest.mark.parametrize("channels", [3, 4])
 @pytest.mark.parametrize("shading", ["sample", "pixel"])
-def test_flat_colours_are_the_other_oracle(channels, shading):
+def test_flat_colours_agree_with_the_coverage_oracle(channels, shading):
     soup = soup_of(1, colors=(1, channels), texels=None, background=4)
     expected = coverage.draw(soup.corners, soup.colors, soup.background, ON)
     np.testing.assert_allclose(draw(soup, ON, shading=shading).image, expected, atol=1e-14)
 
 
 @pytest.mark.parametrize("perspective", [False, True])
-def test_one_sample_a_pixel_is_one_shade_a_pixel(perspective):
+def test_at_one_sample_per_pixel_both_shadings_are_equal(perspective):
     on = replace(ON, rate=1)
     for seed in range(3):
         soup = soup_of(seed, colors=(3, 4), depth=True, perspective=perspective)
@@ -157,7 +157,7 @@ def test_one_sample_a_pixel_is_one_shade_a_pixel(perspective):
 
 
 @pytest.mark.parametrize("shading", ["sample", "pixel"])
-def test_depth_forgets_the_order_of_an_opaque_scene(shading):
+def test_with_depth_the_order_of_opaque_triangles_does_not_matter(shading):
     for seed in range(3):
         soup = soup_of(seed, depth=True)
         order = np.random.default_rng(seed).permutation(len(soup.corners))
@@ -168,7 +168,7 @@ def test_depth_forgets_the_order_of_an_opaque_scene(shading):
 
 
 def test_depth_and_alpha_by_hand():
-    """A later one in front shows what is behind; a later one behind is hidden, even by clear."""
+    """Front triangles show those behind them; a later one behind is hidden, even by alpha 0."""
     corners = np.array([[(-1, -1), (3, -1), (-1, 3)]] * 3, np.float32)
     colors = np.array([[1, 0, 0, 1], [0, 1, 0, 0.5], [0, 0, 1, 0.5]], np.float32)[:, None]
     depth = np.array([0.5, 0.25, 0.375])[:, None] * np.ones(3)
@@ -191,7 +191,7 @@ def test_interpenetrating_planes_meet_where_they_are_equal():
     np.testing.assert_array_equal(image[:, 4:], 1)
 
 
-def test_multisampling_takes_centre_or_centroid():
+def test_multisampling_shades_at_the_centre_or_centroid():
     """A corner colour equal to x: 0.5 at a covered centre, the samples' mean x elsewhere."""
     corners = np.array([[(0, 0), (1, 0), (0, 1)], [(2, 1), (1, 1), (2, 0)]], np.float32)
     colors = corners[..., :1] / 2 * np.ones(3)
@@ -207,8 +207,8 @@ def test_multisampling_takes_centre_or_centroid():
     np.testing.assert_allclose(image[0, 0, 0], 0.25 * 1 / 4)
 
 
-def test_margins():
-    """Bilinear at level zero decides nothing; nearest is near half of its borders."""
+def test_margins_are_distances_to_texel_borders():
+    """They are infinite for bilinear lookups at level zero, which decide nothing."""
     soup = soup_of(0)
     smooth = draw(soup, ON, Sampler(level="zero"))
     assert np.isinf(smooth.margin).all() and np.isinf(smooth.depth_margin).all()

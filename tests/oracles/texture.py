@@ -1,7 +1,7 @@
-"""What a texture is worth at a point: numpy in float64, by the definitions, no code shared.
+"""Texture lookups in float64 numpy, by the definitions; no code is shared with the package.
 
-Texels are held premultiplied, four channels. A point has `uv` `[points, 2]` and the Jacobian
-`[points, 2, 2]` of (u, v) by one step of a pixel along (x, y).
+Texels are premultiplied, four channels. A point has `uv` `[points, 2]` and the Jacobian
+`[points, 2, 2]` of (u, v) by a step of one pixel along (x, y).
 """
 
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 ROUNDING = 2.0**-10
-"""A ratio of the axes this little over a whole number gets no further probe."""
+"""A ratio of the axes that exceeds a whole number by no more gets no further probe."""
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """How textures are sampled, in the words of `softras2d.Filter` and `TexturePyramid.build`."""
+    """How textures are sampled, in the terms of `softras2d.Filter` and `TexturePyramid.build`."""
 
     pixel: str = "bilinear"
     level: str = "linear"
@@ -29,7 +29,7 @@ PLAIN = Sampler()
 
 
 def chain(image: Any) -> list[np.ndarray]:
-    """Every level of a straight RGB or RGBA image, `[height, width, 4]` premultiplied."""
+    """Every mip level of a straight RGB or RGBA image, `[height, width, 4]` premultiplied."""
     levels = [premultiplied(np.asarray(image, np.float64))]
     while max(levels[-1].shape[:2]) > 1:
         height, width = levels[-1].shape[:2]
@@ -41,7 +41,7 @@ def reduction(size: int) -> np.ndarray:
     """The matrix `[half, size]` of a box filter: how much of each texel lies in each larger one.
 
     The line 0..1 is cut into `size` texels and into `half` larger ones; a larger texel is the
-    average over its own part of the line, whatever the parity.
+    average over its interval of the line, for even and odd sizes.
     """
     half = max(size // 2, 1)
     fine, coarse = np.arange(size + 1) / size, np.arange(half + 1) / half
@@ -69,20 +69,20 @@ def sample(
     # d(u W, v H) / d(x, y), in texels of the base.
     footprint = jacobian * size[:, None]
     if sampler.anisotropy == 1:
-        along, probes = np.zeros_like(uv), np.ones(len(uv))
+        axis, probes = np.zeros_like(uv), np.ones(len(uv))
         length, margin = np.linalg.norm(footprint, axis=1).max(axis=-1), np.full(len(uv), np.inf)
     else:
-        along, probes, length, margin = _major_axis(footprint, sampler.anisotropy)
+        axis, probes, length, margin = _major_axis(footprint, sampler.anisotropy)
     with np.errstate(divide="ignore"):
         detail = np.log2(length / probes) + sampler.lod_bias
     level = np.where(length > 0, np.clip(detail, 0, len(levels) - 1), 0.0)
     total = np.zeros((len(uv), 4))
     for k in range(sampler.anisotropy):
-        used = k < probes
-        moved = uv + ((k + 0.5) / probes - 0.5)[:, None] * along / size
-        texel, near = _between_levels(levels, moved, level, sampler)
-        total += np.where(used[:, None], texel, 0)
-        margin = np.minimum(margin, np.where(used, near, np.inf))
+        is_probed = k < probes
+        probe_uv = uv + ((k + 0.5) / probes - 0.5)[:, None] * axis / size
+        texel, probe_margin = _between_levels(levels, probe_uv, level, sampler)
+        total += np.where(is_probed[:, None], texel, 0)
+        margin = np.minimum(margin, np.where(is_probed, probe_margin, np.inf))
     return total / probes[:, None], margin
 
 

@@ -1,4 +1,4 @@
-"""What a plan promises: programs are shared, `origin` pans, nothing overflows in silence."""
+"""Plans: shared programs, panning by `origin`, reported overflow, and refused scenes."""
 
 import equinox as eqx
 import jax
@@ -35,8 +35,8 @@ def _expected(seed: int, on: Canvas = ON) -> np.ndarray:
     return draw(_corners(seed), colors_of(COUNT, seed=seed), np.ones(3), on)
 
 
-def test_a_scene_alike_does_not_compile(count_compilations):
-    """Other colours, another order, corners moved a little: the plan is new, not the program."""
+def test_a_similar_scene_compiles_nothing(count_compilations):
+    """Other colours, another order and slightly moved corners need a new plan, but no program."""
     first = _scene(0)
     sr.render(first, _plan(first)).block_until_ready()
     rng = np.random.default_rng(0)
@@ -50,8 +50,8 @@ def test_a_scene_alike_does_not_compile(count_compilations):
     assert compiled.names == []
 
 
-def test_capacities_climb_a_ladder():
-    """Scenes drawn alike need few programs; each capacity may fall on either of two steps."""
+def test_similar_scenes_have_few_capacities():
+    """Similar scenes need few programs: each capacity may be either of two sizes."""
     structures = set()
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -72,7 +72,7 @@ def test_equal_plans_share_a_program(count_compilations):
     assert compiled.names == []
 
 
-def _moved_to(plan: sr.Plan, x: int, y: int) -> sr.Plan:
+def _with_origin(plan: sr.Plan, x: int, y: int) -> sr.Plan:
     """The same plan with another origin, which is an array."""
     return eqx.tree_at(lambda p: p.origin, plan, jnp.asarray((x, y), plan.origin.dtype))
 
@@ -81,7 +81,7 @@ def test_origin_pans_without_compiling(count_compilations):
     scene = _scene()
     plan = _plan(scene)
     sr.render(scene, plan).block_until_ready()
-    moved = _moved_to(plan, 5, -3)
+    moved = _with_origin(plan, 5, -3)
     with count_compilations() as compiled:
         image, overflow = sr.render_checked(scene, moved)
         images = np.asarray(image)
@@ -91,7 +91,7 @@ def test_origin_pans_without_compiling(count_compilations):
     assert _plan(scene, origin=(5, -3)).origin.tolist() == [5, -3]
 
 
-def test_checked_and_plain_share_their_image():
+def test_render_and_render_checked_give_one_image():
     scene = _scene()
     plan = _plan(scene)
     image, overflow = sr.render_checked(scene, plan)
@@ -99,7 +99,7 @@ def test_checked_and_plain_share_their_image():
     np.testing.assert_array_equal(sr.render(scene, plan), image)
 
 
-def test_plan_for_a_list_and_for_a_batch():
+def test_plans_for_a_list_and_for_a_batch_are_equal():
     scenes = [_scene(seed) for seed in range(4)]
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes)
     listed, batched = _plan(scenes), _plan(batch)
@@ -110,7 +110,7 @@ def test_plan_for_a_list_and_for_a_batch():
 
 
 def _crowded() -> sr.Scene:
-    """As many triangles as `_scene`, each over all of the canvas."""
+    """As many triangles as `_scene`, each covering the canvas."""
     corners = np.tile(np.array([(-20, -20), (70, -20), (-20, 60)], np.float32), (COUNT, 1, 1))
     return sr.Scene.from_soup(corners, colors_of(COUNT))
 
@@ -126,7 +126,7 @@ def test_overflow_is_flagged():
 
 
 def test_overflow_stops_eager_render():
-    """One line that names the count, or a new plan and the right image; never a hole."""
+    """By one line that names the count, or a new plan and the right image, but no holes."""
     crowded = _crowded()
     try:
         image = np.asarray(sr.render(crowded, _plan(_scene())))
@@ -157,13 +157,13 @@ def test_overflow_is_per_scene_in_a_batch():
     assert_same_counts(np.asarray(images[2]), _expected(1), 16)
 
 
-def test_print_tells_what_was_planned():
+def test_printing_a_plan_names_its_sizes():
     text = str(_plan(_scene())).lower()
     for word in ("40", "48", "16", "tile", "capacit", "memory", "inclusive"):
         assert word in text, f"{word!r} is not in:\n{text}"
 
 
-def test_print_tells_effects():
+def test_printing_a_plan_depends_on_its_effects():
     flat = str(_plan(_scene()))
     colors = colors_of(COUNT, channels=4, corners=3)
     rich = sr.Scene.from_soup(_corners(0), colors, background=[0.0, 0.0, 0.0, 0.0])
@@ -171,30 +171,30 @@ def test_print_tells_effects():
 
 
 @pytest.mark.slow
-def test_windows_of_a_large_picture():
-    """Tiles of a large image by `origin`: together they are the image."""
+def test_windows_of_an_image_are_its_parts():
+    """Windows of a large image, by `origin`, together are the image."""
     on = Canvas(80, 96)
     corners, colors = _corners(0) * 2, colors_of(COUNT)
     scene = sr.Scene.from_soup(corners, colors)
     plan = sr.plan(scene, height=80, width=96, coverage=HARD)
-    whole = np.asarray(sr.render(scene, plan))
-    assert_same_counts(whole, draw(corners, colors, np.ones(3), on), 16)
+    full_image = np.asarray(sr.render(scene, plan))
+    assert_same_counts(full_image, draw(corners, colors, np.ones(3), on), 16)
     origins = [(x, y) for y in (0, 40) for x in (0, 48)]
-    # One plan for all windows: what each shows, brought to the same place.
+    # One plan for all windows, from their scenes moved to one origin.
     windows = [sr.Scene.from_soup(corners - np.array(o, np.float32), colors) for o in origins]
     plan = _plan(windows)
     for x, y in origins:
-        part, overflow = sr.render_checked(scene, _moved_to(plan, x, y))
+        window, overflow = sr.render_checked(scene, _with_origin(plan, x, y))
         assert not bool(overflow)
         # Corners are multiples of 1/32, on the grid of both canvases.
-        np.testing.assert_array_equal(part, whole[y : y + 40, x : x + 48])
+        np.testing.assert_array_equal(window, full_image[y : y + 40, x : x + 48])
 
 
 NAN = float("nan")
 
 
 @pytest.mark.parametrize("value", [NAN, float("inf"), -float("inf")])
-def test_not_finite_is_refused_by_name(value):
+def test_vertices_that_are_not_finite_are_refused_by_number(value):
     corners = _corners(0)
     corners[7, 1, 0] = value
     with pytest.raises(ValueError, match="vertex") as raised:
@@ -208,15 +208,15 @@ def test_not_finite_is_refused_by_name(value):
 
 
 @pytest.mark.parametrize("value", [NAN, float("inf"), -float("inf")])
-def test_not_finite_covers_nothing_under_another_plan(value):
-    """`render` never looks: the triangle is left out, the others are as they were."""
+def test_triangles_that_are_not_finite_cover_nothing(value):
+    """`render` does not check for it: the triangle is not drawn, and the others are."""
     scene = _scene()
     plan = _plan(scene)
     positions = scene.positions.at[22, 1].set(value).at[100, 0].set(value)
     broken = eqx.tree_at(lambda s: s.positions, scene, positions)
-    keep = np.ones(COUNT, bool)
-    keep[[22 // 3, 100 // 3]] = False
-    expected = draw(_corners(0)[keep], colors_of(COUNT)[keep], np.ones(3), ON)
+    is_finite = np.ones(COUNT, bool)
+    is_finite[[22 // 3, 100 // 3]] = False
+    expected = draw(_corners(0)[is_finite], colors_of(COUNT)[is_finite], np.ones(3), ON)
     image, overflow = sr.render_checked(broken, plan)
     assert not bool(overflow)
     assert_same_counts(np.asarray(image), expected, 16)
@@ -243,7 +243,7 @@ def test_alpha_out_of_range_is_refused():
 
 
 def test_scenes_of_another_structure_are_refused():
-    """A plan for opaque scenes says so when it is given a translucent one."""
+    """A plan for opaque scenes refuses a translucent one, or draws it right."""
     scene = _scene()
     translucent = sr.Scene.from_soup(_corners(0), colors_of(COUNT, channels=4))
     expected = draw(_corners(0), colors_of(COUNT, channels=4), np.ones(3), ON)
@@ -290,13 +290,13 @@ def test_effects_are_listed_with_their_reasons():
 
 
 @pytest.mark.parametrize("bias", [float("nan"), [0.0, 1.0]], ids=str)
-def test_a_bias_that_is_no_number(bias):
+def test_a_bias_that_is_no_number_is_refused(bias):
     scene = sr.Scene.from_soup(np.zeros((1, 3, 2), np.float32), np.ones((1, 3)))
     with pytest.raises((ValueError, TypeError), match="lod_bias"):
         sr.plan(scene, height=4, width=4, filter=sr.Filter(lod_bias=bias))
 
 
 @pytest.mark.parametrize("probes", [0, 17, 2.5])
-def test_no_such_number_of_probes(probes):
+def test_an_impossible_number_of_probes_is_refused(probes):
     with pytest.raises((ValueError, TypeError), match="anisotropy"):
         sr.Filter(anisotropy=probes)

@@ -1,4 +1,4 @@
-"""`simplify` drops what does not show, and never changes the image."""
+"""`simplify` drops what is not visible, and never changes the image."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -32,9 +32,9 @@ def _scene(seed: int, corners: int, channels: int, opaque: bool) -> sr.Scene:
 def test_structure_is_the_smallest(seed, corners, channels, opaque):
     scene = _scene(seed, corners, channels, opaque)
     small = sr.simplify(scene, height=HEIGHT, width=WIDTH)
-    kept = np.asarray(small.colors)
-    assert kept.shape[2] == 3 or (kept[..., 3] < 1).any()
-    assert kept.shape[1] == 1 or (kept != kept[:, :1]).any()
+    colors = np.asarray(small.colors)
+    assert colors.shape[2] == 3 or (colors[..., 3] < 1).any()
+    assert colors.shape[1] == 1 or (colors != colors[:, :1]).any()
     corners_left = np.asarray(small.positions)[np.asarray(small.triangles)]
     assert ((corners_left.max(1) >= 0) & (corners_left.min(1) <= (WIDTH, HEIGHT))).all()
 
@@ -49,7 +49,7 @@ def test_structure_is_the_smallest(seed, corners, channels, opaque):
 )
 def test_the_image_is_the_same(corners, channels, opaque):
     scenes = [_scene(seed, corners, channels, opaque) for seed in range(3)]
-    # Equal corner colours, in a scene that could have others.
+    # Equal colours at all corners, in the structure of a scene with different ones.
     if corners == 3:
         same = jnp.broadcast_to(scenes[0].colors[:, :1], scenes[0].colors.shape)
         scenes.append(sr.Scene.from_soup(scenes[0].positions.reshape(-1, 3, 2), same))
@@ -60,7 +60,7 @@ def test_the_image_is_the_same(corners, channels, opaque):
         np.testing.assert_allclose(drawn, draw_scene(scene, plan), atol=1e-6)
 
 
-def test_what_is_constant_goes():
+def test_constant_attributes_are_dropped():
     corners = np.array([[(1, 1), (9, 1), (1, 9)], [(2, 2), (9, 2), (2, 9)]], np.float32)
     textures = sr.TexturePyramid.build([np.zeros((2, 2, 3), np.float32)])
     scene = sr.Scene.from_soup(
@@ -81,7 +81,7 @@ def test_what_is_constant_goes():
 
 
 @pytest.mark.parametrize(
-    "depths, kept",
+    "depths, is_needed",
     [
         ([(5, 5, 5), (5, 5, 5)], False),
         ([(5, 6, 7), (1, 2, 3)], False),
@@ -91,15 +91,15 @@ def test_what_is_constant_goes():
     ],
     ids=["equal", "sorted", "reversed", "crossing", "layers"],
 )
-def test_depth_that_draw_order_says_already(depths, kept):
+def test_depth_is_dropped_where_draw_order_implies_it(depths, is_needed):
     corners = np.array([[(1, 1), (9, 1), (1, 9)]] * len(depths), np.float32)
     colors = np.ones((len(depths), 3))
     scene = sr.Scene.from_soup(corners, colors, depth=np.array(depths, np.float32))
-    assert (sr.simplify(scene, height=10, width=10).depth is not None) == kept
+    assert (sr.simplify(scene, height=10, width=10).depth is not None) == is_needed
 
 
-def test_a_transparent_triangle_still_hides_what_is_drawn_behind_it():
-    """It writes its depth, so it stays for as long as there is a depth test."""
+def test_a_transparent_triangle_still_hides_later_ones_behind_it():
+    """It writes its depth, so it is not dropped if there is a depth test."""
     corners = np.array([[(1, 1), (9, 1), (1, 9)]] * 2, np.float32)
     colors = np.array([[1, 1, 1, 0], [1, 0, 0, 1]], np.float32)
     depth = np.array([[1, 1, 1], [2, 2, 2]], np.float32)
@@ -132,7 +132,7 @@ def _squares(scale: float, inverse_w: bool = False) -> sr.Scene:
         for rule in (("nearest", 0.0), ("linear", 0.0), ("linear", 0.5))
     ],
 )
-def test_levels_go_exactly_where_no_level_shows(rule, bias):
+def test_mip_levels_are_dropped_exactly_where_none_is_visible(rule, bias):
     """Against brute force: the image with levels and without."""
     scales = [0.5, 0.7, 0.72, 0.99, 1.0, 1.01, 1.4, 1.42, 2.0]
     scenes = [_squares(scale) for scale in scales]
@@ -159,14 +159,14 @@ def test_levels_stay_without_a_filter():
     assert zero.textures is not None and zero.textures.texels.shape == (36, 3)
 
 
-def test_constant_perspective_is_none():
+def test_constant_inverse_w_is_dropped():
     assert sr.simplify(_squares(1, inverse_w=True), height=9, width=9).inverse_w is None
     bent = np.arange(1.0, 7.0).reshape(2, 3)
     flat = sr.Scene.from_soup(np.ones((2, 3, 2)), np.ones((2, 3)), inverse_w=bent)
     assert sr.simplify(flat, height=9, width=9).inverse_w is None
 
 
-def test_unused_textures_and_opaque_alpha_go():
+def test_unused_textures_and_opaque_alpha_are_dropped():
     rng = np.random.default_rng(2)
     images = [rng.random((size, size, 4)).astype(np.float32) for size in (3, 5, 4)]
     for image in images[1:]:
@@ -189,7 +189,7 @@ def test_unused_textures_and_opaque_alpha_go():
 
 
 def _with_random_effects(seed: int) -> tuple[sr.Scene, sr.Filter]:
-    """A scene in which every effect may be there, and may show or not."""
+    """A scene in which each effect may be present, and may be visible or not."""
     rng = np.random.default_rng(seed)
 
     def flip() -> bool:
@@ -230,17 +230,17 @@ def _assert_the_same_image(seed: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
-def test_random_effects_keep_their_image(seed):
+def test_random_effects_do_not_change_the_image(seed):
     _assert_the_same_image(seed)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2, 4))
-def test_many_random_effects_keep_their_image(seed):
+def test_more_random_effects_do_not_change_the_image(seed):
     _assert_the_same_image(seed)
 
 
-def test_nothing_left():
+def test_a_scene_of_clear_triangles_becomes_empty():
     clear = sr.Scene.from_soup([[(1, 1), (5, 1), (1, 5)]], [[1.0, 1, 1, 0]])
     small = sr.simplify(clear, height=4, width=4)
     assert small.triangles.shape == (0, 3)

@@ -1,4 +1,4 @@
-"""Padding changes no bit, and scenes of many sizes share few programs."""
+"""`pad` to size classes: no bit changes, and scenes of many sizes share few programs."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -58,7 +58,7 @@ def _gradient(scene: sr.Scene, plan: sr.Plan) -> sr.Scene:
 
 
 def _assert_prefix(padded, given, axis: int = 0) -> None:
-    """Equal on the given entries, zero on the appended ones."""
+    """Assert that the first entries are `given`, and the appended ones zero."""
     for after, before in zip(jax.tree.leaves(padded), jax.tree.leaves(given), strict=True):
         if after.dtype == jax.dtypes.float0:
             continue
@@ -104,19 +104,19 @@ def test_second_order_products_of_padding_are_zero(mode):
     scene = sr.pad(_scene(20))
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=MODES[mode])
 
-    def slope(positions):
+    def gradient(positions):
         draw = lambda x: jnp.sum(sr.render(replace(scene, positions=x), plan) ** 2)  # noqa: E731
         return jax.grad(draw)(positions)
 
     # Steps of the padding itself must not matter either.
     step = jnp.ones_like(scene.positions)
-    slopes, product = jax.jit(lambda x: jax.jvp(slope, (x,), (step,)))(scene.positions)
-    assert np.isfinite(slopes).all() and np.isfinite(product).all()
-    assert not np.asarray(slopes[60:]).any() and not np.asarray(product[60:]).any()
+    gradients, product = jax.jit(lambda x: jax.jvp(gradient, (x,), (step,)))(scene.positions)
+    assert np.isfinite(gradients).all() and np.isfinite(product).all()
+    assert not np.asarray(gradients[60:]).any() and not np.asarray(product[60:]).any()
 
 
-def test_padding_shows_nowhere_even_where_its_vertex_is_moved():
-    """Padding names vertex 0, which an optimizer moves: here onto a sample, and alone."""
+def test_padding_is_invisible_even_if_its_vertex_moves():
+    """Padding uses vertex 0, which an optimizer may move onto a sample."""
     scene = _scene(1)
     padded = sr.pad(replace(scene, positions=jnp.full((3, 2), 4.25, jnp.float32)))
     for coverage in (sr.Hard(samples=4), sr.Soft(8.0), sr.Area()):
@@ -130,9 +130,11 @@ def test_a_batch_is_padded_and_shapes_are_classes():
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes)
     padded = sr.pad(batch)
     for k, scene in enumerate(scenes):
-        one = jax.tree.map(lambda leaf, k=k: leaf[k], padded)
-        for ours, alone in zip(jax.tree.leaves(one), jax.tree.leaves(sr.pad(scene)), strict=True):
-            np.testing.assert_array_equal(ours, alone)
+        of_batch = jax.tree.map(lambda leaf, k=k: leaf[k], padded)
+        for actual, expected in zip(
+            jax.tree.leaves(of_batch), jax.tree.leaves(sr.pad(scene)), strict=True
+        ):
+            np.testing.assert_array_equal(actual, expected)
     assert sr.pad(padded) is not batch
     assert sr.pad(padded).triangles is padded.triangles
     counts = [sr.pad(_scene(count)).triangles.shape[0] for count in (1, 65, 1025, 2049, 5000)]
@@ -153,14 +155,14 @@ def test_an_empty_scene_stays_and_a_traced_one_is_refused():
 def _random_sizes(renders: int, gradients: int, seed: int) -> None:
     """Renders and gradients of soups with 100 to 2,000 triangles, a plan made for each."""
     rng = np.random.default_rng(seed)
-    slope = jax.jit(jax.grad(_brightness))
+    gradient = jax.jit(jax.grad(_brightness))
     for number in range(renders):
         scene = _scene(int(rng.integers(100, 2001)), side=256, seed=number)
         plan = sr.plan(scene, height=256, width=256, coverage=sr.Hard(samples=4))
         np.asarray(sr.render(scene, plan))
         if number < gradients:
             padded = sr.pad(scene)
-            np.asarray(slope(padded.positions, padded, plan))
+            np.asarray(gradient(padded.positions, padded, plan))
 
 
 def _brightness(positions, scene: sr.Scene, plan: sr.Plan):
@@ -173,7 +175,7 @@ def test_scenes_of_many_sizes_share_programs(count_compilations):
     assert len(compiled) <= 5, compiled.names
 
 
-def test_fits_of_like_size_share_programs(count_compilations, monkeypatch):
+def test_fits_of_similar_size_share_programs(count_compilations, monkeypatch):
     # A process that has run many tests would drop its programs between the two fits.
     monkeypatch.setattr(compiled_programs, "_SHARE", 1.0)
     target = np.random.default_rng(0).random((24, 24, 3)).astype(np.float32)
@@ -187,7 +189,7 @@ def test_fits_of_like_size_share_programs(count_compilations, monkeypatch):
 
 @pytest.mark.slow
 def test_two_hundred_sizes_compile_twelve_programs_at_most(count_compilations):
-    """And keep no more memory and maps than the first of them."""
+    """And use hardly more memory and maps than the first of them."""
     with count_compilations() as compiled:
         _random_sizes(200, 50, seed=0)
         assert len(compiled) <= 12, compiled.names
@@ -199,7 +201,7 @@ def test_two_hundred_sizes_compile_twelve_programs_at_most(count_compilations):
 
 
 def _maps_and_memory() -> tuple[int, float]:
-    """Memory maps, and MiB that reside."""
+    """Number of memory maps, and resident memory in MiB."""
     if not Path("/proc/self/maps").exists():
         pytest.skip("counts maps as Linux has them")
     pages = int(Path("/proc/self/statm").read_text().split()[1])

@@ -1,4 +1,4 @@
-"""`softras2d.plot`: what is drawn where, and one line for what cannot be drawn."""
+"""`softras2d.plot`: what each function draws, and one-line errors for what it cannot draw."""
 
 # pyright: reportOptionalMemberAccess=false, reportAttributeAccessIssue=false
 # pyright: reportIndexIssue=false, reportArgumentType=false, reportCallIssue=false
@@ -39,7 +39,7 @@ def close_figures():
 
 
 def drawn(figure):
-    """What a figure looks like, `[height, width, 4]` bytes."""
+    """The pixels of a figure, `[height, width, 4]` bytes."""
     figure.canvas.draw()
     return np.asarray(figure.canvas.buffer_rgba())
 
@@ -58,11 +58,11 @@ class TestShow:
         shot = drawn(plot.show(steps).figure)[..., 0]
         row = shot[shot.shape[0] // 2]
         widths = np.diff(np.flatnonzero(np.diff(row.astype(int))))
-        # The frame takes a dot of those at the ends.
+        # The frame covers a dot of the pixels at the ends.
         inner = widths[widths > 2][1:-1]
         assert len(set(inner.tolist())) == 1
 
-    def test_channels(self):
+    def test_images_of_one_and_four_channels_are_shown(self):
         grey = plot.show(IMAGE[..., :1]).get_images()[0]
         assert grey.get_array().shape == (20, 30)
         assert (grey.norm.vmin, grey.norm.vmax) == (0, 1)
@@ -92,7 +92,7 @@ class TestShow:
         middle = drawn(axes.figure)[40:60, 40:60, 0]
         assert np.ptp(middle.astype(int)) < 30
 
-    def test_beyond_the_range_is_clipped(self):
+    def test_values_outside_0_to_1_are_clipped(self):
         (picture,) = plot.show(2 * IMAGE - 0.5).get_images()
         assert (picture.get_array().min(), picture.get_array().max()) == (0, 1)
 
@@ -109,7 +109,7 @@ class TestShow:
         assert (child.get_xlim(), child.get_ylim()) == ((20, 25), (6, 2))
 
     @pytest.mark.parametrize(
-        ("image", "options", "told"),
+        ("image", "options", "message"),
         [
             (IMAGE[0], {}, "height, width"),
             (np.full((2, 2, 3), np.nan), {}, "row 0, column 0, channel 0 is nan"),
@@ -120,8 +120,8 @@ class TestShow:
             (IMAGE, {"inset": (0, 0, 19, 29)}, "`inset` must be smaller"),
         ],
     )
-    def test_what_cannot_be_shown(self, image, options, told):
-        with pytest.raises(ValueError, match=told) as caught:
+    def test_invalid_images_and_insets_are_refused(self, image, options, message):
+        with pytest.raises(ValueError, match=message) as caught:
             plot.show(image, **options)
         assert "\n" not in str(caught.value)
 
@@ -146,7 +146,7 @@ class TestOverlays:
         assert high > 18
         assert axes.yaxis_inverted()
 
-    def test_a_batch_is_not_one_scene(self):
+    def test_a_batch_of_scenes_is_refused(self):
         batch = jax.tree.map(lambda leaf: np.stack([leaf, leaf]), SCENE)
         with pytest.raises(ValueError, match="one scene, not a batch"):
             plot.triangles(batch, axes=plot.show(IMAGE))
@@ -166,15 +166,15 @@ class TestOverlays:
         assert [text.get_text() for text in axes.get_legend().get_texts()] == ["slope"]
 
     @pytest.mark.parametrize(
-        ("vectors", "length", "told"),
+        ("vectors", "length", "message"),
         [
             (np.zeros((3, 2)), None, "`vectors` must have the shape"),
             (np.full((4, 2), np.inf), None, "must be finite; number 0"),
             (np.ones((4, 2)), -1.0, "`length` must be positive"),
         ],
     )
-    def test_arrows_that_cannot_be_drawn(self, vectors, length, told):
-        with pytest.raises(ValueError, match=told):
+    def test_invalid_arrows_are_refused(self, vectors, length, message):
+        with pytest.raises(ValueError, match=message):
             plot.arrows(SCENE.positions, vectors, axes=plot.show(IMAGE), length=length)
 
 
@@ -184,20 +184,20 @@ class TestComparison:
         signed = plot.difference(brighter, IMAGE).get_images()[0]
         assert signed.norm.vmin == -signed.norm.vmax
         np.testing.assert_allclose(signed.get_array(), (brighter - IMAGE).mean(-1), atol=1e-6)
-        off = plot.error(IMAGE, brighter, limit=0.3).get_images()[0]
+        shown_error = plot.error(IMAGE, brighter, limit=0.3).get_images()[0]
         expected = np.sqrt(((brighter - IMAGE) ** 2).mean(-1))
-        np.testing.assert_allclose(off.get_array(), expected, atol=1e-6)
-        assert (off.norm.vmin, off.norm.vmax) == (0, 0.3)
+        np.testing.assert_allclose(shown_error.get_array(), expected, atol=1e-6)
+        assert (shown_error.norm.vmin, shown_error.norm.vmax) == (0, 0.3)
 
-    def test_the_colour_of_what_is_clear_does_not_count(self):
+    def test_colours_of_alpha_zero_do_not_count(self):
         clear, other = np.zeros((2, 2, 4)), np.ones((2, 2, 4))
         other[..., 3] = 0
         assert not plot.error(clear, other).get_images()[0].get_array().any()
 
-    def test_equal_images_have_limits_still(self):
+    def test_equal_images_have_limits_above_zero(self):
         assert plot.difference(IMAGE, IMAGE).get_images()[0].norm.vmax > 0
 
-    def test_shapes_must_be_one(self):
+    def test_different_shapes_and_limits_of_zero_are_refused(self):
         with pytest.raises(ValueError, match="must have one shape"):
             plot.error(IMAGE, IMAGE[1:])
         with pytest.raises(ValueError, match="`limit` must be positive"):
@@ -211,42 +211,42 @@ def fitted(pace):
 
 class TestConvergence:
     @pytest.mark.parametrize(("against", "last"), [("seconds", 2.5), ("step", 50)])
-    def test_lines_are_the_histories(self, against, last):
+    def test_lines_show_the_histories(self, against, last):
         axes = plot.convergence({"adam": fitted(0.5)}, against=against)
         ((x, y),) = [line.get_data() for line in axes.lines]
         assert x[-1] == last
         np.testing.assert_array_equal(y, np.arange(21, 26))
         assert axes.get_ylabel().endswith("(dB)")
 
-    def test_nothing_to_draw(self):
+    def test_no_results_are_refused(self):
         with pytest.raises(ValueError, match="at least one result"):
             plot.convergence({})
 
 
 class TestStrips:
-    def test_frames_in_reading_order(self):
+    def test_frames_are_in_reading_order(self):
         figure = plot.film_strip([IMAGE, IMAGE[::2], IMAGE], titles=["a", "b", "c"], columns=2)
         assert [axes.get_title() for axes in figure.axes] == ["a", "b", "c"]
-        places = [axes.get_position() for axes in figure.axes]
+        boxes = [axes.get_position() for axes in figure.axes]
         # Those of another shape are centred in cells of one size.
-        middle = [(place.y0 + place.y1) / 2 for place in places]
+        middle = [(box.y0 + box.y1) / 2 for box in boxes]
         assert middle[0] == pytest.approx(middle[1])
-        assert places[2].y1 < places[0].y0
+        assert boxes[2].y1 < boxes[0].y0
 
-    def test_wrong_numbers(self):
+    def test_wrong_numbers_of_frames_and_titles_are_refused(self):
         with pytest.raises(ValueError, match="`frames` must hold"):
             plot.film_strip([])
         with pytest.raises(ValueError, match="`titles` must be none or 1"):
             plot.film_strip([IMAGE], titles=["a", "b"])
 
-    def test_levels_of_a_pyramid(self):
+    def test_every_level_of_a_pyramid_is_shown(self):
         textures = sr.TexturePyramid.build([IMAGE, IMAGE[:4, :8]])
         titles = [axes.get_title() for axes in plot.pyramid(textures, 1).axes]
         assert titles == ["level 0: 8 x 4", "level 1: 4 x 2", "level 2: 2 x 1", "level 3: 1 x 1"]
         with pytest.raises(ValueError, match="`index` must be 0 to 1"):
             plot.pyramid(textures, 2)
 
-    def test_an_animation(self, tmp_path):
+    def test_an_animation_has_the_given_frames(self, tmp_path):
         path = plot.animate(tmp_path / "a.gif", (IMAGE[..., :1] * k for k in (0.2, 0.9)))
         with Image.open(path) as film:
             frames = [np.asarray(one.convert("RGB")) for one in ImageSequence.Iterator(film)]
@@ -254,13 +254,13 @@ class TestStrips:
             expected = np.repeat(IMAGE[..., :1] * light * 255, 3, axis=-1)
             np.testing.assert_allclose(frame, expected, atol=2)
 
-    def test_alpha_is_laid_over_white(self, tmp_path):
+    def test_alpha_is_composited_over_white(self, tmp_path):
         path = plot.animate(tmp_path / "a.gif", [np.array([[[1, 0, 0, 0.5], [0, 0, 0, 0]]])])
         with Image.open(path) as film:
             frame = np.asarray(film.convert("RGB"))
         np.testing.assert_array_equal(frame, [[[255, 128, 128], [255, 255, 255]]])
 
-    def test_what_is_no_animation(self, tmp_path):
+    def test_invalid_animations_are_refused(self, tmp_path):
         with pytest.raises(ValueError, match="there are no frames"):
             plot.animate(tmp_path / "a.gif", [])
         with pytest.raises(ValueError, match="suffix"):
@@ -270,16 +270,16 @@ class TestStrips:
 
 
 class TestExplore:
-    def test_no_values(self):
+    def test_no_values_are_refused(self):
         with pytest.raises(ValueError, match="at least one value"):
             plot.explore(lambda v: IMAGE, [1], name="light", static=[])
 
-    def test_without_a_front_end_the_strip_alone(self, capsys):
+    def test_without_a_front_end_a_film_strip_is_drawn(self, capsys):
         figure = plot.explore(lambda v: IMAGE * v, [0.1, 0.5], name="light", static=[0.25, 1.0])
         assert [axes.get_title() for axes in figure.axes] == ["light: 0.25", "light: 1"]
         assert not capsys.readouterr().out
 
-    def test_a_slider_draws_what_is_chosen(self):
+    def test_a_slider_draws_the_chosen_value(self):
         pytest.importorskip("ipywidgets")
         asked = []
 
@@ -301,7 +301,7 @@ def test_without_matplotlib_one_line_says_what_to_install(monkeypatch):
         plot.show(IMAGE)
 
 
-def test_the_room_alone_is_light():
+def test_importing_the_package_loads_no_matplotlib():
     script = """
 import sys
 import softras2d

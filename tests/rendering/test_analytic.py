@@ -1,4 +1,4 @@
-"""Images under `Soft` and `Area`, against loops over triangles and pixels, and their slopes."""
+"""Images under `Soft` and `Area` against loops over triangles and pixels, and their derivatives."""
 
 from dataclasses import replace
 
@@ -11,22 +11,19 @@ import pytest
 import softras2d as sr
 from softras2d.binning import tile_side
 
-from ..coverage.test_analytic import area_in_pixel, centroid_in_pixel, distance
+from ..cases.marks import slowly
 from ..oracles import edges
+from ..oracles.analytic import area_in_pixel, centroid_in_pixel, distance
 
 SIZE = 12
 
 SLOW = pytest.mark.slow
 
 
-def slowly(*names: str) -> list:
-    return [pytest.param(name, marks=SLOW) for name in names]
-
-
 def random_scene(
     kind: str = "", *, triangles: int = 7, seed: int = 0, dtype: type = np.float32
 ) -> sr.Scene:
-    """Triangles of a few pixels; letters say which effects they have.
+    """Triangles of a few pixels, with the effects that letters name.
 
     Corner colours (g), alpha (a), a background with alpha (b), depth (d), perspective (q), a
     texture (t), one with alpha (u).
@@ -35,57 +32,61 @@ def random_scene(
     corners = rng.random((triangles, 1, 2)) * SIZE + rng.normal(size=(triangles, 3, 2)) * 3
     colors = rng.random((triangles, 3 if "g" in kind else 1, 4 if "a" in kind else 3))
     background = [0.2, 0.3, 0.4, 0.5] if "b" in kind else [0.1, 0.9, 0.5]
-    more = {}
+    optional = {}
     if "d" in kind:
-        more["depth"] = rng.random((triangles, 3)).astype(dtype)
+        optional["depth"] = rng.random((triangles, 3)).astype(dtype)
     if "q" in kind:
-        more["inverse_w"] = (1 + rng.random((triangles, 3))).astype(dtype)
+        optional["inverse_w"] = (1 + rng.random((triangles, 3))).astype(dtype)
     if "t" in kind or "u" in kind:
-        more["uv"] = rng.uniform(0.1, 0.9, (triangles, 3, 2)).astype(dtype)
-        more["texture_index"] = np.where(np.arange(triangles) == 2, -1, 0)
+        optional["uv"] = rng.uniform(0.1, 0.9, (triangles, 3, 2)).astype(dtype)
+        optional["texture_index"] = np.where(np.arange(triangles) == 2, -1, 0)
         picture = rng.random((8, 8, 4 if "u" in kind else 3)).astype(dtype)
-        more["textures"] = sr.TexturePyramid.build([picture])
-    return sr.Scene.from_soup(corners.astype(dtype), colors, background=background, **more)
+        optional["textures"] = sr.TexturePyramid.build([picture])
+    return sr.Scene.from_soup(corners.astype(dtype), colors, background=background, **optional)
 
 
 @eqx.filter_jit
 def image_of(scene: sr.Scene, plan: sr.Plan):
     image, overflow = sr.render_checked(scene, plan)
-    return eqx.error_if(image, overflow, "outgrown")
+    return eqx.error_if(image, overflow, "overflow")
 
 
 def plan_of(scene, coverage, **options) -> sr.Plan:
     return sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage, **options)
 
 
-def turned(corners: np.ndarray) -> tuple[np.ndarray, float]:
-    """Positively oriented corners, and the sign that they had."""
+def orient(corners: np.ndarray) -> tuple[np.ndarray, float]:
+    """Positively oriented corners, and the sign of their orientation before."""
     (x1, y1), (x2, y2) = corners[1] - corners[0], corners[2] - corners[0]
     return (corners, 1.0) if x1 * y2 - y1 * x2 > 0 else (corners[[0, 2, 1]], -1.0)
 
 
 def drawn_by_hand(scene: sr.Scene, cover, *, summed: bool = False) -> np.ndarray:
-    """Triangle after triangle in draw order, pixel after pixel, in float64."""
+    """The image by loops over triangles, in draw order, and over pixels, in float64."""
     positions = np.asarray(scene.positions, np.float64).reshape(-1, 3, 2)
-    paper = np.asarray(scene.background, np.float64)
-    paper = np.append(paper[:3] * paper[3], paper[3]) if paper.size == 4 else paper
-    image = np.broadcast_to(paper, (SIZE, SIZE, paper.size)).copy()
-    signs = [turned(corners)[1] for corners in positions]
-    areas = [abs(edges._cross(c[1] - c[0], c[2] - c[0])) for c in positions]
-    whole = np.sign(np.dot(signs, areas))
+    background = np.asarray(scene.background, np.float64)
+    background = (
+        np.append(background[:3] * background[3], background[3])
+        if background.size == 4
+        else background
+    )
+    image = np.broadcast_to(background, (SIZE, SIZE, background.size)).copy()
+    signs = [orient(corners)[1] for corners in positions]
+    areas = [abs(edges.cross(c[1] - c[0], c[2] - c[0])) for c in positions]
+    sign_of_sum = np.sign(np.dot(signs, areas))
     for corners, sign, color in zip(positions, signs, np.asarray(scene.colors), strict=True):
-        own = turned(corners)[0]
+        oriented = orient(corners)[0]
         straight = color[0].astype(np.float64)
         alpha = straight[3] if straight.size == 4 else 1.0
-        shown = np.append(straight[:3], 1.0)[: paper.size]
+        opaque = np.append(straight[:3], 1.0)[: background.size]
         for y in range(SIZE):
             for x in range(SIZE):
-                opacity = alpha * cover(own, x, y)
+                opacity = alpha * cover(oriented, x, y)
                 if summed:
-                    image[y, x] += sign * whole * opacity * (shown - paper)
+                    image[y, x] += sign * sign_of_sum * opacity * (opaque - background)
                 else:
-                    image[y, x] = opacity * shown + (1 - opacity) * image[y, x]
-    if paper.size == 4:
+                    image[y, x] = opacity * opaque + (1 - opacity) * image[y, x]
+    if background.size == 4:
         alpha = image[..., 3:]
         image = np.concatenate([image[..., :3] / np.where(alpha > 0, alpha, 1), alpha], 2)
     return image
@@ -94,86 +95,89 @@ def drawn_by_hand(scene: sr.Scene, cover, *, summed: bool = False) -> np.ndarray
 @pytest.mark.parametrize("kind", ["", "a", "ab"])
 def test_area_over_equals_a_loop(kind):
     scene = random_scene(kind)
-    found = image_of(scene, plan_of(scene, sr.Area()))
-    np.testing.assert_allclose(found, drawn_by_hand(scene, area_in_pixel), atol=5e-6)
+    image = image_of(scene, plan_of(scene, sr.Area()))
+    np.testing.assert_allclose(image, drawn_by_hand(scene, area_in_pixel), atol=5e-6)
 
 
 def test_signed_sum_equals_a_loop():
     scene = random_scene()
-    found = image_of(scene, plan_of(scene, sr.Area("sum")))
+    image = image_of(scene, plan_of(scene, sr.Area("sum")))
     truth = drawn_by_hand(scene, area_in_pixel, summed=True)
-    np.testing.assert_allclose(found, truth, atol=1e-5)
+    np.testing.assert_allclose(image, truth, atol=1e-5)
 
 
 @pytest.mark.parametrize("kind", ["", "a"])
 def test_window_equals_a_loop(kind):
     scene, width = random_scene(kind), 1.3
-    found = image_of(scene, plan_of(scene, sr.Soft(width, "window")))
+    image = image_of(scene, plan_of(scene, sr.Soft(width, "window")))
 
     def cover(corners, x, y):
         return smoothstep(corners, x, y, width)
 
-    np.testing.assert_allclose(found, drawn_by_hand(scene, cover), atol=2e-5)
+    np.testing.assert_allclose(image, drawn_by_hand(scene, cover), atol=2e-5)
 
 
 def nearest_weights(corners, x, y) -> np.ndarray:
-    """Weights of the corners at the point of a positively oriented triangle nearest to a place."""
-    point, best, inside = np.array([x, y]), (np.inf, np.zeros(3)), True
+    """Barycentric weights at the point of a positively oriented triangle nearest to (x, y)."""
+    point, nearest, inside = np.array([x, y]), (np.inf, np.zeros(3)), True
     for k in range(3):
-        a, way = corners[k], corners[(k + 1) % 3] - corners[k]
-        t = np.clip((point - a) @ way / (way @ way), 0, 1)
-        far = np.hypot(*(point - a - t * way))
-        if far < best[0]:
+        a, edge = corners[k], corners[(k + 1) % 3] - corners[k]
+        t = np.clip((point - a) @ edge / (edge @ edge), 0, 1)
+        length = np.hypot(*(point - a - t * edge))
+        if length < nearest[0]:
             weights = np.zeros(3)
             weights[k], weights[(k + 1) % 3] = 1 - t, t
-            best = far, weights
-        inside &= edges._cross(way, point - a) >= 0
+            nearest = length, weights
+        inside &= edges.cross(edge, point - a) >= 0
     if not inside:
-        return best[1]
-    twice = edges._cross(corners[1] - corners[0], corners[2] - corners[0])
+        return nearest[1]
+    doubled_area = edges.cross(corners[1] - corners[0], corners[2] - corners[0])
     return (
         np.array(
             [
-                edges._cross(
+                edges.cross(
                     corners[(k + 2) % 3] - corners[(k + 1) % 3], point - corners[(k + 1) % 3]
                 )
                 for k in range(3)
             ]
         )
-        / twice
+        / doubled_area
     )
 
 
 def smoothstep(corners, x, y, width: float) -> float:
-    """The window: it reaches 0 and 1 where u does; u = 0.9 of the way at half a width."""
+    """The window profile of coverage, which is 0.9 at half a width inside the edge."""
     half = 0.25 * width / np.sin(np.arcsin(0.8) / 3)
     u = np.clip(0.5 + 0.5 * distance(corners, x + 0.5, y + 0.5) / half, 0, 1)
     return u * u * (3 - 2 * u)
 
 
-def test_depth_mixes_by_softmax_of_what_the_nearest_points_carry():
+def test_depth_blends_attributes_of_nearest_points_by_softmax():
     scene, width, temperature = random_scene("gad"), 1.3, 0.2
     plan = plan_of(scene, sr.Soft(width, "window", temperature=temperature))
     image = np.asarray(image_of(scene, plan))
     positions = np.asarray(scene.positions, np.float64).reshape(-1, 3, 2)
-    carried = np.concatenate(
+    attributes = np.concatenate(
         [np.asarray(scene.colors), np.asarray(scene.depth).reshape(-1, 3, 1)], 2
     ).astype(np.float64)
-    paper = np.asarray(scene.background, np.float64)
+    background = np.asarray(scene.background, np.float64)
     truth = np.zeros((SIZE, SIZE, 3))
     for y in range(SIZE):
         for x in range(SIZE):
-            total, weight, clear = np.zeros(3), 0.0, 1.0
-            for corners, own in zip(positions, carried, strict=True):
-                order = [0, 1, 2] if turned(corners)[1] > 0 else [0, 2, 1]
-                ring = corners[order]
-                held = nearest_weights(ring, x + 0.5, y + 0.5) @ own[order]
-                opacity = held[3] * smoothstep(ring, x, y, width)
-                share = opacity * np.exp(-held[4] / temperature)
-                total, weight = total + share * held[:3], weight + share
-                clear *= 1 - opacity
-            mean = total / weight if weight else total
-            truth[y, x] = (1 - clear) * mean + clear * paper
+            total, total_weight, transmittance = np.zeros(3), 0.0, 1.0
+            for corners, at_corners in zip(positions, attributes, strict=True):
+                order = [0, 1, 2] if orient(corners)[1] > 0 else [0, 2, 1]
+                oriented = corners[order]
+                at_nearest = nearest_weights(oriented, x + 0.5, y + 0.5) @ at_corners[order]
+                opacity = at_nearest[3] * smoothstep(oriented, x, y, width)
+                contribution = opacity * np.exp(-at_nearest[4] / temperature)
+                total, total_weight = (
+                    total + contribution * at_nearest[:3],
+                    total_weight + contribution,
+                )
+                transmittance *= 1 - opacity
+            mean = total / total_weight if total_weight else total
+            truth[y, x] = (1 - transmittance) * mean + transmittance * background
     np.testing.assert_allclose(image, truth, atol=5e-5)
 
 
@@ -182,26 +186,28 @@ def test_area_averages_corner_colors():
     truth = np.broadcast_to(np.asarray(scene.background, np.float64), (SIZE, SIZE, 3)).copy()
     positions = np.asarray(scene.positions, np.float64).reshape(-1, 3, 2)
     for corners, colors in zip(positions, np.asarray(scene.colors, np.float64), strict=True):
-        order = [0, 1, 2] if turned(corners)[1] > 0 else [0, 2, 1]
-        ring, own = corners[order], colors[order]
+        order = [0, 1, 2] if orient(corners)[1] > 0 else [0, 2, 1]
+        oriented, at_corners = corners[order], colors[order]
         for y in range(SIZE):
             for x in range(SIZE):
-                part = area_in_pixel(ring, x, y)
-                if part > 1e-9:
-                    held = nearest_weights(ring, *centroid_in_pixel(ring, x, y)) @ own
-                    opacity = part * held[3]
-                    truth[y, x] = opacity * held[:3] + (1 - opacity) * truth[y, x]
+                area = area_in_pixel(oriented, x, y)
+                if area > 1e-9:
+                    at_centroid = (
+                        nearest_weights(oriented, *centroid_in_pixel(oriented, x, y)) @ at_corners
+                    )
+                    opacity = area * at_centroid[3]
+                    truth[y, x] = opacity * at_centroid[:3] + (1 - opacity) * truth[y, x]
     np.testing.assert_allclose(image_of(scene, plan_of(scene, sr.Area())), truth, atol=1e-5)
 
 
-NEARING = [("", "logistic"), ("ga", "softras"), ("gauq", "window"), ("gdtq", "softras")]
+SLOW_LIMITS = [("", "logistic"), ("ga", "softras"), ("gauq", "window"), ("gdtq", "softras")]
 
 
 @pytest.mark.parametrize(
     ("kind", "profile"),
-    [("gat", "logistic"), *(pytest.param(*each, marks=pytest.mark.slow) for each in NEARING)],
+    [("gat", "logistic"), *(pytest.param(*each, marks=pytest.mark.slow) for each in SLOW_LIMITS)],
 )
-def test_soft_nears_one_hard_sample(kind, profile):
+def test_narrow_soft_coverage_approaches_one_hard_sample(kind, profile):
     scene = random_scene(kind)
     hard = image_of(scene, plan_of(scene, sr.Hard(1)))
     soft = image_of(scene, plan_of(scene, sr.Soft(1e-5, profile, temperature=1e-6)))
@@ -217,31 +223,31 @@ SMOOTH = {
 }
 
 
-@pytest.mark.parametrize("name", slowly(*SMOOTH))
-def test_slopes_are_those_of_the_image(name, float64):
-    """These images have no jumps: differences tell, by every input together."""
+@pytest.mark.parametrize("name", [slowly(name) for name in SMOOTH])
+def test_tangents_equal_differences_of_the_image(name, float64):
+    """By every input together. These images have no jumps, so that differences exist."""
     coverage, kind = SMOOTH[name]
     scene = random_scene(kind, dtype=np.float64, triangles=5)
     plan = plan_of(scene, coverage)
     rng = np.random.default_rng(2)
-    parts = eqx.filter(scene, eqx.is_inexact_array)
+    floats = eqx.filter(scene, eqx.is_inexact_array)
     rest = eqx.filter(scene, eqx.is_inexact_array, inverse=True)
 
     @jax.jit
-    def image(parts):
-        return sr.render_checked(eqx.combine(parts, rest), plan)[0]
+    def image(floats):
+        return sr.render_checked(eqx.combine(floats, rest), plan)[0]
 
-    direction = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), x.dtype), parts)
-    _, tangent = jax.jvp(image, (parts,), (direction,))
+    direction = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape), x.dtype), floats)
+    _, tangent = jax.jvp(image, (floats,), (direction,))
     step = 1e-6
     ahead, behind = (
-        image(jax.tree.map(lambda x, d, s=sign: x + s * step * d, parts, direction))
+        image(jax.tree.map(lambda x, d, s=sign: x + s * step * d, floats, direction))
         for sign in (1, -1)
     )
     difference = np.asarray(ahead - behind) / (2 * step)
-    # Slopes bend where a level of detail or a nearest side changes: hardly ever within a step.
-    off = np.abs(np.asarray(tangent) - difference)
-    assert np.quantile(off, 0.98) < 1e-5 * np.abs(difference).max()
+    # Derivatives jump where the level of detail or the nearest edge changes: rarely within a step.
+    error = np.abs(np.asarray(tangent) - difference)
+    assert np.quantile(error, 0.98) < 1e-5 * np.abs(difference).max()
 
 
 def grid_mesh(cells: int = 4) -> sr.Scene:
@@ -264,21 +270,21 @@ def grid_mesh(cells: int = 4) -> sr.Scene:
 def test_the_sum_of_a_tiling_is_its_supersampled_limit():
     scene = grid_mesh()
     fine = image_of(scene, plan_of(scene, sr.Hard(256)))
-    found = image_of(scene, plan_of(scene, sr.Area("sum")))
-    assert np.abs(np.asarray(found) - np.asarray(fine)).max() < 0.03
-    # "over" lets the paper through seams.
+    image = image_of(scene, plan_of(scene, sr.Area("sum")))
+    assert np.abs(np.asarray(image) - np.asarray(fine)).max() < 0.03
+    # "over" lets the background through at seams.
     seams = image_of(scene, plan_of(scene, sr.Area()))
     assert np.abs(np.asarray(seams) - np.asarray(fine)).max() > 0.1
 
 
-def slope_of(scene, plan, weights):
+def gradient_of(scene, plan, weights):
     def total(positions):
         return jnp.sum(weights * image_of(replace(scene, positions=positions), plan))
 
     return jax.grad(total)(scene.positions)
 
 
-def test_the_slope_of_area_is_exact_without_overlap():
+def test_area_gradient_is_exact_without_overlap():
     scene = grid_mesh()
     # Every other triangle of the tiling, drawn together so that none share a pixel.
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)][:16:2]
@@ -286,29 +292,29 @@ def test_the_slope_of_area_is_exact_without_overlap():
     apart = sr.Scene.from_soup(corners, np.asarray(scene.colors)[:16:2, 0])
     weights = np.random.default_rng(1).normal(size=(SIZE, SIZE, 3))
     truth = edges.position_gradient(apart, weights, points=512).ravel()
-    plan, held = plan_of(apart, sr.Area()), jnp.asarray(weights, jnp.float32)
-    found = np.asarray(slope_of(apart, plan, held), np.float64).ravel()
-    assert found @ truth / np.linalg.norm(found) / np.linalg.norm(truth) > 0.9999
+    plan, pixel_weights = plan_of(apart, sr.Area()), jnp.asarray(weights, jnp.float32)
+    gradient = np.asarray(gradient_of(apart, plan, pixel_weights), np.float64).ravel()
+    assert gradient @ truth / np.linalg.norm(gradient) / np.linalg.norm(truth) > 0.9999
 
 
-def test_the_slope_of_a_tiling_is_that_of_its_areas():
+def test_gradient_of_a_tilings_sum_equals_differences_of_its_areas():
     mesh = grid_mesh()
     corners = np.asarray(mesh.positions)[np.asarray(mesh.triangles)]
     soup = sr.Scene.from_soup(corners, np.asarray(mesh.colors)[:, 0])
     weights = np.random.default_rng(1).normal(size=(SIZE, SIZE, 3))
-    found = slope_of(mesh, plan_of(mesh, sr.Area("sum")), jnp.asarray(weights, jnp.float32))
+    gradient = gradient_of(mesh, plan_of(mesh, sr.Area("sum")), jnp.asarray(weights, jnp.float32))
     step = 2.0**-10
     for vertex, axis in ((6, 0), (12, 1), (18, 0)):
         sums = []
         for sign in (1, -1):
             moved = np.asarray(mesh.positions).copy()
             moved[vertex, axis] += sign * step
-            own = replace(
+            moved_soup = replace(
                 soup, positions=jnp.asarray(moved[np.asarray(mesh.triangles)].reshape(-1, 2))
             )
-            sums.append((weights * drawn_by_hand(own, area_in_pixel, summed=True)).sum())
+            sums.append((weights * drawn_by_hand(moved_soup, area_in_pixel, summed=True)).sum())
         difference = (sums[0] - sums[1]) / (2 * step)
-        assert float(found[vertex, axis]) == pytest.approx(difference, abs=2e-2)
+        assert float(gradient[vertex, axis]) == pytest.approx(difference, abs=2e-2)
 
 
 def test_another_width_compiles_nothing(count_compilations):
@@ -321,8 +327,8 @@ def test_another_width_compiles_nothing(count_compilations):
     assert not compiled.names
 
 
-def test_a_triangle_below_a_pixel_is_drawn_to_its_goal():
-    # Between the centres of two pixels: away from one, and on to the other.
+def test_a_triangle_smaller_than_a_pixel_has_a_gradient_towards_its_goal():
+    # Between the centres of two pixels: it must move from one to the other.
     corners = np.array([[[5.8, 5.4], [6.0, 5.5], [5.9, 5.6]]], np.float32)
     scene = sr.Scene.from_soup(corners, [[0.0, 0.0, 0.0]])
     goal = jnp.ones((SIZE, SIZE, 3)).at[5, 6].set(0.0)
@@ -331,11 +337,11 @@ def test_a_triangle_below_a_pixel_is_drawn_to_its_goal():
     def loss(positions):
         return jnp.sum((image_of(replace(scene, positions=positions), plan) - goal) ** 2)
 
-    pull = np.asarray(jax.grad(loss)(scene.positions)).sum(0)
-    assert pull[0] < -1e-3
+    gradient = np.asarray(jax.grad(loss)(scene.positions)).sum(0)
+    assert gradient[0] < -1e-3
 
 
-def test_empty_and_tiny():
+def test_empty_scenes_and_one_pixel_canvases_are_drawn():
     empty = sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)))
     assert np.asarray(image_of(empty, plan_of(empty, sr.Soft()))).min() == 1.0
     scene = random_scene()
@@ -353,9 +359,9 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("message", REFUSED)
-def test_one_line_for_what_is_not_drawn(message):
-    coverage, what = REFUSED[message]
-    scene = random_scene(what)
+def test_what_cannot_be_drawn_is_refused_in_one_line(message):
+    coverage, kind = REFUSED[message]
+    scene = random_scene(kind)
     with pytest.raises(ValueError) as error:
         plan_of(scene, coverage)
     assert str(error.value).startswith(message)
@@ -363,7 +369,7 @@ def test_one_line_for_what_is_not_drawn(message):
 
 
 def drawn_with_side(side, monkeypatch, scene, coverage, goal):
-    """Image, the slopes of its squared distance to a goal, and a tangent, in tiles of a side."""
+    """Image, gradient of half its squared distance to a goal, and a tangent, for a tile side."""
     monkeypatch.setattr(tile_side, "SIDES", (side,))
     planned = plan_of(scene, coverage)
     assert planned.tiling.width == side
@@ -371,16 +377,19 @@ def drawn_with_side(side, monkeypatch, scene, coverage, goal):
     def draw(positions, colors):
         return sr.render_checked(replace(scene, positions=positions, colors=colors), planned)[0]
 
-    both = scene.positions, scene.colors
-    ways = (np.sin(np.arange(entry.size)).reshape(entry.shape) for entry in both)
-    ways = tuple(jnp.asarray(way, entry.dtype) for way, entry in zip(ways, both, strict=True))
+    inputs = scene.positions, scene.colors
+    directions = (np.sin(np.arange(entry.size)).reshape(entry.shape) for entry in inputs)
+    directions = tuple(
+        jnp.asarray(direction, entry.dtype)
+        for direction, entry in zip(directions, inputs, strict=True)
+    )
 
     @jax.jit
-    def look(both, ways, goal):
-        image, pull = jax.vjp(draw, *both)
-        return image, pull(image - goal), jax.jvp(draw, both, ways)[1]
+    def derive(inputs, directions, goal):
+        image, vjp = jax.vjp(draw, *inputs)
+        return image, vjp(image - goal), jax.jvp(draw, inputs, directions)[1]
 
-    return look(both, ways, goal)
+    return derive(inputs, directions, goal)
 
 
 @pytest.mark.parametrize(
@@ -393,7 +402,9 @@ def drawn_with_side(side, monkeypatch, scene, coverage, goal):
         pytest.param("u", sr.Area(), marks=SLOW),
     ],
 )
-def test_small_tiles_draw_what_large_ones_do(kind, coverage, monkeypatch, float64):
+def test_small_and_large_tiles_give_equal_images_and_derivatives(
+    kind, coverage, monkeypatch, float64
+):
     with jax.enable_x64(True):
         scene = random_scene(kind, dtype=np.float64)
         goal = np.random.default_rng(1).random((SIZE, SIZE, 3))
@@ -411,5 +422,5 @@ def test_tiles_are_small_where_triangles_are():
         corners = rng.random((count, 1, 2)) * 256 + rng.normal(size=(count, 3, 2)) * size
         scene = sr.Scene.from_soup(corners.astype(np.float32), rng.random((count, 1, 3)))
         sides[count] = sr.plan(scene, height=256, width=256, coverage=sr.Area()).side
-    # Seven triangles are not worth a program of their own.
+    # Seven triangles are not worth another program.
     assert sides == {4_000: 4, 400: 8, 7: 8}

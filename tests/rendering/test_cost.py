@@ -1,4 +1,4 @@
-"""What effects cost: taking one out takes out that one, and prices are told."""
+"""What effects cost: `without` removes one effect at a time, and `price_effects` prices each."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from softras2d.rendering.cost import price_effects, without
 
 
 def _scene() -> sr.Scene:
-    """One with every effect, some triangle past the guard band too."""
+    """A scene with every effect, and a triangle past the guard band."""
     corners = np.array([[(0, 0), (9, 0), (0, 9)], [(0, 0), (99, 0), (0, 9)]], np.float32)
     image = np.random.default_rng(0).random((4, 4, 4)).astype(np.float32)
     return sr.Scene.from_soup(
@@ -37,42 +37,42 @@ def _plan(scene: sr.Scene) -> sr.Plan:
     )
 
 
-SLOPED = {"soft coverage": sr.Soft(), "exact area": sr.Area()}
+ANALYTIC = {"soft coverage": sr.Soft(), "exact area": sr.Area()}
 
 
-@pytest.mark.parametrize("effect", [name for name in EFFECTS if name not in SLOPED])
-def test_less_one_effect(effect):
+@pytest.mark.parametrize("effect", [name for name in EFFECTS if name not in ANALYTIC])
+def test_without_removes_that_effect_alone(effect):
     scene = _scene()
     plan = _plan(scene)
-    assert set(plan.effects) == set(EFFECTS) - set(SLOPED)
-    _, less = without(scene, plan, effect)
-    gone = set(plan.effects) - set(less.effects)
+    assert set(plan.effects) == set(EFFECTS) - set(ANALYTIC)
+    _, reduced = without(scene, plan, effect)
+    removed = set(plan.effects) - set(reduced.effects)
     # Without textures there are no levels to choose from.
     of_textures = {"mip levels", "bilinear filter", "anisotropic filter"}
-    assert effect in gone
-    assert gone - {effect} <= (of_textures if effect == "texture" else set())
-    assert (less.height, less.width, less.coverage.rate) == (9, 9, 2)
-    np.testing.assert_array_equal(less.origin, [0, 1])
-    assert float(less.filter.lod_bias) == 0.5
+    assert effect in removed
+    assert removed - {effect} <= (of_textures if effect == "texture" else set())
+    assert (reduced.height, reduced.width, reduced.coverage.rate) == (9, 9, 2)
+    np.testing.assert_array_equal(reduced.origin, [0, 1])
+    assert float(reduced.filter.lod_bias) == 0.5
 
 
-@pytest.mark.parametrize("effect", SLOPED)
-def test_less_a_coverage_with_slopes(effect):
+@pytest.mark.parametrize("effect", ANALYTIC)
+def test_without_analytic_coverage_is_one_hard_sample(effect):
     scene = replace(_scene(), depth=None)
-    plan = sr.plan(scene, height=9, width=9, coverage=SLOPED[effect])
-    _, less = without(scene, plan, effect)
-    assert less.coverage.rate == 1
-    assert set(plan.effects) - set(less.effects) == {effect}
+    plan = sr.plan(scene, height=9, width=9, coverage=ANALYTIC[effect])
+    _, reduced = without(scene, plan, effect)
+    assert reduced.coverage.rate == 1
+    assert set(plan.effects) - set(reduced.effects) == {effect}
 
 
-def test_no_such_effect():
+def test_an_unknown_effect_is_refused():
     scene = _scene()
     with pytest.raises(ValueError, match="glow"):
         without(scene, _plan(scene), "glow")
 
 
 @pytest.mark.slow
-def test_prices():
+def test_prices_are_positive_and_less_without_interpolated_colour():
     scene = sr.Scene.from_soup(
         [[(0, 0), (9, 0), (0, 9)]], np.eye(3, dtype=np.float32)[None], background=[1, 1, 1, 0]
     )
@@ -80,8 +80,8 @@ def test_prices():
     rows = list(price_effects(scene, plan, repeats=1))
     assert [effect for effect, _, _ in rows] == [None, *plan.effects]
     assert rows[0][1] == rows[0][2]
-    for _, whole, less in rows:
-        for price in (whole, less):
+    for _, complete, reduced in rows:
+        for price in (complete, reduced):
             assert price.seconds > 0 and price.memory > 0
             assert price.operations > 0 and price.traffic > 0
     flat = rows[1 + plan.effects.index("interpolated colour")]

@@ -1,4 +1,4 @@
-"""A plan that is outgrown under a trace: an error, and NaN, in derivatives alone too."""
+"""A scene that exceeds its plan under `jit`: an error, and NaN, also in derivatives alone."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ LOSSES = {
 }
 
 
-def outgrown(coverage: sr.Hard | sr.Soft | sr.Area) -> tuple[sr.Scene, sr.Plan]:
+def too_large_for_plan(coverage: sr.Hard | sr.Soft | sr.Area) -> tuple[sr.Scene, sr.Plan]:
     """Triangles that cover the canvas many times over, and a plan for as many small ones."""
     rng = np.random.default_rng(0)
     small = rng.uniform(0, 32, (60, 1, 2)) + rng.uniform(-0.5, 0.5, (60, 3, 2))
@@ -31,8 +31,8 @@ def outgrown(coverage: sr.Hard | sr.Soft | sr.Area) -> tuple[sr.Scene, sr.Plan]:
 
 
 @pytest.mark.parametrize("name", COVERAGES)
-def test_gradients_of_losses_that_need_no_pixel(name):
-    scene, plan = outgrown(COVERAGES[name])
+def test_gradients_raise_even_if_the_loss_ignores_most_pixels(name):
+    scene, plan = too_large_for_plan(COVERAGES[name])
     assert sr.render_checked(scene, plan)[1]
     for loss in LOSSES.values():
 
@@ -43,8 +43,8 @@ def test_gradients_of_losses_that_need_no_pixel(name):
             jax.jit(jax.grad(of_positions))(scene.positions).block_until_ready()
 
 
-def test_tangents():
-    scene, plan = outgrown(sr.Hard(4))
+def test_tangents_raise():
+    scene, plan = too_large_for_plan(sr.Hard(4))
 
     def of_positions(positions):
         return sr.render(replace(scene, positions=positions), plan)
@@ -56,7 +56,7 @@ def test_tangents():
 
 @pytest.mark.parametrize("overflow", [False, True])
 def test_derivatives_are_nan_in_both_directions(overflow):
-    """Of the image, by every float of the scene, whatever a pixel weighs; else no bit changes."""
+    """For every float and any weight of the pixels; without overflow no bit changes."""
     leaves = [jnp.arange(6.0).reshape(3, 2), jnp.ones(4)]
 
     def image_of(leaves):
@@ -78,8 +78,8 @@ def test_derivatives_are_nan_in_both_directions(overflow):
         for leaf in jax.tree.leaves((image, tangent, gradients, batch)):
             assert np.isnan(leaf).all()
         return
-    expected, moved = jax.jvp(plain, (leaves,), (leaves,))
-    assert eqx.tree_equal((image, tangent), (expected, moved))
-    slope = jax.grad(lambda leaves: jnp.sum(0.3 * plain(leaves)))(leaves)
-    assert eqx.tree_equal(gradients[1], slope)
+    expected, expected_tangent = jax.jvp(plain, (leaves,), (leaves,))
+    assert eqx.tree_equal((image, tangent), (expected, expected_tangent))
+    expected_gradient = jax.grad(lambda leaves: jnp.sum(0.3 * plain(leaves)))(leaves)
+    assert eqx.tree_equal(gradients[1], expected_gradient)
     assert np.isfinite(jax.tree.leaves(batch)[0]).all()

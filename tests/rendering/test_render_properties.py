@@ -1,4 +1,4 @@
-"""What holds for every scene: the oracle, moving, permuting, cropping, ordering."""
+"""Properties of every image: the oracle's samples, translation, permutation, cropping, order."""
 
 import functools
 
@@ -14,11 +14,11 @@ import softras2d as sr
 from ..cases.scenes import COUNT, SIZES, assert_same_counts, colors_of, vast
 from ..oracles.coverage import Canvas, draw
 
-SHOWN = 8
-"""Triangles that a property chooses; the others lie off the canvas, so that programs are shared."""
+CHOSEN = 8
+"""Number of triangles that a property chooses; the others lie off the canvas, to share programs."""
 
-HIDDEN = -1.0
-"""Where a triangle without area covers nothing, on any canvas."""
+OFF_CANVAS = -1.0
+"""Coordinate off any canvas, at which triangles without area cover nothing."""
 
 HEIGHT, WIDTH = SIZES[4]
 COLORS = colors_of(COUNT)
@@ -26,7 +26,7 @@ BLACK = np.zeros(3, np.float32)
 
 
 def _coordinate(low: int, high: int) -> st.SearchStrategy[float]:
-    """From floats, the sixteenths that meet every sample of rate 4 or 8, and the halves."""
+    """Floats, sixteenths (which include every sample of rate 4 or 8), and halves."""
     return st.one_of(
         st.floats(low, high, width=32, allow_subnormal=False),
         st.integers(low * 16, high * 16).map(lambda n: n / 16),
@@ -42,7 +42,7 @@ def _soup(margin: int, coordinate=_coordinate) -> st.SearchStrategy[np.ndarray]:
     triangle = st.one_of(
         st.tuples(point, point, point), st.tuples(point, point).map(lambda two: (two[0], *two))
     )
-    corners = st.lists(triangle, min_size=SHOWN, max_size=SHOWN)
+    corners = st.lists(triangle, min_size=CHOSEN, max_size=CHOSEN)
     return corners.map(lambda soup: np.array(soup, np.float32))
 
 
@@ -57,7 +57,7 @@ IN_BAND = max(HEIGHT, WIDTH) // 2
 
 @functools.cache
 def _plan(fill_rule: str, channels: int = 3, height: int = HEIGHT, width: int = WIDTH) -> sr.Plan:
-    """One program for all examples: planned for the largest triangles there are."""
+    """One program for all examples, planned for the largest triangles."""
     on = Canvas(height, width)
     colors = colors_of(COUNT, channels)
     scenes = [sr.Scene.from_soup(soup, colors, background=BLACK) for soup in vast(on, COUNT)]
@@ -67,7 +67,7 @@ def _plan(fill_rule: str, channels: int = 3, height: int = HEIGHT, width: int = 
 
 def _render(corners, plan: sr.Plan, colors=COLORS, origin=(0, 0)) -> np.ndarray:
     plan = eqx.tree_at(lambda p: p.origin, plan, jnp.asarray(origin, plan.origin.dtype))
-    soup = np.full((COUNT, 3, 2), np.array(origin) + HIDDEN, np.float32)
+    soup = np.full((COUNT, 3, 2), np.array(origin) + OFF_CANVAS, np.float32)
     soup[: len(corners)] = corners
     scene = sr.Scene.from_soup(soup, colors, background=BLACK)
     image, overflow = sr.render_checked(scene, plan)
@@ -92,7 +92,7 @@ def test_order_of_corners_does_not_matter(corners, order, fill_rule):
 
 
 @given(_soup(0, _sixteenths), st.integers(-5, 5), st.integers(-5, 5), RULES)
-def test_whole_pixels_move_the_image(corners, dx, dy, fill_rule):
+def test_moving_by_whole_pixels_moves_the_image(corners, dx, dy, fill_rule):
     plan = _plan(fill_rule)
     still = _render(corners, plan)
     moved = _render(corners + np.array([dx, dy], np.float32), plan)
@@ -101,13 +101,13 @@ def test_whole_pixels_move_the_image(corners, dx, dy, fill_rule):
 
 
 def _overlap(shift: int, size: int) -> tuple[slice, slice]:
-    """What stays in view: before, and after moving by `shift`."""
+    """The pixels that stay in view, before and after moving by `shift`."""
     first, last = max(0, -shift), size - max(0, shift)
     return slice(first, last), slice(first + shift, last + shift)
 
 
 @given(_soup(3, _sixteenths), st.integers(-3000, 3000), st.integers(-3000, 3000), RULES)
-def test_origin_pans(corners, x, y, fill_rule):
+def test_moving_a_scene_with_its_origin_changes_nothing(corners, x, y, fill_rule):
     plan = _plan(fill_rule)
     moved = corners + np.array([x, y], np.float32)
     panned = _render(moved, plan, origin=(x, y))
@@ -116,28 +116,28 @@ def test_origin_pans(corners, x, y, fill_rule):
 
 @given(_soup(0, _sixteenths), st.integers(0, WIDTH // 2), st.integers(0, HEIGHT // 2))
 def test_a_crop_is_a_render_with_an_origin(corners, x, y):
-    """On sixteenths, which the coarser grid of the larger canvas holds too."""
+    """On sixteenths, which the coarser grid of the larger canvas represents too."""
     small = Canvas(HEIGHT // 2, WIDTH // 2, origin=(x, y))
     # Triangles of the whole canvas may leave the band of the crop; those inside must agree.
     low, high = small.band()
     crop = corners - np.array([x, y], np.float32)
-    kept = ((crop >= low) & (crop <= high)).all(axis=(1, 2))[:, None, None]
-    whole = _render(np.where(kept, corners, HIDDEN), _plan("inclusive"))
+    in_band = ((crop >= low) & (crop <= high)).all(axis=(1, 2))[:, None, None]
+    full_image = _render(np.where(in_band, corners, OFF_CANVAS), _plan("inclusive"))
     plan = _plan("inclusive", height=small.height, width=small.width)
-    image = _render(np.where(kept, corners, np.array([x, y]) + HIDDEN), plan, origin=(x, y))
-    expected = whole[y : y + small.height, x : x + small.width]
+    image = _render(np.where(in_band, corners, np.array([x, y]) + OFF_CANVAS), plan, origin=(x, y))
+    expected = full_image[y : y + small.height, x : x + small.width]
     np.testing.assert_array_equal(image, expected)
 
 
-@given(_soup(2), st.integers(0, SHOWN - 1), RULES)
+@given(_soup(2), st.integers(0, CHOSEN - 1), RULES)
 def test_a_triangle_drawn_twice_in_a_row_shows_once(corners, index, fill_rule):
-    """Opaque colours do not add: a copy below, of another colour, never shows."""
+    """Opaque colours do not add: a copy below, of another colour, is never visible."""
     plan = _plan(fill_rule)
     index = max(index, 1)
     below = corners.copy()
     below[index - 1] = corners[index]
     hidden = below.copy()
-    hidden[index - 1] = HIDDEN
+    hidden[index - 1] = OFF_CANVAS
     np.testing.assert_array_equal(_render(below, plan), _render(hidden, plan))
 
 
@@ -145,27 +145,27 @@ def test_a_triangle_drawn_twice_in_a_row_shows_once(corners, index, fill_rule):
 def test_the_last_triangle_is_in_front(corners, fill_rule):
     plan = _plan(fill_rule)
     corners[-1] = vast(Canvas(HEIGHT, WIDTH), 1)[0][0]
-    alone = np.full_like(corners, HIDDEN)
+    alone = np.full_like(corners, OFF_CANVAS)
     alone[-1] = corners[-1]
     image, front = _render(corners, plan), _render(alone, plan)
-    inside = (front == COLORS[SHOWN - 1, 0]).all(axis=-1)
+    inside = (front == COLORS[CHOSEN - 1, 0]).all(axis=-1)
     assert inside.any()
     np.testing.assert_array_equal(image[inside], front[inside])
 
 
 @pytest.mark.slow
-@given(_soup(2), st.integers(0, SHOWN - 1), RULES)
+@given(_soup(2), st.integers(0, CHOSEN - 1), RULES)
 def test_alpha_zero_shows_nothing(corners, index, fill_rule):
     plan = _plan(fill_rule, channels=4)
     colors = colors_of(COUNT, 4)
     colors[index, :, 3] = 0
     without = corners.copy()
-    without[index] = HIDDEN
+    without[index] = OFF_CANVAS
     np.testing.assert_array_equal(_render(corners, plan, colors), _render(without, plan, colors))
 
 
 @given(_soup(IN_BAND), RULES)
-def test_translucent_stays_between_its_colors(corners, fill_rule):
+def test_translucent_images_stay_between_their_colors(corners, fill_rule):
     colors = colors_of(COUNT, 4)
     image = _render(corners, _plan(fill_rule, channels=4), colors)
     np.testing.assert_allclose(image, _expected(corners, fill_rule, colors), rtol=0, atol=1e-6)
@@ -188,13 +188,13 @@ def _plan_beyond_the_band() -> sr.Plan:
     return sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=sr.Hard(samples=16))
 
 
-@given(st.lists(HUGE, min_size=6 * SHOWN, max_size=6 * SHOWN))
-def test_anything_finite_is_drawn(values):
-    """No coordinate is refused, and none makes a value that is not a colour."""
-    corners = np.array(values, np.float32).reshape(SHOWN, 3, 2)
+@given(st.lists(HUGE, min_size=6 * CHOSEN, max_size=6 * CHOSEN))
+def test_any_finite_corners_are_drawn(values):
+    """No coordinate is refused, and every pixel is in 0..1."""
+    corners = np.array(values, np.float32).reshape(CHOSEN, 3, 2)
     image = _render(corners, _plan_beyond_the_band())
     assert np.isfinite(image).all()
     assert image.min() >= 0
     assert image.max() <= 1
-    still = sr.Scene.from_soup(corners, COLORS[:SHOWN])
+    still = sr.Scene.from_soup(corners, COLORS[:CHOSEN])
     sr.plan(still, height=HEIGHT, width=WIDTH, coverage=sr.Hard(samples=16))

@@ -1,4 +1,4 @@
-"""The bundled scenes: what is in the files, and that each has what its purpose needs."""
+"""The bundled scenes: their files, their structure, and the properties that they demonstrate."""
 
 import math
 import xml.etree.ElementTree as ElementTree
@@ -25,7 +25,7 @@ def test_every_file_is_a_named_scene():
 
 
 @pytest.mark.parametrize("ask", [scenes.path, scenes.purpose, scenes.read, scenes.is_scripted])
-def test_unknown_name_is_one_clear_line(ask):
+def test_unknown_names_are_refused_in_one_line(ask):
     with pytest.raises(ValueError, match="no bundled scene 'nothing'; there are hairlines,"):
         ask("nothing")
 
@@ -36,7 +36,7 @@ def test_a_scripted_scene_has_no_file():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_scenes_say_their_purpose(name):
+def test_scenes_have_a_purpose_in_one_sentence(name):
     assert 20 < len(scenes.purpose(name)) < 150
     assert scenes.purpose(name).endswith(".")
 
@@ -54,12 +54,12 @@ def test_made_files_are_what_the_script_writes(name):
 
 @pytest.mark.parametrize("name", PICTURES)
 def test_pictures_are_what_the_script_draws(name):
-    # The pixels: how they are compressed may change with the library.
+    # Pixels are compared, since the compression may change with the library.
     drawn = PICTURES[name]()
-    kept = sr.read_image(FOLDER / "textures" / f"{name}.png")
-    assert kept.shape[:2] == drawn.shape[:2]
+    stored = sr.read_image(FOLDER / "textures" / f"{name}.png")
+    assert stored.shape[:2] == drawn.shape[:2]
     np.testing.assert_array_equal(
-        np.rint(kept * 255), np.rint(np.broadcast_to(drawn, kept.shape) * 255)
+        np.rint(stored * 255), np.rint(np.broadcast_to(drawn, stored.shape) * 255)
     )
 
 
@@ -84,7 +84,7 @@ def test_scenes_are_read_without_a_warning(name):
 
 @pytest.mark.parametrize("name", SCRIPTED)
 def test_scripted_scenes_fit_the_canvas_that_is_asked_for(name):
-    """As high as the canvas; a wider one shows more at the sides."""
+    """They fill its height; a wider canvas shows more at the sides."""
     scene, wide = scenes.read(name), scenes.read(name, width=2 * SIZE)
     moved = np.asarray(scene.positions) + np.array([SIZE / 2, 0])
     np.testing.assert_allclose(wide.positions, moved, rtol=1e-5, atol=1e-3)
@@ -92,7 +92,7 @@ def test_scripted_scenes_fit_the_canvas_that_is_asked_for(name):
     np.testing.assert_allclose(small.positions, scene.positions / 10, rtol=1e-5, atol=1e-4)
 
 
-def test_structures():
+def test_scenes_have_the_structure_of_their_effects():
     assert scenes.read("wheel").colors.shape[1:] == (3, 3)
     assert scenes.read("glass").colors.shape[1:] == (1, 4)
     for name in set(NAMES) - {"wheel", "glass"}:
@@ -105,8 +105,8 @@ def test_structures():
     assert scenes.read("mesh").triangles.shape == (1500, 3)
 
 
-def steps(name: str) -> np.ndarray:
-    """Texels a pixel `[triangles, 2]` along the longer and the shorter axis of the footprint."""
+def texels_per_pixel(name: str) -> np.ndarray:
+    """Texels per pixel `[triangles, 2]` along the longer and the shorter axis of the footprint."""
     scene = scenes.read(name)
     assert scene.uv is not None and scene.textures is not None
     corners = np.asarray(scene.positions, np.float64)[np.asarray(scene.triangles)]
@@ -117,19 +117,19 @@ def steps(name: str) -> np.ndarray:
     return np.linalg.svd(np.linalg.solve(pixels, texels), compute_uv=False)
 
 
-def test_footprints():
-    """What each textured scene is about, in texels a pixel."""
-    minified = steps("minified")
+def test_textured_scenes_have_the_footprints_they_are_meant_for():
+    """In texels per pixel."""
+    minified = texels_per_pixel("minified")
     np.testing.assert_allclose(minified[:, 0], minified[:, 1], rtol=1e-2)
     assert minified.min() < 2.6 and minified.max() > 42
-    np.testing.assert_allclose(steps("zone_plate"), 320 / 150, rtol=1e-6)
-    long, short = steps("stretched").T
+    np.testing.assert_allclose(texels_per_pixel("zone_plate"), 320 / 150, rtol=1e-6)
+    long, short = texels_per_pixel("stretched").T
     np.testing.assert_allclose(short, 256 / 420, rtol=1e-2)
     assert long.min() < 2.4 and long.max() > 30
-    assert steps("magnified").max() < 1 / 8
+    assert texels_per_pixel("magnified").max() < 1 / 8
 
 
-def test_the_zone_plate_is_one():
+def test_the_zone_plate_alternates_at_its_border():
     """Along its border the pattern alternates from texel to texel, about mid-grey."""
     quarter = PICTURES["zone_quarter"]()[..., 0]
     last = quarter[0, -12:] - 0.5
@@ -142,7 +142,7 @@ def test_the_zone_plate_is_one():
 def test_the_ground_is_cut_at_the_near_plane_and_reaches_the_horizon(width):
     scene = scenes.read("ground", width=width)
     positions, depth = np.asarray(scene.positions), np.asarray(scene.depth)
-    # Of 7 strips of two triangles the first is cut: one of its halves in two.
+    # Of 7 strips of two triangles the first is cut, one of its triangles into two.
     assert len(scene.triangles) == 15
     assert (depth == 0).sum() == 3 and depth.max() < 1
     assert np.abs(positions).max() < 20_000
@@ -166,7 +166,7 @@ def _crossings(corner: np.ndarray, y: float) -> list[float]:
 
 
 def test_the_overlap_needs_its_depth():
-    """The first triangle is the nearer one: in draw order alone it would be behind."""
+    """The first triangle is the nearer one, which draw order alone would hide."""
     near, far = np.asarray(scenes.read("overlap").depth).reshape(2, 3)
     assert near.max() < far.min()
 
@@ -179,7 +179,7 @@ def test_the_squares_cross():
     assert depth.min(axis=1).max() < depth.max(axis=1).min()
 
 
-def test_mesh_tiles_the_picture():
+def test_the_mesh_tiles_the_canvas():
     scene = scenes.read("mesh")
     corners = np.asarray(scene.positions, np.float64)[np.asarray(scene.triangles)]
     x1, y1 = (corners[:, 1] - corners[:, 0]).T
@@ -216,11 +216,11 @@ def test_no_edge_of_the_glass_meets_a_sample(rate):
     assert samples_on_edges(panes, rate) == 0
 
 
-def test_glass_shows_no_seam():
+def test_the_glass_shows_no_seam():
     scene = scenes.read("glass")
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(samples=1))
     image = np.asarray(sr.render(scene, plan))
-    # Paper, stripe and moon, bare and through each of four tints. A seam would be another colour.
+    # Background, stripe and moon, bare and through each of four tints; a seam would be another.
     assert len(np.unique(image.reshape(-1, 3).round(4), axis=0)) == 3 + 3 * 4
 
 

@@ -1,4 +1,4 @@
-"""Fragments: as many as there are pixels that show a triangle, on the host and on the device."""
+"""Fragments, pairs of a triangle and a pixel that shows it: their count on host and device."""
 
 import numpy as np
 import pytest
@@ -27,38 +27,38 @@ def _scene(seed: int, depth: bool, radius: float = 20.0) -> sr.Scene:
 
 
 def _expected(scene: sr.Scene, canvas: Canvas) -> int:
-    """By painting triangle numbers sample by sample, the nearest last."""
+    """The count, by painting triangle numbers sample by sample, the nearest last."""
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     order = np.arange(COUNT)
     if scene.depth is not None:
         order = np.argsort(-np.asarray(scene.depth)[np.asarray(scene.triangles)[:, 0]])
-    owner = np.full((HEIGHT * canvas.rate, WIDTH * canvas.rate), -1)
-    drawn = list(footprints(corners, canvas))
+    visible = np.full((HEIGHT * canvas.rate, WIDTH * canvas.rate), -1)
+    footprints_drawn = list(footprints(corners, canvas))
     for number in order:
-        seen = drawn[number]
-        part = owner[seen.rows, seen.columns]
-        owner[seen.rows, seen.columns] = np.where(seen.inside, number, part)
-    pixels = owner.reshape(HEIGHT, canvas.rate, WIDTH, canvas.rate).transpose(0, 2, 1, 3)
+        footprint = footprints_drawn[number]
+        before = visible[footprint.rows, footprint.columns]
+        visible[footprint.rows, footprint.columns] = np.where(footprint.inside, number, before)
+    pixels = visible.reshape(HEIGHT, canvas.rate, WIDTH, canvas.rate).transpose(0, 2, 1, 3)
     pixels = pixels.reshape(HEIGHT * WIDTH, -1)
     return sum(len(set(pixel) - {-1}) for pixel in pixels.tolist())
 
 
 @pytest.mark.parametrize("depth", [False, True], ids=["painter", "depth"])
 @pytest.mark.parametrize("rate", [4, pytest.param(1, marks=pytest.mark.slow)])
-def test_count_on_host_and_device(rate, depth):
+def test_counts_on_host_and_device_cover_the_visible_pixels(rate, depth):
     hard = sr.Hard(samples=rate**2, shading="pixel")
     scenes = [_scene(seed, depth) for seed in range(3)]
     plan = sr.plan(scenes, height=HEIGHT, width=WIDTH, coverage=hard)
     for scene in scenes:
         wanted = _expected(scene, Canvas(HEIGHT, WIDTH, rate))
         counted = count_lists(scene, plan.grid, hard, np.zeros(2, np.int32))
-        # On the host a tile that one triangle covers all over counts beyond the canvas too.
+        # The host counts all pixels of a tile that one triangle covers, also beyond the canvas.
         spare = plan.tiling.count * plan.tiling.height * plan.tiling.width - HEIGHT * WIDTH
         assert wanted <= counted.fragments <= wanted + spare
         assert int(_render(scene, plan)[1].fragments) == wanted
 
 
-def test_too_few_places_are_reported():
+def test_too_many_fragments_are_reported():
     hard = sr.Hard(samples=4, shading="pixel")
     small = [_scene(seed, False, radius=0.5) for seed in range(1)]
     plan = sr.plan(small, height=400, width=400, coverage=hard)
@@ -71,8 +71,8 @@ def test_too_few_places_are_reported():
         sr.render(large, plan)
 
 
-def test_surfaces_in_one_plane_have_room():
-    """Which of them shows is a matter of rounding, and of the device: the plan has room for all."""
+def test_a_plan_counts_all_of_several_surfaces_in_one_plane():
+    """Rounding decides which of them is visible, and differs by device."""
 
     def depth(points: np.ndarray) -> np.ndarray:
         return 0.25 + (3 * points[..., 0] + 5 * points[..., 1]) / 4096

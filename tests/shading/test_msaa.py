@@ -1,4 +1,4 @@
-"""Multisampling, `shading="pixel"`: one colour per triangle and pixel, nothing extrapolated."""
+"""Multisampling, `shading="pixel"`: one colour per triangle and pixel, and no extrapolation."""
 
 from dataclasses import replace
 
@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ..cases.shading import ON, assert_close, images_of, render_soup, slowly, soup_of
+from ..cases.marks import slowly
+from ..cases.shading import ON, assert_close, images_of, render_soup, soup_of
 from ..oracles.shading import draw
 from ..oracles.texture import Sampler
 
@@ -45,7 +46,7 @@ def test_equals_the_oracle(options):
         slowly(8, "top_left"),
     ],
 )
-def test_rates(rate, fill_rule):
+def test_other_rates_equal_the_oracle(rate, fill_rule):
     on = replace(ON, rate=rate, fill_rule=fill_rule)
     for seed in (0, 1):
         soup = soup_of(seed, on=on)
@@ -55,7 +56,7 @@ def test_rates(rate, fill_rule):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("pixel", "level"), [("nearest", "nearest"), ("bilinear", "linear")])
-def test_filters(pixel, level, float64):
+def test_other_filters_equal_the_oracle(pixel, level, float64):
     sampler = Sampler(pixel, level, border="repeat")
     for seed in (0, 1):
         soup = soup_of(seed, reach=2, perspective=True)
@@ -73,22 +74,22 @@ def test_filters(pixel, level, float64):
     ],
     ids=str,
 )
-def test_flat_colours_are_the_same_at_both_rates(options):
+def test_flat_colours_are_equal_under_both_shadings(options):
     soup = soup_of(3, texels=None, **options)
     first, second = (render_soup(soup, shading=rate) for rate in ("sample", "pixel"))
     np.testing.assert_array_equal(first, second)
 
 
 @pytest.mark.slow
-def test_one_sample_a_pixel_is_the_same_at_both_rates():
+def test_at_one_sample_per_pixel_both_shadings_are_equal():
     on = replace(ON, rate=1)
     soup = soup_of(4, on=on)
     first, second = (render_soup(soup, on, shading=rate) for rate in ("sample", "pixel"))
     np.testing.assert_allclose(first, second, atol=1e-6)
 
 
-def test_constant_colours_in_all_corners_are_flat():
-    """Interpolated, textured by one texel, at every kind of edge: the colour itself."""
+def test_equal_corner_colours_draw_flat_triangles():
+    """Also with white textures, and at every kind of edge."""
     soup = soup_of(5, background=3)
     colors = np.repeat(soup.colors[:, :1], 3, axis=1)
     images = [np.ones_like(image) for image in images_of()]
@@ -101,10 +102,10 @@ def test_constant_colours_in_all_corners_are_flat():
 
 @settings(max_examples=12)
 @given(st.integers(0, 10**6))
-def test_nothing_is_extrapolated(seed):
-    """Corner colours in 0.25..0.5 on triangles of any shape: no pixel leaves them.
+def test_corner_colours_are_not_extrapolated(seed):
+    """With corner colours in 0.25..0.5, every pixel is within 0.25..0.5.
 
-    A colour taken at a centre outside the triangle would, as in slivers its slope is steep.
+    A colour taken at a pixel centre outside a sliver would not be, since its gradient is large.
     """
     rng = np.random.default_rng(seed)
     soup = soup_of(0, colors=(3, 3), texels=3)
@@ -115,14 +116,14 @@ def test_nothing_is_extrapolated(seed):
     colors = rng.choice([0.25, 0.5], soup.colors.shape).astype(np.float32)
     background = np.full(3, 0.375, np.float32)
     images = [np.ones_like(image) for image in soup.images]
-    drawn = replace(
+    changed = replace(
         soup,
         corners=(np.rint(corners * 64) / 64).astype(np.float32),
         colors=colors,
         background=background,
         images=images,
     )
-    image = render_soup(drawn, shading="pixel")
+    image = render_soup(changed, shading="pixel")
     assert image.min() >= 0.25 - 1e-6
     assert image.max() <= 0.5 + 1e-6
 
@@ -139,7 +140,7 @@ def test_texture_coordinates_stay_on_the_triangle(seed):
     white_left[:, 8:] = 0
     images = list(soup.images)
     images[4] = white_left
-    drawn = replace(
+    changed = replace(
         soup,
         corners=(np.rint(corners * 64) / 64).astype(np.float32),
         colors=np.ones_like(soup.colors),
@@ -149,4 +150,4 @@ def test_texture_coordinates_stay_on_the_triangle(seed):
         images=images,
     )
     sampler = Sampler(lod_bias=-30.0)
-    np.testing.assert_allclose(render_soup(drawn, ON, sampler, "pixel"), 1, atol=1e-5)
+    np.testing.assert_allclose(render_soup(changed, ON, sampler, "pixel"), 1, atol=1e-5)

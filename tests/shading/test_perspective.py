@@ -8,7 +8,8 @@ import pytest
 
 import softras2d as sr
 
-from ..cases.shading import ON, assert_close, render_soup, scene_of, slowly, soup_of
+from ..cases.marks import slowly
+from ..cases.shading import ON, assert_close, render_soup, scene_of, soup_of
 from ..oracles.shading import draw
 from ..oracles.texture import PLAIN, Sampler
 
@@ -37,7 +38,7 @@ EVERYTHING: dict[str, Any] = {"perspective": True, "depth": True}
     ],
 )
 def test_equals_the_oracle(options, sampler):
-    """Weights of the screen for depth, of space for colours and uv."""
+    """Depth is interpolated in screen space, colours and uv in object space."""
     for seed in (0, 1, 2):
         soup = soup_of(seed, **options)
         expected = draw(soup, ON, sampler)
@@ -47,14 +48,14 @@ def test_equals_the_oracle(options, sampler):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("colors, texels", [((3, 3), 3), ((3, 4), 4)])
-def test_tightly_in_float64(colors, texels, float64):
+def test_equals_the_oracle_closely_in_float64(colors, texels, float64):
     for seed in (0, 1):
         soup = soup_of(seed, perspective=True, depth=True, colors=colors, texels=texels, reach=2)
         image = render_soup(soup, dtype=np.float64)
         assert_close(image, draw(soup, ON), 1e-9, f"{seed}", margin=1e-8, depth_margin=1e-10)
 
 
-def test_equal_w_is_affine():
+def test_equal_w_gives_the_affine_image():
     soup = soup_of(7, depth=True)
     flat = replace(soup, inverse_w=np.full(soup.uv.shape[:2], 0.7, np.float32))
     assert_close(render_soup(flat), draw(soup, ON), 4e-6, depth_margin=2e-6)
@@ -68,7 +69,7 @@ def test_scale_of_w_does_not_matter():
         np.testing.assert_allclose(render_soup(scaled), image, atol=4e-6)
 
 
-def test_extreme_w_stays_between_the_corners():
+def test_colours_stay_between_the_corners_under_extreme_w():
     """A horizon: one corner a million times farther than the others."""
     soup = soup_of(9, **EVERYTHING)
     inverse_w = np.array(soup.inverse_w)
@@ -88,5 +89,5 @@ def test_inverse_w_must_be_positive(value):
     with pytest.raises(ValueError, match=r"`inverse_w` must be .*vertex 13") as raised:
         scene_of(replace(soup, inverse_w=inverse_w))
     assert "\n" not in str(raised.value)
-    whole = scene_of(soup)
-    sr.check(whole)
+    valid = scene_of(soup)
+    sr.check(valid)

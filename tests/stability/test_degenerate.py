@@ -1,4 +1,4 @@
-"""Derivatives of triangles without area: jvp = vjp, bounded, and continuous as one collapses."""
+"""Derivatives of triangles without area: jvp = vjp, bounded, and continuous under collapse."""
 
 import functools
 from typing import Any
@@ -10,14 +10,14 @@ import pytest
 
 import softras2d as sr
 
-from ..cases.products import moving, products, stack
+from ..cases.products import float_leaves, products, stack
 from ..cases.stability_degenerate import (
     MODES,
     SIZE,
     WIDTHS,
     collapse,
+    corners_of_kind,
     derive,
-    draws,
     measure,
     plan_of,
     scene_of,
@@ -42,7 +42,7 @@ SHADED_SUM = pytest.param("sum, shaded", marks=SLOW)
 
 @pytest.mark.parametrize("mode", ["soft logistic", "area", SHADED_SUM])
 def test_a_triangle_collapses_without_a_jump(mode):
-    """From both orientations, to one limit, which is what a triangle without area has."""
+    """Both orientations have one limit, the derivative of the triangle without area."""
     for row in collapse(mode):
         assert row["value"] < 2e-5, row
         close = 0.03 if row["case"] == "by the origin" else 0.15
@@ -51,21 +51,21 @@ def test_a_triangle_collapses_without_a_jump(mode):
         assert row["largest"] < 4, row
 
 
-def test_a_segment_pulls_at_its_ends_alone():
-    """The limit is the derivative of the distance to the segment, whatever the middle corner."""
+def test_a_segment_has_a_gradient_at_its_ends_alone():
+    """It is the derivative of the distance to the segment, wherever the middle corner lies."""
     coverage, effects = MODES["soft logistic"]
     scene, plan = scene_of(effects), plan_of(coverage, effects)
-    (corners,) = draws("third between", random=1)[-1:]
+    (corners,) = corners_of_kind("third between", random=1)[-1:]
     middle = corners.copy()
     middle[2] = 0.3 * corners[0] + 0.7 * corners[1]
-    found, other = (derive(scene, plan, own) for own in (corners, middle))
+    found, other = (derive(scene, plan, triangle) for triangle in (corners, middle))
     scale = np.abs(found.gradient).max()
     assert scale > 1e-2
     assert np.abs(found.gradient[2]).max() < 0.1 * scale
     np.testing.assert_allclose(found.gradient[:2], other.gradient[:2], atol=0.1 * scale)
 
 
-def test_three_equal_corners_pull_alike():
+def test_three_equal_corners_share_the_gradient_equally():
     coverage, effects = MODES["soft logistic"]
     scene, plan = scene_of(effects), plan_of(coverage, effects)
     gradient = derive(scene, plan, np.full((3, 2), 6.3, np.float32)).gradient
@@ -90,24 +90,24 @@ def _plan(effects: str, temperature: float) -> sr.Plan:
 
 @pytest.mark.parametrize("temperature", [0.01, pytest.param(1e-6, marks=SLOW)])
 @pytest.mark.parametrize("name", ["depth 1e30", *(pytest.param(n, marks=SLOW) for n in EXTREMES)])
-def test_depth_and_colors_of_any_size(name, temperature):
-    """With a loss that is linear: squares of such colours overflow by themselves."""
+def test_jvp_equals_vjp_for_depth_and_colors_of_any_size(name, temperature):
+    """The loss is linear, since squares of such colours overflow."""
     effects, depth, color = EXTREMES[name]
     scene = scene_of(effects, depth=depth, color=color)
     rng = np.random.default_rng(2)
     weight = jnp.asarray(rng.normal(size=(SIZE, SIZE, 3)), jnp.float32)
     direction: Any = jax.tree.map(
-        lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype), moving(scene)
+        lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype), float_leaves(scene)
     )
     ones = jnp.ones((SIZE, SIZE))
-    found = products(scene, _plan(effects, temperature), stack([direction]), weight, ones)
-    for leaf in jax.tree.leaves((found.image, found.tangents, found.gradient)):
+    result = products(scene, _plan(effects, temperature), stack([direction]), weight, ones)
+    for leaf in jax.tree.leaves((result.image, result.tangents, result.gradient)):
         assert np.isfinite(leaf).all()
-    tangent = np.asarray(found.tangents[0], np.float64)
-    pairs = zip(jax.tree.leaves(found.gradient), jax.tree.leaves(direction), strict=True)
+    tangent = np.asarray(result.tangents[0], np.float64)
+    pairs = zip(jax.tree.leaves(result.gradient), jax.tree.leaves(direction), strict=True)
     backward = sum(float((np.asarray(g, np.float64) * v).sum()) for g, v in pairs)
     forward = float((tangent * weight).sum())
     assert forward == pytest.approx(backward, abs=1e-4 * float(np.abs(tangent * weight).sum()))
     if color == 1:
-        # A triangle that takes a pixel by itself moves it no further for being deep.
-        assert np.abs(found.gradient.positions).max() < 100
+        # A triangle that fills a pixel alone does not change it more for being deeper.
+        assert np.abs(result.gradient.positions).max() < 100

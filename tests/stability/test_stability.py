@@ -1,4 +1,4 @@
-"""Hard scenes, case by case: finite, and within a stated error of float64.
+"""Numerically hard scenes: finite, and within a stated error of float64.
 
 `python -m experiments.stability.run` measures the same and prints the table.
 """
@@ -11,41 +11,42 @@ import pytest
 
 import softras2d as sr
 
-from ..cases.products import moving, products, stack
+from ..cases.products import float_leaves, products, stack
 from ..cases.stability_cases import CASES, MODES
 from ..cases.stability_measure import LONG_MODES, long_sum, measure, moved
 
 QUICK = ("soft", "area")
-"""Modes that are no long tests."""
+"""Modes that are tested in the quick run."""
 
 LONG = ("one pixel", "1000 layers")
-"""Cases that have programs of their own."""
+"""Cases that need programs of their own, and are left to the slow run."""
 
 
-def row(mode: str, case: str) -> Any:
+def parameter(mode: str, case: str) -> Any:
+    """A mode and a case; others than the quick ones are left to the slow run."""
     marks = [] if mode in QUICK and case not in LONG else [pytest.mark.slow]
     return pytest.param(mode, case, marks=marks, id=f"{mode}-{case}")
 
 
 @pytest.mark.parametrize(
     "mode, name",
-    [row(mode, name) for mode in MODES for name in CASES if mode in CASES[name]().modes],
+    [parameter(mode, name) for mode in MODES for name in CASES if mode in CASES[name]().modes],
 )
-def test_within_stated_errors(mode, name):
+def test_errors_are_within_those_stated(mode, name):
     case = CASES[name]()
-    found = measure(case, mode)
-    assert found.within(case.limits), found
+    errors = measure(case, mode)
+    assert errors.within(case.limits), errors
 
 
-def of(modes: Any) -> list[Any]:
-    """The others are left to the slow run."""
+def marked(modes: Any) -> list[Any]:
+    """The modes; those not in `QUICK` are left to the slow run."""
     return [m if m in QUICK else pytest.param(m, marks=pytest.mark.slow) for m in modes]
 
 
 @pytest.mark.parametrize("shift", [1_000, 100_000])
-@pytest.mark.parametrize("mode", of(MODES))
-def test_moved_with_its_origin(mode, shift):
-    """No bit changes where float32 holds the vertices; else by their roundings alone."""
+@pytest.mark.parametrize("mode", marked(MODES))
+def test_moving_a_scene_with_its_origin_changes_only_roundings(mode, shift):
+    """No bit changes where float32 represents the vertices; else they are rounded."""
     assert moved(mode, shift, on_grid=True)[1]
     errors, _ = moved(mode, shift, on_grid=False)
     assert np.isfinite(errors).all()
@@ -60,15 +61,15 @@ def test_long_sums_have_no_bias(mode):
     assert max(long_sum(mode)) < 1e-4
 
 
-@pytest.mark.parametrize("mode", of(MODES))
+@pytest.mark.parametrize("mode", marked(MODES))
 def test_an_empty_scene_is_its_background(mode):
     scene = sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 4)), background=[0.5, 0.25, 1.0])
     plan = sr.plan(scene, height=5, width=9, coverage=MODES[mode])
     weight = jnp.asarray(np.random.default_rng(0).normal(size=(5, 9, 3)), jnp.float32)
-    direction = moving(scene)
-    found = products(scene, plan, stack([direction]), weight, jnp.ones((5, 9)))
+    direction = float_leaves(scene)
+    result = products(scene, plan, stack([direction]), weight, jnp.ones((5, 9)))
     everywhere = np.broadcast_to(scene.background, (5, 9, 3))
-    np.testing.assert_array_equal(found.image, everywhere)
-    np.testing.assert_array_equal(found.tangents[0], everywhere)
-    np.testing.assert_allclose(found.gradient.background, weight.sum((0, 1)), rtol=1e-5)
-    np.testing.assert_allclose(found.normal.background[0], 45 * scene.background, rtol=1e-5)
+    np.testing.assert_array_equal(result.image, everywhere)
+    np.testing.assert_array_equal(result.tangents[0], everywhere)
+    np.testing.assert_allclose(result.gradient.background, weight.sum((0, 1)), rtol=1e-5)
+    np.testing.assert_allclose(result.normal.background[0], 45 * scene.background, rtol=1e-5)

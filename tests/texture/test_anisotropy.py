@@ -1,12 +1,13 @@
-"""Anisotropic probes against the oracle, and what they are for."""
+"""Anisotropic probes: equality with the oracle, sharpness, and finite derivatives."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ..cases.shading import ON, assert_close, plan_of, render_soup, scene_of, slowly, soup_of
-from ..cases.slopes import backward, direction_of, forward, is_finite, weight_of
+from ..cases.derivatives import backward, direction_of, forward, is_finite, weight_of
+from ..cases.marks import slowly
+from ..cases.shading import ON, assert_close, plan_of, render_soup, scene_of, soup_of
 from ..oracles.shading import Soup, draw
 from ..oracles.texture import Sampler
 
@@ -22,7 +23,7 @@ from ..oracles.texture import Sampler
         slowly(16, False, {"pixel": "nearest", "level": "zero", "addressing": "corners"}),
     ],
 )
-def test_probes(anisotropy, perspective, options, float64):
+def test_probes_equal_the_oracle(anisotropy, perspective, options, float64):
     sampler = Sampler(anisotropy=anisotropy, lod_bias=0.25, **options)
     for seed in (0, 1, 2):
         soup = soup_of(seed, perspective=perspective, reach=2)
@@ -32,17 +33,17 @@ def test_probes(anisotropy, perspective, options, float64):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("most", [2, 16])
-def test_probes_in_float32(most):
+def test_probes_equal_the_oracle_in_float32(most):
     sampler = Sampler(anisotropy=most)
     for seed in (3, 4):
         soup = soup_of(seed)
-        # Near a circle the major axis is anywhere: a margin in the ratio of the axes.
+        # For a nearly circular footprint the major axis is not known, hence the large margin.
         expected = draw(soup, ON, sampler)
         assert_close(render_soup(soup, ON, sampler), expected, 4e-6, f"{seed}", margin=2e-3)
 
 
 def _stripes(turned: bool = False) -> Soup:
-    """Stripes of two columns, black and white, squeezed along their length only: 24 px by 2."""
+    """Black and white stripes two texels wide, minified only along their length, on 24 x 2 px."""
     image = np.tile(np.array([0.0, 0.0, 1.0, 1.0]), 8)[None, :, None] * np.ones((16, 1, 3))
     square = np.array([[(0, 0), (1, 0), (0, 1)], [(1, 1), (0, 1), (1, 0)]], np.float32)
     corners = square * np.array([24, 2], np.float32)
@@ -63,7 +64,7 @@ def _stripes(turned: bool = False) -> Soup:
 @pytest.mark.slow
 @pytest.mark.parametrize("turned", [False, True])
 def test_stretched_stripes_stay_sharp(turned):
-    """Isotropic levels blur the stripes to grey; probes along the squeeze keep their contrast."""
+    """Isotropic mip levels blur the stripes to grey; probes preserve their contrast."""
     soup = _stripes(turned)
     contrast = {}
     for most in (1, 16):
@@ -75,8 +76,8 @@ def test_stretched_stripes_stay_sharp(turned):
 
 
 @pytest.mark.slow
-def test_slopes_are_finite():
-    """No footprint, a needle, a circle, one texel: jvp and vjp."""
+def test_derivatives_are_finite_for_any_footprint():
+    """An empty footprint, a needle, a circle, and a texture of one texel."""
     soup = soup_of(5)
     uv, corners = np.array(soup.uv), np.array(soup.corners)
     uv[0::4] = uv[0::4, :1]
@@ -93,16 +94,16 @@ def test_slopes_are_finite():
 
 
 @pytest.mark.slow
-def test_where_the_map_has_its_horizon():
-    """1/w falls to zero on a sample beside the triangle: nothing of that sample may show."""
+def test_a_horizon_beside_the_triangle_gives_finite_derivatives():
+    """1/w is zero at a sample beside the triangle, which must not count."""
     soup = soup_of(6, perspective=True, colors=(3, 4), texels=4)
     corners, inverse_w = np.full_like(soup.corners, -1.0), np.ones_like(soup.corners[..., 0])
     for index, x in enumerate((8.75, 9.25, 10.25, 11.25)):
         corners[index] = [(0, 6 * index), (8, 6 * index), (0, 6 * index + 6)]
         inverse_w[index, 1] = 1 - 8 / x
     uv = np.clip(corners / 8, 0, 4)
-    there = replace(soup, corners=corners, inverse_w=inverse_w, uv=uv)
-    scene = scene_of(there)
+    changed = replace(soup, corners=corners, inverse_w=inverse_w, uv=uv)
+    scene = scene_of(changed)
     plan = plan_of(scene, ON, Sampler(anisotropy=2))
     image, tangent = forward(scene, plan, direction_of(scene, plan, bias=1))
     assert is_finite((image, tangent, backward(scene, plan, weight_of(image))))

@@ -1,4 +1,4 @@
-"""Filtered textures against the oracle: every pixel filter, level rule, border and addressing."""
+"""Filtered textures against the oracle, for every pixel filter, level rule, border, addressing."""
 
 from dataclasses import replace
 from itertools import product
@@ -11,6 +11,7 @@ import pytest
 
 import softras2d as sr
 
+from ..cases.marks import slowly
 from ..cases.shading import (
     ON,
     SIZES,
@@ -19,7 +20,6 @@ from ..cases.shading import (
     plan_of,
     render_soup,
     scene_of,
-    slowly,
     soup_of,
 )
 from ..oracles.coverage import Canvas
@@ -34,14 +34,14 @@ QUICK = {
     ("bilinear", "nearest", "repeat", "corners"),
     ("bilinear", "linear", "clamp", "half_texel"),
 }
-"""Every pixel filter, level rule, border and addressing."""
+"""Few combinations that include every pixel filter, level rule, border and addressing."""
 
 ALL = list(product(PIXELS, LEVELS, BORDERS, ADDRESSINGS))
-"""The slow run draws every other combination, and some in float64."""
+"""All combinations. The slow run draws every other one, and some in float64."""
 
 
 def _check(sampler: Sampler, on: Canvas = ON, dtype: Any = np.float32, seeds=(0, 1, 2), **options):
-    """In float64 uv may reach far; in float32 they stay where 2e-6 can be asked for."""
+    """Assert equality with the oracle; uv reach far only in float64, because of the tolerance."""
     single = dtype == np.float32
     for seed in seeds:
         soup = soup_of(seed, on=on, reach=0.0 if single else 3.0, **options)
@@ -60,7 +60,7 @@ def _check(sampler: Sampler, on: Canvas = ON, dtype: Any = np.float32, seeds=(0,
         if options in QUICK or sum(divmod(number, 4)) % 2
     ],
 )
-def test_filters(pixel, level, border, addressing):
+def test_filters_equal_the_oracle(pixel, level, border, addressing):
     _check(Sampler(pixel, level, border=border, addressing=addressing))
 
 
@@ -72,14 +72,14 @@ def test_filters(pixel, level, border, addressing):
         if sum(divmod(number, 4)) % 4 == 0 or options in QUICK
     ],
 )
-def test_filters_in_float64(pixel, level, border, addressing, float64):
-    """Tightly, and with uv far outside 0..1 and strong minification."""
+def test_filters_equal_the_oracle_in_float64(pixel, level, border, addressing, float64):
+    """Closely, with uv far outside 0..1 and strong minification."""
     _check(Sampler(pixel, level, border=border, addressing=addressing), dtype=np.float64)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rate", [1, 8])
-def test_rates(rate):
+def test_other_rates_equal_the_oracle(rate):
     _check(Sampler(), replace(ON, rate=rate, fill_rule="top_left"))
 
 
@@ -93,13 +93,13 @@ def test_rates(rate):
         ),
     ],
 )
-def test_alpha(colors, texels, background):
+def test_texel_alpha_multiplies_colour_alpha(colors, texels, background):
     """Texel alpha times colour alpha, over what was drawn before and the background."""
     _check(Sampler(), colors=colors, texels=texels, background=background)
 
 
 @pytest.mark.slow
-def test_flat_colours_times_texture():
+def test_textures_multiply_flat_colours():
     _check(Sampler(), colors=(1, 3))
 
 
@@ -123,15 +123,15 @@ def _texture(seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).random((height, width, 3)).astype(np.float32)
 
 
-def test_a_texel_for_a_pixel():
-    """Eight by sixteen texels on as many pixels at uv exactly 0 to 1: the image itself."""
+def test_at_one_texel_per_pixel_the_image_is_drawn():
+    """Eight by sixteen texels on as many pixels, with uv from exactly 0 to 1."""
     image = _texture()
     drawn = render_soup(_quad(16, 8, 1, image), ON, Sampler("nearest", "nearest"))
     np.testing.assert_array_equal(drawn[:8, :16], image)
 
 
-def test_levels_show_themselves():
-    """A texture on half and a quarter of its size: the coarser images, texel for texel."""
+def test_each_level_is_drawn_at_its_size():
+    """A texture on half and a quarter of its size shows the coarser levels, texel for texel."""
     image = _texture()
     for level, wanted in enumerate(chain(image)[:4]):
         soup = _quad(16 / 2**level, 8 / 2**level, 1, image)
@@ -140,8 +140,8 @@ def test_levels_show_themselves():
         np.testing.assert_allclose(drawn[:height, :width], wanted[..., :3], atol=2e-7)
 
 
-def test_a_tiling_repeats():
-    """Whole tiles of a repeated texture are the same pixels again, seams and all."""
+def test_a_repeated_texture_repeats_its_pixels():
+    """Each tile of a repeated texture has the same pixels, also at its seams."""
     soup = _quad(24, 24, 3, _texture())
     for sampler in (
         Sampler("nearest", "zero", border="repeat"),
@@ -152,8 +152,8 @@ def test_a_tiling_repeats():
         np.testing.assert_allclose(drawn[16:24, 8:16], drawn[:8, :8], atol=2e-6)
 
 
-def test_uv_at_the_borders():
-    """All corners of a triangle at uv 0 or 1: decided, and within the texture under clamp."""
+def test_uv_of_0_and_1_give_the_border_texels():
+    """All corners of a triangle at uv 0 or 1."""
     image = _texture()
     for u, v in product((0.0, 1.0), repeat=2):
         soup = _quad(20, 20, 0, image)
@@ -169,7 +169,7 @@ def test_uv_at_the_borders():
             )
 
 
-def test_one_texel_is_one_colour():
+def test_a_texture_of_one_texel_is_one_colour():
     soup = soup_of(0)
     texel = soup.images[3]
     soup = replace(soup, texture_index=np.full_like(soup.texture_index, 3))
@@ -183,32 +183,36 @@ def test_one_texel_is_one_colour():
         np.testing.assert_allclose(drawn, expected, atol=1e-6)
 
 
-def _unharmed(soup: Soup, scene: sr.Scene, broken: sr.Scene, harmed: np.ndarray) -> None:
+def _assert_others_unchanged(
+    soup: Soup, scene: sr.Scene, broken: sr.Scene, is_broken: np.ndarray
+) -> None:
     plan = plan_of(scene, ON, Sampler())
-    whole, image = (np.asarray(sr.render_checked(one, plan)[0]) for one in (scene, broken))
-    shows = draw(
+    expected, image = (np.asarray(sr.render_checked(one, plan)[0]) for one in (scene, broken))
+    shows_broken = draw(
         replace(
             soup,
             background=np.zeros(3),
             images=None,
             texture_index=None,
-            colors=harmed[:, None, None] * np.ones(3),
+            colors=is_broken[:, None, None] * np.ones(3),
         ),
         ON,
     ).image.any(-1)
-    assert 0.01 < shows.mean() < 0.9
-    np.testing.assert_array_equal(image[~shows], whole[~shows])
+    assert 0.01 < shows_broken.mean() < 0.9
+    np.testing.assert_array_equal(image[~shows_broken], expected[~shows_broken])
 
 
-def test_nan_uv_harm_no_other():
+def test_nan_uv_change_no_other_triangle():
     soup = soup_of(5)
     scene = scene_of(soup)
     harmed = np.arange(len(soup.corners)) == 12
     assert scene.uv is not None and soup.texture_index[12] >= 0
-    _unharmed(soup, scene, eqx.tree_at(lambda s: s.uv, scene, scene.uv.at[12].set(jnp.nan)), harmed)
+    _assert_others_unchanged(
+        soup, scene, eqx.tree_at(lambda s: s.uv, scene, scene.uv.at[12].set(jnp.nan)), harmed
+    )
 
 
-def test_nan_texels_harm_no_other_texture():
+def test_nan_texels_change_no_other_texture():
     soup = soup_of(6)
     scene = scene_of(soup)
     assert scene.textures is not None
@@ -216,4 +220,4 @@ def test_nan_texels_harm_no_other_texture():
     first = int(scene.textures.levels[2, 0, 0])
     last = int(scene.textures.levels[3, 0, 0])
     broken = eqx.tree_at(lambda s: s.textures.texels, scene, texels.at[first:last].set(jnp.nan))
-    _unharmed(soup, scene, broken, soup.texture_index == 2)
+    _assert_others_unchanged(soup, scene, broken, soup.texture_index == 2)

@@ -1,4 +1,4 @@
-"""Levels of detail: the bias, the clipped ends, the footprint of no size, values and slopes."""
+"""Levels of detail: the bias, clamped levels, footprints without size, values and derivatives."""
 
 from dataclasses import replace
 
@@ -9,8 +9,9 @@ import pytest
 
 import softras2d as sr
 
-from ..cases.shading import ON, assert_close, plan_of, render_soup, scene_of, slowly, soup_of
-from ..cases.slopes import backward, direction_of, forward, weight_of
+from ..cases.derivatives import backward, direction_of, forward, weight_of
+from ..cases.marks import slowly
+from ..cases.shading import ON, assert_close, plan_of, render_soup, scene_of, soup_of
 from ..oracles.shading import draw
 from ..oracles.texture import Sampler
 
@@ -22,7 +23,7 @@ def _biased(plan: sr.Plan, bias: float) -> sr.Plan:
     return eqx.tree_at(lambda p: p.filter.lod_bias, plan, jnp.asarray(bias, jnp.float32))
 
 
-def test_bias_is_no_reason_to_compile(count_compilations):
+def test_another_bias_compiles_nothing(count_compilations):
     soup = soup_of(11)
     scene = scene_of(soup)
     plan = plan_of(scene, ON, TRILINEAR)
@@ -38,7 +39,7 @@ def test_bias_is_no_reason_to_compile(count_compilations):
     np.testing.assert_array_equal(given, images[1.25])
 
 
-def test_far_biases_are_the_first_and_the_last_level():
+def test_large_biases_select_the_first_and_the_last_level():
     soup = soup_of(12)
     first = draw(soup, ON, Sampler(level="zero"))
     assert_close(render_soup(soup, ON, replace(TRILINEAR, lod_bias=-30.0)), first)
@@ -51,8 +52,8 @@ def test_far_biases_are_the_first_and_the_last_level():
 @pytest.mark.parametrize(
     "level, shading", [("linear", "sample"), ("nearest", "sample"), ("linear", "pixel")]
 )
-def test_level_by_point_under_perspective(level, shading, float64):
-    """With `inverse_w` the footprint differs from point to point; uv reach far."""
+def test_levels_under_perspective_equal_the_oracle(level, shading, float64):
+    """The footprint differs from point to point, and uv reach far."""
     for seed in (0, 1):
         soup = soup_of(seed, perspective=True, reach=3)
         sampler = Sampler(level=level, lod_bias=-0.5)
@@ -61,8 +62,8 @@ def test_level_by_point_under_perspective(level, shading, float64):
         assert_close(image, expected, 1e-9, f"{level} {seed}", margin=1e-8)
 
 
-def test_footprint_of_no_size():
-    """Constant uv: level zero, whatever the bias, as if there were no other level."""
+def test_constant_uv_select_level_zero_under_any_bias():
+    """As if there were no other level."""
     soup = soup_of(13)
     soup = replace(soup, uv=np.repeat(soup.uv[:, :1], 3, axis=1))
     flat = draw(soup, ON, Sampler(level="zero"))
@@ -70,19 +71,19 @@ def test_footprint_of_no_size():
         assert_close(render_soup(soup, ON, replace(TRILINEAR, lod_bias=bias)), flat)
 
 
-def _slopes(scene: sr.Scene, plan: sr.Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _derivatives(scene: sr.Scene, plan: sr.Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The image's tangent along a direction of (uv, bias), and the cotangents of both."""
     image, tangent = forward(scene, plan, direction_of(scene, plan, names=("uv",), bias=1))
-    back, bias = backward(scene, plan, weight_of(image))
-    return np.asarray(tangent), np.asarray(back.uv), np.asarray(bias)
+    cotangent, bias = backward(scene, plan, weight_of(image))
+    return np.asarray(tangent), np.asarray(cotangent.uv), np.asarray(bias)
 
 
 @pytest.mark.slow
-def test_slopes_are_decided_where_the_level_is():
-    """All at once, as each program takes seconds: every triangle has its own singular point.
+def test_derivatives_are_finite_where_the_level_is_singular():
+    """In one scene, as each program takes seconds, with one kind of singularity per triangle.
 
-    Constant uv; uv constant along one axis; one texel; clipped below; corners exactly at 0 and 1;
-    none of it with a slope through the level.
+    Constant uv; uv constant along one axis; a level clamped to the first; corners exactly at 0
+    and 1.
     """
     soup = soup_of(14)
     uv = np.array(soup.uv)
@@ -93,39 +94,39 @@ def test_slopes_are_decided_where_the_level_is():
     uv[4::5] = np.array([(0, 0), (1, 1), (1, 1)])
     scene = scene_of(replace(soup, uv=uv), dtype=np.float32)
     plan = plan_of(scene, ON, TRILINEAR)
-    tangent, uv_slope, bias_slope = _slopes(scene, plan)
-    for part in (tangent, uv_slope, bias_slope):
-        assert np.isfinite(part).all()
-    # Clipped at the first level and at the last: the bias moves nothing; and the last has one
-    # texel, so that uv move nothing, but where they are constant: those are at level zero.
+    tangent, by_uv, by_bias = _derivatives(scene, plan)
+    for derivative in (tangent, by_uv, by_bias):
+        assert np.isfinite(derivative).all()
+    # Levels are clamped to the first or the last, where the bias changes nothing. The last has one
+    # texel, so that uv change nothing either, except constant ones, which select level zero.
     for bias in (-30.0, 30.0):
-        tangent, uv_slope, bias_slope = _slopes(scene, _biased(plan, bias))
-        assert bias_slope == 0
-        assert np.isfinite(uv_slope).all() and np.isfinite(tangent).all()
-    np.testing.assert_array_equal(uv_slope[np.arange(len(uv)) % 5 != 0], 0)
+        tangent, by_uv, by_bias = _derivatives(scene, _biased(plan, bias))
+        assert by_bias == 0
+        assert np.isfinite(by_uv).all() and np.isfinite(tangent).all()
+    np.testing.assert_array_equal(by_uv[np.arange(len(uv)) % 5 != 0], 0)
 
 
 @pytest.mark.slow
 @DTYPES
-def test_one_texel_and_no_texture_have_no_slope(dtype, float64):
+def test_derivatives_are_zero_for_one_texel_and_without_texture(dtype, float64):
     soup = soup_of(15)
     for index in (3, -1):
         scene = scene_of(
             replace(soup, texture_index=np.full_like(soup.texture_index, index)), dtype=dtype
         )
-        tangent, uv_slope, bias_slope = _slopes(scene, plan_of(scene, ON, TRILINEAR))
-        for part in (tangent, uv_slope, bias_slope):
-            np.testing.assert_array_equal(part, 0)
+        tangent, by_uv, by_bias = _derivatives(scene, plan_of(scene, ON, TRILINEAR))
+        for derivative in (tangent, by_uv, by_bias):
+            np.testing.assert_array_equal(derivative, 0)
 
 
 @pytest.mark.slow
 @DTYPES
-def test_constant_uv_slope_is_that_of_level_zero(dtype, float64):
-    """The level has slope zero there, the place in the texture has not."""
+def test_derivatives_at_constant_uv_are_those_of_level_zero(dtype, float64):
+    """The level has derivative zero there; the point in the texture does not."""
     soup = soup_of(16)
     scene = scene_of(replace(soup, uv=np.repeat(soup.uv[:, :1], 3, axis=1)), dtype=dtype)
-    plain = _slopes(scene, _biased(plan_of(scene, ON, TRILINEAR), -30.0))
-    linear = _slopes(scene, plan_of(scene, ON, TRILINEAR))
+    plain = _derivatives(scene, _biased(plan_of(scene, ON, TRILINEAR), -30.0))
+    linear = _derivatives(scene, plan_of(scene, ON, TRILINEAR))
     assert np.abs(plain[0]).max() > 0.1
     for first, second in zip(linear, plain, strict=True):
         np.testing.assert_allclose(first, second, atol=1e-5)

@@ -1,4 +1,4 @@
-"""Pyramids: the mean of every level, the table of offsets, what is stored and what is refused."""
+"""Pyramids: the mean of every level, the table of offsets, memory, and refused images."""
 
 from itertools import pairwise
 
@@ -17,12 +17,12 @@ def _image(height: int, width: int, channels: int = 3, seed: int = 0) -> np.ndar
 
 
 def _levels(pyramid: sr.TexturePyramid, texture: int = 0) -> list[np.ndarray]:
-    """The images that the table points to."""
+    """The images of all levels of a texture, by the table of offsets."""
     texels = np.asarray(pyramid.texels)
     images = []
     for offset, height, width in np.asarray(pyramid.levels)[texture]:
-        part = texels[offset : offset + height * width]
-        images.append(part.reshape(height, width, -1))
+        level_texels = texels[offset : offset + height * width]
+        images.append(level_texels.reshape(height, width, -1))
     return images
 
 
@@ -43,8 +43,8 @@ def test_levels_halve_down_to_one_texel(size):
 
 
 @pytest.mark.parametrize("size", [(5, 1), (7, 1), (9, 1), (33, 1)], ids=str)
-def test_odd_sizes_weigh_every_texel_once(size, float64):
-    """Each texel gives all of its energy: column sums of the reduction are equal, rows sum to 1."""
+def test_odd_sizes_weigh_every_texel_equally(size, float64):
+    """All columns of the reduction have one sum, and all rows sum to 1."""
     side = size[0]
     reduction = []
     for index in range(side):
@@ -67,7 +67,7 @@ def test_even_sizes_average_two_by_two():
     np.testing.assert_allclose(_levels(sr.TexturePyramid.build([image]))[1], expected, rtol=1e-6)
 
 
-def test_memory_is_four_thirds():
+def test_memory_is_four_thirds_of_the_image():
     pyramid = sr.TexturePyramid.build([np.zeros((256, 256, 3), np.float32)])
     assert pyramid.texels.shape[0] <= 256 * 256 * 4 / 3 + 1
     thin = sr.TexturePyramid.build([np.zeros((1, 1024, 3), np.float32)])
@@ -93,14 +93,14 @@ def test_textures_of_any_sizes_share_one_array():
     np.testing.assert_array_equal(_levels(pyramid, 0)[0][..., 3], 1)
 
 
-def test_a_transparent_texel_lends_no_colour():
+def test_a_transparent_texel_adds_no_colour():
     image = np.array([[[1, 0, 0, 1], [0, 1, 0, 0]]], np.float32)
     np.testing.assert_array_equal(
         _levels(sr.TexturePyramid.build([image]))[1][0, 0], [0.5, 0, 0, 0.5]
     )
 
 
-def test_integers_and_dtype():
+def test_integer_images_become_float32():
     assert sr.TexturePyramid.build([np.ones((2, 2, 3), int)]).texels.dtype == jnp.float32
 
 
@@ -115,18 +115,18 @@ def test_linear_decodes_before_averaging(float64):
     np.testing.assert_allclose(_levels(pyramid, 1)[0][0, 0, :3], 0.21404114048, rtol=1e-9)
 
 
-def test_differentiable_in_the_images():
-    def last(image):
+def test_texels_are_differentiable_by_the_images():
+    def last_texel(image):
         return sr.TexturePyramid.build([image]).texels[-1].sum()
 
-    slope = jax.jit(jax.grad(last))(jnp.ones((5, 6, 3), jnp.float32))
-    np.testing.assert_allclose(slope, 1 / 30, rtol=1e-5)
+    gradient = jax.jit(jax.grad(last_texel))(jnp.ones((5, 6, 3), jnp.float32))
+    np.testing.assert_allclose(gradient, 1 / 30, rtol=1e-5)
 
 
 @pytest.mark.parametrize(
     "shape", [(0, 4, 3), (4, 0, 3), (4, 4), (4, 4, 2), (4, 4, 5), (1, 4, 4, 3)], ids=str
 )
-def test_images_that_are_refused(shape):
+def test_images_of_wrong_shape_are_refused(shape):
     good = np.zeros((2, 2, 3), np.float32)
     with pytest.raises(ValueError, match="texture 1"):
         sr.TexturePyramid.build([good, np.zeros(shape, np.float32)])
@@ -143,7 +143,7 @@ def test_bytes_and_bad_alpha_are_refused():
         )
 
 
-def test_texels_follow_the_positions(float64):
+def test_texels_take_the_dtype_of_the_positions(float64):
     textures = sr.TexturePyramid.build([np.ones((2, 2, 3))])
     corners = np.zeros((1, 3, 2), np.float32)
     scene = sr.Scene.from_soup(
@@ -152,7 +152,7 @@ def test_texels_follow_the_positions(float64):
     assert scene.textures is not None and scene.textures.texels.dtype == jnp.float32
 
 
-def test_other_refusals():
+def test_no_images_and_unknown_options_are_refused():
     with pytest.raises(ValueError, match="at least one"):
         sr.TexturePyramid.build([])
     for option in ({"border": "mirror"}, {"addressing": "gl"}):

@@ -1,4 +1,4 @@
-"""Derivatives of textured scenes: against differences, both directions, jit, vmap, finite."""
+"""Derivatives of textured scenes: against differences, adjoint, under jit and vmap, finite."""
 
 from dataclasses import replace
 from typing import Any
@@ -11,8 +11,7 @@ import pytest
 
 import softras2d as sr
 
-from ..cases.shading import ON, plan_of, scene_of, slowly, soup_of
-from ..cases.slopes import (
+from ..cases.derivatives import (
     MOVING,
     backward,
     difference,
@@ -22,17 +21,19 @@ from ..cases.slopes import (
     is_finite,
     weight_of,
 )
+from ..cases.marks import slowly
+from ..cases.shading import ON, plan_of, scene_of, soup_of
 from ..oracles.texture import PLAIN, Sampler, chain
 
 ALL = {"colors": (3, 4), "texels": 4, "background": 4, "depth": True, "perspective": True}
-MOST = Sampler(anisotropy=2, border="repeat")
+ANISOTROPIC = Sampler(anisotropy=2, border="repeat")
 
 EFFECTS = [
-    slowly(ALL, MOST, "sample"),
+    slowly(ALL, ANISOTROPIC, "sample"),
     slowly({"colors": (3, 4), "texels": 4}, Sampler(level="zero", addressing="corners"), "pixel"),
     slowly({"perspective": True}, Sampler(anisotropy=16), "pixel"),
 ]
-"""Scenes, filters and shading rates whose slopes are compared."""
+"""Scenes, filters and shading rates whose derivatives are compared."""
 
 
 def _drawn(soup, sampler: Sampler = PLAIN, shading: str = "sample", dtype: Any = np.float64):
@@ -41,10 +42,10 @@ def _drawn(soup, sampler: Sampler = PLAIN, shading: str = "sample", dtype: Any =
 
 
 @pytest.mark.parametrize("options, sampler, shading", EFFECTS)
-def test_slopes_are_the_differences(options, sampler, shading, float64):
-    """Along a seeded direction of each entry, and along that of all; both directions of autodiff.
+def test_derivatives_equal_differences_and_are_adjoint(options, sampler, shading, float64):
+    """jvp along a seeded direction of each field and of all, and vjp by the dot-product test.
 
-    A pixel with a sample within the step of a texel's centre, or of a level, is at a bend.
+    The derivative jumps where a sample is within a step of a texel's centre or of a level.
     """
     soup = soup_of(21, reach=1, **options)
     scene, plan = _drawn(soup, sampler, shading)
@@ -52,35 +53,35 @@ def test_slopes_are_the_differences(options, sampler, shading, float64):
     for seed, names in enumerate([*((name,) for name in MOVING), MOVING]):
         direction = direction_of(scene, plan, seed, names)
         image, tangent = forward(scene, plan, direction)
-        wanted = difference(scene, plan, direction)
-        error = np.abs(tangent - wanted).max(axis=-1)
-        scale = max(1.0, float(np.abs(wanted).max()))
-        bends = error > 1e-6 * scale
-        assert bends.mean() < 0.005, f"{names}: {bends.sum()} pixels, by up to {error.max()}"
+        expected = difference(scene, plan, direction)
+        error = np.abs(tangent - expected).max(axis=-1)
+        scale = max(1.0, float(np.abs(expected).max()))
+        differs = error > 1e-6 * scale
+        assert differs.mean() < 0.005, f"{names}: {differs.sum()} pixels, by up to {error.max()}"
         present = any(getattr(scene, name) is not None for name in names)
-        assert not present or np.abs(wanted).max() > 1e-3, names
+        assert not present or np.abs(expected).max() > 1e-3, names
         weight = weight_of(image) if weight is None else weight
-        back = backward(scene, plan, weight)
-        np.testing.assert_allclose(inner(weight, tangent), inner(back, direction), rtol=1e-9)
+        cotangent = backward(scene, plan, weight)
+        np.testing.assert_allclose(inner(weight, tangent), inner(cotangent, direction), rtol=1e-9)
 
 
 @pytest.mark.slow
-def test_bias_has_a_slope(float64):
-    """Levels are blended: the bias moves the image where they are not clipped."""
+def test_tangent_by_the_bias_equals_differences(float64):
+    """Levels are blended, so that the image changes with the bias where they are not clamped."""
     scene, plan = _drawn(soup_of(22, reach=2))
     _, tangent = forward(scene, plan, direction_of(scene, plan, names=(), bias=1))
     ends = []
     for step in (2.0**-10, -(2.0**-10)):
-        there = eqx.tree_at(lambda p: p.filter.lod_bias, plan, jnp.asarray(step, jnp.float32))
-        ends.append(np.asarray(sr.render_checked(scene, there)[0]))
-    wanted = (ends[0] - ends[1]) * 2.0**9
-    assert np.abs(wanted).max() > 0.01
-    assert (np.abs(tangent - wanted).max(axis=-1) < 1e-6).mean() > 0.97
+        biased = eqx.tree_at(lambda p: p.filter.lod_bias, plan, jnp.asarray(step, jnp.float32))
+        ends.append(np.asarray(sr.render_checked(scene, biased)[0]))
+    expected = (ends[0] - ends[1]) * 2.0**9
+    assert np.abs(expected).max() > 0.01
+    assert (np.abs(tangent - expected).max(axis=-1) < 1e-6).mean() > 0.97
 
 
 @pytest.mark.slow
-def test_texels_of_every_level_receive_slope(float64):
-    """The image is linear in the texels: their slopes, times the texels, are the image."""
+def test_texels_of_every_level_have_a_gradient(float64):
+    """The image is linear in the texels: their gradient times the texels is the image's sum."""
     soup = soup_of(23, reach=3)
     white = replace(soup, colors=np.ones_like(soup.colors), background=np.zeros(3, np.float32))
     scene, plan = _drawn(replace(white, texture_index=np.full_like(white.texture_index, 4)))
@@ -93,73 +94,77 @@ def test_texels_of_every_level_receive_slope(float64):
     image, tangent = forward(scene, plan, direction)
     np.testing.assert_allclose(tangent, image, atol=1e-13)
     weight = jnp.ones_like(image)
-    back, _ = backward(scene, plan, weight)
-    slope = np.asarray(back.textures.texels)
+    cotangent, _ = backward(scene, plan, weight)
+    gradient = np.asarray(cotangent.textures.texels)
     for offset, height, width in _table(scene)[4]:
-        assert np.abs(slope[offset : offset + height * width]).max() > 0
-    np.testing.assert_allclose(inner(slope, scene.textures.texels), inner(weight, image))  # pyright: ignore
+        assert np.abs(gradient[offset : offset + height * width]).max() > 0
+    np.testing.assert_allclose(inner(gradient, scene.textures.texels), inner(weight, image))  # pyright: ignore
 
 
 def _table(scene: sr.Scene) -> np.ndarray:
-    """The table of the scene's textures."""
+    """Offset, height and width of every level of the scene's textures."""
     assert scene.textures is not None
     return np.asarray(scene.textures.levels)
 
 
-def test_slopes_reach_the_base_images(float64):
-    """Through `TexturePyramid.build` under jit: every level's share, by the oracle's matrices."""
+def test_gradients_reach_the_base_images(float64):
+    """Through `TexturePyramid.build` under jit, against the oracle's reduction of every level."""
     soup = soup_of(24, reach=2)
     scene, plan = _drawn(soup)
     weight = weight_of(np.zeros((ON.height, ON.width, 3)))
-    back, _ = backward(scene, plan, weight)
-    texel_slope = back.textures.texels
+    cotangent, _ = backward(scene, plan, weight)
+    texel_gradient = cotangent.textures.texels
 
     @jax.jit
-    def pull(images, slope):
-        return jax.vjp(lambda images: sr.TexturePyramid.build(images).texels, images)[1](slope)[0]
+    def vjp_of_build(images, gradient):
+        return jax.vjp(lambda images: sr.TexturePyramid.build(images).texels, images)[1](gradient)[
+            0
+        ]
 
     images = [jnp.asarray(image, jnp.float64) for image in soup.images]
-    slopes = pull(images, texel_slope)
+    gradients = vjp_of_build(images, texel_gradient)
     rng = np.random.default_rng(0)
     for index, image in enumerate(images):
         direction = rng.normal(size=image.shape)
-        # What the levels change by is linear in the base, where there is no alpha.
+        # Levels are linear in the base image, where there is no alpha.
         change = 0.0
         for row, level in enumerate(chain(direction)):
             offset, height, width = _table(scene)[index, row]
-            part = np.asarray(texel_slope[offset : offset + height * width])
-            change += inner(part, level[..., :3].reshape(-1, 3))
-        np.testing.assert_allclose(inner(slopes[index], direction), change, rtol=1e-9, atol=1e-12)
+            of_level = np.asarray(texel_gradient[offset : offset + height * width])
+            change += inner(of_level, level[..., :3].reshape(-1, 3))
+        np.testing.assert_allclose(
+            inner(gradients[index], direction), change, rtol=1e-9, atol=1e-12
+        )
 
 
 @pytest.mark.slow
-def test_slopes_through_build_and_render(float64):
-    """Of one loss, with the pyramid built inside jit: as texels and levels apart."""
+def test_gradients_through_build_and_render_equal_their_chain(float64):
+    """One vjp with the pyramid built inside jit equals the chain of two."""
     soup = soup_of(24, reach=2, texels=4)
     scene, plan = _drawn(soup)
 
     @jax.jit
-    def image_slope(images, weight):
+    def image_and_gradient(images, weight):
         def image(images):
-            there = eqx.tree_at(lambda s: s.textures, scene, sr.TexturePyramid.build(images))
-            return sr.render_checked(there, plan)[0]
+            rebuilt = eqx.tree_at(lambda s: s.textures, scene, sr.TexturePyramid.build(images))
+            return sr.render_checked(rebuilt, plan)[0]
 
-        drawn, pull = jax.vjp(image, images)
-        return drawn, pull(weight)[0]
+        drawn, vjp = jax.vjp(image, images)
+        return drawn, vjp(weight)[0]
 
     images = [jnp.asarray(image, jnp.float64) for image in soup.images]
     drawn = sr.render_checked(scene, plan)[0]
     weight = weight_of(drawn)
-    inside, slopes = image_slope(images, weight)
-    np.testing.assert_allclose(inside, drawn, atol=1e-13)
-    _, pull = jax.vjp(lambda images: sr.TexturePyramid.build(images).texels, images)
-    wanted = pull(backward(scene, plan, weight)[0].textures.texels)[0]
-    for found, expected in zip(slopes, wanted, strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+    image_inside, gradients = image_and_gradient(images, weight)
+    np.testing.assert_allclose(image_inside, drawn, atol=1e-13)
+    _, vjp = jax.vjp(lambda images: sr.TexturePyramid.build(images).texels, images)
+    expected_gradients = vjp(backward(scene, plan, weight)[0].textures.texels)[0]
+    for gradient, expected in zip(gradients, expected_gradients, strict=True):
+        np.testing.assert_allclose(gradient, expected, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.slow
-def test_a_batch_under_jit_is_each_alone():
+def test_a_batch_under_jit_equals_its_scenes():
     soups = [soup_of(seed) for seed in (25, 26, 27)]
     scenes = [scene_of(soup) for soup in soups]
     plan = plan_of(scenes[0], ON, Sampler())
@@ -171,7 +176,7 @@ def test_a_batch_under_jit_is_each_alone():
 
 
 @pytest.mark.slow
-def test_an_outer_jit_is_the_same():
+def test_an_outer_jit_changes_nothing():
     for options in ({}, ALL):
         scene = scene_of(soup_of(25, **options))
         plan = plan_of(scene, ON, Sampler())
@@ -180,7 +185,7 @@ def test_an_outer_jit_is_the_same():
 
 
 @pytest.mark.slow
-def test_vmap_of_everything():
+def test_a_batch_with_every_effect_equals_its_scenes():
     scenes = [scene_of(soup_of(seed, **ALL)) for seed in (25, 26)]
     for shading in ("sample", "pixel"):
         plan = plan_of(scenes[0], ON, Sampler(anisotropy=4), shading)
@@ -194,13 +199,13 @@ def test_vmap_of_everything():
 @pytest.mark.parametrize(
     "options, sampler, shading",
     [
-        (ALL, MOST, "sample"),
+        (ALL, ANISOTROPIC, "sample"),
         ({"depth": True}, Sampler(anisotropy=16), "pixel"),
     ],
 )
 @pytest.mark.slow
-def test_slopes_are_finite_on_hard_scenes(options, sampler, shading):
-    """Zero area, slivers, constant uv, one texel, clear colours, far corners."""
+def test_derivatives_are_finite_on_hard_scenes(options, sampler, shading):
+    """Zero area, slivers, constant uv, one texel, alpha 0, far corners."""
     soup = soup_of(28, **options)
     corners, uv = np.array(soup.corners), np.array(soup.uv)
     corners[0:6, 2] = corners[0:6, 1]
@@ -222,19 +227,19 @@ def test_slopes_are_finite_on_hard_scenes(options, sampler, shading):
         changed["inverse_w"] = inverse_w
     scene, plan = _drawn(replace(soup, **changed), sampler, shading, np.float32)
     image, tangent = forward(scene, plan, direction_of(scene, plan, bias=1))
-    back = backward(scene, plan, weight_of(image))
+    cotangent = backward(scene, plan, weight_of(image))
     assert is_finite(image)
     assert is_finite(tangent)
-    assert is_finite(back)
+    assert is_finite(cotangent)
 
 
-def test_a_nan_harms_no_other_triangle(float64):
-    """NaN in one triangle's uv: the slopes of the others' colours and uv stay finite."""
+def test_nan_uv_leave_other_gradients_finite(float64):
+    """With NaN in one triangle's uv, gradients by the others' colours and uv are finite."""
     soup = soup_of(29)
     scene, plan = _drawn(soup)
     assert scene.uv is not None
     broken = eqx.tree_at(lambda s: s.uv, scene, scene.uv.at[7].set(jnp.nan))
     weight = weight_of(np.zeros((ON.height, ON.width, 3)))
-    back, _ = backward(broken, plan, weight)
+    cotangent, _ = backward(broken, plan, weight)
     others = np.arange(len(soup.corners)) != 7
-    assert is_finite((back.uv[others], back.colors[others]))
+    assert is_finite((cotangent.uv[others], cotangent.colors[others]))

@@ -1,4 +1,4 @@
-"""Peers that pip installs: 2-D libraries, each in its own best use on one thread.
+"""Peers that pip installs: 2-D libraries, each used in its fastest way on one thread.
 
 Common to all: coordinates and colours come as the numbers that the library's calls take, made
 beforehand; canvases are made once and reused; building paths, clearing, drawing and, on a large
@@ -10,7 +10,7 @@ import importlib
 from ...common.scenes import Soup
 from ..contestant import Contestant
 
-# Module of this folder: the library that it needs.
+# The library that each module of this folder needs.
 _NEEDS = {
     "with_skia": "skia",
     "with_blend2d": "blend2d",
@@ -20,7 +20,7 @@ _NEEDS = {
 
 
 def contestants(soup: Soup) -> list[Contestant]:
-    """All that the installed peers can do with this kind of scene."""
+    """The renderers of the installed peers for this kind of scene."""
     found: list[Contestant] = []
     for name in _NEEDS:
         if name not in missing():

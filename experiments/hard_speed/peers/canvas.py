@@ -24,10 +24,10 @@ def contestant(
     rate: int,
     reverse: bool = False,
 ) -> Contestant:
-    """One thread; `draw()` returns its canvas, bytes RGBA or (`reverse`) BGRA, `rate` times wide.
+    """A contestant of one thread, whose `draw()` returns a canvas `rate` times as large.
 
-    At rates above one the box filter is part of what is timed, and floats come out. At rate one
-    the bytes are the product, as these libraries mean it.
+    The canvas is of RGBA or (`reverse`) BGRA bytes. At rates above one, the time includes the box
+    filter to floats; at rate one the result is bytes, as these libraries intend.
     """
 
     def draw_and_average() -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""Cairo: one path a triangle, flat colours.
+"""Cairo: one path per triangle, flat colours.
 
 Its mesh pattern is no peer for corner colours: a three-sided patch is a cubic surface whose fourth
 corner is degenerate, so colours are not linear across it, and a thousand of them take 0.7 s.

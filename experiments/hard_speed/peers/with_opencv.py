@@ -1,6 +1,6 @@
 """OpenCV: `fillConvexPoly`, flat colours only.
 
-It paints the outline too, half a pixel outside the polygon: hence its large error. It has no
+It paints the outline too, half a pixel outside the polygon, hence its large error. It has no
 blending: translucent triangles go to a copy of their bounding box, which is then mixed in.
 """
 
@@ -73,7 +73,7 @@ def _translucent(soup: Soup, rate: int, line: int) -> Callable[[], NDArray[np.ui
 def _prepared(
     soup: Soup, rate: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.int32], list[tuple[int, ...]]]:
-    """Canvas; corners in fixed point, pixel centres at whole numbers; colours as bytes."""
+    """The canvas; corners in fixed point, with pixel centres at integers; colours as bytes."""
     side = soup.size * rate
     points = (soup.corners.astype(np.float64) * rate - 0.5) * (1 << _SHIFT)
     colors = np.rint(soup.colors[:, 0] * 255).astype(int)

@@ -1,4 +1,4 @@
-"""Skia: one path a triangle for flat colours, one `Vertices` for corner colours.
+"""Skia: one path per triangle for flat colours, one `Vertices` for corner colours.
 
 Skia does not anti-alias `Vertices` on the processor, so corner colours come at one sample or on
 a large canvas. `Vertices` also serve flat colours, but take six times as long as paths there.
@@ -46,7 +46,7 @@ def _paths(soup: Soup, rate: int, anti_alias: bool, side: int) -> Callable[[], N
         target.save()
         target.scale(rate, rate)
         paint = skia.Paint(AntiAlias=anti_alias)
-        # One path, rewound: quicker than a new path or `Path.Polygon` of three points.
+        # Reusing one path is quicker than a new path or `Path.Polygon` of three points.
         path = skia.Path()
         for (x0, y0, x1, y1, x2, y2), color in zip(points, colors, strict=True):
             path.rewind()

@@ -1,4 +1,4 @@
-"""Lines of pixels against the rule, step by step in float32."""
+"""Lines of pixels against the course's rule, applied step by step in float32."""
 
 import time
 
@@ -60,7 +60,7 @@ def drawn(*segment, height=64, width=64):
         # Upright lines go from the first point: 0.3, 1.3; the other way 2.1, 1.1.
         ((0.5, 0.3, 0.5, 2.1), [[0, 0, 1, 2]]),
         ((0.5, 2.1, 0.5, 0.3), [[0, 1, 1, 3]]),
-        # It begins at the end point itself, and x may pass the other end within its pixel.
+        # It starts at the end point itself, and x may pass the other end within its pixel.
         ((0.9, 0.5, 2.1, 0.5), [[0, 0, 3, 1]]),
         ((0.0, 0.0, 3.0, 3.0), [[0, 0, 1, 1], [1, 1, 2, 2], [2, 2, 3, 3], [3, 3, 4, 4]]),
         ((0.5, 0.5, 4.5, 1.5), [[0, 0, 2, 1], [2, 1, 5, 2]]),
@@ -71,19 +71,19 @@ def drawn(*segment, height=64, width=64):
         ((60.5, 3.5, 99.5, 3.5), [[60, 3, 64, 4]]),
     ],
 )
-def test_by_hand(segment, rectangles):
+def test_lines_by_hand(segment, rectangles):
     assert drawn(*segment).tolist() == rectangles
 
 
 @given(COORDINATE, COORDINATE, COORDINATE, COORDINATE)
-def test_any_line(x0, y0, x1, y1):
+def test_any_line_follows_the_rule(x0, y0, x1, y1):
     wanted = [p for p in slow_line(x0, y0, x1, y1) if 0 <= p[0] < 64 and 0 <= p[1] < 48]
-    found = pixels_of(drawn(x0, y0, x1, y1, height=48))
-    assert len(found) == len(set(found))
-    assert set(found) == set(wanted)
+    pixels = pixels_of(drawn(x0, y0, x1, y1, height=48))
+    assert len(pixels) == len(set(pixels))
+    assert set(pixels) == set(wanted)
 
 
-def test_many_lines_keep_their_order():
+def test_many_lines_are_in_order():
     rng = np.random.default_rng(0)
     segments = rng.uniform(-40, 100, (400, 4)).astype(np.float32)
     rectangles, line = pixel_lines(segments, 64, 64)
@@ -98,18 +98,18 @@ def test_many_lines_keep_their_order():
     st.floats(-2, 2, width=32).filter(lambda x: abs(x) > 1e-6),
     st.integers(0, 3000),
 )
-def test_carry_is_repeated_addition(start, step, count):
+def test_advance_equals_repeated_addition(start, step, count):
     start, step = np.float32(start), np.float32(step)
     value = np.add.accumulate(np.append(start, np.full(count, step)), dtype=np.float32)
-    found, done = advance(start, step, count)
-    assert found == value[-1]
+    sum_of_steps, done = advance(start, step, count)
+    assert sum_of_steps == value[-1]
     assert done == count
     goal = float(value[-1])
     first = int(np.argmax(value >= goal if step > 0 else value <= goal))
     assert advance(start, step, 10**9, goal) == (value[first], first)
 
 
-def test_carry_far():
+def test_advance_over_millions_of_steps_equals_repeated_addition():
     for start, step in ((-3e6, 0.3), (-7e6, 1.0), (5e6, -0.7), (-2.5, 1e-5), (-(2.0**23), 1.5)):
         start, step = np.float32(start), np.float32(step)
         count = 5_000_000

@@ -1,4 +1,4 @@
-"""Triangulation: areas by hand and by GEOS, and the course's ears."""
+"""Triangulation of polygons: areas by hand and by GEOS, and the course's ear clipping."""
 
 import numpy as np
 import pytest
@@ -35,14 +35,14 @@ def covered(triangles):
 
 @pytest.mark.parametrize("translucent", [False, True])
 @pytest.mark.parametrize(("points", "size"), [(SQUARE, 16), (ELL, 7), (BOW, 2)])
-def test_areas(points, size, translucent):
+def test_areas_by_hand(points, size, translucent):
     triangles = fill(points, translucent=translucent)
     assert area(triangles).sum() == pytest.approx(size, rel=1e-12)
     assert area(fill(points[::-1], translucent=translucent)).sum() == pytest.approx(size)
 
 
 @pytest.mark.parametrize("translucent", [False, True])
-def test_star_under_both_rules(translucent):
+def test_a_star_has_its_areas_under_both_rules(translucent):
     # The pentagram on the unit circle: its outline, and the pentagon inside.
     inner = np.sin(np.radians(18)) / np.cos(np.radians(36))
     outline = 5 * inner * np.sin(np.radians(36))
@@ -56,14 +56,14 @@ def test_star_under_both_rules(translucent):
     assert not covered(evenodd).contains(middle)
 
 
-def test_a_contour_that_goes_around_twice():
-    twice = np.concatenate([SQUARE, SQUARE * 0.5 + 1])
-    # Around twice: the inner square, and left of it a triangle to where two edges cross, (2/3, 2).
-    once = area(fill(twice)).sum()
-    assert area(fill(twice, evenodd=True)).sum() == pytest.approx(once - 4 - 1 / 3)
+def test_a_contour_of_two_turns_under_both_rules():
+    contour = np.concatenate([SQUARE, SQUARE * 0.5 + 1])
+    # Covered twice: the inner square, and left of it a triangle up to the crossing at (2/3, 2).
+    nonzero_area = area(fill(contour)).sum()
+    assert area(fill(contour, evenodd=True)).sum() == pytest.approx(nonzero_area - 4 - 1 / 3)
 
 
-def test_few_or_flat_points():
+def test_few_or_collinear_points_have_no_area():
     for points in (np.zeros((0, 2)), SQUARE[:1], SQUARE[:2]):
         assert fill(points).shape == (0, 3, 2)
     flat = np.array([[0.0, 0], [1, 1], [2, 2]])
@@ -72,14 +72,14 @@ def test_few_or_flat_points():
     assert area(fill(np.zeros((7, 2)))).sum() == 0
 
 
-def test_triangles_and_convex_polygons_keep_their_vertices():
+def test_triangles_and_convex_polygons_have_their_vertices():
     np.testing.assert_array_equal(fill(SQUARE[:3]), SQUARE[None, :3])
     np.testing.assert_array_equal(fill(SQUARE[:3], translucent=True), SQUARE[None, :3])
     np.testing.assert_array_equal(fill(SQUARE), SQUARE[[[0, 1, 2], [0, 2, 3]]])
     assert fill(SQUARE, translucent=True).shape == (4, 3, 2)
 
 
-def test_many_at_once_are_each_alone():
+def test_many_at_once_equal_each_alone():
     contours = [SQUARE, ELL, STAR, BOW, SQUARE[:3], SQUARE[:2], ELL + 9]
     rules = [False, True, True, False, False, False, False]
     glass = [True, False, False, True, True, False, True]
@@ -91,8 +91,8 @@ def test_many_at_once_are_each_alone():
 
 
 @given(POINTS)
-def test_any_polygon_fills_what_its_winding_says(points):
-    """Against a grid of points, none of which lies on an edge but by accident."""
+def test_any_polygon_fills_by_its_winding_number(points):
+    """Compared at a grid of points, without those on an edge."""
     axis = np.arange(-9, 9) + 0.4142135
     grid = np.stack(np.meshgrid(axis, axis + 0.1732), axis=-1).reshape(-1, 2)
     contours = np.broadcast_to(points, (len(grid), *points.shape))
@@ -104,7 +104,7 @@ def test_any_polygon_fills_what_its_winding_says(points):
             region = covered(triangles)
             inside = np.asarray(shapely.contains(region, shapely.points(grid)))
             np.testing.assert_array_equal(inside[clear], wanted[clear])
-            # No part is covered twice.
+            # Triangles do not overlap.
             if len(points) > 3:
                 assert area(triangles).sum() == pytest.approx(region.area, rel=1e-6, abs=1e-9)
 
@@ -118,26 +118,26 @@ def test_inner_edges_of_translucent_fills_avoid_samples():
         for rate in (1, 2, 3, 4, 8, 16):
             axis = (np.arange(12 * rate) + 0.5) / rate
             samples = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-            owners = np.zeros(len(samples), int)
+            count = np.zeros(len(samples), int)
             for triangle in triangles:
                 edges = np.roll(triangle, -1, axis=0) - triangle
-                to = samples[:, None] - triangle
-                cross = edges[:, 0] * to[..., 1] - edges[:, 1] * to[..., 0]
-                owners += (cross >= 0).all(axis=1) | (cross <= 0).all(axis=1)
-            assert owners.max() == 1
+                offset = samples[:, None] - triangle
+                cross = edges[:, 0] * offset[..., 1] - edges[:, 1] * offset[..., 0]
+                count += (cross >= 0).all(axis=1) | (cross <= 0).all(axis=1)
+            assert count.max() == 1
             outline = shapely.polygons(points[[0, 1, 3, 2]] if points is hourglass else points)
             if points is not hourglass:
-                assert owners.sum() == shapely.contains(outline, shapely.points(samples)).sum()
+                assert count.sum() == shapely.contains(outline, shapely.points(samples)).sum()
 
 
-def test_tangles_are_refused_before_they_fill_the_memory():
+def test_polygons_with_many_crossings_are_refused():
     rng = np.random.default_rng(0)
     with pytest.raises(BudgetError, match="points in which polygons cross themselves") as caught:
         triangulate([SQUARE, rng.random((3000, 2))], [False] * 2, [False] * 2)
     assert caught.value.index == 1
 
 
-def test_a_large_simple_polygon():
+def test_a_large_simple_polygon_has_its_area():
     angle = np.linspace(0, 2 * np.pi, 50_000, endpoint=False)
     radius = 10 + np.sin(50 * angle)
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
@@ -145,7 +145,7 @@ def test_a_large_simple_polygon():
     assert area(triangles).sum() == pytest.approx(shapely.Polygon(points).area, rel=1e-9)
 
 
-def test_convexity():
+def test_convexity_by_hand():
     pentagon = STAR[[0, 3, 1, 4, 2]]
     assert is_convex(np.stack([pentagon, STAR])).tolist() == [True, False]
     assert is_convex(np.stack([SQUARE, SQUARE[::-1], BOW])).tolist() == [True, True, False]
@@ -170,18 +170,18 @@ def test_course_ears_by_hand():
     assert sum(area(ELL[np.array(ears(ELL))])) == 7
 
 
-def test_course_ears_of_degenerate_polygons():
+def test_course_ears_of_degenerate_polygons_by_hand():
     assert ears([[0, 0], [1, 1], [2, 2]]) == []
     assert ears([[0, 0], [1e-6, 0], [0, 1e-6]]) == []  # a cross product under 1e-10
     assert ears([[0, 0], [1e-4, 0], [0, 1e-4]]) == [[2, 0, 1]]
     assert ears(SQUARE[:2]) == ears(np.zeros((0, 2))) == []
     assert ears(np.zeros((5, 2))) == []
-    # A vertex that touches an edge blocks the ear that holds it.
+    # A vertex on an edge of an ear blocks that ear.
     assert [3, 0, 1] not in ears([[0, 0], [4, 0], [2, 2], [0, 4]])
 
 
 def _slow_ears(points):
-    """Ear clipping as the course has it, step by step, in float32 scalars."""
+    """The course's ear clipping, step by step, in float32 scalars."""
     p = [tuple(np.float32(c) for c in point) for point in points]
 
     def cross(o, a, b):
@@ -191,7 +191,7 @@ def _slow_ears(points):
     for i in range(len(p)):
         total += p[i - 1][0] * p[i][1] - p[i][0] * p[i - 1][1]
     order = list(range(len(p))) if total > 0 else list(range(len(p)))[::-1]
-    found, v, failures = [], len(order) - 1, 0
+    clipped, v, failures = [], len(order) - 1, 0
     while len(order) > 2 and failures < 2 * len(order):
         u = v if v < len(order) else 0
         v = u + 1 if u + 1 < len(order) else 0
@@ -202,20 +202,20 @@ def _slow_ears(points):
             cross(b, c, q) >= 0 and cross(a, b, q) >= 0 and cross(c, a, q) >= 0 for q in others
         )
         if cross(a, b, c) >= np.float32(1e-10) and not blocked:
-            found.append([order[u], order[v], order[w]])
+            clipped.append([order[u], order[v], order[w]])
             del order[v]
             failures = 0
         else:
             failures += 1
-    return found
+    return clipped
 
 
 @given(POINTS)
-def test_course_ears_against_the_slow_way(points):
+def test_course_ears_equal_those_step_by_step(points):
     assert ears(points) == _slow_ears(points)
 
 
-def test_course_ears_in_step_are_those_alone():
+def test_course_ears_of_many_at_once_equal_each_alone():
     rng = np.random.default_rng(1)
     contours = [rng.integers(0, 20, (n, 2)).astype(np.float32) for n in rng.integers(0, 9, 200)]
     owner, corners, _ = clip_ears(contours)
@@ -223,7 +223,7 @@ def test_course_ears_in_step_are_those_alone():
         assert corners[owner == index].tolist() == _slow_ears(contour)
 
 
-def test_large_course_polygons_are_left_to_the_caller():
+def test_large_polygons_are_returned_unclipped():
     angle = np.linspace(0, 2 * np.pi, 500, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
     tangled = np.random.default_rng(0).random((1100, 2)).astype(np.float32)

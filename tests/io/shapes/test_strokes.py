@@ -1,4 +1,4 @@
-"""Strokes: areas by hand, and against the buffers of GEOS."""
+"""Strokes: areas by hand, and against buffers by GEOS."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def shape(points, width=2.0, closed=False, **style):
     return union(stroke([Outline(np.asarray(points, float), closed, width, **style)])[0])
 
 
-def test_a_segment_and_its_caps():
+def test_caps_by_hand():
     line = [[0, 0], [10, 0]]
     assert shape(line).equals(shapely.box(0, -1, 10, 1))
     assert shape(line, cap="square").area == pytest.approx(24)
@@ -27,8 +27,8 @@ def test_a_segment_and_its_caps():
     assert shape(line, cap="round", scale=1000.0).area == pytest.approx(20 + np.pi, rel=1e-4)
 
 
-def test_joins():
-    # Two bars of 10 x 2 share a corner of 1 x 1, counted once; the outer corner is the join's.
+def test_joins_by_hand():
+    # Two bars of 10 x 2 overlap in 1 x 1, counted once; the join adds the outer corner.
     assert shape(ELBOW, join="bevel").area == pytest.approx(39.5)
     assert shape(ELBOW, join="miter").area == pytest.approx(40)
     assert shape(ELBOW, join="round", scale=1000.0).area == pytest.approx(39 + np.pi / 4, rel=1e-4)
@@ -37,7 +37,7 @@ def test_joins():
     assert shape(ELBOW, join="miter", miterlimit=1.42).area == pytest.approx(40)
 
 
-def test_closed_outlines():
+def test_closed_outlines_by_hand():
     square = [[0, 0], [10, 0], [10, 10], [0, 10]]
     assert shape(square, closed=True).area == pytest.approx(144 - 64)
     assert shape(square, closed=True, join="bevel").area == pytest.approx(144 - 64 - 4 * 0.5)
@@ -45,7 +45,7 @@ def test_closed_outlines():
     assert shape(square).area == pytest.approx(60)
 
 
-def test_points_without_length():
+def test_outlines_without_length_by_hand():
     assert stroke([Outline(np.zeros((1, 2)), False, 2.0)])[0].shape == (0, 3, 2)
     assert stroke([Outline(np.zeros((0, 2)), True, 2.0)])[0].shape == (0, 3, 2)
     assert stroke([])[0].shape == (0, 3, 2)
@@ -55,13 +55,13 @@ def test_points_without_length():
     assert shape([[0, 0], [0, 0], [10, 0], [10, 0], [10, 10]]).equals(shape(ELBOW))
 
 
-def test_turning_back():
+def test_outlines_that_turn_back_by_hand():
     back = [[0, 0], [10, 0], [0, 0]]
     assert shape(back).area == pytest.approx(20)
     assert shape(back, join="round", scale=1000.0).area == pytest.approx(20 + np.pi / 2, rel=1e-4)
 
 
-def test_many_at_once_are_each_alone():
+def test_many_at_once_equal_each_alone():
     rng = np.random.default_rng(0)
     outlines = [
         Outline(
@@ -83,7 +83,7 @@ def test_many_at_once_are_each_alone():
 
 @given(CHAIN, st.booleans())
 def test_round_strokes_are_buffers(points, closed):
-    """Everything within half a width, caps and joins round."""
+    """With round caps and joins, they are all points within half a width."""
     assume(len(np.unique(points, axis=0)) > (2 if closed else 1))
     ours = shape(points, 3.0, closed, cap="round", join="round", scale=100.0)
     line = shapely.LinearRing(points) if closed else shapely.LineString(points)
@@ -99,6 +99,6 @@ def test_beveled_strokes_are_buffers(points):
     line = shapely.LineString(points)
     ours = shape(points, 1.0, join="bevel")
     theirs = line.buffer(0.5, cap_style="flat", join_style="round", quad_segs=64)
-    # A bevel is what the round join has without its rim.
+    # A bevel is a round join without the cap beyond its chord.
     assert ours.difference(theirs).area < 1e-3 * theirs.area
     assert theirs.difference(ours).area <= len(points) * np.pi / 8

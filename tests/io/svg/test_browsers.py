@@ -1,4 +1,4 @@
-"""What is written for browsers alone: which seams, which gradients, and that no reader sees it."""
+"""Fallbacks for browsers in written drawings: seams, gradients, and that readers skip them."""
 
 import warnings
 import xml.etree.ElementTree as ElementTree
@@ -52,7 +52,7 @@ def test_colours_along_one_direction_are_one_gradient(tmp_path):
     definitions, path, colortri = write(tmp_path / "a.svg", SQUARE[:1], colors)
     assert [e.tag for e in (definitions, path, colortri)] == ["defs", "path", "colortri"]
     (gradient,) = definitions
-    # From the edge x = 0 to the corner x = 9, but for the inset.
+    # From the edge x = 0 to the corner x = 9, less the inset.
     ends = [float(gradient.attrib[name]) for name in ("x1", "y1", "x2", "y2")]
     np.testing.assert_allclose(ends, [0.3, ends[1], 8.7, ends[1]], atol=1e-3)
     assert path.get("fill") == f"url(#{gradient.get('id')})"
@@ -71,12 +71,12 @@ def test_two_gradients_reach_colours_of_rank_two():
     rng = np.random.default_rng(0)
     points = rng.random((200, 3, 2)).astype(np.float32) * 50
     colors = rng.uniform(0.3, 0.7, (200, 3, 3)).astype(np.float32)
-    found = fit_gradients(points, colors)
-    error = np.abs(found.shown - colors).max(axis=(1, 2))
-    assert found.has_second.mean() > 0.5
-    assert error[~found.has_second].max() <= VISIBLE
-    # The second is exact over the mean; over the first gradient it is off by a part.
-    assert np.median(error[found.has_second]) < 0.03
+    fit = fit_gradients(points, colors)
+    error = np.abs(fit.shown - colors).max(axis=(1, 2))
+    assert fit.has_second.mean() > 0.5
+    assert error[~fit.has_second].max() <= VISIBLE
+    # The second gradient is exact over the mean colour, not quite over the first gradient.
+    assert np.median(error[fit.has_second]) < 0.03
 
 
 def test_hard_light_with_grey_changes_nothing():
@@ -88,9 +88,9 @@ def test_triangles_of_no_area_and_equal_colours_are_painted_flat():
     points = np.array([[[0, 0], [1, 1], [2, 2]], [[0, 0], [4, 0], [0, 4]]], np.float32)
     colors = np.full((2, 3, 3), 0.25, np.float32)
     colors[0, 1] = 1.0
-    found = fit_gradients(points, colors)
-    assert not found.first.is_valid.any()
-    np.testing.assert_allclose(found.shown, found.mean[:, None].repeat(3, 1))
+    fit = fit_gradients(points, colors)
+    assert not fit.first.is_valid.any()
+    np.testing.assert_allclose(fit.shown, fit.mean[:, None].repeat(3, 1))
 
 
 def test_flat_scenes_look_the_same_in_browsers():
@@ -108,7 +108,7 @@ NOT_TILINGS = {
 }
 
 
-def test_tilings_of_either_winding_are_told_from_others():
+def test_tilings_of_either_winding_are_recognized():
     assert tiles_canvas(SQUARE, 9, 9)
     assert tiles_canvas(np.stack([SQUARE[0], SQUARE[1][::-1]]), 9, 9)
     assert not tiles_canvas(SQUARE, 9, 10)
@@ -124,7 +124,7 @@ def test_shared_edges_are_found_by_position():
 
 
 @pytest.mark.parametrize("dialect", ["svg", "course"])
-def test_readers_skip_it_without_a_warning(tmp_path, dialect):
+def test_readers_skip_fallbacks_without_a_warning(tmp_path, dialect):
     colors = np.random.default_rng(1).random((2, 3, 3))
     write(tmp_path / "a.svg", SQUARE, colors)
     with warnings.catch_warnings():

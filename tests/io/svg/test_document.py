@@ -1,4 +1,4 @@
-"""XML that is hostile, broken or large ends in one line that says where."""
+"""Hostile, broken and large XML is refused in one line with the line number."""
 
 import gzip
 import time
@@ -12,18 +12,18 @@ HEAD = '<svg xmlns="http://www.w3.org/2000/svg" width="10" height="10">'
 RECT = '<rect width="5" height="5"/>'
 
 
-def refused(text, match, **options):
+def assert_refused(text, match, **options):
     with pytest.raises(ValueError, match=match) as caught:
         parse_svg(text, **options)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
 
-def test_billion_laughs():
+def test_nested_entities_are_refused():
     entities = "".join(
         f'<!ENTITY l{i} "{"&l" + str(i - 1) + ";" if i else "lol"}">\n' * 1 for i in range(9)
     )
-    refused(f"<!DOCTYPE svg [\n{entities}]>{HEAD}&l8;</svg>", ":2: .*entity")
+    assert_refused(f"<!DOCTYPE svg [\n{entities}]>{HEAD}&l8;</svg>", ":2: .*entity")
 
 
 @pytest.mark.parametrize(
@@ -32,13 +32,13 @@ def test_billion_laughs():
      '<!ENTITY x "1">', '<!ENTITY x SYSTEM "a.gif" NDATA gif>'],
 )  # fmt: skip
 def test_entities_are_refused(declaration):
-    refused(f"<!DOCTYPE svg [{declaration}]>\n{HEAD}</svg>", "<svg>:1: .*entity")
+    assert_refused(f"<!DOCTYPE svg [{declaration}]>\n{HEAD}</svg>", "<svg>:1: .*entity")
 
 
-def test_entities_that_are_not_declared():
-    refused(f"{HEAD}\n&boo;</svg>", ":2: .*undefined entity")
+def test_undeclared_entities_are_refused():
+    assert_refused(f"{HEAD}\n&boo;</svg>", ":2: .*undefined entity")
     doctype = '<!DOCTYPE svg SYSTEM "http://localhost:1/svg.dtd">'
-    refused(f"{doctype}{HEAD}\n&boo;</svg>", ":2: .*entity")
+    assert_refused(f"{doctype}{HEAD}\n&boo;</svg>", ":2: .*entity")
 
 
 def test_doctype_comments_and_instructions_are_skipped():
@@ -52,7 +52,7 @@ def test_doctype_comments_and_instructions_are_skipped():
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "iso-8859-1", "us-ascii", "cp1252"])
-def test_encodings(encoding):
+def test_encodings_are_read(encoding):
     text = f'<?xml version="1.0" encoding="{encoding}"?>{HEAD}{RECT}</svg>'
     assert parse_svg(text.encode(encoding)).triangles.shape[0] == 2
 
@@ -75,11 +75,11 @@ def test_encodings(encoding):
     ],
 )
 @pytest.mark.parametrize("dialect", ["svg", "course"])
-def test_malformed(text, match, dialect):
-    refused(text, match, dialect=dialect, height=5, width=5)
+def test_malformed_files_are_refused(text, match, dialect):
+    assert_refused(text, match, dialect=dialect, height=5, width=5)
 
 
-def test_nesting_is_deep_but_not_endless():
+def test_nesting_is_limited():
     for opening in ("<g>", '<g opacity="1" transform="scale(1)">', "<circle>", "<defs>"):
         count = 5_000
         name = opening.strip("<>").split()[0]
@@ -89,7 +89,7 @@ def test_nesting_is_deep_but_not_endless():
                 parse_svg(text)
         else:
             assert parse_svg(text).triangles.shape[0] == (2 if name == "g" else 0)
-    refused(HEAD + "\n" + "<g>" * 200_000, ":2: <g> .*deeper")
+    assert_refused(HEAD + "\n" + "<g>" * 200_000, ":2: <g> .*deeper")
 
 
 def test_large_files_are_refused(tmp_path):
@@ -108,7 +108,7 @@ def test_endless_files_are_refused():
         read_svg("/dev/zero")
 
 
-def test_missing_files(tmp_path):
+def test_missing_files_are_refused(tmp_path):
     for path in (tmp_path / "no.svg", tmp_path, "a\0b"):
         with pytest.raises(ValueError, match=r"cannot be read|null") as caught:
             read_svg(path)
@@ -139,27 +139,27 @@ def test_missing_files(tmp_path):
 )
 def test_bad_values_name_line_and_element(element, dialect):
     name = element[1:].split()[0]
-    message = refused(f"{HEAD}\n\n{element}\n</svg>", r"<svg>:3: ", dialect=dialect)
+    message = assert_refused(f"{HEAD}\n\n{element}\n</svg>", r"<svg>:3: ", dialect=dialect)
     assert f"<{name}>" in message or "finite" in message
 
 
-def test_numbers_beyond_float32_show_when_drawn():
-    refused(f'{HEAD}\n<g transform="scale(1e300)">{RECT}</g></svg>', r":2: .*finite")
+def test_numbers_beyond_float32_are_refused_when_drawn():
+    assert_refused(f'{HEAD}\n<g transform="scale(1e300)">{RECT}</g></svg>', r":2: .*finite")
     wide = '<rect width="1e300" height="1" transform="scale(1e300)"/>'
-    refused(f"{HEAD}\n{wide}</svg>", ":2: ")
+    assert_refused(f"{HEAD}\n{wide}</svg>", ":2: ")
     for stroke in ('stroke="red"', 'stroke="red" stroke-opacity=".5"'):
         element = f'<line x2="1e39" {stroke} transform="scale(1e200)"/>'
-        refused(f"{HEAD}\n{element}</svg>", r":2: .*finite")
+        assert_refused(f"{HEAD}\n{element}</svg>", r":2: .*finite")
 
 
-def test_a_tangle_is_one_error():
+def test_too_many_crossings_are_refused():
     points = " ".join(map(str, np.random.default_rng(0).random(6000).round(4)))
-    refused(
+    assert_refused(
         f'{HEAD}\n<polygon points="{points}"/></svg>', ":2: .*cross themselves; at most 100,000"
     )
 
 
-def test_sizes(tmp_path):
+def test_sizes_are_read_or_refused(tmp_path):
     path = tmp_path / "a.svg"
     path.write_text('<svg width="210mm" height="99.5"><broken')
     assert svg_size(path) == (100, 794)
@@ -193,19 +193,19 @@ def test_sizes(tmp_path):
         {"transform": [[1, 0, 0], [0, 1, 0], [-1, 0, 1]]},
     ],
 )
-def test_bad_options(options):
+def test_invalid_options_are_refused(options):
     text = f"{HEAD}{RECT}</svg>"
     with pytest.raises(ValueError, match=r"height|dialect|frame|transform"):
         parse_svg(text, **options)
 
 
-def test_projective_strokes_are_refused_too():
+def test_strokes_behind_a_projection_are_refused():
     text = f'{HEAD}\n<line x2="9" y2="9" stroke="red"/></svg>'
     with pytest.raises(ValueError, match=r":2: .*w <= 0"):
         parse_svg(text, transform=[[1, 0, 0], [0, 1, 0], [-1, 0, 1]])
 
 
-def test_speed():
+def test_five_thousand_polygons_are_read_in_seconds():
     rng = np.random.default_rng(0)
     corners = (rng.random((5_000, 1, 2)) * 1000 + rng.random((5_000, 3, 2)) * 20).round(2)
     lines = [

@@ -1,4 +1,4 @@
-"""Errors and warnings of drawings: one line, with the file, and the line of the element."""
+"""Errors and warnings of drawings: one line with the file and the line of the element."""
 
 import warnings
 
@@ -48,16 +48,16 @@ def test_texture_coordinates_beyond_float32_are_named_with_their_line(tmp_path):
 
 @pytest.mark.parametrize("end", ["&#10;", "&#13;", "&#x85;", "&#x2028;"])
 class TestLineBreaks:
-    """In an attribute they may be written, and what is told of it quotes them."""
+    """Attributes may contain line breaks, and messages quote attributes."""
 
     def test_a_warning_is_one_line(self, end):
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             parse_svg(drawing(f'<rect fill="a b{end}c" width="1" height="1"/>'), name="a.svg")
-        assert told
-        for one in told:
-            assert len(str(one.message).splitlines()) == 1
-            assert str(one.message).startswith("a.svg: ")
+        assert caught
+        for warning in caught:
+            assert len(str(warning.message).splitlines()) == 1
+            assert str(warning.message).startswith("a.svg: ")
 
     @pytest.mark.parametrize(
         "element",
@@ -75,11 +75,11 @@ class TestLineBreaks:
     def test_an_error_is_one_line(self, end, element, tmp_path):
         text = drawing(element.replace("{}", end))
         for dialect in ("svg", "course"):
-            with warnings.catch_warnings(record=True) as told:
+            with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 try:
                     parse_svg(text, name="a.svg", dialect=dialect, assets=tmp_path)
                 except ValueError as error:
                     assert len(str(error).splitlines()) == 1
                     assert str(error).startswith("a.svg:2: ")
-            assert all(len(str(one.message).splitlines()) == 1 for one in told)
+            assert all(len(str(warning.message).splitlines()) == 1 for warning in caught)

@@ -1,4 +1,4 @@
-"""A browser's picture of what `write_svg` writes, against the image that the package draws."""
+"""Written drawings in a browser, against the image that the package draws."""
 
 from pathlib import Path
 
@@ -7,7 +7,8 @@ import pytest
 
 import softras2d as sr
 from softras2d.io.svg.gradients import in_browsers
-from tests.cases.browser import psnr, require_browser, screenshot
+
+from ...cases.browser import psnr, require_browser, screenshot
 
 HEIGHT, WIDTH = 144, 192
 BACKGROUND = np.array([0.1, 0.1, 0.2], np.float32)
@@ -26,8 +27,8 @@ def grid(cells: int, inset: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     return (positions.reshape(-1, 2) * size + inset).astype(np.float32), rng.permutation(triangles)
 
 
-def pictured(points: np.ndarray) -> np.ndarray:
-    """The colours of a bundled picture at points of the canvas, as a fit would have them."""
+def picture_colors(points: np.ndarray) -> np.ndarray:
+    """Colours of a bundled picture at points of the canvas, like those of a fit."""
     picture = sr.read_image(sr.pictures.path("fruit"))
     sides = np.array(picture.shape[1::-1])
     column, row = np.clip(points / [WIDTH, HEIGHT] * sides, 0, sides - 1).astype(int).T
@@ -37,7 +38,7 @@ def pictured(points: np.ndarray) -> np.ndarray:
 def flat_mesh(cells: int = 14, inset: float = 0.0) -> sr.Scene:
     """A grid whose triangles have the colours of a picture, over black."""
     positions, triangles = grid(cells, inset)
-    colors = pictured(positions[triangles].mean(axis=1))
+    colors = picture_colors(positions[triangles].mean(axis=1))
     return sr.Scene.from_mesh(
         positions, triangles, triangle_colors=colors, background=np.zeros(3, np.float32)
     )
@@ -46,7 +47,7 @@ def flat_mesh(cells: int = 14, inset: float = 0.0) -> sr.Scene:
 def shaded_mesh() -> sr.Scene:
     """A grid with the colours of a picture at its vertices."""
     positions, triangles = grid(10)
-    colors = pictured(positions)
+    colors = picture_colors(positions)
     return sr.Scene.from_mesh(positions, triangles, vertex_colors=colors, background=BACKGROUND)
 
 
@@ -59,14 +60,14 @@ def layers(*colors_shape: int) -> sr.Scene:
 
 
 def translucent_mesh() -> sr.Scene:
-    """A translucent grid over a darker page: what is drawn twice would be too dense."""
+    """A translucent grid over a darker background, where overlaps would be visible."""
     positions, triangles = grid(3)
     colors = np.full((len(triangles), 4), 0.4, np.float32)
     return sr.Scene.from_mesh(positions, triangles, triangle_colors=colors, background=BACKGROUND)
 
 
 CASES = {
-    # Scene, and how near the browser must come, in dB.
+    # Scene, and least PSNR of the browser's image in dB.
     "flat layers": (layers(3), 40.0),
     "translucent layers": (layers(4), 40.0),
     "flat mesh": (flat_mesh(), 40.0),
@@ -82,18 +83,18 @@ def render(scene: sr.Scene) -> np.ndarray:
     return np.asarray(sr.render(scene, plan))
 
 
-def browse(path: Path, scene: sr.Scene) -> np.ndarray:
+def write_and_browse(path: Path, scene: sr.Scene) -> np.ndarray:
     sr.write_svg(path, scene, height=HEIGHT, width=WIDTH, fallback=True)
     return screenshot(require_browser(), path, height=HEIGHT, width=WIDTH)
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_browsers_show_nearly_the_same(tmp_path, case):
+def test_browsers_draw_nearly_the_same_image(tmp_path, case):
     scene, least = CASES[case]
-    assert psnr(browse(tmp_path / "scene.svg", scene), render(scene)) >= least
+    assert psnr(write_and_browse(tmp_path / "scene.svg", scene), render(scene)) >= least
 
 
-def test_without_blend_modes_seams_and_one_gradient_remain(tmp_path):
+def test_without_blend_modes_the_image_is_still_near(tmp_path):
     path = tmp_path / "scene.svg"
     for scene, least in ((flat_mesh(), 40.0), (shaded_mesh(), 35.0)):
         sr.write_svg(path, scene, height=HEIGHT, width=WIDTH, fallback=True)
@@ -103,7 +104,7 @@ def test_without_blend_modes_seams_and_one_gradient_remain(tmp_path):
         assert psnr(shown, render(scene)) >= least
 
 
-def test_the_estimate_without_a_browser_is_near_its_picture(tmp_path):
+def test_in_browsers_estimates_the_image_of_a_browser(tmp_path):
     scene = shaded_mesh()
-    shown = browse(tmp_path / "scene.svg", scene)
+    shown = write_and_browse(tmp_path / "scene.svg", scene)
     assert psnr(shown, render(in_browsers(scene))) >= 45.0

@@ -35,14 +35,14 @@ SMALL = st.floats(-100, 100).filter(lambda x: x == 0 or abs(x) > 1e-6)
         ("1.,2.", [1, 2]),
     ],
 )
-def test_number_lists(text, numbers):
+def test_number_lists_by_hand(text, numbers):
     assert number_list(text) == numbers
 
 
 @pytest.mark.parametrize(
     "text", ["a", "1 x", "1,,2", ",1", "nan", "1 inf", "1e999", "1_0", "--1", "1 2 3e", "٣", "1 2,"]
 )
-def test_what_is_no_number_list(text):
+def test_invalid_number_lists_are_refused(text):
     if text == "1 2,":
         assert number_list("1 2") == [1, 2]
     with pytest.raises(ValueError, match=r"expected a number|finite"):
@@ -50,13 +50,13 @@ def test_what_is_no_number_list(text):
 
 
 @given(st.lists(FINITE), st.sampled_from([" ", ",", " , ", "\n"]))
-def test_any_number_list(numbers, separator):
+def test_any_number_list_is_read_exactly(numbers, separator):
     text = separator.join(map(repr, numbers))
     assert number_list(text) == numbers
 
 
 @given(st.lists(FINITE))
-def test_signs_separate(numbers):
+def test_signs_separate_numbers(numbers):
     text = "".join(f"{number:+}" for number in numbers)
     assert number_list(text) == numbers
 
@@ -82,12 +82,12 @@ def test_any_text_gives_numbers_or_one_error(text):
         ("6pc", 96), ("101.6Q", 96), ("50%", 100), ("-3", -3), ("1e1px", 10), (" 4 ", 4),
     ],
 )  # fmt: skip
-def test_lengths(text, px):
+def test_lengths_by_hand(text, px):
     assert length(text, 200.0) == pytest.approx(px, rel=1e-15)
 
 
 @pytest.mark.parametrize("text", ["2em", "1ex", "3rem", "1vw", "px", "", "1 2", "nan", "1e400"])
-def test_lengths_that_are_refused(text):
+def test_invalid_lengths_are_refused(text):
     with pytest.raises(ValueError, match=r"length|finite"):
         length(text, 200.0)
 
@@ -110,7 +110,7 @@ def test_course_numbers_are_float32():
         ("1,2 3", [1, 2]),
     ],
 )
-def test_course_points(text, numbers):
+def test_course_points_by_hand(text, numbers):
     assert number_pairs(text) == numbers
 
 
@@ -132,7 +132,7 @@ def test_course_points(text, numbers):
         ("", (1, 1)),
     ],
 )
-def test_transform_lists(text, point):
+def test_transform_lists_by_hand(text, point):
     moved = affine_maps.apply(transform_attribute.transform_list(text), [1.0, 1.0])
     np.testing.assert_allclose(moved, point, atol=1e-12)
 
@@ -142,7 +142,7 @@ def test_transform_lists(text, point):
     ["spin(3)", "translate", "translate(1", "translate()", "scale(1 2 3)", "rotate(1 2)",
      "matrix(1 2 3 4 5)", "translate(a)", "scale(nan)", "skewX(1 2)", "translate(1) garbage"],
 )  # fmt: skip
-def test_transform_lists_that_are_refused(text):
+def test_invalid_transform_lists_are_refused(text):
     with pytest.raises(ValueError, match=r"transform|number"):
         transform_attribute.transform_list(text)
 
@@ -174,7 +174,7 @@ def test_transform_functions_multiply_left_to_right(x, y, angle, factor):
         (" translate(10 0)", (1, 1), [" translate"]),
     ],
 )
-def test_course_transforms(text, point, unknown):
+def test_course_transforms_by_hand(text, point, unknown):
     names = []
     moved = affine_maps.apply(transform_attribute.course_transform(text, names.append), [1.0, 1.0])
     np.testing.assert_allclose(moved, point, atol=1e-6)
@@ -186,18 +186,18 @@ ALIGNMENTS = [(x, y) for x in ("Min", "Mid", "Max") for y in ("Min", "Mid", "Max
 
 @pytest.mark.parametrize(("x", "y"), ALIGNMENTS)
 @pytest.mark.parametrize("how", ["meet", "slice"])
-def test_preserve_aspect_ratio(x, y, how):
+def test_preserve_aspect_ratio_by_hand(x, y, how):
     """A box 10 x 20 at (5, 6) in a viewport 60 wide and 40 high: factors 6 and 2."""
     map3 = view_box.fit(Box(5.0, 6.0, 10.0, 20.0), 40.0, 60.0, f"x{x}Y{y} {how}")
-    part = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
+    share = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
     factor = 2.0 if how == "meet" else 6.0
-    left = part[x] * (60 - 10 * factor)
-    top = part[y] * (40 - 20 * factor)
+    left = share[x] * (60 - 10 * factor)
+    top = share[y] * (40 - 20 * factor)
     wanted = [[left, top], [left + 10 * factor, top + 20 * factor]]
     np.testing.assert_allclose(affine_maps.apply(map3, [[5.0, 6.0], [15.0, 26.0]]), wanted)
 
 
-def test_preserve_aspect_ratio_none_and_default():
+def test_preserve_aspect_ratio_may_be_none_or_left_out():
     box = Box(5.0, 6.0, 10.0, 20.0)
     corners = [[5.0, 6.0], [15.0, 26.0]]
     stretched = affine_maps.apply(view_box.fit(box, 40.0, 60.0, "none"), corners)
@@ -208,7 +208,7 @@ def test_preserve_aspect_ratio_none_and_default():
 
 
 @pytest.mark.parametrize("text", ["xMidYmid", "middle", "xMinYMin crop", "none none none", "x y"])
-def test_preserve_aspect_ratio_that_is_none(text):
+def test_invalid_preserve_aspect_ratio_is_refused(text):
     with pytest.raises(ValueError, match="preserveAspectRatio"):
         view_box.fit(Box(0.0, 0.0, 1.0, 1.0), 1.0, 1.0, text)
 
@@ -226,7 +226,7 @@ def size_of(dialect="svg", **attributes):
     return view_box.document_size(attributes, dialect)
 
 
-def test_document_size():
+def test_document_sizes_by_hand():
     assert size_of(width="20", height="10") == (10, 20)
     assert size_of(width="1in", height="72pt") == (96, 96)
     assert size_of(viewBox="5 5 30 40") == (40, 30)

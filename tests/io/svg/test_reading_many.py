@@ -1,4 +1,4 @@
-"""A process that reads many drawings stays as small as it began."""
+"""Reading many drawings compiles nothing, so that a process does not grow."""
 
 from pathlib import Path
 

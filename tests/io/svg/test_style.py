@@ -1,4 +1,4 @@
-"""Colours of every form, and style with inheritance."""
+"""Colours in every notation, and style with inheritance."""
 
 from typing import Any
 
@@ -38,18 +38,18 @@ from softras2d.io.svg.style import INITIAL, computed
         ("oklab(1 0 0)", (1, 1, 1, 1)),
     ],
 )
-def test_colors(text, rgba):
+def test_colors_by_hand(text, rgba):
     color: Any = color_of(text)
     np.testing.assert_allclose(color, rgba, atol=5e-4 if "lab" in text or "lch" in text else 1e-6)
 
 
-def test_what_is_no_color():
+def test_invalid_colors_are_none():
     for text in ("", "redd", "#12", "#ggg", "rgb(1 2)", "rgb(1% 2% x%)", "color(display-p3 1 0 0)"):
         assert color_of(text) is None
     assert color_of("currentColor") == "currentcolor"
 
 
-def test_percentages_keep_float32():
+def test_percentages_give_exact_float32():
     values = np.random.default_rng(0).random((200, 3)).astype(np.float32)
     for value in values.astype(np.float64).tolist():
         color: Any = color_of("rgb({}% {}% {}%)".format(*(repr(v * 100) for v in value)))
@@ -57,13 +57,13 @@ def test_percentages_keep_float32():
 
 
 def style(parent=INITIAL, **attributes):
-    """The style, and what was noted. Underscores stand for hyphens."""
+    """The computed style and its notes. Underscores in names stand for hyphens."""
     notes = []
     plain = {name.replace("_", "-"): value for name, value in attributes.items()}
     return computed(plain, parent, 100.0, notes.append), notes
 
 
-def test_presentation_attributes_and_inheritance():
+def test_attributes_are_inherited_and_replaced():
     parent, _ = style(fill="red", stroke="#00f", stroke_width="3", fill_opacity=".5")
     child, notes = style(parent, fill="lime", stroke_width="50%", id="x", points="1 2")
     assert child.fill == (0, 1, 0, 1)
@@ -74,19 +74,19 @@ def test_presentation_attributes_and_inheritance():
     assert notes == []
 
 
-def test_css_goes_before_attributes():
-    found, notes = style(
+def test_css_overrides_attributes():
+    result, notes = style(
         fill="red", style="fill: rgb(0 0 255 / 50%) !important; stroke:lime;; stroke-width : 2px"
     )
-    assert found.fill == (0, 0, 1, 0.5)
-    assert found.stroke == (0, 1, 0, 1)
-    assert found.stroke_width == 2
+    assert result.fill == (0, 0, 1, 0.5)
+    assert result.stroke == (0, 1, 0, 1)
+    assert result.stroke_width == 2
     assert notes == []
     assert style(style="fill:red;fill:lime /* green */")[0].fill == (0, 1, 0, 1)
     assert style(style="fill:red;fill:lime")[0].fill == (0, 1, 0, 1)
 
 
-def test_opacity_multiplies_and_the_others_replace():
+def test_opacity_multiplies_and_other_opacities_replace():
     group, _ = style(opacity="50%", fill_opacity="0.5")
     child, _ = style(group, opacity="0.5", fill_opacity="0.25")
     assert child.opacity == 0.25
@@ -102,7 +102,7 @@ def test_current_color_is_that_of_the_user():
     assert style(group, color="currentColor")[0].fill_rgba(True) == (1, 0, 0, 1)
 
 
-def test_no_paint():
+def test_nothing_is_painted_without_paint():
     assert style(fill="none")[0].fill_rgba(True) is None
     assert style(fill="transparent")[0].fill_rgba(False) is None
     assert style()[0].stroke_rgba(True) is None
@@ -113,26 +113,26 @@ def test_no_paint():
 
 
 def test_paint_servers_give_their_fallback_and_a_note():
-    found, notes = style(fill="url(#a)", stroke="url('#b') lime")
-    assert (found.fill, found.stroke) == (None, (0, 1, 0, 1))
+    result, notes = style(fill="url(#a)", stroke="url('#b') lime")
+    assert (result.fill, result.stroke) == (None, (0, 1, 0, 1))
     assert notes == ["url(...) paint"] * 2
 
 
 def test_values_that_css_ignores_are_noted():
     parent, _ = style(fill="red")
-    found, notes = style(
+    result, notes = style(
         parent, fill="redd", stroke_width="-1", fill_rule="odd", stroke_miterlimit="0.5"
     )
-    assert found == parent
+    assert result == parent
     assert notes == ["fill: redd", "stroke-width: -1", "fill-rule: odd", "stroke-miterlimit: 0.5"]
     assert style(parent, fill="inherit") == (parent, [])
 
 
 def test_properties_without_effect_are_noted():
-    found, notes = style(
+    result, notes = style(
         stroke_dasharray="3 1", clip_path="url(#c)", mask="none", style="filter:blur(2px)"
     )
-    assert found == INITIAL
+    assert result == INITIAL
     assert sorted(notes) == ["clip-path", "filter", "stroke-dasharray"]
 
 
@@ -141,6 +141,6 @@ def test_properties_without_effect_are_noted():
     [("opacity", "x"), ("fill-opacity", "nan"), ("stroke-width", "2em"), ("stroke-width", "1e999"),
      ("stroke-miterlimit", "inf"), ("stroke-opacity", "1px")],
 )  # fmt: skip
-def test_numbers_that_are_none(name, value):
+def test_invalid_numbers_are_named(name, value):
     with pytest.raises(ValueError, match=name):
         computed({name: value}, INITIAL, 1.0, print)

@@ -1,4 +1,4 @@
-"""Dialect `svg`: what elements become, by hand."""
+"""Dialect `svg`: the triangles and colours of each element, by hand."""
 
 import warnings
 
@@ -8,6 +8,8 @@ import shapely
 
 from softras2d.io.svg.reader import parse_svg
 
+from ...cases.drawings import corners_of
+
 NS = 'xmlns="http://www.w3.org/2000/svg"'
 
 
@@ -15,15 +17,11 @@ def read(body, root='width="100" height="80"', **options):
     return parse_svg(f"<svg {NS} {root}>{body}</svg>", **options)
 
 
-def corners(scene):
-    return np.asarray(scene.positions)[np.asarray(scene.triangles)]
-
-
 def shape(scene, index=slice(None)):
-    return shapely.union_all(shapely.polygons(corners(scene)[index].astype(np.float64)))
+    return shapely.union_all(shapely.polygons(corners_of(scene)[index].astype(np.float64)))
 
 
-def test_an_empty_drawing():
+def test_an_empty_drawing_is_white():
     scene = read("")
     assert scene.triangles.shape == (0, 3)
     assert scene.colors.shape == (0, 1, 3)
@@ -41,7 +39,7 @@ def test_structure_is_the_smallest():
     assert read(flat).uv is None
 
 
-def test_fallbacks_are_skipped_with_what_they_hold():
+def test_fallbacks_are_skipped_with_their_content():
     shaded = '<colortri points="0 0 9 0 0 9" colors="1 0 0 1 0 1 0 1 0 0 1 1"/>'
     for fallback in (
         '<polygon data-fallback="1" points="0,0 9,0 0,9"/>',
@@ -51,10 +49,10 @@ def test_fallbacks_are_skipped_with_what_they_hold():
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             scene = read(fallback + shaded + fallback)
-        assert corners(scene).tolist() == [[[0, 0], [9, 0], [0, 9]]]
+        assert corners_of(scene).tolist() == [[[0, 0], [9, 0], [0, 9]]]
 
 
-def test_rect_polygon_polyline_line():
+def test_basic_shapes_cover_their_areas():
     assert shape(read('<rect x="1" y="2" width="3" height="4"/>')).equals(shapely.box(1, 2, 4, 6))
     assert shape(read('<polygon points="0,0 9,0 9,9"/>')).area == 40.5
     assert shape(read('<polyline points="0,0 9,0 9,9"/>')).area == 40.5
@@ -78,7 +76,7 @@ def test_stroke_is_over_fill_and_later_over_earlier():
     assert colors[-2:] == [[0, 0, 0]] * 2
 
 
-def test_nothing_to_draw():
+def test_invisible_elements_draw_nothing():
     for body in (
         '<rect width="0" height="5"/>', '<rect width="5"/>', '<polygon points=""/>', "<polygon/>",
         '<polygon points="1,1 2,2"/>', '<rect width="5" height="5" fill="none"/>',
@@ -93,14 +91,14 @@ def test_nothing_to_draw():
         assert read(body).triangles.shape[0] == 0, body
 
 
-def test_a_root_that_is_not_displayed():
+def test_a_root_that_is_not_displayed_draws_nothing():
     assert (
         read('<rect width="5" height="5"/>', 'width="9" height="9" display="none"').triangles.size
         == 0
     )
 
 
-def test_units_and_percentages():
+def test_units_and_percentages_by_hand():
     body = '<rect x="10%" y="10%" width="1in" height="50%"/>'
     assert shape(read(body)).equals(shapely.box(10, 8, 106, 48))
     inside = shape(read(body, 'viewBox="0 0 200 40" width="200" height="40"'))
@@ -110,7 +108,7 @@ def test_units_and_percentages():
     assert shape(read(bar, 'width="70" height="10"')).area == pytest.approx(150)
 
 
-def test_view_box_and_canvas_size():
+def test_view_box_and_canvas_size_by_hand():
     body = '<rect x="5" y="6" width="5" height="20"/>'
     root = 'viewBox="5 6 10 20" width="60" height="40"'
     assert shape(read(body, root)).equals(shapely.box(20, 0, 30, 40))
@@ -128,7 +126,7 @@ def test_view_box_and_canvas_size():
     assert shape(scaled).equals(shapely.box(3, 3, 9, 9))
 
 
-def test_part_pixels_do_not_stretch_the_drawing():
+def test_fractional_sizes_do_not_stretch_the_drawing():
     body = '<rect x="100" y="100" width="1" height="1"/>'
     root = 'width="272.863px" height="300.1px"'
     assert shape(read(body, root)).equals(shapely.box(100, 100, 101, 101))
@@ -144,14 +142,15 @@ def test_transform_replaces_the_view():
     assert shape(read(body, root, transform=2 * np.eye(3))).equals(shapely.box(0, 0, 4, 2))
     shrunk = read(body, root, transform=[[1, 0, 0], [0, 1, 0], [0.25, 0, 1]])
     np.testing.assert_array_equal(
-        corners(shrunk), np.array([[[0, 0], [2, 0], [2, 1]], [[0, 0], [2, 1], [0, 2]]], np.float32)
+        corners_of(shrunk),
+        np.array([[[0, 0], [2, 0], [2, 1]], [[0, 0], [2, 1], [0, 2]]], np.float32),
     )
 
 
 def test_vertices_are_mapped_in_float64():
     rect = '<rect x="-16777216" y=".1" width="1" height="1"/>'
     body = f'<g transform="translate(16777216.25 0)">{rect}</g>'
-    assert corners(read(body))[0, 0].tolist() == [0.25, np.float32(0.1)]
+    assert corners_of(read(body))[0, 0].tolist() == [0.25, np.float32(0.1)]
 
 
 def test_nested_transforms_and_inherited_style():
@@ -164,20 +163,20 @@ def test_nested_transforms_and_inherited_style():
     assert np.asarray(scene.colors)[:, 0].tolist() == [[0, 1, 0]] * 2
 
 
-def test_root_transform_is_about_the_users_units():
-    # An attribute of the root is not part of the transform list that maps its content here.
+def test_the_transform_of_the_root_moves_its_content():
+    # In user units, as that of a group.
     scene = read('<rect width="1" height="1"/>', 'width="9" height="9" transform="translate(3 4)"')
     assert shape(scene).equals(shapely.box(3, 4, 4, 5))
 
 
-def test_points_of_any_spelling():
+def test_points_may_be_separated_in_any_way():
     for points in ("0,0 9,0 9,9", "0 0 9 0 9 9", "0,0,9,0,9,9", " 0 ,0\n9, 0\t9 9 ", "0-0 9+0 9 9"):
         assert shape(read(f'<polygon points="{points}"/>')).area == 40.5
     with pytest.warns(UserWarning, match="odd number of coordinates"):
         assert shape(read('<polygon points="0,0 9,0 9,9 7"/>')).area == 40.5
 
 
-def test_fill_rules():
+def test_fill_rules_differ_in_a_star():
     star = '<polygon points="50,0 21,80 97,30 3,30 79,80" fill-rule="{}"/>'
     nonzero, evenodd = (shape(read(star.format(rule))) for rule in ("nonzero", "evenodd"))
     assert nonzero.contains(shapely.Point(50, 40))
@@ -185,7 +184,7 @@ def test_fill_rules():
     assert nonzero.area > evenodd.area
 
 
-def test_translucent_shapes_cover_nothing_twice():
+def test_translucent_shapes_do_not_overlap_themselves():
     for body in (
         '<rect x="2" y="2" width="20" height="20" fill-opacity=".5"/>',
         '<polygon points="0,0 40,0 40,10 10,10 10,40 0,40" opacity=".5"/>',
@@ -195,17 +194,19 @@ def test_translucent_shapes_cover_nothing_twice():
         'stroke-width="5" stroke-linejoin="round"/>',
     ):  # fmt: skip
         scene = read(body)
-        whole = shape(scene)
-        parts = shapely.area(shapely.polygons(corners(scene).astype(np.float64)))
-        assert parts.sum() == pytest.approx(whole.area, rel=1e-5)
+        outline = shape(scene)
+        areas = shapely.area(shapely.polygons(corners_of(scene).astype(np.float64)))
+        assert areas.sum() == pytest.approx(outline.area, rel=1e-5)
         assert set(np.asarray(scene.colors)[..., 3].ravel().tolist()) == {0.5}
         opaque = shape(read(body, opacity=False))
-        assert opaque.symmetric_difference(whole).area < 1e-3
+        assert opaque.symmetric_difference(outline).area < 1e-3
 
 
-def test_a_translucent_triangle_stays_one():
+def test_a_translucent_triangle_is_not_divided():
     scene = read('<polygon points="1,1 9,1 1,9" fill-opacity="0.25"/>')
-    np.testing.assert_array_equal(corners(scene), np.array([[[1, 1], [9, 1], [1, 9]]], np.float32))
+    np.testing.assert_array_equal(
+        corners_of(scene), np.array([[[1, 1], [9, 1], [1, 9]]], np.float32)
+    )
     assert np.asarray(scene.colors).tolist() == [[[0, 0, 0, 0.25]]]
 
 
@@ -215,7 +216,7 @@ def test_opacities_multiply():
     assert np.asarray(read(body).colors)[0, 0, 3] == 0.0625
 
 
-def test_background():
+def test_a_first_rect_over_the_canvas_is_the_background():
     page = '<rect width="100" height="80" fill="#336699"/>'
     scene = read(page + '<rect width="3" height="3"/>')
     np.testing.assert_array_equal(scene.background, np.array([0.2, 0.4, 0.6], np.float32))
@@ -240,19 +241,19 @@ def test_background():
         '<polygon points="0,0 100,0 100,80 0,80" fill="red"/>',
     ],
 )
-def test_what_is_not_the_background(body):
+def test_other_shapes_are_not_the_background(body):
     scene = read(body)
     assert scene.background.tolist() == [1, 1, 1]
     assert scene.triangles.shape[0] > 1
 
 
-def test_a_page_in_a_wider_canvas_keeps_its_margins():
+def test_a_page_in_a_wider_canvas_has_margins():
     scene = read('<rect width="100" height="80" fill="red"/>', height=80, width=200)
     assert scene.background.tolist() == [1, 1, 1]
     assert shape(scene).equals(shapely.box(50, 0, 150, 80))
 
 
-def test_linear_light():
+def test_colours_are_decoded_to_linear_light():
     scene = read(
         '<rect width="100" height="80" fill="#808080"/><rect width="5" height="5" fill="#bc0a00"/>',
         linear=True,
@@ -265,14 +266,14 @@ def test_linear_light():
     )
 
 
-def test_colortri():
+def test_colortri_has_corner_colours_and_opacity():
     scene = read(
         '<g opacity=".5" transform="translate(1 2)">'
         '<colortri points="0,0 9,0 0,9" colors="1 0 0 1 0 1.5 0 0.5 0 0 1 0" '
         'fill-opacity=".5"/></g>'
     )
     np.testing.assert_array_equal(
-        corners(scene), np.array([[[1, 2], [10, 2], [1, 11]]], np.float32)
+        corners_of(scene), np.array([[[1, 2], [10, 2], [1, 11]]], np.float32)
     )
     np.testing.assert_array_equal(
         scene.colors, np.array([[[1, 0, 0, 0.25], [0, 1.5, 0, 0.125], [0, 0, 1, 0]]], np.float32)
@@ -281,7 +282,7 @@ def test_colortri():
         read('<colortri points="0 0 9 0 0 9" colors="1 0 0 2 0 1 0 1 0 0 1 1"/>')
 
 
-def test_one_warning_names_all():
+def test_one_warning_names_everything_ignored():
     body = (
         '<circle r="3"><title/></circle><circle r="4"/><path d=""/><text>hi<tspan>x</tspan></text>'
         '<defs><linearGradient id="a"><stop/></linearGradient><style>a{}</style></defs>'
@@ -301,7 +302,7 @@ def test_one_warning_names_all():
     assert caught[0].filename == __file__ or "parse_svg" not in str(caught[0].filename)
 
 
-def test_prefixed_svg():
+def test_prefixed_elements_are_read():
     text = (
         '<s:svg xmlns:s="http://www.w3.org/2000/svg" width="9" height="9">'
         '<s:g fill="red"><s:rect width="3" height="3"/></s:g>'
@@ -325,7 +326,7 @@ def test_no_warning_without_need():
 
 
 def test_a_translucent_shape_on_whole_pixels_shows_no_seam():
-    """Samples of its inner edges would be blended twice."""
+    """Samples on its inner edges would be blended twice."""
     import softras2d as sr
 
     scene = read(

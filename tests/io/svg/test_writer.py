@@ -1,4 +1,4 @@
-"""`write_svg`: every float32 survives, browsers see what can be seen, and errors are one line."""
+"""`write_svg`: every float32 is read back, browsers have fallbacks, and errors are one line."""
 
 import re
 import xml.etree.ElementTree as ElementTree
@@ -53,9 +53,9 @@ def elements(path) -> list[ElementTree.Element]:
 
 
 def assert_same(read: sr.Scene, written: sr.Scene) -> None:
-    """The same triangles, colours and background; vertices need not be shared alike."""
-    got, wanted = (np.asarray(s.positions)[np.asarray(s.triangles)] for s in (read, written))
-    np.testing.assert_array_equal(got, wanted)
+    """Assert equal triangles, colours and background, however vertices are shared."""
+    corners, expected = (np.asarray(s.positions)[np.asarray(s.triangles)] for s in (read, written))
+    np.testing.assert_array_equal(corners, expected)
     np.testing.assert_array_equal(read.colors, written.colors)
     np.testing.assert_array_equal(read.background, written.background)
 
@@ -70,7 +70,7 @@ def test_reading_gives_back_the_same_arrays(tmp_path, shape, background):
     assert [root.get(k) for k in ("width", "height", "viewBox")] == ["67", "91", "0 0 67 91"]
 
 
-def test_degenerate_and_shared_triangles_come_back(tmp_path):
+def test_degenerate_and_shared_triangles_are_read_back(tmp_path):
     scene = sr.Scene.from_mesh(
         floats([[0, 0], [10, 0], [0, 10], [20, 0], [1e-7, 1e7], [-0.0, 3.5]]),
         [[0, 1, 2], [2, 1, 0], [0, 1, 3], [1, 1, 1], [0, 4, 3], [5, 2, 0]],
@@ -81,14 +81,14 @@ def test_degenerate_and_shared_triangles_come_back(tmp_path):
 
 
 @pytest.mark.parametrize("shape", [(3,), (3, 3)], ids=str)
-def test_colours_beyond_the_display_come_back(tmp_path, shape):
+def test_colours_outside_0_to_1_are_read_back(tmp_path, shape):
     corners = floats(RNG.random((8, 3, 2)))
     scene = sr.Scene.from_soup(corners, floats(RNG.standard_normal((8, *shape)) * 3))
     sr.write_svg(tmp_path / "scene.svg", scene, height=3, width=4)
     assert_same(sr.read_svg(tmp_path / "scene.svg"), scene)
 
 
-def test_empty_scene(tmp_path):
+def test_an_empty_scene_is_read_back(tmp_path):
     scene = sr.Scene.from_soup([], [], background=[0.0, 0.25, 0.5])
     sr.write_svg(tmp_path / "scene.svg", scene, height=3, width=4)
     read = sr.read_svg(tmp_path / "scene.svg")
@@ -96,13 +96,13 @@ def test_empty_scene(tmp_path):
     np.testing.assert_array_equal(read.background, scene.background)
 
 
-def test_a_second_writing_changes_nothing(tmp_path):
+def test_writing_again_gives_the_same_file(tmp_path):
     sr.write_svg(tmp_path / "a.svg", soup(30, 3, 4), height=64, width=64)
     sr.write_svg(tmp_path / "b.svg", sr.read_svg(tmp_path / "a.svg"), height=64, width=64)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
 
 
-def test_browsers_see_flat_triangles(tmp_path):
+def test_flat_triangles_are_polygons(tmp_path):
     scene = sr.Scene.from_soup(
         floats([[[0, 0], [10.1, 0], [0, 1e-7]]]),
         floats([[0.1, 1, 0, 0.5]]),
@@ -118,7 +118,7 @@ def test_browsers_see_flat_triangles(tmp_path):
     assert polygon.get("fill-opacity") == "0.5"
 
 
-def test_corners_that_agree_are_a_polygon_in_draw_order(tmp_path):
+def test_equal_corner_colours_are_a_polygon_in_draw_order(tmp_path):
     colors = RNG.random((3, 3, 3)).astype(np.float32)
     colors[1] = colors[1, 0]
     scene = sr.Scene.from_soup(RNG.random((3, 3, 2)).astype(np.float32), colors)
@@ -160,7 +160,7 @@ def test_translucent_background_is_a_rect_over_white(tmp_path, alpha):
 
 
 @given(st.lists(UNIT, min_size=3, max_size=3))
-def test_percentages_keep_float32(rgb):
+def test_percentages_give_exact_float32(rgb):
     wanted = floats(rgb)
     percent = re.findall(r"([^ (]+)%", _paint_attributes(wanted[None])[0])
     got = (np.array(percent, np.float64) / 100).astype(np.float32)
@@ -168,7 +168,7 @@ def test_percentages_keep_float32(rgb):
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False, width=32))
-def test_numbers_keep_float32(value):
+def test_numbers_give_exact_float32(value):
     (text,) = _shortest(floats([value])).tolist()
     assert floats(float(text)) == floats(value)
     assert re.fullmatch(r"-?\d+(\.\d+)?(e[+-]\d+)?", text)
@@ -182,7 +182,7 @@ def test_many_float32_of_the_unit_interval_survive():
     np.testing.assert_array_equal(got.reshape(-1, 3), wanted)
 
 
-def test_textures_are_written_beside(tmp_path):
+def test_textures_are_written_beside_the_drawing(tmp_path):
     scene = textured()
     sr.write_svg(tmp_path / "a & b.svg", scene, height=50, width=50)
     assert sorted(file.name for file in tmp_path.iterdir()) == [
@@ -199,13 +199,13 @@ def test_textures_are_written_beside(tmp_path):
     index = np.asarray(scene.texture_index)
     np.testing.assert_array_equal(np.asarray(read.texture_index) >= 0, index >= 0)
     np.testing.assert_array_equal(np.asarray(read.uv)[index >= 0], np.asarray(scene.uv)[index >= 0])
-    # The texture of triangle 2 is of bytes and comes back exactly, that of triangle 0 to 16 bits.
+    # The texture of triangle 2 is of bytes and exact, that of triangle 0 is rounded to 16 bits.
     np.testing.assert_array_equal(base_level(read, 2), base_level(scene, 2))
     np.testing.assert_allclose(base_level(read, 0), base_level(scene, 0), atol=0.6 / 65535)
 
 
 def base_level(scene: sr.Scene, triangle: int) -> np.ndarray:
-    """The texels of the texture of a triangle. Reading may number textures anew."""
+    """The texels of a triangle's texture, whose index may change by writing and reading."""
     assert scene.textures is not None and scene.texture_index is not None
     index = int(scene.texture_index[triangle])
     offset, height, width = np.asarray(scene.textures.levels)[index, 0].tolist()
@@ -226,7 +226,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_cannot_be_said_is_refused_before_writing(tmp_path, case):
+def test_what_svg_cannot_express_is_refused_before_writing(tmp_path, case):
     scene, message = REFUSED[case]
     with pytest.raises(ValueError, match=re.escape(message)) as caught:
         sr.write_svg(tmp_path / "scene.svg", scene, height=3, width=4)
@@ -246,7 +246,7 @@ def test_float64_is_rounded_to_float32(tmp_path, float64):
         sr.write_svg(tmp_path / "c.svg", huge, height=40, width=40)
 
 
-def test_bad_places_are_one_clear_line(tmp_path):
+def test_unwritable_paths_are_refused_in_one_line(tmp_path):
     with pytest.raises(ValueError, match="folder to write to does not exist"):
         sr.write_svg(tmp_path / "no" / "scene.svg", ONE, height=3, width=4)
     (tmp_path / "folder.svg").mkdir()

@@ -1,6 +1,6 @@
-"""Derivatives of a render with respect to all that a scene and its filter hold in floats.
+"""Derivatives of a render by the float arrays of a scene and the bias of its filter.
 
-One forward and one backward program for each structure, whichever arrays a test asks about.
+One forward and one backward program for each structure, whichever arrays a test is about.
 """
 
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 import softras2d as sr
 
 MOVING = ("colors", "background", "uv", "inverse_w", "textures")
-"""The entries that a picture follows; it jumps with `positions` and `depth`."""
+"""Fields by which the image is differentiable everywhere; by others it jumps."""
 
 
 def _split(scene: sr.Scene, plan: sr.Plan) -> tuple[Any, Any]:
@@ -28,14 +28,14 @@ def _image(floats: Any, rest: Any, plan: sr.Plan) -> Any:
 
 @eqx.filter_jit
 def forward(scene: sr.Scene, plan: sr.Plan, direction: Any) -> tuple[Any, Any]:
-    """The image and its tangent along `direction`, as `direction_of` makes it."""
+    """The image and its tangent along `direction`, a result of `direction_of`."""
     floats, rest = _split(scene, plan)
     return jax.jvp(lambda floats: _image(floats, rest, plan), (floats,), (direction,))
 
 
 @eqx.filter_jit
 def backward(scene: sr.Scene, plan: sr.Plan, weight: Any) -> tuple[Any, Any]:
-    """Cotangents of `(scene, lod_bias)` for the image's `weight`."""
+    """Cotangents of `(scene, lod_bias)` for the weight of the image."""
     floats, rest = _split(scene, plan)
     return jax.vjp(lambda floats: _image(floats, rest, plan), floats)[1](weight)[0]
 
@@ -43,18 +43,18 @@ def backward(scene: sr.Scene, plan: sr.Plan, weight: Any) -> tuple[Any, Any]:
 def direction_of(
     scene: sr.Scene, plan: sr.Plan, seed: int = 0, names: tuple[str, ...] = MOVING, bias: float = 0
 ) -> Any:
-    """A seeded direction in the entries of `names`, zero in the others."""
+    """A seeded direction in the fields `names`, zero in the others."""
     rng = np.random.default_rng(seed)
     floats, _ = _split(scene, plan)
     zero = jax.tree.map(jnp.zeros_like, floats)
     moved, _ = zero
     for name in names:
-        part = getattr(moved, name)
-        if part is not None:
-            drawn = jax.tree.map(
-                lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype), part
+        field = getattr(moved, name)
+        if field is not None:
+            random = jax.tree.map(
+                lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype), field
             )
-            moved = eqx.tree_at(lambda s, name=name: getattr(s, name), moved, drawn)
+            moved = eqx.tree_at(lambda s, name=name: getattr(s, name), moved, random)
     return moved, jnp.full_like(zero[1], bias)
 
 
@@ -64,11 +64,11 @@ def weight_of(image: Any, seed: int = 0) -> Any:
 
 
 def stepped(scene: sr.Scene, plan: sr.Plan, direction: Any, step: float) -> Any:
-    """The image a step along the direction; the bias, which is single precision, stays."""
+    """The image a step along the direction, without its bias, which is in single precision."""
     floats, rest = _split(scene, plan)
     moved = jax.tree.map(lambda leaf, d: leaf + step * d, floats[0], direction[0])
-    there, _ = eqx.combine((moved, floats[1]), rest)
-    return np.asarray(sr.render_checked(there, plan)[0])
+    moved_scene, _ = eqx.combine((moved, floats[1]), rest)
+    return np.asarray(sr.render_checked(moved_scene, plan)[0])
 
 
 def difference(scene: sr.Scene, plan: sr.Plan, direction: Any, step: float = 1e-6) -> np.ndarray:
@@ -78,7 +78,7 @@ def difference(scene: sr.Scene, plan: sr.Plan, direction: Any, step: float = 1e-
 
 
 def is_finite(tree: Any) -> bool:
-    """Whether every number is."""
+    """Whether every number of a tree is finite."""
     return all(bool(np.isfinite(leaf).all()) for leaf in jax.tree.leaves(tree))
 
 

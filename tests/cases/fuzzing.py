@@ -1,4 +1,4 @@
-"""Time limit, seeds and damaged files, shared by the fuzz tests."""
+"""Time limit, seeds and damaged files for the fuzz tests."""
 
 import os
 import time
@@ -22,8 +22,8 @@ def cases(share: float = 1.0) -> Iterator[tuple[int, np.random.Generator]]:
         number += 1
 
 
-def flipped(data: bytes, rng: np.random.Generator, *, first: int = 0) -> bytes:
-    """Damage `data`: replace up to eight bytes after `first`, cut off the end or repeat a part."""
+def damaged(data: bytes, rng: np.random.Generator, *, first: int = 0) -> bytes:
+    """Damage `data`: replace up to eight bytes after `first`, cut off the end or repeat a piece."""
     changed = bytearray(data)
     kind = rng.integers(4)
     if kind == 0:

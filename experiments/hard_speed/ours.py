@@ -13,10 +13,10 @@ CORES = os.cpu_count() or 1
 
 
 def softras2d(soup: Soup, samples: int) -> Contestant:
-    """Hard mode: a plan made beforehand, for a call of `render` until its image is there.
+    """Hard mode: time a call of `render` until its image is ready, with a plan made before.
 
-    Binning is part of `render`; the plan holds capacities. The scene is told what it is: one
-    colour a triangle where flat, three channels where opaque.
+    Binning is part of `render`; the plan only has capacities. The scene has the fewest colours: one
+    per triangle if flat, three channels if opaque.
     """
     import softras2d as sr
 
