@@ -200,7 +200,7 @@ def test_an_error_start_is_better_than_an_even_one(model):
 def test_an_error_start_has_more_vertices_where_weights_are_large():
     target = _noise(5)
     weights = np.where(np.arange(WIDTH) < WIDTH // 2, 1.0, 1e-3) * np.ones((HEIGHT, 1))
-    left = [
+    share_at_left = [
         (error_start(Target(target.image, w), 100).positions[:, 0] < WIDTH / 2).mean()
         for w in (None, weights)
     ]

@@ -67,12 +67,12 @@ def test_removal_costs_are_the_rise_of_the_error(corner_colors, translucent, wei
 
 def test_gains_are_the_drop_of_the_error():
     image = np.tile(TARGET.mean((0, 1)), (HEIGHT, WIDTH, 1))
-    found = place(np.random.default_rng(0), image, Target(TARGET), 5, size=8.0)
-    assert 0 < len(found.corners) <= 5
-    for corners, color, gain in zip(found.corners, found.colors, found.gains, strict=True):
-        held, _ = inside(corners)
-        before = ((image - TARGET) ** 2).sum(-1)[held].sum()
-        after = ((color - TARGET) ** 2).sum(-1)[held].sum()
+    placed = place(np.random.default_rng(0), image, Target(TARGET), 5, size=8.0)
+    assert 0 < len(placed.corners) <= 5
+    for corners, color, gain in zip(placed.corners, placed.colors, placed.gains, strict=True):
+        is_inside, _ = inside(corners)
+        before = ((image - TARGET) ** 2).sum(-1)[is_inside].sum()
+        after = ((color - TARGET) ** 2).sum(-1)[is_inside].sum()
         assert gain == pytest.approx(before - after, abs=1e-6)
         assert gain > 0
         np.testing.assert_allclose(color, TARGET[is_inside].mean(0), atol=1e-9)
@@ -80,16 +80,16 @@ def test_gains_are_the_drop_of_the_error():
 
 def test_nothing_is_placed_where_nothing_is_gained():
     flat = np.full_like(TARGET, 0.3)
-    found = place(np.random.default_rng(0), flat, Target(flat), 5, size=8.0)
-    assert len(found.corners) == 0
+    placed = place(np.random.default_rng(0), flat, Target(flat), 5, size=8.0)
+    assert len(placed.corners) == 0
 
 
 def test_triangles_are_placed_where_weights_are():
     weights = np.zeros((HEIGHT, WIDTH))
     weights[:, :20] = 1
     image = np.zeros_like(TARGET)
-    found = place(np.random.default_rng(0), image, Target(TARGET, weights), 8, size=4.0)
-    assert (found.corners[..., 0].mean(1) < 22).all()
+    placed = place(np.random.default_rng(0), image, Target(TARGET, weights), 8, size=4.0)
+    assert (placed.corners[..., 0].mean(1) < 22).all()
 
 
 def test_pixels_of_either_orientation_have_the_weights_of_their_corners():
@@ -108,24 +108,26 @@ def test_a_black_shape_on_a_clear_background_counts_as_error():
     """Premultiplied, it differs from the clear background in its alpha alone."""
     target = np.zeros((HEIGHT, WIDTH, 4))
     target[10:30, 12:36, 3] = 1
-    found = place(np.random.default_rng(0), np.zeros_like(target), Target(target), 4, size=8.0)
-    assert len(found.corners) > 0
-    assert found.colors.max() == 0
-    for one, gain in zip(found.corners, found.gains, strict=True):
+    placed = place(np.random.default_rng(0), np.zeros_like(target), Target(target), 4, size=8.0)
+    assert len(placed.corners) > 0
+    assert placed.colors.max() == 0
+    for one, gain in zip(placed.corners, placed.gains, strict=True):
         covered = inside(one)[0]
         drawn = np.where(covered[..., None], [0.0, 0.0, 0.0, 1.0], 0.0)
         expected = (target**2).sum() - ((drawn - target) ** 2).sum()
         assert gain == pytest.approx(expected)
     costs = removal_costs(
-        found.corners[:1], np.zeros((1, 1, 3)), None, Target(target), np.zeros(4, np.float32)
+        placed.corners[:1], np.zeros((1, 1, 3)), None, Target(target), np.zeros(4, np.float32)
     )
     assert costs == pytest.approx(placed.gains[:1])
 
 
 def test_candidates_in_blocks_are_those_of_one_block(monkeypatch):
     whole, blocks = [], []
-    for pairs, found in ((2.0**40, whole), (50.0, blocks)):
+    for pairs, placed in ((2.0**40, whole), (50.0, blocks)):
         monkeypatch.setattr(placement, "_MAX_PAIRS", pairs)
-        found += place(np.random.default_rng(0), np.zeros_like(TARGET), Target(TARGET), 6, size=7.0)
+        placed += place(
+            np.random.default_rng(0), np.zeros_like(TARGET), Target(TARGET), 6, size=7.0
+        )
     for a, b in zip(whole, blocks, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12)

@@ -88,7 +88,8 @@ def test_every_pixel_centre_has_one_triangle(seed):
         np.testing.assert_allclose(centers[:, 1], pairs.pixel // WIDTH + 0.5, atol=1e-9)
         ones = np.ones(len(pairs.pixel))
         np.testing.assert_array_equal(
-            pairs.sum_by_triangle(ones), np.bincount(pairs.triangle, minlength=len(one.triangles))
+            pairs.sum_by_triangle(ones),
+            np.bincount(pairs.triangle, minlength=len(tiling.triangles)),
         )
 
 

@@ -324,25 +324,25 @@ def test_thin_triangles_have_their_full_gradient(kind, most, corners):
     """
     scenes = [thin_triangles(seed, kind, corners) for seed in range(8)]
     plan = sr.plan(scenes, height=24, width=24, coverage=sr.Hard(16))
-    product, rectangle = 0.0, 0.0
+    product, square = 0.0, 0.0
     for seed, scene in enumerate(scenes):
         # One weight for each square, so that only the change by its triangle is measured.
         rng = np.random.default_rng(seed)
         weights = rng.normal(size=(3, 3, 3)).repeat(8, 0).repeat(8, 1).astype(np.float32)
         gradient = np.asarray(gradient_of(scene, plan, weights), np.float64)
         expected = edges.position_gradient(scene, weights)
-        product, rectangle = product + (gradient * expected).sum(), rectangle + (expected**2).sum()
-    assert product / rectangle == pytest.approx(1.0, abs=most)
+        product, square = product + (gradient * expected).sum(), square + (expected**2).sum()
+    assert product / square == pytest.approx(1.0, abs=most)
 
 
 @pytest.mark.parametrize(
     "corners, depth", [(1, False), *(pytest.param(*k, marks=SLOW) for k in [(3, False), (3, True)])]
 )
-def test_translucent_slivers_have_the_whole_gradient(corners, depth):
+def test_translucent_slivers_have_their_full_gradient(corners, depth):
     """With corner colours and with depth: most lie between samples and are seen at none."""
     product, square = 0.0, 0.0
     for seed in range(1, 5):
-        scene = thin_things(seed, "sliver", corners)
+        scene = thin_triangles(seed, "sliver", corners)
         alpha = np.full((9, corners, 1), 0.6, np.float32)
         colors = np.concatenate([np.asarray(scene.colors), alpha], -1)
         scene = replace(scene, colors=jnp.asarray(colors))
