@@ -120,7 +120,9 @@ def add_color(
 
         @materialized
         def finish(total, shown, color, texels, taps, texture, share):
-            return add(total, shown, _tint(color, read_levels(texels, taps), texture, share))
+            return add(
+                total, shown, _tint(color, read_levels(texels, taps, lookup.filter), texture, share)
+            )
 
         taps = tap_levels(reading.levels, uv, lookup)
         return finish(total, shown, color, skin.texels, taps, texture, share)

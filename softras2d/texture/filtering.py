@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from ..names import PixelFilter, TextureAddressing, TextureBorder
 from ..numerics.fusion_barrier import materialized
 from .level_of_detail import Level, Levels
-from .texel_filters import TEXEL_FILTERS
+from .texel_filters import TEXEL_FILTERS, AbstractTexelFilter
 
 
 class Lookup(NamedTuple):
@@ -25,21 +25,26 @@ class Lookup(NamedTuple):
     addressing: TextureAddressing
 
     @property
+    def filter(self) -> AbstractTexelFilter:
+        """How texels are mixed along an axis."""
+        return TEXEL_FILTERS[self.pixel]
+
+    @property
     def is_periodic(self) -> bool:
         """Whether the texel after the last is the first, half a texel beyond the border each."""
         return self.border == "repeat" and self.addressing == "half_texel"
 
 
 class Taps(NamedTuple):
-    """Texels in a row around a point along u and v, and their weights.
+    """Texels in a row around a point along u and v.
 
     - `texels`: for each tap `[2, *points]`. The texel of tap i along u and j along v has the index
       `texels[i][0] + texels[j][1]`.
-    - `weights`: for each tap `[2, *points]`; None for a single tap.
+    - `fraction`: where the point lies, for `AbstractTexelFilter.weights`; None for a single tap.
     """
 
     texels: tuple[Int[Array, "2 *points"], ...]
-    weights: tuple[Float[Array, "2 *points"], ...] | None = None
+    fraction: Float[Array, "2 *points"] | None = None
 
 
 class LevelTaps(NamedTuple):
@@ -60,16 +65,18 @@ def tap_levels(levels: Levels, uv: Float[Array, "2 *points"], lookup: Lookup) ->
 
 
 def read_levels(
-    texels: Float[Array, "channels texels"], taps: LevelTaps
+    texels: Float[Array, "channels texels"], taps: LevelTaps, filter: AbstractTexelFilter
 ) -> Float[Array, "channels *points"]:
     """Gather the texels of the taps and mix them."""
-    fine = _read(texels, taps.fine)
+    fine = _read(texels, taps.fine, filter)
     if taps.coarse is None or taps.fraction is None:
         return fine
-    return fine + taps.fraction[None] * (_read(texels, taps.coarse) - fine)
+    return fine + taps.fraction[None] * (_read(texels, taps.coarse, filter) - fine)
 
 
-def _read(texels: Float[Array, "channels texels"], taps: Taps) -> Float[Array, "channels *points"]:
+def _read(
+    texels: Float[Array, "channels texels"], taps: Taps, filter: AbstractTexelFilter
+) -> Float[Array, "channels *points"]:
     """Gather the texels of the taps and mix them in one level."""
     channels, count = texels.shape
     points = taps.texels[0].ndim - 1
@@ -81,20 +88,18 @@ def _read(texels: Float[Array, "channels texels"], taps: Taps) -> Float[Array, "
         # axes transposed.
         return texels.reshape(-1).at[channel + (u[0] + v[1])[None]].get(mode="clip")
 
-    if taps.weights is None:
+    if taps.fraction is None:
         return gather(taps.texels[0], taps.texels[0])
-    rows = [
-        _mix([gather(u, v) for u in taps.texels], [weight[0] for weight in taps.weights])
-        for v in taps.texels
-    ]
-    return _mix(rows, [weight[1] for weight in taps.weights])
+    # Here, and not where taps are computed: one fraction is less to store than all weights.
+    across, down = (filter.weights(fraction[None]) for fraction in taps.fraction)
+    rows = [_mix([gather(u, v) for u in taps.texels], across) for v in taps.texels]
+    return _mix(rows, down)
 
 
-def _mix(values: list[Array], weights: list[Array]) -> Array:
+def _mix(values: list[Array], weights: tuple[Array, ...]) -> Array:
     """Sum of values times weights."""
-    return functools.reduce(
-        jnp.add, [value * weight[None] for value, weight in zip(values, weights, strict=True)]
-    )
+    products = [value * weight for value, weight in zip(values, weights, strict=True)]
+    return functools.reduce(jnp.add, products)
 
 
 def _taps(level: Level, uv: Float[Array, "2 *points"], lookup: Lookup) -> Taps:
@@ -108,7 +113,7 @@ def _taps(level: Level, uv: Float[Array, "2 *points"], lookup: Lookup) -> Taps:
     size = by_axis(level.width, level.height)
     stride, offset = by_axis(1, level.width), by_axis(0, level.offset)
     last = size - 1
-    filter = TEXEL_FILTERS[lookup.pixel]
+    filter = lookup.filter
     position = _texel_position(uv, size, lookup)
     if not lookup.is_periodic:
         # With zero gradient beyond the border.
@@ -123,7 +128,7 @@ def _taps(level: Level, uv: Float[Array, "2 *points"], lookup: Lookup) -> Taps:
     texel = start.astype(jnp.int32)
     offsets = range(filter.first, filter.first + filter.taps)
     texels = tuple(_neighbor(texel, k, last, lookup) * stride + offset for k in offsets)
-    return Taps(texels, filter.weights(position - start))
+    return Taps(texels, position - start if filter.taps > 1 else None)
 
 
 def _neighbor(

@@ -8,6 +8,7 @@ import abc
 from typing import ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..names import PixelFilter
@@ -25,8 +26,8 @@ class AbstractTexelFilter(eqx.Module):
     shift: eqx.AbstractClassVar[float]
 
     @abc.abstractmethod
-    def weights(self, fraction: Float[Array, "*points"]) -> tuple[Array, ...] | None:
-        """Weight of each tap; they add up to 1. None if one tap has all the weight.
+    def weights(self, fraction: Float[Array, "*points"]) -> tuple[Array, ...]:
+        """Weight of each tap; they add up to 1.
 
         `fraction` is `position - start`, 0..1, and 1 only at the last texel of a clamped border.
         The derivative of the weights is that of the filtered texture.
@@ -40,9 +41,9 @@ class Nearest(AbstractTexelFilter):
     first: ClassVar[int] = 0
     shift: ClassVar[float] = 0.5
 
-    def weights(self, fraction: Float[Array, "*points"]) -> None:
+    def weights(self, fraction: Float[Array, "*points"]) -> tuple[Array, ...]:
         """All the weight is on one tap, so that the gradient by the position is zero."""
-        return None
+        return (jnp.ones_like(fraction),)
 
 
 class Bilinear(AbstractTexelFilter):
