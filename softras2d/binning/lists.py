@@ -24,27 +24,27 @@ class Chunks(NamedTuple):
     """Lists of triangles in chunks; those of a tile follow each other, nearest first.
 
     - `triangle`, `filled`: the triangle in each slot, and whether the slot has one.
-    - `place`: index of the slot's entry in the tile lists.
+    - `entry`: index of the slot's entry in the tile lists.
     - `tile`, `index`: the tile of a chunk, and the chunk's number among those of its tile.
     - `first`, `count`: the first chunk of each tile, and how many it has.
-    - `needed`, `deepest`: number of chunks in all, and of the tile that has most.
+    - `needed`, `most_in_tile`: number of chunks in all, and of the tile that has most.
     """
 
     triangle: Int[Array, "chunks layers"]
     filled: Bool[Array, "chunks layers"]
-    place: Int[Array, "chunks layers"]
+    entry: Int[Array, "chunks layers"]
     tile: Int[Array, " chunks"]
     index: Int[Array, " chunks"]
     first: Int[Array, " tiles"]
     count: Int[Array, " tiles"]
     needed: Int[Array, ""]
-    deepest: Int[Array, ""]
+    most_in_tile: Int[Array, ""]
 
 
 class Steps(NamedTuple):
     """Steps through the lists of blocks of tiles, block after block, each list from its start.
 
-    - `block`, `place`: the block of each step, and which entry of its tiles' lists is visited.
+    - `block`, `position`: the block of each step, and which entry of its tiles' lists is visited.
     - `tile`, `start`, `count`: the tiles of each block, and the first entry and length of their
       lists. The last block is filled up with empty lists of tile 0.
     - `slot`: index of each tile among the tiles of all blocks.
@@ -52,7 +52,7 @@ class Steps(NamedTuple):
     """
 
     block: Int[Array, " steps"]
-    place: Int[Array, " steps"]
+    position: Int[Array, " steps"]
     tile: Int[Array, "blocks block"]
     start: Int[Array, "blocks block"]
     count: Int[Array, "blocks block"]

@@ -15,9 +15,9 @@ from jaxtyping import Array, Float, UInt32
 from ..binning.lists import Chunks
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from ..shading.fragments import Fragments, pick_bits, sample_points, shading_points
-from ..shading.surface import Lanes, Points, Surface, pick_lanes
-from ..shading.triangle_color import add_shade, shade, view
+from ..shading.fragments import Fragments, gather_bits, sample_points, shading_points
+from ..shading.surface import Lanes, Points, Surface, gather_lanes
+from ..shading.triangle_color import add_shade, shade, surface_lanes
 from .opaque import Fields
 
 
@@ -38,9 +38,9 @@ def sum_shaded(
     triangle = chunks.triangle.reshape(-1)
     tile = jnp.repeat(chunks.tile, chunks.triangle.shape[1])
     # There are fewer slots than fragments, so values that a slot's pixels share are computed first.
-    lanes = pick_lanes(view(surface, triangle, tile, tiling), fragments.slot)
+    lanes = gather_lanes(surface_lanes(surface, triangle, tile, tiling), fragments.slot)
     if shading == "pixel":
-        covered = pick_bits(rows, fragments.slot, fragments.column, fragments.row, tiling)
+        covered = gather_bits(rows, fragments.slot, fragments.column, fragments.row, tiling)
         points = shading_points(
             fragments, covered, surface.edges, lanes.weights, triangle, tile, tiling
         )

@@ -29,8 +29,8 @@ from ..geometry.barycentric import slot_weights, weight_sums
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.fragments import Fragments, shading_points
-from ..shading.surface import Lanes, Points, Surface, pick_lanes
-from ..shading.triangle_color import shade, view
+from ..shading.surface import Lanes, Points, Surface, gather_lanes
+from ..shading.triangle_color import shade, surface_lanes
 
 
 class Layers(NamedTuple):
@@ -94,7 +94,7 @@ def composite(
     )
     numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
     with jax.named_scope("transmittance"):
-        (image, _, _), _ = jax.lax.scan(visit, initial, (numbers, steps.block, steps.place))
+        (image, _, _), _ = jax.lax.scan(visit, initial, (numbers, steps.block, steps.position))
     by_tile = image.reshape(blocks, 4, width, block, height).transpose(0, 3, 1, 2, 4)
     return by_tile.reshape(-1, 4, width, height)[steps.slot]
 
@@ -173,10 +173,10 @@ def _shade_block(
     """Compute the premultiplied colours of a layer of a block at every sample."""
     surface, side, width = layers.surface, tiling.grid.rate, tiling.width
     lines = covered.shape[1]
-    lanes = view(surface, triangle, tile, tiling)
+    lanes = surface_lanes(surface, triangle, tile, tiling)
     if layers.shading == "pixel":
         fragments = _block_fragments(covered, tiling)
-        lanes = pick_lanes(lanes, fragments.slot)
+        lanes = gather_lanes(lanes, fragments.slot)
         points = shading_points(
             fragments, fragments.bits, surface.edges, lanes.weights, triangle, tile, tiling
         )

@@ -76,7 +76,7 @@ def keep_nearest(
         numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
         lines = steps.tile.shape[1] * tiling.sample_rows
         least = jnp.zeros((tiling.sample_columns, lines), dtype)
-        _, (words, pair) = jax.lax.scan(visit, least, (numbers, steps.block, steps.place))
+        _, (words, pair) = jax.lax.scan(visit, least, (numbers, steps.block, steps.position))
         words = words.reshape(-1, tiling.sample_rows)
         return jnp.zeros_like(rows).at[pair.reshape(-1)].set(words, mode="drop")
 

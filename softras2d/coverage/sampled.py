@@ -60,7 +60,7 @@ def row_order(tiling: Tiling, xp: Any = jnp) -> Any:
     return (position % tiling.height) * tiling.grid.rate + position // tiling.height
 
 
-class Lines(NamedTuple):
+class TriangleInTile(NamedTuple):
     """Inputs from which the coverage words of a slot are computed.
 
     - `edges`: for each edge its value at the tile's first sample, and its steps right and down.
@@ -76,7 +76,7 @@ class Lines(NamedTuple):
     bottom: Any
 
 
-def covered_rows(
+def coverage_words(
     edges: Edges,
     bounds: SampleBounds,
     triangle: Int[Array, "*slots"],
@@ -85,14 +85,14 @@ def covered_rows(
     tiling: Tiling,
 ) -> UInt32[Array, "*slots rows"]:
     """Compute the samples of each slot's tile that its triangle covers, hidden ones too."""
-    place = materialized(functools.partial(place_lines, tiling=tiling))
-    draw = materialized(functools.partial(draw_lines, tiling=tiling))
+    place = materialized(functools.partial(triangle_in_tile, tiling=tiling))
+    draw = materialized(functools.partial(rasterize, tiling=tiling))
     return draw(place(edges, bounds, triangle, tile, filled))
 
 
-def place_lines(
+def triangle_in_tile(
     edges: Edges, bounds: SampleBounds, triangle: Any, tile: Any, filled: Any, tiling: Tiling
-) -> Lines:
+) -> TriangleInTile:
     """Compute the edge lines and the bounding box of each slot. Works for NumPy and JAX alike."""
     xp = triangle.__array_namespace__()
     column, row = tiling.first_sample(tile)
@@ -103,10 +103,10 @@ def place_lines(
         xp.clip(box.right - column + 1, 0, 32)
     )
     across = xp.where(filled, across, xp.uint32(0))
-    return Lines(lines, across, box.top - row, box.bottom - row)
+    return TriangleInTile(lines, across, box.top - row, box.bottom - row)
 
 
-def draw_lines(lines: Lines, tiling: Tiling) -> Any:
+def rasterize(lines: TriangleInTile, tiling: Tiling) -> Any:
     """Compute the covered samples as `[*slots, rows]` words. Works for NumPy and JAX alike."""
     _, across, top, bottom = lines
     xp = across.__array_namespace__()
@@ -118,7 +118,7 @@ def draw_lines(lines: Lines, tiling: Tiling) -> Any:
     return word
 
 
-def hide(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, max_chunks: int):
+def remove_hidden(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, max_chunks: int):
     """Remove from each slot the samples that nearer slots of the tile cover.
 
     Also returns, for each chunk, the samples that it and the chunks before it in its tile cover.

@@ -91,13 +91,15 @@ class Headroom(NamedTuple):
     small_slots: int
 
 
-HARD_HEADROOM = Headroom(
+SAMPLED_HEADROOM = Headroom(
     merge_cost=1, share=16, least_slots=2**12, coarse_slots=2**14, small_slots=2**14
 )
-FADING_HEADROOM = Headroom(merge_cost=2, share=16, least_slots=2**11, coarse_slots=0, small_slots=0)
+ANALYTIC_HEADROOM = Headroom(
+    merge_cost=2, share=16, least_slots=2**11, coarse_slots=0, small_slots=0
+)
 """Finer classes than for pictures, as a gradient computes several times as much for each slot."""
 
-VARYING_HEADROOM = FADING_HEADROOM._replace(merge_cost=1)
+VARYING_HEADROOM = ANALYTIC_HEADROOM._replace(merge_cost=1)
 """Where colours vary within a triangle a slot costs more, and a chunk by comparison less."""
 
 _LAYERS = (2, 4, 8)
@@ -149,7 +151,7 @@ def count_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) ->
     return Counts(found.strips, found.pairs, found.listed, fragments, crossings)
 
 
-def count_fading(
+def count_analytic_lists(
     scene: Scene, tiling: Tiling, reach: float, origin: np.ndarray, *, summed: bool
 ) -> Counts:
     """Count the lists of analytic coverage, which reaches `reach` pixels beyond the edges.

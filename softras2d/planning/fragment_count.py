@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..coverage.sampled import draw_lines, place_lines, row_order
+from ..coverage.sampled import rasterize, row_order, triangle_in_tile
 from ..geometry.fixed_point import Edges, Grid, SampleBounds
 from ..geometry.tiling import Tiling
 from ..scene import Scene
-from ..shading.fragments import pixels_seen
+from ..shading.fragments import visible_pixels
 
 _BATCH = 4096
 """Number of tiles that are worked on at once, which bounds the memory."""
@@ -58,8 +58,8 @@ def count_fragments(
     filled = np.ones(len(tile), bool)
 
     def rows(pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        lines = place_lines(edges, bounds, triangle[pair], tile[pair], filled[pair], tiling)
-        drawn = draw_lines(lines, tiling)
+        lines = triangle_in_tile(edges, bounds, triangle[pair], tile[pair], filled[pair], tiling)
+        drawn = rasterize(lines, tiling)
         return drawn, drawn
 
     busy = np.flatnonzero(count)
@@ -91,7 +91,7 @@ def _count_seen(lists: _Lists, rows: Rows, tiling: Tiling) -> int:
     for place in range(int(lists.count.max())):
         here = np.flatnonzero(lists.count > place)
         shown, hiding = rows(lists.start[here] + place)
-        seen = pixels_seen(shown & ~covered[here], tiling)
+        seen = visible_pixels(shown & ~covered[here], tiling)
         total += int(np.bitwise_count(seen).sum(dtype=np.int64))
         covered[here] |= hiding
     return total

@@ -15,7 +15,7 @@ from ..geometry.barycentric import Weights
 from ..geometry.fixed_point import Edge, Edges
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from .surface import Points, pick_lanes
+from .surface import Points, gather_lanes
 
 
 class Fragments(NamedTuple):
@@ -35,7 +35,7 @@ class Fragments(NamedTuple):
     needed: Int[Array, ""]
 
 
-def pixels_seen(visible: Any, tiling: Tiling) -> Any:
+def visible_pixels(visible: Any, tiling: Tiling) -> Any:
     """Mark the pixels of each pixel row that have a visible sample.
 
     The bit of such a pixel's first sample is set. Maps `[*slots, rows]` words to `[*slots,
@@ -52,7 +52,7 @@ def pixels_seen(visible: Any, tiling: Tiling) -> Any:
     return joined & xp.uint32(sum(1 << (x * rate) for x in range(tiling.width)))
 
 
-def cut_fragments(
+def list_fragments(
     visible: UInt32[Array, "chunks layers rows"], tiling: Tiling, *, capacity: int
 ) -> Fragments:
     """List the visible fragments; if there are more than `capacity`, some are missing."""
@@ -60,7 +60,7 @@ def cut_fragments(
 
     @materialized
     def count_pixels(visible):
-        seen_pixels = pixels_seen(visible, tiling).reshape(-1)
+        seen_pixels = visible_pixels(visible, tiling).reshape(-1)
         return seen_pixels, jax.lax.population_count(seen_pixels).astype(jnp.int32)
 
     @materialized
@@ -76,11 +76,11 @@ def cut_fragments(
     seen_pixels, counts = count_pixels(visible)
     owner, rank, used, total = expand_counts(counts)
     slot, column, row = find(seen_pixels, owner, rank)
-    bits = pick_bits(visible, slot, jnp.where(used, column, -1), row, tiling)
+    bits = gather_bits(visible, slot, jnp.where(used, column, -1), row, tiling)
     return Fragments(slot, column, row, bits, total)
 
 
-def pick_bits(
+def gather_bits(
     words: UInt32[Array, "chunks layers rows"],
     slot: Int[Array, " fragments"],
     column: Int[Array, " fragments"],
@@ -106,7 +106,7 @@ def pick_bits(
 
 
 def _place_of_bit(word: Array, rank: Array, tiling: Tiling) -> Int[Array, " fragments"]:
-    """Find the pixel of the `rank`-th set bit in a word of `pixels_seen`."""
+    """Find the pixel of the `rank`-th set bit in a word of `visible_pixels`."""
     before = jnp.zeros_like(rank)
     pixel = jnp.zeros_like(rank)
     for x in range(tiling.width):
@@ -174,7 +174,7 @@ def shading_points(
 
     column, row = fragments.column, fragments.row
     # `weights` already contains the other two edges.
-    middle = pick_lanes(locate(edges[1], triangle, tile), fragments.slot)
+    middle = gather_lanes(locate(edges[1], triangle, tile), fragments.slot)
     count, across, down = add_samples(covered)
     central = is_central(weights, middle, column, row, count)
     return choose(central, column, row, count, across, down)

@@ -16,35 +16,35 @@ from ..binning.lists import Chunks
 from ..coverage.analytic import PixelFunction, evaluate
 from ..coverage.edge_lines import TriangleLines
 from ..numerics.fusion_barrier import materialized
-from .surface import Corner3, Corners, Skin, count_channels
-from .triangle_color import add_color, in_space, mix, read_texture
+from .surface import CornerAttributes, CornerWeights, Textures, count_channels
+from .triangle_color import add_color, mix, perspective_weights, read_texture
 
 _CLEAR = 2.0**-24
 """Lower bound on the alpha by which a premultiplied texel is divided."""
 
 
-class Carried(NamedTuple):
+class TriangleAttributes(NamedTuple):
     """Attributes of the triangles, with corners reoriented to positive orientation.
 
     - `corners`: colours, texture coordinates and `inverse_w`.
-    - `texture`: index of each triangle's texture, -1 for none; `skin`: the textures.
+    - `texture`: index of each triangle's texture, -1 for none; `textures`: the textures.
     - `depth`: `[3, triangles]`, or None if depth is not used.
     """
 
-    corners: Corners
+    corners: CornerAttributes
     texture: Int[Array, " triangles"] | None = None
-    skin: Skin | None = None
+    textures: Textures | None = None
     depth: Float[Array, "3 triangles"] | None = None
 
     @property
     def varies(self) -> bool:
         """Whether any attribute may differ from point to point of a triangle."""
-        several = self.corners.color.shape[0] == 3 or self.skin is not None
+        several = self.corners.color.shape[0] == 3 or self.textures is not None
         return several or self.depth is not None
 
 
-class Shaded(NamedTuple):
-    """Shaded slots at the pixels of their tiles, `[chunks, layers, pixels]`.
+class ShadedSlots(NamedTuple):
+    """ShadedSlots slots at the pixels of their tiles, `[chunks, layers, pixels]`.
 
     Colours are straight, `[chunks, layers, 3, pixels or 1]`; `opacity` is coverage times alpha.
     """
@@ -55,14 +55,14 @@ class Shaded(NamedTuple):
 
 
 def shade_slots(
-    carried: Carried,
+    attributes: TriangleAttributes,
     covered: Float[Array, "slots pixels"],
     weights: PixelFunction,
     corners: Float[Array, "6 slots"],
     shape: Any,
     sides: TriangleLines,
     chunks: Chunks,
-) -> Shaded:
+) -> ShadedSlots:
     """Compute opacity, colour and depth of every slot at every pixel of its tile.
 
     `weights` measures the weights of corners 1 and 2 from a `shape`.
@@ -73,30 +73,34 @@ def shade_slots(
     def gather_triangles(tree):
         return jax.tree.map(lambda entry: entry[..., triangle, None], tree)
 
-    gathered, texture, depth = gather_triangles((carried.corners, carried.texture, carried.depth))
-    attributes: Corners = gathered
+    gathered, texture, depth = gather_triangles(
+        (attributes.corners, attributes.texture, attributes.depth)
+    )
+    slot_corners: CornerAttributes = gathered
     at = None
-    if carried.varies:
+    if attributes.varies:
         no_parameter = jnp.zeros((), covered.dtype)
         second, third = evaluate(weights, corners, shape, no_parameter)
         at = (1.0 - second - third, second, third)
     if at is not None and depth is not None:
         depth = materialized(lambda at, depth: mix(at, depth[:, None])[0])(at, depth)
-    if carried.skin is not None and at is not None:
-        color = _shade_texture(attributes, texture, carried.skin, at, sides)
+    if attributes.textures is not None and at is not None:
+        color = _shade_texture(slot_corners, texture, attributes.textures, at, sides)
         opacity, color = materialized(_part)(covered, color)
     else:
         color = (
-            attributes.color[0]
+            slot_corners.color[0]
             if at is None
-            else materialized(mix)(in_space(at, attributes.inverse_w), attributes.color)
+            else materialized(mix)(
+                perspective_weights(at, slot_corners.inverse_w), slot_corners.color
+            )
         )
         opacity = covered
         if color.shape[0] == 4:
             opacity = materialized(jnp.multiply)(covered, color[3])
         color = materialized(lambda color: color[:3].transpose(1, 0, 2))(color)
     layers = chunks.triangle.shape
-    return Shaded(
+    return ShadedSlots(
         opacity.reshape(*layers, -1),
         color.reshape(*layers, 3, -1),
         None if depth is None else depth.reshape(*layers, -1),
@@ -104,12 +108,16 @@ def shade_slots(
 
 
 def _shade_texture(
-    own: Corners, texture: Array | None, skin: Skin, at: Corner3, sides: TriangleLines
+    own: CornerAttributes,
+    texture: Array | None,
+    textures: Textures,
+    at: CornerWeights,
+    sides: TriangleLines,
 ) -> Float[Array, "channels slots pixels"]:
     """Compute premultiplied colours of textured triangles."""
 
     @materialized
-    def read_at(skin, at, own, texture, sides, uv):
+    def read_at(textures, at, own, texture, sides, uv):
         # The weight is the distance from the opposite edge over the corner's distance from it.
         edges = (sides.edges[2], sides.edges[0])
         across, down = (
@@ -117,18 +125,18 @@ def _shade_texture(
             for way in ("normal_x", "normal_y")
         )
         seen = None if own.inverse_w is None else (at, uv)
-        return read_texture(skin, (across, down), own, texture, seen)
+        return read_texture(textures, (across, down), own, texture, seen)
 
-    space_weights = materialized(in_space)(at, own.inverse_w)
+    space_weights = materialized(perspective_weights)(at, own.inverse_w)
 
     def read(uv):
-        return read_at(skin, space_weights, own, texture, sides, uv)
+        return read_at(textures, space_weights, own, texture, sides, uv)
 
     def visit(total: Array, probe: Array) -> tuple[Array, None]:
-        return add_color(total, space_weights, own, texture, skin, read, probe=probe), None
+        return add_color(total, space_weights, own, texture, textures, read, probe=probe), None
 
-    total = jnp.zeros((count_channels(own, skin), *at[0].shape), at[0].dtype)
-    probes = jnp.arange(skin.filter.anisotropy, dtype=jnp.int32)
+    total = jnp.zeros((count_channels(own, textures), *at[0].shape), at[0].dtype)
+    probes = jnp.arange(textures.filter.anisotropy, dtype=jnp.int32)
     # The vjp computes each probe again instead of storing it.
     return jax.lax.scan(jax.checkpoint(visit), total, probes)[0]
 

@@ -18,9 +18,9 @@ from ..options import Filter
 from ..texture.level_of_detail import Levels
 from ..texture.pyramid import TexturePyramid
 
-Held = TypeVar("Held")
+Tree = TypeVar("Tree")
 
-Corner3 = tuple[Array, Array, Array]
+CornerWeights = tuple[Array, Array, Array]
 """One value per corner."""
 
 
@@ -35,7 +35,7 @@ class Points(NamedTuple):
     down: Int[Array, "*points"]
 
 
-class Corners(NamedTuple):
+class CornerAttributes(NamedTuple):
     """Vertex attributes at the corners of triangles, reoriented to positive orientation.
 
     They are `[corners, channels, triangles]`, and `[3, triangles]` for `inverse_w`. None means that
@@ -62,7 +62,7 @@ def corner_attributes(
     inverse_w: Float[Array, " vertices"] | None,
     triangles: Int[Array, "triangles 3"],
     orientation: Int[Array, " triangles"],
-) -> Corners:
+) -> CornerAttributes:
     """Attributes at the corners of triangles in positive orientation; triangles come last."""
 
     def reorient_each(values: Array) -> Array:
@@ -72,10 +72,10 @@ def corner_attributes(
     uv = None if uv is None else reorient_each(uv)
     if inverse_w is not None:
         inverse_w = at_corners(inverse_w, triangles, orientation)
-    return Corners(colors, inverse_w, uv)
+    return CornerAttributes(colors, inverse_w, uv)
 
 
-class Skin(NamedTuple):
+class Textures(NamedTuple):
     """Textures and how they are sampled; `texels` is `[channels, texels]`."""
 
     pyramid: TexturePyramid
@@ -83,8 +83,8 @@ class Skin(NamedTuple):
     filter: Filter
 
     @classmethod
-    def of(cls, pyramid: TexturePyramid | None, filter: Filter) -> "Skin | None":
-        """Make the skin of a pyramid, or None without textures."""
+    def of(cls, pyramid: TexturePyramid | None, filter: Filter) -> "Textures | None":
+        """Make the textures of a pyramid, or None without textures."""
         if pyramid is None:
             return None
         return cls(pyramid, materialized(jnp.transpose)(pyramid.texels), filter)
@@ -94,22 +94,22 @@ class Surface(NamedTuple):
     """All data of the triangles that shading needs.
 
     - `area`: twice the area of each triangle, in units of the edge value.
-    - `texture`: index of each triangle's texture, -1 for none; `skin`: the textures.
+    - `texture`: index of each triangle's texture, -1 for none; `textures`: the textures.
     - `filter`: how textures are sampled.
     """
 
     edges: Edges
     area: Float[Array, " triangles"]
     planes: WeightPlanes | None
-    corners: Corners
+    corners: CornerAttributes
     texture: Int[Array, " triangles"] | None
-    skin: Skin | None
+    textures: Textures | None
     filter: Filter
 
     @property
     def channels(self) -> int:
         """Number of colour channels: four if any colour or texel can be translucent, else three."""
-        return count_channels(self.corners, self.skin)
+        return count_channels(self.corners, self.textures)
 
 
 class Reading(NamedTuple):
@@ -131,7 +131,7 @@ class Lanes(NamedTuple):
     """
 
     weights: Weights
-    corners: Corners
+    corners: CornerAttributes
     texture: Int[Array, " lanes"] | None
     reading: Reading | None
 
@@ -139,22 +139,22 @@ class Lanes(NamedTuple):
 def surface_of(
     edges: Edges,
     planes: WeightPlanes | None,
-    corners: Corners,
+    corners: CornerAttributes,
     texture: Array | None,
     pyramid: TexturePyramid | None,
     filter: Filter,
 ) -> Surface:
     """Collect the data of the triangles that shading needs."""
     area = materialized(lambda edges: twice_area(edges, corners.color.dtype))(edges)
-    return Surface(edges, area, planes, corners, texture, Skin.of(pyramid, filter), filter)
+    return Surface(edges, area, planes, corners, texture, Textures.of(pyramid, filter), filter)
 
 
-def count_channels(corners: Corners, skin: Skin | None) -> int:
+def count_channels(corners: CornerAttributes, textures: Textures | None) -> int:
     """Number of channels of the shaded colours."""
-    return max(corners.color.shape[1], 3 if skin is None else skin.texels.shape[0])
+    return max(corners.color.shape[1], 3 if textures is None else textures.texels.shape[0])
 
 
-def pick_lanes(held: Held, lane: Int[Array, " lanes"]) -> Held:
+def gather_lanes(held: Tree, lane: Int[Array, " lanes"]) -> Tree:
     """Gather entries `[..., lanes]` of some lanes; a lane may occur several times."""
 
     @materialized

@@ -23,10 +23,19 @@ from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
 from ..texture.filtering import Lookup, read_levels, tap_levels
 from ..texture.level_of_detail import Footprint, choose_levels, probes
-from .surface import Corner3, Corners, Lanes, Points, Reading, Skin, Surface, pick_lanes
+from .surface import (
+    CornerAttributes,
+    CornerWeights,
+    Lanes,
+    Points,
+    Reading,
+    Surface,
+    Textures,
+    gather_lanes,
+)
 
 
-def view(
+def surface_lanes(
     surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
 ) -> Lanes:
     """Gather the attributes of a surface for lanes of triangles and tiles."""
@@ -37,11 +46,11 @@ def view(
         return slot_weights(edges, area, triangle, tile, tiling, planes)
 
     weights = weigh(surface, triangle, tile)
-    corners, texture = pick_lanes((surface.corners, surface.texture), triangle)
+    corners, texture = gather_lanes((surface.corners, surface.texture), triangle)
     reading = None
-    if surface.skin is not None and corners.inverse_w is None:
+    if surface.textures is not None and corners.inverse_w is None:
         # An affine map has one footprint for all points of a triangle.
-        reading = _read_lanes(surface.skin, weights, corners, texture, None, tiling)
+        reading = _read_lanes(surface.textures, weights, corners, texture, None, tiling)
     return Lanes(weights, corners, texture, reading)
 
 
@@ -62,14 +71,14 @@ def add_shade(
     here so that the texels read are not stored.
     """
     at = materialized(_weights_at)(lanes.weights, lanes.corners.inverse_w, points)
-    read = read_on_lanes(surface, lanes, at, tiling)
+    read = level_chooser(surface, lanes, at, tiling)
     return add_color(
-        total, at, lanes.corners, lanes.texture, surface.skin, read, shown=shown, probe=probe
+        total, at, lanes.corners, lanes.texture, surface.textures, read, shown=shown, probe=probe
     )
 
 
-def read_on_lanes(
-    surface: Surface, lanes: Lanes, at: Corner3, tiling: Tiling
+def level_chooser(
+    surface: Surface, lanes: Lanes, at: CornerWeights, tiling: Tiling
 ) -> Callable[[Array], Reading | None]:
     """Make the function from (u, v) to how the texture is sampled there.
 
@@ -77,20 +86,22 @@ def read_on_lanes(
     """
 
     def read(uv: Array) -> Reading | None:
-        if lanes.reading is not None or surface.skin is None:
+        if lanes.reading is not None or surface.textures is None:
             return lanes.reading
         seen = (at, uv)
-        return _read_lanes(surface.skin, lanes.weights, lanes.corners, lanes.texture, seen, tiling)
+        return _read_lanes(
+            surface.textures, lanes.weights, lanes.corners, lanes.texture, seen, tiling
+        )
 
     return read
 
 
 def add_color(
     total: Float[Array, "channels *points"],
-    at: Corner3,
-    corners: Corners,
+    at: CornerWeights,
+    corners: CornerAttributes,
     texture: Int[Array, "*lanes"] | None,
-    skin: Skin | None,
+    textures: Textures | None,
     read: Callable[[Array], Reading | None],
     *,
     shown: Bool[Array, "*points"] | None = None,
@@ -108,7 +119,7 @@ def add_color(
     color = corners.color
     # A single corner is not copied.
     color = color[0] if color.shape[0] == 1 else materialized(mix)(at, color)
-    if skin is None:
+    if textures is None:
         return materialized(lambda t, s, c: add(t, s, premultiply(c, axis=0)))(total, shown, color)
     assert corners.uv is not None and texture is not None
     with jax.named_scope("texture"):
@@ -116,14 +127,14 @@ def add_color(
         reading = read(uv)
         assert reading is not None
         uv, share = _probe(uv, reading, jnp.asarray(probe))
-        lookup = Lookup(skin.filter.pixel, skin.pyramid.border, skin.pyramid.addressing)
+        lookup = Lookup(textures.filter.pixel, textures.pyramid.border, textures.pyramid.addressing)
 
         @materialized
         def finish(total, shown, color, texels, taps, texture, share):
             return add(total, shown, _tint(color, read_levels(texels, taps), texture, share))
 
         taps = tap_levels(reading.levels, uv, lookup)
-        return finish(total, shown, color, skin.texels, taps, texture, share)
+        return finish(total, shown, color, textures.texels, taps, texture, share)
 
 
 def shade(
@@ -143,7 +154,7 @@ def shade(
     return jax.lax.scan(jax.checkpoint(visit), total, probes)[0]
 
 
-def _weights_at(weights: Weights, inverse_w: Array | None, points: Points) -> Corner3:
+def _weights_at(weights: Weights, inverse_w: Array | None, points: Points) -> CornerWeights:
     """Weights of the corners at points."""
     count, across, down = points
     if count is None:
@@ -152,10 +163,10 @@ def _weights_at(weights: Weights, inverse_w: Array | None, points: Points) -> Co
         number = count.astype(weights.per_value.dtype)
         sums = weight_sums(weights, count, across, down)
         first, second, third = (total / number for total in sums)
-    return in_space((first, second, third), inverse_w)
+    return perspective_weights((first, second, third), inverse_w)
 
 
-def in_space(weights: Corner3, inverse_w: Array | None) -> Corner3:
+def perspective_weights(weights: CornerWeights, inverse_w: Array | None) -> CornerWeights:
     """Convert weights on the screen to weights on the triangle in space."""
     first, second, third = weights
     if inverse_w is None:
@@ -169,7 +180,7 @@ def in_space(weights: Corner3, inverse_w: Array | None) -> Corner3:
     return safe.divide(first, total), safe.divide(second, total), safe.divide(third, total)
 
 
-def mix(weights: Corner3, corners: Array) -> Float[Array, "channels *lanes"]:
+def mix(weights: CornerWeights, corners: Array) -> Float[Array, "channels *lanes"]:
     """Interpolate values of corners `[1 or 3, channels, lanes]` with the weights.
 
     A single corner is returned as it is.
@@ -183,19 +194,19 @@ def mix(weights: Corner3, corners: Array) -> Float[Array, "channels *lanes"]:
 
 
 def _read_lanes(
-    skin: Skin,
+    textures: Textures,
     weights: Weights,
-    corners: Corners,
+    corners: CornerAttributes,
     texture: Array | None,
-    seen: tuple[Corner3, Array] | None,
+    seen: tuple[CornerWeights, Array] | None,
     tiling: Tiling,
 ) -> Reading:
     @materialized
-    def read(skin, weights, corners, texture, seen):
+    def read(textures, weights, corners, texture, seen):
         steps = (_steps(weights, 0, tiling), _steps(weights, 1, tiling))
-        return read_texture(skin, steps, corners, texture, seen)
+        return read_texture(textures, steps, corners, texture, seen)
 
-    return read(skin, weights, corners, texture, seen)
+    return read(textures, weights, corners, texture, seen)
 
 
 Step = tuple[Array, Array]
@@ -203,11 +214,11 @@ Step = tuple[Array, Array]
 
 
 def read_texture(
-    skin: Skin,
+    textures: Textures,
     steps: tuple[Step, Step],
-    corners: Corners,
+    corners: CornerAttributes,
     texture: Array | None,
-    seen: tuple[Corner3, Array] | None,
+    seen: tuple[CornerWeights, Array] | None,
 ) -> Reading:
     """Choose mip levels and probes from the derivative of (u, v) by the position on the screen.
 
@@ -215,13 +226,13 @@ def read_texture(
     the map to the texture is not affine.
     """
     assert texture is not None
-    table = skin.pyramid.levels
+    table = textures.pyramid.levels
     base = table[:, 0].at[texture].get(mode="clip")
     x, y = (_change(step, corners, seen) for step in steps)
     tall, wide = base[..., 1].astype(x.dtype), base[..., 2].astype(x.dtype)
-    chosen = probes(Footprint(x[0] * wide, x[1] * tall, y[0] * wide, y[1] * tall), skin.filter)
+    chosen = probes(Footprint(x[0] * wide, x[1] * tall, y[0] * wide, y[1] * tall), textures.filter)
     texture = jnp.broadcast_to(texture, chosen.level.shape)
-    levels = choose_levels(chosen.level, texture, table, skin.filter.level)
+    levels = choose_levels(chosen.level, texture, table, textures.filter.level)
     if chosen.axis_u is None or chosen.axis_v is None:
         return Reading(levels)
     axis = jnp.stack([chosen.axis_u / wide, chosen.axis_v / tall])
@@ -239,7 +250,7 @@ def _steps(weights: Weights, axis: int, tiling: Tiling) -> Step:
 
 
 def _change(
-    step: Step, corners: Corners, seen: tuple[Corner3, Array] | None
+    step: Step, corners: CornerAttributes, seen: tuple[CornerWeights, Array] | None
 ) -> Float[Array, "2 *lanes"]:
     """Derivative of (u, v) for a step of one pixel.
 
