@@ -16,8 +16,8 @@ from ..binning.lists import Chunks
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.fragments import Fragments, gather_bits, sample_points, shading_points
-from ..shading.surface import Lanes, Points, Surface, gather_lanes
-from ..shading.triangle_color import add_shade, shade, surface_lanes
+from ..shading.surface import Lanes, Points, Surface, gather_lanes, surface_lanes
+from ..shading.triangle_color import add_shade, shade
 from .opaque import Fields
 
 

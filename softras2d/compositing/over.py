@@ -29,8 +29,8 @@ from ..geometry.barycentric import slot_weights, weight_sums
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.fragments import Fragments, shading_points
-from ..shading.surface import Lanes, Points, Surface, gather_lanes
-from ..shading.triangle_color import shade, surface_lanes
+from ..shading.surface import Lanes, Points, Surface, gather_lanes, surface_lanes
+from ..shading.triangle_color import shade
 
 
 class Layers(NamedTuple):

@@ -21,7 +21,7 @@ from ..geometry.fixed_point import Edges, Grid
 from ..geometry.guard_band import WeightPlanes
 from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
-from ..shading.surface import CornerAttributes
+from ..shading.corner_attributes import CornerAttributes
 
 
 def weight_gradients(

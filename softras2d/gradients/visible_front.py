@@ -10,14 +10,9 @@ from ..binning.lists import Chunks
 from ..coverage.depth_test import Depths
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from ..shading.surface import Points, Surface
-from ..shading.triangle_color import (
-    add_color,
-    level_chooser,
-    perspective_weights,
-    shade,
-    surface_lanes,
-)
+from ..shading.corner_attributes import perspective_weights
+from ..shading.surface import Points, Surface, level_chooser, surface_lanes
+from ..shading.triangle_color import add_color, shade
 from .crossings import Sample
 
 

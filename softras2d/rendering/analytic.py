@@ -31,8 +31,9 @@ from ..planning.capacities import (
 from ..planning.effects import is_occluder, varies
 from ..planning.plan import Plan
 from ..scene import Scene
+from ..shading.corner_attributes import at_corners, corner_attributes
 from ..shading.pixel_color import ShadedSlots, TriangleAttributes, shade_slots
-from ..shading.surface import Textures, at_corners, corner_attributes
+from ..shading.texture_lookup import Textures
 from .coverage_mode import CoverageMode, Drawn, Layout
 
 _FARTHEST = 2.0**30

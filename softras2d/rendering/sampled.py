@@ -32,8 +32,9 @@ from ..planning.capacities import SAMPLED_HEADROOM, Needs, choose_capacity, coun
 from ..planning.effects import EFFECTS, is_occluder, is_shaded, is_translucent, varies
 from ..planning.plan import Plan
 from ..scene import Scene
+from ..shading.corner_attributes import at_corners, corner_attributes
 from ..shading.fragments import list_fragments
-from ..shading.surface import Surface, at_corners, corner_attributes, surface_of
+from ..shading.surface import Surface, surface_of
 from .coverage_mode import CoverageMode, Drawn, Layout
 
 
