@@ -21,14 +21,9 @@ from ..coverage.edge_lines import TriangleLines, triangle_lines
 from ..geometry.fixed_point import Grid, corners_of, reorient
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from ..planning.capacities import (
-    ANALYTIC_HEADROOM,
-    VARYING_HEADROOM,
-    Needs,
-    choose_capacity,
-    count_analytic_lists,
-)
+from ..planning.capacities import ANALYTIC_HEADROOM, VARYING_HEADROOM, Needs, choose_capacity
 from ..planning.effects import is_occluder, varies
+from ..planning.list_counts import count_analytic_lists
 from ..planning.plan import Plan
 from ..scene import Scene
 from ..shading.corner_attributes import at_corners, corner_attributes

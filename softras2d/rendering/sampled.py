@@ -28,8 +28,9 @@ from ..gradients.layered_samples import LayeredSamples
 from ..gradients.visible_front import Front, OpaqueSamples
 from ..numerics.fusion_barrier import materialized
 from ..options import Hard
-from ..planning.capacities import SAMPLED_HEADROOM, Needs, choose_capacity, count_lists
+from ..planning.capacities import SAMPLED_HEADROOM, Needs, choose_capacity
 from ..planning.effects import EFFECTS, is_occluder, is_shaded, is_translucent, varies
+from ..planning.list_counts import count_sampled_lists
 from ..planning.plan import Plan
 from ..scene import Scene
 from ..shading.corner_attributes import at_corners, corner_attributes
@@ -74,7 +75,7 @@ class SampledMode(CoverageMode):
         max_width: float | None,
     ) -> Layout:
         """Capacities for the largest of the scenes."""
-        counts = [count_lists(scene, grid, coverage, origin) for scene in scenes]
+        counts = [count_sampled_lists(scene, grid, coverage, origin) for scene in scenes]
         in_order = any(is_translucent(scene) or scene.depth is not None for scene in scenes)
         pixels = grid.height * grid.width
         return Layout(
