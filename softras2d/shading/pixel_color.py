@@ -1,9 +1,9 @@
 """Shade one colour per (slot, pixel) pair, for soft and exact-area coverage.
 
 The corner weights tell at which point a triangle is shaded. With exact area this is the centroid of
-its part in the pixel, so that affine colours are averaged exactly. With soft coverage it is the
-pixel's centre, or the triangle's point nearest to it. The weights have derivatives by the
-positions, and all other gradients follow from these.
+the part of the triangle in the pixel, so that affine colours are averaged exactly. With soft
+coverage it is the pixel's centre, or the triangle's point nearest to it. The weights have
+derivatives by the positions, and all other gradients follow from these.
 """
 
 from typing import Any, NamedTuple, TypeVar
