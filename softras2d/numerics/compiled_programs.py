@@ -11,8 +11,8 @@ import jax
 _MAPS = Path("/proc/self/maps")
 _LIMIT = Path("/proc/sys/vm/max_map_count")
 
-_FRACTION = 0.3
-"""Fraction of the allowed maps above which programs are dropped. It is low, because one step of a
+_SHARE = 0.3
+"""Share of the allowed maps above which programs are dropped. It is low, because one step of a
 loop may compile many programs."""
 
 
@@ -28,7 +28,7 @@ def drop_programs() -> bool:
         maps = _MAPS.read_bytes().count(b"\n")
     except (OSError, ValueError):
         return False
-    if maps <= _FRACTION * limit:
+    if maps <= _SHARE * limit:
         return False
     jax.clear_caches()
     return True
