@@ -1,8 +1,9 @@
 """Tile lists of different lengths as dense arrays, in two layouts.
 
 *Chunks* cut each tile's list into pieces of a few slots. All chunks are computed at once, as an
-array `[chunks, layers]`. *Steps* take tiles in blocks of `BLOCK`, longest lists first. One step
-visits one entry in the list of each tile of a block: for work that must go in order.
+array `[chunks, layers]`. *Steps* are for work that must go through each list in order. Tiles are
+put into blocks of `BLOCK`, those with the longest lists first, and one step visits one entry in the
+list of each tile of a block.
 """
 
 import functools
@@ -21,38 +22,39 @@ BLOCK = 64
 
 
 class Chunks(NamedTuple):
-    """Lists of triangles in chunks; those of a tile follow each other, nearest first.
+    """Lists of triangles in chunks; the chunks of a tile follow each other, nearest first.
 
     - `triangle`, `filled`: the triangle in each slot, and whether the slot has one.
-    - `place`: index of the slot's entry in the tile lists.
+    - `entry`: index of the slot's entry in the tile lists.
     - `tile`, `index`: the tile of a chunk, and the chunk's number among those of its tile.
     - `first`, `count`: the first chunk of each tile, and how many it has.
-    - `needed`, `deepest`: number of chunks in all, and of the tile that has most.
+    - `needed`: the number of chunks of all tiles, which may exceed the capacity.
+    - `most_in_tile`: the number of chunks of the tile that has most.
     """
 
     triangle: Int[Array, "chunks layers"]
     filled: Bool[Array, "chunks layers"]
-    place: Int[Array, "chunks layers"]
+    entry: Int[Array, "chunks layers"]
     tile: Int[Array, " chunks"]
     index: Int[Array, " chunks"]
     first: Int[Array, " tiles"]
     count: Int[Array, " tiles"]
     needed: Int[Array, ""]
-    deepest: Int[Array, ""]
+    most_in_tile: Int[Array, ""]
 
 
 class Steps(NamedTuple):
     """Steps through the lists of blocks of tiles, block after block, each list from its start.
 
-    - `block`, `place`: the block of each step, and which entry of its tiles' lists is visited.
+    - `block`, `position`: the block of each step, and which entry of its tiles' lists is visited.
     - `tile`, `start`, `count`: the tiles of each block, and the first entry and length of their
-      lists. The last block is filled up with empty lists of tile 0.
+      lists. The last block is padded with empty lists of tile 0.
     - `slot`: index of each tile among the tiles of all blocks.
-    - `needed`: number of steps.
+    - `needed`: number of steps, which may exceed the capacity.
     """
 
     block: Int[Array, " steps"]
-    place: Int[Array, " steps"]
+    position: Int[Array, " steps"]
     tile: Int[Array, "blocks block"]
     start: Int[Array, "blocks block"]
     count: Int[Array, "blocks block"]
@@ -68,10 +70,10 @@ def cut_chunks(lists: TileLists, *, layers: int, capacity: int) -> Chunks:
     count, tile, index, first, total = materialized(
         functools.partial(_count_chunks, layers=layers, capacity=capacity)
     )(lists.count)
-    triangle, filled, place = materialized(functools.partial(_fill_slots, layers=layers))(
+    triangle, filled, entry = materialized(functools.partial(_fill_slots, layers=layers))(
         lists, tile, index, total
     )
-    return Chunks(triangle, filled, place, tile, index, first, count, total, jnp.max(count))
+    return Chunks(triangle, filled, entry, tile, index, first, count, total, jnp.max(count))
 
 
 def _count_chunks(
@@ -83,7 +85,7 @@ def _count_chunks(
     Int[Array, " tiles"],
     Int[Array, ""],
 ]:
-    """Fields `count`, `tile`, `index`, `first` and `needed` of `Chunks`."""
+    """Compute the fields `count`, `tile`, `index`, `first` and `needed` of `Chunks`."""
     count = -(-list_length // layers)
     tile, index = expand(count, capacity)
     total = jnp.sum(count, dtype=jnp.int32)
@@ -98,12 +100,12 @@ def _fill_slots(
     *,
     layers: int,
 ) -> tuple[Int[Array, "chunks layers"], Bool[Array, "chunks layers"], Int[Array, "chunks layers"]]:
-    """Fields `triangle`, `filled` and `place` of `Chunks`."""
-    layer = index[:, None] * layers + jnp.arange(layers, dtype=jnp.int32)[None]
-    used = jnp.arange(tile.shape[0], dtype=jnp.int32) < total
-    filled = used[:, None] & (layer < lists.count[tile][:, None])
-    place = jnp.where(filled, lists.start[tile][:, None] + layer, 0)
-    return jnp.where(filled, lists.triangle.at[place].get(mode="clip"), 0), filled, place
+    """Compute the fields `triangle`, `filled` and `entry` of `Chunks`."""
+    position = index[:, None] * layers + jnp.arange(layers, dtype=jnp.int32)[None]
+    is_used = jnp.arange(tile.shape[0], dtype=jnp.int32) < total
+    filled = is_used[:, None] & (position < lists.count[tile][:, None])
+    entry = jnp.where(filled, lists.start[tile][:, None] + position, 0)
+    return jnp.where(filled, lists.triangle.at[entry].get(mode="clip"), 0), filled, entry
 
 
 def cut_steps(lists: TileLists, *, capacity: int) -> Steps:
@@ -115,15 +117,15 @@ def cut_steps(lists: TileLists, *, capacity: int) -> Steps:
 
 
 def _cut_steps(lists: TileLists, *, capacity: int) -> Steps:
-    """`cut_steps` in one stage."""
+    """Compute `Steps` in one stage."""
     tiles = lists.count.shape[0]
     order = jnp.argsort(-lists.count, stable=True).astype(jnp.int32)
-    spare = -tiles % BLOCK
-    tile = jnp.pad(order, (0, spare)).reshape(-1, BLOCK)
-    count = jnp.pad(lists.count[order], (0, spare)).reshape(-1, BLOCK)
+    padding = -tiles % BLOCK
+    tile = jnp.pad(order, (0, padding)).reshape(-1, BLOCK)
+    count = jnp.pad(lists.count[order], (0, padding)).reshape(-1, BLOCK)
     longest = count[:, 0]
-    block, place = expand(longest, capacity)
+    block, position = expand(longest, capacity)
     slot = jnp.zeros(tiles, jnp.int32).at[order].set(jnp.arange(tiles, dtype=jnp.int32))
     return Steps(
-        block, place, tile, lists.start[tile], count, slot, jnp.sum(longest, dtype=jnp.int32)
+        block, position, tile, lists.start[tile], count, slot, jnp.sum(longest, dtype=jnp.int32)
     )

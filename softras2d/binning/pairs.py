@@ -1,9 +1,10 @@
 """Pairs of a triangle and a tile that it touches, without those that an occluder hides.
 
-A triangle touches, in each row of tiles, the tiles of a strip (`strips`). Each of them makes a
-pair. A pair is hidden if a triangle in front of it covers the whole tile and lets nothing through.
+In each row of tiles a triangle touches the tiles of one strip (`strips`). Each of these tiles makes
+a pair with the triangle. A pair is hidden if a triangle in front covers the whole tile and is
+opaque there.
 
-`find_pairs` is what a render runs on the device and a plan on the host. They differ in how a list
+A render runs `find_pairs` on the device and a plan runs it on the host. They differ in how a list
 is expanded: into a fixed number of entries, or into as many as there are.
 """
 
@@ -18,16 +19,17 @@ from ..geometry.fixed_point import Edges, SampleBounds
 from ..geometry.tiling import Tiling
 from ..numerics.array_types import HostOrDeviceArray
 from .expansion import Expand, Expansion
-from .strips import Lines, RowEdges, Strips, count_strips, narrow_strips, row_edges
+from .reach import Lines
+from .strips import RowEdges, Strips, count_strips, narrow_strips, row_edges
 
 
 class Pairs(NamedTuple):
     """Pairs of a triangle and a tile, in the order of the triangles.
 
-    - `triangle`, `tile`: their indices. A pair that is hidden, or that there is not, has the tile
+    - `triangle`, `tile`: their indices. Hidden pairs and unused entries have the tile
       `tiling.count`, one past the last.
     - `covers_tile`: whether the triangle covers the whole tile.
-    - `strip_total`, `pair_total`: how many strips and pairs there are, hidden ones included.
+    - `strip_total`, `pair_total`: number of strips and of pairs, including hidden pairs.
     """
 
     triangle: Int[HostOrDeviceArray, " pairs"]
@@ -57,29 +59,29 @@ def find_pairs(
     strip_list = wrap(_expand_strips, tiling=tiling, expand=expand_strips)(bounds)
     edges_in_row = wrap(_gather_row_edges, tiling=tiling)(edges, bounds, strip_list)
     strips = wrap(_find_strips, tiling=tiling)(edges_in_row, bounds, is_occluder, strip_list)
-    found = wrap(_expand_pairs, tiling=tiling, expand=expand_pairs)(strips, strip_list.owner)
+    touched = wrap(_expand_pairs, tiling=tiling, expand=expand_pairs)(strips, strip_list.owner)
     tile = wrap(_drop_hidden, triangles=is_occluder.shape[0], tiling=tiling)(
-        found.tile, found.occluded_tile, found.triangle
+        touched.tile, touched.occluded_tile, touched.triangle
     )
-    return Pairs(found.triangle, tile, found.covers_tile, strip_list.total, found.total)
+    return Pairs(touched.triangle, tile, touched.covers_tile, strip_list.total, touched.total)
 
 
 def _wrap(
     materialize: Callable[[Any], Any], stage: Callable[..., Any], **fixed: Any
 ) -> Callable[..., Any]:
-    """A stage with its static arguments fixed, wrapped."""
+    """Fix the static arguments of a stage, and wrap it."""
     return materialize(functools.partial(stage, **fixed))
 
 
 def _expand_strips(bounds: SampleBounds, tiling: Tiling, expand: Expand) -> Expansion:
-    """One entry for each strip; its owner is the triangle."""
+    """List one entry for each strip; its owner is the triangle."""
     return expand(count_strips(bounds, tiling))
 
 
 def _gather_row_edges(
     edges: Edges | Lines, bounds: SampleBounds, strip_list: Expansion, tiling: Tiling
 ) -> RowEdges:
-    """The edges of each strip's triangle in the strip's row of tiles."""
+    """Gather the edges of each strip's triangle in the strip's row of tiles."""
     triangle, rank = strip_list.owner, strip_list.rank
     first, second, third = (edge.gather(triangle) for edge in edges)
     return row_edges((first, second, third), bounds.gather(triangle), rank, tiling)
@@ -92,7 +94,7 @@ def _find_strips(
     strip_list: Expansion,
     tiling: Tiling,
 ) -> Strips:
-    """The tiles of each strip."""
+    """Find the tiles of each strip."""
     triangle, rank, is_used, _ = strip_list
     return narrow_strips(
         edges, bounds.gather(triangle), is_occluder[triangle], rank, is_used, tiling
@@ -100,9 +102,10 @@ def _find_strips(
 
 
 class _TouchedTiles(NamedTuple):
-    """Pairs before any is dropped; fields as in `Pairs`.
+    """Pairs before hidden ones are dropped; fields as in `Pairs`.
 
     - `occluded_tile`: `tile` where the triangle hides what is behind it, else one past the last.
+    - `total`: number of pairs.
     """
 
     triangle: Int[HostOrDeviceArray, " pairs"]
@@ -118,7 +121,7 @@ def _expand_pairs(
     tiling: Tiling,
     expand: Expand,
 ) -> _TouchedTiles:
-    """One entry for each tile of each strip."""
+    """List one entry for each tile of each strip."""
     strip, rank, is_used, total = expand(strips.count)
     xp = strip.__array_namespace__()
     column = strips.first[strip] + rank
@@ -137,15 +140,14 @@ def _drop_hidden(
     triangles: int,
     tiling: Tiling,
 ) -> Int[HostOrDeviceArray, " pairs"]:
-    """`tile`, or one past the last where a nearer triangle hides the pair."""
+    """Move hidden pairs to the tile one past the last."""
     xp = tile.__array_namespace__()
-    # One more entry for the pairs that there are not: all of them are hidden.
-    none = xp.full(tiling.count + 1, -1, dtype=xp.int32)
-    if isinstance(none, np.ndarray):
-        nearest_occluder = none
+    # The tile one past the last has an entry too, and everything in it is hidden.
+    nearest_occluder = xp.full(tiling.count + 1, -1, dtype=xp.int32)
+    if isinstance(nearest_occluder, np.ndarray):
         np.maximum.at(nearest_occluder, occluded_tile, triangle)
         nearest_occluder[-1] = triangles
     else:
-        nearest_occluder = none.at[occluded_tile].max(triangle).at[-1].set(triangles)
+        nearest_occluder = nearest_occluder.at[occluded_tile].max(triangle).at[-1].set(triangles)
     # Later triangles are in front, and an occluder does not hide itself.
     return xp.where(triangle >= nearest_occluder[tile], tile, tiling.count)

@@ -7,29 +7,38 @@ is increased by a rounding, and a superfluous tile changes no pixel.
 
 from typing import Any, NamedTuple
 
+from jaxtyping import Bool, Float, Int
+
 from ..geometry.fixed_point import Grid, SampleBounds
+from ..numerics.array_types import HostOrDeviceArray
+
+_UNBOUNDED = 2.0**30
+"""Margin, in pixels, of an edge that bounds nothing."""
+
+_ROUNDING = 2.0**-20
+"""Relative error of a sum of products in float32; several times larger than the true one."""
 
 
 class Line(NamedTuple):
-    """Signed distance from the line of one edge of each triangle, `[triangles]`, in pixels.
-
-    It is positive inside.
+    """Signed distance from the line of one edge of each triangle, in pixels, positive inside.
 
     - `value`: the distance at the centre of the first pixel; `right`, `down`: its change from pixel
       to pixel.
     - `margin`: the width of the soft edge on each side of the line, plus roundings.
     """
 
-    value: Any
-    right: Any
-    down: Any
-    margin: Any
+    value: Float[HostOrDeviceArray, " triangles"]
+    right: Float[HostOrDeviceArray, " triangles"]
+    down: Float[HostOrDeviceArray, " triangles"]
+    margin: Float[HostOrDeviceArray, " triangles"]
 
-    def gather(self, triangle: Any) -> "Line":
+    def gather(self, triangle: Int[HostOrDeviceArray, "*slots"]) -> "Line":
         """Gather the entries of some triangles."""
         return Line(*(entry[triangle] for entry in self))
 
-    def along(self, row: Any, rows: int) -> tuple[Any, Any, Any, Any]:
+    def along(
+        self, row: Int[HostOrDeviceArray, " triangles"], rows: int
+    ) -> tuple[HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray]:
         """Evaluate the line over `rows` rows of pixels, from `row` on.
 
         Returns its value at the first row, the step right, the change over `rows - 1` rows, and the
@@ -43,23 +52,29 @@ class Line(NamedTuple):
         )
 
 
+Lines = tuple[Line, Line, Line]
+"""The lines of the three edges of each triangle."""
+
+
 class ReachedTriangles(NamedTuple):
-    """Edge lines and bounds of triangles for tile lists, `[triangles]`.
+    """Edge lines and bounds of triangles for tile lists.
 
     - `area`: twice the signed area.
     - `orientation`: the sign of the area, 0 for triangles that are not finite.
     - `finite`: whether all corners are finite.
     """
 
-    lines: tuple[Line, Line, Line]
+    lines: Lines
     bounds: SampleBounds
-    area: Any
-    orientation: Any
-    finite: Any
+    area: Float[HostOrDeviceArray, " triangles"]
+    orientation: Int[HostOrDeviceArray, " triangles"]
+    finite: Bool[HostOrDeviceArray, " triangles"]
 
 
-def reached_triangles(corners: Any, grid: Grid, reach: Any) -> ReachedTriangles:
-    """Compute the lines and bounds of `corners` `[triangles, 3, 2]`, in pixels.
+def reached_triangles(
+    corners: Float[HostOrDeviceArray, "triangles 3 2"], grid: Grid, reach: Any
+) -> ReachedTriangles:
+    """Compute the lines and bounds of triangles with these corners, in pixels.
 
     `reach` is a float, in pixels. Works for NumPy and JAX alike.
     """
@@ -72,28 +87,56 @@ def reached_triangles(corners: Any, grid: Grid, reach: Any) -> ReachedTriangles:
     area = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0])
     bound = xp.abs(x[1] - x[0]) * xp.abs(y[2] - y[0]) + xp.abs(y[1] - y[0]) * xp.abs(x[2] - x[0])
     # If the sign of the area may be a rounding, the edges do not bound the triangle.
-    is_sign_certain = xp.abs(area) > bound * 2.0**-20
+    is_sign_certain = xp.abs(area) > bound * _ROUNDING
     sign = xp.sign(area)
-    lines = []
-    for k in range(3):
-        ax, ay, bx, by = x[k], y[k], x[(k + 1) % 3], y[(k + 1) % 3]
-        dx, dy = bx - ax, by - ay
-        length = xp.sqrt(dx * dx + dy * dy)
-        bounding = is_sign_certain & (length > 0)
-        scale = xp.where(bounding, sign / xp.where(bounding, length, 1.0), 0.0).astype(f32)
-        across, along = dx * (0.5 - ay), dy * (0.5 - ax)
-        size = float(max(grid.height, grid.width))
-        error = (xp.abs(across) + xp.abs(along) + (xp.abs(dx) + xp.abs(dy)) * size) * 2.0**-20
-        margin = xp.where(bounding, reach + error * xp.abs(scale), 2.0**30).astype(f32)
-        lines.append(Line((across - along) * scale, -dy * scale, dx * scale, margin))
-
-    def pixels(low: Any, high: Any, size: int) -> tuple[Any, Any]:
-        first = xp.clip(xp.floor(low - reach - 0.5), 0.0, float(size)).astype(xp.int32)
-        last = xp.clip(xp.ceil(high + reach - 0.5), -1.0, size - 1.0).astype(xp.int32)
-        return first, xp.where(finite, last, -1)
-
-    left, right = pixels(xp.min(x, axis=0), xp.max(x, axis=0), grid.width)
-    top, bottom = pixels(xp.min(y, axis=0), xp.max(y, axis=0), grid.height)
+    size = float(max(grid.height, grid.width))
+    first, second, third = (
+        _line((x[k], y[k]), (x[(k + 1) % 3], y[(k + 1) % 3]), sign, is_sign_certain, reach, size)
+        for k in range(3)
+    )
+    left, right = _pixel_range(xp.min(x, axis=0), xp.max(x, axis=0), finite, reach, grid.width)
+    top, bottom = _pixel_range(xp.min(y, axis=0), xp.max(y, axis=0), finite, reach, grid.height)
     orientation = xp.where(finite, xp.sign(area), 0.0).astype(xp.int32)
-    box = SampleBounds(left, right, top, bottom)
-    return ReachedTriangles((lines[0], lines[1], lines[2]), box, area, orientation, finite)
+    bounds = SampleBounds(left, right, top, bottom)
+    return ReachedTriangles((first, second, third), bounds, area, orientation, finite)
+
+
+def _line(
+    start: tuple[HostOrDeviceArray, HostOrDeviceArray],
+    end: tuple[HostOrDeviceArray, HostOrDeviceArray],
+    sign: Float[HostOrDeviceArray, " triangles"],
+    is_sign_certain: Bool[HostOrDeviceArray, " triangles"],
+    reach: Any,
+    size: float,
+) -> Line:
+    """Compute the line from `start` to `end` (x, y), for triangles whose area has this sign.
+
+    `size` is the longer side of the canvas in pixels.
+    """
+    xp = sign.__array_namespace__()
+    f32 = xp.float32
+    (start_x, start_y), (end_x, end_y) = start, end
+    dx, dy = end_x - start_x, end_y - start_y
+    length = xp.sqrt(dx * dx + dy * dy)
+    is_bounding = is_sign_certain & (length > 0)
+    scale = xp.where(is_bounding, sign / xp.where(is_bounding, length, 1.0), 0.0).astype(f32)
+    # The edge function at the centre of the first pixel is the difference of these products.
+    dx_term, dy_term = dx * (0.5 - start_y), dy * (0.5 - start_x)
+    error = xp.abs(dx_term) + xp.abs(dy_term) + (xp.abs(dx) + xp.abs(dy)) * size
+    error = error * _ROUNDING
+    margin = xp.where(is_bounding, reach + error * xp.abs(scale), _UNBOUNDED).astype(f32)
+    return Line((dx_term - dy_term) * scale, -dy * scale, dx * scale, margin)
+
+
+def _pixel_range(
+    low: Float[HostOrDeviceArray, " triangles"],
+    high: Float[HostOrDeviceArray, " triangles"],
+    finite: Bool[HostOrDeviceArray, " triangles"],
+    reach: Any,
+    size: int,
+) -> tuple[Int[HostOrDeviceArray, " triangles"], Int[HostOrDeviceArray, " triangles"]]:
+    """First and last of `size` pixels with a centre in low..high extended by `reach`."""
+    xp = low.__array_namespace__()
+    first = xp.clip(xp.floor(low - reach - 0.5), 0.0, float(size)).astype(xp.int32)
+    last = xp.clip(xp.ceil(high + reach - 0.5), -1.0, size - 1.0).astype(xp.int32)
+    return first, xp.where(finite, last, -1)

@@ -17,9 +17,6 @@ from ..geometry.tiling import Tiling
 from ..numerics.array_types import HostOrDeviceArray
 from .reach import Line
 
-Lines = tuple[Line, Line, Line]
-"""The three edges of each triangle as distances in pixels, for analytic coverage."""
-
 
 class Strips(NamedTuple):
     """Ranges of tile columns, `first..last` inclusive; a range is empty if `first > last`.
@@ -78,7 +75,7 @@ def row_edges(
     rank: Int[HostOrDeviceArray, " strips"],
     tiling: Tiling,
 ) -> RowEdges:
-    """The edges of each strip's triangle in the strip's row of tiles.
+    """Evaluate the edges of each strip's triangle in the strip's row of tiles.
 
     `edges` and `bounds` are those of the triangle of each strip. `rank` counts rows of tiles from
     the top of its bounding box.
@@ -95,7 +92,7 @@ def row_edges(
 def _row_edge(
     edge: Edge | Line, sample_row: Int[HostOrDeviceArray, " strips"], tiling: Tiling
 ) -> RowEdge:
-    """One edge from a row of samples on, for the height of a tile."""
+    """Evaluate one edge from a row of samples on, for the height of a tile."""
     if isinstance(edge, Line):
         return RowEdge(*edge.along(sample_row, tiling.sample_rows))
     xp = sample_row.__array_namespace__()
@@ -112,9 +109,9 @@ def narrow_strips(
     is_used: Bool[HostOrDeviceArray, " strips"],
     tiling: Tiling,
 ) -> Strips:
-    """The strip of each triangle in a row of tiles; no tiles where not `is_used`.
+    """Find the tiles of each strip; none where not `is_used`.
 
-    The first four arguments are those of the triangle of each strip.
+    `edges`, `bounds` and `is_occluder` are those of the triangle of each strip.
     """
     xp = rank.__array_namespace__()
     columns = tiling.sample_columns
@@ -135,7 +132,7 @@ _ANYWHERE = 2.0**20
 """A tile column beyond every canvas: no limit."""
 
 _TILE_ERROR = 2.0**-6
-"""Part of a tile by which limits are moved to the safe side: more than the quotients' rounding."""
+"""Fraction of a tile by which limits are moved to the safe side; larger than roundings."""
 
 
 def _tile_limits(
@@ -143,8 +140,8 @@ def _tile_limits(
 ) -> tuple[HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray]:
     """Limits that an edge sets to the tiles of a strip; tiles are `columns` samples wide.
 
-    In turn the first and the last tile with a sample inside the edge, and the first and the last
-    with no sample outside it.
+    They are the first and the last tile with a sample inside the edge, and then the first and the
+    last tile with no sample outside it.
     """
     value, right, drop, margin = edge
     xp = value.__array_namespace__()
@@ -168,18 +165,18 @@ def _limits_of(
     step: HostOrDeviceArray,
     lead: float,
     lag: float,
-    slack: float,
+    error: float,
 ) -> tuple[HostOrDeviceArray, HostOrDeviceArray]:
-    """The tiles from which on, and up to which, a value that changes by `step` a tile is positive.
+    """First and last tile in which a value is positive that changes by `step` from tile to tile.
 
-    The value counts at the sample `lead` tiles into each tile if it grows, and `lag` tiles if it
-    falls, as `right` tells. Limits are moved out by `slack` tiles.
+    If the value grows (`right` > 0), it is taken `lead` tiles after the first sample of each tile;
+    if it falls, `lag` tiles after it. Limits are moved out by `error` tiles.
     """
     xp = value.__array_namespace__()
-    # Without change, all tiles or none.
-    level = xp.where((right == 0) & (value < 0), _ANYWHERE, -_ANYWHERE)
-    first = xp.where(right > 0, xp.ceil(-value / step - lead - slack), level)
-    last = xp.where(right < 0, xp.floor(value / step - lag + slack), _ANYWHERE)
+    # A constant value is positive in all tiles or in none.
+    first_if_constant = xp.where((right == 0) & (value < 0), _ANYWHERE, -_ANYWHERE)
+    first = xp.where(right > 0, xp.ceil(-value / step - lead - error), first_if_constant)
+    last = xp.where(right < 0, xp.floor(value / step - lag + error), _ANYWHERE)
     return (
         xp.clip(first, -_ANYWHERE, _ANYWHERE).astype(xp.int32),
         xp.clip(last, -_ANYWHERE, _ANYWHERE).astype(xp.int32),

@@ -17,10 +17,10 @@ from ..geometry.fixed_point import Grid
 SIDES = (8, 4)
 """Sides of a tile to choose from, in pixels."""
 
-_SLOT = 8.0
+_SLOT_COST = 8.0
 """Cost of a listed tile, in pixels computed; measured with 100 to 10,000 triangles."""
 
-_WORTH = 2.0**16
+_LEAST_SAVING = 2.0**16
 """Pixels that another side than the first must save per scene.
 
 With this threshold small scenes use the same side, and so share compiled programs.
@@ -34,14 +34,14 @@ def choose_side(scenes: Sequence[np.ndarray], grid: Grid, reach: float) -> int:
     """
     work = {side: sum(_work(corners, grid, reach, side) for corners in scenes) for side in SIDES}
     best = min(SIDES, key=lambda side: work[side])
-    return best if work[best] + _WORTH * len(scenes) < work[SIDES[0]] else SIDES[0]
+    return best if work[best] + _LEAST_SAVING * len(scenes) < work[SIDES[0]] else SIDES[0]
 
 
 def _work(corners: np.ndarray, grid: Grid, reach: float, side: int) -> float:
     """Estimate the work of a scene with tiles of this side, in pixels computed."""
     area, perimeter = _size(corners, grid, reach)
     tiles = area / side**2 + 2.0 / np.pi * perimeter / side + 1.0
-    return float(np.sum(tiles) * (side**2 + _SLOT))
+    return float(np.sum(tiles) * (side**2 + _SLOT_COST))
 
 
 def _size(corners: np.ndarray, grid: Grid, reach: float) -> tuple[Any, Any]:

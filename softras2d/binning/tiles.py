@@ -17,7 +17,7 @@ from ..numerics.fusion_barrier import materialized
 from ..numerics.prefix import cumulative_sum
 from .expansion import expand_on_device
 from .pairs import find_pairs
-from .strips import Lines
+from .reach import Lines
 
 
 class TileLists(NamedTuple):
@@ -25,8 +25,8 @@ class TileLists(NamedTuple):
 
     - `triangle`, `tile`: of each entry; entries beyond the sum of `count` have no meaning.
     - `start`, `count`: the first entry of each tile, and how many it has.
-    - `strips`, `pairs`: how many strips and pairs there were, hidden pairs included. Triangles are
-      missing if either is beyond its capacity.
+    - `strips`, `pairs`: number of strips and of pairs needed, including hidden pairs. Triangles are
+      missing if either exceeds its capacity.
     """
 
     triangle: Int[Array, " pairs"]
@@ -52,7 +52,7 @@ def list_tiles(
     - `strips`, `pairs`: capacities of the lists of both.
     """
     triangles = is_occluder.shape[0]
-    found = find_pairs(
+    listed = find_pairs(
         edges,
         bounds,
         is_occluder,
@@ -61,16 +61,18 @@ def list_tiles(
         expand_pairs=functools.partial(expand_on_device, capacity=pairs),
         materialize=materialized,
     )
-    start, count = materialized(functools.partial(_count_listed, tiles=tiling.count))(found.tile)
+    start, count = materialized(functools.partial(_count_listed, tiles=tiling.count))(listed.tile)
     # The greatest triangle index is nearest: it sorts first.
-    tile, order = _sort(found.tile, triangles - 1 - found.triangle, tiling.count, triangles)
-    return TileLists(triangles - 1 - order, tile, start, count, found.strip_total, found.pair_total)
+    tile, order = _sort(listed.tile, triangles - 1 - listed.triangle, tiling.count, triangles)
+    return TileLists(
+        triangles - 1 - order, tile, start, count, listed.strip_total, listed.pair_total
+    )
 
 
 def _count_listed(
     tile: Int[Array, " pairs"], *, tiles: int
 ) -> tuple[Int[Array, " tiles"], Int[Array, " tiles"]]:
-    """First entry of each tile in the sorted list, and number of its entries."""
+    """Compute the first entry of each tile in the sorted list, and the number of its entries."""
     count = jnp.zeros(tiles + 1, jnp.int32).at[tile].add(1)[:-1]
     return cumulative_sum(count) - count, count
 
@@ -92,5 +94,5 @@ def _sort(
 def _unpack(
     key: Int[Array, " pairs"], *, triangles: int
 ) -> tuple[Int[Array, " pairs"], Int[Array, " pairs"]]:
-    """Tile and order of a packed key."""
+    """Split a packed key into tile and order."""
     return key // triangles, key % triangles

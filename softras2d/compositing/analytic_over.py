@@ -14,17 +14,28 @@ chunks of the tile are composited like layers.
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..binning.lists import Chunks
 from ..coverage.tile_sums import sum_pixels
 from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
+
+State = TypeVar("State")
+"""A tree of arrays that a loop updates."""
+
+Index = Int[Array, ""] | int
+"""Number of a chunk in its tile, or the distance between two chunks of a tile."""
+
+Opacities = Float[Array, "chunks layers pixels"]
+Colors = Float[Array, "chunks layers 3 #pixels"]
+ChunkPixels = Float[Array, "chunks pixels"]
+TileColors = Float[Array, "4 tiles pixels"]
 
 _UNROLLED = 16
 """Maximum number of chunks of a tile that one unrolled expression processes; more take a loop."""
@@ -46,73 +57,76 @@ def composite(
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _composite(max_chunks: int, opacity: Array, colors: Array, chunks: Chunks) -> Array:
-    return _join(max_chunks, _blend(opacity, colors), _cover(opacity), chunks)
+def _composite(max_chunks: int, opacity: Opacities, colors: Colors, chunks: Chunks) -> TileColors:
+    return _join_chunks(_blend(opacity, colors), _alpha(opacity), chunks, max_chunks)
 
 
 @functools.partial(_composite.defjvp, symbolic_zeros=True)
 def _composite_jvp(max_chunks, primals, tangents):
     opacity, colors, chunks = primals
-    sums, covered = _blend(opacity, colors), _cover(opacity)
-    out = _join(max_chunks, sums, covered, chunks)
+    sums, alpha = _blend(opacity, colors), _alpha(opacity)
+    out = _join_chunks(sums, alpha, chunks, max_chunks)
     change = jnp.zeros_like(out)
-    fixed = opacity, colors, chunks, sums, covered
+    fixed = opacity, colors, chunks, sums, alpha
     if not isinstance(tangents[0], SymbolicZero):
 
-        def by_opacity(fixed, moved):
-            opacity, colors, chunks, sums, covered = fixed
-            changes = _blend_change(opacity, moved, colors)
-            return _join_change(
-                max_chunks, sums, covered, changes, _cover_change(opacity, moved), chunks
-            )
+        def by_opacity(fixed, opacity_change):
+            opacity, colors, chunks, sums, alpha = fixed
+            changes = _blend_change(opacity, opacity_change, colors)
+            alpha_change = _alpha_change(opacity, opacity_change)
+            return _join_changes(sums, alpha, changes, alpha_change, chunks, max_chunks)
 
-        def to_opacity(fixed, weight):
-            opacity, colors, chunks, _, covered = fixed
-            return _opacity_weights(max_chunks, opacity, colors, covered, chunks, weight)
+        def to_opacity(fixed, cotangent):
+            opacity, colors, chunks, _, alpha = fixed
+            return _opacity_cotangent(max_chunks, opacity, colors, alpha, chunks, cotangent)
 
         change = linear_map(by_opacity, to_opacity)(fixed, tangents[0])
     if not isinstance(tangents[1], SymbolicZero):
 
-        def by_color(fixed, moved):
-            opacity, _, chunks, _, covered = fixed
-            shown = _join(max_chunks, _blend(opacity, moved), covered, chunks)
-            return shown.at[3].set(0.0)
+        def by_color(fixed, color_change):
+            opacity, _, chunks, _, alpha = fixed
+            changes = _blend(opacity, color_change)
+            return _join_chunks(changes, alpha, chunks, max_chunks).at[3].set(0.0)
 
-        def to_color(fixed, weight):
-            opacity, colors, chunks, _, covered = fixed
-            return _color_weights(max_chunks, opacity, colors, covered, chunks, weight)
+        def to_color(fixed, cotangent):
+            opacity, colors, chunks, _, alpha = fixed
+            return _color_cotangent(max_chunks, opacity, colors, alpha, chunks, cotangent)
 
         change = change + linear_map(by_color, to_color)(fixed, tangents[1])
     return out, change
 
 
 @materialized
-def _blend(opacity: Array, colors: Array) -> list[Array]:
-    """Composite each chunk by itself; the colours are separate arrays per channel."""
+def _blend(opacity: Opacities, colors: Colors) -> list[ChunkPixels]:
+    """Composite each chunk by itself: its premultiplied colour, one array per channel."""
     transmittance = jnp.ones_like(opacity[:, 0])
     sums = [jnp.zeros_like(transmittance)] * 3
     for k in range(opacity.shape[1]):
-        visible = transmittance * opacity[:, k]
-        sums = [total + visible * colors[:, k, channel] for channel, total in enumerate(sums)]
+        weight = transmittance * opacity[:, k]
+        sums = [total + weight * colors[:, k, channel] for channel, total in enumerate(sums)]
         transmittance = transmittance * (1.0 - opacity[:, k])
     return sums
 
 
 @materialized
-def _blend_change(opacity: Array, moved: Array, colors: Array) -> list[Array]:
-    """Compute the jvp of `_blend` by the opacities, with the tangent `moved`."""
-    transmittance, drop = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
-    sums = [drop] * 3
+def _blend_change(
+    opacity: Opacities, opacity_change: Opacities, colors: Colors
+) -> list[ChunkPixels]:
+    """Compute the jvp of `_blend` by the opacities."""
+    transmittance = jnp.ones_like(opacity[:, 0])
+    transmittance_change = jnp.zeros_like(opacity[:, 0])
+    sums = [transmittance_change] * 3
     for k in range(opacity.shape[1]):
-        visible = drop * opacity[:, k] + transmittance * moved[:, k]
-        sums = [total + visible * colors[:, k, channel] for channel, total in enumerate(sums)]
+        weight = transmittance_change * opacity[:, k] + transmittance * opacity_change[:, k]
+        sums = [total + weight * colors[:, k, channel] for channel, total in enumerate(sums)]
         clear = 1.0 - opacity[:, k]
-        drop, transmittance = drop * clear - transmittance * moved[:, k], transmittance * clear
+        transmittance_change = transmittance_change * clear - transmittance * opacity_change[:, k]
+        transmittance = transmittance * clear
     return sums
 
 
 @materialized
-def _cover(opacity: Array) -> Array:
+def _alpha(opacity: Opacities) -> ChunkPixels:
     """Compute the alpha of each chunk by itself."""
     transmittance = 1.0 - opacity[:, 0]
     for k in range(1, opacity.shape[1]):
@@ -121,85 +135,78 @@ def _cover(opacity: Array) -> Array:
 
 
 @materialized
-def _cover_change(opacity: Array, moved: Array) -> Array:
-    """Compute the jvp of `_cover`, with the tangent `moved`."""
-    transmittance, gain = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
+def _alpha_change(opacity: Opacities, opacity_change: Opacities) -> ChunkPixels:
+    """Compute the jvp of `_alpha`."""
+    transmittance, change = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
     for k in range(opacity.shape[1]):
         clear = 1.0 - opacity[:, k]
-        gain, transmittance = gain * clear + transmittance * moved[:, k], transmittance * clear
-    return gain
+        change = change * clear + transmittance * opacity_change[:, k]
+        transmittance = transmittance * clear
+    return change
 
 
-def _join(
-    max_chunks: int, sums: list[Array], covered: Array, chunks: Chunks
-) -> Float[Array, "4 tiles pixels"]:
+@functools.partial(materialized, static_argnames=("max_chunks",))
+def _join_chunks(
+    sums: list[ChunkPixels], alpha: ChunkPixels, chunks: Chunks, max_chunks: int
+) -> TileColors:
     """Composite the chunks of each tile like layers."""
 
-    @materialized
-    def join(sums, covered, chunks):
-        def add(k, state):
-            transmittance, total = state
-            (*chunk_colors, chunk_alpha) = _of_chunk(k, [*sums, covered], chunks)
-            total = [t + transmittance * p for t, p in zip(total, chunk_colors, strict=True)]
-            return transmittance * (1.0 - chunk_alpha), total
+    def add(k, state):
+        transmittance, total = state
+        (*chunk_colors, chunk_alpha) = _chunk_of_tile(k, [*sums, alpha], chunks)
+        total = [t + transmittance * c for t, c in zip(total, chunk_colors, strict=True)]
+        return transmittance * (1.0 - chunk_alpha), total
 
-        shape = (chunks.count.shape[0], covered.shape[1])
-        start = jnp.ones(shape, covered.dtype), [jnp.zeros(shape, covered.dtype)] * 3
-        transmittance, total = _through_tile(max_chunks, chunks, add, start)
-        return jnp.stack([*total, 1.0 - transmittance])
-
-    return join(sums, covered, chunks)
+    shape = (chunks.count.shape[0], alpha.shape[1])
+    start = jnp.ones(shape, alpha.dtype), [jnp.zeros(shape, alpha.dtype)] * 3
+    transmittance, total = _for_each_chunk(max_chunks, chunks, add, start)
+    return jnp.stack([*total, 1.0 - transmittance])
 
 
-def _join_change(
-    max_chunks: int,
-    sums: list[Array],
-    covered: Array,
-    changes: list[Array],
-    gained: Array,
+@functools.partial(materialized, static_argnames=("max_chunks",))
+def _join_changes(
+    sums: list[ChunkPixels],
+    alpha: ChunkPixels,
+    changes: list[ChunkPixels],
+    alpha_change: ChunkPixels,
     chunks: Chunks,
-) -> Float[Array, "4 tiles pixels"]:
-    """Compute the jvp of `_join` by the colours and the alpha of the chunks."""
+    max_chunks: int,
+) -> TileColors:
+    """Compute the jvp of `_join_chunks` by the colours and the alpha of the chunks."""
 
-    @materialized
-    def join(sums, covered, changes, gained, chunks):
-        def add(k, state):
-            transmittance, drop, total = state
-            entries = _of_chunk(k, [*sums, covered, *changes, gained], chunks)
-            chunk_colors, chunk_alpha, color_change, alpha_change = (
-                entries[:3],
-                entries[3],
-                entries[4:7],
-                entries[7],
-            )
-            total = [
-                t + drop * p + transmittance * m
-                for t, p, m in zip(total, chunk_colors, color_change, strict=True)
-            ]
-            return (
-                transmittance * (1.0 - chunk_alpha),
-                drop * (1.0 - chunk_alpha) - transmittance * alpha_change,
-                total,
-            )
+    def add(k, state):
+        transmittance, transmittance_change, total = state
+        entries = _chunk_of_tile(k, [*sums, alpha, *changes, alpha_change], chunks)
+        chunk_colors, chunk_alpha = entries[:3], entries[3]
+        color_changes, chunk_alpha_change = entries[4:7], entries[7]
+        total = [
+            t + transmittance_change * color + transmittance * change
+            for t, color, change in zip(total, chunk_colors, color_changes, strict=True)
+        ]
+        return (
+            transmittance * (1.0 - chunk_alpha),
+            transmittance_change * (1.0 - chunk_alpha) - transmittance * chunk_alpha_change,
+            total,
+        )
 
-        zero = jnp.zeros((chunks.count.shape[0], covered.shape[1]), covered.dtype)
-        start = jnp.ones_like(zero), zero, [zero] * 3
-        _, drop, total = _through_tile(max_chunks, chunks, add, start)
-        return jnp.stack([*total, -drop])
-
-    return join(sums, covered, changes, gained, chunks)
+    zero = jnp.zeros((chunks.count.shape[0], alpha.shape[1]), alpha.dtype)
+    start = jnp.ones_like(zero), zero, [zero] * 3
+    _, transmittance_change, total = _for_each_chunk(max_chunks, chunks, add, start)
+    return jnp.stack([*total, -transmittance_change])
 
 
-def _of_chunk(k: Any, entries: list[Array], chunks: Chunks) -> list[Array]:
+def _chunk_of_tile(
+    k: Index, entries: list[ChunkPixels], chunks: Chunks
+) -> list[Float[Array, "tiles pixels"]]:
     """Gather the entries of chunk k of each tile; 0 where a tile has no such chunk."""
     exists = (k < chunks.count)[:, None]
-    index = chunks.first + k
-    return [jnp.where(exists, entry.at[index].get(mode="clip"), 0.0) for entry in entries]
+    chunk = chunks.first + k
+    return [jnp.where(exists, entry.at[chunk].get(mode="clip"), 0.0) for entry in entries]
 
 
-def _through_tile(
-    max_chunks: int, chunks: Chunks, add: Callable[[Any, Any], Any], state: Any
-) -> Any:
+def _for_each_chunk(
+    max_chunks: int, chunks: Chunks, add: Callable[[Index, State], State], state: State
+) -> State:
     """Fold `add(k, state)` over the chunks k of a tile."""
     if max_chunks <= _UNROLLED:
         for k in range(max_chunks):
@@ -208,22 +215,10 @@ def _through_tile(
     return jax.lax.fori_loop(0, jnp.max(chunks.count), add, state)
 
 
-def _in_front(max_chunks: int, covered: Array, chunks: Chunks) -> Array:
-    """Transmittance of the chunks in front of each chunk."""
-
-    @materialized
-    def look(covered, chunks):
-        def add(j, transmittance):
-            rest = jnp.where((chunks.index >= j)[:, None], 1.0 - _shift(covered, j), 1.0)
-            return transmittance * rest
-
-        return _through_chunks(max_chunks, chunks, add, jnp.ones_like(covered))
-
-    return look(covered, chunks)
-
-
-def _through_chunks(max_chunks: int, chunks: Chunks, add, state):
-    """Fold `add(j, state)` over the distances j between chunks of a tile."""
+def _for_each_distance(
+    max_chunks: int, chunks: Chunks, add: Callable[[Index, State], State], state: State
+) -> State:
+    """Fold `add(j, state)` over the distances j between two chunks of a tile."""
     if max_chunks <= _UNROLLED:
         for j in range(1, max_chunks):
             state = add(j, state)
@@ -231,87 +226,131 @@ def _through_chunks(max_chunks: int, chunks: Chunks, add, state):
     return jax.lax.fori_loop(1, jnp.max(chunks.count), add, state)
 
 
-def _shift(x: Array, j) -> Array:
+def _shift(x: ChunkPixels, j: Index) -> ChunkPixels:
     """Move entry i - j to index i; the entries that wrap around have no meaning."""
     return jnp.roll(x, j, 0)
 
 
-def _opacity_weights(
-    max_chunks: int, opacity: Array, colors: Array, covered: Array, chunks: Chunks, weight: Array
-) -> Float[Array, "chunks layers pixels"]:
-    """Compute the vjp by the opacities."""
-    layers = opacity.shape[1]
+@functools.partial(materialized, static_argnames=("max_chunks",))
+def _transmittance_in_front(alpha: ChunkPixels, chunks: Chunks, max_chunks: int) -> ChunkPixels:
+    """Transmittance of the chunks in front of each chunk."""
 
-    @materialized
-    def meet(colors, weight, chunks):
-        total = weight[3][chunks.tile][:, None]
-        for channel in range(3):
-            total = total + colors[:, :, channel] * weight[channel][chunks.tile][:, None]
-        return total
+    def add(j, transmittance):
+        clear = jnp.where((chunks.index >= j)[:, None], 1.0 - _shift(alpha, j), 1.0)
+        return transmittance * clear
 
-    @materialized
-    def blend(opacity, met):
-        transmittance, total = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
-        for k in range(layers):
-            total = total + transmittance * opacity[:, k] * met[:, k]
-            transmittance = transmittance * (1.0 - opacity[:, k])
-        return total
+    return _for_each_distance(max_chunks, chunks, add, jnp.ones_like(alpha))
 
-    @materialized
-    def look_behind(covered, total, chunks):
-        last = chunks.count[chunks.tile] - 1
 
-        def add(j, state):
-            transmittance, behind = state
-            exists = (chunks.index + j <= last)[:, None]
-            rest = jnp.where(exists, 1.0 - _shift(covered, -j), 1.0)
-            return transmittance * rest, behind + jnp.where(
-                exists, transmittance * _shift(total, -j), 0.0
-            )
+def _opacity_cotangent(
+    max_chunks: int,
+    opacity: Opacities,
+    colors: Colors,
+    alpha: ChunkPixels,
+    chunks: Chunks,
+    cotangent: TileColors,
+) -> Opacities:
+    """Compute the vjp by the opacities: T_i (c_i - b_i) . g."""
+    color_dots = _dot_with_cotangent(colors, cotangent, chunks)
+    in_front = _transmittance_in_front(alpha, chunks, max_chunks)
+    behind = _dot_behind(alpha, _blend_dots(opacity, color_dots), chunks, max_chunks)
+    return _slot_cotangents(opacity, color_dots, in_front, behind, chunks)
 
-        state = jnp.ones_like(covered), jnp.zeros_like(covered)
-        return _through_chunks(max_chunks, chunks, add, state)[1]
 
-    @materialized
-    def differ(opacity, met, transmittance, behind, chunks):
-        front, back = [transmittance], [behind]
-        for k in range(layers - 1):
-            front.append(front[-1] * (1.0 - opacity[:, k]))
-        for k in range(layers - 1, 0, -1):
-            back.append(opacity[:, k] * met[:, k] + (1.0 - opacity[:, k]) * back[-1])
-        used = (jnp.arange(chunks.tile.shape[0], dtype=jnp.int32) < chunks.needed)[:, None]
-        back = back[::-1]
-        return jnp.stack(
-            [jnp.where(used, front[k] * (met[:, k] - back[k]), 0.0) for k in range(layers)], 1
+@materialized
+def _dot_with_cotangent(colors: Colors, cotangent: TileColors, chunks: Chunks) -> Opacities:
+    """Compute c_i . g of each slot, where c_i has alpha 1."""
+    total = cotangent[3][chunks.tile][:, None]
+    for channel in range(3):
+        total = total + colors[:, :, channel] * cotangent[channel][chunks.tile][:, None]
+    return total
+
+
+@materialized
+def _blend_dots(opacity: Opacities, color_dots: Opacities) -> ChunkPixels:
+    """Composite the numbers c_i . g within each chunk."""
+    transmittance, total = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
+    for k in range(opacity.shape[1]):
+        total = total + transmittance * opacity[:, k] * color_dots[:, k]
+        transmittance = transmittance * (1.0 - opacity[:, k])
+    return total
+
+
+@functools.partial(materialized, static_argnames=("max_chunks",))
+def _dot_behind(
+    alpha: ChunkPixels, blended: ChunkPixels, chunks: Chunks, max_chunks: int
+) -> ChunkPixels:
+    """Compute b . g, where b is the composite of all chunks behind each chunk."""
+    last = chunks.count[chunks.tile] - 1
+
+    def add(j, state):
+        transmittance, behind = state
+        exists = (chunks.index + j <= last)[:, None]
+        clear = jnp.where(exists, 1.0 - _shift(alpha, -j), 1.0)
+        return transmittance * clear, behind + jnp.where(
+            exists, transmittance * _shift(blended, -j), 0.0
         )
 
-    met = meet(colors, weight, chunks)
-    transmittance = _in_front(max_chunks, covered, chunks)
-    behind = look_behind(covered, blend(opacity, met), chunks)
-    return differ(opacity, met, transmittance, behind, chunks)
+    state = jnp.ones_like(alpha), jnp.zeros_like(alpha)
+    return _for_each_distance(max_chunks, chunks, add, state)[1]
 
 
-def _color_weights(
-    max_chunks: int, opacity: Array, colors: Array, covered: Array, chunks: Chunks, weight: Array
-) -> Float[Array, "chunks layers 3 #pixels"]:
-    """Compute the vjp by the colours."""
-    layers, flat = opacity.shape[1], colors.shape[3] == 1
+@materialized
+def _slot_cotangents(
+    opacity: Opacities,
+    color_dots: Opacities,
+    in_front: ChunkPixels,
+    behind: ChunkPixels,
+    chunks: Chunks,
+) -> Opacities:
+    """Compute T_i (c_i . g - b_i . g) of each slot; 0 in unused chunks.
 
-    @materialized
-    def see(opacity, transmittance):
-        visible = []
-        for k in range(layers):
-            visible.append(transmittance * opacity[:, k])
-            transmittance = transmittance * (1.0 - opacity[:, k])
-        return jnp.stack(visible, 1)
+    `in_front` is the transmittance in front of each chunk, and `behind` is b . g behind it.
+    """
+    layers = opacity.shape[1]
+    front, back = [in_front], [behind]
+    for k in range(layers - 1):
+        front.append(front[-1] * (1.0 - opacity[:, k]))
+    for k in range(layers - 1, 0, -1):
+        back.append(opacity[:, k] * color_dots[:, k] + (1.0 - opacity[:, k]) * back[-1])
+    valid = (jnp.arange(chunks.tile.shape[0], dtype=jnp.int32) < chunks.needed)[:, None]
+    back = back[::-1]
+    return jnp.stack(
+        [jnp.where(valid, front[k] * (color_dots[:, k] - back[k]), 0.0) for k in range(layers)], 1
+    )
 
-    @materialized
-    def gather(visible, weight, chunks):
-        products = [visible * weight[channel][chunks.tile][:, None] for channel in range(3)]
-        if not flat:
-            return jnp.stack(products, 2)
-        rows = [product.reshape(-1, product.shape[2]) for product in products]
-        return jnp.stack(sum_pixels(*rows), -1).reshape(colors.shape)
 
-    transmittance = _in_front(max_chunks, covered, chunks)
-    return gather(see(opacity, transmittance), weight, chunks)
+def _color_cotangent(
+    max_chunks: int,
+    opacity: Opacities,
+    colors: Colors,
+    alpha: ChunkPixels,
+    chunks: Chunks,
+    cotangent: TileColors,
+) -> Colors:
+    """Compute the vjp by the colours: T_i a_i g, summed over the pixels for flat colours."""
+    in_front = _transmittance_in_front(alpha, chunks, max_chunks)
+    weights = _slot_weights(opacity, in_front)
+    return _weighted_cotangent(weights, cotangent, chunks, colors.shape)
+
+
+@materialized
+def _slot_weights(opacity: Opacities, transmittance: ChunkPixels) -> Opacities:
+    """Compute T_i a_i of each slot from the transmittance in front of its chunk."""
+    weights = []
+    for k in range(opacity.shape[1]):
+        weights.append(transmittance * opacity[:, k])
+        transmittance = transmittance * (1.0 - opacity[:, k])
+    return jnp.stack(weights, 1)
+
+
+@functools.partial(materialized, static_argnames=("shape",))
+def _weighted_cotangent(
+    weights: Opacities, cotangent: TileColors, chunks: Chunks, shape: tuple[int, ...]
+) -> Colors:
+    """Multiply weights and cotangent, in the `shape` of the colours: for all pixels, or summed."""
+    products = [weights * cotangent[channel][chunks.tile][:, None] for channel in range(3)]
+    if shape[3] != 1:
+        return jnp.stack(products, 2)
+    rows = [product.reshape(-1, product.shape[2]) for product in products]
+    return jnp.stack(sum_pixels(*rows), -1).reshape(shape)

@@ -10,37 +10,37 @@ import operator
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, UInt32
+from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from ..binning.lists import Chunks
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from ..shading.fragments import Fragments, pick_bits, sample_points, shading_points
-from ..shading.surface import Lanes, Points, Surface, pick_lanes
-from ..shading.triangle_color import add_shade, shade, view
-from .opaque import Fields
+from ..shading.fragments import Fragments, gather_bits, sample_points, shading_points
+from ..shading.surface import Lanes, Points, Surface, gather_lanes, surface_lanes
+from ..shading.triangle_color import add_shade, shade
+from .opaque import Packing
 
 
 def sum_shaded(
     surface: Surface,
     fragments: Fragments,
-    rows: UInt32[Array, "chunks layers rows"],
+    coverage: UInt32[Array, "chunks layers rows"],
     chunks: Chunks,
     tiling: Tiling,
     *,
     shading: str,
-) -> Float[Array, "tiles channels fields places"]:
+) -> Float[Array, "tiles channels fields word_rows"]:
     """Sum the visible colours over each pixel's samples.
 
-    `rows` are the samples that each slot covers, hidden ones too. `shading` is as in `Hard`:
+    `coverage` has the samples that each slot covers, hidden ones too. `shading` is as in `Hard`:
     `"sample"` shades each sample, `"pixel"` uses one colour of a fragment for all of its samples.
     """
     triangle = chunks.triangle.reshape(-1)
     tile = jnp.repeat(chunks.tile, chunks.triangle.shape[1])
     # There are fewer slots than fragments, so values that a slot's pixels share are computed first.
-    lanes = pick_lanes(view(surface, triangle, tile, tiling), fragments.slot)
+    lanes = gather_lanes(surface_lanes(surface, triangle, tile, tiling), fragments.slot)
     if shading == "pixel":
-        covered = pick_bits(rows, fragments.slot, fragments.column, fragments.row, tiling)
+        covered = gather_bits(coverage, fragments.slot, fragments.column, fragments.row, tiling)
         points = shading_points(
             fragments, covered, surface.edges, lanes.weights, triangle, tile, tiling
         )
@@ -60,18 +60,10 @@ def _shade_samples(
     """
     rate, probes = tiling.grid.rate, surface.filter.anisotropy
 
-    @materialized
-    def locate(fragments, sub_row, sub_column):
-        return sample_points(fragments, sub_row, sub_column, tiling)
-
-    @materialized
-    def is_shown(bits, sub_row, sub_column):
-        return (bits[sub_row] >> sub_column.astype(jnp.uint32)) & jnp.uint32(1) == 1
-
     def visit(total, step):
         sub_row, sub_column, probe = step
-        points = locate(fragments, sub_row, sub_column)
-        shown = is_shown(fragments.bits, sub_row, sub_column)
+        points = _sample_points(fragments, sub_row, sub_column, tiling)
+        shown = _is_visible(fragments.bits, sub_row, sub_column)
         total = add_shade(total, surface, lanes, points, tiling, shown=shown, probe=probe)
         return total, None
 
@@ -83,35 +75,64 @@ def _shade_samples(
     return jax.lax.scan(jax.checkpoint(visit), total, steps)[0]
 
 
+_sample_points = materialized(sample_points, static_argnames=("tiling",))
+
+
+@materialized
+def _is_visible(
+    bits: UInt32[Array, "sub_rows fragments"],
+    sub_row: Int[Array, ""],
+    sub_column: Int[Array, ""],
+) -> Bool[Array, " fragments"]:
+    """Decide whether each fragment is visible at a sample of its pixel."""
+    return (bits[sub_row] >> sub_column.astype(jnp.uint32)) & jnp.uint32(1) == 1
+
+
 def _shade_pixels(
     surface: Surface, lanes: Lanes, points: Points, fragments: Fragments, tiling: Tiling
 ) -> Float[Array, "channels fragments"]:
     """Shade each fragment once, and multiply by the number of its visible samples."""
-
-    @materialized
-    def weigh(color, bits):
-        number = functools.reduce(operator.add, jax.lax.population_count(bits)).astype(color.dtype)
-        return jnp.where((number > 0)[None], color * number[None], 0.0)
-
-    return weigh(shade(surface, lanes, points, tiling), fragments.bits)
+    return _times_samples(shade(surface, lanes, points, tiling), fragments.bits)
 
 
-def _add_to_pixels(total: Array, tile: Array, fragments: Fragments, tiling: Tiling) -> Array:
-    """Add the colours of the fragments to their pixels, in the packed layout of `Fields`."""
-    packing = Fields.of(tiling.grid.rate)
-    places = packing.words * tiling.height
-    shape = (tiling.count, packing.count, places)
+@materialized
+def _times_samples(
+    color: Float[Array, "channels fragments"], bits: UInt32[Array, "sub_rows fragments"]
+) -> Float[Array, "channels fragments"]:
+    """Multiply colours by the number of samples; 0 without samples, whatever the colour is."""
+    number = functools.reduce(operator.add, jax.lax.population_count(bits)).astype(color.dtype)
+    return jnp.where((number > 0)[None], color * number[None], 0.0)
 
-    @materialized
-    def locate(tile, fragments):
-        field, word = fragments.column // packing.words, fragments.column % packing.words
-        position = word * tiling.height + fragments.row
-        return (tile[fragments.slot] * packing.count + field) * places + position
 
-    @materialized
-    def add(channel, pixel):
-        return jnp.zeros(math.prod(shape), channel.dtype).at[pixel].add(channel, mode="drop")
-
-    pixel = locate(tile, fragments)
-    sums = [add(channel, pixel).reshape(shape) for channel in total]
+def _add_to_pixels(
+    total: Float[Array, "channels fragments"],
+    tile: Int[Array, " slots"],
+    fragments: Fragments,
+    tiling: Tiling,
+) -> Float[Array, "tiles channels fields word_rows"]:
+    """Add the colours of the fragments to their pixels, in the layout of `Packing`."""
+    packing = Packing.of(tiling.grid.rate)
+    shape = (tiling.count, packing.fields, packing.words * tiling.height)
+    pixel = _pixel_index(tile, fragments, tiling)
+    sums = [_scatter_add(channel, pixel, math.prod(shape)).reshape(shape) for channel in total]
     return materialized(lambda sums: jnp.stack(sums, 1))(sums)
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _pixel_index(
+    tile: Int[Array, " slots"], fragments: Fragments, tiling: Tiling
+) -> Int[Array, " fragments"]:
+    """Compute the index of each fragment's pixel in a flat array `[tiles, fields, word_rows]`."""
+    packing = Packing.of(tiling.grid.rate)
+    field, word = fragments.column // packing.words, fragments.column % packing.words
+    word_row = word * tiling.height + fragments.row
+    word_rows = packing.words * tiling.height
+    return (tile[fragments.slot] * packing.fields + field) * word_rows + word_row
+
+
+@functools.partial(materialized, static_argnames=("pixels",))
+def _scatter_add(
+    channel: Float[Array, " fragments"], pixel: Int[Array, " fragments"], pixels: int
+) -> Float[Array, " pixels"]:
+    """Sum one channel over the fragments of each pixel."""
+    return jnp.zeros(pixels, channel.dtype).at[pixel].add(channel, mode="drop")

@@ -12,7 +12,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..binning.lists import Chunks
 from ..numerics import safe
@@ -20,7 +20,7 @@ from ..numerics.fusion_barrier import materialized
 from .analytic_over import composite
 from .opaque import sum_chunks
 
-_LEAST = -80.0
+_LEAST_LOG_WEIGHT = -80.0
 """Logarithm of a weight that is negligible beside a weight of 1."""
 
 
@@ -33,96 +33,118 @@ def mix(
     *,
     max_chunks: int,
 ) -> Float[Array, "4 tiles pixels"]:
-    """Compute the premultiplied colour and alpha of each pixel.
+    """Compute the premultiplied colour and alpha of each pixel, without background.
 
     `max_chunks` is an upper bound on the number of chunks of a tile.
     """
     nearest, reference = _nearest(*jax.lax.stop_gradient((opacity, depth, colors)), chunks)
-
-    @materialized
-    def weigh(opacity, colors, depth, temperature, nearest, reference, chunks):
-        # Depth is relative to the nearest visible triangle: the common factor cancels, and no
-        # weight is infinite.
-        gap = nearest[chunks.tile][:, None] - depth
-        # A clip instead of `where` would halve the gradient of the nearest triangle itself. The
-        # test precedes the division, so that the vjp never multiplies an infinity by zero.
-        counts = (opacity > 0) & (gap > _LEAST * temperature)
-        # The others weigh nothing at all: a weight of exp(-80) has a derivative by depth, which a
-        # low temperature and a large depth make large.
-        power = jnp.where(counts, gap, 0.0) / temperature
-        weight = jnp.where(counts, opacity, 0.0) * jnp.exp(power)
-        # Colours are relative to a constant that cancels. Where one triangle has all the weight,
-        # the mean is its colour, and a rounding of this colour must not be multiplied by the
-        # gradient by a large depth.
-        terms = [
-            weight * (colors[:, :, channel] - reference[channel][chunks.tile][:, None])
-            for channel in range(3)
-        ]
-        terms.append(weight)
-        return [
-            functools.reduce(jnp.add, [term[:, k] for k in range(term.shape[1])]) for term in terms
-        ]
-
-    terms = weigh(opacity, colors, depth, temperature, nearest, reference, chunks)
+    chunk_sums = _sum_weighted(opacity, colors, depth, temperature, nearest, reference, chunks.tile)
     sums = [
-        sum_chunks(term[:, None, None], chunks, max_chunks=max_chunks)[:, 0, 0] for term in terms
+        sum_chunks(entry[:, None, None], chunks, max_chunks=max_chunks)[:, 0, 0]
+        for entry in chunk_sums
     ]
     alpha = composite(opacity, jnp.zeros_like(colors), chunks, max_chunks=max_chunks)[3]
+    return _divide_by_weight(sums, alpha, reference)
 
-    @materialized
-    def divide(sums, alpha, reference):
-        # The derivative of a quotient divides by the square of the weight, which may underflow.
-        # Both sides are first scaled by a constant, so that the divisor is near 1.
-        scale = jax.lax.stop_gradient(safe.divide(jnp.ones_like(alpha), sums[3]))
-        total = sums[3] * scale
-        mean = [
-            offset + safe.divide(difference * scale, total)
-            for offset, difference in zip(reference, sums[:3], strict=True)
-        ]
-        return jnp.stack([*(offset * alpha for offset in mean), alpha])
 
-    return divide(sums, alpha, reference)
+@materialized
+def _sum_weighted(
+    opacity: Float[Array, "chunks layers pixels"],
+    colors: Float[Array, "chunks layers 3 #pixels"],
+    depth: Float[Array, "chunks layers pixels"],
+    temperature: Float[Array, ""],
+    nearest: Float[Array, "tiles pixels"],
+    reference: list[Float[Array, "tiles pixels"]],
+    tile: Int[Array, " chunks"],
+) -> list[Float[Array, "chunks pixels"]]:
+    """Sum weight times colour for each channel, and the weight, over the slots of each chunk.
+
+    Depth is relative to the `nearest` visible triangle: the common factor cancels, and no weight is
+    infinite. Colours are relative to the constant `reference`, which `_divide_by_weight` adds
+    again. Where one triangle has all the weight, the mean is its colour, and a rounding of this
+    colour must not be multiplied by the gradient by a large depth.
+    """
+    gap = nearest[tile][:, None] - depth
+    # A clip instead of `where` would halve the gradient of the nearest triangle itself. The test
+    # precedes the division, so that the vjp never multiplies an infinity by zero.
+    counts = (opacity > 0) & (gap > _LEAST_LOG_WEIGHT * temperature)
+    # The others weigh nothing at all: a weight of exp(-80) has a derivative by depth, which a low
+    # temperature and a large depth make large.
+    log_weight = jnp.where(counts, gap, 0.0) / temperature
+    weight = jnp.where(counts, opacity, 0.0) * jnp.exp(log_weight)
+    terms = [
+        weight * (colors[:, :, channel] - reference[channel][tile][:, None]) for channel in range(3)
+    ]
+    terms.append(weight)
+    return [functools.reduce(jnp.add, [term[:, k] for k in range(term.shape[1])]) for term in terms]
+
+
+@materialized
+def _divide_by_weight(
+    sums: list[Float[Array, "tiles pixels"]],
+    alpha: Float[Array, "tiles pixels"],
+    reference: list[Float[Array, "tiles pixels"]],
+) -> Float[Array, "4 tiles pixels"]:
+    """Compute premultiplied colour and alpha from the sums of `_sum_weighted` over each tile."""
+    # The derivative of a quotient divides by the square of the weight, which may underflow. Both
+    # sides are first scaled by a constant, so that the divisor is near 1.
+    scale = jax.lax.stop_gradient(safe.divide(jnp.ones_like(alpha), sums[3]))
+    total = sums[3] * scale
+    mean = [
+        offset + safe.divide(difference * scale, total)
+        for offset, difference in zip(reference, sums[:3], strict=True)
+    ]
+    return jnp.stack([*(channel * alpha for channel in mean), alpha])
 
 
 def _nearest(
-    opacity: Array, depth: Array, colors: Array, chunks: Chunks
+    opacity: Float[Array, "chunks layers pixels"],
+    depth: Float[Array, "chunks layers pixels"],
+    colors: Float[Array, "chunks layers 3 #pixels"],
+    chunks: Chunks,
 ) -> tuple[Float[Array, "tiles pixels"], list[Float[Array, "tiles pixels"]]]:
     """Find the depth and colour of the nearest visible triangle; 0 where there is none.
 
     If several are at the same depth, each colour channel is that of any of them.
     """
-
-    @materialized
-    def look(opacity, depth, colors):
-        least = jnp.full_like(depth[:, 0], jnp.inf)
-        nearest_color = [jnp.zeros_like(least)] * 3
-        for k in range(depth.shape[1]):
-            nearer = (opacity[:, k] > 0) & (depth[:, k] < least)
-            least = jnp.where(nearer, depth[:, k], least)
-            nearest_color = [
-                jnp.where(nearer, colors[:, k, c], previous)
-                for c, previous in enumerate(nearest_color)
-            ]
-        return least, nearest_color
-
-    @materialized
-    def join(chunk_depth, colors, chunks):
-        number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
-        tile = jnp.where(number < chunks.needed, chunks.tile, chunks.count.shape[0])
-        empty = jnp.full((chunks.count.shape[0], chunk_depth.shape[1]), jnp.inf, chunk_depth.dtype)
-        least = empty.at[tile].min(chunk_depth, mode="drop")
-        is_nearest = chunk_depth == least[chunks.tile]
-        # An infinity would be multiplied by zero in the vjp.
-        return [
-            jnp.where(least < jnp.inf, entry, 0.0)
-            for entry in (
-                least,
-                *(
-                    empty.at[tile].min(jnp.where(is_nearest, color, jnp.inf), mode="drop")
-                    for color in colors
-                ),
-            )
-        ]
-
-    nearest, *reference = join(*look(opacity, depth, colors), chunks)
+    nearest, *reference = _nearest_of_tile(*_nearest_of_chunk(opacity, depth, colors), chunks)
     return nearest, reference
+
+
+@materialized
+def _nearest_of_chunk(
+    opacity: Float[Array, "chunks layers pixels"],
+    depth: Float[Array, "chunks layers pixels"],
+    colors: Float[Array, "chunks layers 3 #pixels"],
+) -> tuple[Float[Array, "chunks pixels"], list[Float[Array, "chunks pixels"]]]:
+    """Find the depth and colour of the nearest visible slot of each chunk; infinite without one."""
+    least = jnp.full_like(depth[:, 0], jnp.inf)
+    nearest_color = [jnp.zeros_like(least)] * 3
+    for k in range(depth.shape[1]):
+        is_nearer = (opacity[:, k] > 0) & (depth[:, k] < least)
+        least = jnp.where(is_nearer, depth[:, k], least)
+        nearest_color = [
+            jnp.where(is_nearer, colors[:, k, c], previous)
+            for c, previous in enumerate(nearest_color)
+        ]
+    return least, nearest_color
+
+
+@materialized
+def _nearest_of_tile(
+    chunk_depth: Float[Array, "chunks pixels"],
+    chunk_colors: list[Float[Array, "chunks pixels"]],
+    chunks: Chunks,
+) -> list[Float[Array, "tiles pixels"]]:
+    """Find the depth, and then the colour channels, of each tile's nearest chunk; 0 without one."""
+    number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
+    tile = jnp.where(number < chunks.needed, chunks.tile, chunks.count.shape[0])
+    infinite = jnp.full((chunks.count.shape[0], chunk_depth.shape[1]), jnp.inf, chunk_depth.dtype)
+    least = infinite.at[tile].min(chunk_depth, mode="drop")
+    is_nearest = chunk_depth == least[chunks.tile]
+    colors = [
+        infinite.at[tile].min(jnp.where(is_nearest, color, jnp.inf), mode="drop")
+        for color in chunk_colors
+    ]
+    # An infinity would be multiplied by zero in the vjp.
+    return [jnp.where(least < jnp.inf, entry, 0.0) for entry in (least, *colors)]

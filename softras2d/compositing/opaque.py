@@ -6,10 +6,11 @@ once, together with the sums of their column indices. Sub-rows are added afterwa
 would overflow are first spread over two words, one for even and one for odd pixels.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, UInt32
+from jaxtyping import Array, Float, Int, UInt32
 
 from ..binning.lists import Chunks
 from ..geometry.barycentric import Weights, weight_sums
@@ -18,51 +19,65 @@ from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
 
 
-class Fields(NamedTuple):
-    """Layout of a tile row's pixels in words: pixel x is field x // words of word x % words."""
+class Packing(NamedTuple):
+    """How sums for the pixels of a row of a tile are packed into words.
+
+    Each word has `fields` fields of `bits` bits. A row of pixels takes `words` words: pixel x is
+    field x // words of word x % words. Arrays of them are `[..., word_rows]`, where word w of pixel
+    row r is entry w * height + r. Unpacked they are `[..., fields, word_rows]`.
+    """
 
     bits: int
     words: int
-    count: int
+    fields: int
 
     @staticmethod
-    def of(rate: int) -> "Fields":
+    def of(rate: int) -> "Packing":
         """Choose the packing that can hold the sums over `rate` x `rate` samples."""
         return {
-            1: Fields(1, 1, 32),
-            2: Fields(4, 2, 8),
-            3: Fields(6, 2, 5),
-            4: Fields(8, 2, 4),
-            8: Fields(8, 1, 4),
-            16: Fields(16, 1, 2),
+            1: Packing(1, 1, 32),
+            2: Packing(4, 2, 8),
+            3: Packing(6, 2, 5),
+            4: Packing(8, 2, 4),
+            8: Packing(8, 1, 4),
+            16: Packing(16, 1, 2),
         }[rate]
 
 
 class SampleSums(NamedTuple):
-    """Sums over the visible samples of each pixel, packed: `[..., words * pixel rows]`.
+    """Sums over the visible samples of each pixel, packed as `Packing` says.
 
     - `count`: the number of samples.
     - `across`, `down`: the sums of their column and row within the pixel, 0..rate-1; None without
       moments.
     """
 
-    count: UInt32[Array, "*slots places"]
-    across: UInt32[Array, "*slots places"] | None = None
-    down: UInt32[Array, "*slots places"] | None = None
+    count: UInt32[Array, "*slots word_rows"]
+    across: UInt32[Array, "*slots word_rows"] | None = None
+    down: UInt32[Array, "*slots word_rows"] | None = None
 
 
-def _mask(ones: int, period: int) -> Array:
-    """Make a word with `ones` low bits set in every whole field of `period` bits."""
-    field = (1 << ones) - 1
-    return jnp.uint32(sum(field << at for at in range(0, 32 // period * period, period)))
+@functools.partial(materialized, static_argnames=("tiling", "moments"))
+def sample_sums(
+    visible: UInt32[Array, "*slots rows"], tiling: Tiling, *, moments: bool
+) -> SampleSums:
+    """Sum over each pixel's visible samples; with `moments`, sum their positions too."""
+    count, across = _add_bits(visible, tiling.grid.rate, moments)
+    if not moments:
+        return SampleSums(_add_rows(count, tiling))
+    return SampleSums(
+        _add_rows(count, tiling), _add_rows(across, tiling), _add_rows(count, tiling, True)
+    )
 
 
-def _add_bits(rows: Array, rate: int, moments: bool) -> tuple[Array, Array]:
+def _add_bits(
+    words: UInt32[Array, "*slots rows"], rate: int, moments: bool
+) -> tuple[UInt32[Array, "*slots rows"], UInt32[Array, "*slots rows"]]:
     """Count the bits in each field of `rate` bits, and sum their positions in the field."""
     if rate == 3:
-        planes = [(rows >> jnp.uint32(b)) & _mask(1, 3) for b in range(3)]
-        return planes[0] + planes[1] + planes[2], planes[1] + planes[2] * jnp.uint32(2)
-    count, across = rows, jnp.zeros_like(rows)
+        bits = [(words >> jnp.uint32(b)) & _mask(1, 3) for b in range(3)]
+        return bits[0] + bits[1] + bits[2], bits[1] + bits[2] * jnp.uint32(2)
+    count, across = words, jnp.zeros_like(words)
     width = 1
     while width < rate:
         low = _mask(width, 2 * width)
@@ -75,12 +90,14 @@ def _add_bits(rows: Array, rate: int, moments: bool) -> tuple[Array, Array]:
     return count, across
 
 
-def _add_rows(fields: Array, tiling: Tiling, weighted: bool = False) -> Array:
+def _add_rows(
+    fields: UInt32[Array, "*slots rows"], tiling: Tiling, weighted: bool = False
+) -> UInt32[Array, "*slots word_rows"]:
     """Sum over the sub-rows of a pixel, times their index if `weighted`.
 
     Fields that would overflow are first spread over two words.
     """
-    packing = Fields.of(tiling.grid.rate)
+    packing = Packing.of(tiling.grid.rate)
     height, rate = tiling.height, tiling.grid.rate
     if packing.words == 2:
         low = _mask(rate, 2 * rate)
@@ -97,27 +114,18 @@ def _add_rows(fields: Array, tiling: Tiling, weighted: bool = False) -> Array:
     return jnp.concatenate(sums, -1)
 
 
-def sample_sums(
-    visible: UInt32[Array, "*slots rows"], tiling: Tiling, *, moments: bool
-) -> SampleSums:
-    """Sum over each pixel's visible samples; with `moments`, sum their positions too."""
-
-    @materialized
-    def add(visible):
-        count, across = _add_bits(visible, tiling.grid.rate, moments)
-        if not moments:
-            return SampleSums(_add_rows(count, tiling))
-        return SampleSums(
-            _add_rows(count, tiling), _add_rows(across, tiling), _add_rows(count, tiling, True)
-        )
-
-    return add(visible)
+def _mask(ones: int, period: int) -> UInt32[Array, ""]:
+    """Make a word with `ones` low bits set in every whole field of `period` bits."""
+    field = (1 << ones) - 1
+    return jnp.uint32(sum(field << at for at in range(0, 32 // period * period, period)))
 
 
-def unpack(packed: UInt32[Array, "*slots places"], tiling: Tiling) -> Array:
-    """Unpack the fields of packed words as int32, `[..., fields, places]`."""
-    packing = Fields.of(tiling.grid.rate)
-    shifts = jnp.arange(packing.count, dtype=jnp.uint32) * jnp.uint32(packing.bits)
+def unpack(
+    packed: UInt32[Array, "*slots word_rows"], tiling: Tiling
+) -> Int[Array, "*slots fields word_rows"]:
+    """Unpack the fields of packed words."""
+    packing = Packing.of(tiling.grid.rate)
+    shifts = jnp.arange(packing.fields, dtype=jnp.uint32) * jnp.uint32(packing.bits)
     shifts = shifts.reshape((1,) * (packed.ndim - 1) + (-1, 1))
     fields = (packed[..., None, :] >> shifts) & jnp.uint32((1 << packing.bits) - 1)
     return fields.astype(jnp.int32)
@@ -125,18 +133,23 @@ def unpack(packed: UInt32[Array, "*slots places"], tiling: Tiling) -> Array:
 
 def sum_flat(
     sums: SampleSums, colors: Float[Array, "chunks layers channels"], tiling: Tiling
-) -> Float[Array, "chunks channels fields places"]:
+) -> Float[Array, "chunks channels fields word_rows"]:
     """Sum the flat colours of the visible samples of each pixel, over the layers of a chunk."""
+    return _sum_flat(sums.count, colors, tiling)
 
-    @materialized
-    def add(count, colors):
-        total = jnp.zeros((), colors.dtype)
-        for k in range(colors.shape[1]):
-            n = unpack(count[:, k], tiling).astype(colors.dtype)
-            total = total + n[:, None] * colors[:, k, :, None, None]
-        return total
 
-    return add(sums.count, colors)
+@functools.partial(materialized, static_argnames=("tiling",))
+def _sum_flat(
+    count: UInt32[Array, "chunks layers word_rows"],
+    colors: Float[Array, "chunks layers channels"],
+    tiling: Tiling,
+) -> Float[Array, "chunks channels fields word_rows"]:
+    """Sum colours times the number of visible samples."""
+    total = jnp.zeros((), colors.dtype)
+    for k in range(colors.shape[1]):
+        number = unpack(count[:, k], tiling).astype(colors.dtype)
+        total = total + number[:, None] * colors[:, k, :, None, None]
+    return total
 
 
 def sum_interpolated(
@@ -144,123 +157,177 @@ def sum_interpolated(
     weights: Weights,
     colors: Float[Array, "chunks layers 3 channels"],
     tiling: Tiling,
-) -> Float[Array, "chunks channels fields places"]:
+) -> Float[Array, "chunks channels fields word_rows"]:
     """Sum the interpolated colours of the visible samples of each pixel, over a chunk.
 
     Colour is linear in the sample's position, so the sum needs only the number of samples and the
     sums of their positions.
     """
-    packing = Fields.of(tiling.grid.rate)
+    packing = Packing.of(tiling.grid.rate)
     rate, height = tiling.grid.rate, tiling.height
-    field = jnp.arange(packing.count, dtype=jnp.int32)[None, None, :, None]
-    position = jnp.arange(packing.words * height, dtype=jnp.int32)[None, None, None]
-    left = (field * packing.words + position // height) * rate
-    top = (position % height) * rate
+    field = jnp.arange(packing.fields, dtype=jnp.int32)[None, None, :, None]
+    word_row = jnp.arange(packing.words * height, dtype=jnp.int32)[None, None, None]
+    left = (field * packing.words + word_row // height) * rate
+    top = (word_row % height) * rate
+    return _sum_corners(sums.count, _sum_weights(sums, weights, left, top, tiling), colors, tiling)
 
-    @materialized
-    def weigh(sums, weights):
-        count, across, down = (unpack(packed, tiling) for packed in sums)
-        at_slot = weights.map_slots(lambda entry: entry[..., None, None])
-        return weight_sums(at_slot, count, across + count * left, down + count * top)[1:]
 
-    @materialized
-    def add(packed, weights, colors):
-        total = jnp.zeros((), colors.dtype)
-        for k in range(colors.shape[1]):
-            origin = colors[:, k, 0, :, None, None]
-            count = unpack(packed[:, k], tiling).astype(colors.dtype)
-            total = total + count[:, None] * origin
-            for corner, weight in enumerate(weights, start=1):
-                total = total + weight[:, k, None] * (colors[:, k, corner, :, None, None] - origin)
-        return total
+@functools.partial(materialized, static_argnames=("tiling",))
+def _sum_weights(
+    sums: SampleSums,
+    weights: Weights,
+    left: Int[Array, "1 1 fields word_rows"],
+    top: Int[Array, "1 1 1 word_rows"],
+    tiling: Tiling,
+) -> tuple[
+    Float[Array, "chunks layers fields word_rows"], Float[Array, "chunks layers fields word_rows"]
+]:
+    """Sum the weights of corners 1 and 2 over the visible samples of each slot in each pixel.
 
-    return add(sums.count, weigh(sums, weights), colors)
+    `left` and `top` are the column and row of each pixel's first sample in the tile.
+    """
+    assert sums.across is not None and sums.down is not None
+    count, across, down = (
+        unpack(packed, tiling) for packed in (sums.count, sums.across, sums.down)
+    )
+    at_slot = weights.map_slots(lambda entry: entry[..., None, None])
+    _, second, third = weight_sums(at_slot, count, across + count * left, down + count * top)
+    return second, third
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _sum_corners(
+    packed: UInt32[Array, "chunks layers word_rows"],
+    weights: tuple[
+        Float[Array, "chunks layers fields word_rows"],
+        Float[Array, "chunks layers fields word_rows"],
+    ],
+    colors: Float[Array, "chunks layers 3 channels"],
+    tiling: Tiling,
+) -> Float[Array, "chunks channels fields word_rows"]:
+    """Sum corner colours times the sums of their weights; `packed` counts the samples."""
+    total = jnp.zeros((), colors.dtype)
+    for k in range(colors.shape[1]):
+        origin = colors[:, k, 0, :, None, None]
+        count = unpack(packed[:, k], tiling).astype(colors.dtype)
+        total = total + count[:, None] * origin
+        for corner, weight in enumerate(weights, start=1):
+            total = total + weight[:, k, None] * (colors[:, k, corner, :, None, None] - origin)
+    return total
 
 
 _GATHERED = 32
-"""Maximum number of chunks of a tile that are gathered; the rest of a deeper tile is scattered."""
+"""Maximum number of chunks of a tile that are gathered; the chunks beyond it are scattered."""
 
 
 def sum_chunks(
-    parts: Float[Array, "chunks channels fields places"], chunks: Chunks, *, max_chunks: int
-) -> Float[Array, "tiles channels fields places"]:
+    chunk_sums: Float[Array, "chunks channels fields word_rows"],
+    chunks: Chunks,
+    *,
+    max_chunks: int,
+) -> Float[Array, "tiles channels fields word_rows"]:
     """Sum over the chunks of each tile; `max_chunks` is an upper bound on their number."""
 
-    @materialized
-    def gather(parts, chunks):
-        def chunk_entries(k):
-            exists = (k < chunks.count)[:, None, None, None]
-            return jnp.where(exists, parts.at[chunks.first + k].get(mode="clip"), 0.0)
-
-        total = chunk_entries(0)
-        for k in range(1, min(max_chunks, _GATHERED)):
-            total = total + chunk_entries(k)
-        return total
-
-    @materialized
-    def scatter(total, parts, chunks):
-        number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
-        deep = (chunks.index >= _GATHERED) & (number < chunks.needed)
-        tile = jnp.where(deep, chunks.tile, total.shape[0])
-        return total.at[tile].add(parts, mode="drop", indices_are_sorted=False)
-
-    def add(chunks, parts):
-        total = gather(parts, chunks)
-        return total if max_chunks <= _GATHERED else scatter(total, parts, chunks)
-
-    @materialized
-    def spread(chunks, total):
-        number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
-        used = (number < chunks.needed)[:, None, None, None]
-        return jnp.where(used, total[chunks.tile], 0.0)
+    def add(chunks, chunk_sums):
+        total = _gather_chunks(chunk_sums, chunks, min(max_chunks, _GATHERED))
+        return total if max_chunks <= _GATHERED else _scatter_chunks(total, chunk_sums, chunks)
 
     # Each chunk belongs to one tile, so the transpose is a single gather.
-    return linear_map(add, spread)(chunks, parts)
+    return linear_map(add, _spread_to_chunks)(chunks, chunk_sums)
+
+
+@functools.partial(materialized, static_argnames=("number",))
+def _gather_chunks(
+    chunk_sums: Float[Array, "chunks channels fields word_rows"], chunks: Chunks, number: int
+) -> Float[Array, "tiles channels fields word_rows"]:
+    """Sum over the first `number` chunks of each tile."""
+
+    def chunk_of_tile(k: int) -> Float[Array, "tiles channels fields word_rows"]:
+        exists = (k < chunks.count)[:, None, None, None]
+        return jnp.where(exists, chunk_sums.at[chunks.first + k].get(mode="clip"), 0.0)
+
+    total = chunk_of_tile(0)
+    for k in range(1, number):
+        total = total + chunk_of_tile(k)
+    return total
+
+
+@materialized
+def _scatter_chunks(
+    total: Float[Array, "tiles channels fields word_rows"],
+    chunk_sums: Float[Array, "chunks channels fields word_rows"],
+    chunks: Chunks,
+) -> Float[Array, "tiles channels fields word_rows"]:
+    """Add the chunks after the first `_GATHERED` of each tile."""
+    number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
+    is_scattered = (chunks.index >= _GATHERED) & (number < chunks.needed)
+    tile = jnp.where(is_scattered, chunks.tile, total.shape[0])
+    return total.at[tile].add(chunk_sums, mode="drop", indices_are_sorted=False)
+
+
+@materialized
+def _spread_to_chunks(
+    chunks: Chunks, total: Float[Array, "tiles channels fields word_rows"]
+) -> Float[Array, "chunks channels fields word_rows"]:
+    """Repeat each tile's entry for all of its chunks: the transpose of `sum_chunks`."""
+    number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
+    is_used = (number < chunks.needed)[:, None, None, None]
+    return jnp.where(is_used, total[chunks.tile], 0.0)
 
 
 def add_background(
-    sums: Float[Array, "tiles channels fields places"],
+    sums: Float[Array, "tiles channels fields word_rows"],
     covered: UInt32[Array, "chunks rows"],
     chunks: Chunks,
     background: Float[Array, " channels"],
     tiling: Tiling,
-) -> Float[Array, "tiles channels fields places"]:
-    """Add the background at the samples that no triangle of the tile covers."""
+) -> Float[Array, "tiles channels fields word_rows"]:
+    """Add the background at the samples that no triangle of the tile covers.
 
-    @materialized
-    def uncovered(covered, chunks):
-        last = covered.at[chunks.first + chunks.count - 1].get(mode="clip")
-        return ~jnp.where((chunks.count > 0)[:, None], last, jnp.uint32(0))
-
-    @materialized
-    def add(sums, count, background):
-        number = unpack(count, tiling).astype(sums.dtype)
-        return sums + number[:, None] * background[None, :, None, None]
-
-    free = sample_sums(uncovered(covered, chunks), tiling, moments=False)
-    return add(sums, free.count, background)
+    `covered` are the samples that each chunk and the chunks before it in its tile cover.
+    """
+    uncovered = sample_sums(_uncovered(covered, chunks), tiling, moments=False)
+    return _add_background(sums, uncovered.count, background, tiling)
 
 
+@materialized
+def _uncovered(
+    covered: UInt32[Array, "chunks rows"], chunks: Chunks
+) -> UInt32[Array, "tiles rows"]:
+    """Find the samples of each tile that none of its chunks covers."""
+    last = covered.at[chunks.first + chunks.count - 1].get(mode="clip")
+    return ~jnp.where((chunks.count > 0)[:, None], last, jnp.uint32(0))
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _add_background(
+    sums: Float[Array, "tiles channels fields word_rows"],
+    count: UInt32[Array, "tiles word_rows"],
+    background: Float[Array, " channels"],
+    tiling: Tiling,
+) -> Float[Array, "tiles channels fields word_rows"]:
+    """Add the background times the `count` of samples in each pixel."""
+    number = unpack(count, tiling).astype(sums.dtype)
+    return sums + number[:, None] * background[None, :, None, None]
+
+
+@materialized
 def with_alpha(
     colors: Float[Array, "corners 3 triangles"],
 ) -> Float[Array, "corners 4 triangles"]:
     """Extend opaque colours to RGBA, for a background with alpha."""
-    return materialized(lambda c: jnp.concatenate([c, jnp.ones_like(c[:, :1])], 1))(colors)
+    return jnp.concatenate([colors, jnp.ones_like(colors[:, :1])], 1)
 
 
+@functools.partial(materialized, static_argnames=("tiling",))
 def to_image(
-    sums: Float[Array, "tiles channels fields places"], tiling: Tiling
+    sums: Float[Array, "tiles channels fields word_rows"], tiling: Tiling
 ) -> Float[Array, "height width channels"]:
     """Average the samples of each pixel and crop to the canvas."""
-    packing = Fields.of(tiling.grid.rate)
-
-    @materialized
-    def arrange(sums):
-        channels = sums.shape[1]
-        split = sums.reshape(
-            tiling.rows, tiling.columns, channels, packing.count, packing.words, tiling.height
-        )
-        image = split.transpose(0, 5, 1, 3, 4, 2)
-        return tiling.crop(image.reshape((*tiling.padded_shape, channels))) / tiling.grid.samples
-
-    return arrange(sums)
+    packing = Packing.of(tiling.grid.rate)
+    channels = sums.shape[1]
+    split = sums.reshape(
+        tiling.rows, tiling.columns, channels, packing.fields, packing.words, tiling.height
+    )
+    image = split.transpose(0, 5, 1, 3, 4, 2)
+    return tiling.crop(image.reshape((*tiling.padded_shape, channels))) / tiling.grid.samples

@@ -8,9 +8,9 @@ Colours whose sum over a pixel does not follow from sums of weights, such as tex
 for each layer of a block.
 
 Samples of a block are stored in an array `[sub rows, sub columns, width, lines]`. A line is a row
-of pixels of one tile, and the lines of all tiles of the block are the minor axis. One word has a
-line's samples of one sub-row, and all samples at the same position of their line read the same bit
-of their words.
+of pixels of one tile, and the lines of all tiles of the block are the minor axis. One coverage word
+has a line's samples of one sub-row, and all samples at the same position of their line read the
+same bit of their words.
 
 **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
 """
@@ -29,29 +29,29 @@ from ..geometry.barycentric import slot_weights, weight_sums
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.fragments import Fragments, shading_points
-from ..shading.surface import Lanes, Points, Surface, pick_lanes
-from ..shading.triangle_color import shade, view
+from ..shading.surface import Lanes, Points, Surface, gather_lanes, surface_lanes
+from ..shading.triangle_color import shade
 
 
-class Layers(NamedTuple):
+class BlockLayers(NamedTuple):
     """Inputs of a block's layers: the triangles, and the coverage words of every listed pair.
 
-    - `sub_rows`: for each sub-row, the words `[pairs, lines of a tile]` of the samples to
-      composite; `covered`: the same for all covered samples, those that failed the depth test too.
+    - `passed`: for each sub-row, the words of the samples to composite; `covered`: the same for all
+      covered samples, those that failed the depth test too.
     - `shading`: as `Hard.shading`, where colours are evaluated point by point; None where flat
       colours or sums of weights are enough.
     """
 
     surface: Surface
     triangle: Int[Array, " pairs"]
-    sub_rows: list[Array]
-    covered: list[Array]
+    passed: list[UInt32[Array, "pairs tile_lines"]]
+    covered: list[UInt32[Array, "pairs tile_lines"]]
     shading: str | None
 
 
 def composite(
     surface: Surface,
-    rows: UInt32[Array, "pairs rows"],
+    passed: UInt32[Array, "pairs rows"],
     covered: UInt32[Array, "pairs rows"],
     lists: TileLists,
     steps: Steps,
@@ -61,15 +61,15 @@ def composite(
 ) -> Float[Array, "tiles 4 tile_width tile_height"]:
     """Sum premultiplied colour and alpha over each pixel's samples, without background.
 
-    `rows` are the samples of each listed pair. `covered` also includes those that failed the depth
-    test. `shading` is as in `Layers`.
+    `passed` are the samples of each listed pair. `covered` also includes those that failed the
+    depth test. `shading` is as in `BlockLayers`.
     """
     dtype = surface.corners.color.dtype
     side, height, width = tiling.grid.rate, tiling.height, tiling.width
     blocks, block = steps.tile.shape
     lines = block * height
-    split = materialized(lambda rows: [rows[:, i * height : (i + 1) * height] for i in range(side)])
-    layers = Layers(surface, lists.triangle, split(rows), split(covered), shading)
+    split = materialized(functools.partial(_split_sub_rows, tiling=tiling))
+    layers = BlockLayers(surface, lists.triangle, split(passed), split(covered), shading)
 
     def visit(state: tuple[Array, Array, Array], step: tuple[Array, Array, Array]) -> Any:
         image, transmittance, sums = state
@@ -94,77 +94,103 @@ def composite(
     )
     numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
     with jax.named_scope("transmittance"):
-        (image, _, _), _ = jax.lax.scan(visit, initial, (numbers, steps.block, steps.place))
+        (image, _, _), _ = jax.lax.scan(visit, initial, (numbers, steps.block, steps.position))
     by_tile = image.reshape(blocks, 4, width, block, height).transpose(0, 3, 1, 2, 4)
     return by_tile.reshape(-1, 4, width, height)[steps.slot]
 
 
+def _split_sub_rows(
+    words: UInt32[Array, "pairs rows"], tiling: Tiling
+) -> list[UInt32[Array, "pairs tile_lines"]]:
+    """Split the coverage words of each pair by sub-row."""
+    height = tiling.height
+    return [words[:, i * height : (i + 1) * height] for i in range(tiling.grid.rate)]
+
+
 def _blend(
-    layers: Layers,
+    layers: BlockLayers,
     sums: Float[Array, "4 width lines"],
-    through: Float[Array, "sub_rows sub_columns width lines"],
-    fresh: Bool[Array, ""],
+    transmittance: Float[Array, "sub_rows sub_columns width lines"],
+    is_first: Bool[Array, ""],
     tile: Int[Array, " block"],
     pair: Int[Array, " block"],
-    live: Bool[Array, " block"],
+    is_valid: Bool[Array, " block"],
     tiling: Tiling,
-) -> tuple[Array, Array]:
+) -> tuple[Float[Array, "sub_rows sub_columns width lines"], Float[Array, "4 width lines"]]:
     """Add one layer of a block; return the transmittances and sums behind it.
 
-    `pair` is each tile's listed pair, and `live` whether its list is that long. Where `fresh`, a
-    new block starts and the transmittances are 1.
+    `pair` is each tile's listed pair, and `is_valid` whether its list is that long. Where
+    `is_first`, a new block starts and the transmittances are 1.
     """
-    dtype = through.dtype
-
-    @materialized
-    def gather_words(sub_rows, pair, live):
-        words = [sub_row.at[pair].get(mode="clip") for sub_row in sub_rows]
-        return jnp.stack([jnp.where(live[:, None], w, jnp.uint32(0)).reshape(-1) for w in words])
-
-    @materialized
-    def sum_visible(through, fresh, words, factors):
-        """Sum over each pixel's covered samples of the transmittance times the factors."""
-
-        def term(i, j):
-            left = jnp.where(fresh, 1.0, through[i, j]) * _bit(words[i], j, tiling, dtype)
-            return functools.reduce(lambda left, factor: left * factor[i, j], factors, left)
-
-        return _sum_samples(term, tiling.grid.rate)
-
-    @materialized
-    def pass_on(through, fresh, words, alpha):
-        bits = _all_bits(words, tiling, dtype)
-        return jnp.where(fresh, 1.0, through) * (1.0 - alpha * bits)
-
-    words = gather_words(layers.sub_rows, pair, live)
+    words = _gather_words(layers.passed, pair, is_valid)
     triangle = layers.triangle.at[pair].get(mode="clip")
     surface = layers.surface
+    sum_visible = functools.partial(_sum_visible, transmittance, is_first, words, tiling=tiling)
     if layers.shading is not None:
-        covered = gather_words(layers.covered, pair, live)
+        covered = _gather_words(layers.covered, pair, is_valid)
         color = _shade_block(layers, covered, triangle, tile, tiling)
         alpha = color[3]
-        visible_sums = [sum_visible(through, fresh, words, (channel,)) for channel in color]
-        sums = materialized(lambda sums, visible_sums: sums + jnp.stack(visible_sums))(
-            sums, visible_sums
-        )
-        return pass_on(through, fresh, words, alpha), sums
-    by_line = materialized(functools.partial(_by_line, height=tiling.height))
-    line_colors = by_line(surface.corners.color[..., triangle])
+        visible_sums = [sum_visible((channel,)) for channel in color]
+        sums = _add_channels(sums, visible_sums)
+        return _transmittance_behind(transmittance, is_first, words, alpha, tiling), sums
+    line_colors = _repeat_by_line(surface.corners.color[..., triangle], tiling.height)
     if line_colors.shape[1] == 1:
         alpha = line_colors[3][None, None]
-        sums = materialized(_add_flat)(sums, sum_visible(through, fresh, words, ()), line_colors)
+        sums = _add_flat(sums, sum_visible(()), line_colors)
     else:
-        weigh = materialized(functools.partial(_sample_weights, tiling=tiling))
-        weights = weigh(surface, triangle, tile)
-        alpha = materialized(_interpolate)(weights, line_colors[3])
-        total = sum_visible(through, fresh, words, (alpha,))
-        second, third = (sum_visible(through, fresh, words, (alpha, weight)) for weight in weights)
-        sums = materialized(_add_interpolated)(sums, total, second, third, line_colors)
-    return pass_on(through, fresh, words, alpha), sums
+        weights = _sample_weights(surface, triangle, tile, tiling)
+        alpha = _interpolate(weights, line_colors[3])
+        total = sum_visible((alpha,))
+        second, third = (sum_visible((alpha, weight)) for weight in weights)
+        sums = _add_interpolated(sums, total, second, third, line_colors)
+    return _transmittance_behind(transmittance, is_first, words, alpha, tiling), sums
+
+
+@materialized
+def _gather_words(
+    sub_rows: list[UInt32[Array, "pairs tile_lines"]],
+    pair: Int[Array, " block"],
+    is_valid: Bool[Array, " block"],
+) -> UInt32[Array, "sub_rows lines"]:
+    """Gather the coverage words of a layer of a block; 0 where a tile's list has ended."""
+    words = [sub_row.at[pair].get(mode="clip") for sub_row in sub_rows]
+    return jnp.stack([jnp.where(is_valid[:, None], w, jnp.uint32(0)).reshape(-1) for w in words])
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _sum_visible(
+    transmittance: Float[Array, "sub_rows sub_columns width lines"],
+    is_first: Bool[Array, ""],
+    words: UInt32[Array, "sub_rows lines"],
+    factors: tuple[Float[Array, "*#samples"], ...],
+    *,
+    tiling: Tiling,
+) -> Float[Array, "width lines"]:
+    """Sum over each pixel's covered samples of the transmittance times the factors."""
+
+    def term(i: int, j: int) -> Array:
+        product = jnp.where(is_first, 1.0, transmittance[i, j])
+        product = product * _bit(words[i], j, tiling, transmittance.dtype)
+        return functools.reduce(lambda left, factor: left * factor[i, j], factors, product)
+
+    return _sum_samples(term, tiling.grid.rate)
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _transmittance_behind(
+    transmittance: Float[Array, "sub_rows sub_columns width lines"],
+    is_first: Bool[Array, ""],
+    words: UInt32[Array, "sub_rows lines"],
+    alpha: Float[Array, "*#samples"],
+    tiling: Tiling,
+) -> Float[Array, "sub_rows sub_columns width lines"]:
+    """Multiply the transmittance by 1 - alpha at the samples that a layer covers."""
+    bits = _all_bits(words, tiling, transmittance.dtype)
+    return jnp.where(is_first, 1.0, transmittance) * (1.0 - alpha * bits)
 
 
 def _shade_block(
-    layers: Layers,
+    layers: BlockLayers,
     covered: UInt32[Array, "sub_rows lines"],
     triangle: Int[Array, " block"],
     tile: Int[Array, " block"],
@@ -173,31 +199,33 @@ def _shade_block(
     """Compute the premultiplied colours of a layer of a block at every sample."""
     surface, side, width = layers.surface, tiling.grid.rate, tiling.width
     lines = covered.shape[1]
-    lanes = view(surface, triangle, tile, tiling)
+    lanes = surface_lanes(surface, triangle, tile, tiling)
     if layers.shading == "pixel":
         fragments = _block_fragments(covered, tiling)
-        lanes = pick_lanes(lanes, fragments.slot)
+        lanes = gather_lanes(lanes, fragments.slot)
         points = shading_points(
             fragments, fragments.bits, surface.edges, lanes.weights, triangle, tile, tiling
         )
         color = shade(surface, lanes, points, tiling)
         color = color.reshape(4, 1, 1, width, lines)
         return jnp.broadcast_to(color, (4, side, side, width, lines))
-    lanes = materialized(functools.partial(_lanes_by_line, height=tiling.height))(lanes)
-    points = [x.reshape(-1, lines) for x in _sample_places(triangle.shape[0], tiling)]
+    lanes = _lanes_by_line(lanes, tiling.height)
+    positions = [x.reshape(-1, lines) for x in _sample_positions(triangle.shape[0], tiling)]
 
     def shade_point(across: Array, down: Array) -> Array:
         return shade(surface, lanes, Points(None, across, down), tiling)
 
-    color = jax.vmap(shade_point, out_axes=1)(*points)
+    color = jax.vmap(shade_point, out_axes=1)(*positions)
     return color.reshape(4, side, side, width, lines)
 
 
+@functools.partial(materialized, static_argnames=("height",))
 def _lanes_by_line(lanes: Lanes, height: int) -> Lanes:
+    """Repeat the lanes of a block's tiles for each of their lines."""
     return jax.tree.map(lambda entry: jnp.repeat(entry, height, entry.ndim - 1), lanes)
 
 
-def _block_fragments(words, tiling: Tiling) -> Fragments:
+def _block_fragments(words: UInt32[Array, "sub_rows lines"], tiling: Tiling) -> Fragments:
     """Make a fragment of each pixel of a block, `[width * lines]`.
 
     The slot is the index of the tile in the block.
@@ -213,40 +241,71 @@ def _block_fragments(words, tiling: Tiling) -> Fragments:
     return Fragments(line // tiling.height, column, line % tiling.height, bits, number)
 
 
-def _by_line(own: Array, height: int) -> Float[Array, "4 corners lines"]:
-    """Repeat the colours of a block's triangles `[corners, 4, block]` for each of their lines."""
-    return jnp.repeat(own.transpose(1, 0, 2), height, 2)
+@functools.partial(materialized, static_argnames=("height",))
+def _repeat_by_line(
+    colors: Float[Array, "corners 4 block"], height: int
+) -> Float[Array, "4 corners lines"]:
+    """Repeat the colours of a block's triangles for each of their lines."""
+    return jnp.repeat(colors.transpose(1, 0, 2), height, 2)
 
 
-def _sample_weights(surface: Surface, triangle, tile, tiling: Tiling) -> tuple[Array, Array]:
+@functools.partial(materialized, static_argnames=("tiling",))
+def _sample_weights(
+    surface: Surface, triangle: Int[Array, " block"], tile: Int[Array, " block"], tiling: Tiling
+) -> tuple[Float[Array, "*samples"], Float[Array, "*samples"]]:
     """Weights of corners 1 and 2 at each sample of a block's triangles."""
-    edges, area, planes = surface[:3]
-    weights = slot_weights(edges, area, triangle, tile, tiling, planes)
+    weights = slot_weights(surface.edges, surface.area, triangle, tile, tiling, surface.planes)
     weights = weights.map_slots(lambda entry: jnp.repeat(entry, tiling.height)[None, None, None])
-    across, down = _sample_places(tile.shape[0], tiling)
+    across, down = _sample_positions(tile.shape[0], tiling)
     _, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
     return second, third
 
 
-def _interpolate(weights: tuple[Array, Array], corners: Float[Array, "3 lines"]) -> Array:
+@materialized
+def _interpolate(
+    weights: tuple[Float[Array, "*samples"], Float[Array, "*samples"]],
+    corners: Float[Array, "3 lines"],
+) -> Float[Array, "*samples"]:
+    """Interpolate alpha between the corners, at each sample of a block."""
     first, second, third = (corners[k][None, None, None] for k in range(3))
     return first + weights[0] * (second - first) + weights[1] * (third - first)
 
 
-def _add_flat(sums: Array, seen: Array, own: Array) -> Array:
-    """Add the visible part of a flat layer to the sums.
+@materialized
+def _add_channels(
+    sums: Float[Array, "4 width lines"], visible_sums: list[Float[Array, "width lines"]]
+) -> Float[Array, "4 width lines"]:
+    """Add the sums of each channel over the visible samples."""
+    return sums + jnp.stack(visible_sums)
 
-    The alpha channel sums transmittance times alpha over the covered samples.
+
+@materialized
+def _add_flat(
+    sums: Float[Array, "4 width lines"],
+    visible: Float[Array, "width lines"],
+    line_colors: Float[Array, "4 1 lines"],
+) -> Float[Array, "4 width lines"]:
+    """Add a flat layer to the sums, from the sum of the transmittance over its covered samples.
+
+    The alpha channel sums transmittance times alpha.
     """
-    return sums + seen[None] * (own[:, 0].at[3].set(1.0) * own[3])[:, None]
+    return sums + visible[None] * (line_colors[:, 0].at[3].set(1.0) * line_colors[3])[:, None]
 
 
-def _add_interpolated(sums: Array, total: Array, second: Array, third: Array, own: Array) -> Array:
-    """Add the visible part of a layer with corner colours.
+@materialized
+def _add_interpolated(
+    sums: Float[Array, "4 width lines"],
+    total: Float[Array, "width lines"],
+    second: Float[Array, "width lines"],
+    third: Float[Array, "width lines"],
+    line_colors: Float[Array, "4 3 lines"],
+) -> Float[Array, "4 width lines"]:
+    """Add a layer with corner colours to the sums.
 
-    Colours are linear in the weights, so three sums are enough for all channels.
+    Colours are linear in the weights, so three sums are enough for all channels: `total` is that of
+    transmittance times alpha, `second` and `third` are times the weights of corners 1 and 2 too.
     """
-    corners = own.at[3].set(1.0)[:, :, None]
+    corners = line_colors.at[3].set(1.0)[:, :, None]
     for k, corner_sum in enumerate((total - second - third, second, third)):
         sums = sums + corner_sum[None] * corners[:, k]
     return sums
@@ -271,7 +330,7 @@ def _all_bits(
     return ((words[:, None, None] >> position[None, :, :, None]) & jnp.uint32(1)).astype(dtype)
 
 
-def _sum_samples(term: Callable[[int, int], Array], rate: int) -> Array:
+def _sum_samples(term: Callable[[int, int], Array], rate: int) -> Float[Array, "width lines"]:
     """Sum `term(sub_row, sub_column)` over a pixel's samples, in one fused expression."""
     terms = [term(i, j) for i in range(rate) for j in range(rate)]
     total = terms[0]
@@ -280,7 +339,11 @@ def _sum_samples(term: Callable[[int, int], Array], rate: int) -> Array:
     return total
 
 
-def _sample_places(block: int, tiling: Tiling) -> tuple[Array, Array]:
+def _sample_positions(
+    block: int, tiling: Tiling
+) -> tuple[
+    Int[Array, "sub_rows sub_columns width lines"], Int[Array, "sub_rows sub_columns width lines"]
+]:
     """Column and row of all samples of a block, within their tile."""
     rate = tiling.grid.rate
     shape = (rate, rate, tiling.width, block * tiling.height)
@@ -290,6 +353,7 @@ def _sample_places(block: int, tiling: Tiling) -> tuple[Array, Array]:
     return column * rate + sub_column, (line % tiling.height) * rate + sub_row
 
 
+@functools.partial(materialized, static_argnames=("tiling",))
 def to_image(
     sums: Float[Array, "tiles 4 tile_width tile_height"],
     background: Float[Array, " channels"],
@@ -299,13 +363,8 @@ def to_image(
 
     A background of four channels is premultiplied too.
     """
-
-    @materialized
-    def arrange(sums, background):
-        split = sums.reshape(tiling.rows, tiling.columns, 4, tiling.width, tiling.height)
-        image = split.transpose(0, 4, 1, 3, 2).reshape((*tiling.padded_shape, 4))
-        image = tiling.crop(image) / tiling.grid.samples
-        front = image[..., : background.shape[0]]
-        return front + (1.0 - image[..., 3:]) * background[None, None]
-
-    return arrange(sums, background)
+    split = sums.reshape(tiling.rows, tiling.columns, 4, tiling.width, tiling.height)
+    image = split.transpose(0, 4, 1, 3, 2).reshape((*tiling.padded_shape, 4))
+    image = tiling.crop(image) / tiling.grid.samples
+    front = image[..., : background.shape[0]]
+    return front + (1.0 - image[..., 3:]) * background[None, None]

@@ -38,26 +38,14 @@ class Depths(NamedTuple):
 
 def keep_nearest(
     depths: Depths,
-    rows: UInt32[Array, "pairs rows"],
+    words: UInt32[Array, "pairs rows"],
     lists: TileLists,
     steps: Steps,
     tiling: Tiling,
 ) -> UInt32[Array, "pairs rows"]:
-    """Remove the samples that fail the depth test from `rows`, in the order of `lists`."""
+    """Remove the samples that fail the depth test from the coverage words of the listed pairs."""
     dtype = depths.depth.dtype
-    area = materialized(lambda edges: twice_area(edges, dtype))(depths.edges)
-    measure = materialized(functools.partial(_measure, tiling=tiling))
-
-    @materialized
-    def corners(depths, area, triangle, tile):
-        weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
-        return weights, depths.depth[:, triangle]
-
-    @materialized
-    def gather_words(rows, pair, is_valid):
-        return jnp.where(is_valid[:, None], rows.at[pair].get(mode="clip"), jnp.uint32(0)).reshape(
-            -1
-        )
+    area = materialized(functools.partial(twice_area, dtype=dtype))(depths.edges)
 
     def visit(least: Array, step: tuple[Array, Array, Array]) -> tuple[Array, tuple[Array, Array]]:
         number, which, position = step
@@ -66,32 +54,107 @@ def keep_nearest(
         pair = steps.start[which] + count - 1 - position
         is_valid = (position < count) & (number < steps.needed)
         triangle = lists.triangle.at[pair].get(mode="clip")
-        words = gather_words(rows, pair, is_valid)
-        depth = measure(*corners(depths, area, triangle, steps.tile[which]))
-        passed = materialized(_test)(depth, least, is_first, words)
-        kept = materialized(_pack)(passed), jnp.where(is_valid, pair, rows.shape[0])
-        return materialized(_write)(least, is_first, depth, passed), kept
+        covered = _gather_words(words, pair, is_valid)
+        depth = _depth_at_samples(
+            *_gather_corners(depths, area, triangle, steps.tile[which], tiling), tiling
+        )
+        passed = _test(depth, least, is_first, covered)
+        passed_words = _pack(passed), jnp.where(is_valid, pair, words.shape[0])
+        return _update_least(least, is_first, depth, passed), passed_words
 
     with jax.named_scope("depth_test"):
         numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
         lines = steps.tile.shape[1] * tiling.sample_rows
         least = jnp.zeros((tiling.sample_columns, lines), dtype)
-        _, (words, pair) = jax.lax.scan(visit, least, (numbers, steps.block, steps.place))
-        words = words.reshape(-1, tiling.sample_rows)
-        return jnp.zeros_like(rows).at[pair.reshape(-1)].set(words, mode="drop")
+        inputs = (numbers, steps.block, steps.position)
+        _, (passed_words, pair) = jax.lax.scan(visit, least, inputs)
+        passed_words = passed_words.reshape(-1, tiling.sample_rows)
+        return jnp.zeros_like(words).at[pair.reshape(-1)].set(passed_words, mode="drop")
 
 
+@materialized
+def _gather_words(
+    words: UInt32[Array, "pairs rows"], pair: Int[Array, " block"], is_valid: Bool[Array, " block"]
+) -> UInt32[Array, " lines"]:
+    """Gather the coverage words of a pair of each tile of a block; 0 where its list has ended."""
+    is_valid = is_valid[:, None]
+    return jnp.where(is_valid, words.at[pair].get(mode="clip"), jnp.uint32(0)).reshape(-1)
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _gather_corners(
+    depths: Depths,
+    area: Float[Array, " triangles"],
+    triangle: Int[Array, " block"],
+    tile: Int[Array, " block"],
+    tiling: Tiling,
+) -> tuple[Weights, Float[Array, "3 block"]]:
+    """Gather the terms of the weights, and the depths of the corners, of a block's triangles."""
+    weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
+    return weights, depths.depth[:, triangle]
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _depth_at_samples(
+    weights: Weights, corner_depth: Float[Array, "3 block"], tiling: Tiling
+) -> Float[Array, "sample_columns lines"]:
+    """Compute the depth at every sample of a block of tiles.
+
+    A line is a row of samples; the rows of a tile are in `row_order`.
+    """
+    repeat = functools.partial(jnp.repeat, repeats=tiling.sample_rows)
+    weights = weights.map_slots(lambda entry: repeat(entry)[None])
+    corner_depth = jax.vmap(repeat)(corner_depth)[:, None]
+    shape = (tiling.sample_columns, corner_depth.shape[-1])
+    down = jnp.tile(row_order(tiling), shape[1] // tiling.sample_rows)
+    across = jax.lax.broadcasted_iota(jnp.int32, shape, 0)
+    down = jnp.broadcast_to(down[None], shape)
+    return _interpolate(corner_depth, weight_sums(weights, jnp.ones_like(across), across, down))
+
+
+@materialized
+def _test(
+    depth: Float[Array, "sample_columns lines"],
+    least: Float[Array, "sample_columns lines"],
+    is_first: Bool[Array, ""],
+    words: UInt32[Array, " lines"],
+) -> Bool[Array, "sample_columns lines"]:
+    """Find the covered samples that are no deeper than the least depth so far.
+
+    Where `is_first`, a new block starts and the least depth so far is ignored.
+    """
+    column = jax.lax.broadcasted_iota(jnp.uint32, depth.shape, 0)
+    covered = ((words[None] >> column) & jnp.uint32(1)) == 1
+    return covered & (depth <= jnp.where(is_first, jnp.inf, least))
+
+
+@materialized
+def _pack(passed: Bool[Array, "sample_columns lines"]) -> UInt32[Array, " lines"]:
+    """Pack the results of a line's samples into a word; sample i is bit i."""
+    word = jnp.zeros(passed.shape[1], jnp.uint32)
+    for i, bit in enumerate(passed):
+        word = word | (bit.astype(jnp.uint32) << jnp.uint32(i))
+    return word
+
+
+@materialized
+def _update_least(
+    least: Float[Array, "sample_columns lines"],
+    is_first: Bool[Array, ""],
+    depth: Float[Array, "sample_columns lines"],
+    passed: Bool[Array, "sample_columns lines"],
+) -> Float[Array, "sample_columns lines"]:
+    """Update the least depth with the depth of the samples that passed."""
+    return jnp.where(passed, depth, jnp.where(is_first, jnp.inf, least))
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
 def depth_at(
     depths: Depths, triangle: Int[Array, "*samples"], sample: Any, tiling: Tiling
 ) -> Float[Array, "*samples"]:
     """Depth of a triangle's plane at a sample (column, row), whether it is covered or not."""
-
-    @materialized
-    def measure(depths, triangle, sample):
-        area = twice_area(depths.edges, depths.depth.dtype)
-        return weights_and_depth(depths, area, triangle, sample, tiling)[1]
-
-    return measure(depths, triangle, sample)
+    area = twice_area(depths.edges, depths.depth.dtype)
+    return weights_and_depth(depths, area, triangle, sample, tiling)[1]
 
 
 def weights_and_depth(
@@ -113,10 +176,11 @@ def weights_and_depth(
 
 
 def _interpolate(
-    corner: Float[Array, "3 ..."], weights: tuple[Array, Array, Array]
+    corner_depth: Float[Array, "3 ..."], weights: tuple[Array, Array, Array]
 ) -> Float[Array, "..."]:
-    """Depth from that of the corners; exactly that of corner 0 where all are equal."""
+    """Interpolate depth between the corners; exactly that of corner 0 where all are equal."""
     _, second, third = weights
+    corner = corner_depth
     return corner[0] + second * (corner[1] - corner[0]) + third * (corner[2] - corner[0])
 
 
@@ -124,51 +188,14 @@ def depth_on_edge(
     depths: Depths, edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
 ) -> Float[Array, "lines runs"]:
     """Depth on edge `3 triangle + side` of a triangle, the fraction `t` (0..1) along it."""
-
-    @materialized
-    def mix(depth, edge, t):
-        # Flatten `[3, triangles]` to the order of the edges.
-        start, end = (ends.T.reshape(-1)[edge] for ends in (depth, jnp.roll(depth, -1, 0)))
-        return start[None] + t * (end - start)[None]
-
-    return mix(depths.depth, edge, t)
+    return _depth_on_edge(depths.depth, edge, t)
 
 
-def _measure(
-    weights: Weights, corner: Float[Array, "3 block"], tiling: Tiling
-) -> Float[Array, "sample_columns lines"]:
-    """Compute the depth at every sample of a block of tiles.
-
-    A line is a row of samples; the rows of a tile are in `row_order`.
-    """
-    repeat = functools.partial(jnp.repeat, repeats=tiling.sample_rows)
-    weights = weights.map_slots(lambda entry: repeat(entry)[None])
-    corner = jax.vmap(repeat)(corner)[:, None]
-    shape = (tiling.sample_columns, corner.shape[-1])
-    down = jnp.tile(row_order(tiling), shape[1] // tiling.sample_rows)
-    across = jax.lax.broadcasted_iota(jnp.int32, shape, 0)
-    down = jnp.broadcast_to(down[None], shape)
-    return _interpolate(corner, weight_sums(weights, jnp.ones_like(across), across, down))
-
-
-def _test(depth: Array, least: Array, fresh: Array, words: Array) -> Bool[Array, "columns lines"]:
-    """Find the covered samples that are no deeper than the least depth so far.
-
-    Where `fresh`, a new tile starts and the least depth so far is ignored.
-    """
-    column = jax.lax.broadcasted_iota(jnp.uint32, depth.shape, 0)
-    covered = ((words[None] >> column) & jnp.uint32(1)) == 1
-    return covered & (depth <= jnp.where(fresh, jnp.inf, least))
-
-
-def _pack(passed: Bool[Array, "columns lines"]) -> UInt32[Array, " lines"]:
-    """Pack the results of a line's samples into a word; sample i is bit i."""
-    word = jnp.zeros(passed.shape[1], jnp.uint32)
-    for i, bit in enumerate(passed):
-        word = word | (bit.astype(jnp.uint32) << jnp.uint32(i))
-    return word
-
-
-def _write(least: Array, fresh: Array, depth: Array, passed: Array) -> Array:
-    """Update the least depth with the depth of the samples that passed."""
-    return jnp.where(passed, depth, jnp.where(fresh, jnp.inf, least))
+@materialized
+def _depth_on_edge(
+    depth: Float[Array, "3 triangles"], edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
+) -> Float[Array, "lines runs"]:
+    """Interpolate depth between the ends of an edge."""
+    # Flatten `[3, triangles]` to the order of the edges.
+    start, end = (ends.T.reshape(-1)[edge] for ends in (depth, jnp.roll(depth, -1, 0)))
+    return start[None] + t * (end - start)[None]

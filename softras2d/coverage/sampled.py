@@ -18,14 +18,16 @@ from jaxtyping import Array, Bool, Int, UInt32
 from ..binning.lists import Chunks
 from ..geometry.fixed_point import Edges, SampleBounds
 from ..geometry.tiling import Tiling
+from ..numerics.array_types import HostOrDeviceArray
 from ..numerics.fusion_barrier import materialized
 
 _ONES = 0xFFFFFFFF
-# The error of the guess is below this fraction of a sample (three roundings of a quotient < 64).
-_SLACK = 2.0**-10
+
+_GUESS_ERROR = 2.0**-10
+"""Bound on the error of the guess, in samples: three roundings of a quotient below 64."""
 
 
-def first_inside(value: Any, step: Any) -> Any:
+def first_inside(value: HostOrDeviceArray, step: HostOrDeviceArray) -> HostOrDeviceArray:
     """Find the least i in 0..32 with `value + i step >= 0`, or more than 31 if there is none.
 
     Requires `step >= 0`. Exact for `|value| <= 2^30 + 31 * 2^23` and `step < 2^24`, whatever the
@@ -36,47 +38,45 @@ def first_inside(value: Any, step: Any) -> Any:
     # A step of 0 has no crossing: any large factor sends the guess to the right end.
     divisor = xp.where(step == 0, 1e-10, step.astype(f32)).astype(f32)
     crossing = -value.astype(f32) * (1.0 / divisor)
-    guess = xp.clip(xp.ceil(crossing - _SLACK), 0.0, 32.0).astype(xp.int32)
+    guess = xp.clip(xp.ceil(crossing - _GUESS_ERROR), 0.0, 32.0).astype(xp.int32)
     return guess + (value + guess * step < 0).astype(xp.int32)
 
 
-def ones_from(place: Any) -> Any:
-    """Make a word with ones at bits `place..31`; `place` is in 0..33."""
-    xp = place.__array_namespace__()
-    return xp.where(place < 32, xp.uint32(_ONES) << (place & 31).astype(xp.uint32), xp.uint32(0))
+def ones_from(bit: HostOrDeviceArray) -> HostOrDeviceArray:
+    """Make words with ones at bits `bit..31`; `bit` is in 0..33."""
+    xp = bit.__array_namespace__()
+    return xp.where(bit < 32, xp.uint32(_ONES) << (bit & 31).astype(xp.uint32), xp.uint32(0))
 
 
-def edge_row(value: Any, right: Any) -> Any:
-    """Compute the samples i of a row at which `value + i right >= 0`, as bits."""
+def edge_word(value: HostOrDeviceArray, right: HostOrDeviceArray) -> HostOrDeviceArray:
+    """Make words of the samples i of a row at which `value + i right >= 0`."""
     # With a negative step, the samples from some position on are outside: -1 - v + i |step| >= 0.
     flip = right >> 31
     xp = value.__array_namespace__()
     return ones_from(first_inside(value ^ flip, xp.abs(right))) ^ flip.astype(xp.uint32)
 
 
-def row_order(tiling: Tiling, xp: Any = jnp) -> Any:
+def row_order(tiling: Tiling, xp: Any = jnp) -> Int[HostOrDeviceArray, " rows"]:
     """Sample row of the tile for each position of a coverage mask, which is ordered by sub-row."""
     position = xp.arange(tiling.sample_rows, dtype=xp.int32)
     return (position % tiling.height) * tiling.grid.rate + position // tiling.height
 
 
-class Lines(NamedTuple):
-    """Inputs from which the coverage words of a slot are computed.
+class TriangleInTile(NamedTuple):
+    """Edges and bounding box of each slot's triangle, with samples counted from the slot's tile.
 
     - `edges`: for each edge its value at the tile's first sample, and its steps right and down.
-    - `across`: the columns of the triangle's bounding box, as a word; 0 in slots that are not
-      filled.
-    - `top`, `bottom`: the first and last row of the bounding box, counted from the tile's first
-      row.
+    - `columns`: the columns of the bounding box, as a word; 0 in slots that are not filled.
+    - `top`, `bottom`: the first and last row of the bounding box.
     """
 
-    edges: list[tuple[Any, Any, Any]]
-    across: Any
-    top: Any
-    bottom: Any
+    edges: list[tuple[HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray]]
+    columns: UInt32[HostOrDeviceArray, "*slots"]
+    top: Int[HostOrDeviceArray, "*slots"]
+    bottom: Int[HostOrDeviceArray, "*slots"]
 
 
-def covered_rows(
+def coverage_words(
     edges: Edges,
     bounds: SampleBounds,
     triangle: Int[Array, "*slots"],
@@ -85,75 +85,92 @@ def covered_rows(
     tiling: Tiling,
 ) -> UInt32[Array, "*slots rows"]:
     """Compute the samples of each slot's tile that its triangle covers, hidden ones too."""
-    place = materialized(functools.partial(place_lines, tiling=tiling))
-    draw = materialized(functools.partial(draw_lines, tiling=tiling))
-    return draw(place(edges, bounds, triangle, tile, filled))
+    gather = materialized(functools.partial(triangle_in_tile, tiling=tiling))
+    draw = materialized(functools.partial(rasterize, tiling=tiling))
+    return draw(gather(edges, bounds, triangle, tile, filled))
 
 
-def place_lines(
-    edges: Edges, bounds: SampleBounds, triangle: Any, tile: Any, filled: Any, tiling: Tiling
-) -> Lines:
-    """Compute the edge lines and the bounding box of each slot. Works for NumPy and JAX alike."""
+def triangle_in_tile(
+    edges: Edges,
+    bounds: SampleBounds,
+    triangle: Int[HostOrDeviceArray, "*slots"],
+    tile: Int[HostOrDeviceArray, "*slots"],
+    filled: Bool[HostOrDeviceArray, "*slots"],
+    tiling: Tiling,
+) -> TriangleInTile:
+    """Gather the edges and the bounding box of each slot's triangle, for numpy and jax alike."""
     xp = triangle.__array_namespace__()
     column, row = tiling.first_sample(tile)
     slot_edges = [edge.gather(triangle) for edge in edges]
-    lines = [(edge.at(column, row).clamped(), edge.right, edge.down) for edge in slot_edges]
+    rebased = [(edge.at(column, row).clamped(), edge.right, edge.down) for edge in slot_edges]
     box = bounds.gather(triangle)
-    across = ones_from(xp.clip(box.left - column, 0, 32)) & ~ones_from(
+    columns = ones_from(xp.clip(box.left - column, 0, 32)) & ~ones_from(
         xp.clip(box.right - column + 1, 0, 32)
     )
-    across = xp.where(filled, across, xp.uint32(0))
-    return Lines(lines, across, box.top - row, box.bottom - row)
+    columns = xp.where(filled, columns, xp.uint32(0))
+    return TriangleInTile(rebased, columns, box.top - row, box.bottom - row)
 
 
-def draw_lines(lines: Lines, tiling: Tiling) -> Any:
-    """Compute the covered samples as `[*slots, rows]` words. Works for NumPy and JAX alike."""
-    _, across, top, bottom = lines
-    xp = across.__array_namespace__()
-    j = row_order(tiling, xp).reshape((1,) * across.ndim + (-1,))
-    boxed = (j >= top[..., None]) & (j <= bottom[..., None])
-    word = xp.where(boxed, across[..., None], xp.uint32(0))
-    for value, right, down in lines.edges:
-        word = word & edge_row(value[..., None] + j * down[..., None], right[..., None])
-    return word
+def rasterize(
+    triangles: TriangleInTile, tiling: Tiling
+) -> UInt32[HostOrDeviceArray, "*slots rows"]:
+    """Compute the coverage words of each slot, for numpy and jax alike."""
+    edges, columns, top, bottom = triangles
+    xp = columns.__array_namespace__()
+    row = row_order(tiling, xp).reshape((1,) * columns.ndim + (-1,))
+    in_box = (row >= top[..., None]) & (row <= bottom[..., None])
+    words = xp.where(in_box, columns[..., None], xp.uint32(0))
+    for value, right, down in edges:
+        words = words & edge_word(value[..., None] + row * down[..., None], right[..., None])
+    return words
 
 
-def hide(rows: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, max_chunks: int):
+def remove_hidden(
+    words: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, max_chunks: int
+) -> tuple[UInt32[Array, "chunks layers rows"], UInt32[Array, "chunks rows"]]:
     """Remove from each slot the samples that nearer slots of the tile cover.
 
     Also returns, for each chunk, the samples that it and the chunks before it in its tile cover.
     `max_chunks` is an upper bound on the number of chunks of a tile.
     """
-    layers = rows.shape[1]
-
-    @materialized
-    def union(rows):
-        total = rows[:, 0]
-        for k in range(1, layers):
-            total = total | rows[:, k]
-        return total
-
     # Inclusive OR over the chunks of a tile, in log steps (Hillis and Steele 1986).
-    covered = union(rows)
+    covered = _union(words)
     reach = 1
     while reach < max_chunks:
-        covered = materialized(functools.partial(_or_before, reach=reach))(covered, chunks.index)
+        covered = _or_before(covered, chunks.index, reach)
         reach *= 2
-
-    @materialized
-    def visible(rows, covered, index):
-        front = jnp.pad(covered[:-1], ((1, 0), (0, 0)))
-        front = jnp.where((index > 0)[:, None], front, jnp.uint32(0))
-        visible_rows = []
-        for k in range(layers):
-            visible_rows.append(rows[:, k] & ~front)
-            front = front | rows[:, k]
-        return jnp.stack(visible_rows, 1)
-
-    return visible(rows, covered, chunks.index), covered
+    return _visible(words, covered, chunks.index), covered
 
 
-def _or_before(covered: Array, index: Array, *, reach: int) -> Array:
+@materialized
+def _union(words: UInt32[Array, "chunks layers rows"]) -> UInt32[Array, "chunks rows"]:
+    """Join the slots of each chunk by OR."""
+    total = words[:, 0]
+    for k in range(1, words.shape[1]):
+        total = total | words[:, k]
+    return total
+
+
+@functools.partial(materialized, static_argnames=("reach",))
+def _or_before(
+    covered: UInt32[Array, "chunks rows"], index: Int[Array, " chunks"], reach: int
+) -> UInt32[Array, "chunks rows"]:
     """Join each chunk by OR with the chunk `reach` before it, if that is in the same tile."""
     before = jnp.pad(covered[:-reach], ((reach, 0), (0, 0)))
     return covered | jnp.where((index >= reach)[:, None], before, jnp.uint32(0))
+
+
+@materialized
+def _visible(
+    words: UInt32[Array, "chunks layers rows"],
+    covered: UInt32[Array, "chunks rows"],
+    index: Int[Array, " chunks"],
+) -> UInt32[Array, "chunks layers rows"]:
+    """Remove from each slot what the chunks before its own, and the slots before it, cover."""
+    front = jnp.pad(covered[:-1], ((1, 0), (0, 0)))
+    front = jnp.where((index > 0)[:, None], front, jnp.uint32(0))
+    visible = []
+    for k in range(words.shape[1]):
+        visible.append(words[:, k] & ~front)
+        front = front | words[:, k]
+    return jnp.stack(visible, 1)

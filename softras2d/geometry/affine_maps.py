@@ -6,7 +6,7 @@ import numpy as np
 
 
 def identity() -> np.ndarray:
-    """The map that moves nothing."""
+    """The map that leaves every point in place."""
     return np.eye(3)
 
 
@@ -16,15 +16,15 @@ def translate(x: float, y: float = 0.0) -> np.ndarray:
 
 
 def scale(x: float, y: float | None = None) -> np.ndarray:
-    """Stretch about the origin by x and y; by x alone, uniformly."""
+    """Scale about the origin by x and y, or uniformly by x alone."""
     return np.diag([x, x if y is None else y, 1.0])
 
 
 def rotate(degrees: float, x: float = 0.0, y: float = 0.0) -> np.ndarray:
-    """Turn about (x, y), clockwise on a screen whose y points down."""
+    """Rotate about (x, y), clockwise on a screen whose y points down."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return translate(x, y) @ turn @ translate(-x, -y)
+    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return translate(x, y) @ rotation @ translate(-x, -y)
 
 
 def skew_x(degrees: float) -> np.ndarray:
@@ -43,7 +43,7 @@ def matrix(a: float, b: float, c: float, d: float, e: float, f: float) -> np.nda
 
 
 def check_map(map3: Any) -> np.ndarray:
-    """The 3x3 float64 map, or `ValueError` if it is not finite and invertible."""
+    """Convert to a 3x3 float64 map; raises `ValueError` if it is not finite and invertible."""
     map3 = np.asarray(map3, np.float64)
     if map3.shape != (3, 3):
         raise ValueError(f"`transform` must be a 3x3 matrix; got shape {map3.shape}.")
@@ -53,7 +53,7 @@ def check_map(map3: Any) -> np.ndarray:
 
 
 def _equilibrated(map3: np.ndarray) -> np.ndarray:
-    """Rows, then columns scaled to one: large or small units do not make a map singular."""
+    """Scale rows, then columns, to a largest entry of 1: units do not make a map singular."""
     for axis in (1, 0):
         largest = np.abs(map3).max(axis, keepdims=True)
         map3 = map3 / np.where(largest > 0, largest, 1.0)
@@ -61,7 +61,7 @@ def _equilibrated(map3: np.ndarray) -> np.ndarray:
 
 
 def apply(map3: np.ndarray, points: Any) -> np.ndarray:
-    """Points `[..., 2]` through a homogeneous map, divided by the third component.
+    """Map points `[..., 2]`, and divide by the third component.
 
     Raises `ValueError` where that component is not positive.
     """

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics import safe
 from .fixed_point import Edge, Edges
@@ -27,19 +27,19 @@ class Weights(NamedTuple):
       `[2, *slots]`; samples count from the first sample of the slot's tile.
     - `per_value`: weight for each unit of the edge value; 0 without area.
     - `offset`: 1/3 for triangles without area, which take the mean of their corners; else 0.
-    - `plane`: weights of triangles past the guard band as floats, `[3, 2, *slots]`: the weight at
-      the tile's first sample, its step right, and its step down. None if no triangle may be there.
-    - `is_far`: whether the slot's triangle is past the guard band, so that `plane` holds for it.
+    - `plane`: weights of triangles past the guard band as floats: the weight at the tile's first
+      sample, its step right, and its step down. None if no triangle may be there.
+    - `is_far`: whether the slot's triangle is past the guard band, so that `plane` is valid.
     """
 
     edges: Edge
-    per_value: Array
-    offset: Array
-    plane: Array | None = None
-    is_far: Array | None = None
+    per_value: Float[Array, "*slots"]
+    offset: Float[Array, "*slots"]
+    plane: Float[Array, "3 2 *slots"] | None = None
+    is_far: Bool[Array, "*slots"] | None = None
 
     def map_slots(self, change: Callable[[Array], Array]) -> "Weights":
-        """Index or reshape the slot axes of every entry by `change`."""
+        """Apply `change`, which indexes or reshapes the slot axes, to every entry."""
         edges = Edge(*(jax.vmap(change)(entry) for entry in self.edges))
         weights = Weights(edges, change(self.per_value), change(self.offset))
         if self.plane is None or self.is_far is None:

@@ -21,7 +21,7 @@ counts on the host what a render does on the device.
 """
 
 import operator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -119,7 +119,7 @@ class Edge(NamedTuple):
     - `right`, `down`: change of the value from a sample to the next one to the right or below.
     - `start`, `estimate`: the value at sample (0, 0), modulo 2^32 and as float32: the two parts of
       a `WrappedValue`.
-    - `fraction`: what the floor took off the exact value, 0..1; the same at all samples.
+    - `fraction`: the exact value minus its floor, 0..1; the same at all samples.
     """
 
     right: Int[HostOrDeviceArray, "*triangles"]
@@ -128,21 +128,23 @@ class Edge(NamedTuple):
     estimate: Float[HostOrDeviceArray, "*triangles"]
     fraction: Float[HostOrDeviceArray, "*triangles"]
 
-    def gather(self, index: Any) -> "Edge":
+    def gather(self, index: int | HostOrDeviceArray) -> "Edge":
         """The entries at an index or an array of indices along the first axis."""
         return Edge(*(entry[index] for entry in self))
 
-    def at(self, column: Any, row: Any) -> WrappedValue:
+    def at(self, column: HostOrDeviceArray, row: HostOrDeviceArray) -> WrappedValue:
         """The edge value at a sample."""
         start = WrappedValue(self.start, self.estimate)
         return start.moved((self.right, column), (self.down, row))
 
-    def sum_over(self, count: Any, columns: Any, rows: Any) -> WrappedValue:
+    def sum_over(
+        self, count: HostOrDeviceArray, columns: HostOrDeviceArray, rows: HostOrDeviceArray
+    ) -> WrappedValue:
         """Sum of the edge values at `count` samples, whose columns and rows have these sums."""
         start = WrappedValue(self.start, self.estimate)
         return start.times(count).moved((self.right, columns), (self.down, rows))
 
-    def rebased(self, column: Any, row: Any) -> "Edge":
+    def rebased(self, column: HostOrDeviceArray, row: HostOrDeviceArray) -> "Edge":
         """This edge function, with samples counted from sample (column, row)."""
         start, estimate = self.at(column, row)
         return self._replace(start=start, estimate=estimate)
@@ -164,12 +166,14 @@ class SampleBounds(NamedTuple):
     top: Int[HostOrDeviceArray, " triangles"]
     bottom: Int[HostOrDeviceArray, " triangles"]
 
-    def gather(self, triangle: Any) -> "SampleBounds":
+    def gather(self, triangle: HostOrDeviceArray) -> "SampleBounds":
         """The bounds of some triangles, by their indices."""
         return SampleBounds(*(entry[triangle] for entry in self))
 
 
-def sign_of_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
+def sign_of_cross(
+    ax: HostOrDeviceArray, ay: HostOrDeviceArray, bx: HostOrDeviceArray, by: HostOrDeviceArray
+) -> HostOrDeviceArray:
     """Exact sign of ax by - ay bx for 24-bit integers, whose products need 48 bits."""
     f32 = ax.__array_namespace__().float32
     estimate = ax.astype(f32) * by.astype(f32) - ay.astype(f32) * bx.astype(f32)
@@ -177,31 +181,37 @@ def sign_of_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
     return WrappedValue(ax * by - ay * bx, estimate).sign()
 
 
-def corners_of(positions: Any, triangles: Any, origin: Any) -> Any:
-    """Gather corners `[triangles, 3, 2]`, in pixels of the canvas whose first pixel is `origin`.
+def corners_of(
+    positions: Float[HostOrDeviceArray, "vertices 2"],
+    triangles: Int[HostOrDeviceArray, "triangles 3"],
+    origin: Int[HostOrDeviceArray, "2"],
+) -> Float[HostOrDeviceArray, "triangles 3 2"]:
+    """Gather the corners of triangles, in pixels of the canvas whose first pixel is `origin`.
 
-    Subtracted in the dtype of the positions. A triangle that names one vertex three times is
-    padding (`size_classes.pad`). Its corners are NaN, so that it covers nothing in any mode and its
-    vertex gets no gradient from it.
+    The origin is subtracted in the dtype of the positions. A triangle that names one vertex three
+    times is padding (`size_classes.pad`). Its corners are NaN, so that it covers nothing in any
+    mode and its vertex gets no gradient from it.
     """
     xp = positions.__array_namespace__()
     corners = (positions - origin.astype(positions.dtype)[None])[triangles]
-    spare = is_padding(triangles)[:, None, None]
-    return xp.where(spare, xp.asarray(xp.nan, dtype=positions.dtype), corners)
+    padding = is_padding(triangles)[:, None, None]
+    return xp.where(padding, xp.asarray(xp.nan, dtype=positions.dtype), corners)
 
 
-def is_padding(triangles: Any) -> Any:
-    """Whether each triangle `[..., triangles, 3]` names one vertex three times."""
+def is_padding(
+    triangles: Int[HostOrDeviceArray, "*batch triangles 3"],
+) -> Bool[HostOrDeviceArray, "*batch triangles"]:
+    """Whether each triangle names one vertex three times."""
     first, second, third = (triangles[..., corner] for corner in range(3))
     return (first == second) & (second == third)
 
 
 class Corners(NamedTuple):
-    """Corners on the grid, in pixels of the canvas: each is the exact sum of both parts.
+    """Corners on the grid, in pixels of the canvas.
 
-    - `high`, `low`: `[triangles, 3, 2]`. Within the guard band `low` is zero.
-    - `finite`: `[triangles]`; a triangle with a corner that is not finite, or that is padding, is
-      put at (0, 0) and covers nothing.
+    - `high`, `low`: a coordinate is the exact sum of both. Within the guard band `low` is zero.
+    - `finite`: false for a triangle that is padding, or has a corner that is not finite. Its
+      corners are (0, 0), and it covers nothing.
     """
 
     high: Float[HostOrDeviceArray, "triangles 3 2"]
@@ -209,8 +219,13 @@ class Corners(NamedTuple):
     finite: Bool[HostOrDeviceArray, " triangles"]
 
 
-def snapped_corners(positions: Any, triangles: Any, origin: Any, grid: Grid) -> Corners:
-    """Snap vertices `[vertices, 2]` to the grid, half to even; then subtract `origin`, exactly.
+def snapped_corners(
+    positions: Float[HostOrDeviceArray, "vertices 2"],
+    triangles: Int[HostOrDeviceArray, "triangles 3"],
+    origin: Int[HostOrDeviceArray, "2"],
+    grid: Grid,
+) -> Corners:
+    """Snap vertices to the grid, half to even; then subtract `origin`, exactly.
 
     So canvases with equal grid bits see the same triangles whatever their origins are. Floats
     beyond 2^30 pixels are multiples of the grid already.
@@ -218,22 +233,22 @@ def snapped_corners(positions: Any, triangles: Any, origin: Any, grid: Grid) -> 
     xp = positions.__array_namespace__()
     dtype = positions.dtype
     finite = xp.all(xp.isfinite(positions), axis=1)
-    known = xp.where(finite[:, None], positions, xp.zeros_like(positions))
-    units = xp.round(xp.clip(known, -(2.0**30), 2.0**30) * 2.0**grid.bits)
-    snapped = xp.where(xp.abs(known) < 2.0**30, units * 2.0**-grid.bits, known)
-    # Two parts that float32 holds exactly.
+    defined = xp.where(finite[:, None], positions, xp.zeros_like(positions))
+    units = xp.round(xp.clip(defined, -(2.0**30), 2.0**30) * 2.0**grid.bits)
+    snapped = xp.where(xp.abs(defined) < 2.0**30, units * 2.0**-grid.bits, defined)
+    # The origin in two parts, each of which is exact in float32.
     coarse = origin & ~0xFFF
-    high, first_rest = sum_of(snapped, -coarse.astype(dtype)[None])
-    high, second_rest = sum_of(high, -(origin - coarse).astype(dtype)[None])
-    high, low = sum_of(high, first_rest + second_rest)
+    high, first_error = sum_of(snapped, -coarse.astype(dtype)[None])
+    high, second_error = sum_of(high, -(origin - coarse).astype(dtype)[None])
+    high, low = sum_of(high, first_error + second_error)
     finite = xp.all(finite[triangles], axis=1) & ~is_padding(triangles)
-    nothing = xp.zeros((1, 1, 1), dtype)
-    high, low = (xp.where(finite[:, None, None], part[triangles], nothing) for part in (high, low))
+    zero = xp.zeros((1, 1, 1), dtype)
+    high, low = (xp.where(finite[:, None, None], entry[triangles], zero) for entry in (high, low))
     return Corners(high, low, finite)
 
 
 class Snapped(NamedTuple):
-    """Corners in grid units, `[3, triangles]`, as drawn; `finite` as in `Corners`."""
+    """Corners in grid units, in the order that the scene gives; `finite` as in `Corners`."""
 
     x: Int[HostOrDeviceArray, "3 triangles"]
     y: Int[HostOrDeviceArray, "3 triangles"]
@@ -241,18 +256,20 @@ class Snapped(NamedTuple):
 
 
 def snap(corners: Corners, grid: Grid) -> Snapped:
-    """Corners in grid units, clamped to the guard band: `guard_band.clip` serves what leaves it."""
+    """Convert corners to grid units, clamped to the guard band; `guard_band.clip` cuts instead."""
     x, y = (to_grid(corners.high[:, :, axis].T, grid, axis) for axis in (0, 1))
     return Snapped(x, y, corners.finite)
 
 
-def orient(snapped: Snapped) -> Any:
+def orient(snapped: Snapped) -> Int[HostOrDeviceArray, " triangles"]:
     """Exact sign of the area of each triangle: 1 where the corners turn from x to y."""
     x, y, _ = snapped
     return sign_of_cross(x[1] - x[0], y[1] - y[0], x[2] - x[0], y[2] - y[0])
 
 
-def directed_triangles(snapped: Snapped, orientation: Any) -> GridTriangles:
+def directed_triangles(
+    snapped: Snapped, orientation: Int[HostOrDeviceArray, " triangles"]
+) -> GridTriangles:
     """Reorient triangles to positive area, and list their directed edges."""
     x, y, finite = snapped
     xp = x.__array_namespace__()
@@ -273,15 +290,17 @@ def directed_triangles(snapped: Snapped, orientation: Any) -> GridTriangles:
     )
 
 
-def to_grid(pixels: Any, grid: Grid, axis: int) -> Any:
-    """Coordinates in pixels along x (0) or y (1) to grid units, clamped to the guard band."""
+def to_grid(pixels: HostOrDeviceArray, grid: Grid, axis: int) -> HostOrDeviceArray:
+    """Convert pixels along x (0) or y (1) to grid units, clamped to the guard band."""
     xp = pixels.__array_namespace__()
     low, high = (limits[axis] for limits in grid.guard)
     units = xp.round(xp.clip(pixels, low, high) * 2.0**grid.bits)
     return units.astype(xp.int32)
 
 
-def reorient(corners: Any, orientation: Any) -> Any:
+def reorient(
+    corners: HostOrDeviceArray, orientation: Int[HostOrDeviceArray, " triangles"]
+) -> HostOrDeviceArray:
     """Exchange corners 1 and 2 of `[3, triangles]` where the orientation is negative."""
     xp = corners.__array_namespace__()
     return xp.where(
@@ -302,15 +321,15 @@ def edge_functions(segments: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
     half = 1 << (bits - 1)
     # First sample minus corner, split into whole samples and a fraction of one.
     offset_x, offset_y = half - rate * x, half - rate * y
-    whole_x, whole_y = offset_x >> bits, offset_y >> bits
-    part_x, part_y = offset_x & (2 * half - 1), offset_y & (2 * half - 1)
-    # dx part_y - dy part_x takes 24 + bits bits: kept as high 2^12 + low.
+    samples_x, samples_y = offset_x >> bits, offset_y >> bits
+    fraction_x, fraction_y = offset_x & (2 * half - 1), offset_y & (2 * half - 1)
+    # dx fraction_y - dy fraction_x takes 24 + bits bits: it is stored as high 2^12 + low.
     low_mask = (1 << _LOW) - 1
-    high = (dx >> _LOW) * part_y - (dy >> _LOW) * part_x
-    low = (dx & low_mask) * part_y - (dy & low_mask) * part_x
+    high = (dx >> _LOW) * fraction_y - (dy >> _LOW) * fraction_x
+    low = (dx & low_mask) * fraction_y - (dy & low_mask) * fraction_x
     # y points down: a positively oriented triangle lies to the right of an edge that rises.
-    owned = (dy < 0) | ((dy == 0) & (dx > 0)) | (fill_rule == "inclusive")
-    lowered = xp.where(owned, 0, 1).astype(xp.int32)
+    owns_boundary = (dy < 0) | ((dy == 0) & (dx > 0)) | (fill_rule == "inclusive")
+    lowered = xp.where(owns_boundary, 0, 1).astype(xp.int32)
     low = low - lowered
     high, low = high + (low >> _LOW), low & low_mask
     if bits >= _LOW:
@@ -319,17 +338,17 @@ def edge_functions(segments: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
     else:
         floor = (high << (_LOW - bits)) + (low >> bits)
         remainder = low & ((1 << bits) - 1)
-    start = dx * whole_y - dy * whole_x + floor
-    estimate = dx.astype(f32) * whole_y.astype(f32) - dy.astype(f32) * whole_x.astype(f32)
+    start = dx * samples_y - dy * samples_x + floor
+    estimate = dx.astype(f32) * samples_y.astype(f32) - dy.astype(f32) * samples_x.astype(f32)
     estimate = estimate + floor.astype(f32)
     fraction = (remainder + lowered).astype(f32) * 2.0**-bits
     constant = segments.constant
     if fill_rule == "top_left":
         constant = xp.where((segments.orientation == 0)[None], -1, constant)
-    fixed = constant != 0
-    dx, dy = (xp.where(fixed, 0, step) for step in (dx, dy))
-    start = xp.where(fixed, constant, start)
-    estimate = xp.where(fixed, constant.astype(f32), estimate)
+    is_constant = constant != 0
+    dx, dy = (xp.where(is_constant, 0, step) for step in (dx, dy))
+    start = xp.where(is_constant, constant, start)
+    estimate = xp.where(is_constant, constant.astype(f32), estimate)
     return Edge(-dy, dx, start, estimate, fraction)
 
 
@@ -341,20 +360,26 @@ def split_edges(edges: Edge) -> Edges:
 
 def sample_bounds(segments: GridTriangles, grid: Grid) -> SampleBounds:
     """Samples within the bounding box of each triangle and on the canvas."""
-    xp = segments.x.__array_namespace__()
-    half = 1 << (grid.bits - 1)
-
-    def samples(low: Any, high: Any, size: int) -> tuple[Any, Any]:
-        first = (grid.rate * low + half - 1) >> grid.bits  # ceil((rate low - half) / 2^bits)
-        last = (grid.rate * high - half) >> grid.bits
-        return xp.clip(first, 0, size), xp.clip(last, -1, size - 1)
-
-    left, right = samples(segments.left, segments.right, grid.rate * grid.width)
-    top, bottom = samples(segments.top, segments.bottom, grid.rate * grid.height)
+    left, right = _sample_range(segments.left, segments.right, grid, grid.width)
+    top, bottom = _sample_range(segments.top, segments.bottom, grid, grid.height)
     return SampleBounds(left, right, top, bottom)
 
 
-def within_guard(corners: Corners, grid: Grid) -> Any:
+def _sample_range(
+    low: Int[HostOrDeviceArray, " triangles"],
+    high: Int[HostOrDeviceArray, " triangles"],
+    grid: Grid,
+    pixels: int,
+) -> tuple[Int[HostOrDeviceArray, " triangles"], Int[HostOrDeviceArray, " triangles"]]:
+    """First and last sample in low..high, in grid units, along an axis of so many pixels."""
+    xp = low.__array_namespace__()
+    half, samples = 1 << (grid.bits - 1), grid.rate * pixels
+    first = (grid.rate * low + half - 1) >> grid.bits  # ceil((rate low - half) / 2^bits)
+    last = (grid.rate * high - half) >> grid.bits
+    return xp.clip(first, 0, samples), xp.clip(last, -1, samples - 1)
+
+
+def within_guard(corners: Corners, grid: Grid) -> Bool[HostOrDeviceArray, " triangles"]:
     """Whether each triangle lies in the guard band, or is not finite."""
     xp = corners.high.__array_namespace__()
     dtype = corners.high.dtype

@@ -1,20 +1,23 @@
 """Clipping of triangles that reach past the guard band, so that the grid stays fine.
 
 Each edge is cut to the band by itself, one axis after the other. Near the canvas a triangle is
-bounded by those parts of its edges that come near, and it is convex: an edge that does not come
-near the canvas decides nothing there, unless none does, and then the canvas is all inside or all
+bounded by those parts of its edges that come near, and it is convex. So an edge that does not come
+near the canvas decides nothing there. If no edge comes near, the canvas is all inside or all
 outside.
 
 Cuts are computed in twice the precision of the positions, from the end point nearer to the canvas,
-by the same operations for both triangles that share the edge. So neighbours stay joined, and a cut
-is within a grid unit of the true line for corners up to 2^29 pixels away.
+by the same operations for both triangles that share the edge. So neighbours stay joined. For
+corners up to 2^29 pixels away a cut is within a grid unit of the true line.
 
 **Source:** Sutherland and Hodgman, *Reentrant Polygon Clipping* (CACM 17(1), 1974), for cutting by
 one side of the window after the other.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from jaxtyping import Bool, Float, Int
+
+from ..numerics.array_types import HostOrDeviceArray
 from ..numerics.double_float import (
     Pair,
     Point,
@@ -32,51 +35,61 @@ from .fixed_point import Corners, Grid, GridTriangles, reorient, to_grid
 _FARTHEST_BITS = 30
 """Coordinates beyond 2^30 pixels are scaled down by a power of two: their products stay finite."""
 
-_SURE = 2.0**-40
-"""Share of the products in an area below which its sign could be a rounding: no area then."""
+_AREA_ROUNDING = 2.0**-40
+"""Ratio of an area to the products that it subtracts, below which the area could be a rounding.
+
+Triangles with so small an area are treated as having none.
+"""
 
 
 class WeightPlanes(NamedTuple):
-    """Weights of corners 1 and 2 of triangles past the band, as floats; `[2, triangles]`.
+    """Weights of corners 1 and 2 of triangles past the band, as floats.
 
     - `start`: at sample (0, 0); `right`, `down`: change from sample to sample.
-    - `is_far`: `[triangles]`, whether a triangle is past the band; entries of others are undefined.
+    - `is_far`: whether a triangle is past the band; entries of others are undefined.
     """
 
-    start: Any
-    right: Any
-    down: Any
-    is_far: Any
+    start: Float[HostOrDeviceArray, "2 triangles"]
+    right: Float[HostOrDeviceArray, "2 triangles"]
+    down: Float[HostOrDeviceArray, "2 triangles"]
+    is_far: Bool[HostOrDeviceArray, " triangles"]
 
 
 class FarTriangles(NamedTuple):
-    """All triangles, with the corners of those past the band; the others are put at pixel (0, 0).
+    """All triangles, with the corners of those past the band; others have corners (0, 0).
 
-    - `is_far`: `[triangles]`, whether a triangle is past the band.
-    - `orientation`: `[triangles]`, the sign of the area as drawn; 0 without area.
+    - `is_far`: whether a triangle is past the band.
+    - `orientation`: the sign of the area as drawn; 0 without area.
     - `x`, `y`: corners reoriented to positive area, pairs of `[3, triangles]`.
     """
 
-    is_far: Any
-    orientation: Any
+    is_far: Bool[HostOrDeviceArray, " triangles"]
+    orientation: Int[HostOrDeviceArray, " triangles"]
     x: Pair
     y: Pair
 
 
-def far_triangles(corners: Corners, is_far: Any) -> FarTriangles:
-    """Select the triangles past the band, reorient them, and give their exact orientation."""
+def far_triangles(corners: Corners, is_far: Bool[HostOrDeviceArray, " triangles"]) -> FarTriangles:
+    """Select the triangles past the band, reorient them, and compute their orientation."""
     xp = is_far.__array_namespace__()
-
-    def kept(entry: Any, axis: int) -> Any:
-        values = xp.where(is_far[:, None], entry[:, :, axis], xp.zeros_like(entry[:, :, axis]))
-        return values.T
-
-    x, y = ((kept(corners.high, axis), kept(corners.low, axis)) for axis in (0, 1))
+    x, y = (
+        (_select(is_far, corners.high, axis), _select(is_far, corners.low, axis)) for axis in (0, 1)
+    )
     area, bound = _area(*_scaled(x, y))
-    sure = xp.abs(area[0]) > bound * _SURE
-    orientation = xp.where(sure, xp.sign(area[0]), xp.zeros_like(area[0])).astype(xp.int32)
+    has_area = xp.abs(area[0]) > bound * _AREA_ROUNDING
+    orientation = xp.where(has_area, xp.sign(area[0]), xp.zeros_like(area[0])).astype(xp.int32)
     x, y = ((reorient(c[0], orientation), reorient(c[1], orientation)) for c in (x, y))
     return FarTriangles(is_far, orientation, x, y)
+
+
+def _select(
+    is_far: Bool[HostOrDeviceArray, " triangles"],
+    corners: Float[HostOrDeviceArray, "triangles 3 2"],
+    axis: int,
+) -> Float[HostOrDeviceArray, "3 triangles"]:
+    """One coordinate of the corners of the triangles past the band; 0 for the others."""
+    xp = is_far.__array_namespace__()
+    return xp.where(is_far[:, None], corners[:, :, axis], xp.zeros_like(corners[:, :, axis])).T
 
 
 def clip(far: FarTriangles, segments: GridTriangles, grid: Grid) -> GridTriangles:
@@ -118,7 +131,7 @@ def planes(far: FarTriangles, grid: Grid) -> WeightPlanes:
     xp = far.orientation.__array_namespace__()
     x, y, shrink_x, shrink_y = _scaled(far.x, far.y)
     area, bound = _area(x, y, shrink_x, shrink_y)
-    has_area = area[0] > bound * _SURE
+    has_area = area[0] > bound * _AREA_ROUNDING
     area = choose(has_area, area, pair_of(xp.ones_like(area[0])))
     step_x, step_y = shrink_x / grid.rate, shrink_y / grid.rate
     entries = []
@@ -147,31 +160,33 @@ def planes(far: FarTriangles, grid: Grid) -> WeightPlanes:
 
 
 def _next(corners: Pair) -> Pair:
-    """Each corner's successor, for pairs of `[3, triangles]`."""
+    """The next corner of each corner, for pairs of `[3, triangles]`."""
     xp = corners[0].__array_namespace__()
     first, second = (xp.stack([entry[1], entry[2], entry[0]]) for entry in corners)
     return first, second
 
 
 def _entry(corners: Pair, k: int) -> Pair:
+    """Corner k, from a pair of `[3, triangles]`."""
     return corners[0][k], corners[1][k]
 
 
-def _shrink(*values: Pair) -> Any:
+def _shrink(*values: Pair) -> HostOrDeviceArray:
     """Largest power of two, at most 1, that scales values to below 2^30."""
     xp = values[0][0].__array_namespace__()
-    reach = xp.abs(values[0][0])
+    largest = xp.abs(values[0][0])
     for value in values[1:]:
-        reach = xp.maximum(reach, xp.abs(value[0]))
-    excess = xp.maximum(xp.frexp(reach)[1] - _FARTHEST_BITS, 0)
-    return xp.ldexp(xp.ones_like(reach), -excess)
+        largest = xp.maximum(largest, xp.abs(value[0]))
+    excess = xp.maximum(xp.frexp(largest)[1] - _FARTHEST_BITS, 0)
+    return xp.ldexp(xp.ones_like(largest), -excess)
 
 
-def _resized(point: Point, factors: tuple[Any, Any]) -> Point:
+def _resized(point: Point, factors: tuple[HostOrDeviceArray, HostOrDeviceArray]) -> Point:
+    """Multiply x and y by powers of two."""
     return scale(point[0], factors[0]), scale(point[1], factors[1])
 
 
-def _scaled(x: Pair, y: Pair) -> tuple[Pair, Pair, Any, Any]:
+def _scaled(x: Pair, y: Pair) -> tuple[Pair, Pair, HostOrDeviceArray, HostOrDeviceArray]:
     """Scale corners to below 2^30; return x, y and the factor of each axis.
 
     Weights and signs of areas do not depend on the factors.
@@ -179,8 +194,8 @@ def _scaled(x: Pair, y: Pair) -> tuple[Pair, Pair, Any, Any]:
     xp = x[0].__array_namespace__()
     factors = []
     for c in (x, y):
-        reach = xp.max(xp.abs(c[0]), axis=0)
-        factors.append(_shrink((reach, reach)))
+        largest = xp.max(xp.abs(c[0]), axis=0)
+        factors.append(_shrink((largest, largest)))
     return (
         scale(x, factors[0][None]),
         scale(y, factors[1][None]),
@@ -189,7 +204,7 @@ def _scaled(x: Pair, y: Pair) -> tuple[Pair, Pair, Any, Any]:
     )
 
 
-def _area(x: Pair, y: Pair, *_: Any) -> tuple[Pair, Any]:
+def _area(x: Pair, y: Pair, *_: HostOrDeviceArray) -> tuple[Pair, HostOrDeviceArray]:
     """Twice the signed area, and the sum of the sizes of the two products that it subtracts."""
     xp = x[0].__array_namespace__()
     first, second = (
@@ -199,7 +214,7 @@ def _area(x: Pair, y: Pair, *_: Any) -> tuple[Pair, Any]:
     return cross(first, second), bound
 
 
-def _surrounds_center(far: FarTriangles, grid: Grid) -> Any:
+def _surrounds_center(far: FarTriangles, grid: Grid) -> Bool[HostOrDeviceArray, " triangles"]:
     """Whether the centre of the canvas lies inside or on the edge of each triangle."""
     xp = far.orientation.__array_namespace__()
     x, y, shrink_x, shrink_y = _scaled(far.x, far.y)
@@ -211,75 +226,87 @@ def _surrounds_center(far: FarTriangles, grid: Grid) -> Any:
     return xp.all(cross(along, to_center)[0] >= 0, axis=0)
 
 
-def _near_canvas(start: tuple[Any, Any], end: tuple[Any, Any], grid: Grid) -> Any:
+def _near_canvas(
+    start: tuple[HostOrDeviceArray, HostOrDeviceArray],
+    end: tuple[HostOrDeviceArray, HostOrDeviceArray],
+    grid: Grid,
+) -> Bool[HostOrDeviceArray, "3 triangles"]:
     """Whether the cut edges meet the canvas grown by a pixel, or by less where the band is narrow.
 
-    Other edges bound nothing that is visible, and must not be used: what the cut leaves of them may
-    be a few grid units long, too short for its direction to mean anything. An edge that comes near
-    the canvas is long.
+    Other edges bound nothing that is visible, and must not be used: the cut may leave a few grid
+    units of them, too short to have a meaningful direction. An edge that comes near the canvas is
+    long.
     """
     xp = start[0].__array_namespace__()
     growth = min(1.0, max(grid.height, grid.width) / 4)
     low, high = (-growth, -growth), (grid.width + growth, grid.height + growth)
-    inside = [
+    overlaps = [
         (xp.minimum(a, b) <= most) & (xp.maximum(a, b) >= least)
         for a, b, least, most in zip(start, end, low, high, strict=True)
     ]
-    # Corners of the grown canvas on both sides of the line, or on it; products stay finite.
+    # The line meets the grown canvas if it has corners of it on both sides, or goes through one.
+    # Coordinates are clamped so that products stay finite.
     start, end = (
         tuple(xp.clip(c, -(2.0**_FARTHEST_BITS), 2.0**_FARTHEST_BITS) for c in point)
         for point in (start, end)
     )
     dx, dy = end[0] - start[0], end[1] - start[1]
-    sides = [
+    at_corners = [
         dx * (y - start[1]) - dy * (x - start[0])
         for x in (low[0], high[0])
         for y in (low[1], high[1])
     ]
-    least, most = sides[0], sides[0]
-    for side in sides[1:]:
-        least, most = xp.minimum(least, side), xp.maximum(most, side)
-    return inside[0] & inside[1] & (least <= 0) & (most >= 0)
+    least, most = at_corners[0], at_corners[0]
+    for value in at_corners[1:]:
+        least, most = xp.minimum(least, value), xp.maximum(most, value)
+    return overlaps[0] & overlaps[1] & (least <= 0) & (most >= 0)
 
 
 def _cut_axis(
-    start: Point, end: Point, axis: int, shrink: tuple[Any, Any], grid: Grid
+    start: Point,
+    end: Point,
+    axis: int,
+    shrink: tuple[HostOrDeviceArray, HostOrDeviceArray],
+    grid: Grid,
 ) -> tuple[Point, Point]:
-    """Cut the edges to the band along one axis; one that misses the band ends up outside it.
+    """Cut the edges to the band along one axis; an edge that misses the band ends up outside it.
 
-    One axis after the other, and not by a common parameter: the needle from (1e20, 0) to (-1e20, 9)
-    crosses the band within a parameter interval that float32 cannot tell from a point. Coordinates
-    come multiplied by `shrink`.
+    The axes are cut one after the other, and not by a common parameter: the needle from (1e20, 0)
+    to (-1e20, 9) crosses the band within a parameter interval that float32 cannot tell from a
+    point. Coordinates come multiplied by `shrink`.
     """
     xp = start[0][0].__array_namespace__()
     low, high = (limit[axis] * shrink[axis] for limit in grid.guard)
     middle = (grid.width / 2 * shrink[0], grid.height / 2 * shrink[1])
-    far = [
+    start_distance, end_distance = (
         xp.maximum(*(xp.abs(c[0] - m) for c, m in zip(point, middle, strict=True)))
         for point in (start, end)
-    ]
+    )
     (start_x, _), (start_y, _) = start
     (end_x, _), (end_y, _) = end
-    later = (end_x < start_x) | ((end_x == start_x) & (end_y < start_y))
-    swap = (far[1] < far[0]) | ((far[1] == far[0]) & later)
-    near: list[Pair] = [choose(swap, b, a) for a, b in zip(start, end, strict=True)]
-    away: list[Pair] = [choose(swap, a, b) for a, b in zip(start, end, strict=True)]
+    # Both triangles that share an edge begin at the same end of it, whatever their directions are.
+    is_end_first = (end_x < start_x) | ((end_x == start_x) & (end_y < start_y))
+    is_end_nearer = (end_distance < start_distance) | (
+        (end_distance == start_distance) & is_end_first
+    )
+    near: list[Pair] = [choose(is_end_nearer, b, a) for a, b in zip(start, end, strict=True)]
+    away: list[Pair] = [choose(is_end_nearer, a, b) for a, b in zip(start, end, strict=True)]
     step = subtract(away[axis], near[axis])
     rise = subtract(away[1 - axis], near[1 - axis])
 
-    def moved(point: Point) -> Point:
+    def moved_into_band(point: Point) -> Point:
         """The end point itself inside the band, else where the edge enters it."""
-        here = point[axis][0]
-        outside = (here < low) | (here > high)
-        wall = pair_of(xp.where(here < low, low, high).astype(here.dtype))
+        coordinate = point[axis][0]
+        is_outside = (coordinate < low) | (coordinate > high)
+        wall = pair_of(xp.where(coordinate < low, low, high).astype(coordinate.dtype))
         distance = subtract(wall, near[axis])
         # An edge that reaches the wall steps at least as far along the axis.
-        reaches = outside & (xp.abs(step[0]) >= xp.abs(distance[0])) & (step[0] != 0)
-        divisor = choose(reaches, step, pair_of(xp.ones_like(here)))
-        share = divide(choose(reaches, distance, pair_of(xp.zeros_like(here))), divisor)
-        other = add(near[1 - axis], multiply(share, rise))
+        reaches = is_outside & (xp.abs(step[0]) >= xp.abs(distance[0])) & (step[0] != 0)
+        divisor = choose(reaches, step, pair_of(xp.ones_like(coordinate)))
+        t = divide(choose(reaches, distance, pair_of(xp.zeros_like(coordinate))), divisor)
+        other = add(near[1 - axis], multiply(t, rise))
         entry = (wall, other) if axis == 0 else (other, wall)
-        x, y = (choose(outside, e, p) for e, p in zip(entry, point, strict=True))
+        x, y = (choose(is_outside, e, p) for e, p in zip(entry, point, strict=True))
         return x, y
 
-    return moved(start), moved(end)
+    return moved_into_band(start), moved_into_band(end)

@@ -1,8 +1,8 @@
 """Integers of more than 32 bits, as a wrapped 32-bit integer beside a float32 estimate.
 
-Edge values need up to 43 bits. Neither part knows one alone: the wrapped integer has lost the
-multiple of 2^32, and the float its last digits. Together they determine the value. This module is
-the only one that evaluates the two parts together. Written for numpy and jax arrays alike.
+Edge values need up to 43 bits. Neither part determines a value alone: the wrapped integer lacks the
+multiple of 2^32, and the float lacks the last digits. Together they determine the value. No other
+module evaluates the two parts together. Written for numpy and jax arrays alike.
 """
 
 from typing import NamedTuple
@@ -83,6 +83,6 @@ class WrappedValue(NamedTuple):
     def to_float(self, dtype: DTypeLike) -> HostOrDeviceArray:
         """The value, rounded once where it is below 2^31 in size, else three times."""
         xp = self.estimate.__array_namespace__()
-        lost = self.estimate - self.wrapped.astype(self.estimate.dtype)
-        multiple = xp.round(lost * 2.0**-32)
+        difference = self.estimate - self.wrapped.astype(self.estimate.dtype)
+        multiple = xp.round(difference * 2.0**-32)
         return self.wrapped.astype(dtype) + multiple.astype(dtype) * 2.0**32

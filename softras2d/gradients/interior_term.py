@@ -21,7 +21,7 @@ from ..geometry.fixed_point import Edges, Grid
 from ..geometry.guard_band import WeightPlanes
 from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
-from ..shading.surface import Corners
+from ..shading.corner_attributes import CornerAttributes
 
 
 def weight_gradients(
@@ -53,11 +53,11 @@ def weight_gradients(
 
 @jax.custom_jvp
 def attach_interior_term(
-    corners: Corners,
+    corners: CornerAttributes,
     positions: Float[Array, "vertices 2"],
     vertex: Int[Array, "triangles 3"],
     gradients: Float[Array, "2 3 triangles"],
-) -> Corners:
+) -> CornerAttributes:
     """The corners; their derivative with respect to the positions is that of the image inside.
 
     `vertex`: of the corners; `gradients`: `weight_gradients`. Held fixed in second derivatives.
@@ -96,7 +96,7 @@ def _interior_term_jvp(primals, tangents):
         return interpolated(corners.color), bend, interpolated(corners.uv)
 
     color, bend, uv = drift(tangents[1], corners, vertex, gradients)
-    return primals[0], Corners(
+    return primals[0], CornerAttributes(
         change.color + color if corners.color.shape[0] == 3 else change.color,
         None if change.inverse_w is None else change.inverse_w + bend,
         None if change.uv is None else change.uv + uv,

@@ -10,13 +10,14 @@ from ..binning.lists import Chunks
 from ..coverage.depth_test import Depths
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from ..shading.surface import Points, Surface
-from ..shading.triangle_color import add_color, in_space, read_on_lanes, shade, view
+from ..shading.corner_attributes import perspective_weights
+from ..shading.surface import Points, Surface, level_chooser, surface_lanes
+from ..shading.triangle_color import add_color, shade
 from .crossings import Sample
 
 
 class Front(NamedTuple):
-    """Visible samples of an opaque scene, as `coverage.sampled.hide` leaves them.
+    """Visible samples of an opaque scene, as `coverage.sampled.remove_hidden` leaves them.
 
     - `visible`: of each slot; `covered`: by a chunk and those before it, of the same tile.
     """
@@ -44,7 +45,7 @@ class OpaqueSamples(NamedTuple):
 def triangle_at(
     front: Front, sample: Sample, tiling: Tiling, *, max_chunks: int
 ) -> Int[Array, "*samples"]:
-    """The triangle that shows at each sample, -1 for the background; `max_chunks` as in `hide`."""
+    """The triangle that shows at each sample, -1 for the background; see `remove_hidden`."""
     slot = slot_at(front, sample, tiling, max_chunks=max_chunks)
 
     @materialized
@@ -133,7 +134,7 @@ def color_at(
         return tile.reshape(-1), Points(None, *(place.reshape(-1) for place in points))
 
     tile, points = locate(sample)
-    color = shade(surface, view(surface, there.reshape(-1), tile, tiling), points, tiling)
+    color = shade(surface, surface_lanes(surface, there.reshape(-1), tile, tiling), points, tiling)
     return behind(color.reshape(-1, *triangle.shape), triangle)
 
 
@@ -170,12 +171,14 @@ def color_on_edge(
         return materialized(lambda color, at: color[0][:, at])(surface.corners.color, triangle)
     lane = triangle.reshape(-1)
     first, second, third = (entry.reshape(-1) for entry in materialized(edge_weights)(edge, t))
-    lanes = view(surface, lane, jnp.zeros_like(lane), tiling)
-    at = materialized(in_space)((first, second, third), lanes.corners.inverse_w)
+    lanes = surface_lanes(surface, lane, jnp.zeros_like(lane), tiling)
+    at = materialized(perspective_weights)((first, second, third), lanes.corners.inverse_w)
 
     def add_probe(total: Array, probe: Array) -> tuple[Array, None]:
-        read = read_on_lanes(surface, lanes, at, tiling)
-        added = add_color(total, at, lanes.corners, lanes.texture, surface.skin, read, probe=probe)
+        read = level_chooser(surface, lanes, at, tiling)
+        added = add_color(
+            total, at, lanes.corners, lanes.texture, surface.textures, read, probe=probe
+        )
         return added, None
 
     probes = jnp.arange(surface.filter.anisotropy, dtype=jnp.int32)

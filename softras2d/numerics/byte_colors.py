@@ -39,15 +39,16 @@ def warn_of_bytes(arrays: dict[str, Any]) -> None:
     """
     names = [name for name, colors in arrays.items() if _look_like_bytes(colors)]
     if names:
-        told = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        listed = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
         warnings.warn(
-            f"bytes in 0..255? White is 1, so divide them by 255. They are in {told}.",
+            f"bytes in 0..255? White is 1, so divide them by 255. They are in {listed}.",
             UserWarning,
             stacklevel=_level_of_caller(),
         )
 
 
 def _look_like_bytes(colors: Any) -> bool:
+    """Whether all colours look like bytes, as `warn_of_bytes` says; false under a trace."""
     if isinstance(colors, Tracer):
         return False
     rgb = np.asarray(colors)[..., :3]
@@ -58,7 +59,7 @@ def _look_like_bytes(colors: Any) -> bool:
 
 
 def _level_of_caller() -> int:
-    """The `stacklevel` of the first frame outside the package, for a warning by the caller."""
+    """Find the `stacklevel` at which a warning names the first caller outside the package."""
     level, frame = 1, sys._getframe(1)
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         level, frame = level + 1, frame.f_back

@@ -1,6 +1,6 @@
-"""Drops compiled programs before they are too many for one process.
+"""Drops compiled programs before there are too many for one process.
 
-Each compiled program keeps memory maps, a few hundred for a render, and Linux grants a process some
+Each compiled program holds memory maps, a few hundred for a render, and Linux allows a process some
 65,000 maps. The compiler crashes when they run out.
 """
 
@@ -12,8 +12,8 @@ _MAPS = Path("/proc/self/maps")
 _LIMIT = Path("/proc/sys/vm/max_map_count")
 
 _SHARE = 0.3
-"""Share of the granted maps from which on programs are dropped. Low, because one step of a loop may
-compile many programs."""
+"""Share of the allowed maps above which programs are dropped. It is low, because one step of a
+loop may compile many programs."""
 
 
 def drop_programs() -> bool:

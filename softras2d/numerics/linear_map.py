@@ -16,7 +16,7 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 Map = Callable[[Any, Any], Any]
-"""Function `(fixed, array)` to one array, linear in the array."""
+"""Function from `(fixed, array)` to one array, linear in the array."""
 
 
 def linear_map(forward: Map, backward: Map) -> Map:
@@ -33,71 +33,72 @@ def linear_map(forward: Map, backward: Map) -> Map:
         def unpack(function: Map) -> Callable[..., Any]:
             return lambda x, *leaves: function(tree.unflatten(leaves), x)
 
-        pair = _Pair(unpack(forward), unpack(backward))
+        pair = _MapAndTranspose(unpack(forward), unpack(backward))
         return _linear_map.bind(x, *leaves, pair=pair)
 
     return apply
 
 
-class _Pair:
+class _MapAndTranspose:
     """Both directions as functions of `x` and the leaves of `fixed`; a static parameter."""
 
     def __init__(self, forward: Callable[..., Any], backward: Callable[..., Any]):
         self.forward, self.backward = forward, backward
 
-    def batched(self, axes: tuple[Any, ...]) -> "_Pair":
+    def batched(self, axes: tuple[Any, ...]) -> "_MapAndTranspose":
         """Batch both directions over a leading axis of `x`, and of some leaves.
 
         These are the leaves whose entry in `axes` is not None.
         """
-        return _Pair(*(jax.vmap(f, (0, *axes)) for f in (self.forward, self.backward)))
+        return _MapAndTranspose(*(jax.vmap(f, (0, *axes)) for f in (self.forward, self.backward)))
 
 
 _linear_map = Primitive("linear_map")
 
 
-def _run(x, *leaves, pair: _Pair):
+def _run(x, *leaves, pair: _MapAndTranspose):
+    """The value, which is also the lowering."""
     return pair.forward(x, *leaves)
 
 
-def _shape(x, *leaves, pair: _Pair):
+def _shape(x, *leaves, pair: _MapAndTranspose):
     arguments = [jax.ShapeDtypeStruct(a.shape, a.dtype) for a in (x, *leaves)]
     out = jax.eval_shape(pair.forward, *arguments)
     return ShapedArray(out.shape, out.dtype)
 
 
-def _jvp(primals, tangents, *, pair: _Pair):
+def _jvp(primals, tangents, *, pair: _MapAndTranspose):
     x, *leaves = primals
     x_tangent, *leaf_tangents = tangents
     out = _linear_map.bind(x, *leaves, pair=pair)
     out_tangent = ad.Zero(jax.typeof(out).to_tangent_aval())
     if type(x_tangent) is not ad.Zero:
         out_tangent = _linear_map.bind(x_tangent, *leaves, pair=pair)
-    moving = [i for i, dot in enumerate(leaf_tangents) if type(dot) is not ad.Zero]
-    if moving:
+    active = [i for i, tangent in enumerate(leaf_tangents) if type(tangent) is not ad.Zero]
+    if active:
 
-        def of_moving(*values):
-            filled = list(leaves)
-            for i, leaf in zip(moving, values, strict=True):
-                filled[i] = leaf
-            return pair.forward(x, *filled)
+        def by_active_leaves(*values):
+            all_leaves = list(leaves)
+            for i, leaf in zip(active, values, strict=True):
+                all_leaves[i] = leaf
+            return pair.forward(x, *all_leaves)
 
-        primal, dot = ([entries[i] for i in moving] for entries in (leaves, leaf_tangents))
-        fixed_change = jax.jvp(of_moving, primal, dot)[1]
+        primal, tangent = ([entries[i] for i in active] for entries in (leaves, leaf_tangents))
+        fixed_change = jax.jvp(by_active_leaves, primal, tangent)[1]
         out_tangent = fixed_change if type(out_tangent) is ad.Zero else out_tangent + fixed_change
     return out, out_tangent
 
 
-def _transpose(cotangent, x, *leaves, pair: _Pair):
+def _transpose(cotangent, x, *leaves, pair: _MapAndTranspose):
     assert ad.is_undefined_primal(x) and not any(map(ad.is_undefined_primal, leaves))
     no_cotangents = [None] * len(leaves)
     if type(cotangent) is ad.Zero:
         return ad.Zero(x.aval), *no_cotangents
-    swapped = _Pair(pair.backward, pair.forward)
+    swapped = _MapAndTranspose(pair.backward, pair.forward)
     return _linear_map.bind(cotangent, *leaves, pair=swapped), *no_cotangents
 
 
-def _batch(arguments, axes, *, pair: _Pair):
+def _batch(arguments, axes, *, pair: _MapAndTranspose):
     x, *leaves = arguments
     size = next(a.shape[d] for a, d in zip(arguments, axes, strict=True) if d is not None)
     x = batching.bdim_at_front(x, axes[0], size)

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 _ROW = 64
+"""Number of entries of a row."""
 
 
 def cumulative_sum(x: Int[Array, " n"]) -> Int[Array, " n"]:
@@ -28,21 +29,22 @@ def cumulative_max(x: Int[Array, " n"]) -> Int[Array, " n"]:
 
 
 def _scan(x: Array, join: Callable[[Array, Array], Array]) -> Array:
+    """Combine all entries up to and including each entry; 0 is the neutral element of `join`."""
     count = x.shape[0]
     rows = -(-count // _ROW)
     table = jnp.pad(x, (0, rows * _ROW - count)).reshape(rows, _ROW)
-    table = _double(table, join)
-    before = jnp.pad(_double(table[:, -1][None], join)[0, :-1], (1, 0))
+    table = _scan_rows(table, join)
+    before = jnp.pad(_scan_rows(table[:, -1][None], join)[0, :-1], (1, 0))
     return join(table, before[:, None]).reshape(-1)[:count]
 
 
-def _double(table: Array, join: Callable[[Array, Array], Array]) -> Array:
+def _scan_rows(table: Array, join: Callable[[Array, Array], Array]) -> Array:
     """Scan each row in doubling steps: combine with the entry 1 before, then 2, 4 and so on."""
     length = table.shape[1]
-    nothing = jnp.zeros_like(table)
+    zeros = jnp.zeros_like(table)
 
     def step(k: Array, table: Array) -> Array:
-        padded = jnp.concatenate([nothing, table], 1)
+        padded = jnp.concatenate([zeros, table], 1)
         return join(table, jax.lax.dynamic_slice_in_dim(padded, length - (1 << k), length, 1))
 
     return jax.lax.fori_loop(0, (length - 1).bit_length(), step, table)

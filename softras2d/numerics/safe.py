@@ -1,4 +1,4 @@
-"""Functions whose value and slope at their singular point are decided here, once."""
+"""Functions whose value and gradient at a singular point are defined here, for all callers."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -6,9 +6,9 @@ from jaxtyping import Array, Float
 
 def sqrt(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     """Square root on `x > 0`; zero, with zero gradient, elsewhere."""
-    inside = x > 0
-    # Guard the argument too: backwards, the slope at 0 is inf, and 0 * inf is NaN.
-    return jnp.where(inside, jnp.sqrt(jnp.where(inside, x, 1.0)), 0.0)
+    positive = x > 0
+    # The argument is guarded too: in the vjp the derivative at 0 is inf, and 0 * inf is NaN.
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
 
 
 def divide(

@@ -1,6 +1,6 @@
-"""Counts on the host how many fragments show: (triangle, pixel) pairs with a visible sample.
+"""Counts on the host how many fragments a scene has: (triangle, pixel) pairs with a visible sample.
 
-The masks are those of `coverage/sampled.py`, which runs on numpy and jax arrays alike.
+Coverage words come from `coverage/sampled.py`, which runs on numpy and jax arrays alike.
 """
 
 from collections.abc import Callable, Iterator
@@ -8,28 +8,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..coverage.sampled import draw_lines, place_lines, row_order
+from ..coverage.sampled import rasterize, row_order, triangle_in_tile
 from ..geometry.fixed_point import Edges, Grid, SampleBounds
 from ..geometry.tiling import Tiling
 from ..scene import Scene
-from ..shading.fragments import pixels_seen
+from ..shading.fragments import visible_pixels
 
 _BATCH = 4096
-"""Number of tiles that are worked on at once, which bounds the memory."""
+"""Number of tiles that are processed at once, which bounds the memory."""
 
 
-class Pairs(NamedTuple):
-    """Pairs of a tile and a triangle in any order; `whole`: whether it covers the whole tile."""
+class ListedPairs(NamedTuple):
+    """Pairs of a tile and a triangle that no occluder hides, in any order.
+
+    - `covers_tile`: whether the triangle covers the whole tile.
+    """
 
     tile: np.ndarray
     triangle: np.ndarray
-    whole: np.ndarray
+    covers_tile: np.ndarray
 
 
 class DepthPlanes(NamedTuple):
     """Depth of each triangle: at sample (0, 0), and its steps from sample to sample.
 
-    `error`: by how much what a device finds may differ; 0 for triangles of one depth.
+    - `error`: bound on the difference from the depth that a device computes; 0 for triangles of
+      constant depth.
     """
 
     start: np.ndarray
@@ -38,40 +42,7 @@ class DepthPlanes(NamedTuple):
     error: np.ndarray
 
 
-def count_fragments(
-    edges: Edges, bounds: SampleBounds, pairs: Pairs, depth: DepthPlanes | None, tiling: Tiling
-) -> int:
-    """Number of fragments of an opaque scene.
-
-    With depth it is an upper bound: of triangles whose depths agree to within their rounding
-    errors, each may show.
-    """
-    # A tile that holds one triangle, all over, shows it in each of its pixels.
-    length = np.bincount(pairs.tile, minlength=tiling.count)
-    plain = pairs.whole & (length[pairs.tile] == 1)
-    total = int(plain.sum()) * tiling.height * tiling.width
-    order = np.lexsort((-pairs.triangle, pairs.tile))
-    order = order[~plain[order]]
-    tile, triangle = pairs.tile[order].astype(np.int32), pairs.triangle[order]
-    count = np.bincount(tile, minlength=tiling.count)
-    start = np.cumsum(count) - count
-    filled = np.ones(len(tile), bool)
-
-    def rows(pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        lines = place_lines(edges, bounds, triangle[pair], tile[pair], filled[pair], tiling)
-        drawn = draw_lines(lines, tiling)
-        return drawn, drawn
-
-    busy = np.flatnonzero(count)
-    for first in range(0, len(busy), _BATCH):
-        some = busy[first : first + _BATCH]
-        lists = _Lists(tile, triangle, start[some], count[some])
-        kept = rows if depth is None else _near_the_least(lists, rows, depth, tiling)
-        total += _count_seen(lists, kept, tiling)
-    return total
-
-
-class _Lists(NamedTuple):
+class _TileLists(NamedTuple):
     """Lists of some tiles, nearest triangle first: pairs `start..start + count - 1`."""
 
     tile: np.ndarray
@@ -79,21 +50,65 @@ class _Lists(NamedTuple):
     start: np.ndarray
     count: np.ndarray
 
+    def at(self, position: int) -> tuple[np.ndarray, np.ndarray]:
+        """The lists that are longer than `position`, and the pair of each at this position."""
+        longer = np.flatnonzero(self.count > position)
+        return longer, self.start[longer] + position
 
-Rows = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+WordsOfPairs = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Maps pairs to coverage words: samples at which they may show, and those that they surely hide."""
 
 
-def _count_seen(lists: _Lists, rows: Rows, tiling: Tiling) -> int:
-    """Pixels that may show each listed triangle, over all of them."""
-    covered = np.zeros((len(lists.count), tiling.sample_rows), np.uint32)
+def count_fragments(
+    edges: Edges,
+    bounds: SampleBounds,
+    pairs: ListedPairs,
+    depth: DepthPlanes | None,
+    tiling: Tiling,
+) -> int:
+    """Number of fragments of an opaque scene.
+
+    With depth it is an upper bound: of triangles whose depths agree to within their rounding
+    errors, each may show.
+    """
+    # A triangle that covers a tile and is alone in its list shows in each pixel of the tile.
+    length = np.bincount(pairs.tile, minlength=tiling.count)
+    is_alone = pairs.covers_tile & (length[pairs.tile] == 1)
+    total = int(is_alone.sum()) * tiling.height * tiling.width
+    order = np.lexsort((-pairs.triangle, pairs.tile))
+    order = order[~is_alone[order]]
+    tile, triangle = pairs.tile[order].astype(np.int32), pairs.triangle[order]
+    count = np.bincount(tile, minlength=tiling.count)
+    start = np.cumsum(count) - count
+    filled = np.ones(len(tile), bool)
+
+    def words_of(pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        triangles = triangle_in_tile(
+            edges, bounds, triangle[pair], tile[pair], filled[pair], tiling
+        )
+        words = rasterize(triangles, tiling)
+        return words, words
+
+    nonempty = np.flatnonzero(count)
+    for first in range(0, len(nonempty), _BATCH):
+        batch = nonempty[first : first + _BATCH]
+        lists = _TileLists(tile, triangle, start[batch], count[batch])
+        tested = words_of if depth is None else _test_depth(lists, words_of, depth, tiling)
+        total += _count_visible_pixels(lists, tested, tiling)
+    return total
+
+
+def _count_visible_pixels(lists: _TileLists, words_of: WordsOfPairs, tiling: Tiling) -> int:
+    """Number of pixels in which each listed triangle may show, summed over the triangles."""
+    hidden = np.zeros((len(lists.count), tiling.sample_rows), np.uint32)
     total = 0
-    for place in range(int(lists.count.max())):
-        here = np.flatnonzero(lists.count > place)
-        shown, hiding = rows(lists.start[here] + place)
-        seen = pixels_seen(shown & ~covered[here], tiling)
-        total += int(np.bitwise_count(seen).sum(dtype=np.int64))
-        covered[here] |= hiding
+    for position in range(int(lists.count.max())):
+        tiles, pair = lists.at(position)
+        shown, hiding = words_of(pair)
+        pixels = visible_pixels(shown & ~hidden[tiles], tiling)
+        total += int(np.bitwise_count(pixels).sum(dtype=np.int64))
+        hidden[tiles] |= hiding
     return total
 
 
@@ -115,38 +130,53 @@ def depth_planes(corners: np.ndarray, scene: Scene, grid: Grid) -> DepthPlanes:
     return DepthPlanes(start, right / grid.rate, down / grid.rate, error)
 
 
-def _near_the_least(lists: _Lists, rows: Rows, depth: DepthPlanes, tiling: Tiling) -> Rows:
+def _test_depth(
+    lists: _TileLists, words_of: WordsOfPairs, depth: DepthPlanes, tiling: Tiling
+) -> WordsOfPairs:
     """Samples at which triangles may be the nearest, and at which they surely are.
 
     Rounding errors, which differ between devices, decide which of two surfaces at nearly one depth
     is nearer. Where depths agree to within their errors, all of the triangles may show.
     """
-    low = int(lists.start.min())
-    size = int((lists.start + lists.count).max()) - low, tiling.sample_rows
+    first_pair = int(lists.start.min())
+    pairs = int((lists.start + lists.count).max()) - first_pair
     shape = (len(lists.count), tiling.sample_rows, tiling.sample_columns)
+    # Bounds on the depth of the nearest triangle at each sample.
     least_low, least_high = (np.full(shape, np.inf) for _ in range(2))
-    across = np.arange(tiling.sample_columns, dtype=np.uint32)
+    bit = np.arange(tiling.sample_columns, dtype=np.uint32)
 
-    def visits() -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """Per place the tiles, their pairs, where these are drawn, and bounds of the depth."""
-        for place in range(int(lists.count.max())):
-            here = np.flatnonzero(lists.count > place)
-            pair = lists.start[here] + place
-            column, row = tiling.first_sample(lists.tile[pair])
-            start, right, down, error = (e[lists.triangle[pair], None, None] for e in depth)
-            z = start + right * (column[:, None, None] + across)
-            z = z + down * (row[:, None] + row_order(tiling, np))[:, :, None]
-            drawn = ((rows(pair)[0][..., None] >> across) & 1).astype(bool)
-            yield here, pair, drawn, z - error, z + error
+    def visit_pairs() -> Iterator[
+        tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    ]:
+        """Tiles, their pairs at one position, covered samples, and both bounds of the depth."""
+        for position in range(int(lists.count.max())):
+            tiles, pair = lists.at(position)
+            covered = ((words_of(pair)[0][..., None] >> bit) & 1).astype(bool)
+            z, error = _depth_at_samples(depth, lists.triangle[pair], lists.tile[pair], tiling)
+            yield tiles, pair, covered, z - error, z + error
 
-    for here, _, drawn, near, far in visits():
-        least_low[here] = np.where(drawn, np.minimum(near, least_low[here]), least_low[here])
-        least_high[here] = np.where(drawn, np.minimum(far, least_high[here]), least_high[here])
-    may, must = np.zeros(size, np.uint32), np.zeros(size, np.uint32)
-    for here, pair, drawn, near, far in visits():
-        for words, nearest in (
-            (may, drawn & (near <= least_high[here])),
-            (must, drawn & (far <= least_low[here])),
+    for tiles, _, covered, low, high in visit_pairs():
+        least_low[tiles] = np.where(covered, np.minimum(low, least_low[tiles]), least_low[tiles])
+        least_high[tiles] = np.where(
+            covered, np.minimum(high, least_high[tiles]), least_high[tiles]
+        )
+    possible, certain = (np.zeros((pairs, tiling.sample_rows), np.uint32) for _ in range(2))
+    for tiles, pair, covered, low, high in visit_pairs():
+        for words, is_nearest in (
+            (possible, covered & (low <= least_high[tiles])),
+            (certain, covered & (high <= least_low[tiles])),
         ):
-            words[pair - low] = (nearest.astype(np.uint32) << across).sum(-1, dtype=np.uint32)
-    return lambda pair: (may[pair - low], must[pair - low])
+            bits = is_nearest.astype(np.uint32) << bit
+            words[pair - first_pair] = bits.sum(-1, dtype=np.uint32)
+    return lambda pair: (possible[pair - first_pair], certain[pair - first_pair])
+
+
+def _depth_at_samples(
+    depth: DepthPlanes, triangle: np.ndarray, tile: np.ndarray, tiling: Tiling
+) -> tuple[np.ndarray, np.ndarray]:
+    """Depth at all samples `[pairs, rows, columns]` of each triangle's tile, and its error."""
+    column, row = tiling.first_sample(tile)
+    start, right, down, error = (entry[triangle, None, None] for entry in depth)
+    columns = column[:, None, None] + np.arange(tiling.sample_columns, dtype=np.uint32)
+    rows = (row[:, None] + row_order(tiling, np))[:, :, None]
+    return start + right * columns + down * rows, error

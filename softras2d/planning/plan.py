@@ -23,8 +23,8 @@ class Plan(eqx.Module):
     - `height`, `width`: of the canvas in pixels; `coverage`, `filter`: as chosen.
     - `origin`: the pixel (x, y) of the scene at the canvas's upper left.
     - `capacity`: lengths of the lists.
-    - `side`: pixels along a square tile under analytic coverage; 0 in hard mode.
-    - `effects`: names of the rows of `EFFECTS` that some scene calls for.
+    - `side`: pixels along a square tile under analytic coverage; 0 under sampled coverage.
+    - `effects`: names of the rows of `EFFECTS` that the scenes need.
     - `grid_bits`: vertices are snapped to multiples of 2^-grid_bits pixel in hard mode; None is
       the finest grid that fits the canvas.
     """
@@ -62,17 +62,17 @@ class Plan(eqx.Module):
 
     @property
     def memory(self) -> int:
-        """Bytes of the largest arrays that live together in one render, roughly."""
+        """Approximate bytes of the largest arrays that one render holds at the same time."""
         tiling, capacity = self.tiling, self.capacity
-        words = capacity.chunks * capacity.layers * tiling.sample_rows * 4
-        tile_pixels = tiling.height * tiling.width * 4
-        lists = 17 * 4 * capacity.pairs + 2 * words
-        lists += (3 * capacity.chunks + 7 * tiling.count) * tile_pixels
-        shaded = 4 * capacity.fragments * (60 + tiling.grid.rate)
-        in_order = 0
+        coverage_words = capacity.chunks * capacity.layers * tiling.sample_rows * 4
+        tile_channel = tiling.height * tiling.width * 4
+        lists = 17 * 4 * capacity.pairs + 2 * coverage_words
+        lists += (3 * capacity.chunks + 7 * tiling.count) * tile_channel
+        fragments = 4 * capacity.fragments * (60 + tiling.grid.rate)
+        steps = 0
         if {"translucency", "depth test"} & set(self.effects):
-            in_order = 4 * tiling.sample_rows * (2 * capacity.pairs + capacity.steps * BLOCK)
-        return lists + shaded + in_order
+            steps = 4 * tiling.sample_rows * (2 * capacity.pairs + capacity.steps * BLOCK)
+        return lists + fragments + steps
 
     def __str__(self) -> str:
         if isinstance(self.origin, Tracer):

@@ -15,9 +15,9 @@ from jax.core import Tracer
 
 from ..scene import Scene
 
-_FEW = (64, 1024)
-"""Size classes of triangles. Beyond the last they are powers of two: with 1,000 triangles the
-padding of a class four times as large starts to cost time."""
+_SMALL_CLASSES = (64, 1024)
+"""Size classes of triangles. Beyond the last they are powers of two: from 1,000 triangles on, the
+padding of classes that grow by more would cost time."""
 
 
 def pad(scene: Scene) -> Scene:
@@ -28,11 +28,11 @@ def pad(scene: Scene) -> Scene:
     times, which covers nothing whatever becomes of that vertex. Vertices are padded too; textures
     are kept. Triangles number 64, 1024 or a higher power of two.
 
-    `render` does this by itself for concrete scenes, and a plan is the same for both. Within a
-    `jit` of your own the shapes are what comes in: pad outside, once, and optimise the padded
-    scene. Accepts a batch, and arrays on the host or on the device; the result is on the device. A
-    scene without triangles is returned unchanged; padding twice changes nothing. Raises
-    `ValueError` under a trace.
+    `render` pads concrete scenes by itself, and the plan of a padded scene is that of the scene.
+    Within a `jit` of your own nothing is padded: pad outside, once, and optimise the padded scene.
+    Accepts a batch, and arrays on the host or on the device; the result is on the device. A scene
+    without triangles is returned unchanged; padding twice changes nothing. Raises `ValueError`
+    under a trace.
     """
     if is_traced(scene):
         raise ValueError("`pad` needs a concrete scene: pad outside jit, vmap and grad.")
@@ -44,7 +44,8 @@ def pad(scene: Scene) -> Scene:
     axis = len(batch)
     more_triangles = _triangle_class(triangles) - triangles
     more_vertices = _vertex_class(vertices, triangles, triangles + more_triangles) - vertices
-    ends = {
+    # For each array the number of appended entries, and their value.
+    padding = {
         "positions": (more_vertices, 0),
         "triangles": (more_triangles, 0),
         "colors": (more_triangles, 0),
@@ -53,12 +54,12 @@ def pad(scene: Scene) -> Scene:
         "depth": (more_vertices, 0),
         "inverse_w": (more_vertices, 1),
     }
-    names = [name for name in ends if getattr(scene, name) is not None]
+    names = [name for name in padding if getattr(scene, name) is not None]
     # `dataclasses.replace` would call the constructor, which takes no batch.
     return eqx.tree_at(
         lambda scene: [getattr(scene, name) for name in names],
         scene,
-        [_append(getattr(scene, name), *ends[name], axis) for name in names],
+        [_append(getattr(scene, name), *padding[name], axis) for name in names],
     )
 
 
@@ -75,23 +76,24 @@ def is_traced(tree: Any) -> bool:
 
 
 def fine_class(count: int) -> int:
-    """The next of eight size classes per octave, for arrays whose padding costs much.
+    """Round up to one of eight size classes per octave, for arrays whose padding costs much.
 
-    The unknowns of a fit are padded so.
+    The unknowns of a fit have these sizes.
     """
     step = max((1 << (count - 1).bit_length()) // 16, 4)
     return -(-count // step) * step
 
 
 def _triangle_class(count: int) -> int:
-    return next((size for size in _FEW if count <= size), _next_power(count))
+    """Size class of the triangles."""
+    return next((size for size in _SMALL_CLASSES if count <= size), _next_power(count))
 
 
 def _vertex_class(vertices: int, triangles: int, triangle_class: int) -> int:
-    """Size class of the vertices, which depends on that of the triangles alone where it can.
+    """Size class of the vertices, in proportion to that of the triangles where possible.
 
-    Meshes that share most vertices have one class, soups another, so that no second border between
-    classes is crossed where the number of triangles crosses none.
+    Meshes that share most vertices have one ratio, and triangles that share none another. So two
+    similar scenes whose triangles have one size class have one size class of vertices too.
     """
     for share in (1, 3):
         if vertices <= share * triangles:
@@ -110,7 +112,7 @@ def _append(array: Any, more: int, value: int, axis: int) -> Any:
     host = np.asarray(array)
     shape = list(host.shape)
     shape[axis] += more
-    longer = np.full(shape, value, host.dtype)
-    longer[(slice(None),) * axis + (slice(host.shape[axis]),)] = host
+    padded = np.full(shape, value, host.dtype)
+    padded[(slice(None),) * axis + (slice(host.shape[axis]),)] = host
     is_committed = isinstance(array, jax.Array) and array.committed
-    return jax.device_put(longer, array.sharding if is_committed else None)  # pyright: ignore
+    return jax.device_put(padded, array.sharding if is_committed else None)  # pyright: ignore

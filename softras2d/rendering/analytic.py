@@ -21,18 +21,14 @@ from ..coverage.edge_lines import TriangleLines, triangle_lines
 from ..geometry.fixed_point import Grid, corners_of, reorient
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from ..planning.capacities import (
-    FADING_HEADROOM,
-    VARYING_HEADROOM,
-    Needs,
-    choose_capacity,
-    count_fading,
-)
+from ..planning.capacities import ANALYTIC_HEADROOM, VARYING_HEADROOM, Needs, choose_capacity
 from ..planning.effects import is_occluder, varies
+from ..planning.list_counts import count_analytic_lists
 from ..planning.plan import Plan
 from ..scene import Scene
-from ..shading.pixel_color import Carried, Shaded, shade_slots
-from ..shading.surface import Skin, at_corners, corner_attributes
+from ..shading.corner_attributes import at_corners, corner_attributes
+from ..shading.pixel_color import ShadedSlots, TriangleAttributes, shade_slots
+from ..shading.texture_lookup import Textures
 from .coverage_mode import CoverageMode, Drawn, Layout
 
 _FARTHEST = 2.0**30
@@ -97,7 +93,7 @@ class AnalyticMode(CoverageMode):
     def composite(
         self,
         coverage: Any,
-        shaded: Shaded,
+        shaded: ShadedSlots,
         triangles: ReachedTriangles,
         chunks: Chunks,
         max_chunks: int,
@@ -114,7 +110,7 @@ class AnalyticMode(CoverageMode):
         max_width: float | None,
     ) -> Layout:
         """Capacities for the largest of the scenes, and the tile side of least work."""
-        headroom = VARYING_HEADROOM if any(map(varies, scenes)) else FADING_HEADROOM
+        headroom = VARYING_HEADROOM if any(map(varies, scenes)) else ANALYTIC_HEADROOM
         reach = self.reach(coverage, max_width)
         corners = [
             corners_of(np.asarray(scene.positions), np.asarray(scene.triangles), origin)
@@ -123,7 +119,9 @@ class AnalyticMode(CoverageMode):
         side = choose_side(corners, grid, reach)
         tiling = Tiling.square(grid, side)
         summed = self.is_sum(coverage)
-        counts = [count_fading(scene, tiling, reach, origin, summed=summed) for scene in scenes]
+        counts = [
+            count_analytic_lists(scene, tiling, reach, origin, summed=summed) for scene in scenes
+        ]
         pixels = grid.height * grid.width
         capacity = choose_capacity(counts, in_order=False, pixels=pixels, headroom=headroom)
         return Layout(capacity, side)
@@ -153,14 +151,17 @@ class AnalyticMode(CoverageMode):
         lines = materialized(triangle_lines)(slots, tile)
         geometry = self.slot_geometry(coverage, slots, tile, lines, tiling.width)
         covered = evaluate(functions.coverage, slots, geometry.coverage, parameter)
-        carried = _carried(scene, triangles, plan)
+        attributes = _triangle_attributes(scene, triangles, plan)
         shaded = shade_slots(
-            carried, covered, functions.weights, slots, geometry.weights, lines, chunks
+            attributes, covered, functions.weights, slots, geometry.weights, lines, chunks
         )
         layers = self.composite(coverage, shaded, triangles, chunks, capacity.max_chunks)
         image = materialized(functools.partial(_to_image, tiling=tiling))(layers, background)
         needs = Needs(
-            strips=lists.strips, pairs=lists.pairs, chunks=chunks.needed, max_chunks=chunks.deepest
+            strips=lists.strips,
+            pairs=lists.pairs,
+            chunks=chunks.needed,
+            max_chunks=chunks.most_in_tile,
         )
         return Drawn(image, needs)
 
@@ -209,7 +210,9 @@ def _first_pixel(chunks: Chunks, *, tiling: Tiling, dtype: Any) -> Float[Array, 
     return jnp.stack([index.astype(dtype) for index in tiling.first_sample(tile)])
 
 
-def _carried(scene: Scene, triangles: ReachedTriangles, plan: Plan) -> Carried:
+def _triangle_attributes(
+    scene: Scene, triangles: ReachedTriangles, plan: Plan
+) -> TriangleAttributes:
     """Corner attributes, textures and depth, for shading."""
     inverse_w = scene.inverse_w if varies(scene) else None
     corners = materialized(corner_attributes)(
@@ -218,8 +221,8 @@ def _carried(scene: Scene, triangles: ReachedTriangles, plan: Plan) -> Carried:
     depth = None
     if scene.depth is not None:
         depth = materialized(at_corners)(scene.depth, scene.triangles, triangles.orientation)
-    skin = Skin.of(scene.textures, plan.filter)
-    return Carried(corners, scene.texture_index, skin, depth)
+    textures = Textures.of(scene.textures, plan.filter)
+    return TriangleAttributes(corners, scene.texture_index, textures, depth)
 
 
 def add_signed(

@@ -14,7 +14,7 @@ from ..coverage.edge_lines import TriangleLines
 from ..numerics.fusion_barrier import materialized
 from ..options import Area
 from ..planning.effects import EFFECTS
-from ..shading.pixel_color import Shaded
+from ..shading.pixel_color import ShadedSlots
 from .analytic import AnalyticMode, PixelFunctions, SlotGeometry, add_signed
 
 
@@ -62,7 +62,7 @@ class AreaMode(AnalyticMode):
     def composite(
         self,
         coverage: Area,
-        shaded: Shaded,
+        shaded: ShadedSlots,
         triangles: ReachedTriangles,
         chunks: Chunks,
         max_chunks: int,

@@ -14,7 +14,7 @@ from ..binning.lists import Chunks, Steps, cut_chunks, cut_steps
 from ..binning.tiles import TileLists, list_tiles
 from ..compositing import deferred_shading, opaque, over
 from ..coverage.depth_test import Depths, keep_nearest
-from ..coverage.sampled import covered_rows, hide
+from ..coverage.sampled import coverage_words, remove_hidden
 from ..geometry import fixed_point
 from ..geometry.barycentric import Weights, slot_weights
 from ..geometry.fixed_point import Edges, Grid, GridTriangles, SampleBounds, reorient
@@ -28,12 +28,14 @@ from ..gradients.layered_samples import LayeredSamples
 from ..gradients.visible_front import Front, OpaqueSamples
 from ..numerics.fusion_barrier import materialized
 from ..options import Hard
-from ..planning.capacities import HARD_HEADROOM, Needs, choose_capacity, count_lists
+from ..planning.capacities import SAMPLED_HEADROOM, Needs, choose_capacity
 from ..planning.effects import EFFECTS, is_occluder, is_shaded, is_translucent, varies
+from ..planning.list_counts import count_sampled_lists
 from ..planning.plan import Plan
 from ..scene import Scene
-from ..shading.fragments import cut_fragments
-from ..shading.surface import Surface, at_corners, corner_attributes, surface_of
+from ..shading.corner_attributes import at_corners, corner_attributes
+from ..shading.fragments import list_fragments
+from ..shading.surface import Surface, surface_of
 from .coverage_mode import CoverageMode, Drawn, Layout
 
 
@@ -73,11 +75,11 @@ class SampledMode(CoverageMode):
         max_width: float | None,
     ) -> Layout:
         """Capacities for the largest of the scenes."""
-        counts = [count_lists(scene, grid, coverage, origin) for scene in scenes]
+        counts = [count_sampled_lists(scene, grid, coverage, origin) for scene in scenes]
         in_order = any(is_translucent(scene) or scene.depth is not None for scene in scenes)
         pixels = grid.height * grid.width
         return Layout(
-            choose_capacity(counts, in_order=in_order, pixels=pixels, headroom=HARD_HEADROOM)
+            choose_capacity(counts, in_order=in_order, pixels=pixels, headroom=SAMPLED_HEADROOM)
         )
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
@@ -105,7 +107,7 @@ class SampledMode(CoverageMode):
             chunks = cut_chunks(lists, layers=capacity.layers, capacity=capacity.chunks)
             image, fragments = _paint(projected, lists, steps, chunks, background, scene, plan)
             needs = needs._replace(
-                chunks=chunks.needed, max_chunks=chunks.deepest, fragments=fragments
+                chunks=chunks.needed, max_chunks=chunks.most_in_tile, fragments=fragments
             )
         return Drawn(image, needs, projected.leaves_guard_band)
 
@@ -223,7 +225,7 @@ def _listed_words(
     """Coverage words of each listed pair, and those of them that pass the depth test."""
     edges, boxes, tiling = projected.edges, projected.bounds, plan.tiling
     all_valid = jnp.ones(lists.triangle.shape, bool)
-    covered = covered_rows(edges, boxes, lists.triangle, lists.tile, all_valid, tiling)
+    covered = coverage_words(edges, boxes, lists.triangle, lists.tile, all_valid, tiling)
     if projected.depths is None:
         return covered, covered
     return covered, keep_nearest(projected.depths, covered, lists, steps, tiling)
@@ -233,7 +235,7 @@ def _gather_slots(
     pair_words: UInt32[Array, "pairs rows"], chunks: Chunks
 ) -> UInt32[Array, "chunks layers rows"]:
     """Words of listed pairs at the slots of chunks; none in empty slots."""
-    words = pair_words.at[chunks.place].get(mode="clip")
+    words = pair_words.at[chunks.entry].get(mode="clip")
     return jnp.where(chunks.filled[..., None], words, jnp.uint32(0))
 
 
@@ -253,7 +255,7 @@ def _paint(
     tiling, capacity = plan.tiling, plan.capacity
     if steps is None:
         tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
-        covered = covered_rows(
+        covered = coverage_words(
             projected.edges, projected.bounds, chunks.triangle, tile, chunks.filled, tiling
         )
         passed = covered
@@ -262,7 +264,7 @@ def _paint(
             materialized(_gather_slots)(words, chunks)
             for words in _listed_words(projected, lists, steps, plan)
         )
-    visible, covered_so_far = hide(passed, chunks, max_chunks=capacity.max_chunks)
+    visible, covered_so_far = remove_hidden(passed, chunks, max_chunks=capacity.max_chunks)
     surface = projected.surface
     if background.shape[0] == 4:
         opaque_corners = opaque.with_alpha(surface.corners.color)
@@ -270,7 +272,7 @@ def _paint(
     fragment_count = jnp.zeros((), jnp.int32)
     shading = plan.hard.shading
     if is_shaded(scene, shading):
-        fragments = cut_fragments(visible, tiling, capacity=capacity.fragments)
+        fragments = list_fragments(visible, tiling, capacity=capacity.fragments)
         totals = deferred_shading.sum_shaded(
             surface, fragments, covered, chunks, tiling, shading=shading
         )

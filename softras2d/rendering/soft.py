@@ -18,7 +18,7 @@ from ..coverage.soft import SoftCoverage
 from ..numerics.device import to_device
 from ..options import Soft
 from ..planning.effects import EFFECTS
-from ..shading.pixel_color import Shaded
+from ..shading.pixel_color import ShadedSlots
 from .analytic import AnalyticMode, PixelFunctions, SlotGeometry
 
 
@@ -66,7 +66,7 @@ class SoftMode(AnalyticMode):
     def composite(
         self,
         coverage: Soft,
-        shaded: Shaded,
+        shaded: ShadedSlots,
         triangles: ReachedTriangles,
         chunks: Chunks,
         max_chunks: int,

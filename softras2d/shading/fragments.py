@@ -4,18 +4,19 @@ Shading visits a list of fragments, so hidden triangles cost nothing. An opaque 
 fragment per pixel, and one more where a visible edge crosses the pixel.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, UInt32
 
-from ..binning.expansion import expand, saturated_sum
+from ..binning.expansion import Expansion, expand_on_device
 from ..geometry.barycentric import Weights
 from ..geometry.fixed_point import Edge, Edges
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from .surface import Points, pick_lanes
+from .surface import Points, gather_lanes
 
 
 class Fragments(NamedTuple):
@@ -35,7 +36,7 @@ class Fragments(NamedTuple):
     needed: Int[Array, ""]
 
 
-def pixels_seen(visible: Any, tiling: Tiling) -> Any:
+def visible_pixels(visible: Any, tiling: Tiling) -> Any:
     """Mark the pixels of each pixel row that have a visible sample.
 
     The bit of such a pixel's first sample is set. Maps `[*slots, rows]` words to `[*slots,
@@ -46,41 +47,69 @@ def pixels_seen(visible: Any, tiling: Tiling) -> Any:
     any_sub_row = visible[..., :height]
     for sub in range(1, rate):
         any_sub_row = any_sub_row | visible[..., sub * height : (sub + 1) * height]
-    joined = any_sub_row
+    any_sample = any_sub_row
     for sub_column in range(1, rate):
-        joined = joined | (any_sub_row >> xp.uint32(sub_column))
-    return joined & xp.uint32(sum(1 << (x * rate) for x in range(tiling.width)))
+        any_sample = any_sample | (any_sub_row >> xp.uint32(sub_column))
+    return any_sample & xp.uint32(sum(1 << (x * rate) for x in range(tiling.width)))
 
 
-def cut_fragments(
+def list_fragments(
     visible: UInt32[Array, "chunks layers rows"], tiling: Tiling, *, capacity: int
 ) -> Fragments:
     """List the visible fragments; if there are more than `capacity`, some are missing."""
+    pixel_words, counts = _count_pixels(visible, tiling)
+    expansion = _expand_counts(counts, capacity)
+    slot, column, row = _locate(pixel_words, expansion.owner, expansion.rank, tiling)
+    bits = gather_bits(visible, slot, jnp.where(expansion.is_used, column, -1), row, tiling)
+    return Fragments(slot, column, row, bits, expansion.total)
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _count_pixels(
+    visible: UInt32[Array, "chunks layers rows"], tiling: Tiling
+) -> tuple[UInt32[Array, " pixel_rows"], Int[Array, " pixel_rows"]]:
+    """Mark the visible pixels of each pixel row of each slot, and count them."""
+    pixel_words = visible_pixels(visible, tiling).reshape(-1)
+    return pixel_words, jax.lax.population_count(pixel_words).astype(jnp.int32)
+
+
+@functools.partial(materialized, static_argnames=("capacity",))
+def _expand_counts(counts: Int[Array, " pixel_rows"], capacity: int) -> Expansion:
+    """List each visible pixel, as a pixel row and a rank in it."""
+    return expand_on_device(counts, capacity=capacity)
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _locate(
+    pixel_words: UInt32[Array, " pixel_rows"],
+    pixel_row: Int[Array, " fragments"],
+    rank: Int[Array, " fragments"],
+    tiling: Tiling,
+) -> tuple[Int[Array, " fragments"], Int[Array, " fragments"], Int[Array, " fragments"]]:
+    """Find the slot of each visible pixel, and its column and row in the tile."""
     height = tiling.height
-
-    @materialized
-    def count_pixels(visible):
-        seen_pixels = pixels_seen(visible, tiling).reshape(-1)
-        return seen_pixels, jax.lax.population_count(seen_pixels).astype(jnp.int32)
-
-    @materialized
-    def expand_counts(counts):
-        owner, rank = expand(counts, capacity)
-        total = saturated_sum(counts)
-        return owner, rank, jnp.arange(capacity, dtype=jnp.int32) < total, total
-
-    @materialized
-    def find(seen_pixels, owner, rank):
-        return owner // height, _place_of_bit(seen_pixels[owner], rank, tiling), owner % height
-
-    seen_pixels, counts = count_pixels(visible)
-    owner, rank, used, total = expand_counts(counts)
-    slot, column, row = find(seen_pixels, owner, rank)
-    bits = pick_bits(visible, slot, jnp.where(used, column, -1), row, tiling)
-    return Fragments(slot, column, row, bits, total)
+    return (
+        pixel_row // height,
+        _pixel_of_rank(pixel_words[pixel_row], rank, tiling),
+        pixel_row % height,
+    )
 
 
-def pick_bits(
+def _pixel_of_rank(
+    word: UInt32[Array, " fragments"], rank: Int[Array, " fragments"], tiling: Tiling
+) -> Int[Array, " fragments"]:
+    """Find the pixel of the `rank`-th set bit in a word of `visible_pixels`."""
+    before = jnp.zeros_like(rank)
+    pixel = jnp.zeros_like(rank)
+    for x in range(tiling.width):
+        bit = ((word >> jnp.uint32(x * tiling.grid.rate)) & jnp.uint32(1)).astype(jnp.int32)
+        pixel = jnp.where((bit == 1) & (before == rank), x, pixel)
+        before = before + bit
+    return pixel
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def gather_bits(
     words: UInt32[Array, "chunks layers rows"],
     slot: Int[Array, " fragments"],
     column: Int[Array, " fragments"],
@@ -91,33 +120,17 @@ def pick_bits(
 
     They are zero where `column` is -1.
     """
-    rate, height = tiling.grid.rate, tiling.height
-
-    @materialized
-    def gather_samples(words, slot, column, row):
-        sub_row = jnp.arange(rate, dtype=jnp.int32)[:, None]
-        word_index = (slot * tiling.sample_rows + row)[None] + sub_row * height
-        word = words.reshape(-1).at[word_index].get(mode="promise_in_bounds")
-        shift = (jnp.maximum(column, 0) * rate).astype(jnp.uint32)[None]
-        bits = (word >> shift) & jnp.uint32((1 << rate) - 1)
-        return jnp.where((column >= 0)[None], bits, jnp.uint32(0))
-
-    return gather_samples(words, slot, column, row)
-
-
-def _place_of_bit(word: Array, rank: Array, tiling: Tiling) -> Int[Array, " fragments"]:
-    """Find the pixel of the `rank`-th set bit in a word of `pixels_seen`."""
-    before = jnp.zeros_like(rank)
-    pixel = jnp.zeros_like(rank)
-    for x in range(tiling.width):
-        bit = ((word >> jnp.uint32(x * tiling.grid.rate)) & jnp.uint32(1)).astype(jnp.int32)
-        pixel = jnp.where((bit == 1) & (before == rank), x, pixel)
-        before = before + bit
-    return pixel
+    rate = tiling.grid.rate
+    sub_row = jnp.arange(rate, dtype=jnp.int32)[:, None]
+    word_index = (slot * tiling.sample_rows + row)[None] + sub_row * tiling.height
+    word = words.reshape(-1).at[word_index].get(mode="promise_in_bounds")
+    shift = (jnp.maximum(column, 0) * rate).astype(jnp.uint32)[None]
+    bits = (word >> shift) & jnp.uint32((1 << rate) - 1)
+    return jnp.where((column >= 0)[None], bits, jnp.uint32(0))
 
 
 def sample_points(
-    fragments: Fragments, sub_row: Array, sub_column: Array, tiling: Tiling
+    fragments: Fragments, sub_row: Int[Array, ""], sub_column: Int[Array, ""], tiling: Tiling
 ) -> Points:
     """Make the points of one sample of each fragment's pixel."""
     rate = tiling.grid.rate
@@ -130,8 +143,8 @@ def shading_points(
     covered: UInt32[Array, "sub_rows fragments"],
     edges: Edges,
     weights: Weights,
-    triangle: Array,
-    tile: Array,
+    triangle: Int[Array, " slots"],
+    tile: Int[Array, " slots"],
     tiling: Tiling,
 ) -> Points:
     """Choose the point of each fragment at which multisampling shades it.
@@ -139,48 +152,75 @@ def shading_points(
     This is the centre of the pixel if the closed triangle contains it. Otherwise it is the centroid
     of those samples of the pixel that the triangle covers, whether they are visible or not.
 
-    `covered` has those samples, laid out as `Fragments.bits`. `weights` are per fragment;
-    `triangle` and `tile` are per slot.
+    `covered` has those samples, laid out as `Fragments.bits`. `weights` are per fragment.
     """
-    rate = tiling.grid.rate
-
-    @materialized
-    def locate(edge, triangle, tile):
-        return edge.gather(triangle).rebased(*tiling.first_sample(tile))
-
-    @materialized
-    def add_samples(bits):
-        count, across, down = (jnp.zeros(bits.shape[1], jnp.int32) for _ in range(3))
-        for sub, word in enumerate(bits):
-            in_row = jax.lax.population_count(word).astype(jnp.int32)
-            count, down = count + in_row, down + sub * in_row
-            for i in range(1, rate):
-                across = across + i * ((word >> jnp.uint32(i)) & jnp.uint32(1)).astype(jnp.int32)
-        return count, across, down
-
-    @materialized
-    def is_central(weights, middle, column, row, count):
-        terms = [weights.edges.gather(k) for k in (0, 1)]
-        return holds([*terms, middle], _centre(column, row, rate)) | (count == 0)
-
-    @materialized
-    def choose(central, column, row, count, across, down):
-        middle = _centre(column, row, rate)
-        return Points(
-            jnp.where(central, 2, count),
-            jnp.where(central, middle.across, across + count * column * rate),
-            jnp.where(central, middle.down, down + count * row * rate),
-        )
-
-    column, row = fragments.column, fragments.row
     # `weights` already contains the other two edges.
-    middle = pick_lanes(locate(edges[1], triangle, tile), fragments.slot)
-    count, across, down = add_samples(covered)
-    central = is_central(weights, middle, column, row, count)
-    return choose(central, column, row, count, across, down)
+    middle_edge = gather_lanes(_rebase(edges[1], triangle, tile, tiling), fragments.slot)
+    count, across, down = _sum_samples(covered, tiling.grid.rate)
+    is_central = _is_central(
+        weights, middle_edge, fragments.column, fragments.row, count, tiling.grid.rate
+    )
+    return _choose_point(
+        is_central, fragments.column, fragments.row, count, across, down, tiling.grid.rate
+    )
 
 
-def _centre(column: Array, row: Array, rate: int) -> Points:
+@functools.partial(materialized, static_argnames=("tiling",))
+def _rebase(
+    edge: Edge, triangle: Int[Array, " slots"], tile: Int[Array, " slots"], tiling: Tiling
+) -> Edge:
+    """Gather an edge of each slot's triangle, with samples counted from the slot's tile."""
+    return edge.gather(triangle).rebased(*tiling.first_sample(tile))
+
+
+@functools.partial(materialized, static_argnames=("rate",))
+def _sum_samples(
+    bits: UInt32[Array, "sub_rows fragments"], rate: int
+) -> tuple[Int[Array, " fragments"], Int[Array, " fragments"], Int[Array, " fragments"]]:
+    """Count the samples in each pixel, and sum their columns and rows within it."""
+    count, across, down = (jnp.zeros(bits.shape[1], jnp.int32) for _ in range(3))
+    for sub, word in enumerate(bits):
+        in_row = jax.lax.population_count(word).astype(jnp.int32)
+        count, down = count + in_row, down + sub * in_row
+        for i in range(1, rate):
+            across = across + i * ((word >> jnp.uint32(i)) & jnp.uint32(1)).astype(jnp.int32)
+    return count, across, down
+
+
+@functools.partial(materialized, static_argnames=("rate",))
+def _is_central(
+    weights: Weights,
+    middle_edge: Edge,
+    column: Int[Array, " fragments"],
+    row: Int[Array, " fragments"],
+    count: Int[Array, " fragments"],
+    rate: int,
+) -> Bool[Array, " fragments"]:
+    """Decide which fragments are shaded at the centre: if it is inside, or no sample is covered."""
+    edges = [weights.edges.gather(0), weights.edges.gather(1), middle_edge]
+    return contains(edges, _centre(column, row, rate)) | (count == 0)
+
+
+@functools.partial(materialized, static_argnames=("rate",))
+def _choose_point(
+    is_central: Bool[Array, " fragments"],
+    column: Int[Array, " fragments"],
+    row: Int[Array, " fragments"],
+    count: Int[Array, " fragments"],
+    across: Int[Array, " fragments"],
+    down: Int[Array, " fragments"],
+    rate: int,
+) -> Points:
+    """Select the centre of each pixel, or the centroid of its `count` samples."""
+    centre = _centre(column, row, rate)
+    return Points(
+        jnp.where(is_central, 2, count),
+        jnp.where(is_central, centre.across, across + count * column * rate),
+        jnp.where(is_central, centre.down, down + count * row * rate),
+    )
+
+
+def _centre(column: Int[Array, " fragments"], row: Int[Array, " fragments"], rate: int) -> Points:
     """Centre of a pixel of the tile, as a sum over two samples so that it is an integer.
 
     At even rates it is half way between samples.
@@ -189,7 +229,7 @@ def _centre(column: Array, row: Array, rate: int) -> Points:
     return Points(jnp.full_like(column, 2), column * twice + (rate - 1), row * twice + (rate - 1))
 
 
-def holds(edges: list[Edge], points: Points) -> Bool[Array, "*points"]:
+def contains(edges: list[Edge], points: Points) -> Bool[Array, "*points"]:
     """Decide whether the closed triangle contains each point; exact between samples too."""
     count, across, down = points
     assert count is not None

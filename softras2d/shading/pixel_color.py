@@ -1,12 +1,12 @@
 """Shade one colour per (slot, pixel) pair, for soft and exact-area coverage.
 
 The corner weights tell at which point a triangle is shaded. With exact area this is the centroid of
-its part in the pixel, so that affine colours are averaged exactly. With soft coverage it is the
-pixel's centre, or the triangle's point nearest to it. The weights have derivatives by the
-positions, and all other gradients follow from these.
+the part of the triangle in the pixel, so that affine colours are averaged exactly. With soft
+coverage it is the pixel's centre, or the triangle's point nearest to it. The weights have
+derivatives by the positions, and all other gradients follow from these.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -16,136 +16,177 @@ from ..binning.lists import Chunks
 from ..coverage.analytic import PixelFunction, evaluate
 from ..coverage.edge_lines import TriangleLines
 from ..numerics.fusion_barrier import materialized
-from .surface import Corner3, Corners, Skin, count_channels
-from .triangle_color import add_color, in_space, mix, read_texture
+from .corner_attributes import CornerAttributes, CornerWeights, interpolate, perspective_weights
+from .surface import count_channels
+from .texture_lookup import LevelsAndProbes, Textures, choose_levels_and_probes
+from .triangle_color import add_color
 
-_CLEAR = 2.0**-24
+Tree = TypeVar("Tree")
+"""A tree of arrays."""
+
+_LEAST_ALPHA = 2.0**-24
 """Lower bound on the alpha by which a premultiplied texel is divided."""
+
 
 _FLAT = 2.0**23
 """Inverse height, per pixel, of a triangle without area: its texture is blurred along the height
 like that of the thinnest triangle that has one."""
 
 
-class Carried(NamedTuple):
+class TriangleAttributes(NamedTuple):
     """Attributes of the triangles, with corners reoriented to positive orientation.
 
     - `corners`: colours, texture coordinates and `inverse_w`.
-    - `texture`: index of each triangle's texture, -1 for none; `skin`: the textures.
-    - `depth`: `[3, triangles]`, or None if depth is not used.
+    - `texture`: index of each triangle's texture, -1 for none.
+    - `textures`: all textures; None without any.
+    - `depth`: None if depth is not used.
     """
 
-    corners: Corners
+    corners: CornerAttributes
     texture: Int[Array, " triangles"] | None = None
-    skin: Skin | None = None
+    textures: Textures | None = None
     depth: Float[Array, "3 triangles"] | None = None
 
     @property
     def varies(self) -> bool:
         """Whether any attribute may differ from point to point of a triangle."""
-        several = self.corners.color.shape[0] == 3 or self.skin is not None
+        several = self.corners.color.shape[0] == 3 or self.textures is not None
         return several or self.depth is not None
 
 
-class Shaded(NamedTuple):
-    """Shaded slots at the pixels of their tiles, `[chunks, layers, pixels]`.
+class ShadedSlots(NamedTuple):
+    """Opacity, colour and depth of each slot at the pixels of its tile.
 
-    Colours are straight, `[chunks, layers, 3, pixels or 1]`; `opacity` is coverage times alpha.
+    - `opacity`: coverage times alpha.
+    - `color`: straight; a single pixel where a slot has one colour everywhere.
     """
 
-    opacity: Array
-    color: Array
-    depth: Array | None
+    opacity: Float[Array, "chunks layers pixels"]
+    color: Float[Array, "chunks layers 3 #pixels"]
+    depth: Float[Array, "chunks layers pixels"] | None
 
 
 def shade_slots(
-    carried: Carried,
-    covered: Float[Array, "slots pixels"],
+    attributes: TriangleAttributes,
+    coverage: Float[Array, "slots pixels"],
     weights: PixelFunction,
     corners: Float[Array, "6 slots"],
-    shape: Any,
-    sides: TriangleLines,
+    geometry: Any,
+    lines: TriangleLines,
     chunks: Chunks,
-) -> Shaded:
+) -> ShadedSlots:
     """Compute opacity, colour and depth of every slot at every pixel of its tile.
 
-    `weights` measures the weights of corners 1 and 2 from a `shape`.
+    `weights` evaluates the weights of corners 1 and 2, from its `geometry`. `lines` are the edges
+    of each slot's triangle.
     """
-    triangle = chunks.triangle.reshape(-1)
-
-    @materialized
-    def gather_triangles(tree):
-        return jax.tree.map(lambda entry: entry[..., triangle, None], tree)
-
-    gathered, texture, depth = gather_triangles((carried.corners, carried.texture, carried.depth))
-    attributes: Corners = gathered
-    at = None
-    if carried.varies:
-        no_parameter = jnp.zeros((), covered.dtype)
-        second, third = evaluate(weights, corners, shape, no_parameter)
-        at = (1.0 - second - third, second, third)
-    if at is not None and depth is not None:
-        depth = materialized(lambda at, depth: mix(at, depth[:, None])[0])(at, depth)
-    if carried.skin is not None and at is not None:
-        color = _shade_texture(attributes, texture, carried.skin, at, sides)
-        opacity, color = materialized(_part)(covered, color)
+    slot_corners, texture, depth = _gather_triangles(
+        (attributes.corners, attributes.texture, attributes.depth), chunks.triangle.reshape(-1)
+    )
+    on_screen = None
+    if attributes.varies:
+        no_parameter = jnp.zeros((), coverage.dtype)
+        second, third = evaluate(weights, corners, geometry, no_parameter)
+        on_screen = (1.0 - second - third, second, third)
+    if on_screen is not None and depth is not None:
+        depth = _interpolate_depth(on_screen, depth)
+    if attributes.textures is not None and on_screen is not None:
+        color = _shade_texture(slot_corners, texture, attributes.textures, on_screen, lines)
+        opacity, color = _opacity_and_color(coverage, color)
     else:
-        color = (
-            attributes.color[0]
-            if at is None
-            else materialized(mix)(in_space(at, attributes.inverse_w), attributes.color)
-        )
-        opacity = covered
+        if on_screen is None:
+            color = slot_corners.color[0]
+        else:
+            in_space = perspective_weights(on_screen, slot_corners.inverse_w)
+            color = materialized(interpolate)(in_space, slot_corners.color)
+        opacity = coverage
         if color.shape[0] == 4:
-            opacity = materialized(jnp.multiply)(covered, color[3])
-        color = materialized(lambda color: color[:3].transpose(1, 0, 2))(color)
+            opacity = materialized(jnp.multiply)(coverage, color[3])
+        color = _channels_second(color)
     layers = chunks.triangle.shape
-    return Shaded(
+    return ShadedSlots(
         opacity.reshape(*layers, -1),
         color.reshape(*layers, 3, -1),
         None if depth is None else depth.reshape(*layers, -1),
     )
 
 
+@materialized
+def _gather_triangles(tree: Tree, triangle: Int[Array, " slots"]) -> Tree:
+    """Gather the entries of each slot's triangle, with an axis for the pixels."""
+    return jax.tree.map(lambda entry: entry[..., triangle, None], tree)
+
+
+@materialized
+def _interpolate_depth(
+    on_screen: CornerWeights, depth: Float[Array, "3 slots 1"]
+) -> Float[Array, "slots pixels"]:
+    """Interpolate depth, which is affine on the screen."""
+    return interpolate(on_screen, depth[:, None])[0]
+
+
+@materialized
+def _channels_second(
+    color: Float[Array, "channels slots #pixels"],
+) -> Float[Array, "slots 3 #pixels"]:
+    """Reorder the axes of colours, without alpha."""
+    return color[:3].transpose(1, 0, 2)
+
+
 def _shade_texture(
-    own: Corners, texture: Array | None, skin: Skin, at: Corner3, sides: TriangleLines
+    corners: CornerAttributes,
+    texture: Int[Array, "slots 1"] | None,
+    textures: Textures,
+    on_screen: CornerWeights,
+    lines: TriangleLines,
 ) -> Float[Array, "channels slots pixels"]:
     """Compute premultiplied colours of textured triangles."""
+    in_space = materialized(perspective_weights)(on_screen, corners.inverse_w)
 
-    @materialized
-    def read_at(skin, at, own, texture, sides, uv):
-        # The weight is the distance from the opposite edge over the corner's distance from it.
-        edges = (sides.edges[2], sides.edges[0])
-        across, down = (
-            tuple(
-                (getattr(edge, way) * jnp.where(sides.has_area, edge.inverse_height, _FLAT))[
-                    :, None
-                ]
-                for edge in edges
-            )
-            for way in ("normal_x", "normal_y")
-        )
-        seen = None if own.inverse_w is None else (at, uv)
-        return read_texture(skin, (across, down), own, texture, seen)
-
-    space_weights = materialized(in_space)(at, own.inverse_w)
-
-    def read(uv):
-        return read_at(skin, space_weights, own, texture, sides, uv)
+    def choose(uv: Float[Array, "2 slots pixels"]) -> LevelsAndProbes:
+        return _choose_at_pixels(textures, in_space, corners, texture, lines, uv)
 
     def visit(total: Array, probe: Array) -> tuple[Array, None]:
-        return add_color(total, space_weights, own, texture, skin, read, probe=probe), None
+        added = add_color(total, in_space, corners, texture, textures, choose, probe=probe)
+        return added, None
 
-    total = jnp.zeros((count_channels(own, skin), *at[0].shape), at[0].dtype)
-    probes = jnp.arange(skin.filter.anisotropy, dtype=jnp.int32)
+    shape = (count_channels(corners, textures), *in_space[0].shape)
+    total = jnp.zeros(shape, in_space[0].dtype)
+    probes = jnp.arange(textures.filter.anisotropy, dtype=jnp.int32)
     # The vjp computes each probe again instead of storing it.
     return jax.lax.scan(jax.checkpoint(visit), total, probes)[0]
 
 
-def _part(covered: Array, color: Array) -> tuple[Array, Array]:
-    """Split premultiplied colours into opacity and straight colours `[slots, 3, pixels]`."""
+@materialized
+def _choose_at_pixels(
+    textures: Textures,
+    in_space: CornerWeights,
+    corners: CornerAttributes,
+    texture: Int[Array, "slots 1"] | None,
+    lines: TriangleLines,
+    uv: Float[Array, "2 slots pixels"],
+) -> LevelsAndProbes:
+    """Choose the mip levels and probes of each slot at each pixel."""
+    # The weight is the distance from the opposite edge over the corner's distance from it.
+    edges = (lines.edges[2], lines.edges[0])
+    across, down = (
+        tuple(
+            (getattr(edge, axis) * jnp.where(lines.has_area, edge.inverse_height, _FLAT))[:, None]
+            for edge in edges
+        )
+        for axis in ("normal_x", "normal_y")
+    )
+    point = None if corners.inverse_w is None else (in_space, uv)
+    return choose_levels_and_probes(textures, (across, down), corners, texture, point)
+
+
+@materialized
+def _opacity_and_color(
+    coverage: Float[Array, "slots pixels"], color: Float[Array, "channels slots pixels"]
+) -> tuple[Float[Array, "slots pixels"], Float[Array, "slots 3 pixels"]]:
+    """Split coverage and premultiplied colours into opacity and straight colours."""
     if color.shape[0] == 3:
-        return covered, color.transpose(1, 0, 2)
+        return coverage, color.transpose(1, 0, 2)
     alpha = color[3]
-    alpha = alpha + jax.lax.stop_gradient(jnp.maximum(_CLEAR - alpha, 0.0))
-    return covered * alpha, (color[:3] / alpha[None]).transpose(1, 0, 2)
+    alpha = alpha + jax.lax.stop_gradient(jnp.maximum(_LEAST_ALPHA - alpha, 0.0))
+    return coverage * alpha, (color[:3] / alpha[None]).transpose(1, 0, 2)

@@ -1,27 +1,35 @@
-"""Triangles as shading sees them: their corner attributes, textures, and views of some of them.
+"""Data of the triangles that shading needs, for all of them or gathered per lane.
 
-A *surface* holds what all triangles need. *Lanes* are a view of it: the entries of one triangle
-for each point that is shaded.
+A *surface* holds what all triangles need. A *lane* is a triangle in a tile, or in a pixel of a
+tile: `Lanes` holds the entries of one triangle for each of them.
 """
 
+import functools
+from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..geometry.barycentric import Weights, twice_area
-from ..geometry.fixed_point import Edges, reorient
+from ..geometry.barycentric import Weights, slot_weights, twice_area
+from ..geometry.fixed_point import Edges
 from ..geometry.guard_band import WeightPlanes
+from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..options import Filter
-from ..texture.level_of_detail import Levels
 from ..texture.pyramid import TexturePyramid
+from .corner_attributes import CornerAttributes, CornerWeights
+from .texture_lookup import (
+    LevelsAndProbes,
+    PerspectivePoint,
+    PixelStep,
+    Textures,
+    choose_levels_and_probes,
+)
 
-Held = TypeVar("Held")
-
-Corner3 = tuple[Array, Array, Array]
-"""One value per corner."""
+Tree = TypeVar("Tree")
+"""A tree of arrays."""
 
 
 class Points(NamedTuple):
@@ -35,138 +43,132 @@ class Points(NamedTuple):
     down: Int[Array, "*points"]
 
 
-class Corners(NamedTuple):
-    """Vertex attributes at the corners of triangles, reoriented to positive orientation.
-
-    They are `[corners, channels, triangles]`, and `[3, triangles]` for `inverse_w`. None means that
-    the scene does not have the attribute.
-    """
-
-    color: Float[Array, "corners channels *lanes"]
-    inverse_w: Float[Array, "3 *lanes"] | None = None
-    uv: Float[Array, "3 2 *lanes"] | None = None
-
-
-def at_corners(
-    values: Float[Array, " vertices"],
-    triangles: Int[Array, "triangles 3"],
-    orientation: Int[Array, " triangles"],
-) -> Float[Array, "3 triangles"]:
-    """Gather vertex values at the corners of triangles in positive orientation."""
-    return reorient(values[triangles].T, orientation)
-
-
-def corner_attributes(
-    colors: Float[Array, "triangles corners channels"],
-    uv: Float[Array, "triangles 3 2"] | None,
-    inverse_w: Float[Array, " vertices"] | None,
-    triangles: Int[Array, "triangles 3"],
-    orientation: Int[Array, " triangles"],
-) -> Corners:
-    """Attributes at the corners of triangles in positive orientation; triangles come last."""
-
-    def reorient_each(values: Array) -> Array:
-        return jax.vmap(reorient, (1, None), 1)(values.transpose(1, 2, 0), orientation)
-
-    colors = reorient_each(colors) if colors.shape[1] == 3 else colors.transpose(1, 2, 0)
-    uv = None if uv is None else reorient_each(uv)
-    if inverse_w is not None:
-        inverse_w = at_corners(inverse_w, triangles, orientation)
-    return Corners(colors, inverse_w, uv)
-
-
-class Skin(NamedTuple):
-    """Textures and how they are sampled; `texels` is `[channels, texels]`."""
-
-    pyramid: TexturePyramid
-    texels: Float[Array, "channels texels"]
-    filter: Filter
-
-    @classmethod
-    def of(cls, pyramid: TexturePyramid | None, filter: Filter) -> "Skin | None":
-        """Make the skin of a pyramid, or None without textures."""
-        if pyramid is None:
-            return None
-        return cls(pyramid, materialized(jnp.transpose)(pyramid.texels), filter)
-
-
 class Surface(NamedTuple):
     """All data of the triangles that shading needs.
 
     - `area`: twice the area of each triangle, in units of the edge value.
-    - `texture`: index of each triangle's texture, -1 for none; `skin`: the textures.
+    - `planes`: interpolation weights of triangles past the guard band.
+    - `texture`: index of each triangle's texture, -1 for none.
     - `filter`: how textures are sampled.
     """
 
     edges: Edges
     area: Float[Array, " triangles"]
     planes: WeightPlanes | None
-    corners: Corners
+    corners: CornerAttributes
     texture: Int[Array, " triangles"] | None
-    skin: Skin | None
+    textures: Textures | None
     filter: Filter
 
     @property
     def channels(self) -> int:
         """Number of colour channels: four if any colour or texel can be translucent, else three."""
-        return count_channels(self.corners, self.skin)
-
-
-class Reading(NamedTuple):
-    """Mip levels from which a texture is sampled, and `count` probes along an axis.
-
-    The axis is a vector (u, v), where 1 is the extent of the image. `count` and `axis` are None for
-    a single probe.
-    """
-
-    levels: Levels
-    count: Float[Array, "*points"] | None = None
-    axis: Float[Array, "2 *points"] | None = None
+        return count_channels(self.corners, self.textures)
 
 
 class Lanes(NamedTuple):
     """The attributes of a surface gathered per lane: every entry is `[..., lanes]`.
 
-    `reading` is None where it differs from point to point, or where there is no texture.
+    `levels_and_probes` is None where it differs from point to point, or where there is no texture.
     """
 
     weights: Weights
-    corners: Corners
+    corners: CornerAttributes
     texture: Int[Array, " lanes"] | None
-    reading: Reading | None
+    levels_and_probes: LevelsAndProbes | None
 
 
 def surface_of(
     edges: Edges,
     planes: WeightPlanes | None,
-    corners: Corners,
-    texture: Array | None,
+    corners: CornerAttributes,
+    texture: Int[Array, " triangles"] | None,
     pyramid: TexturePyramid | None,
     filter: Filter,
 ) -> Surface:
     """Collect the data of the triangles that shading needs."""
-    area = materialized(lambda edges: twice_area(edges, corners.color.dtype))(edges)
-    return Surface(edges, area, planes, corners, texture, Skin.of(pyramid, filter), filter)
+    area = materialized(functools.partial(twice_area, dtype=corners.color.dtype))(edges)
+    return Surface(edges, area, planes, corners, texture, Textures.of(pyramid, filter), filter)
 
 
-def count_channels(corners: Corners, skin: Skin | None) -> int:
+def count_channels(corners: CornerAttributes, textures: Textures | None) -> int:
     """Number of channels of the shaded colours."""
-    return max(corners.color.shape[1], 3 if skin is None else skin.texels.shape[0])
+    return max(corners.color.shape[1], 3 if textures is None else textures.texels.shape[0])
 
 
-def pick_lanes(held: Held, lane: Int[Array, " lanes"]) -> Held:
+@materialized
+def gather_lanes(tree: Tree, lane: Int[Array, " gathered"]) -> Tree:
     """Gather entries `[..., lanes]` of some lanes; a lane may occur several times."""
 
-    @materialized
-    def gather(tree, lane):
-        def gather_entry(entry):
-            # The gather is along a single flat axis: XLA stores the result of a gather along one of
-            # two axes transposed.
-            rows, lanes = entry.size // entry.shape[-1], entry.shape[-1]
-            index = jnp.arange(rows, dtype=jnp.int32)[:, None] * lanes + lane[None]
-            gathered = entry.reshape(-1).at[index].get(mode="promise_in_bounds")
-            return gathered.reshape(*entry.shape[:-1], -1)
+    def gather_entry(entry: Array) -> Array:
+        # The gather is along a single flat axis: XLA stores the result of a gather along one of
+        # two axes transposed.
+        rows, lanes = entry.size // entry.shape[-1], entry.shape[-1]
+        index = jnp.arange(rows, dtype=jnp.int32)[:, None] * lanes + lane[None]
+        gathered = entry.reshape(-1).at[index].get(mode="promise_in_bounds")
+        return gathered.reshape(*entry.shape[:-1], -1)
 
-        return jax.tree.map(gather_entry, tree)
+    return jax.tree.map(gather_entry, tree)
 
-    return gather(held, lane)
+
+def surface_lanes(
+    surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
+) -> Lanes:
+    """Gather the attributes of a surface for lanes of triangles and tiles."""
+    weights = _lane_weights(surface, triangle, tile, tiling)
+    corners, texture = gather_lanes((surface.corners, surface.texture), triangle)
+    chosen = None
+    if surface.textures is not None and corners.inverse_w is None:
+        # An affine map has one footprint for all points of a triangle.
+        chosen = _choose_on_lanes(surface.textures, weights, corners, texture, None, tiling)
+    return Lanes(weights, corners, texture, chosen)
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _lane_weights(
+    surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
+) -> Weights:
+    """Terms of the corners' weights in each lane."""
+    return slot_weights(surface.edges, surface.area, triangle, tile, tiling, surface.planes)
+
+
+def level_chooser(
+    surface: Surface, lanes: Lanes, weights: CornerWeights, tiling: Tiling
+) -> Callable[[Array], LevelsAndProbes | None]:
+    """Make the function from (u, v) at points to the mip levels and probes of the lookup there.
+
+    `weights` are those of the corners at the points, in space.
+    """
+
+    def choose(uv: Array) -> LevelsAndProbes | None:
+        if lanes.levels_and_probes is not None or surface.textures is None:
+            return lanes.levels_and_probes
+        return _choose_on_lanes(
+            surface.textures, lanes.weights, lanes.corners, lanes.texture, (weights, uv), tiling
+        )
+
+    return choose
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _choose_on_lanes(
+    textures: Textures,
+    weights: Weights,
+    corners: CornerAttributes,
+    texture: Int[Array, " lanes"] | None,
+    point: PerspectivePoint | None,
+    tiling: Tiling,
+) -> LevelsAndProbes:
+    """Choose mip levels and probes of each lane, or of a point in each."""
+    steps = (_pixel_step(weights, 0, tiling), _pixel_step(weights, 1, tiling))
+    return choose_levels_and_probes(textures, steps, corners, texture, point)
+
+
+def _pixel_step(weights: Weights, axis: int, tiling: Tiling) -> PixelStep:
+    """Compute the change of the weights for a step of one pixel along x (axis 0) or y (axis 1)."""
+    sample_step = weights.edges.right if axis == 0 else weights.edges.down
+    step = sample_step.astype(weights.per_value.dtype) * weights.per_value[None]
+    if weights.plane is not None and weights.is_far is not None:
+        step = jnp.where(weights.is_far[None], weights.plane[1 + axis], step)
+    second, third = step * tiling.grid.rate
+    return second, third

@@ -2,14 +2,8 @@
 
 The last axis of arrays is `[lanes]`: a lane is a triangle in a tile, or in a pixel of a tile.
 Colours are premultiplied, `[channels, lanes]`.
-
-With `inverse_w` q, the weights w_i of the corners become w_i q_i / sum w_j q_j, which are linear on
-the triangle in space. **Source:** Heckbert and Moreton, *Interpolation for Polygon Texture Mapping
-and Shading* (1991), section 4.
 """
 
-import functools
-import operator
 from collections.abc import Callable
 
 import jax
@@ -17,32 +11,29 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..color import premultiply
-from ..geometry.barycentric import Weights, slot_weights, weight_sums
+from ..geometry.barycentric import Weights, weight_sums
 from ..geometry.tiling import Tiling
-from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
-from ..texture.filtering import Lookup, read_levels, tap_levels
-from ..texture.level_of_detail import Footprint, choose_levels, probes
-from .surface import Corner3, Corners, Lanes, Points, Reading, Skin, Surface, pick_lanes
+from ..texture.filtering import LevelTaps, Lookup, read_levels, tap_levels
+from ..texture.texel_filters import AbstractTexelFilter
+from .corner_attributes import CornerAttributes, CornerWeights, interpolate, perspective_weights
+from .surface import Lanes, Points, Surface, level_chooser
+from .texture_lookup import LevelsAndProbes, Textures, modulate, probe_point
 
 
-def view(
-    surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
-) -> Lanes:
-    """Gather the attributes of a surface for lanes of triangles and tiles."""
+def shade(
+    surface: Surface, lanes: Lanes, points: Points, tiling: Tiling
+) -> Float[Array, "channels lanes"]:
+    """Compute the premultiplied colour of each lane's triangle at a point, over all probes."""
 
-    @materialized
-    def weigh(surface, triangle, tile):
-        edges, area, planes = surface[:3]
-        return slot_weights(edges, area, triangle, tile, tiling, planes)
+    def visit(total: Array, probe: Array) -> tuple[Array, None]:
+        return add_shade(total, surface, lanes, points, tiling, probe=probe), None
 
-    weights = weigh(surface, triangle, tile)
-    corners, texture = pick_lanes((surface.corners, surface.texture), triangle)
-    reading = None
-    if surface.skin is not None and corners.inverse_w is None:
-        # An affine map has one footprint for all points of a triangle.
-        reading = _read_lanes(surface.skin, weights, corners, texture, None, tiling)
-    return Lanes(weights, corners, texture, reading)
+    shape = (surface.channels, points.across.shape[0])
+    probes = jnp.arange(surface.filter.anisotropy, dtype=jnp.int32)
+    total = jnp.zeros(shape, surface.corners.color.dtype)
+    # The vjp computes each probe again instead of storing it.
+    return jax.lax.scan(jax.checkpoint(visit), total, probes)[0]
 
 
 def add_shade(
@@ -61,92 +52,17 @@ def add_shade(
     of them; the caller adds those of `probe` in `0..filter.anisotropy - 1`. The addition happens
     here so that the texels read are not stored.
     """
-    at = materialized(_weights_at)(lanes.weights, lanes.corners.inverse_w, points)
-    read = read_on_lanes(surface, lanes, at, tiling)
-    return add_color(
-        total, at, lanes.corners, lanes.texture, surface.skin, read, shown=shown, probe=probe
-    )
+    weights = _weights_at(lanes.weights, lanes.corners.inverse_w, points)
+    choose = level_chooser(surface, lanes, weights, tiling)
+    corners, texture, textures = lanes.corners, lanes.texture, surface.textures
+    return add_color(total, weights, corners, texture, textures, choose, shown=shown, probe=probe)
 
 
-def read_on_lanes(
-    surface: Surface, lanes: Lanes, at: Corner3, tiling: Tiling
-) -> Callable[[Array], Reading | None]:
-    """Make the function from (u, v) to how the texture is sampled there.
-
-    `at` has the weights of the corners at the points.
-    """
-
-    def read(uv: Array) -> Reading | None:
-        if lanes.reading is not None or surface.skin is None:
-            return lanes.reading
-        seen = (at, uv)
-        return _read_lanes(surface.skin, lanes.weights, lanes.corners, lanes.texture, seen, tiling)
-
-    return read
-
-
-def add_color(
-    total: Float[Array, "channels *points"],
-    at: Corner3,
-    corners: Corners,
-    texture: Int[Array, "*lanes"] | None,
-    skin: Skin | None,
-    read: Callable[[Array], Reading | None],
-    *,
-    shown: Bool[Array, "*points"] | None = None,
-    probe: Int[Array, ""] | int = 0,
-) -> Float[Array, "channels *points"]:
-    """Add the premultiplied colour to `total`, from the weights `at` of the corners at each point.
-
-    `read` gives, for (u, v), how the texture is sampled there. The other arguments are those of
-    `add_shade`.
-    """
-
-    def add(total, shown, color):
-        return total + (color if shown is None else jnp.where(shown[None], color, 0.0))
-
-    color = corners.color
-    # A single corner is not copied.
-    color = color[0] if color.shape[0] == 1 else materialized(mix)(at, color)
-    if skin is None:
-        return materialized(lambda t, s, c: add(t, s, premultiply(c, axis=0)))(total, shown, color)
-    assert corners.uv is not None and texture is not None
-    with jax.named_scope("texture"):
-        uv = materialized(mix)(at, corners.uv)
-        reading = read(uv)
-        assert reading is not None
-        uv, share = _probe(uv, reading, jnp.asarray(probe))
-        lookup = Lookup(skin.filter.pixel, skin.pyramid.border, skin.pyramid.addressing)
-
-        @materialized
-        def finish(total, shown, color, texels, taps, texture, share):
-            return add(
-                total, shown, _tint(color, read_levels(texels, taps, lookup.filter), texture, share)
-            )
-
-        taps = tap_levels(reading.levels, uv, lookup)
-        return finish(total, shown, color, skin.texels, taps, texture, share)
-
-
-def shade(
-    surface: Surface, lanes: Lanes, points: Points, tiling: Tiling
-) -> Float[Array, "channels lanes"]:
-    """Compute the premultiplied colour at a point, over all probes.
-
-    The vjp computes each probe again instead of storing it.
-    """
-
-    def visit(total: Array, probe: Array) -> tuple[Array, None]:
-        return add_shade(total, surface, lanes, points, tiling, probe=probe), None
-
-    shape = (surface.channels, points.across.shape[0])
-    probes = jnp.arange(surface.filter.anisotropy, dtype=jnp.int32)
-    total = jnp.zeros(shape, surface.corners.color.dtype)
-    return jax.lax.scan(jax.checkpoint(visit), total, probes)[0]
-
-
-def _weights_at(weights: Weights, inverse_w: Array | None, points: Points) -> Corner3:
-    """Weights of the corners at points."""
+@materialized
+def _weights_at(
+    weights: Weights, inverse_w: Float[Array, "3 lanes"] | None, points: Points
+) -> CornerWeights:
+    """Compute the weights of the corners at points, in space where there is `inverse_w`."""
     count, across, down = points
     if count is None:
         first, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
@@ -154,140 +70,73 @@ def _weights_at(weights: Weights, inverse_w: Array | None, points: Points) -> Co
         number = count.astype(weights.per_value.dtype)
         sums = weight_sums(weights, count, across, down)
         first, second, third = (total / number for total in sums)
-    return in_space((first, second, third), inverse_w)
+    return perspective_weights((first, second, third), inverse_w)
 
 
-def in_space(weights: Corner3, inverse_w: Array | None) -> Corner3:
-    """Convert weights on the screen to weights on the triangle in space."""
-    first, second, third = weights
-    if inverse_w is None:
-        return weights
-    first, second, third = first * inverse_w[0], second * inverse_w[1], third * inverse_w[2]
-    total = first + second + third
-    # Inside the triangle the total is no less than the least q. Far outside, where no sample is
-    # visible but all are evaluated, it can reach zero and the gradients would be infinite.
-    floor = 0.5 * jnp.min(jax.lax.stop_gradient(inverse_w), 0)
-    total = jnp.where(total < floor, floor, total)
-    return safe.divide(first, total), safe.divide(second, total), safe.divide(third, total)
+def add_color(
+    total: Float[Array, "channels *points"],
+    weights: CornerWeights,
+    corners: CornerAttributes,
+    texture: Int[Array, "*lanes"] | None,
+    textures: Textures | None,
+    choose: Callable[[Array], LevelsAndProbes | None],
+    *,
+    shown: Bool[Array, "*points"] | None = None,
+    probe: Int[Array, ""] | int = 0,
+) -> Float[Array, "channels *points"]:
+    """Add the premultiplied colour to `total`, from the weights of the corners at each point.
 
-
-def mix(weights: Corner3, corners: Array) -> Float[Array, "channels *lanes"]:
-    """Interpolate values of corners `[1 or 3, channels, lanes]` with the weights.
-
-    A single corner is returned as it is.
+    `choose` maps (u, v) to the mip levels and probes of the lookup there. The other arguments are
+    those of `add_shade`.
     """
-    if corners.shape[0] == 1:
-        return corners[0]
-    mixed = corners[0]
-    for k in (1, 2):
-        mixed = mixed + weights[k][None] * (corners[k] - corners[0])
-    return mixed
+    color = corners.color
+    # A single corner is not copied.
+    color = color[0] if color.shape[0] == 1 else materialized(interpolate)(weights, color)
+    if textures is None:
+        return _add_untextured(total, shown, color)
+    assert corners.uv is not None and texture is not None
+    with jax.named_scope("texture"):
+        uv = materialized(interpolate)(weights, corners.uv)
+        chosen = choose(uv)
+        assert chosen is not None
+        uv, share = probe_point(uv, chosen, jnp.asarray(probe))
+        pyramid = textures.pyramid
+        lookup = Lookup(textures.filter.pixel, pyramid.border, pyramid.addressing)
+        taps = tap_levels(chosen.levels, uv, lookup)
+        texels, filter = textures.texels, lookup.filter
+        return _add_textured(total, shown, color, texels, taps, filter, texture, share)
 
 
-def _read_lanes(
-    skin: Skin,
-    weights: Weights,
-    corners: Corners,
-    texture: Array | None,
-    seen: tuple[Corner3, Array] | None,
-    tiling: Tiling,
-) -> Reading:
-    @materialized
-    def read(skin, weights, corners, texture, seen):
-        steps = (_steps(weights, 0, tiling), _steps(weights, 1, tiling))
-        return read_texture(skin, steps, corners, texture, seen)
-
-    return read(skin, weights, corners, texture, seen)
+@materialized
+def _add_untextured(
+    total: Float[Array, "channels *points"],
+    shown: Bool[Array, "*points"] | None,
+    color: Float[Array, "channels *shaded"],
+) -> Float[Array, "channels *points"]:
+    """Add a straight colour, premultiplied, to `total` where `shown`."""
+    return _add_where(total, shown, premultiply(color, axis=0))
 
 
-Step = tuple[Array, Array]
-"""Change of the weights of corners 1 and 2 on the screen from pixel to pixel."""
+@materialized
+def _add_textured(
+    total: Float[Array, "channels *points"],
+    shown: Bool[Array, "*points"] | None,
+    color: Float[Array, "color_channels *shaded"],
+    texels: Float[Array, "texel_channels texels"],
+    taps: LevelTaps,
+    filter: AbstractTexelFilter,
+    texture: Int[Array, "*lanes"],
+    share: Float[Array, "*chosen"] | None,
+) -> Float[Array, "channels *points"]:
+    """Read the texels, and add their product with a straight colour to `total` where `shown`."""
+    texel = read_levels(texels, taps, filter)
+    return _add_where(total, shown, modulate(color, texel, texture, share))
 
 
-def read_texture(
-    skin: Skin,
-    steps: tuple[Step, Step],
-    corners: Corners,
-    texture: Array | None,
-    seen: tuple[Corner3, Array] | None,
-) -> Reading:
-    """Choose mip levels and probes from the derivative of (u, v) by the position on the screen.
-
-    `steps` are along x and y. `seen` has the weights of the corners and (u, v) at each point, where
-    the map to the texture is not affine.
-    """
-    assert texture is not None
-    table = skin.pyramid.levels
-    base = table[:, 0].at[texture].get(mode="clip")
-    x, y = (_change(step, corners, seen) for step in steps)
-    tall, wide = base[..., 1].astype(x.dtype), base[..., 2].astype(x.dtype)
-    chosen = probes(Footprint(x[0] * wide, x[1] * tall, y[0] * wide, y[1] * tall), skin.filter)
-    texture = jnp.broadcast_to(texture, chosen.level.shape)
-    levels = choose_levels(chosen.level, texture, table, skin.filter.level)
-    if chosen.axis_u is None or chosen.axis_v is None:
-        return Reading(levels)
-    axis = jnp.stack([chosen.axis_u / wide, chosen.axis_v / tall])
-    return Reading(levels, chosen.count, axis)
-
-
-def _steps(weights: Weights, axis: int, tiling: Tiling) -> Step:
-    """Compute the change of the weights for a step of one pixel along x (axis 0) or y (axis 1)."""
-    steps = weights.edges.right if axis == 0 else weights.edges.down
-    step = steps.astype(weights.per_value.dtype) * weights.per_value[None]
-    if weights.plane is not None and weights.is_far is not None:
-        step = jnp.where(weights.is_far[None], weights.plane[1 + axis], step)
-    second, third = step * tiling.grid.rate
-    return second, third
-
-
-def _change(
-    step: Step, corners: Corners, seen: tuple[Corner3, Array] | None
-) -> Float[Array, "2 *lanes"]:
-    """Derivative of (u, v) for a step of one pixel.
-
-    The derivative of a quotient u = U / Q is (U' - u Q') / Q. The sums over the corners are taken
-    of w_i' q_i (u_i - u), in which no large numbers cancel.
-    """
-    assert corners.uv is not None
-    second, third = step
-    first_uv, second_uv, third_uv = corners.uv
-    if seen is None or corners.inverse_w is None:
-        return second[None] * (second_uv - first_uv) + third[None] * (third_uv - first_uv)
-    at, uv = seen
-    # With affine weights a_i, w_i' = a_i q_i / Q: as they sum to one, 1 / Q = sum w_i' / q_i.
-    per_total = functools.reduce(operator.add, map(safe.divide, at, corners.inverse_w))
-    change = (-second - third)[None] * corners.inverse_w[0][None] * (first_uv - uv)
-    change = change + second[None] * corners.inverse_w[1][None] * (second_uv - uv)
-    change = change + third[None] * corners.inverse_w[2][None] * (third_uv - uv)
-    return change * per_total[None]
-
-
-def _probe(uv: Array, reading: Reading, probe: Array) -> tuple[Array, Array | None]:
-    """Compute where a probe reads, and its weight in the mean; None is a weight of 1."""
-    count, axis = reading.count, reading.axis
-    if count is None or axis is None:
-        return uv, None
-
-    @materialized
-    def move(uv, count, axis, probe):
-        number = probe.astype(uv.dtype).reshape((1,) * count.ndim)
-        is_used = number < count
-        offset = jnp.where(is_used, (number + 0.5) / count - 0.5, 0.0)
-        return uv + offset[None] * axis, jnp.where(is_used, 1.0 / count, 0.0)
-
-    return move(uv, count, axis, probe)
-
-
-def _tint(color: Array, texel: Array, texture: Array, share: Array | None) -> Array:
-    """Multiply a premultiplied texel by a straight colour.
-
-    Where there is no texture, the result is the premultiplied colour.
-    """
-    texel = jnp.where((texture < 0)[None], 1.0, texel)
-    if color.shape[0] == 4 and texel.shape[0] == 3:
-        texel = jnp.concatenate([texel, jnp.ones_like(texel[:1])])
-    if share is not None:
-        texel = texel * share[None]
-    if color.shape[0] == 3:
-        return jnp.concatenate([texel[:3] * color, texel[3:]])
-    return jnp.concatenate([texel[:3] * color[:3], texel[3:]]) * color[3:]
+def _add_where(
+    total: Float[Array, "channels *points"],
+    shown: Bool[Array, "*points"] | None,
+    color: Float[Array, "channels *#points"],
+) -> Float[Array, "channels *points"]:
+    """Add a colour where `shown`; None is everywhere."""
+    return total + (color if shown is None else jnp.where(shown[None], color, 0.0))

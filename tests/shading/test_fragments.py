@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.planning.capacities import count_lists
+from softras2d.planning.list_counts import count_sampled_lists
 from softras2d.rendering.render import _render
 
 from ..oracles.coverage import Canvas, footprints
@@ -51,7 +51,7 @@ def test_counts_on_host_and_device_cover_the_visible_pixels(rate, depth):
     plan = sr.plan(scenes, height=HEIGHT, width=WIDTH, coverage=hard)
     for scene in scenes:
         wanted = _expected(scene, Canvas(HEIGHT, WIDTH, rate))
-        counted = count_lists(scene, plan.grid, hard, np.zeros(2, np.int32))
+        counted = count_sampled_lists(scene, plan.grid, hard, np.zeros(2, np.int32))
         # The host counts all pixels of a tile that one triangle covers, also beyond the canvas.
         spare = plan.tiling.count * plan.tiling.height * plan.tiling.width - HEIGHT * WIDTH
         assert wanted <= counted.fragments <= wanted + spare

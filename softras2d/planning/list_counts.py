@@ -1,0 +1,105 @@
+"""Counts, in numpy, how long the lists of a render become for a concrete scene.
+
+The functions that count are those that list on the device: `project` and `find_pairs` run on both.
+"""
+
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from ..binning.expansion import Expansion, expand_on_host
+from ..binning.pairs import find_pairs
+from ..binning.reach import Lines, reached_triangles
+from ..geometry.fixed_point import Edges, Grid, SampleBounds, corners_of
+from ..geometry.projection import project
+from ..geometry.tiling import Tiling
+from ..gradients.crossings import lines_crossed, runs_of
+from ..options import Hard
+from ..scene import Scene
+from .effects import is_occluder, is_shaded, is_translucent
+from .fragment_count import ListedPairs, count_fragments, depth_planes
+
+MOST_PAIRS = 2**27
+"""Pairs of a triangle and a tile that one render may list, at some 70 bytes each."""
+
+
+class Counts(NamedTuple):
+    """Lengths of the lists of one scene.
+
+    - `strips`, `pairs`: numbers of both, including hidden pairs.
+    - `list_lengths`: number of listed pairs of each tile, longest first; without hidden pairs.
+    - `fragments`: 0 where a render never needs any.
+    - `crossings`: None where a render never needs any.
+    """
+
+    strips: int
+    pairs: int
+    list_lengths: np.ndarray
+    fragments: int = 0
+    crossings: int | None = None
+
+
+def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) -> Counts:
+    """Count the lists of sampled coverage; raises `ValueError` for too many pairs."""
+    tiling = Tiling.one_word_wide(grid)
+    scene = jax.tree.map(np.asarray, scene)
+    projection = project(
+        scene.positions, scene.triangles, origin, grid, coverage.fill_rule, cut=True
+    )
+    corners, segments, edges, bounds = projection[:4]
+    occluders = is_occluder(scene, segments.orientation)
+    counts, listed = _count_pairs(edges, bounds, occluders, tiling)
+    fragments = 0
+    if is_shaded(scene, coverage.shading) and not is_translucent(scene):
+        planes = None if scene.depth is None else depth_planes(corners.high, scene, grid)
+        fragments = count_fragments(edges, bounds, listed, planes, tiling)
+    crossings = None
+    if coverage.edge_gradients:
+        crossings = int(runs_of(lines_crossed(segments, grid)[1]).sum(dtype=np.int64))
+    return counts._replace(fragments=fragments, crossings=crossings)
+
+
+def count_analytic_lists(
+    scene: Scene, tiling: Tiling, reach: float, origin: np.ndarray, *, summed: bool
+) -> Counts:
+    """Count the lists of analytic coverage, which reaches `reach` pixels beyond the edges.
+
+    `summed`: whether areas are added, so that no triangle hides another. Raises `ValueError` for
+    too many pairs.
+    """
+    scene = jax.tree.map(np.asarray, scene)
+    corners = corners_of(scene.positions, scene.triangles, origin)
+    triangles = reached_triangles(corners, tiling.grid, np.float32(reach))
+    occluders = is_occluder(scene, triangles.orientation) & (not summed)
+    return _count_pairs(triangles.lines, triangles.bounds, occluders, tiling)[0]
+
+
+def _count_pairs(
+    edges: Edges | Lines, bounds: SampleBounds, occluders: np.ndarray, tiling: Tiling
+) -> tuple[Counts, ListedPairs]:
+    """Count strips and pairs; return also the pairs that `tiles.list_tiles` lists on the device."""
+    pairs = find_pairs(
+        edges,
+        bounds,
+        occluders,
+        tiling,
+        expand_strips=_expand_unless_many,
+        expand_pairs=_expand_unless_many,
+    )
+    is_listed = pairs.tile < tiling.count
+    tile = pairs.tile[is_listed]
+    list_lengths = np.sort(np.bincount(tile, minlength=tiling.count))[::-1]
+    counts = Counts(int(pairs.strip_total), int(pairs.pair_total), list_lengths)
+    return counts, ListedPairs(tile, pairs.triangle[is_listed], pairs.covers_tile[is_listed])
+
+
+def _expand_unless_many(count: np.ndarray) -> Expansion:
+    """`expand_on_host`; raises `ValueError` for more than `MOST_PAIRS` entries."""
+    pairs = int(count.sum(dtype=np.int64))
+    if pairs > MOST_PAIRS:
+        raise ValueError(
+            f"the scene has {pairs:,} pairs of a triangle and a tile, more than {MOST_PAIRS:,}: "
+            "draw it in pieces, with `origin` or fewer triangles."
+        )
+    return expand_on_host(count)

@@ -1,0 +1,96 @@
+"""Vertex attributes at the corners of triangles, and their interpolation.
+
+With `inverse_w` q, the weights w_i of the corners become w_i q_i / sum w_j q_j, which are linear on
+the triangle in space. **Source:** Heckbert and Moreton, *Interpolation for Polygon Texture Mapping
+and Shading* (1991), section 4.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..geometry.fixed_point import reorient
+from ..numerics import safe
+
+CornerWeights = tuple[Array, Array, Array]
+"""Barycentric weights of the three corners, one array each; they sum to 1."""
+
+
+class CornerAttributes(NamedTuple):
+    """Vertex attributes at the corners of triangles, reoriented to positive orientation.
+
+    They are `[corners, channels, triangles]`, and `[3, triangles]` for `inverse_w`. None means that
+    the scene does not have the attribute.
+    """
+
+    color: Float[Array, "corners channels *lanes"]
+    inverse_w: Float[Array, "3 *lanes"] | None = None
+    uv: Float[Array, "3 2 *lanes"] | None = None
+
+
+def at_corners(
+    values: Float[Array, " vertices"],
+    triangles: Int[Array, "triangles 3"],
+    orientation: Int[Array, " triangles"],
+) -> Float[Array, "3 triangles"]:
+    """Gather vertex values at the corners of triangles in positive orientation."""
+    return reorient(values[triangles].T, orientation)
+
+
+def corner_attributes(
+    colors: Float[Array, "triangles corners channels"],
+    uv: Float[Array, "triangles 3 2"] | None,
+    inverse_w: Float[Array, " vertices"] | None,
+    triangles: Int[Array, "triangles 3"],
+    orientation: Int[Array, " triangles"],
+) -> CornerAttributes:
+    """Gather all attributes at the corners of triangles in positive orientation."""
+    colors = (
+        _reorient_channels(colors, orientation)
+        if colors.shape[1] == 3
+        else colors.transpose(1, 2, 0)
+    )
+    uv = None if uv is None else _reorient_channels(uv, orientation)
+    if inverse_w is not None:
+        inverse_w = at_corners(inverse_w, triangles, orientation)
+    return CornerAttributes(colors, inverse_w, uv)
+
+
+def _reorient_channels(
+    values: Float[Array, "triangles 3 channels"], orientation: Int[Array, " triangles"]
+) -> Float[Array, "3 channels triangles"]:
+    """Reorient values of corners to positive orientation, and put triangles last."""
+    return jax.vmap(reorient, (1, None), 1)(values.transpose(1, 2, 0), orientation)
+
+
+def perspective_weights(
+    weights: CornerWeights, inverse_w: Float[Array, "3 *lanes"] | None
+) -> CornerWeights:
+    """Convert weights on the screen to weights on the triangle in space.
+
+    Without `inverse_w` the weights are returned as they are.
+    """
+    first, second, third = weights
+    if inverse_w is None:
+        return weights
+    first, second, third = first * inverse_w[0], second * inverse_w[1], third * inverse_w[2]
+    total = first + second + third
+    # Inside the triangle the total is no less than the least q. Far outside, where no sample is
+    # visible but all are evaluated, it can reach zero and the gradients would be infinite.
+    floor = 0.5 * jnp.min(jax.lax.stop_gradient(inverse_w), 0)
+    total = jnp.where(total < floor, floor, total)
+    return safe.divide(first, total), safe.divide(second, total), safe.divide(third, total)
+
+
+def interpolate(
+    weights: CornerWeights, corners: Float[Array, "corners channels *lanes"]
+) -> Float[Array, "channels *points"]:
+    """Interpolate values of three corners with the weights; return that of a single corner."""
+    if corners.shape[0] == 1:
+        return corners[0]
+    interpolated = corners[0]
+    for k in (1, 2):
+        interpolated = interpolated + weights[k][None] * (corners[k] - corners[0])
+    return interpolated

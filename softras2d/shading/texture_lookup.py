@@ -1,0 +1,144 @@
+"""How a triangle looks up its texture at a point: mip levels, anisotropic probes, modulation."""
+
+import functools
+import operator
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..numerics import safe
+from ..numerics.fusion_barrier import materialized
+from ..options import Filter
+from ..texture.level_of_detail import Footprint, Levels, choose_levels, probes
+from ..texture.pyramid import TexturePyramid
+from .corner_attributes import CornerAttributes, CornerWeights
+
+
+class Textures(NamedTuple):
+    """All textures of a scene, and how they are filtered.
+
+    - `texels`: those of the pyramid, with channels first.
+    """
+
+    pyramid: TexturePyramid
+    texels: Float[Array, "channels texels"]
+    filter: Filter
+
+    @classmethod
+    def of(cls, pyramid: TexturePyramid | None, filter: Filter) -> "Textures | None":
+        """Collect the textures of a scene; None for a scene without any."""
+        if pyramid is None:
+            return None
+        return cls(pyramid, materialized(jnp.transpose)(pyramid.texels), filter)
+
+
+class LevelsAndProbes(NamedTuple):
+    """Mip levels from which a texture is sampled, and `count` probes along an axis.
+
+    The axis is a vector (u, v), where 1 is the extent of the image. `count` and `axis` are None for
+    a single probe.
+    """
+
+    levels: Levels
+    count: Float[Array, "*points"] | None = None
+    axis: Float[Array, "2 *points"] | None = None
+
+
+PixelStep = tuple[Array, Array]
+"""Change of the weights of corners 1 and 2 on the screen from pixel to pixel."""
+
+PerspectivePoint = tuple[CornerWeights, Float[Array, "2 *points"]]
+"""Weights of the corners in space, and (u, v), at each point."""
+
+
+def choose_levels_and_probes(
+    textures: Textures,
+    steps: tuple[PixelStep, PixelStep],
+    corners: CornerAttributes,
+    texture: Int[Array, "*lanes"] | None,
+    point: PerspectivePoint | None,
+) -> LevelsAndProbes:
+    """Choose mip levels and probes from the derivative of (u, v) by the position on the screen.
+
+    `steps` are along x and y. `point` is None where the map to the texture is affine, so that its
+    derivative is the same at all points of a triangle.
+    """
+    assert texture is not None
+    table = textures.pyramid.levels
+    base = table[:, 0].at[texture].get(mode="clip")
+    x, y = (_uv_derivative(step, corners, point) for step in steps)
+    height, width = base[..., 1].astype(x.dtype), base[..., 2].astype(x.dtype)
+    footprint = Footprint(x[0] * width, x[1] * height, y[0] * width, y[1] * height)
+    chosen = probes(footprint, textures.filter)
+    texture = jnp.broadcast_to(texture, chosen.level.shape)
+    levels = choose_levels(chosen.level, texture, table, textures.filter.level)
+    if chosen.axis_u is None or chosen.axis_v is None:
+        return LevelsAndProbes(levels)
+    axis = jnp.stack([chosen.axis_u / width, chosen.axis_v / height])
+    return LevelsAndProbes(levels, chosen.count, axis)
+
+
+def _uv_derivative(
+    step: PixelStep, corners: CornerAttributes, point: PerspectivePoint | None
+) -> Float[Array, "2 *points"]:
+    """Derivative of (u, v) for a step of one pixel.
+
+    The derivative of a quotient u = U / Q is (U' - u Q') / Q. The sums over the corners are taken
+    of w_i' q_i (u_i - u), in which no large numbers cancel.
+    """
+    assert corners.uv is not None
+    second, third = step
+    first_uv, second_uv, third_uv = corners.uv
+    if point is None or corners.inverse_w is None:
+        return second[None] * (second_uv - first_uv) + third[None] * (third_uv - first_uv)
+    weights, uv = point
+    # With weights a_i on the screen, w_i = a_i q_i / Q: as the a_i sum to 1, 1 / Q = sum w_i / q_i.
+    per_total = functools.reduce(operator.add, map(safe.divide, weights, corners.inverse_w))
+    change = (-second - third)[None] * corners.inverse_w[0][None] * (first_uv - uv)
+    change = change + second[None] * corners.inverse_w[1][None] * (second_uv - uv)
+    change = change + third[None] * corners.inverse_w[2][None] * (third_uv - uv)
+    return change * per_total[None]
+
+
+def probe_point(
+    uv: Float[Array, "2 *points"], chosen: LevelsAndProbes, probe: Int[Array, ""]
+) -> tuple[Float[Array, "2 *points"], Float[Array, "*chosen"] | None]:
+    """Compute where a probe reads, and its share of the mean; None is a share of 1."""
+    if chosen.count is None or chosen.axis is None:
+        return uv, None
+    return _move_along_axis(uv, chosen.count, chosen.axis, probe)
+
+
+@materialized
+def _move_along_axis(
+    uv: Float[Array, "2 *points"],
+    count: Float[Array, "*chosen"],
+    axis: Float[Array, "2 *chosen"],
+    probe: Int[Array, ""],
+) -> tuple[Float[Array, "2 *points"], Float[Array, "*chosen"]]:
+    """Move to a probe on the axis, and compute its share: 0 for a probe beyond `count`."""
+    number = probe.astype(uv.dtype).reshape((1,) * count.ndim)
+    is_used = number < count
+    offset = jnp.where(is_used, (number + 0.5) / count - 0.5, 0.0)
+    return uv + offset[None] * axis, jnp.where(is_used, 1.0 / count, 0.0)
+
+
+def modulate(
+    color: Float[Array, "color_channels *shaded"],
+    texel: Float[Array, "texel_channels *points"],
+    texture: Int[Array, "*lanes"],
+    share: Float[Array, "*chosen"] | None,
+) -> Float[Array, "channels *points"]:
+    """Multiply a premultiplied texel by a straight colour and the share of a probe.
+
+    A triangle without texture (-1) has texels of 1: the result is its premultiplied colour.
+    """
+    texel = jnp.where((texture < 0)[None], 1.0, texel)
+    if color.shape[0] == 4 and texel.shape[0] == 3:
+        texel = jnp.concatenate([texel, jnp.ones_like(texel[:1])])
+    if share is not None:
+        texel = texel * share[None]
+    if color.shape[0] == 3:
+        return jnp.concatenate([texel[:3] * color, texel[3:]])
+    return jnp.concatenate([texel[:3] * color[:3], texel[3:]]) * color[3:]
