@@ -62,5 +62,6 @@ def linear_to_srgb(values: Any) -> Any:
     is_dark = magnitude <= 0.04045 / 12.92
     with np.errstate(over="ignore"):
         curve = 1.055 * xp.where(is_dark, 1.0, magnitude) ** (1 / 2.4) - 0.055
-    encoded = xp.where(is_dark, values * 12.92, xp.where(values < 0, -curve, curve))
+        line = values * 12.92
+    encoded = xp.where(is_dark, line, xp.where(values < 0, -curve, curve))
     return encoded.astype(values.dtype)
