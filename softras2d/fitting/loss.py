@@ -1,8 +1,12 @@
 """The loss of a fit: how far an image is from its target.
 
+To add a loss, write its function here, and put its name into `names.Loss` and into `_LOSSES`.
+
 **Source:** Zhao, Gallo, Frosio and Kautz, *Loss Functions for Image Restoration with Neural
 Networks* (IEEE TCI 3(1), 2017), for squared or absolute error beside SSIM.
 """
+
+from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -53,13 +57,30 @@ class Loss(eqx.Module):
         - `prepared`: the target as `prepare` gives it.
         - `weights`: scale the error of each pixel, but not SSIM.
         """
-        compared = self.prepare(image)
-        error = compared - prepared
-        if self.kind == "l1":
-            absolute = jnp.abs(error)
-            return jnp.sum(absolute if weights is None else absolute * weights[..., None])
-        error = error if weights is None else error * jnp.sqrt(weights)[..., None]
-        if self.kind == "squared":
-            return error
-        squared = jnp.sum(error * error)
-        return squared + _SSIM_SHARE * error.size * (1.0 - ssim(compared, prepared))
+        return _LOSSES[self.kind](self.prepare(image), prepared, weights)
+
+
+def _squared(image: Array, target: Array, weights: Array | None) -> Array:
+    """The weighted residual of squared error, for solvers of least squares too."""
+    error = image - target
+    return error if weights is None else error * jnp.sqrt(weights)[..., None]
+
+
+def _absolute(image: Array, target: Array, weights: Array | None) -> Float[Array, ""]:
+    """The sum of absolute errors."""
+    error = jnp.abs(image - target)
+    return jnp.sum(error if weights is None else error * weights[..., None])
+
+
+def _with_ssim(image: Array, target: Array, weights: Array | None) -> Float[Array, ""]:
+    """Squared error, and a share of 1 - SSIM for each channel of each pixel."""
+    error = _squared(image, target, weights)
+    return jnp.sum(error * error) + _SSIM_SHARE * error.size * (1.0 - ssim(image, target))
+
+
+_LOSSES: dict[LossKind, Callable[[Array, Array, Array | None], Array]] = {
+    "squared": _squared,
+    "l1": _absolute,
+    "ssim": _with_ssim,
+}
+"""For each name, the function of image, target and weights; all but `"squared"` give a scalar."""

@@ -100,6 +100,8 @@ def _with_hard_coverage(drawing: Drawing) -> Drawing:
     return drawing._replace(coverage=Hard(samples=1))
 
 
+GUARD_BAND = "guard band"
+
 EFFECTS = {
     "interpolated colour": Effect(
         "`colors` have three corners",
@@ -153,7 +155,7 @@ EFFECTS = {
     ),
     "soft coverage": Effect("`coverage` is `Soft`", lambda drawing: True, _with_hard_coverage),
     "exact area": Effect("`coverage` is `Area`", lambda drawing: True, _with_hard_coverage),
-    "guard band": Effect(
+    GUARD_BAND: Effect(
         "triangles reach past half the longer side around the canvas",
         lambda drawing: not _within_guard_band(drawing).all(),
         lambda drawing: drawing._replace(
@@ -162,6 +164,20 @@ EFFECTS = {
     ),
 }
 """Every effect by its name, in the order in which plans list them."""
+
+SCENE_EFFECTS = frozenset(
+    {
+        "interpolated colour",
+        "translucency",
+        "translucent background",
+        "texture",
+        "mip levels",
+        "bilinear filter",
+        "anisotropic filter",
+        "perspective",
+    }
+)
+"""Effects of colours and textures, which every coverage mode draws."""
 
 
 def is_occluder(scene: Scene, orientation: Any) -> Any:

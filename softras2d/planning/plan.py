@@ -11,7 +11,7 @@ from ..geometry.fixed_point import Grid
 from ..geometry.tiling import Tiling
 from ..options import Coverage, Filter, Hard
 from .capacities import Capacity
-from .effects import EFFECTS
+from .effects import EFFECTS, GUARD_BAND
 
 
 class Plan(eqx.Module):
@@ -43,6 +43,11 @@ class Plan(eqx.Module):
     def hard(self) -> Hard:
         """The coverage of a plan for hard mode."""
         return cast(Hard, self.coverage)
+
+    @property
+    def cuts_far_triangles(self) -> bool:
+        """Whether triangles may reach past the guard band, in hard mode, and are cut to it."""
+        return GUARD_BAND in self.effects
 
     @property
     def grid(self) -> Grid:

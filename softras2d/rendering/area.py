@@ -13,7 +13,7 @@ from ..coverage.centroid import AreaGeometry, CentroidWeights
 from ..coverage.edge_lines import TriangleLines
 from ..numerics.fusion_barrier import materialized
 from ..options import Area
-from ..planning.effects import EFFECTS
+from ..planning.effects import SCENE_EFFECTS
 from ..shading.pixel_color import ShadedSlots
 from .analytic import AnalyticMode, PixelFunctions, SlotGeometry, add_signed
 
@@ -21,11 +21,7 @@ from .analytic import AnalyticMode, PixelFunctions, SlotGeometry, add_signed
 class AreaMode(AnalyticMode):
     """Exact area, the mode of `Area`."""
 
-    effects = tuple(
-        name
-        for name in EFFECTS
-        if name not in ("pixel shading", "soft coverage", "guard band", "depth test")
-    )
+    effects = SCENE_EFFECTS | {"exact area"}
     missing: ClassVar[dict[str, str]] = {
         "depth test": "`Area` has no depth test: use Soft(...) or Hard(...), or `depth=None`."
     }

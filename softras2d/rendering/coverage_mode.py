@@ -1,6 +1,9 @@
 """The interface of a coverage mode: how one kind of coverage is planned and drawn.
 
-`modes.MODES` maps each option that a caller may choose to its mode.
+`modes.MODES` maps each option that a caller may choose to its mode. To add a mode, write its option
+in `options.py` and its class in a file of this folder (a smooth function of the corners: on
+`analytic.AnalyticMode`), and put both into `MODES`. What a plan shall tell about it is a row of
+`effects.EFFECTS`, which the class names in `effects`.
 """
 
 import abc
@@ -48,7 +51,7 @@ class CoverageMode(abc.ABC):
     - `missing`: for each effect of a scene that it cannot draw, one line that says what to do.
     """
 
-    effects: tuple[str, ...]
+    effects: frozenset[str]
     missing: dict[str, str]
 
     def prepare(self, coverage: Any, max_width: float | None) -> Coverage:

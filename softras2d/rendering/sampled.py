@@ -29,7 +29,14 @@ from ..gradients.visible_front import Front, OpaqueSamples
 from ..numerics.fusion_barrier import materialized
 from ..options import Hard
 from ..planning.capacities import SAMPLED_HEADROOM, Needs, choose_capacity
-from ..planning.effects import EFFECTS, is_occluder, is_shaded, is_translucent, varies
+from ..planning.effects import (
+    GUARD_BAND,
+    SCENE_EFFECTS,
+    is_occluder,
+    is_shaded,
+    is_translucent,
+    varies,
+)
 from ..planning.list_counts import count_sampled_lists
 from ..planning.plan import Plan
 from ..scene import Scene
@@ -63,7 +70,7 @@ class Projected(NamedTuple):
 class SampledMode(CoverageMode):
     """Sampled coverage, the mode of `Hard`: the exact supersampled image."""
 
-    effects = tuple(name for name in EFFECTS if name not in ("soft coverage", "exact area"))
+    effects = SCENE_EFFECTS | {"depth test", "pixel shading", GUARD_BAND}
     missing: ClassVar[dict[str, str]] = {}
 
     def lay_out(
@@ -118,7 +125,6 @@ def _count_runs(count: Int[Array, "3 triangles"]) -> Int[Array, ""]:
 
 def _project(scene: Scene, plan: Plan) -> Projected:
     grid = plan.grid
-    cut = "guard band" in plan.effects
     # Positions get the derivative of the box-filtered image apart, or none.
     projection = project(
         jax.lax.stop_gradient(scene.positions),
@@ -126,7 +132,7 @@ def _project(scene: Scene, plan: Plan) -> Projected:
         plan.origin,
         grid,
         plan.hard.fill_rule,
-        cut=cut,
+        cut=plan.cuts_far_triangles,
         weights=varies(scene) or scene.depth is not None,
         materialize=materialized,
     )

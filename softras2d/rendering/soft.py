@@ -17,7 +17,7 @@ from ..coverage.profiles import SUPPORT
 from ..coverage.soft import SoftCoverage
 from ..numerics.device import to_device
 from ..options import Soft
-from ..planning.effects import EFFECTS
+from ..planning.effects import SCENE_EFFECTS
 from ..shading.pixel_color import ShadedSlots
 from .analytic import AnalyticMode, PixelFunctions, SlotGeometry
 
@@ -25,9 +25,7 @@ from .analytic import AnalyticMode, PixelFunctions, SlotGeometry
 class SoftMode(AnalyticMode):
     """Soft coverage, the mode of `Soft`."""
 
-    effects = tuple(
-        name for name in EFFECTS if name not in ("pixel shading", "exact area", "guard band")
-    )
+    effects = SCENE_EFFECTS | {"depth test", "soft coverage"}
     missing: ClassVar[dict[str, str]] = {}
 
     def prepare(self, coverage: Soft, max_width: float | None) -> Soft:

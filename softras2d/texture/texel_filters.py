@@ -1,7 +1,8 @@
 """How the texels along one axis are mixed around a point: one class for each name of a filter.
 
 A two-dimensional filter is the product of the mix along u and that along v. To add one, write its
-class here, and put its name into `names.PixelFilter` and into `TEXEL_FILTERS`.
+class here, and put its name into `names.PixelFilter` and into `TEXEL_FILTERS`. What a plan shall
+tell about it is a row of `planning.effects.EFFECTS`.
 """
 
 import abc
