@@ -138,7 +138,7 @@ def _project(scene: Scene, plan: Plan) -> Projected:
     )
     corners, segments, edges, box, weights, beyond = projection
     orientation = segments.orientation
-    leaves_guard_band = jnp.zeros((), bool) if cut else jnp.any(beyond)
+    leaves_guard_band = jnp.zeros((), bool) if plan.cuts_far_triangles else jnp.any(beyond)
     outlines = None
     if plan.hard.edge_gradients:
         outlines = _outlines(corners, segments, edges, scene.triangles, grid)
