@@ -123,9 +123,10 @@ class Filter(eqx.Module):
     - `level`: level `"zero"`, the `"nearest"` level, or `"linear"` between two.
     - `anisotropy`: maximum number of probes along the longer axis of the footprint, 1..16. 1 is
       isotropic, which blurs a stretched texture.
-    - `lod_bias`: added to the level of detail, which is that of a whole pixel. With S samples along
-      the side of a pixel, -log2 S leaves the averaging to the samples. It is an array leaf of a
-      plan, so a new value does not recompile.
+    - `lod_bias`: added to the level of detail, which is that of a whole pixel's footprint. With S
+      samples along the side of a pixel, -log2 S gives the level of a sample's footprint, and the
+      mean over the samples does the rest. It is an array leaf of a plan, so a new value does not
+      recompile.
     """
 
     pixel: PixelFilter = eqx.field(static=True, default="bilinear")

@@ -45,10 +45,13 @@ class Strips(NamedTuple):
 class RowEdge(NamedTuple):
     """An edge function in one row of tiles, as float32, positive inside.
 
+    The unit is that of the edge given: the edge value of an `Edge`, or the distance in pixels of a
+    `Line`.
+
     - `value`: at the first sample of the row.
     - `right`: change from a sample to the next one to the right.
     - `drop`: change from the first to the last sample row of the row of tiles.
-    - `margin`: distance beyond zero at which coverage ends; None if it ends at zero.
+    - `margin`: `Line.margin`, in pixels; None for an `Edge`, at which coverage ends.
     """
 
     value: Float[HostOrDeviceArray, " strips"]

@@ -23,21 +23,21 @@ from .area import ClippedEdge, Outline, interval_in_pixel
 from .edge_lines import TriangleLines
 
 _THICK = 2.0**-9
-"""Height in pixels from which on a triangle has the weights at its centroid alone."""
+"""Least height, in pixels, of triangles whose weights are only those at the centroid."""
 
 _THIN = 2.0**-11
-"""Height in pixels up to which it has those of the segment alone.
+"""Greatest height, in pixels, of triangles whose weights are only those of the segment.
 
-Between the two heights, the centroid is known to about 1e-4, and so are the weights of the segment
-because of how the sides of a pixel cut a triangle that is not quite flat.
+Between the two heights both are blended, and both err by about 1e-4: the centroid by roundings, the
+segment because a pixel's sides cut a triangle that is not quite flat at an angle.
 """
 
 
 class _Segment(NamedTuple):
     """The longest edge of each slot's triangle.
 
-    - `edge`: clipped; `number`: which of the three it is; `foot`: that of the middle corner, 0..1
-      along the edge.
+    - `edge`: the edge, clipped to the tile's rows; `number`: its index, 0..2.
+    - `foot`: where the perpendicular from the middle corner meets the edge, 0..1 along it.
     - `thinness`: share of the weights that is taken from the segment, 0..1.
     """
 
@@ -96,9 +96,9 @@ def _longest_edge(outline: Outline, lines: TriangleLines) -> _Segment:
 
 
 def _segment_weights(
-    segment: _Segment, otherwise: tuple[Array, Array, Array], x: PointValues, y: PointValues
+    segment: _Segment, at_centroid: tuple[Array, Array, Array], x: PointValues, y: PointValues
 ) -> tuple[Array, Array, Array]:
-    """Weights of the three corners in each pixel; `otherwise` where the segment is not in it."""
+    """Weights of the three corners in each pixel; `at_centroid` where the segment is not in it."""
     enter, leave = interval_in_pixel(segment.edge, x, y)
     start = segment.edge.start + segment.edge.share * enter
     end = segment.edge.start + segment.edge.share * leave
@@ -130,5 +130,5 @@ def _segment_weights(
             of_edge[0],
             jnp.where(segment.number == 1, of_edge[1], of_edge[2]),
         )
-        weights.append(jnp.where(is_in_pixel, chosen, otherwise[corner]))
+        weights.append(jnp.where(is_in_pixel, chosen, at_centroid[corner]))
     return weights[0], weights[1], weights[2]

@@ -32,7 +32,7 @@ class FitRequest(NamedTuple):
     - `adjustable_rate`: whether the solver has a learning rate that the family may lower.
     - `resume_state`: arrays of an earlier fit, or None for a new fit. The family reads here only
       the shapes of its arrays; `AbstractFit.restore_own_state` restores their values later.
-    - `must_start()`: whether the search for a start must end with what it has.
+    - `must_start()`: whether time is up for the search for a start, so that steps must begin.
     """
 
     target: Target
@@ -47,7 +47,7 @@ class FitRequest(NamedTuple):
 
     @property
     def exchanges(self) -> bool:
-        """Whether triangles or vertices are moved where the error is between chunks."""
+        """Whether, between chunks, triangles or vertices are moved to where the error is large."""
         return self.settings["start"] == "error"
 
     @property
@@ -69,8 +69,8 @@ class AbstractFit(abc.ABC):
     - `progress`: unknowns, solver state and number of steps.
     - `image`: the image of the last step, at the size and with the coverage of the fit.
     - `active`: number of triangles in use; the other triangles in the arrays are spare.
-    - `last_exchange`: share of the fit, 0..1, after which triangles or vertices were last moved
-      elsewhere.
+    - `last_exchange`: how far the fit was, 0..1, when triangles or vertices were last moved to
+      where the error is large.
     """
 
     request: FitRequest

@@ -57,8 +57,8 @@ def fit(
     - `solver`: `"adam"`, `"lm"`, `"dogleg"`, `"bfgs"`, `"lbfgs"`, or a solver object of optimistix.
     - `seed`: of all random choices. With a limit of `steps`, the same seed gives the same result
       on the same machine.
-    - `steps`: number of solver steps in all, those of `resume` included. The default is 1000.
-    - `seconds`: in place of `steps`, how long this call may take, compiling and scoring included.
+    - `steps`: total number of solver steps, including those of `resume`. The default is 1000.
+    - `seconds`: time limit of this call, instead of `steps`; includes compiling and scoring.
     - `size`: pixels along the longer side at which to fit. The default is 256 for layers, and the
       size of the target for a mesh. A fit is never larger than its target.
     - `shading`: `"flat"`, one colour per triangle; `"gouraud"`, colours interpolated between the
@@ -87,8 +87,8 @@ def fit(
       A checkpoint that cannot be written is a warning.
 
     The first Ctrl-C ends the fit, which returns the best so far with `interrupted` set; a second
-    one is raised. A fit computes in float32, whatever JAX is set to. Raises `ValueError`, one line,
-    for arguments that make no sense.
+    raises `KeyboardInterrupt`. A fit computes in float32, whatever JAX is set to. Raises
+    `ValueError`, one line, for arguments that make no sense.
     """
     began = time.perf_counter()
     settings: dict[str, Any] = {

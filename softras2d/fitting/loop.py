@@ -45,7 +45,7 @@ class ProgressReport(NamedTuple):
 class AcceptedSteps:
     """Counts accepted steps: those with a loss below all losses before them in this call.
 
-    `count`: starts at the number of accepted steps of the fit that is resumed.
+    - `count`: number of accepted steps of the fit that is resumed, from which counting goes on.
     """
 
     def __init__(self, count: int):
@@ -89,11 +89,11 @@ def run(
     while budget.share(steps, compiled_at) < 1:
         if stop():
             return True
-        number = budget.next_steps(steps, max_steps, step_seconds, measure_seconds)
+        chunk_steps = budget.next_steps(steps, max_steps, step_seconds, measure_seconds)
         began = time.perf_counter()
         for fit in fits:
             fit.refine(budget.share(steps, compiled_at))
-        losses = advance_fits(fits, number, max_steps)
+        losses = advance_fits(fits, chunk_steps, max_steps)
         now = time.perf_counter()
         # The first chunk compiles, so it does not tell how long a step takes.
         step_seconds = (now - began) / len(losses[0]) if compiled_at else None

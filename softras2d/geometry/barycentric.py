@@ -1,9 +1,11 @@
 """Barycentric weights from edge functions, accurate on slivers and far from the origin.
 
 The three edge values at a point add up to twice the area of the triangle. The share of each edge
-value is the weight of the corner opposite that edge. Values are summed as integers (`WrappedValue`)
-and rounded to floats once. Nothing is subtracted in floats, so a weight is as accurate as one float
-division however thin the triangle is.
+value is the weight of the corner opposite that edge. For corners 1 and 2 it is one integer sum
+(`WrappedValue`), rounded to a float once below 2^31 and three times beyond, plus the fraction of
+the edge value, times one reciprocal. So these weights err by a few roundings of their own, however
+thin the triangle is. The weight of corner 0 is one less the two others, so its absolute error is a
+few roundings of 1.
 """
 
 from collections.abc import Callable

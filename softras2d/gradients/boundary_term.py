@@ -6,12 +6,16 @@ edge sweeps over the pixel. The integral along the edge is evaluated on the grid
 sum over crossings (`crossings.py`): each stands for the length of edge between two lines of
 samples, its speed along the line is exact, and the jump of colour is that between the two samples.
 
-Of the triangles that show at the two samples the one in front owns the crossing; any other edge
-there is hidden by it. A triangle so thin that neither sample shows it owns its crossings where the
-same triangle shows behind it on both sides. Where the two samples show triangles that do not meet
-between them, each owns its crossing, and what shows in the strip is looked up (`thin_strips`). The
-sum is linear in the velocity of the vertices, so that one rule serves both directions of
-differentiation.
+In an opaque scene, only crossings at which the edge is visible count:
+
+- The edge's triangle shows at the sample inside, and lies in front of what shows outside.
+- The edge's triangle is so thin that neither sample shows it. Both show the same other triangle or
+  the background, and the thin triangle lies in front of that.
+- The edge's triangle shows at the sample inside, and what shows at the sample outside ends before
+  it reaches the edge. Then the strip between the two shows something that neither sample does: it
+  is looked up (`thin_strips`), and the edge's triangle lies in front of that.
+
+The sum is linear in the velocity of the vertices, so that one rule serves both jvp and vjp.
 
 **Source:** Li, Aittala, Durand and Lehtinen, *Differentiable Monte Carlo Ray Tracing through Edge
 Sampling* (ACM TOG 37(6), 2018), section 3.1, equation 6, for the integral; Laine et al., *Modular
@@ -41,9 +45,9 @@ from .visible_front import OpaqueSamples, color_at, color_on_edge, triangle_at
 class Sweep(NamedTuple):
     """What a motion of the edges does to the image.
 
-    - `edge`, `t`, `pixel`: of each crossing, as in `Crossings`.
-    - `jump`: what the pixel gains for an edge that moves by a pixel towards greater x or y,
-      along the line that it crosses.
+    - `edge`, `t`, `pixel`: as in `Crossings`.
+    - `jump`: change of the pixel's colour for each pixel that the edge moves towards greater x or
+      y, along the line of samples that it crosses.
     """
 
     edge: Int[Array, " runs"]
@@ -157,9 +161,9 @@ def boundary_term(
     outlines: Outlines,
     samples: OpaqueSamples | LayeredSamples,
 ) -> Float[Array, "height width channels"]:
-    """Zero; its derivative with respect to positions and depth is that of the box-filtered image.
+    """Return zeros, whose derivative by positions and depth is the boundary term of the image.
 
-    The derivative does not depend on anything further: second derivatives are zero.
+    Added to the image, they give it this derivative. Second derivatives are zero.
     """
     grid = shape.tiling.grid
     # A zero that depends on what is differentiated: JAX 0.10 cannot differentiate a batched call of
@@ -213,11 +217,11 @@ def _sweep(
     dtype = outlines.sides.start.dtype
 
     def visit(number, sweep):
-        part = jax.tree.map(
+        block_runs = jax.tree.map(
             lambda entry: jax.lax.dynamic_slice_in_dim(entry, number * _BLOCK, _BLOCK), runs
         )
         sides, edges, _, first, count = outlines
-        crossings = find_crossings(sides, edges, first, count, part, grid)
+        crossings = find_crossings(sides, edges, first, count, block_runs, grid)
         if isinstance(samples, OpaqueSamples):
             jump = _opaque_jumps(shape, crossings, samples)
         else:
@@ -238,12 +242,10 @@ def _sweep(
 def _opaque_jumps(
     shape: BoundaryShape, crossings: Crossings, samples: OpaqueSamples
 ) -> Float[Array, "channels lines runs"]:
-    """The colour of the edge's triangle less what shows outside, where that triangle is in front.
+    """Compute `Sweep.jump` of opaque triangles; 0 where the edge is not visible.
 
-    It shows at the sample inside; or, where it is thinner than the distance of samples, it lies
-    before the one triangle that shows on both sides of it, which then fills the gap between them.
-    What shows at the sample outside may end before it reaches the edge: then a strip between the
-    two shows something else (`thin_strips`).
+    It is the colour of the edge's triangle less the colour that shows just outside the edge, times
+    the length of edge that a crossing stands for. The top of this file says which edges count.
     """
     tiling = shape.tiling
     inner, outer = (
@@ -281,9 +283,9 @@ def _opaque_jumps(
 class EdgeDepths(NamedTuple):
     """Depths that decide which triangle is in front at each crossing.
 
-    - `on_edge`: of the edge's triangle, on the edge.
-    - `outside`: of its plane, at the sample outside.
-    - `behind`: of the triangle that shows at the sample outside.
+    - `on_edge`: depth of the edge's triangle, on the edge.
+    - `outside`: depth of the plane of the edge's triangle, at the sample outside.
+    - `behind`: depth of the triangle that shows at the sample outside, at that sample.
     """
 
     on_edge: Float[Array, "lines runs"]
@@ -303,7 +305,7 @@ def _ownership(
     """
     triangle = (crossings.edge // 3)[None]
     shows_inside, is_in_front = inner == triangle, outer < triangle
-    # Between two samples that show the same triangle behind it, a thinner one is seen.
+    # A triangle that covers neither sample is visible between two that show the same triangle.
     is_thin = (inner == outer) & ~shows_inside
     if depths is not None:
         depth = jnp.where(shows_inside, depths.outside, depths.on_edge)
@@ -322,16 +324,16 @@ def _jump(
     tiling: Tiling,
 ) -> Float[Array, "channels lines runs"]:
     """What a pixel gains as each edge moves by a pixel towards greater x or y."""
-    return jnp.where(owned[None], (near - far) * _per_pixel(outwards, tiling), 0.0)
+    return jnp.where(owned[None], (near - far) * _signed_edge_length(outwards, tiling), 0.0)
 
 
 def _layered_jumps(
     shape: BoundaryShape, crossings: Crossings, samples: LayeredSamples
 ) -> Float[Array, "channels lines runs"]:
-    """What the edge's triangle would add outside, through what lies in front at either sample.
+    """Compute `Sweep.jump` of translucent triangles: what each would add to the sample outside.
 
-    A layer in front that ends between the same two samples has a crossing of its own, beyond which
-    this one is samples no better than before it.
+    It is dimmed by the smaller of the transmittances in front of it at the two samples. A layer in
+    front that ends between them has a crossing of its own, so it must not brighten this one.
     """
     tiling, surface, depths = shape.tiling, samples.surface, samples.depths
     triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.valid.shape)
@@ -356,18 +358,18 @@ def _layered_jumps(
 def _limited_gain(
     crossings: Crossings, near: Addition, far: Addition, *, tiling: Tiling
 ) -> Float[Array, "channels lines runs"]:
-    """What the triangle adds outside, dimmed by what lies in front at either sample.
+    """Compute the jump from what the triangle adds at the samples inside and outside.
 
-    A triangle that covers neither sample is counted too: it is thinner than their distance, and
-    visible between them all the same.
+    The gain outside is limited to the smaller of the two transmittances. A triangle that covers
+    neither sample is counted too: it is thinner than their distance, and visible between them.
     """
-    clear = jnp.where(far.through > 0, far.through, 1.0)
-    part = jnp.minimum(near.through, far.through) / clear
-    gain = far.gain * part[None] * _per_pixel(crossings.outwards, tiling)
+    clear = jnp.where(far.transmittance > 0, far.transmittance, 1.0)
+    dimming = jnp.minimum(near.transmittance, far.transmittance) / clear
+    gain = far.gain * dimming[None] * _signed_edge_length(crossings.outwards, tiling)
     counted = near.listed | ~far.listed
     return jnp.where((crossings.valid & counted)[None], gain, 0.0)
 
 
-def _per_pixel(outwards: Array, tiling: Tiling) -> Array:
-    """A crossing stands for the length of edge from a line of samples to the next."""
+def _signed_edge_length(outwards: Array, tiling: Tiling) -> Array:
+    """Length of edge that a crossing stands for, in pixels: a sample's side, signed outwards."""
     return (outwards / tiling.grid.rate)[None, None]

@@ -1,8 +1,8 @@
 """Crossings: where the edge of a triangle passes between two neighbouring samples.
 
-Each edge is followed along its better-conditioned axis: one that is steeper than 45 degrees
-crosses rows of samples, any other crosses columns. On each such line it passes between two samples,
-of which one is inside; which two is decided by the integers that decide coverage.
+An edge of 45 degrees or steeper is intersected with the rows of samples, any other edge with the
+columns. On each of these lines it passes between two samples, of which one is inside the triangle.
+Which two samples these are is decided by the same integers that decide coverage.
 
 Edges are cut into runs of `LINES` lines: what a run shares is gathered once.
 """
@@ -32,14 +32,14 @@ class Sample(NamedTuple):
 class Crossings(NamedTuple):
     """Runs of crossings, edge by edge.
 
-    - `edge`: of each run, as 3 triangle + side; `valid`: whether there is a crossing at all.
-    - `inside`, `outside`: the two samples; of the triangle, and next to it. Where an edge passes
-      between the border of the canvas and the first sample, both are that sample.
-    - `gap`: from the outside sample to the crossing along the line, in samples.
-    - `t`: how far along the edge, 0..1.
-    - `along_row`: of each run, whether its lines are rows of samples, else columns.
-    - `outwards`: of each run, 1 if the outside lies at greater x or y, else -1.
-    - `pixel`: that holds the crossing, row by row; one past the last where not `valid`.
+    - `edge`: the edge of each run, as 3 triangle + side; `valid`: whether there is a crossing.
+    - `inside`, `outside`: the samples on both sides of the edge, inside and outside the triangle.
+      Between the border of the canvas and the sample next to it, both are that sample.
+    - `gap`: signed distance along the line from the outside sample to the crossing, in samples.
+    - `t`: position of the crossing along the edge, 0..1.
+    - `along_row`: whether the lines of each run are rows of samples; else they are columns.
+    - `outwards`: 1 for runs whose outside lies at greater x or y; else -1.
+    - `pixel`: index of the crossing's pixel, row by row; one past the last where not `valid`.
     """
 
     edge: Int[Array, " runs"]
@@ -57,7 +57,7 @@ class Sides(NamedTuple):
     """The edges of all triangles, `[triangles, 3]`, turned to positive orientation.
 
     - `start`, `end`: x and y in pixels, `[2, triangles, 3]`.
-    - `steep`: whether rows serve it.
+    - `steep`: whether the edge is intersected with rows of samples; else with columns.
     """
 
     start: Float[Array, "2 triangles 3"]
@@ -66,7 +66,7 @@ class Sides(NamedTuple):
 
     @property
     def slope(self) -> Float[Array, "triangles 3"]:
-        """Change across for a unit along the line's normal, -1..1; 0 for an edge of no length."""
+        """dx/dy of steep edges, dy/dx of others, -1..1; 0 for an edge of no length."""
         # Halves: the difference of two corners may be beyond the greatest float.
         run, rise = self.end / 2 - self.start / 2
         length = jnp.where(self.steep, rise, run)
@@ -112,7 +112,8 @@ class Run(NamedTuple):
     """What the lines of a run share, `[runs]`.
 
     - `steep`: whether they are rows; `line`: the first; `lines`: how many.
-    - `begin`, `length`: of the edge across the lines in half pixels; `near`, `change`: along them.
+    - `begin`, `length`: half the edge's start and extent across the lines, in pixels; `near`,
+      `change`: the same along the lines.
     - `start`, `estimate`, `step`, `stride`: the edge value at the line's sample 0 and line 0, and
       its steps along a line and from line to line.
     """
@@ -173,7 +174,7 @@ def find_crossings(
         right, down, start, estimate = (side(e) for e in list(zip(*edges, strict=True))[:4])
         steep = sides.steep.reshape(-1)[owner]
         (x0, y0), (x1, y1) = (
-            # Half pixels: the difference of two corners in pixels may be beyond the greatest float.
+            # Halved: the difference of two corners in pixels may be beyond the greatest float.
             [ends[axis].reshape(-1)[owner] / 2 for axis in (0, 1)]
             for ends in (sides.start, sides.end)
         )
@@ -244,8 +245,8 @@ def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array]:
         """Whether a sample of the line lies beyond the edge, towards greater x or y."""
         return value(place).is_inside() == (wide.step > 0)
 
-    # Of far corners the guess is some samples off, and a rounding may put it beside the sample: the
-    # integers correct both.
+    # The guess is some samples off where corners are far, and a rounding may move it by a sample.
+    # The integers correct both.
     guess = jnp.floor(across * grid.rate - 0.5)
     guess = jnp.clip(guess, -2.0, 2.0**20).astype(jnp.int32)
     guessed = value(guess)
@@ -260,8 +261,8 @@ def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array]:
     # If the samples are of two pixels, these meet half way between them.
     middle = 2 * value(before).wrapped + wide.step
     first = (middle >= 0) == (wide.step > 0)
-    held = jnp.clip(before + jnp.where(first, 0, 1), 0, size - 1) // grid.rate
-    by_row = line // grid.rate
-    pixel = jnp.where(wide.steep, by_row * grid.width + held, held * grid.width + by_row)
+    along_px = jnp.clip(before + jnp.where(first, 0, 1), 0, size - 1) // grid.rate
+    line_px = line // grid.rate
+    pixel = jnp.where(wide.steep, line_px * grid.width + along_px, along_px * grid.width + line_px)
     pixel = jnp.where(valid, pixel, grid.height * grid.width)
     return before, line, t, pixel, valid

@@ -1,12 +1,13 @@
-"""What a moving vertex does to the inside of its triangle: colours move with the vertices with it.
+"""The interior term: how colours inside a triangle change when its vertices move.
 
-Weights w_j of the corners are affine on the screen. As x = sum w_k v_k stays put when the corners
-v_k move, the weights at x change by -grad w_j . sum_k w_k dv_k, and a value with the corners c_j,
-whose gradient on the screen is g = sum_j c_j grad w_j, changes by -sum_k w_k (g . dv_k). That is an
-interpolated value again, with the corners -g . dv_k: whatever is computed from corners is
-differentiated by moving the corner values so, and nothing else has to know.
+The weights w_j of the corners v_j are affine on the screen. Fix a point x = sum_k w_k v_k. When the
+corners move by dv_k, the weights at x change by -grad w_j . sum_k w_k dv_k. So a value with corner
+values c_j, whose gradient on the screen is g = sum_j c_j grad w_j, changes by
+-sum_k w_k (g . dv_k). This change is interpolated too, from the corner values -g . dv_k. It is
+therefore enough to give the corner values this derivative: all that is computed from them follows.
 
-In perspective c is a quotient of sum w_k q_k c_k and sum w_k q_k, both affine; then
+In perspective, with q_k = `inverse_w` of corner k, c is the quotient of sum_k w_k q_k c_k and
+sum_k w_k q_k, both of which are affine on the screen. Then
 
     dq_k = -sum_j q_j (grad w_j . dv_k),    dc_k = -sum_j (q_j / q_k) (c_j - c_k) (grad w_j . dv_k).
 """
@@ -29,8 +30,8 @@ def weight_gradients(
 ) -> Float[Array, "2 3 triangles"]:
     """Derivatives by x and y, per pixel, of the weights of the corners; 0 without area.
 
-    Of triangles thinner than the distance of samples they are held at one per that distance: a
-    sample that such a triangle happens to own stands for more area than the triangle has.
+    For triangles thinner than the distance of samples they are clamped to 1 per that distance: a
+    sample that such a triangle covers stands for more area than the triangle has.
     """
 
     @materialized
@@ -58,9 +59,10 @@ def attach_interior_term(
     vertex: Int[Array, "triangles 3"],
     gradients: Float[Array, "2 3 triangles"],
 ) -> CornerAttributes:
-    """The corners; their derivative with respect to the positions is that of the image inside.
+    """Return `corners`, with the interior term as their derivative with respect to positions.
 
-    `vertex`: of the corners; `gradients`: `weight_gradients`. Held fixed in second derivatives.
+    `vertex`: the vertex index of each corner; `gradients`: of the weights, by `weight_gradients`.
+    All inputs are constants in second derivatives.
     """
     return corners
 
@@ -77,14 +79,14 @@ def _interior_term_jvp(primals, tangents):
 
     @materialized
     def drift(velocity, corners, vertex, gradients):
-        # Of weight j with corner k: [3 j, 3 k, triangles].
+        # rate[j, k] = grad w_j . dv_k, for each triangle.
         moved = velocity[vertex.T]
         rate = gradients[0][:, None] * moved[None, :, :, 0]
         rate = rate + gradients[1][:, None] * moved[None, :, :, 1]
-        bend = jnp.zeros_like(moved[..., 0])
+        inverse_w_change = jnp.zeros_like(moved[..., 0])
         if corners.inverse_w is not None:
             q = corners.inverse_w
-            bend = -(q[0][None] * rate[0] + q[1][None] * rate[1] + q[2][None] * rate[2])
+            inverse_w_change = -(q[0][None] * rate[0] + q[1][None] * rate[1] + q[2][None] * rate[2])
             rate = rate * q[:, None] / q[None]
 
         def interpolated(value):
@@ -93,12 +95,12 @@ def _interior_term_jvp(primals, tangents):
             parts = [(value[j][None] - value) * rate[j][:, None] for j in range(3)]
             return -(parts[0] + parts[1] + parts[2])
 
-        return interpolated(corners.color), bend, interpolated(corners.uv)
+        return interpolated(corners.color), inverse_w_change, interpolated(corners.uv)
 
-    color, bend, uv = drift(tangents[1], corners, vertex, gradients)
+    color, inverse_w_change, uv = drift(tangents[1], corners, vertex, gradients)
     return primals[0], CornerAttributes(
         change.color + color if corners.color.shape[0] == 3 else change.color,
-        None if change.inverse_w is None else change.inverse_w + bend,
+        None if change.inverse_w is None else change.inverse_w + inverse_w_change,
         None if change.uv is None else change.uv + uv,
     )
 

@@ -11,8 +11,8 @@ point the depth of a triangle changes by sum_k w_k (dz_k - grad z . dv_k), where
 of the corners there, z_k their depths and v_k their positions: linear in both, like the change of
 the image.
 
-Candidates are read off the bits of visibility: a triangle shows at a sample and not at the next,
-though it covers it. They are worked on in blocks, so that no list of them is kept.
+Candidates are found in the coverage words: a triangle shows at a sample, and covers the next sample
+without showing there. They are processed in blocks, so that no list of all of them is stored.
 """
 
 import functools
@@ -42,8 +42,8 @@ _CANDIDATES, _PAIRS = 4096, 512
 """Candidates, and pairs among them that show different triangles, that are worked on together."""
 
 _ROUNDING = 2.0**-20
-"""Depths that differ by less than this share of themselves differ by their roundings: what changes
-place with them is noise, not a line."""
+"""Relative difference of two depths that may be a rounding. Where depths differ by no more than it,
+a change of the nearest triangle is noise, not a line."""
 
 
 class _Shape(NamedTuple):
@@ -58,8 +58,8 @@ class _Shape(NamedTuple):
 class _DepthPlanes(NamedTuple):
     """The depth of each triangle as a plane.
 
-    - `area`: twice it, in units of the edge value.
-    - `slope`: of the depth by x and y, per pixel.
+    - `area`: twice the area of each triangle, in units of the edge value.
+    - `slope`: derivatives of the depth by x and y, per pixel.
     """
 
     area: Float[Array, " triangles"]
@@ -85,10 +85,10 @@ class _Exchange(NamedTuple):
     """Pairs of samples between which the nearest triangle changes, in `lanes`.
 
     - `before`, `after`: the triangle that shows at either sample.
-    - `before_weights`, `after_weights`: of their corners, where both are equally deep.
-    - `gain`: what the pixel gains for each unit by which `before` becomes deeper; 0 in unused
-      lanes.
-    - `pixel`: row by row; one past the last in unused lanes.
+    - `before_weights`, `after_weights`: weights of their corners at the point of equal depth.
+    - `gain`: change of the pixel's colour for each unit by which `before` becomes deeper than
+      `after`; 0 in unused lanes.
+    - `pixel`: index of the pixel, row by row; one past the last in unused lanes.
     """
 
     before: Int[Array, " lanes"]
@@ -106,7 +106,7 @@ def depth_changes(
     depths: Depths,
     tiling: Tiling,
 ) -> Float[Array, "3 triangles"]:
-    """Change of each triangle's depth at a fixed point of the screen, as a share of each corner."""
+    """Change of depth at fixed points of the screen, as corner values that are interpolated."""
     gradients = weight_gradients(depths.edges, depths.planes, tiling.grid, velocity.dtype)
 
     @materialized
@@ -120,7 +120,7 @@ def depth_changes(
 
 
 def image_change(
-    visible: OpaqueSamples,
+    samples: OpaqueSamples,
     changes: Float[Array, "3 triangles"],
     tiling: Tiling,
     *,
@@ -129,9 +129,9 @@ def image_change(
 ) -> Float[Array, "height width channels"]:
     """Rate of change of the image for the given `depth_changes`. Linear in them."""
     grid = tiling.grid
-    shape = _Shape(tiling, visible.background.shape[0], max_chunks, flat)
+    shape = _Shape(tiling, samples.background.shape[0], max_chunks, flat)
 
-    def forward(visible: OpaqueSamples, changes: Array) -> Array:
+    def forward(samples: OpaqueSamples, changes: Array) -> Array:
         def add(image: Array, exchange: _Exchange) -> Array:
             before = jnp.sum(exchange.before_weights * changes[:, exchange.before], 0)
             after = jnp.sum(exchange.after_weights * changes[:, exchange.after], 0)
@@ -139,36 +139,36 @@ def image_change(
             return image.at[:, exchange.pixel].add(gained, mode="drop")
 
         empty = jnp.zeros((shape.channels, grid.height * grid.width), changes.dtype)
-        return _for_each_exchange(shape, visible, add, empty)
+        return _for_each_exchange(shape, samples, add, empty)
 
-    def backward(visible: OpaqueSamples, cotangent: Array) -> Array:
+    def backward(samples: OpaqueSamples, cotangent: Array) -> Array:
         def add(changes: Array, exchange: _Exchange) -> Array:
             at_pixel = cotangent.at[:, exchange.pixel].get(mode="fill", fill_value=0)
             weight = jnp.sum(exchange.gain * at_pixel, 0)[None]
             changes = changes.at[:, exchange.before].add(weight * exchange.before_weights)
             return changes.at[:, exchange.after].add(-weight * exchange.after_weights)
 
-        assert visible.depths is not None
-        empty = jnp.zeros(visible.depths.depth.shape, cotangent.dtype)
-        return _for_each_exchange(shape, visible, add, empty)
+        assert samples.depths is not None
+        empty = jnp.zeros(samples.depths.depth.shape, cotangent.dtype)
+        return _for_each_exchange(shape, samples, add, empty)
 
-    image = linear_map(forward, backward)(visible, changes)
+    image = linear_map(forward, backward)(samples, changes)
     return image.T.reshape(grid.height, grid.width, shape.channels)
 
 
-def _for_each_exchange(shape: _Shape, visible: OpaqueSamples, add: Any, total: Array) -> Array:
+def _for_each_exchange(shape: _Shape, samples: OpaqueSamples, add: Any, total: Array) -> Array:
     """`add(total, exchange)` for all exchanges of the image, block after block."""
     tiling = shape.tiling
     rows = tiling.sample_rows
     slots = max(_WORDS // (2 * rows), 1)
-    number = visible.front.chunks.triangle.size
+    number = samples.front.chunks.triangle.size
     blocks = -(-number // slots)
-    planes = _depth_planes(visible, tiling)
+    planes = _depth_planes(samples, tiling)
 
     def flat_words(words: Array) -> Array:
         return jnp.pad(words.reshape(number, rows), ((0, blocks * slots - number), (0, 0)))
 
-    shown, covered = (flat_words(words) for words in (visible.front.visible, visible.covered))
+    shown, covered = (flat_words(words) for words in (samples.front.visible, samples.covered))
 
     def visit_block(block: Array, total: Array) -> Array:
         first = block * slots
@@ -180,13 +180,13 @@ def _for_each_exchange(shape: _Shape, visible: OpaqueSamples, add: Any, total: A
         )(words.reshape(-1))
 
         def visit_candidates(group: Array, total: Array) -> Array:
-            pairs, count = _changed_pairs(shape, visible, words.reshape(-1), ends, first, group)
+            pairs, count = _changed_pairs(shape, samples, words.reshape(-1), ends, first, group)
 
             def visit_pairs(part: Array, total: Array) -> Array:
                 some = jax.tree.map(
                     lambda entry: jax.lax.dynamic_slice_in_dim(entry, part * _PAIRS, _PAIRS), pairs
                 )
-                return materialized(add)(total, _exchange(shape, visible, planes, some))
+                return materialized(add)(total, _exchange(shape, samples, planes, some))
 
             return jax.lax.fori_loop(0, -(-count // _PAIRS), visit_pairs, total)
 
@@ -195,8 +195,8 @@ def _for_each_exchange(shape: _Shape, visible: OpaqueSamples, add: Any, total: A
     return jax.lax.fori_loop(0, blocks, visit_block, total)
 
 
-def _depth_planes(visible: OpaqueSamples, tiling: Tiling) -> _DepthPlanes:
-    depths = visible.depths
+def _depth_planes(samples: OpaqueSamples, tiling: Tiling) -> _DepthPlanes:
+    depths = samples.depths
     assert depths is not None
     dtype = depths.depth.dtype
     area = materialized(lambda edges: twice_area(edges, dtype))(depths.edges)
@@ -210,9 +210,10 @@ def _depth_planes(visible: OpaqueSamples, tiling: Tiling) -> _DepthPlanes:
 def _candidates(
     shown: UInt32[Array, "slots rows"], covered: UInt32[Array, "slots rows"], tiling: Tiling
 ) -> UInt32[Array, "2 slots rows"]:
-    """Samples at which a triangle shows, and not at the next one right, or down, that it covers.
+    """Find samples at which a triangle shows, and whose neighbour it covers without showing there.
 
-    What lies in the next tile is not known here: all that shows along the border is a candidate.
+    Entry 0 is for the neighbour to the right, entry 1 for that below. At the right or lower border
+    of a tile, where the neighbour is in another tile, every sample that shows is a candidate.
     """
     last_column = jnp.uint32(1 << (tiling.sample_columns - 1))
     right = shown & ~(shown >> 1) & ((covered >> 1) | last_column)
@@ -225,7 +226,7 @@ def _candidates(
 
 def _changed_pairs(
     shape: _Shape,
-    visible: OpaqueSamples,
+    samples: OpaqueSamples,
     words: Array,
     ends: Array,
     first_slot: Array,
@@ -238,10 +239,10 @@ def _changed_pairs(
     tiling = shape.tiling
     locate = materialized(functools.partial(_locate, tiling=tiling))
     is_changed = materialized(functools.partial(_is_changed, tiling=tiling))
-    pairs, used = locate(words, ends, visible.front.chunks, first_slot, group)
-    slot = slot_at(visible.front, pairs.second, tiling, max_chunks=shape.max_chunks)
-    after = visible.front.chunks.triangle.reshape(-1)[jnp.maximum(slot, 0)]
-    changed = used & (slot >= 0) & is_changed(visible.covered, pairs, slot, after)
+    pairs, used = locate(words, ends, samples.front.chunks, first_slot, group)
+    slot = slot_at(samples.front, pairs.second, tiling, max_chunks=shape.max_chunks)
+    after = samples.front.chunks.triangle.reshape(-1)[jnp.maximum(slot, 0)]
+    changed = used & (slot >= 0) & is_changed(samples.covered, pairs, slot, after)
     return materialized(_compact)(pairs._replace(after=after), changed)
 
 
@@ -313,10 +314,10 @@ def _compact(pairs: _Pairs, is_pair: Bool[Array, " lanes"]) -> tuple[_Pairs, Int
 
 
 def _exchange(
-    shape: _Shape, visible: OpaqueSamples, planes: _DepthPlanes, pairs: _Pairs
+    shape: _Shape, samples: OpaqueSamples, planes: _DepthPlanes, pairs: _Pairs
 ) -> _Exchange:
     """What each pair exchanges; the gain is 0 if no line of equal depth passes between."""
-    tiling, depths = shape.tiling, visible.depths
+    tiling, depths = shape.tiling, samples.depths
     grid = tiling.grid
     assert depths is not None
 
@@ -364,8 +365,8 @@ def _exchange(
     weights, change, pixel = meet(depths, planes, pairs)
     near, far = (
         color_at(
-            visible.surface,
-            visible.background,
+            samples.surface,
+            samples.background,
             triangle[None],
             Sample(sample.column[None], sample.row[None]),
             tiling,

@@ -1,8 +1,8 @@
 """What a triangle adds to the image at any one sample, between the layers in front and behind.
 
-A sample's list is gone through from the front. What lies in front dims by its transmittance; what
-lies behind is composited twice where depth makes a difference: a triangle drawn later but deeper is
-hidden where this one is, and shows where it is not.
+The list of the sample's tile is visited from the front. What lies in front of the triangle dims it
+by its transmittance. What lies behind is composited twice, with and without the triangle: under a
+depth test, a triangle that is drawn later but lies deeper shows only without it.
 """
 
 import functools
@@ -22,7 +22,11 @@ from .visible_front import address, color_at, color_on_edge
 
 
 class LayeredSamples(NamedTuple):
-    """The samples of each listed pair that its triangle shows at, if nothing is in front."""
+    """A translucent scene as its samples show it.
+
+    - `rows`: coverage words of each listed pair, without the samples that fail the depth test.
+    - `depths`: None without a depth test.
+    """
 
     rows: UInt32[Array, "pairs rows"]
     lists: TileLists
@@ -35,30 +39,33 @@ class Addition(NamedTuple):
     """What a triangle adds to a sample, as if it covered it.
 
     - `listed`: whether it covers the sample and passes the depth test there.
-    - `through`: the transmittance of what lies in front of it.
-    - `gain`: by how much it changes the premultiplied colour of the sample, as seen through them,
-      were it to cover the sample.
+    - `transmittance`: that of what lies in front of it.
+    - `gain`: by how much it changes the premultiplied colour of the sample, dimmed by this
+      transmittance, were it to cover the sample.
     """
 
     listed: Bool[Array, "lines runs"]
-    through: Float[Array, "lines runs"]
+    transmittance: Float[Array, "lines runs"]
     gain: Float[Array, "channels lines runs"]
 
 
 class _State(NamedTuple):
     """State of a walk through the list of a sample, from the front.
 
-    `listed` and `through` are those of `Addition`. Colour and transmittance of what lies behind are
-    kept twice: with the triangle there, and without it.
+    - `listed`, `transmittance`: as in `Addition`.
+    - `hidden`: whether a triangle drawn earlier lies nearer, so that this one fails the depth test.
+    - `with_color`, `with_transmittance`: of what lies behind and shows with the triangle in front
+      of it.
+    - `without_color`, `without_transmittance`: of what lies behind and shows without the triangle.
     """
 
     listed: Array
-    through: Array
+    transmittance: Array
     hidden: Array
     with_color: Array
-    with_through: Array
-    color: Array
-    without_through: Array
+    with_transmittance: Array
+    without_color: Array
+    without_transmittance: Array
 
 
 class EdgeLayer(NamedTuple):
@@ -93,8 +100,8 @@ def addition(
     def read(words, listed, start, count, place, bit, k):
         pair = jnp.clip(start + k, 0, listed.shape[0] - 1)
         word = words.at[pair * rows + place].get(mode="promise_in_bounds")
-        there = ((word >> bit) & jnp.uint32(1) == 1) & (k < count)
-        return listed.at[pair].get(mode="promise_in_bounds"), there
+        is_covering = ((word >> bit) & jnp.uint32(1) == 1) & (k < count)
+        return listed.at[pair].get(mode="promise_in_bounds"), is_covering
 
     add = materialized(_add_layer)
     start, count, place, bit = locate(sample)
@@ -102,13 +109,13 @@ def addition(
     at = functools.partial(depth_at, depths, tiling=tiling) if depths is not None else None
 
     def visit(k, state):
-        other, there = read(words, lists.triangle, start, count, place, bit, k)
-        nearer = jnp.ones(shape, bool)
+        other, is_covering = read(words, lists.triangle, start, count, place, bit, k)
+        agrees = jnp.ones(shape, bool)
         if at is not None and own_depth is not None:
             depth = at(other, sample)
             # Of equal depths the later is in front.
-            nearer = jnp.where(other > triangle, depth <= own_depth, depth >= own_depth)
-        return add(state, triangle, other, there, tint(other, sample), nearer)
+            agrees = jnp.where(other > triangle, depth <= own_depth, depth >= own_depth)
+        return add(state, triangle, other, is_covering, tint(other, sample), agrees)
 
     dtype = layers.background.dtype
     closed, clear = jnp.zeros(shape, bool), jnp.ones(shape, dtype)
@@ -118,31 +125,35 @@ def addition(
 
     @materialized
     def finish(state, color):
-        paper = layers.background[:, None, None]
-        under = state.with_color + state.with_through[None] * paper
-        now = state.color + state.without_through[None] * paper
-        then = color[:channels] + (1.0 - color[3])[None] * under
-        gain = jnp.where(state.hidden[None], 0.0, (then - now) * state.through[None])
-        return Addition(state.listed, state.through, gain)
+        background = layers.background[:, None, None]
+        under = state.with_color + state.with_transmittance[None] * background
+        before = state.without_color + state.without_transmittance[None] * background
+        after = color[:channels] + (1.0 - color[3])[None] * under
+        gain = jnp.where(state.hidden[None], 0.0, (after - before) * state.transmittance[None])
+        return Addition(state.listed, state.transmittance, gain)
 
     return finish(state, own.color)
 
 
-def _add_layer(state: _State, triangle, other, there, color, nearer) -> _State:
-    """The next layer of a list, `there` if it covers the sample, `nearer` if its depth is less."""
-    later = there & (other > triangle)
-    front = later & nearer
-    early = there & (other < triangle)
+def _add_layer(state: _State, triangle, other, is_covering, color, agrees) -> _State:
+    """Add the next layer of a list to the state.
+
+    - `is_covering`: whether the layer covers the sample.
+    - `agrees`: whether, of this layer and the triangle, the one drawn later is in front.
+    """
+    later = is_covering & (other > triangle)
+    front = later & agrees
+    early = is_covering & (other < triangle)
     behind = (later & ~front) | early
-    alpha, shown = color[3], color[: state.color.shape[0]]
+    alpha, shown = color[3], color[: state.without_color.shape[0]]
     return _State(
-        state.listed | (there & (other == triangle)),
-        state.through * jnp.where(front, 1.0 - alpha, 1.0),
-        state.hidden | (early & ~nearer),
-        state.with_color + jnp.where(early, state.with_through, 0.0)[None] * shown,
-        state.with_through * jnp.where(early, 1.0 - alpha, 1.0),
-        state.color + jnp.where(behind, state.without_through, 0.0)[None] * shown,
-        state.without_through * jnp.where(behind, 1.0 - alpha, 1.0),
+        state.listed | (is_covering & (other == triangle)),
+        state.transmittance * jnp.where(front, 1.0 - alpha, 1.0),
+        state.hidden | (early & ~agrees),
+        state.with_color + jnp.where(early, state.with_transmittance, 0.0)[None] * shown,
+        state.with_transmittance * jnp.where(early, 1.0 - alpha, 1.0),
+        state.without_color + jnp.where(behind, state.without_transmittance, 0.0)[None] * shown,
+        state.without_transmittance * jnp.where(behind, 1.0 - alpha, 1.0),
     )
 
 

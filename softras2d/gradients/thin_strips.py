@@ -21,7 +21,8 @@ from .crossings import Crossings, Sample
 from .visible_front import OpaqueSamples, address
 
 _OUTSIDE = 1.0 / 64
-"""How far outside an edge a strip is looked for, in samples; thinner ones are taken to be none."""
+"""Distance in samples from an edge to the point outside it where strips are looked for. Thinner
+strips are ignored."""
 
 _LANES = 512
 """Crossings that are worked on together."""
@@ -88,7 +89,7 @@ def fill_strips(
         own_depth = None
         if depth_of_edge is not None:
             own_depth = depth_of_edge.at[at].get(mode="clip")
-        behind, visible = _walk(samples, triangle, outside, offset, own_depth, tiling)
+        behind, visible = _nearest_other(samples, triangle, outside, offset, own_depth, tiling)
         far, owned = state
         return far.at[at].set(behind, mode="drop"), owned.at[at].set(visible, mode="drop")
 
@@ -130,7 +131,7 @@ def _covers_near(
     return inside
 
 
-def _walk(
+def _nearest_other(
     samples: OpaqueSamples,
     owner: Int[Array, " lanes"],
     sample: Sample,

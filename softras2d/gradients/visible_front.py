@@ -19,11 +19,12 @@ from .crossings import Sample
 class Front(NamedTuple):
     """Visible samples of an opaque scene, as `coverage.sampled.remove_hidden` leaves them.
 
-    - `visible`: of each slot; `covered`: by a chunk and those before it, of the same tile.
+    - `visible`: the samples of each slot that no nearer slot of its tile covers.
+    - `covered_so_far`: the samples that each chunk, and those before it in its tile, cover.
     """
 
     visible: UInt32[Array, "chunks layers rows"]
-    covered: UInt32[Array, "chunks rows"]
+    covered_so_far: UInt32[Array, "chunks rows"]
     chunks: Chunks
 
 
@@ -59,7 +60,7 @@ def slot_at(
     front: Front, sample: Sample, tiling: Tiling, *, max_chunks: int
 ) -> Int[Array, "*samples"]:
     """The slot whose triangle shows at each sample, -1 for the background."""
-    rows, layers = front.covered.shape[1], front.visible.shape[1]
+    rows, layers = front.covered_so_far.shape[1], front.visible.shape[1]
 
     @materialized
     def locate(sample):
@@ -68,17 +69,17 @@ def slot_at(
 
     @materialized
     def search(covered, first, count, place, bit):
-        # Chunks that leave the sample open come first: a binary search for how many.
-        open_ones = jnp.zeros_like(first)
+        # The chunks before the one that covers the sample are counted by binary search.
+        uncovered = jnp.zeros_like(first)
         step = max_chunks
         while step:
-            probe = open_ones + step
+            probe = uncovered + step
             there = jnp.clip(first + probe - 1, 0, covered.shape[0] // rows - 1)
             word = covered.at[there * rows + place].get(mode="promise_in_bounds")
-            free = (word >> bit) & jnp.uint32(1) == 0
-            open_ones = jnp.where((probe <= count) & free, probe, open_ones)
+            is_uncovered = (word >> bit) & jnp.uint32(1) == 0
+            uncovered = jnp.where((probe <= count) & is_uncovered, probe, uncovered)
             step //= 2
-        return jnp.where(open_ones < count, first + open_ones, -1)
+        return jnp.where(uncovered < count, first + uncovered, -1)
 
     @materialized
     def pick(visible, chunk, place, bit):
@@ -92,12 +93,12 @@ def slot_at(
         return found
 
     first, count, place, bit = locate(sample)
-    chunk = search(front.covered.reshape(-1), first, count, place, bit)
+    chunk = search(front.covered_so_far.reshape(-1), first, count, place, bit)
     return pick(front.visible.reshape(-1), chunk, place, bit)
 
 
 def address(sample: Sample, tiling: Tiling) -> tuple[Array, Array, Array]:
-    """Tile of each sample, the place of its row among the words of the tile, and its bit."""
+    """Index of each sample's tile, of its coverage word in the tile, and of its bit in the word."""
     rate = tiling.grid.rate
     column, row = sample
     tile = (row // tiling.sample_rows) * tiling.columns + column // tiling.sample_columns
@@ -116,7 +117,10 @@ def color_at(
     *,
     flat: bool,
 ) -> Float[Array, "channels lines runs"]:
-    """Premultiplied colour of a triangle at a sample, -1 for the background; `flat` if constant."""
+    """Colour of a triangle at a sample, or the background where `triangle` is -1.
+
+    With `flat` it is the triangle's one colour, with straight alpha; else it is premultiplied.
+    """
     there = jnp.maximum(triangle, 0)
 
     @materialized
@@ -161,10 +165,10 @@ def color_on_edge(
     *,
     flat: bool,
 ) -> Float[Array, "channels lines runs"]:
-    """Premultiplied colour of each edge's own triangle on it, where it is `t` along, 0..1.
+    """Colour of each edge's triangle on the edge, the fraction `t` (0..1) along it.
 
-    The edge itself is the one line on which a triangle thinner than the distance of samples has a
-    colour that no extrapolation is needed for.
+    With `flat` it has straight alpha; else it is premultiplied. Where a triangle is thinner than
+    the distance of samples, its colour anywhere but on its edges would be extrapolated.
     """
     triangle = jnp.broadcast_to((edge // 3)[None], t.shape)
     if flat:

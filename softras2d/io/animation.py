@@ -68,7 +68,7 @@ def write_animation(
 
 
 def _hundredths(name: str, seconds: float, least: int) -> int:
-    """Seconds as hundredths; `ValueError` for less than `least` or more than GIF can store."""
+    """Seconds as hundredths; `ValueError` below `least` hundredths or above what GIF can store."""
     # Written so that NaN is refused too.
     if not least / 100 <= seconds <= gif.MAX_DELAY / 100:
         raise ValueError(

@@ -81,10 +81,14 @@ class Budget:
         self._charged = dict.fromkeys(_LIMITS, 0)
 
     def charge(self, kind: str, count: int, index: int = 0) -> None:
-        """Charge `count` units of work before they are done for the shape `index`.
+        """Add `count` units of work to the total of `kind`.
 
-        `kind` is the name of a limit above, in lower case and without `MAX_`. Raises `BudgetError`
-        if the sum exceeds the limit.
+        Call it before the work is done, or after each block of it if the size of blocks is bounded.
+
+        - `kind`: a limit above, in lower case and without `MAX_`.
+        - `index`: the shape that needs the work, among those that are charged together.
+
+        Raises `BudgetError` with this index if the total is then above the limit.
         """
         self._charged[kind] += int(count)
         maximum, noun = _LIMITS[kind]

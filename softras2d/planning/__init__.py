@@ -1,1 +1,1 @@
-"""This stage counts on the host what room a render needs, and simplifies and pads scenes."""
+"""This stage chooses on the host the capacities of a render, and simplifies and pads scenes."""

@@ -3,11 +3,12 @@
 Arrays of a compiled program have fixed lengths. What scenes need is counted (`list_counts`), given
 headroom, and rounded up to a size class (`Headroom`).
 
-Every distinct set of capacities is a program of its own. Scenes of one kind should fall into few
-sets, however many triangles they have. So only the slots of the chunks, which are most of what a
-render costs, have a size class of their own. The capacity of a list that costs little is a power of
-two times the slots, which follows from the proportions of the needs: these are much the same for
-100 triangles as for 2,000.
+Every distinct set of capacities is compiled as a program. Scenes of one kind should need few sets,
+however many triangles they have. So the number of slots in all chunks, which makes up most of the
+cost of a render, has size classes of its own, and the capacities of strips, pairs and crossings are
+that number times a power of two (for crossings, also three quarters of one). The factor follows
+from the ratio of the needs, which is much the same for 100 triangles as for 2,000. Above
+`Headroom.small_slots`, which is 0 for analytic coverage, each list has a size class of its own.
 """
 
 import math
@@ -30,8 +31,8 @@ class Capacity(NamedTuple):
     - `steps`: sum over the blocks of `BLOCK` tiles of the longest list in each, for what goes
       through lists in order: translucency and the depth test.
     - `fragments`: pairs of a triangle and a pixel that shows it, for opaque scenes that are shaded.
-    - `crossings`: runs of lines of samples that an edge crosses, for derivatives with respect to
-      positions.
+    - `crossings`: runs of crossings (`gradients.crossings`), each of up to `LINES` crossings of one
+      edge, for derivatives with respect to positions.
     """
 
     strips: int = 0
@@ -64,11 +65,12 @@ class Headroom(NamedTuple):
     outgrow their plan, and similar scenes do not share programs.
 
     - `merge_cost`: cost of merging one chunk, in slots.
-    - `divisor`: a need is increased by one part in so many.
-    - `least_slots`: slots that every plan has.
-    - `coarse_slots`: up to this number of slots, their size classes are powers of two; above it,
-      also three quarters of them.
-    - `small_slots`: up to this number of slots, the other lists are in proportion to them.
+    - `divisor`: the headroom of a need is the need divided by this, rounded up.
+    - `least_slots`: least number of slots of a plan, and least capacity for strips and for pairs.
+    - `coarse_slots`: up to this number of slots, size classes are powers of two; above it, also
+      three quarters of powers of two.
+    - `small_slots`: up to this number of slots, the capacities of strips, pairs and crossings are
+      in proportion to the slots.
     """
 
     merge_cost: int
@@ -167,9 +169,10 @@ def _chunks_of_tiles(scene: Counts, layers: int) -> np.ndarray:
 
 
 def _in_proportion(need: int, needed_slots: int, slots: int, *, halves: bool = False) -> int:
-    """Capacity for `need`: `slots` times a power of two that `need / needed_slots` does not exceed.
+    """Capacity for `need`: `slots` times the least power of two not below `need / needed_slots`.
 
-    With `halves`, three quarters of a power of two are allowed too.
+    The factor is at least `_LEAST_RATIO`. With `halves`, three quarters of a power of two are
+    allowed too.
     """
     ratio = max(need / needed_slots, _LEAST_RATIO)
     octave = 2.0 ** math.ceil(math.log2(ratio))
@@ -196,8 +199,8 @@ def _max_chunks_class(need: int, slots: int, headroom: Headroom) -> int:
 def _fragment_capacity(need: int, pixels: int, headroom: Headroom) -> int:
     """Capacity for fragments, each of which costs a shading.
 
-    A full canvas needs one for each pixel and few more, so that headroom beyond the pixels is in
-    proportion to what is needed beyond them.
+    A scene that fills the canvas needs one for each pixel and few more. So the capacity is at most
+    the number of pixels, plus a size class for what is needed beyond it.
     """
     if need == 0:
         return 0

@@ -61,7 +61,7 @@ class AnalyticMode(CoverageMode):
 
     @abc.abstractmethod
     def reach(self, coverage: Any, max_width: float | None) -> float:
-        """Pixels beyond its edges to which a triangle has coverage."""
+        """Distance, in pixels, beyond its edges up to which a triangle has coverage."""
 
     @abc.abstractmethod
     def pixel_functions(self, coverage: Any, tile_side: int) -> PixelFunctions:
@@ -98,7 +98,7 @@ class AnalyticMode(CoverageMode):
         chunks: Chunks,
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
-        """The layers of each pixel in one: premultiplied colour, and alpha."""
+        """Composite the layers of each pixel to premultiplied RGBA."""
         return analytic_over.composite(shaded.opacity, shaded.color, chunks, max_chunks=max_chunks)
 
     def lay_out(
@@ -198,7 +198,7 @@ def _slot_corners(
     clamped = jnp.where(triangles.finite[:, None, None], corners, 0.0)
     clamped = jnp.clip(clamped, -_FARTHEST, _FARTHEST)
     x, y = (reorient(clamped[:, :, axis].T, triangles.orientation)[:, triangle] for axis in (0, 1))
-    # An empty slot is a corner out of reach.
+    # An empty slot gets a triangle without area, out of reach of all pixels.
     filled = chunks.filled.reshape(-1)
     coordinates = [x[0], y[0], x[1], y[1], x[2], y[2]]
     return jnp.stack([jnp.where(filled, entry, -_FARTHEST) for entry in coordinates])
@@ -238,9 +238,9 @@ def add_signed(
     A triangle that is oriented against the sum of all areas subtracts what it covers.
     """
     total_area = jnp.sum(triangles.area)
-    # Without area either sign will do, but 0 would hide from a collapsed triangle how to open.
-    is_reversed = (triangles.orientation < 0) == (total_area < 0)
-    sign = jnp.where(is_reversed, 1.0, -1.0).astype(opacity.dtype)
+    # Without area either sign will do; with 0, a collapsed triangle would never get a gradient.
+    is_like_total = (triangles.orientation < 0) == (total_area < 0)
+    sign = jnp.where(is_like_total, 1.0, -1.0).astype(opacity.dtype)
     parts = materialized(_add_slots)(opacity, colors, sign, chunks)
     return jnp.stack(
         [sum_chunks(part[:, None, None], chunks, max_chunks=max_chunks)[:, 0, 0] for part in parts]

@@ -41,9 +41,9 @@ def plan(
     - `max_width`: the largest `Soft.width` that the plan is to be used with, that of `coverage`
       unless given. The width is an array leaf: another one does not recompile.
     - `grid_bits`: vertices are snapped to multiples of 2^-grid_bits pixel in hard mode; by default
-      the finest grid that fits the canvas. For tiles of a large canvas, give that of the whole
-      (`plan.grid.bits`): all then have the same samples as the whole image, to the bit, except
-      within two grid units of an edge that was cut at the guard band.
+      the finest grid that fits the canvas. To draw a canvas in pieces, use the same value for all,
+      that of the whole canvas (`plan.grid.bits`) if it can be planned. Samples then equal those of
+      the whole image, to the bit, except within two grid units of an edge cut at the guard band.
 
     Raises `ValueError` for invalid values (NaN, infinity, alpha outside 0..1, an index out of
     range), and for effects that the coverage does not draw.

@@ -109,10 +109,10 @@ class SampledMode(CoverageMode):
             steps = cut_steps(lists, capacity=capacity.steps)
             needs = needs._replace(steps=steps.needed)
         if steps is not None and is_translucent(scene):
-            image = _blend(projected, lists, steps, background, scene, plan)
+            image = _composite_translucent(projected, lists, steps, background, scene, plan)
         else:
             chunks = cut_chunks(lists, layers=capacity.layers, capacity=capacity.chunks)
-            image, fragments = _paint(projected, lists, steps, chunks, background, scene, plan)
+            image, fragments = _sum_opaque(projected, lists, steps, chunks, background, scene, plan)
             needs = needs._replace(
                 chunks=chunks.needed, max_chunks=chunks.most_in_tile, fragments=fragments
             )
@@ -125,7 +125,7 @@ def _count_runs(count: Int[Array, "3 triangles"]) -> Int[Array, ""]:
 
 def _project(scene: Scene, plan: Plan) -> Projected:
     grid = plan.grid
-    # Positions get the derivative of the box-filtered image apart, or none.
+    # Positions get their derivative from `boundary_term` and `attach_interior_term`, or none.
     projection = project(
         jax.lax.stop_gradient(scene.positions),
         scene.triangles,
@@ -136,9 +136,11 @@ def _project(scene: Scene, plan: Plan) -> Projected:
         weights=varies(scene) or scene.depth is not None,
         materialize=materialized,
     )
-    corners, segments, edges, box, weights, beyond = projection
+    corners, segments, edges, bounds, weights, is_past_guard_band = projection
     orientation = segments.orientation
-    leaves_guard_band = jnp.zeros((), bool) if plan.cuts_far_triangles else jnp.any(beyond)
+    leaves_guard_band = jnp.zeros((), bool)
+    if not plan.cuts_far_triangles:
+        leaves_guard_band = jnp.any(is_past_guard_band)
     outlines = None
     if plan.hard.edge_gradients:
         outlines = _outlines(corners, segments, edges, scene.triangles, grid)
@@ -148,7 +150,7 @@ def _project(scene: Scene, plan: Plan) -> Projected:
         corner_depth = materialized(at_corners)(scene.depth, scene.triangles, orientation)
         depths = Depths(edges, weights, jax.lax.stop_gradient(corner_depth))
     occluders = materialized(is_occluder)(scene, orientation)
-    return Projected(edges, box, outlines, surface, depths, occluders, leaves_guard_band)
+    return Projected(edges, bounds, outlines, surface, depths, occluders, leaves_guard_band)
 
 
 def _outlines(
@@ -189,7 +191,7 @@ def _surface(
     orientation: Int[Array, " triangles"],
     plan: Plan,
 ) -> Surface:
-    """All that shading needs; with outlines, colours receive the interior term by positions."""
+    """Gather what shading needs; with outlines, corner attributes get the interior term."""
     inverse_w = scene.inverse_w if varies(scene) else None
     corners = materialized(corner_attributes)(
         scene.colors, scene.uv, inverse_w, scene.triangles, orientation
@@ -200,7 +202,7 @@ def _surface(
     return surface_of(edges, weights, corners, scene.texture_index, scene.textures, plan.filter)
 
 
-def _blend(
+def _composite_translucent(
     projected: Projected,
     lists: TileLists,
     steps: Steps,
@@ -240,12 +242,12 @@ def _listed_words(
 def _gather_slots(
     pair_words: UInt32[Array, "pairs rows"], chunks: Chunks
 ) -> UInt32[Array, "chunks layers rows"]:
-    """Words of listed pairs at the slots of chunks; none in empty slots."""
+    """Gather the coverage words of each slot from those of the listed pairs; 0 if it is empty."""
     words = pair_words.at[chunks.entry].get(mode="clip")
     return jnp.where(chunks.filled[..., None], words, jnp.uint32(0))
 
 
-def _paint(
+def _sum_opaque(
     projected: Projected,
     lists: TileLists,
     steps: Steps | None,

@@ -184,7 +184,11 @@ def _choose_at_pixels(
 def _opacity_and_color(
     coverage: Float[Array, "slots pixels"], color: Float[Array, "channels slots pixels"]
 ) -> tuple[Float[Array, "slots pixels"], Float[Array, "slots 3 pixels"]]:
-    """Split coverage and premultiplied colours into opacity and straight colours."""
+    """Split coverage and premultiplied colours into opacity and straight colours.
+
+    Opacity is coverage times alpha, and a straight colour is the premultiplied one over alpha. In
+    both, alpha is raised to at least `_LEAST_ALPHA`, 2^-24, but keeps its derivative.
+    """
     if color.shape[0] == 3:
         return coverage, color.transpose(1, 0, 2)
     alpha = color[3]

@@ -18,7 +18,7 @@ from .texel_filters import TEXEL_FILTERS, AbstractTexelFilter
 
 
 class Lookup(NamedTuple):
-    """Addressing of texels: the static settings of a pyramid and of a `Filter`."""
+    """Static settings of a texture lookup: `Filter.pixel`, and border and addressing."""
 
     pixel: PixelFilter
     border: TextureBorder
@@ -31,7 +31,7 @@ class Lookup(NamedTuple):
 
     @property
     def is_periodic(self) -> bool:
-        """Whether the texel after the last is the first, half a texel beyond the border each."""
+        """Whether the first and last texels are neighbours, half a texel from the border each."""
         return self.border == "repeat" and self.addressing == "half_texel"
 
 
@@ -136,7 +136,8 @@ def _neighbor(
 ) -> Int[Array, "2 *points"]:
     """The texel `offset` after another, by the rule for the border; `last` is the last texel."""
     neighbor = texel + offset
-    # A periodic position begins up to one texel before the first, any other before the last texel.
+    # `texel` is -1..last if periodic, else 0..last - 1, or 0..last for a single tap. A small
+    # texture wraps more than once.
     below, above = (1 - offset, offset) if lookup.is_periodic else (-offset, offset - 1)
     if lookup.border == "repeat":
         period = last + 1 if lookup.is_periodic else jnp.maximum(last, 1)

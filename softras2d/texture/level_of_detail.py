@@ -64,19 +64,19 @@ def probes(footprint: Footprint, filter: Filter) -> Probes:
     uu, uv, vv = u_x * u_x + u_y * u_y, u_x * v_x + u_y * v_y, v_x * v_x + v_y * v_y
     half = 0.5 * (uu - vv)
     radius = safe.sqrt(half * half + uv * uv)
-    longer = mean + radius
+    longer_squared = mean + radius
     area = u_x * v_y - u_y * v_x
-    # The ratio of the axes is the squared longer one over the area. A needle gets the maximum
-    # number of probes. A rounding must not give a circle two.
+    # longer_squared / |area| is the ratio of the axes: the area is their product. A needle gets the
+    # maximum number of probes, and a rounding must not give a circle two.
     most = float(filter.anisotropy)
-    ratio = longer / jnp.maximum(jnp.abs(area), longer * (0.5 / most) + _POINT)
+    ratio = longer_squared / jnp.maximum(jnp.abs(area), longer_squared * (0.5 / most) + _POINT)
     count = jnp.clip(jnp.ceil(ratio - _ROUNDING), 1.0, most)
-    level = _half_log2(longer) - jnp.log2(count) + bias
+    level = _half_log2(longer_squared) - jnp.log2(count) + bias
     # Of the two forms of the eigenvector, this takes the one without cancellation.
-    flat = half >= 0
-    axis_u, axis_v = jnp.where(flat, radius + half, uv), jnp.where(flat, uv, radius - half)
+    u_longer = half >= 0
+    axis_u, axis_v = jnp.where(u_longer, radius + half, uv), jnp.where(u_longer, uv, radius - half)
     norm = safe.sqrt(axis_u * axis_u + axis_v * axis_v)
-    length = safe.divide(safe.sqrt(longer), norm)
+    length = safe.divide(safe.sqrt(longer_squared), norm)
     return Probes(level, count, axis_u * length, axis_v * length)
 
 

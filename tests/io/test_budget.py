@@ -6,6 +6,7 @@ import pytest
 from softras2d.io import budget
 from softras2d.io.budget import Budget, BudgetError
 from softras2d.io.shapes import overlaps
+from softras2d.io.svg.display_list import DisplayList
 
 
 def test_charges_add_up_to_the_limit():
@@ -25,6 +26,17 @@ def test_the_first_shape_beyond_the_limit_is_named():
             Budget().charge_each("points", counts, indices)
         assert caught.value.index == expected
     Budget().charge_each("points", counts[:4])
+
+
+def test_rectangles_of_pixels_are_charged_as_many_triangles_as_they_become():
+    display = DisplayList("drawing.svg")
+    colors = np.array([[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 0.5]])
+    display.add_pixels(np.array([[0, 0, 2, 1], [1, 1, 3, 2]]), colors)
+    made = len(display.finish(4, 4).corners)
+    assert made == 2 + 4
+    display.budget.charge("triangles", budget.MAX_TRIANGLES - made)
+    with pytest.raises(BudgetError):
+        display.budget.charge("triangles", 1)
 
 
 @pytest.mark.parametrize("count", [0, 1, 70, 3000])

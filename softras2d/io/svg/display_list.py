@@ -117,8 +117,12 @@ class DisplayList:
         self._hairlines.append((self._new_draw(color), segments))
 
     def add_pixels(self, rectangles: np.ndarray, colors: np.ndarray) -> None:
-        """Add rectangles of whole pixels `[k, 4]` (x0, y0, x1, y1) with colours `[k, 4]`."""
-        self.budget.charge("triangles", 2 * len(rectangles))
+        """Add rectangles of whole pixels `[k, 4]` with colours `[k, 4]`, each a draw of its own.
+
+        A rectangle is (x0, y0, x1, y1), of which x1 and y1 are exclusive.
+        """
+        # As many as `_rectangles` makes.
+        self.budget.charge("triangles", int(np.where(colors[:, 3] < 1, 4, 2).sum()))
         first = len(self)
         self._lines += [self.line] * len(rectangles)
         self._colors += map(tuple, colors.tolist())
