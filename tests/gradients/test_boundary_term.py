@@ -285,7 +285,7 @@ def test_second_derivatives_are_zero():
     assert not np.asarray(second(scene.positions, ones)).any()
 
 
-def test_a_program_without_gradients_computes_no_edge_slopes():
+def test_a_program_without_gradients_leaves_out_the_boundary_term():
     scene = random_scene("g")
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
     program = jax.jit(lambda scene: sr.render_checked(scene, plan)[0])
