@@ -301,7 +301,7 @@ def test_every_transformation_of_a_batch_traces(mode, name):
 
 @pytest.mark.parametrize(
     "mode",
-    [mode if mode in QUICK else pytest.param(mode, marks=pytest.mark.slow) for mode in MODES],
+    [mode if mode == "hard" else pytest.param(mode, marks=pytest.mark.slow) for mode in MODES],
 )
 def test_gradients_of_a_batch_are_those_of_its_scenes(mode):
     """The batch in one derivative, against one derivative for each scene."""

@@ -456,6 +456,7 @@ def test_far_corners_of_a_start_are_not_moved_to_the_canvas(tmp_path):
         sr.fit(TARGET, start=replace(scene, positions=scene.positions * np.nan), steps=0)
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_batch():
     def press(records):
         signal.raise_signal(signal.SIGINT)

@@ -127,6 +127,7 @@ def test_an_image_is_a_window_of_a_larger_canvas():
     np.testing.assert_allclose(sr.render(scene, small), window, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_tiles_with_one_grid_add_up_to_the_canvas():
     """The same samples, and the same gradients but for rounding in sums over other pixels."""
     rng = np.random.default_rng(3)

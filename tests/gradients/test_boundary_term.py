@@ -108,14 +108,14 @@ def distance_to_quadrature(scene: sr.Scene, samples: int) -> float:
     return float(np.linalg.norm(gradient - expected) / np.linalg.norm(expected))
 
 
-@pytest.mark.parametrize("depth", [False, True])
+@pytest.mark.parametrize("depth", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("width", [0.2, pytest.param(0.02, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("samples, most", [(4, 0.03), (256, 0.005)])
 def test_both_edges_of_a_thin_strip_equal_the_quadrature(samples, most, width, depth):
     assert distance_to_quadrature(scene_with_a_strip(width, depth=depth), samples) < most
 
 
-@pytest.mark.parametrize("side", [0.03, 11.97])
+@pytest.mark.parametrize("side", [0.03, pytest.param(11.97, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("alpha", [None, 0.6])
 @pytest.mark.parametrize("inwards", [False, True])
 def test_an_edge_between_border_and_first_sample_equals_the_quadrature(inwards, alpha, side):

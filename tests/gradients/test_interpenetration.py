@@ -9,6 +9,7 @@ import pytest
 
 import softras2d as sr
 
+from ..cases.marks import slowly
 from ..oracles.scanline import area_image
 
 SIZE = 12
@@ -81,7 +82,7 @@ def distance(gradient: np.ndarray, expected: np.ndarray) -> float:
     return float(np.linalg.norm(gradient - expected) / np.linalg.norm(expected))
 
 
-@pytest.mark.parametrize("corner_colors", [False, True])
+@pytest.mark.parametrize("corner_colors", [slowly(False), True])
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_gradient_approaches_differences_of_the_area_image(seed, corner_colors, float64):
     scene = crossing_scene(seed, corner_colors=corner_colors)
@@ -95,6 +96,7 @@ def test_gradient_approaches_differences_of_the_area_image(seed, corner_colors, 
         assert np.linalg.norm(fine_gradient) == pytest.approx(np.linalg.norm(exact), rel=0.05)
 
 
+@pytest.mark.slow
 def test_jvp_vjp_and_both_precisions_agree(float64):
     scene = crossing_scene(3, corner_colors=True)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(16))
@@ -116,6 +118,7 @@ def test_jvp_vjp_and_both_precisions_agree(float64):
         assert distance(in_single, np.asarray(in_double)) < 1e-3
 
 
+@pytest.mark.slow
 def test_vmap_equals_a_loop():
     scenes = [crossing_scene(seed, corner_colors=False) for seed in (0, 1, 3)]
     plan = sr.plan(scenes, height=SIZE, width=SIZE, coverage=sr.Hard(16))
@@ -140,7 +143,7 @@ def test_without_crossings_the_gradient_by_depth_is_zero():
     assert not np.asarray(jax.grad(total, 1)(scene.positions, depth)).any()
 
 
-@pytest.mark.parametrize("tilt", [0.0, 1e-9, 1e-6])
+@pytest.mark.parametrize("tilt", [0.0, slowly(1e-9), slowly(1e-6)])
 def test_nearly_equal_planes_have_bounded_gradients(tilt):
     """Two triangles in one plane but for roundings: gradients are bounded."""
     corners = np.array([[[1, 1], [11, 2], [5, 11]], [[2, 1], [10, 3], [4, 10.5]]], np.float32)

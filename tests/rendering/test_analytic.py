@@ -327,6 +327,7 @@ def test_another_width_compiles_nothing(count_compilations):
     assert not compiled.names
 
 
+@pytest.mark.slow
 def test_a_triangle_smaller_than_a_pixel_has_a_gradient_towards_its_goal():
     # Between the centres of two pixels: it must move from one to the other.
     corners = np.array([[[5.8, 5.4], [6.0, 5.5], [5.9, 5.6]]], np.float32)
@@ -395,7 +396,7 @@ def drawn_with_side(side, monkeypatch, scene, coverage, goal):
 @pytest.mark.parametrize(
     ("kind", "coverage"),
     [
-        ("ga", sr.Area()),
+        pytest.param("ga", sr.Area(), marks=SLOW),
         pytest.param("g", sr.Area("sum"), marks=SLOW),
         pytest.param("ga", sr.Soft(1.2), marks=SLOW),
         pytest.param("gd", sr.Soft(1.0, "window"), marks=SLOW),

@@ -30,7 +30,10 @@ def too_large_for_plan(coverage: sr.Hard | sr.Soft | sr.Area) -> tuple[sr.Scene,
     return scenes[1], sr.plan(scenes[0], height=32, width=32, coverage=coverage)
 
 
-@pytest.mark.parametrize("name", COVERAGES)
+@pytest.mark.parametrize(
+    "name",
+    [name if name == "hard" else pytest.param(name, marks=pytest.mark.slow) for name in COVERAGES],
+)
 def test_gradients_raise_even_if_the_loss_ignores_most_pixels(name):
     scene, plan = too_large_for_plan(COVERAGES[name])
     assert sr.render_checked(scene, plan)[1]

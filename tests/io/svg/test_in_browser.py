@@ -9,6 +9,7 @@ import softras2d as sr
 from softras2d.io.svg.gradients import in_browsers
 
 from ...cases.browser import psnr, require_browser, screenshot
+from ...cases.marks import slowly
 
 HEIGHT, WIDTH = 144, 192
 BACKGROUND = np.array([0.1, 0.1, 0.2], np.float32)
@@ -88,7 +89,9 @@ def write_and_browse(path: Path, scene: sr.Scene) -> np.ndarray:
     return screenshot(require_browser(), path, height=HEIGHT, width=WIDTH)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [case if case.startswith("flat") else slowly(case) for case in CASES]
+)
 def test_browsers_draw_nearly_the_same_image(tmp_path, case):
     scene, least = CASES[case]
     assert psnr(write_and_browse(tmp_path / "scene.svg", scene), render(scene)) >= least
