@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..geometry.fixed_point import Grid, snapped_corners, within_guard
+from ..numerics.device import to_device
 from ..options import Coverage, Filter, Hard
 from ..scene import Scene, take_triangles
 
@@ -89,6 +90,12 @@ def _replace_filter(drawing: Drawing, **fields: Any) -> Drawing:
     return drawing._replace(filter=replace(drawing.filter, **fields))
 
 
+def _with_first_corner_colors(drawing: Drawing) -> Drawing:
+    # On the host, where no program is compiled for the shape.
+    colors = to_device(np.asarray(drawing.scene.colors)[:, :1])
+    return _replace_scene(drawing, colors=colors)
+
+
 def _without_alpha(drawing: Drawing) -> Drawing:
     textures = drawing.scene.textures
     if textures is not None:
@@ -106,7 +113,7 @@ EFFECTS = {
     "interpolated colour": Effect(
         "`colors` have three corners",
         lambda drawing: drawing.scene.colors.shape[-2] == 3,
-        lambda drawing: _replace_scene(drawing, colors=drawing.scene.colors.mean(1, keepdims=True)),
+        _with_first_corner_colors,
     ),
     "translucency": Effect(
         "`colors` or `textures` have an alpha channel",

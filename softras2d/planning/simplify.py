@@ -6,9 +6,9 @@ import numpy as np
 
 from ..geometry.fixed_point import Grid
 from ..numerics.device import to_device
-from ..options import Filter
+from ..options import Filter, Hard
 from ..scene import Scene, check, take_triangles
-from .effects import varies
+from .effects import EFFECTS, Drawing, varies
 from .simplify_textures import base_is_enough, used_textures
 
 
@@ -37,25 +37,30 @@ def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = N
         raise ValueError("`simplify` takes one scene; a batch shares one structure.")
     scene = take_triangles(scene, _reaches_canvas(scene, height, width))
     if scene.depth is not None and _is_ordered(scene):
-        scene = replace(scene, depth=None)
+        scene = _without("depth test", scene, grid)
     if scene.depth is None:
         scene = take_triangles(scene, _shows(scene))
-    scene = _without_equal_corners(scene)
+    if _has_equal_corners(scene):
+        scene = _without("interpolated colour", scene, grid)
     if scene.inverse_w is not None and _is_affine(scene):
-        scene = replace(scene, inverse_w=None)
+        scene = _without("perspective", scene, grid)
     scene = _with_textures_used(scene, grid, filter)
     colors = np.asarray(scene.colors)
     if colors.shape[2] == 4 and bool((colors[..., 3] == 1).all()):
         scene = replace(scene, colors=to_device(colors[..., :3]))
-    if not varies(scene):
-        scene = replace(scene, inverse_w=None)
-    return scene
+    return scene if varies(scene) else _without("perspective", scene, grid)
 
 
-def _without_equal_corners(scene: Scene) -> Scene:
+def _without(effect: str, scene: Scene, grid: Grid) -> Scene:
+    """The scene without a row of `EFFECTS`."""
+    drawing = Drawing(scene, Hard(), Filter(), grid, np.zeros(2, np.int32))
+    return EFFECTS[effect].without(drawing).scene
+
+
+def _has_equal_corners(scene: Scene) -> bool:
+    """Whether each triangle has three corner colours, and they are equal."""
     colors = np.asarray(scene.colors)
-    equal = colors.shape[1] == 3 and bool((colors == colors[:, :1]).all())
-    return replace(scene, colors=to_device(colors[:, :1])) if equal else scene
+    return colors.shape[1] == 3 and bool((colors == colors[:, :1]).all())
 
 
 def _with_textures_used(scene: Scene, grid: Grid, filter: Filter | None) -> Scene:
@@ -63,7 +68,7 @@ def _with_textures_used(scene: Scene, grid: Grid, filter: Filter | None) -> Scen
         return scene
     index = np.asarray(scene.texture_index)
     if not (index >= 0).any():
-        return replace(scene, uv=None, texture_index=None, textures=None)
+        return _without("texture", scene, grid)
     base_only = base_is_enough(scene, grid, filter)
     textures, index = used_textures(scene.textures, index, base_only)
     return replace(scene, texture_index=to_device(index), textures=textures)
