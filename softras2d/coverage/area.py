@@ -241,14 +241,18 @@ def passes_tile(
 ) -> tuple[Bool[Array, " slots"], Bool[Array, " slots"], Bool[Array, " slots"]]:
     """Whether each edge, clipped to the tile's rows, may come into the tile itself."""
 
+    first, second, third = (may_pass_tile(edge, side) for edge in outline)
+    return first, second, third
+
+
+def may_pass_tile(edge: ClippedEdge, side: int) -> Bool[Array, "*slots"]:
+    """Whether the bounding box of a clipped edge meets the tile."""
+
     def overlaps(begin: Array, step: Array) -> Array:
         end = begin + step
         return (jnp.minimum(begin, end) <= side) & (jnp.maximum(begin, end) >= 0)
 
-    first, second, third = (
-        overlaps(edge.x, edge.run) & overlaps(edge.y, edge.rise) for edge in outline
-    )
-    return first, second, third
+    return overlaps(edge.x, edge.run) & overlaps(edge.y, edge.rise)
 
 
 @materialized

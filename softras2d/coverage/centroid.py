@@ -64,7 +64,8 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
     ) -> tuple[Array, ...]:
         """The weights at the centroid, or their limit where a triangle is too thin to have one."""
         weights = _weights(geometry, _centroid(geometry, x, y), x, y)
-        return replace_if_thin(weights, geometry.outline, geometry.lines, x, y)[1:]
+        outline, lines = geometry
+        return replace_if_thin(weights, outline, lines, x, y, self.tile_side)[1:]
 
     def jvp(
         self,

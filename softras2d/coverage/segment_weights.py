@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 
 from ..numerics import safe
 from .analytic import PointValues
-from .area import ClippedEdge, Outline, interval_in_pixel
+from .area import ClippedEdge, Outline, interval_in_pixel, may_pass_tile
 from .edge_lines import TriangleLines
 
 _THICK = 2.0**-9
@@ -53,12 +53,13 @@ def replace_if_thin(
     lines: TriangleLines,
     x: PointValues,
     y: PointValues,
+    tile_side: int,
 ) -> tuple[Array, Array, Array]:
     """Replace the weights at the centroid by those of the segment where triangles are thin.
 
     Costs next to nothing if no triangle is.
     """
-    segment = _longest_edge(outline, lines)
+    segment = _longest_edge(outline, lines, tile_side)
 
     def replace(weights):
         along = _segment_weights(segment, weights, x, y)
@@ -67,7 +68,7 @@ def replace_if_thin(
     return jax.lax.cond(jnp.any(segment.thinness > 0), replace, lambda weights: weights, weights)
 
 
-def _longest_edge(outline: Outline, lines: TriangleLines) -> _Segment:
+def _longest_edge(outline: Outline, lines: TriangleLines, tile_side: int) -> _Segment:
     """The longest edge; the first of equally long ones."""
     edges = lines.edges
     lengths = [
@@ -92,7 +93,9 @@ def _longest_edge(outline: Outline, lines: TriangleLines) -> _Segment:
         jnp.maximum(edges[0].inverse_height, edges[1].inverse_height), edges[2].inverse_height
     )
     thinness = jnp.clip((steepest - 1 / _THICK) * (1 / (1 / _THIN - 1 / _THICK)), 0.0, 1.0)
-    return _Segment(edge, number, foot, jnp.where(lines.has_area, thinness, 1.0))
+    thinness = jnp.where(lines.has_area, thinness, 1.0)
+    # An empty slot has no area either, but lies far from its tile.
+    return _Segment(edge, number, foot, jnp.where(may_pass_tile(edge, tile_side), thinness, 0.0))
 
 
 def _segment_weights(
