@@ -68,7 +68,7 @@ class AreaCoverage(AnalyticCoverage[Outline]):
     def value(
         self, geometry: Outline, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Array:
-        """Sum over the edges of the integral of x dy."""
+        """Compute the area as the integral of x dy along the boundary, edge by edge."""
         total = jnp.zeros_like(x + y)
         for edge in geometry:
             top, bottom, start, end = pixel_row_span(edge, x, y)
@@ -220,7 +220,10 @@ def interval_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tupl
 
 
 def _length_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tuple[Array, Array]:
-    """The integrals of 1 and of t over what lies in the pixel, with t along the whole edge."""
+    """Compute the integrals of 1 and of t along the part of an edge in a pixel.
+
+    t is 0 at the start of the whole edge, and 1 at its end.
+    """
     a, b = interval_in_pixel(edge, x, y)
     length = jnp.maximum(b - a, 0.0) * edge.share
     return length, length * (edge.start + edge.share * (0.5 * (a + b)))
@@ -268,7 +271,9 @@ def _gradient_of_swept(outline: Outline, swept: tuple[tuple[Array, ...], ...]) -
 def add_edge_gradient(
     gradient: list[Array], k: int, edge: ClippedEdge, total: Array, towards_end: Array
 ) -> None:
-    """Add what moving edge k does: the transpose of `normal_speeds`.
+    """Add the derivatives by both ends of edge k to those of all corners, in place.
+
+    It is the transpose of `normal_speeds`.
 
     `total` and `towards_end` are the integrals of a weight over the edge, and of t times it.
     """

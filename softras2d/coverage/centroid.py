@@ -98,7 +98,7 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
         parameter: Parameter,
         cotangent: Float[Array, "2 slots pixels"],
     ) -> Coordinates:
-        """The sums for both weights at once: their cotangents times gradients add up."""
+        """Sum over the pixels for both weights together: the vjp is linear in their gradients."""
         x, y, inverse_area = _centroids(geometry, parameter, self.tile_side)
         gx, gy = _weighted_gradient(geometry, inverse_area, cotangent)
         moments = sum_over_pixels(_moments_inside, geometry, parameter, x, y, gx, gy)
@@ -120,7 +120,7 @@ class _Centroid(NamedTuple):
 
 
 def _centroid(geometry: AreaGeometry, x: PointValues, y: PointValues) -> _Centroid:
-    """The centroid from the integrals along the edges."""
+    """Compute area and centroid in each pixel, by Green's theorem as sums over the edges."""
     area, moment_x, moment_y = (jnp.zeros_like(x + y) for _ in range(3))
     for edge in geometry.outline:
         top, bottom, start, end = pixel_row_span(edge, x, y)
@@ -165,7 +165,7 @@ def _weights(
 
 
 def _weight_gradient(geometry: AreaGeometry, corner: int) -> tuple[Array, Array]:
-    """Gradient of a corner's weight on the triangle; limited, see `_STEEP`."""
+    """Compute the gradient by x and y of a corner's weight, per pixel, limited by `_STEEP`."""
     opposite = geometry.lines.edges[(corner + 1) % 3]
     size = jnp.minimum(
         opposite.inverse_height, _STEEP**2 / jnp.maximum(opposite.inverse_height, _STEEP)

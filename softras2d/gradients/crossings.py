@@ -205,19 +205,24 @@ def find_crossings(
         along = jnp.clip(along, 0, size - 1)
         return Sample(jnp.where(steep, along, line), jnp.where(steep, line, along))
 
-    @materialized
-    def distance(run, outside, line):
-        # By the integers: places in floats are some roundings of far corners off.
-        along = jnp.where(run.steep[None], outside.column, outside.row)
-        start = WrappedValue(run.start[None], run.estimate[None])
-        value = start.moved((run.step[None], along), (run.stride[None], line)).to_float(t.dtype)
-        step = jnp.where(run.step != 0, run.step, 1).astype(t.dtype)
-        return jnp.clip(-value / step[None], -1.0, 1.0)
-
     inside, outside = (step_to(run, before, line, jnp.asarray(inner)) for inner in (True, False))
-    gap = distance(run, outside, line)
+    gap = _gap_to_edge(run, outside, line)
     outwards = jnp.where(run.step > 0, -1.0, 1.0).astype(t.dtype)
     return Crossings(runs.edge, valid, inside, outside, gap, t, run.steep, outwards, pixel)
+
+
+@materialized
+def _gap_to_edge(
+    run: Run, outside: Sample, line: Int[Array, "lines runs"]
+) -> Float[Array, "lines runs"]:
+    """Signed distance along each line from the sample outside to the edge, in samples."""
+    # By the integers: where corners are far, float positions are some roundings off.
+    dtype = run.begin.dtype
+    along = jnp.where(run.steep[None], outside.column, outside.row)
+    start = WrappedValue(run.start[None], run.estimate[None])
+    value = start.moved((run.step[None], along), (run.stride[None], line)).to_float(dtype)
+    step = jnp.where(run.step != 0, run.step, 1).astype(dtype)
+    return jnp.clip(-value / step[None], -1.0, 1.0)
 
 
 def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array]:

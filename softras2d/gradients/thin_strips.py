@@ -41,9 +41,9 @@ def ends_before_edge(
     and what lies beyond the edge is unknown.
     """
     triangle = jnp.maximum(outer, 0)
-    covers = _covers_near(edges, triangle, crossings.outside, _point(crossings))
+    reaches_edge = _covers_near(edges, triangle, crossings.outside, _point(crossings))
     at_border = outer == (crossings.edge // 3)[None]
-    return shown & (outer >= 0) & (at_border | ~covers)
+    return shown & (outer >= 0) & (at_border | ~reaches_edge)
 
 
 def fill_strips(

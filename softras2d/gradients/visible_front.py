@@ -64,37 +64,37 @@ def slot_at(
 
     @materialized
     def locate(sample):
-        tile, place, bit = address(sample, tiling)
-        return front.chunks.first[tile], front.chunks.count[tile], place, bit
+        tile, word_index, bit = address(sample, tiling)
+        return front.chunks.first[tile], front.chunks.count[tile], word_index, bit
 
     @materialized
-    def search(covered, first, count, place, bit):
+    def search(covered, first, count, word_index, bit):
         # The chunks before the one that covers the sample are counted by binary search.
         uncovered = jnp.zeros_like(first)
         step = max_chunks
         while step:
             probe = uncovered + step
-            there = jnp.clip(first + probe - 1, 0, covered.shape[0] // rows - 1)
-            word = covered.at[there * rows + place].get(mode="promise_in_bounds")
+            probed_chunk = jnp.clip(first + probe - 1, 0, covered.shape[0] // rows - 1)
+            word = covered.at[probed_chunk * rows + word_index].get(mode="promise_in_bounds")
             is_uncovered = (word >> bit) & jnp.uint32(1) == 0
             uncovered = jnp.where((probe <= count) & is_uncovered, probe, uncovered)
             step //= 2
         return jnp.where(uncovered < count, first + uncovered, -1)
 
     @materialized
-    def pick(visible, chunk, place, bit):
-        found = jnp.full(chunk.shape, -1, jnp.int32)
-        held = jnp.maximum(chunk, 0)
+    def find_slot(visible, chunk, word_index, bit):
+        visible_slot = jnp.full(chunk.shape, -1, jnp.int32)
+        valid_chunk = jnp.maximum(chunk, 0)
         for layer in range(layers):
-            slot = held * layers + layer
-            word = visible.at[slot * rows + place].get(mode="promise_in_bounds")
+            slot = valid_chunk * layers + layer
+            word = visible.at[slot * rows + word_index].get(mode="promise_in_bounds")
             shows = ((word >> bit) & jnp.uint32(1) == 1) & (chunk >= 0)
-            found = jnp.where(shows, slot, found)
-        return found
+            visible_slot = jnp.where(shows, slot, visible_slot)
+        return visible_slot
 
-    first, count, place, bit = locate(sample)
-    chunk = search(front.covered_so_far.reshape(-1), first, count, place, bit)
-    return pick(front.visible.reshape(-1), chunk, place, bit)
+    first, count, word_index, bit = locate(sample)
+    chunk = search(front.covered_so_far.reshape(-1), first, count, word_index, bit)
+    return find_slot(front.visible.reshape(-1), chunk, word_index, bit)
 
 
 def address(sample: Sample, tiling: Tiling) -> tuple[Array, Array, Array]:
@@ -104,8 +104,8 @@ def address(sample: Sample, tiling: Tiling) -> tuple[Array, Array, Array]:
     tile = (row // tiling.sample_rows) * tiling.columns + column // tiling.sample_columns
     # The inverse of `coverage.sampled.row_order`.
     row = row % tiling.sample_rows
-    place = (row % rate) * tiling.height + row // rate
-    return tile, place, (column % tiling.sample_columns).astype(jnp.uint32)
+    word_index = (row % rate) * tiling.height + row // rate
+    return tile, word_index, (column % tiling.sample_columns).astype(jnp.uint32)
 
 
 def color_at(
@@ -121,25 +121,34 @@ def color_at(
 
     With `flat` it is the triangle's one colour, with straight alpha; else it is premultiplied.
     """
-    there = jnp.maximum(triangle, 0)
+    valid_triangle = jnp.maximum(triangle, 0)
 
     @materialized
-    def behind(color, triangle):
+    def over_background(color, triangle):
         return jnp.where((triangle < 0)[None], background[:, None, None], color)
 
     if flat:
-        color = materialized(lambda color, there: color[0][:, there])(surface.corners.color, there)
-        return behind(color, triangle)
+        color = materialized(_flat_color)(surface.corners.color, valid_triangle)
+        return over_background(color, triangle)
 
     @materialized
     def locate(sample):
         tile = address(sample, tiling)[0]
         points = sample.column % tiling.sample_columns, sample.row % tiling.sample_rows
-        return tile.reshape(-1), Points(None, *(place.reshape(-1) for place in points))
+        return tile.reshape(-1), Points(None, *(axis.reshape(-1) for axis in points))
 
     tile, points = locate(sample)
-    color = shade(surface, surface_lanes(surface, there.reshape(-1), tile, tiling), points, tiling)
-    return behind(color.reshape(-1, *triangle.shape), triangle)
+    color = shade(
+        surface, surface_lanes(surface, valid_triangle.reshape(-1), tile, tiling), points, tiling
+    )
+    return over_background(color.reshape(-1, *triangle.shape), triangle)
+
+
+def _flat_color(
+    color: Float[Array, "1 channels triangles"], triangle: Int[Array, "*samples"]
+) -> Float[Array, "channels *samples"]:
+    """Gather the one colour of each triangle."""
+    return color[0][:, triangle]
 
 
 def edge_weights(
@@ -172,7 +181,7 @@ def color_on_edge(
     """
     triangle = jnp.broadcast_to((edge // 3)[None], t.shape)
     if flat:
-        return materialized(lambda color, at: color[0][:, at])(surface.corners.color, triangle)
+        return materialized(_flat_color)(surface.corners.color, triangle)
     lane = triangle.reshape(-1)
     first, second, third = (entry.reshape(-1) for entry in materialized(edge_weights)(edge, t))
     lanes = surface_lanes(surface, lane, jnp.zeros_like(lane), tiling)
