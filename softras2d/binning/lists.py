@@ -108,6 +108,26 @@ def _fill_slots(
     return jnp.where(filled, lists.triangle.at[entry].get(mode="clip"), 0), filled, entry
 
 
+def chunks_of_all(triangles: int, tiles: int, *, layers: int) -> Chunks:
+    """The chunks of tiles that all list every triangle (`tiles.list_every_triangle`)."""
+    per_tile = -(-triangles // layers)
+    number = jnp.arange(tiles * per_tile, dtype=jnp.int32)
+    tile, index = number // per_tile, number % per_tile
+    position = index[:, None] * layers + jnp.arange(layers, dtype=jnp.int32)[None]
+    filled = position < triangles
+    return Chunks(
+        triangle=jnp.where(filled, triangles - 1 - position, 0),
+        filled=filled,
+        entry=jnp.where(filled, tile[:, None] * triangles + position, 0),
+        tile=tile,
+        index=index,
+        first=jnp.arange(tiles, dtype=jnp.int32) * per_tile,
+        count=jnp.full(tiles, per_tile, jnp.int32),
+        needed=jnp.asarray(tiles * per_tile, jnp.int32),
+        most_in_tile=jnp.asarray(per_tile, jnp.int32),
+    )
+
+
 def cut_steps(lists: TileLists, *, capacity: int) -> Steps:
     """Group tiles into blocks, those with the longest lists first, and list the steps through them.
 

@@ -69,6 +69,23 @@ def list_tiles(
     )
 
 
+def list_every_triangle(triangles: int, tiling: Tiling) -> TileLists:
+    """List all triangles for every tile, whether they touch it or not.
+
+    For a few triangles on a small canvas this costs less than to find out, and no positions can
+    need longer lists. The lists are constants, also in a batch of scenes.
+    """
+    entry = jnp.arange(tiling.count * triangles, dtype=jnp.int32)
+    return TileLists(
+        triangle=triangles - 1 - entry % triangles,
+        tile=entry // triangles,
+        start=jnp.arange(tiling.count, dtype=jnp.int32) * triangles,
+        count=jnp.full(tiling.count, triangles, jnp.int32),
+        strips=jnp.zeros((), jnp.int32),
+        pairs=jnp.zeros((), jnp.int32),
+    )
+
+
 def _count_listed(
     tile: Int[Array, " pairs"], *, tiles: int
 ) -> tuple[Int[Array, " tiles"], Int[Array, " tiles"]]:

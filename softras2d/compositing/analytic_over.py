@@ -23,6 +23,7 @@ from jaxtyping import Array, Float, Int
 
 from ..binning.lists import Chunks
 from ..coverage.tile_sums import sum_pixels
+from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
 
@@ -212,7 +213,7 @@ def _for_each_chunk(
         for k in range(max_chunks):
             state = add(k, state)
         return state
-    return jax.lax.fori_loop(0, jnp.max(chunks.count), add, state)
+    return repeat(jnp.max(chunks.count), add, state)
 
 
 def _for_each_distance(
@@ -223,7 +224,7 @@ def _for_each_distance(
         for j in range(1, max_chunks):
             state = add(j, state)
         return state
-    return jax.lax.fori_loop(1, jnp.max(chunks.count), add, state)
+    return repeat(jnp.max(chunks.count) - 1, lambda j, state: add(j + 1, state), state)
 
 
 def _shift(x: ChunkPixels, j: Index) -> ChunkPixels:

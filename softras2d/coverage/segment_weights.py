@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..numerics import safe
+from ..numerics.batched_loops import apply_if_any
 from .analytic import PointValues
 from .area import ClippedEdge, Outline, interval_in_pixel, may_pass_tile
 from .edge_lines import TriangleLines
@@ -65,7 +66,7 @@ def replace_if_thin(
         along = _segment_weights(segment, weights, x, y)
         return tuple(w + segment.thinness * (s - w) for w, s in zip(weights, along, strict=True))
 
-    return jax.lax.cond(jnp.any(segment.thinness > 0), replace, lambda weights: weights, weights)
+    return apply_if_any(jnp.any(segment.thinness > 0), replace, weights)
 
 
 def _longest_edge(outline: Outline, lines: TriangleLines, tile_side: int) -> _Segment:

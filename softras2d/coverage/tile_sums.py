@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from ..numerics.prefix import cumulative_sum
 
@@ -56,14 +57,18 @@ def for_each_block(
 ) -> Tree:
     """`visit(block, total)` for block after block of the slots with a flagged pixel.
 
-    A block is the numbers of `_BLOCK` slots, or one past the last slot where there are fewer.
+    A block is the numbers of `_BLOCK` slots, or one past the last slot where there are fewer. All
+    slots are one block if they are no more.
     """
+    slots = flags.shape[0]
+    if slots <= _BLOCK:
+        return visit(jnp.arange(slots, dtype=jnp.int32), total)
     listed, count = _list_flagged(flags)
 
     def step(number, total):
         return visit(jax.lax.dynamic_slice_in_dim(listed, number * _BLOCK, _BLOCK), total)
 
-    return jax.lax.fori_loop(0, -(-count // _BLOCK), step, total)
+    return repeat(-(-count // _BLOCK), step, total)
 
 
 @materialized

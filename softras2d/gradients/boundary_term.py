@@ -34,6 +34,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..coverage.depth_test import depth_at, depth_on_edge
 from ..geometry.fixed_point import Edges, Grid
 from ..geometry.tiling import Tiling
+from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from .crossings import LINES, Crossings, Sample, Sides, find_crossings, list_runs
 from .interpenetration import depth_changes, image_change
@@ -211,14 +212,15 @@ def _sweep(
     shape: BoundaryShape, outlines: Outlines, samples: OpaqueSamples | LayeredSamples
 ) -> Sweep:
     grid, channels = shape.tiling.grid, shape.channels
-    blocks = -(-shape.crossings // _BLOCK)
-    runs = list_runs(outlines.count, capacity=blocks * _BLOCK)
+    block = min(_BLOCK, max(shape.crossings, 1))
+    blocks = -(-shape.crossings // block)
+    runs = list_runs(outlines.count, capacity=blocks * block)
     needed = jnp.sum(runs.rank >= 0, dtype=jnp.int32)
     dtype = outlines.sides.start.dtype
 
     def visit(number, sweep):
         block_runs = jax.tree.map(
-            lambda entry: jax.lax.dynamic_slice_in_dim(entry, number * _BLOCK, _BLOCK), runs
+            lambda entry: jax.lax.dynamic_slice_in_dim(entry, number * block, block), runs
         )
         sides, edges, _, first, count = outlines
         crossings = find_crossings(sides, edges, first, count, block_runs, grid)
@@ -228,14 +230,14 @@ def _sweep(
             jump = _layered_jumps(shape, crossings, samples)
         own = (crossings.t, crossings.pixel, jump)
         return tuple(
-            jax.lax.dynamic_update_slice_in_dim(whole, piece, number * _BLOCK, piece.ndim - 1)
+            jax.lax.dynamic_update_slice_in_dim(whole, piece, number * block, piece.ndim - 1)
             for whole, piece in zip(sweep, own, strict=True)
         )
 
-    lines = (LINES, blocks * _BLOCK)
+    lines = (LINES, blocks * block)
     none = jnp.full(lines, grid.height * grid.width, jnp.int32)
     sweep = (jnp.zeros(lines, dtype), none, jnp.zeros((channels, *lines), dtype))
-    sweep = jax.lax.fori_loop(0, -(-needed // _BLOCK), visit, sweep)
+    sweep = repeat(-(-needed // block), visit, sweep)
     return Sweep(runs.edge, *sweep)
 
 

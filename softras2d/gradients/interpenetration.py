@@ -28,6 +28,7 @@ from ..coverage.sampled import row_order
 from ..geometry.barycentric import twice_area
 from ..geometry.tiling import Tiling
 from ..numerics import safe
+from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
 from ..numerics.prefix import cumulative_sum
@@ -188,9 +189,9 @@ def _for_each_exchange(shape: _Shape, samples: OpaqueSamples, add: Any, total: A
                 )
                 return materialized(add)(total, _exchange(shape, samples, planes, some))
 
-            return jax.lax.fori_loop(0, -(-count // _PAIRS), visit_pairs, total)
+            return repeat(-(-count // _PAIRS), visit_pairs, total)
 
-        return jax.lax.fori_loop(0, -(-ends[-1] // _CANDIDATES), visit_candidates, total)
+        return repeat(-(-ends[-1] // _CANDIDATES), visit_candidates, total)
 
     return jax.lax.fori_loop(0, blocks, visit_block, total)
 

@@ -8,13 +8,13 @@ depth test, a triangle that is drawn later but lies deeper shows only without it
 import functools
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from ..binning.tiles import TileLists
 from ..coverage.depth_test import Depths, depth_at
 from ..geometry.tiling import Tiling
+from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from ..shading.surface import Surface
 from .crossings import Sample
@@ -121,7 +121,7 @@ def addition(
     closed, clear = jnp.zeros(shape, bool), jnp.ones(shape, dtype)
     empty = jnp.zeros((channels, *shape), dtype)
     state = _State(closed, clear, closed, empty, clear, empty, clear)
-    state = jax.lax.fori_loop(0, jnp.max(count), visit, state)
+    state = repeat(jnp.max(count), visit, state)
 
     @materialized
     def finish(state, color):

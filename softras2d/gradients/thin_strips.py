@@ -15,6 +15,7 @@ from ..coverage.depth_test import Depths, depth_on_edge, weights_and_depth
 from ..geometry.barycentric import twice_area
 from ..geometry.fixed_point import Edges
 from ..geometry.tiling import Tiling
+from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from ..numerics.prefix import cumulative_sum
 from .crossings import Crossings, Sample
@@ -94,7 +95,7 @@ def fill_strips(
         return far.at[at].set(behind, mode="drop"), owned.at[at].set(visible, mode="drop")
 
     state = outer.reshape(-1), owned.reshape(-1)
-    far, owned = jax.lax.fori_loop(0, -(-count // _LANES), visit, state)
+    far, owned = repeat(-(-count // _LANES), visit, state)
     return far.reshape(outer.shape), owned.reshape(outer.shape)
 
 
@@ -169,8 +170,7 @@ def _nearest_other(
 
     first, count = locate(chunks, sample)
     least = jnp.full(owner.shape, jnp.inf, samples.background.dtype)
-    nearest, least = jax.lax.fori_loop(
-        0,
+    nearest, least = repeat(
         jnp.max(count),
         lambda k, state: step(k, state, first, count, chunks.triangle, chunks.filled),
         (jnp.full_like(owner, -1), least),

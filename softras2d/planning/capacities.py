@@ -71,6 +71,8 @@ class Headroom(NamedTuple):
       three quarters of powers of two.
     - `small_slots`: up to this number of slots, the capacities of strips, pairs and crossings are
       in proportion to the slots.
+    - `list_all_slots`: where all triangles of all tiles are no more slots than this, every tile
+      lists every triangle: a plan of as many slots costs more.
     """
 
     merge_cost: int
@@ -78,13 +80,24 @@ class Headroom(NamedTuple):
     least_slots: int
     coarse_slots: int
     small_slots: int
+    list_all_slots: int
 
 
 SAMPLED_HEADROOM = Headroom(
-    merge_cost=1, divisor=16, least_slots=2**12, coarse_slots=2**14, small_slots=2**14
+    merge_cost=1,
+    divisor=16,
+    least_slots=2**12,
+    coarse_slots=2**14,
+    small_slots=2**14,
+    list_all_slots=2**12,
 )
 ANALYTIC_HEADROOM = Headroom(
-    merge_cost=2, divisor=16, least_slots=2**11, coarse_slots=0, small_slots=0
+    merge_cost=2,
+    divisor=16,
+    least_slots=2**11,
+    coarse_slots=0,
+    small_slots=0,
+    list_all_slots=2**11,
 )
 """Size classes are finer than for sampled coverage, as a slot of a gradient costs several times as
 much."""
@@ -92,7 +105,7 @@ much."""
 VARYING_HEADROOM = ANALYTIC_HEADROOM._replace(merge_cost=1)
 """Where colours vary within a triangle, a slot costs more, so that a chunk costs fewer slots."""
 
-_LAYERS = (2, 4, 8)
+LAYERS = (2, 4, 8)
 """Numbers of slots that a chunk may have."""
 
 _LEAST_STEPS, _LEAST_CROSSINGS, _LEAST_FRAGMENTS = 32, 2**14, 2**12
@@ -153,14 +166,14 @@ def _choose_layers(counts: Sequence[Counts], headroom: Headroom) -> int:
     """Choose the number of slots of a chunk that costs least over all scenes."""
     chunks = {
         layers: [int(_chunks_of_tiles(scene, layers).sum()) for scene in counts]
-        for layers in _LAYERS
+        for layers in LAYERS
     }
-    smallest = _LAYERS[0]
+    smallest = LAYERS[0]
     if _slot_class(smallest * max(chunks[smallest]), headroom) == headroom.least_slots:
         # Small scenes share programs: all have the same chunks, whatever is best for each.
         return smallest
     # A chunk costs its slots, and its merging.
-    return min(_LAYERS, key=lambda layers: (layers + headroom.merge_cost) * sum(chunks[layers]))
+    return min(LAYERS, key=lambda layers: (layers + headroom.merge_cost) * sum(chunks[layers]))
 
 
 def _chunks_of_tiles(scene: Counts, layers: int) -> np.ndarray:

@@ -12,6 +12,7 @@ from ..geometry.tiling import Tiling
 from ..options import Coverage, Filter, Hard
 from .capacities import Capacity
 from .effects import EFFECTS, GUARD_BAND
+from .worst_case import worst_case
 
 
 class Plan(eqx.Module):
@@ -24,6 +25,8 @@ class Plan(eqx.Module):
     - `origin`: the pixel (x, y) of the scene at the canvas's upper left.
     - `capacity`: lengths of the lists.
     - `side`: pixels along a square tile under analytic coverage; 0 under sampled coverage.
+    - `lists_all`: whether every tile lists every triangle, so that no positions can outgrow the
+      plan, whatever the number of triangles. `capacity` is then that of the scenes planned for.
     - `effects`: names of the rows of `EFFECTS` that the scenes need.
     - `grid_bits`: vertices are snapped to multiples of 2^-grid_bits pixel in hard mode; None is
       the finest grid that fits the canvas.
@@ -37,6 +40,7 @@ class Plan(eqx.Module):
     capacity: Capacity = eqx.field(static=True)
     side: int = eqx.field(static=True)
     effects: tuple[str, ...] = eqx.field(static=True)
+    lists_all: bool = eqx.field(static=True, default=False)
     grid_bits: int | None = eqx.field(static=True, default=None)
 
     @property
@@ -50,6 +54,11 @@ class Plan(eqx.Module):
         return GUARD_BAND in self.effects
 
     @property
+    def cannot_be_outgrown(self) -> bool:
+        """Whether the plan holds for all positions of the triangles."""
+        return self.lists_all and (self.side > 0 or self.cuts_far_triangles)
+
+    @property
     def grid(self) -> Grid:
         """Canvas, samples and snapping grid."""
         return Grid.for_canvas(self.height, self.width, self.coverage.rate, self.grid_bits)
@@ -58,6 +67,12 @@ class Plan(eqx.Module):
     def tiling(self) -> Tiling:
         """How the canvas is cut into tiles."""
         return Tiling.square(self.grid, self.side) if self.side else Tiling.one_word_wide(self.grid)
+
+    def capacity_of(self, triangles: int) -> Capacity:
+        """Capacities for a scene of this many triangles."""
+        if not self.lists_all:
+            return self.capacity
+        return worst_case(triangles, self.tiling, layers=self.capacity.layers)
 
     def holds(self, other: "Plan") -> bool:
         """Whether every capacity is at least that of `other`, a plan of the same canvas."""
@@ -95,6 +110,10 @@ class Plan(eqx.Module):
                 *effects,
                 f"grid      2^-{self.grid.bits} px",
                 f"tiles     {tiling.columns} x {tiling.rows} of {tiling.width} x {tiling.height}",
+                *(
+                    ["lists     every triangle for every tile: nothing can be outgrown"]
+                    * self.lists_all
+                ),
                 f"capacity  {capacity.strips:,} strips, {capacity.pairs:,} pairs, "
                 f"{capacity.steps:,} steps",
                 f"          {capacity.chunks:,} chunks of {capacity.layers}, "

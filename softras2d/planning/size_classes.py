@@ -14,10 +14,15 @@ import numpy as np
 from jax.core import Tracer
 
 from ..scene import Scene
+from .plan import Plan
 
 _SMALL_CLASSES = (64, 1024)
 """Size classes of triangles. Beyond the last they are powers of two: from 1,000 triangles on, the
 padding of classes that grow by more would cost time."""
+
+_LEAST_POWER = 8
+"""Least size class of scenes whose every triangle is listed for every tile: there a triangle more
+costs time in each tile, so that all classes are powers of two."""
 
 
 def pad(scene: Scene) -> Scene:
@@ -36,13 +41,18 @@ def pad(scene: Scene) -> Scene:
     """
     if is_traced(scene):
         raise ValueError("`pad` needs a concrete scene: pad outside jit, vmap and grad.")
+    return _pad_to(scene, triangle_class(scene.triangles.shape[-2]))
+
+
+def _pad_to(scene: Scene, size: int) -> Scene:
+    """Append triangles that cover nothing until there are `size`, and vertices in proportion."""
     *batch, triangles, _ = scene.triangles.shape
     vertices = scene.positions.shape[-2]
     if triangles == 0 or vertices == 0:
         return scene
     # Texels are not padded: sums over them would be rounded in another order.
     axis = len(batch)
-    more_triangles = _triangle_class(triangles) - triangles
+    more_triangles = size - triangles
     more_vertices = _vertex_class(vertices, triangles, triangles + more_triangles) - vertices
     # For each array the number of appended entries, and their value.
     padding = {
@@ -63,11 +73,12 @@ def pad(scene: Scene) -> Scene:
     )
 
 
-def pad_concrete(scene: Scene) -> Scene:
-    """Pad a concrete scene; return a traced or batched one unchanged."""
+def pad_concrete(scene: Scene, plan: Plan) -> Scene:
+    """Pad a concrete scene for a plan; return a traced or batched one unchanged."""
     if is_traced(scene) or scene.triangles.ndim != 2:
         return scene
-    return pad(scene)
+    triangles = scene.triangles.shape[0]
+    return _pad_to(scene, next_power(triangles) if plan.lists_all else triangle_class(triangles))
 
 
 def is_traced(tree: Any) -> bool:
@@ -84,9 +95,14 @@ def fine_class(count: int) -> int:
     return -(-count // step) * step
 
 
-def _triangle_class(count: int) -> int:
+def triangle_class(count: int) -> int:
     """Size class of the triangles."""
     return next((size for size in _SMALL_CLASSES if count <= size), _next_power(count))
+
+
+def next_power(count: int) -> int:
+    """Size class of triangles that are listed for every tile."""
+    return max(_next_power(count), _LEAST_POWER)
 
 
 def _vertex_class(vertices: int, triangles: int, triangle_class: int) -> int:

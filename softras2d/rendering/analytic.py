@@ -10,10 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..binning.lists import Chunks, cut_chunks
+from ..binning.lists import Chunks
 from ..binning.reach import ReachedTriangles, reached_triangles
-from ..binning.tile_side import choose_side
-from ..binning.tiles import list_tiles
+from ..binning.tile_side import SIDES, choose_side
 from ..compositing import analytic_over
 from ..compositing.opaque import sum_chunks
 from ..coverage.analytic import AnalyticCoverage, PixelFunction, evaluate
@@ -21,7 +20,7 @@ from ..coverage.edge_lines import TriangleLines, triangle_lines
 from ..geometry.fixed_point import Grid, corners_of, reorient
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from ..planning.capacities import ANALYTIC_HEADROOM, VARYING_HEADROOM, Needs, choose_capacity
+from ..planning.capacities import ANALYTIC_HEADROOM, VARYING_HEADROOM, Needs
 from ..planning.effects import is_occluder, varies
 from ..planning.list_counts import count_analytic_lists
 from ..planning.plan import Plan
@@ -29,7 +28,9 @@ from ..scene import Scene
 from ..shading.corner_attributes import at_corners, corner_attributes
 from ..shading.pixel_color import ShadedSlots, TriangleAttributes, shade_slots
 from ..shading.texture_lookup import Textures
-from .coverage_mode import CoverageMode, Drawn, Layout
+from .coverage_mode import CoverageMode, Drawn, Growth, Layout
+from .layout import Listing, choose_layout
+from .tile_lists import chunks_for_plan, list_for_plan
 
 _FARTHEST = 2.0**30
 """Pixels at which far corners are clamped, so that their squares stay finite."""
@@ -108,27 +109,31 @@ class AnalyticMode(CoverageMode):
         coverage: Any,
         origin: np.ndarray,
         max_width: float | None,
+        growth: Growth,
     ) -> Layout:
         """Capacities for the largest of the scenes, and the tile side of least work."""
         headroom = VARYING_HEADROOM if any(map(varies, scenes)) else ANALYTIC_HEADROOM
         reach = self.reach(coverage, max_width)
-        corners = [
-            corners_of(np.asarray(scene.positions), np.asarray(scene.triangles), origin)
-            for scene in scenes
-        ]
-        side = choose_side(corners, grid, reach)
+        side = SIDES[0]
+        if not growth.is_worst_case:
+            corners = [
+                corners_of(np.asarray(scene.positions), np.asarray(scene.triangles), origin)
+                for scene in scenes
+            ]
+            side = choose_side(corners, grid, reach)
         tiling = Tiling.square(grid, side)
-        summed = self.is_sum(coverage)
-        counts = [
-            count_analytic_lists(scene, tiling, reach, origin, summed=summed) for scene in scenes
-        ]
-        pixels = grid.height * grid.width
-        capacity = choose_capacity(counts, in_order=False, pixels=pixels, headroom=headroom)
-        return Layout(capacity, side)
+        count_lists = functools.partial(
+            count_analytic_lists,
+            tiling=tiling,
+            reach=reach,
+            origin=origin,
+            summed=self.is_sum(coverage),
+        )
+        return choose_layout(scenes, Listing(tiling, headroom, False, side), growth, count_lists)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
         """Composite colour times coverage at each pixel: list tiles, cover, shade, composite."""
-        coverage, tiling, capacity = plan.coverage, plan.tiling, plan.capacity
+        coverage, tiling = plan.coverage, plan.tiling
         corners = materialized(corners_of)(scene.positions, scene.triangles, plan.origin)
         functions = self.pixel_functions(coverage, tiling.width)
         parameter = self.parameter(coverage, corners.dtype)
@@ -138,15 +143,8 @@ class AnalyticMode(CoverageMode):
         )(jax.lax.stop_gradient(corners), reach)
         occluders = materialized(is_occluder)(scene, triangles.orientation)
         occluders = occluders & (not self.is_sum(coverage))
-        lists = list_tiles(
-            triangles.lines,
-            triangles.bounds,
-            occluders,
-            tiling,
-            strips=capacity.strips,
-            pairs=capacity.pairs,
-        )
-        chunks = cut_chunks(lists, layers=capacity.layers, capacity=capacity.chunks)
+        lists = list_for_plan(triangles.lines, triangles.bounds, occluders, plan)
+        chunks = chunks_for_plan(lists, triangles.bounds, plan)
         slots, tile = _place(corners, triangles, chunks, tiling)
         lines = materialized(triangle_lines)(slots, tile)
         geometry = self.slot_geometry(coverage, slots, tile, lines, tiling.width)
@@ -155,7 +153,13 @@ class AnalyticMode(CoverageMode):
         shaded = shade_slots(
             attributes, covered, functions.weights, slots, geometry.weights, lines, chunks
         )
-        layers = self.composite(coverage, shaded, triangles, chunks, capacity.max_chunks)
+        layers = self.composite(
+            coverage,
+            shaded,
+            triangles,
+            chunks,
+            plan.capacity_of(scene.triangles.shape[0]).max_chunks,
+        )
         image = materialized(functools.partial(_to_image, tiling=tiling))(layers, background)
         needs = Needs(
             strips=lists.strips,

@@ -25,10 +25,23 @@ class Layout(NamedTuple):
 
     - `capacity`: lengths of the lists.
     - `tile_side`: pixels along a square tile; 0 for the tiling of sampled coverage.
+    - `lists_all`: whether every tile lists every triangle.
     """
 
     capacity: Capacity
     tile_side: int = 0
+    lists_all: bool = False
+
+
+class Growth(NamedTuple):
+    """How far other scenes may exceed those that a plan is made for.
+
+    - `factor`: every list may become this many times as long.
+    - `is_worst_case`: whether the triangles may be anywhere and of any size.
+    """
+
+    factor: float = 1.0
+    is_worst_case: bool = False
 
 
 class Drawn(NamedTuple):
@@ -72,8 +85,12 @@ class CoverageMode(abc.ABC):
         coverage: Any,
         origin: np.ndarray,
         max_width: float | None,
+        growth: Growth,
     ) -> Layout:
-        """Capacities that are large enough for each of some concrete scenes."""
+        """Capacities that are large enough for each of some scenes, and for what `growth` allows.
+
+        In the worst case only the shapes of the scenes are known, else they are concrete.
+        """
 
     @abc.abstractmethod
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:

@@ -1,5 +1,7 @@
 """`plan`: looks at concrete scenes and decides what a render of them needs."""
 
+import functools
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,12 +11,13 @@ import numpy as np
 from jax.core import Tracer
 
 from ..geometry.fixed_point import Grid
+from ..names import PlanCapacity, check_name
 from ..numerics.device import to_device
 from ..options import Coverage, Filter, Hard
-from ..planning.effects import EFFECTS, Drawing
+from ..planning.effects import EFFECTS, GUARD_BAND, Drawing
 from ..planning.plan import Plan
-from ..scene import Scene, check
-from .coverage_mode import CoverageMode
+from ..scene import Scene, check, check_types
+from .coverage_mode import CoverageMode, Growth
 from .modes import mode_of
 
 
@@ -28,8 +31,10 @@ def plan(
     origin: Any = (0, 0),
     max_width: float | None = None,
     grid_bits: int | None = None,
+    capacity: PlanCapacity = "scene",
+    headroom: float = 1.0,
 ) -> Plan:
-    """Look at concrete scenes and decide what a render of any of them needs.
+    """Look at scenes and decide what a render of any of them needs.
 
     - `scene`: one scene, several, or a batched one (leading axis on every array). The plan is large
       enough for each of them.
@@ -44,6 +49,13 @@ def plan(
       the finest grid that fits the canvas. To draw a canvas in pieces, use the same value for all,
       that of the whole canvas (`plan.grid.bits`) if it can be planned. Samples then equal those of
       the whole image, to the bit, except within two grid units of an edge cut at the guard band.
+    - `capacity`: how many triangles a tile can list. "scene": as the scenes need, with a sixteenth
+      to spare. "worst_case": all of them, so that no positions outgrow the plan; its cost is that
+      of triangles which all cover the canvas (`print(plan)`). It looks at shapes only, so that
+      scenes may be traced, or have `jax.ShapeDtypeStruct` leaves. Scenes of a few triangles on a
+      small canvas always have it, as it costs nothing there.
+    - `headroom`: how many times as long as the scenes need all lists may become, 1 or more: 2 for
+      triangles that double their area, or twice as many of them in one place.
 
     Raises `ValueError` for invalid values (NaN, infinity, alpha outside 0..1, an index out of
     range), and for effects that the coverage does not draw.
@@ -51,9 +63,10 @@ def plan(
     coverage = Hard() if coverage is None else coverage
     mode = mode_of(coverage)
     coverage = mode.prepare(coverage, max_width)
-    scenes = _scene_list(scene)
+    growth = _checked_growth(capacity, headroom)
+    scenes = _shapes(scene) if growth.is_worst_case else _scene_list(scene)
     for one in scenes:
-        check(one)
+        check_types(one) if growth.is_worst_case else check(one)
     origin = _checked_origin(origin)
     grid = Grid.for_canvas(height, width, coverage.rate, grid_bits)
     filter = Filter() if filter is None else filter
@@ -61,7 +74,7 @@ def plan(
         raise ValueError(f"`filter` must be Filter(...); got {filter!r}.")
     drawings = [Drawing(one, coverage, filter, grid, origin) for one in scenes]
     refuse_missing(drawings, mode)
-    layout = mode.lay_out(scenes, grid, coverage, origin, max_width)
+    layout = mode.lay_out(scenes, grid, coverage, origin, max_width, growth)
     return Plan(
         height=height,
         width=width,
@@ -70,12 +83,32 @@ def plan(
         origin=to_device(origin),
         capacity=layout.capacity,
         side=layout.tile_side,
-        effects=tuple(
-            name
-            for name, effect in EFFECTS.items()
-            if name in mode.effects and any(map(effect.is_present, drawings))
-        ),
+        effects=_effects(drawings, mode, growth),
+        lists_all=layout.lists_all,
         grid_bits=grid_bits,
+    )
+
+
+def _checked_growth(capacity: PlanCapacity, headroom: float) -> Growth:
+    """The growth that a caller asked for, or `ValueError`."""
+    check_name("capacity", capacity, PlanCapacity)
+    if not (isinstance(headroom, int | float) and 1 <= headroom < math.inf):
+        raise ValueError(f"`headroom` must be a number of 1 or more; got {headroom!r}.")
+    return Growth(float(headroom), capacity == "worst_case")
+
+
+def _effects(drawings: Sequence[Drawing], mode: CoverageMode, growth: Growth) -> tuple[str, ...]:
+    """Names of the effects that some drawing has and the mode draws."""
+    return tuple(
+        name
+        for name, effect in EFFECTS.items()
+        if name in mode.effects
+        and (
+            # In the worst case triangles may reach anywhere.
+            growth.is_worst_case
+            if name == GUARD_BAND and growth.is_worst_case
+            else any(map(effect.is_present, drawings))
+        )
     )
 
 
@@ -94,6 +127,24 @@ def _scene_list(scene: Scene | Sequence[Scene]) -> list[Scene]:
     if not scenes:
         raise ValueError("`scene` must be a scene or several; got an empty list.")
     return scenes
+
+
+def _shapes(scene: Scene | Sequence[Scene]) -> list[Scene]:
+    """One scene of `jax.ShapeDtypeStruct` leaves for each given scene or batch."""
+    given = [scene] if isinstance(scene, Scene) else scene
+    if not given:
+        raise ValueError("`scene` must be a scene or several; got an empty list.")
+    for one in given:
+        if all(isinstance(leaf, np.ndarray | jax.Array) for leaf in jax.tree.leaves(one)):
+            check(one)
+    return [
+        jax.tree.map(functools.partial(_shape_of, batched=one.positions.ndim == 3), one)
+        for one in given
+    ]
+
+
+def _shape_of(leaf: Any, batched: bool) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(leaf.shape[1:] if batched else leaf.shape, leaf.dtype)
 
 
 def _unstack(scene: Scene) -> list[Scene]:

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from ..binning.expansion import saturated_sum
-from ..binning.lists import Chunks, Steps, cut_chunks, cut_steps
-from ..binning.tiles import TileLists, list_tiles
+from ..binning.lists import Chunks, Steps, cut_steps
+from ..binning.tiles import TileLists
 from ..compositing import deferred_shading, opaque, over
 from ..coverage.depth_test import Depths, keep_nearest
 from ..coverage.sampled import coverage_words, remove_hidden
@@ -28,7 +28,7 @@ from ..gradients.layered_samples import LayeredSamples
 from ..gradients.visible_front import Front, OpaqueSamples
 from ..numerics.fusion_barrier import materialized
 from ..options import Hard
-from ..planning.capacities import SAMPLED_HEADROOM, Needs, choose_capacity
+from ..planning.capacities import SAMPLED_HEADROOM, Capacity, Needs
 from ..planning.effects import (
     GUARD_BAND,
     SCENE_EFFECTS,
@@ -43,7 +43,9 @@ from ..scene import Scene
 from ..shading.corner_attributes import at_corners, corner_attributes
 from ..shading.fragments import list_fragments
 from ..shading.surface import Surface, surface_of
-from .coverage_mode import CoverageMode, Drawn, Layout
+from .coverage_mode import CoverageMode, Drawn, Growth, Layout
+from .layout import Listing, choose_layout
+from .tile_lists import chunks_for_plan, list_for_plan
 
 
 class Projected(NamedTuple):
@@ -80,27 +82,21 @@ class SampledMode(CoverageMode):
         coverage: Hard,
         origin: np.ndarray,
         max_width: float | None,
+        growth: Growth,
     ) -> Layout:
         """Capacities for the largest of the scenes."""
-        counts = [count_sampled_lists(scene, grid, coverage, origin) for scene in scenes]
         in_order = any(is_translucent(scene) or scene.depth is not None for scene in scenes)
-        pixels = grid.height * grid.width
-        return Layout(
-            choose_capacity(counts, in_order=in_order, pixels=pixels, headroom=SAMPLED_HEADROOM)
+        listing = Listing(Tiling.one_word_wide(grid), SAMPLED_HEADROOM, in_order)
+        count_lists = functools.partial(
+            count_sampled_lists, grid=grid, coverage=coverage, origin=origin
         )
+        return choose_layout(scenes, listing, growth, count_lists)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
         """The mean over the samples of each pixel: project, list tiles, cover, shade, composite."""
-        tiling, capacity = plan.tiling, plan.capacity
+        capacity = plan.capacity_of(scene.triangles.shape[0])
         projected = _project(scene, plan)
-        lists = list_tiles(
-            projected.edges,
-            projected.bounds,
-            projected.is_occluder,
-            tiling,
-            strips=capacity.strips,
-            pairs=capacity.pairs,
-        )
+        lists = list_for_plan(projected.edges, projected.bounds, projected.is_occluder, plan)
         needs = Needs(strips=lists.strips, pairs=lists.pairs)
         if projected.outlines is not None:
             needs = needs._replace(crossings=materialized(_count_runs)(projected.outlines.count))
@@ -109,10 +105,14 @@ class SampledMode(CoverageMode):
             steps = cut_steps(lists, capacity=capacity.steps)
             needs = needs._replace(steps=steps.needed)
         if steps is not None and is_translucent(scene):
-            image = _composite_translucent(projected, lists, steps, background, scene, plan)
+            image = _composite_translucent(
+                projected, lists, steps, background, scene, plan, capacity
+            )
         else:
-            chunks = cut_chunks(lists, layers=capacity.layers, capacity=capacity.chunks)
-            image, fragments = _sum_opaque(projected, lists, steps, chunks, background, scene, plan)
+            chunks = chunks_for_plan(lists, projected.bounds, plan)
+            image, fragments = _sum_opaque(
+                projected, lists, steps, chunks, background, scene, plan, capacity
+            )
             needs = needs._replace(
                 chunks=chunks.needed, max_chunks=chunks.most_in_tile, fragments=fragments
             )
@@ -209,6 +209,7 @@ def _composite_translucent(
     background: Array,
     scene: Scene,
     plan: Plan,
+    capacity: Capacity,
 ) -> Array:
     """Composite translucent triangles at each sample, front to back."""
     tiling, shading = plan.tiling, plan.hard.shading
@@ -218,9 +219,7 @@ def _composite_translucent(
     image = over.to_image(sums, background, tiling)
     if projected.outlines is not None:
         samples = LayeredSamples(passed, lists, projected.surface, projected.depths, background)
-        shape = BoundaryShape(
-            tiling, image.shape[-1], plan.capacity.crossings, 0, not varies(scene)
-        )
+        shape = BoundaryShape(tiling, image.shape[-1], capacity.crossings, 0, not varies(scene))
         image = image + boundary_term(
             shape, scene.positions, scene.depth, projected.outlines, samples
         )
@@ -255,12 +254,13 @@ def _sum_opaque(
     background: Array,
     scene: Scene,
     plan: Plan,
+    capacity: Capacity,
 ) -> tuple[Array, Array]:
     """Find the visible samples of opaque triangles, and sum their colours in each pixel.
 
     Also returns how many fragments were needed.
     """
-    tiling, capacity = plan.tiling, plan.capacity
+    tiling = plan.tiling
     if steps is None:
         tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
         covered = coverage_words(

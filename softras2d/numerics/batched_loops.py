@@ -1,0 +1,53 @@
+"""Loops and branches that depend on values, without what `jax.vmap` makes of them.
+
+If the number of steps differs within a batch, `jax.vmap` copies the whole state in every step, to
+keep that of the elements which have finished. If a condition differs, both branches run. Here all
+elements of a batch take as many steps as the one that needs most, and a branch runs for all if one
+needs it.
+"""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+State = TypeVar("State")
+"""A tree of arrays."""
+
+
+def repeat(
+    count: Int[Array, ""], step: Callable[[Int[Array, ""], State], State], state: State
+) -> State:
+    """Compute `state = step(number, state)` for every number below `count`.
+
+    In a batch there may be further steps, which must change nothing. Not differentiable in reverse
+    mode, like every loop whose number of steps is a value.
+    """
+    return jax.lax.fori_loop(0, _greatest(count), step, state)
+
+
+def apply_if_any(
+    condition: Bool[Array, ""], function: Callable[[State], State], state: State
+) -> State:
+    """Return `function(state)` if the condition is true for any element of a batch, else `state`.
+
+    For the elements whose condition is false the function must change nothing.
+    """
+    is_needed = _greatest(jax.lax.stop_gradient(condition).astype(jnp.int32)) > 0
+    return jax.lax.cond(is_needed, function, lambda state: state, state)
+
+
+@jax.custom_batching.custom_vmap
+def _greatest(count: Int[Array, ""]) -> Int[Array, ""]:
+    """The number itself; in a batch the greatest of all, which is then the same for all."""
+    return count
+
+
+@_greatest.def_vmap
+def _greatest_of_batch(
+    axis_size: int, in_batched: list[Any], count: Int[Array, " batch"]
+) -> tuple[Int[Array, ""], bool]:
+    # The batch may itself be in a batch.
+    return _greatest(jnp.max(count)), False

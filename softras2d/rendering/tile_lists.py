@@ -1,0 +1,52 @@
+"""The tile lists of a render, in the layout of its plan."""
+
+import functools
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from ..binning.lists import Chunks, chunks_of_all, cut_chunks
+from ..binning.reach import Lines
+from ..binning.tiles import TileLists, list_every_triangle, list_tiles
+from ..geometry.fixed_point import Edges, SampleBounds
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import materialized
+from ..planning.plan import Plan
+
+
+def list_for_plan(
+    edges: Edges | Lines,
+    bounds: SampleBounds,
+    is_occluder: Bool[Array, " triangles"],
+    plan: Plan,
+) -> TileLists:
+    """List the triangles of every tile: those that touch it, or all."""
+    tiling, triangles = plan.tiling, is_occluder.shape[0]
+    if plan.lists_all:
+        return list_every_triangle(triangles, tiling)
+    capacity = plan.capacity
+    return list_tiles(
+        edges, bounds, is_occluder, tiling, strips=capacity.strips, pairs=capacity.pairs
+    )
+
+
+def chunks_for_plan(lists: TileLists, bounds: SampleBounds, plan: Plan) -> Chunks:
+    """Cut the lists into chunks."""
+    capacity, tiling = plan.capacity, plan.tiling
+    if not plan.lists_all:
+        return cut_chunks(lists, layers=capacity.layers, capacity=capacity.chunks)
+    triangles = lists.triangle.shape[0] // tiling.count
+    chunks = chunks_of_all(triangles, tiling.count, layers=capacity.layers)
+    return chunks._replace(filled=_meets_tile(bounds, chunks, tiling))
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _meets_tile(
+    bounds: SampleBounds, chunks: Chunks, tiling: Tiling
+) -> Bool[Array, "chunks layers"]:
+    """Whether a slot has a triangle whose bounding box meets the tile."""
+    box = bounds.gather(chunks.triangle)
+    column, row = (first[:, None] for first in tiling.first_sample(chunks.tile))
+    overlaps = (box.left < column + tiling.sample_columns) & (box.right >= column)
+    overlaps = overlaps & (box.top < row + tiling.sample_rows) & (box.bottom >= row)
+    return jnp.logical_and(chunks.filled, overlaps)
