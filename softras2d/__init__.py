@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from .planning.plan import Plan
     from .planning.simplify import simplify
     from .planning.size_classes import pad
-    from .rendering.planner import plan
+    from .rendering.planner import plan, plan_for
     from .rendering.render import render, render_checked
+    from .rendering.replanning import value_and_grad_replanning
     from .scene import Scene, check
     from .texture.pyramid import TexturePyramid
 
@@ -41,11 +42,13 @@ _DEFINED_IN = {
     "fit_batch": ".fitting.batch",
     "pad": ".planning.size_classes",
     "plan": ".rendering.planner",
+    "plan_for": ".rendering.planner",
     "read_image": ".io.images",
     "read_svg": ".io.svg.reader",
     "render": ".rendering.render",
     "render_checked": ".rendering.render",
     "simplify": ".planning.simplify",
+    "value_and_grad_replanning": ".rendering.replanning",
     "write_image": ".io.images",
     "write_svg": ".io.svg.writer",
 }
@@ -69,12 +72,14 @@ __all__ = [
     "pad",
     "pictures",
     "plan",
+    "plan_for",
     "plot",
     "read_image",
     "read_svg",
     "render",
     "render_checked",
     "simplify",
+    "value_and_grad_replanning",
     "write_image",
     "write_svg",
 ]

@@ -25,7 +25,7 @@ def repeat(
     In a batch there may be further steps, which must change nothing. Not differentiable in reverse
     mode, like every loop whose number of steps is a value.
     """
-    return jax.lax.fori_loop(0, _greatest(count), step, state)
+    return jax.lax.fori_loop(0, greatest_of_batch(count), step, state)
 
 
 def apply_if_any(
@@ -35,19 +35,22 @@ def apply_if_any(
 
     For the elements whose condition is false the function must change nothing.
     """
-    is_needed = _greatest(jax.lax.stop_gradient(condition).astype(jnp.int32)) > 0
+    is_needed = greatest_of_batch(jax.lax.stop_gradient(condition).astype(jnp.int32)) > 0
     return jax.lax.cond(is_needed, function, lambda state: state, state)
 
 
 @jax.custom_batching.custom_vmap
-def _greatest(count: Int[Array, ""]) -> Int[Array, ""]:
-    """The number itself; in a batch the greatest of all, which is then the same for all."""
-    return count
+def greatest_of_batch(number: Int[Array, ""]) -> Int[Array, ""]:
+    """Return the number; in a batch the greatest of all, which is then the same for all.
+
+    Not differentiable: apply it to integers.
+    """
+    return number
 
 
-@_greatest.def_vmap
-def _greatest_of_batch(
-    axis_size: int, in_batched: list[Any], count: Int[Array, " batch"]
+@greatest_of_batch.def_vmap
+def _(
+    axis_size: int, in_batched: list[Any], numbers: Int[Array, " batch"]
 ) -> tuple[Int[Array, ""], bool]:
     # The batch may itself be in a batch.
-    return _greatest(jnp.max(count)), False
+    return greatest_of_batch(jnp.max(numbers)), False

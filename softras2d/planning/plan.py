@@ -9,6 +9,7 @@ from jaxtyping import Array, Int
 from ..binning.lists import BLOCK
 from ..geometry.fixed_point import Grid
 from ..geometry.tiling import Tiling
+from ..names import OnOverflow
 from ..options import Coverage, Filter, Hard
 from .capacities import Capacity
 from .effects import EFFECTS, GUARD_BAND
@@ -28,6 +29,8 @@ class Plan(eqx.Module):
     - `lists_all`: whether every tile lists every triangle, so that no positions can outgrow the
       plan, whatever the number of triangles. `capacity` is then that of the scenes planned for.
     - `effects`: names of the rows of `EFFECTS` that the scenes need.
+    - `on_overflow`: whether a compiled program raises an error for a scene that outgrows the plan,
+      or only returns NaN.
     - `grid_bits`: vertices are snapped to multiples of 2^-grid_bits pixel in hard mode; None is
       the finest grid that fits the canvas.
     """
@@ -41,6 +44,7 @@ class Plan(eqx.Module):
     side: int = eqx.field(static=True)
     effects: tuple[str, ...] = eqx.field(static=True)
     lists_all: bool = eqx.field(static=True, default=False)
+    on_overflow: OnOverflow = eqx.field(static=True, default="raise")
     grid_bits: int | None = eqx.field(static=True, default=None)
 
     @property
@@ -75,7 +79,11 @@ class Plan(eqx.Module):
         return worst_case(triangles, self.tiling, layers=self.capacity.layers)
 
     def holds(self, other: "Plan") -> bool:
-        """Whether every capacity is at least that of `other`, a plan of the same canvas."""
+        """Whether the plan is large enough for the scenes of `other`, a plan of the same canvas."""
+        if other.cuts_far_triangles and not self.cuts_far_triangles:
+            return False
+        if self.lists_all:
+            return True
         larger, smaller = self.capacity, other.capacity
         is_comparable = (self.side, larger.layers) == (other.side, smaller.layers)
         return is_comparable and all(a <= b for a, b in zip(smaller, larger, strict=True))

@@ -129,7 +129,8 @@ class AnalyticMode(CoverageMode):
             origin=origin,
             summed=self.is_sum(coverage),
         )
-        return choose_layout(scenes, Listing(tiling, headroom, False, side), growth, count_lists)
+        listing = Listing(tiling, headroom, frozenset({"steps", "fragments", "crossings"}), side)
+        return choose_layout(scenes, listing, growth, count_lists)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
         """Composite colour times coverage at each pixel: list tiles, cover, shade, composite."""

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float
 from ..geometry.fixed_point import Grid
 from ..options import Coverage
 from ..planning.capacities import Capacity, Needs
+from ..planning.effects import EFFECTS, Drawing
 from ..planning.plan import Plan
 from ..scene import Scene
 
@@ -76,6 +77,12 @@ class CoverageMode(abc.ABC):
         if max_width is not None:
             raise ValueError("`max_width` is for Soft coverage.")
         return coverage
+
+    def refuse_missing(self, drawings: Sequence[Drawing]) -> None:
+        """Raise `ValueError` if a drawing has an effect that the mode cannot draw."""
+        for name, advice in self.missing.items():
+            if any(map(EFFECTS[name].is_present, drawings)):
+                raise ValueError(advice)
 
     @abc.abstractmethod
     def lay_out(

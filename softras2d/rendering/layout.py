@@ -18,13 +18,13 @@ from .coverage_mode import Growth, Layout
 class Listing(NamedTuple):
     """What decides the layout of the lists, besides the scenes.
 
-    - `in_order`: whether something goes through lists in order.
+    - `unused`: names of the lists of `Capacity` that the scenes never need.
     - `side`: of a square tile; 0 under sampled coverage.
     """
 
     tiling: Tiling
     headroom: Headroom
-    in_order: bool
+    unused: frozenset[str]
     side: int = 0
 
 
@@ -49,10 +49,13 @@ def choose_layout(
         )
     if growth.is_worst_case or all_pairs <= headroom.list_all_slots:
         capacity = worst_case(next_power(triangles), tiling)
+        capacity = capacity._replace(**dict.fromkeys(listing.unused, 0))
         return Layout(capacity, listing.side, lists_all=True)
     counts = [_grown(count_lists(scene), growth.factor) for scene in scenes]
     pixels = tiling.grid.height * tiling.grid.width
-    capacity = choose_capacity(counts, in_order=listing.in_order, pixels=pixels, headroom=headroom)
+    capacity = choose_capacity(
+        counts, in_order="steps" not in listing.unused, pixels=pixels, headroom=headroom
+    )
     return Layout(limited(capacity, triangle_class(triangles), tiling), listing.side)
 
 

@@ -7,31 +7,112 @@ image together with its check. Therefore tangents and cotangents depend on the c
 """
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float
 
+from ..numerics.batched_loops import greatest_of_batch
 from ..numerics.linear_map import linear_map
+from ..planning.capacities import Needs
+from ..planning.plan import Plan
+
+CURE = (
+    "plan with `capacity='worst_case'` or a larger `headroom`, call softras2d.plan(scene, ...) "
+    "again, or draw with `render_checked`, which returns a flag"
+)
+
+_LISTS = {
+    "strips": "pairs of a triangle and a row of tiles",
+    "pairs": "pairs of a triangle and a tile",
+    "chunks": "triangles in the lists of all tiles",
+    "max_chunks": "triangles in the list of one tile",
+    "steps": "steps through the lists in order",
+    "fragments": "pairs of a triangle and a pixel that shows it",
+    "crossings": "runs of samples along edges",
+}
+"""What each list of `Capacity` holds, for people."""
+
+
+class Outcome(NamedTuple):
+    """Whether a plan was large enough for a scene.
+
+    - `needs`: length of each list that the scene needed.
+    - `leaves_guard_band`: whether a triangle reaches past the guard band, unforeseen by the plan.
+    - `overflow`: whether the scene outgrew the plan in any way.
+    """
+
+    needs: Needs
+    leaves_guard_band: Bool[Array, ""]
+    overflow: Bool[Array, ""]
+
+
+def compare(needs: Needs, leaves_guard_band: Any, plan: Plan) -> Outcome:
+    """Compare what a scene needed with the capacities of its plan."""
+    overflow = jnp.asarray(leaves_guard_band)
+    if not plan.lists_all:
+        for need, capacity in zip(needs, plan.capacity, strict=True):
+            overflow = overflow | (need > capacity)
+    return Outcome(needs, jnp.asarray(leaves_guard_band), overflow)
+
+
+def complaint(outcome: Outcome, plan: Plan) -> str:
+    """One line that says which lists were too short, by how much, and what helps."""
+    layers = {"chunks": plan.capacity.layers, "max_chunks": plan.capacity.layers}
+    exceeded = (
+        []
+        if plan.lists_all
+        else [
+            f"{int(need) * layers.get(name, 1):,} {_LISTS[name]} for {have * layers.get(name, 1):,}"
+            for name, need, have in zip(Needs._fields, outcome.needs, plan.capacity, strict=True)
+            if int(need) > have
+        ]
+    )
+    if outcome.leaves_guard_band:
+        exceeded.append("triangles past the guard band, half the longer side around the canvas")
+    return f"the scene outgrew its plan ({'; '.join(exceeded)}): {CURE}."
 
 
 def refuse_overflow(
-    image: Float[Array, "height width channels"],
-    scene: Any,
-    overflow: Bool[Array, ""],
-    message: str,
+    image: Float[Array, "height width channels"], scene: Any, outcome: Outcome, plan: Plan
 ) -> Float[Array, "height width channels"]:
-    """Return `image`, or raise `message` when the program runs if `overflow` is true.
+    """Return `image`, or do what `plan.on_overflow` says when the program runs.
 
     On overflow the image is also NaN everywhere, and so is its derivative with respect to every
     float of `scene`, forwards and backwards, whatever the loss is. Without overflow neither the
     image nor any derivative changes by a bit.
     """
     floats = [leaf for leaf in jax.tree.leaves(scene) if eqx.is_inexact_array(leaf)]
-    return _poison_if(image, floats, eqx.error_if(overflow, overflow, message))
+    overflow = outcome.overflow
+    if plan.on_overflow == "raise":
+        overflow = overflow | _raise_if_any(outcome, plan)
+    return _poison_if(image, floats, overflow)
+
+
+def _raise_if_any(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
+    """Raise on the host, when the program runs, if any scene of a batch outgrew its plan.
+
+    Returns false otherwise. The callback raises an ordinary `ValueError`, whose last line says all;
+    `equinox.error_if` cannot name numbers that are known only then.
+    """
+    outcome = jax.lax.stop_gradient(outcome)
+    # One comparison for a batch: under `jax.vmap` each scene would call the host every time.
+    worst = jax.tree.map(lambda value: greatest_of_batch(jnp.asarray(value, jnp.int32)), outcome)
+
+    def raise_error(*values: Any) -> np.ndarray:
+        raise ValueError(complaint(jax.tree.unflatten(jax.tree.structure(worst), values), plan))
+
+    def call_host(worst: Outcome) -> Array:
+        leaves = jax.tree.leaves(worst)
+        return jax.pure_callback(
+            raise_error, jax.ShapeDtypeStruct((), bool), *leaves, vmap_method="sequential"
+        )
+
+    return jax.lax.cond(worst.overflow > 0, call_host, lambda _: jnp.zeros((), bool), worst)
 
 
 @jax.custom_jvp

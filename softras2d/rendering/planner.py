@@ -7,11 +7,12 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
 from ..geometry.fixed_point import Grid
-from ..names import PlanCapacity, check_name
+from ..names import OnOverflow, PlanCapacity, check_name
 from ..numerics.device import to_device
 from ..options import Coverage, Filter, Hard
 from ..planning.effects import EFFECTS, GUARD_BAND, Drawing
@@ -33,6 +34,7 @@ def plan(
     grid_bits: int | None = None,
     capacity: PlanCapacity = "scene",
     headroom: float = 1.0,
+    on_overflow: OnOverflow = "raise",
 ) -> Plan:
     """Look at scenes and decide what a render of any of them needs.
 
@@ -56,6 +58,9 @@ def plan(
       small canvas always have it, as it costs nothing there.
     - `headroom`: how many times as long as the scenes need all lists may become, 1 or more: 2 for
       triangles that double their area, or twice as many of them in one place.
+    - `on_overflow`: what a compiled program does with a scene that outgrows the plan. "raise": it
+      raises an error, by a call to the host. "nan": image and derivatives are NaN, without a call,
+      so that JAX can also keep the program in its persistent cache.
 
     Raises `ValueError` for invalid values (NaN, infinity, alpha outside 0..1, an index out of
     range), and for effects that the coverage does not draw.
@@ -64,6 +69,7 @@ def plan(
     mode = mode_of(coverage)
     coverage = mode.prepare(coverage, max_width)
     growth = _checked_growth(capacity, headroom)
+    check_name("on_overflow", on_overflow, OnOverflow)
     scenes = _shapes(scene) if growth.is_worst_case else _scene_list(scene)
     for one in scenes:
         check_types(one) if growth.is_worst_case else check(one)
@@ -73,7 +79,7 @@ def plan(
     if not isinstance(filter, Filter):
         raise ValueError(f"`filter` must be Filter(...); got {filter!r}.")
     drawings = [Drawing(one, coverage, filter, grid, origin) for one in scenes]
-    refuse_missing(drawings, mode)
+    mode.refuse_missing(drawings)
     layout = mode.lay_out(scenes, grid, coverage, origin, max_width, growth)
     return Plan(
         height=height,
@@ -85,7 +91,51 @@ def plan(
         side=layout.tile_side,
         effects=_effects(drawings, mode, growth),
         lists_all=layout.lists_all,
+        on_overflow=on_overflow,
         grid_bits=grid_bits,
+    )
+
+
+def plan_for(
+    *,
+    triangles: int,
+    height: int,
+    width: int,
+    coverage: Coverage | None = None,
+    filter: Filter | None = None,
+    origin: Any = (0, 0),
+    max_width: float | None = None,
+    grid_bits: int | None = None,
+) -> Plan:
+    """Plan for any scene of up to `triangles` triangles, before there is one.
+
+    The plan has `capacity="worst_case"`: no positions outgrow it, in scenes with any effects that
+    the coverage draws. Scenes of more triangles work too, at a cost that `print(plan)` does not
+    show. The other arguments are those of `plan`. Raises `ValueError` for invalid arguments, and if
+    the worst case is too large to be drawn.
+    """
+    if not isinstance(triangles, int) or triangles < 1:
+        raise ValueError(f"`triangles` must be an integer of 1 or more; got {triangles!r}.")
+    return plan(
+        jax.eval_shape(lambda: _blank(triangles)),
+        height=height,
+        width=width,
+        coverage=coverage,
+        filter=filter,
+        origin=origin,
+        max_width=max_width,
+        grid_bits=grid_bits,
+        capacity="worst_case",
+    )
+
+
+def _blank(triangles: int) -> Scene:
+    """A flat, opaque scene of this many triangles."""
+    return Scene(
+        positions=jnp.zeros((3, 2), jnp.float32),
+        triangles=jnp.zeros((triangles, 3), jnp.int32),
+        colors=jnp.zeros((triangles, 1, 3), jnp.float32),
+        background=jnp.zeros(3, jnp.float32),
     )
 
 
@@ -110,13 +160,6 @@ def _effects(drawings: Sequence[Drawing], mode: CoverageMode, growth: Growth) ->
             else any(map(effect.is_present, drawings))
         )
     )
-
-
-def refuse_missing(drawings: Sequence[Drawing], mode: CoverageMode) -> None:
-    """Raise `ValueError` if a drawing has an effect that the mode cannot draw."""
-    for name, advice in mode.missing.items():
-        if any(map(EFFECTS[name].is_present, drawings)):
-            raise ValueError(advice)
 
 
 def _scene_list(scene: Scene | Sequence[Scene]) -> list[Scene]:

@@ -1,7 +1,5 @@
 """`render`: from a scene and a plan to an image."""
 
-import functools
-import operator
 from typing import Any
 
 import equinox as eqx
@@ -13,12 +11,13 @@ from jaxtyping import Array, Bool, Float
 from ..color import premultiply, unpremultiply
 from ..numerics.one_by_one import one_by_one
 from ..planning.capacities import Needs
+from ..planning.effects import Drawing
 from ..planning.plan import Plan
 from ..planning.size_classes import pad_concrete
 from ..scene import Scene, check_types
 from .coverage_mode import Drawn
 from .modes import mode_of
-from .overflow import refuse_overflow
+from .overflow import Outcome, compare, complaint, refuse_overflow
 
 
 def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
@@ -39,17 +38,19 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     size share a compiled program. Under a trace of your own the shapes are what comes in: pad
     outside, once.
 
-    Raises `ValueError` when the scene outgrows the plan. Under a trace an `eqx.error_if` does it
-    when the program runs (JAX keeps no persistent cache entry for such a program), also where only
-    derivatives are computed; image and derivatives are then NaN.
+    Raises `ValueError` when the scene outgrows the plan, naming the list that is too short. Under a
+    trace the compiled program raises it when it runs, wrapped by JAX in an error of its own, also
+    where only derivatives are computed; image and derivatives are then NaN. (JAX keeps no
+    persistent cache entry for such a program.) A plan with `capacity="worst_case"` cannot be
+    outgrown, and adds no such check.
     """
-    image, overflow, needs = _render_and_compare(pad_concrete(scene, plan), plan)
+    image, outcome = _render_and_compare(pad_concrete(scene, plan), plan)
     if plan.cannot_be_outgrown:
         return image
-    if isinstance(overflow, Tracer):
-        return refuse_overflow(image, scene, overflow, _OUTGROWN)
-    if overflow:
-        raise ValueError(_complaint(needs, plan))
+    if isinstance(outcome.overflow, Tracer):
+        return refuse_overflow(image, scene, outcome, plan)
+    if outcome.overflow:
+        raise ValueError(complaint(outcome, plan))
     return image
 
 
@@ -60,8 +61,8 @@ def render_checked(
 
     Where the flag is true, triangles are missing: plan again.
     """
-    image, overflow, _ = _render_and_compare(pad_concrete(scene, plan), plan)
-    return image, overflow
+    image, outcome = _render_and_compare(pad_concrete(scene, plan), plan)
+    return image, outcome.overflow
 
 
 def compile_render(scene: Scene, plan: Plan) -> Any:
@@ -69,23 +70,14 @@ def compile_render(scene: Scene, plan: Plan) -> Any:
     return _render.lower(scene, plan).compile()
 
 
-_OUTGROWN = (
-    "the scene outgrew its plan: call softras2d.plan(scene, ...) again, or plan for several scenes."
-)
-
-
 @eqx.filter_jit
-def _render_and_compare(scene: Scene, plan: Plan) -> tuple[Array, Bool[Array, ""], Needs]:
-    """The image, whether it outgrew the plan, and what it needed.
+def _render_and_compare(scene: Scene, plan: Plan) -> tuple[Array, Outcome]:
+    """The image, and whether it outgrew the plan.
 
     One program: each comparison would be a program of its own outside.
     """
     drawn = _render_one_by_one(scene, plan) if _fills_cache(scene, plan) else _render(scene, plan)
-    exceeded = []
-    if not plan.lists_all:
-        exceeded = [need > have for need, have in zip(drawn.needs, plan.capacity, strict=True)]
-    overflow = functools.reduce(operator.or_, exceeded, drawn.leaves_guard_band)
-    return drawn.image, jnp.asarray(overflow), drawn.needs
+    return drawn.image, compare(drawn.needs, drawn.leaves_guard_band, plan)
 
 
 _CACHED_PIXELS = 2**16
@@ -114,15 +106,6 @@ def _drawn_arrays(scene: Scene, plan: Plan) -> tuple[Array, Needs, Array]:
     return drawn.image, needs, jnp.asarray(drawn.leaves_guard_band)
 
 
-def _complaint(needs: Needs, plan: Plan) -> str:
-    exceeded = [
-        f"{int(need):,} {name} for {have:,}"
-        for name, need, have in zip(Needs._fields, needs, plan.capacity, strict=True)
-        if int(need) > have
-    ] or ["triangles past the guard band"]
-    return f"{_OUTGROWN[:-1]} ({', '.join(exceeded)})."
-
-
 @eqx.filter_jit
 def _render(scene: Scene, plan: Plan) -> Drawn:
     """The image with straight alpha, and whether the plan was large enough."""
@@ -134,5 +117,8 @@ def _render(scene: Scene, plan: Plan) -> Drawn:
         image = jnp.broadcast_to(background, (plan.height, plan.width, background.shape[0]))
         drawn = Drawn(image, Needs())
     else:
-        drawn = mode_of(plan.coverage).draw(scene, plan, background)
+        mode = mode_of(plan.coverage)
+        # A plan from shapes alone has seen no scene.
+        mode.refuse_missing([Drawing(scene, plan.coverage, plan.filter, plan.grid, plan.origin)])
+        drawn = mode.draw(scene, plan, background)
     return drawn._replace(image=unpremultiply(drawn.image))

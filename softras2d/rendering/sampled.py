@@ -85,8 +85,16 @@ class SampledMode(CoverageMode):
         growth: Growth,
     ) -> Layout:
         """Capacities for the largest of the scenes."""
-        in_order = any(is_translucent(scene) or scene.depth is not None for scene in scenes)
-        listing = Listing(Tiling.one_word_wide(grid), SAMPLED_HEADROOM, in_order)
+        translucent = any(map(is_translucent, scenes))
+        in_order = translucent or any(scene.depth is not None for scene in scenes)
+        shaded = any(is_shaded(scene, coverage.shading) for scene in scenes)
+        is_used = {
+            "steps": in_order,
+            "fragments": shaded and not translucent,
+            "crossings": coverage.edge_gradients,
+        }
+        unused = frozenset(name for name, used in is_used.items() if not used)
+        listing = Listing(Tiling.one_word_wide(grid), SAMPLED_HEADROOM, unused)
         count_lists = functools.partial(
             count_sampled_lists, grid=grid, coverage=coverage, origin=origin
         )

@@ -1,0 +1,88 @@
+"""Gradients that plan again by themselves when a scene outgrows its plan."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ..options import Coverage, Filter
+from ..planning.plan import Plan
+from ..scene import Scene
+from .planner import plan
+
+
+def value_and_grad_replanning(
+    loss: Callable[..., Any],
+    scene_of: Callable[..., Scene],
+    *,
+    height: int,
+    width: int,
+    coverage: Coverage | None = None,
+    filter: Filter | None = None,
+    headroom: float = 2.0,
+    has_aux: bool = False,
+) -> "ReplanningGradient":
+    """Make a function that returns a loss and its gradient, whatever becomes of the scene.
+
+    Like `equinox.filter_value_and_grad` of `loss`, compiled, but for loops outside `jit` whose
+    triangles move: when they outgrow the plan, it plans again and computes the step again.
+
+    - `loss(parameters, plan, *args)`: a number, computed with `render(scene, plan)`; with `has_aux`
+      a number and anything else. The gradient is by all floats of `parameters`.
+    - `scene_of(parameters, *args)`: the scene that the loss draws, or a batch of them. It is called
+      outside `jit`, only to plan.
+    - `height`, `width`, `coverage`, `filter`, `headroom`: as in `plan`. More headroom costs time in
+      each step, and less costs a compilation more often.
+
+    Call the result as `value, gradient = result(parameters, *args)`; `result.plan` is the plan in
+    use and `result.replans` counts how often it was replaced. A loss that is NaN with a sufficient
+    plan is returned as it is. The loss must be NaN where the image is: one that ignores NaN, such
+    as `jnp.nanmean`, hides that a plan was outgrown.
+    """
+    gradient = eqx.filter_jit(eqx.filter_value_and_grad(loss, has_aux=has_aux))
+    options = {"height": height, "width": width, "coverage": coverage, "filter": filter}
+    return ReplanningGradient(gradient, scene_of, options | {"headroom": headroom}, has_aux)
+
+
+class ReplanningGradient:
+    """A loss and its gradient, made by `value_and_grad_replanning`.
+
+    - `plan`: the plan in use; None before the first call.
+    - `replans`: how many plans were outgrown.
+    """
+
+    def __init__(
+        self,
+        gradient: Callable[..., Any],
+        scene_of: Callable[..., Scene],
+        options: dict[str, Any],
+        has_aux: bool,
+    ):
+        self.plan: Plan | None = None
+        self.replans = 0
+        self._gradient, self._scene_of = gradient, scene_of
+        self._options, self._has_aux = options, has_aux
+
+    def __call__(self, parameters: Any, *args: Any) -> Any:
+        """The value of the loss, with what `has_aux` adds, and its gradient by `parameters`."""
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(parameters)):
+            raise ValueError(
+                "`value_and_grad_replanning` plans on the host: call it outside jit, vmap and grad."
+            )
+        if self.plan is None:
+            self.plan = self._plan_for(parameters, *args)
+        while True:
+            value, gradient = self._gradient(parameters, self.plan, *args)
+            if np.isfinite(value[0] if self._has_aux else value):
+                return value, gradient
+            larger = self._plan_for(parameters, *args)
+            if self.plan.holds(larger):
+                return value, gradient
+            self.plan = larger
+            self.replans += 1
+
+    def _plan_for(self, parameters: Any, *args: Any) -> Plan:
+        """A plan for the scene of these parameters, whose overflow is NaN instead of an error."""
+        return plan(self._scene_of(parameters, *args), on_overflow="nan", **self._options)
