@@ -21,7 +21,10 @@ FitResult.width: property
 FitResult.write_report: self, path
 Hard: samples=, fill_rule=, shading=, edge_gradients=
 Hard.rate: property
-Plan: height, width, coverage, filter, origin, capacity, side, effects, grid_bits=
+Plan: height, width, coverage, filter, origin, capacity, side, effects, grid_bits=,
+    lists_all=, on_overflow=
+Plan.cannot_be_outgrown: property
+Plan.capacity_of: self, triangles
 Plan.grid: property
 Plan.hard: property
 Plan.holds: self, other
@@ -52,7 +55,9 @@ pad: scene
 pictures.names:
 pictures.path: name
 pictures.size: name
-plan: scene, *height, *width, *coverage=, *filter=, *origin=, *max_width=, *grid_bits=
+plan: scene, *height, *width, *coverage=, *filter=, *origin=, *max_width=, *grid_bits=, *capacity=,
+    *headroom=, *on_overflow=
+plan_for: *triangles, *height, *width, *coverage=, *filter=, *origin=, *max_width=, *grid_bits=
 plot.animate: path, frames, *seconds_per_frame=
 plot.arrows: positions, vectors, *axes, *color=, *length=, *label=
 plot.convergence: results, *against=, *axes=
@@ -69,6 +74,7 @@ read_svg: path, *height=, *width=, *dialect=, *transform=, *assets=, *opacity=, 
 render: scene, plan
 render_checked: scene, plan
 simplify: scene, *height, *width, *filter=
+value_and_grad_replanning: loss, scene_of, *height, *width, *coverage=, *filter=, *headroom=, *has_aux=
 write_image: path, image, *linear=, *truncate=
 write_svg: path, scene, *height, *width, *fallback=
 """

@@ -109,16 +109,21 @@ def _fill_slots(
 
 
 def chunks_of_all(triangles: int, tiles: int, *, layers: int) -> Chunks:
-    """The chunks of tiles that all list every triangle (`tiles.list_every_triangle`)."""
+    """The chunks of tiles that all list every triangle (`tiles.list_every_triangle`).
+
+    The first slots of a tile stay empty unless the chunks are full: triangles that `pad` appends
+    then fill chunks of their own, and change no sum.
+    """
     per_tile = -(-triangles // layers)
     number = jnp.arange(tiles * per_tile, dtype=jnp.int32)
     tile, index = number // per_tile, number % per_tile
-    position = index[:, None] * layers + jnp.arange(layers, dtype=jnp.int32)[None]
-    filled = position < triangles
+    slot = index[:, None] * layers + jnp.arange(layers, dtype=jnp.int32)[None]
+    triangle = per_tile * layers - 1 - slot
+    filled = triangle < triangles
     return Chunks(
-        triangle=jnp.where(filled, triangles - 1 - position, 0),
+        triangle=jnp.where(filled, triangle, 0),
         filled=filled,
-        entry=jnp.where(filled, tile[:, None] * triangles + position, 0),
+        entry=jnp.where(filled, (tile[:, None] + 1) * triangles - 1 - triangle, 0),
         tile=tile,
         index=index,
         first=jnp.arange(tiles, dtype=jnp.int32) * per_tile,

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Array, Int
 
 from ..geometry.fixed_point import Grid, snapped_corners, within_guard
 from ..numerics.device import to_device
@@ -27,7 +28,7 @@ class Drawing(NamedTuple):
     coverage: Coverage
     filter: Filter
     grid: Grid
-    origin: np.ndarray
+    origin: np.ndarray | Int[Array, "2"]
 
 
 class Effect(NamedTuple):
@@ -73,7 +74,7 @@ def _within_guard_band(drawing: Drawing) -> np.ndarray:
     positions, triangles = (
         np.asarray(e) for e in (drawing.scene.positions, drawing.scene.triangles)
     )
-    corners = snapped_corners(positions, triangles, drawing.origin, drawing.grid)
+    corners = snapped_corners(positions, triangles, np.asarray(drawing.origin), drawing.grid)
     return np.asarray(within_guard(corners, drawing.grid))
 
 

@@ -43,9 +43,9 @@ class Plan(eqx.Module):
     capacity: Capacity = eqx.field(static=True)
     side: int = eqx.field(static=True)
     effects: tuple[str, ...] = eqx.field(static=True)
+    grid_bits: int | None = eqx.field(static=True, default=None)
     lists_all: bool = eqx.field(static=True, default=False)
     on_overflow: OnOverflow = eqx.field(static=True, default="raise")
-    grid_bits: int | None = eqx.field(static=True, default=None)
 
     @property
     def hard(self) -> Hard:
@@ -119,7 +119,7 @@ class Plan(eqx.Module):
                 f"grid      2^-{self.grid.bits} px",
                 f"tiles     {tiling.columns} x {tiling.rows} of {tiling.width} x {tiling.height}",
                 *(
-                    ["lists     every triangle for every tile: nothing can be outgrown"]
+                    ["lists     every triangle for every tile: no list can be too short"]
                     * self.lists_all
                 ),
                 f"capacity  {capacity.strips:,} strips, {capacity.pairs:,} pairs, "

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from ..geometry.tiling import Tiling
@@ -61,9 +62,9 @@ def choose_layout(
 
 def _count_triangles(scene: Scene) -> int:
     """Number of triangles, without those appended by `pad` where values are known."""
-    triangles = scene.triangles
-    if not isinstance(triangles, np.ndarray):
-        return triangles.shape[0]
+    if isinstance(scene.triangles, jax.ShapeDtypeStruct):
+        return scene.triangles.shape[0]
+    triangles = np.asarray(scene.triangles)
     is_padding = (triangles[:, 0] == triangles[:, 1]) & (triangles[:, 1] == triangles[:, 2])
     return int(np.flatnonzero(~is_padding)[-1]) + 1 if not is_padding.all() else 1
 

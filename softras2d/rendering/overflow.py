@@ -27,13 +27,13 @@ CURE = (
 )
 
 _LISTS = {
-    "strips": "pairs of a triangle and a row of tiles",
+    "strips": "strips (pairs of a triangle and a row of tiles)",
     "pairs": "pairs of a triangle and a tile",
     "chunks": "triangles in the lists of all tiles",
     "max_chunks": "triangles in the list of one tile",
     "steps": "steps through the lists in order",
-    "fragments": "pairs of a triangle and a pixel that shows it",
-    "crossings": "runs of samples along edges",
+    "fragments": "fragments (pairs of a triangle and a pixel that shows it)",
+    "crossings": "runs of crossings along edges",
 }
 """What each list of `Capacity` holds, for people."""
 

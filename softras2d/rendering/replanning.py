@@ -6,6 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
+from jax.core import Tracer
 
 from ..options import Coverage, Filter
 from ..planning.plan import Plan
@@ -67,7 +68,7 @@ class ReplanningGradient:
 
     def __call__(self, parameters: Any, *args: Any) -> Any:
         """The value of the loss, with what `has_aux` adds, and its gradient by `parameters`."""
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(parameters)):
+        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(parameters)):
             raise ValueError(
                 "`value_and_grad_replanning` plans on the host: call it outside jit, vmap and grad."
             )
