@@ -9,7 +9,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from . import camera, pictures, plot
+    from . import camera, pictures, plot, testing
+    from .comparison.compare import Comparison, compare
     from .fitting.batch import fit_batch
     from .fitting.fit import fit
     from .fitting.result import FitResult
@@ -30,6 +31,7 @@ __version__ = "0.1.0"
 
 _DEFINED_IN = {
     "Area": ".options",
+    "Comparison": ".comparison.compare",
     "Filter": ".options",
     "FitResult": ".fitting.result",
     "Hard": ".options",
@@ -38,6 +40,7 @@ _DEFINED_IN = {
     "Soft": ".options",
     "TexturePyramid": ".texture.pyramid",
     "check": ".scene",
+    "compare": ".comparison.compare",
     "fit": ".fitting.fit",
     "fit_batch": ".fitting.batch",
     "pad": ".planning.size_classes",
@@ -53,11 +56,12 @@ _DEFINED_IN = {
     "write_svg": ".io.svg.writer",
 }
 
-_PUBLIC_MODULES = ("camera", "pictures", "plot")
+_PUBLIC_MODULES = ("camera", "pictures", "plot", "testing")
 """Modules that are public as a whole."""
 
 __all__ = [
     "Area",
+    "Comparison",
     "Filter",
     "FitResult",
     "Hard",
@@ -67,6 +71,7 @@ __all__ = [
     "TexturePyramid",
     "camera",
     "check",
+    "compare",
     "fit",
     "fit_batch",
     "pad",
@@ -79,6 +84,7 @@ __all__ = [
     "render",
     "render_checked",
     "simplify",
+    "testing",
     "value_and_grad_replanning",
     "write_image",
     "write_svg",

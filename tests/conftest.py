@@ -13,19 +13,14 @@ from softras2d.numerics.compiled_programs import drop_programs
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
+# The fixture `assert_image_matches` and its option.
+pytest_plugins = ["softras2d.testing.plugin"]
+
 # The same examples on every machine, and no deadline: a first example compiles.
 hypothesis.settings.register_profile(
     "softras2d", derandomize=True, deadline=None, database=None, max_examples=25
 )
 hypothesis.settings.load_profile("softras2d")
-
-
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption(
-        "--update-references",
-        action="store_true",
-        help="write tests/references/*.png from the images of this run, instead of comparing",
-    )
 
 
 @pytest.fixture(autouse=True)

@@ -30,7 +30,15 @@ def test_importing_the_package_imports_nothing_heavy():
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--help"], ["--version"], ["render", "--help"], ["info", "-h"], ["demo", "-h"]]
+    "arguments",
+    [
+        ["--help"],
+        ["--version"],
+        ["render", "--help"],
+        ["compare", "-h"],
+        ["info", "-h"],
+        ["demo", "-h"],
+    ],
 )
 def test_help_imports_nothing_heavy(arguments):
     code = f"sys.argv[1:] = {arguments!r}; from softras2d.cli import main; main()"

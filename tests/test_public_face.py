@@ -12,6 +12,11 @@ import softras2d as sr
 FACE = """
 Area: compositing=
 Filter: pixel=, level=, anisotropy=, lod_bias=
+Comparison: tolerance, max_difference, mean_difference, rmse, psnr, ssim, flip, differing_pixels,
+    worst_pixels, difference, picture
+Comparison.differing_share: property
+Comparison.matches: property
+Comparison.rows: self
 FitResult: scene, image, psnr, ssim, history, settings, interrupted=, state=
 FitResult.height: property
 FitResult.load: path
@@ -46,6 +51,7 @@ camera.perspective: fov_y_degrees, aspect, near, far
 camera.project: vertices, triangles, *height, *width, *view, *projection, *model=,
     *vertex_colors=, *triangle_colors=, *uv=, *texture_index=, *textures=, *background=
 check: scene
+compare: actual, expected, *tolerance=
 fit: target, *triangles=, *family=, *solver=, *seed=, *steps=, *seconds=, *size=, *shading=,
     *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=,
     *resume=, *checkpoint=
@@ -74,7 +80,9 @@ read_svg: path, *height=, *width=, *dialect=, *transform=, *assets=, *opacity=, 
 render: scene, plan
 render_checked: scene, plan
 simplify: scene, *height, *width, *filter=
-value_and_grad_replanning: loss, scene_of, *height, *width, *coverage=, *filter=, *headroom=, *has_aux=
+testing.assert_image_matches: image, path, *tolerance=, *update=
+value_and_grad_replanning: loss, scene_of, *height, *width, *coverage=, *filter=, *headroom=,
+    *has_aux=
 write_image: path, image, *linear=, *truncate=
 write_svg: path, scene, *height, *width, *fallback=
 """

@@ -2,7 +2,7 @@
 
 After an intended change, `pytest tests/test_reference_images.py -m "slow or not slow" -k bundled
 --update-references` writes them anew. A failure leaves the image and its difference in
-`tests/failures/`.
+`tests/references/failures/`.
 """
 
 from pathlib import Path
@@ -16,7 +16,6 @@ from softras2d import scenes
 from .oracles.coverage import Canvas, draw
 
 REFERENCES = Path(__file__).parent / "references"
-FAILURES = Path(__file__).parent / "failures"
 SIZE = 300
 SHADED = ("minified", "zone_plate", "stretched", "magnified", "ground", "overlap", "crossing")
 """Scenes with further effects than colour."""
@@ -52,60 +51,35 @@ def _in_one_structure(drawn: dict[str, sr.Scene]) -> dict[str, sr.Scene]:
     return padded
 
 
-def _compare(image: np.ndarray, name: str, samples: int) -> None:
-    file = f"{name}-{samples}.png"
-    expected = sr.read_image(REFERENCES / file)
-    assert image.shape == expected.shape
-    levels = [np.rint(np.clip(value, 0, 1) * 255).astype(int) for value in (image, expected)]
-    difference = np.abs(levels[0] - levels[1])
-    # Another device may round a tie the other way.
-    if difference.max() > 1:
-        FAILURES.mkdir(exist_ok=True)
-        sr.write_image(FAILURES / file, image)
-        shown = np.clip(difference / 255 * 4, 0, 1).astype(np.float32)
-        sr.write_image(FAILURES / f"{name}-{samples}-difference.png", shown)
-        differing = int((difference > 1).any(axis=-1).sum())
-        pytest.fail(
-            f"{name} at {samples} samples differs from tests/references/{file} in {differing} "
-            f"pixels, at most {difference.max()} levels; see tests/failures/."
-        )
-
-
-def _update(image: np.ndarray, name: str, samples: int, request: pytest.FixtureRequest) -> None:
-    if request.config.getoption("--update-references"):
-        REFERENCES.mkdir(exist_ok=True)
-        sr.write_image(REFERENCES / f"{name}-{samples}.png", image)
+def _file(name: str, samples: int) -> Path:
+    return REFERENCES / f"{name}-{samples}.png"
 
 
 @BOTH_RATES
-def test_bundled_scenes_in_one_structure_equal_their_references(samples, request):
+def test_bundled_scenes_in_one_structure_equal_their_references(samples, assert_image_matches):
     read = {name: _read(name) for name in scenes.names()}
     drawn = _in_one_structure({name: scene for name, scene in read.items() if _is_plain(scene)})
     plan = _plan(list(drawn.values()), samples)
     for name, scene in drawn.items():
-        image = np.asarray(sr.render(scene, plan))
-        _update(image, name, samples, request)
-        _compare(image, name, samples)
+        assert_image_matches(sr.render(scene, plan), _file(name, samples))
 
 
 @pytest.mark.parametrize("name", ["ground"])
-def test_a_textured_scene_equals_its_reference(name):
+def test_a_textured_scene_equals_its_reference(name, assert_image_matches):
     """One scene with further effects; the others are left to the slow run."""
     scene = _read(name)
-    _compare(np.asarray(sr.render(scene, _plan(scene, 1))), name, 1)
+    assert_image_matches(sr.render(scene, _plan(scene, 1)), _file(name, 1))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "samples"), [*((name, 16) for name in scenes.names()), *((name, 1) for name in SHADED)]
 )
-def test_a_bundled_scene_equals_its_reference_and_the_oracle(name, samples, request):
+def test_a_bundled_scene_equals_its_reference_and_the_oracle(name, samples, assert_image_matches):
     """Each scene in the structure of its file, against its reference and the oracle."""
     scene = _read(name)
     image = np.asarray(sr.render(scene, _plan(scene, samples)))
-    if not _is_plain(scene):
-        _update(image, name, samples, request)
-    _compare(image, name, samples)
+    assert_image_matches(image, _file(name, samples))
     if not _is_plain(scene):
         return  # Other tests compare these effects with oracles.
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
@@ -122,6 +96,6 @@ def test_every_reference_belongs_to_a_scene():
 @pytest.mark.parametrize("name", scenes.names())
 def test_references_are_not_empty_and_agree_at_both_rates(name):
     """They are not empty, and apart from edges the same at one sample and at sixteen."""
-    coarse, fine = (sr.read_image(REFERENCES / f"{name}-{samples}.png") for samples in (1, 16))
+    coarse, fine = (sr.read_image(_file(name, samples)) for samples in (1, 16))
     assert float(fine.std()) > 0.01
     assert abs(float(coarse.mean()) - float(fine.mean())) < 0.02

@@ -12,10 +12,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import flip_evaluator
 import jax
 import numpy as np
-from numpy.typing import NDArray
+
+from softras2d.comparison.flip import mean_flip
 
 from ..common import machine, progress, report
 from ..common.timing import Times, interleave
@@ -65,7 +65,7 @@ def image_rows(subject: Subject, quick: bool) -> list[dict[str, Any]]:
             "least_ms": times[contestant.name].least,
             "calls": times[contestant.name].calls,
             "rmse": float(np.sqrt(np.mean((images[contestant.name] - reference) ** 2))),
-            "flip": mean_flip(reference, images[contestant.name]),
+            "flip": mean_flip(images[contestant.name], reference),
         }
         for contestant in contestants
     ]
@@ -95,12 +95,6 @@ def gradient_rows(subject: Subject, quick: bool) -> list[dict[str, Any]]:
         }
         for name, method in methods.items()
     ]
-
-
-def mean_flip(truth: NDArray[np.float64], image: NDArray[Any]) -> float:
-    """Mean FLIP of two images in display values, at the evaluator's 67 pixels per degree."""
-    reference, drawn = (np.clip(entry, 0, 1).astype(np.float32) for entry in (truth, image))
-    return float(flip_evaluator.evaluate(reference, drawn, "LDR", applyMagma=False)[1])
 
 
 def _timed(calls: dict[str, Callable[[], object]], quick: bool) -> dict[str, Times]:

@@ -1,4 +1,4 @@
-"""The command line: `softras2d render`, `softras2d fit`, `softras2d info`, `softras2d demo`.
+"""The command line: `softras2d render`, `fit`, `compare`, `info` and `demo`.
 
 There is one file per command. Heavy packages (JAX, OpenImageIO) are imported inside the commands,
 so that `--help` answers at once.
@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from .. import __version__
+from .compare import compare_files
 from .demo import make_demo
 from .fit import fit_picture
 from .info import describe_scene
@@ -24,6 +25,7 @@ app = typer.Typer(
 )
 app.command("render")(render_scenes)
 app.command("fit")(fit_picture)
+app.command("compare")(compare_files)
 app.command("info")(describe_scene)
 app.command("demo")(make_demo)
 
@@ -54,7 +56,10 @@ def _about(
 
 
 def main() -> None:
-    """Run the command line. Exit code: 0, 1 (failed), 2 (wrong usage) or 130 (interrupted)."""
+    """Run the command line. Exit code: 0, 1 (failed), 2 (wrong usage) or 130 (interrupted).
+
+    `compare` exits like `diff`: with 1 if the images differ, and with 2 after any error.
+    """
     try:
         app()
     except KeyboardInterrupt:

@@ -14,14 +14,15 @@ from .compilation_cache import keep_compiled_programs
 
 
 @contextmanager
-def session(*, long_running: bool = False) -> Iterator[Console]:
+def session(*, long_running: bool = False, error_code: int = 1) -> Iterator[Console]:
     """Run the body of a command; yields a console for stderr.
 
     `long_running`: whether the command spends more time running its programs than compiling them.
 
-    Expected errors (see `is_expected`) end the command with one red line and exit code 1, Ctrl-C
-    with one line and exit code 130. Each warning is one yellow line. If SOFTRAS2D_DEBUG is set,
-    errors keep their traceback.
+    `error_code`: exit code after an expected error (see `is_expected`), which prints one red line.
+
+    Ctrl-C ends the command with one line and exit code 130. Each warning is one yellow line. If
+    SOFTRAS2D_DEBUG is set, errors keep their traceback.
     """
     console = Console(stderr=True)
     if not debugging():
@@ -44,7 +45,7 @@ def session(*, long_running: bool = False) -> Iterator[Console]:
         if debugging() or not is_expected(error):
             raise
         print_message("error", one_line(error), console)
-        raise typer.Exit(1) from None
+        raise typer.Exit(error_code) from None
 
 
 def debugging() -> bool:

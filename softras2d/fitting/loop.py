@@ -18,7 +18,7 @@ from .budget import Budget
 from .chunk import advance_fits
 from .family import AbstractFit
 from .result import Record
-from .score import compare
+from .score import psnr_and_ssim
 
 _CHECKPOINT_SECONDS = 30.0
 """Least number of seconds between two checkpoints."""
@@ -124,4 +124,4 @@ def measure(fit: AbstractFit) -> tuple[float, float]:
     image, target = (
         premultiply(to_device(array, np.float32)) for array in (fit.image, fit.request.target.image)
     )
-    return compare(image, target)
+    return psnr_and_ssim(image, target)

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..color import srgb_to_linear
+from ..comparison.similarity import ssim
 from ..names import Loss as LossKind
 from ..names import LossSpace
-from .score import ssim
 
 _SSIM_SHARE = 0.02
 """Weight of 1 - SSIM relative to the squared error, for each channel of each pixel."""

@@ -1,72 +1,20 @@
-"""Measure the similarity of an image to its target by PSNR and SSIM, for values 0..1.
+"""Score a fitted scene: PSNR and SSIM of its hard image against the target."""
 
-**Source:** Wang, Bovik, Sheikh and Simoncelli, *Image Quality Assessment: From Error Visibility to
-Structural Similarity* (IEEE TIP 13(4), 2004), section III-B, for SSIM and its constants.
-"""
-
-import math
 import time
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..color import premultiply
+from ..comparison.similarity import psnr, ssim
 from ..numerics.device import to_device
 from ..options import Hard
 from ..planning.plan import Plan
 from ..rendering.planner import plan
 from ..rendering.render import render, render_checked
 from ..scene import Scene
-
-_SIGMA, _RADIUS = 1.5, 5
-"""Standard deviation and radius, in pixels, of the Gaussian window of 11 x 11 pixels."""
-
-_LUMINANCE, _CONTRAST = 0.01**2, 0.03**2
-"""Constants that keep the quotients finite, for values in 0..1."""
-
-
-def psnr(
-    image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
-) -> Float[Array, ""]:
-    """Peak signal-to-noise ratio in dB over all channels; infinite for equal images."""
-    return -10.0 * jnp.log10(jnp.mean((image - target) ** 2))
-
-
-def ssim(
-    image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
-) -> Float[Array, ""]:
-    """Structural similarity, in -1..1, which is 1 for equal images.
-
-    It is the mean over channels and over all windows that lie inside the image. Along a side of
-    fewer than 11 pixels the window is smaller.
-    """
-    mean_a, mean_b = _blur(image), _blur(target)
-    variance_a = _blur(image * image) - mean_a * mean_a
-    variance_b = _blur(target * target) - mean_b * mean_b
-    covariance = _blur(image * target) - mean_a * mean_b
-    numerator = (2 * mean_a * mean_b + _LUMINANCE) * (2 * covariance + _CONTRAST)
-    denominator = (mean_a**2 + mean_b**2 + _LUMINANCE) * (variance_a + variance_b + _CONTRAST)
-    return jnp.mean(numerator / denominator)
-
-
-def _blur(x: Float[Array, "height width channels"]) -> Float[Array, "rows columns channels"]:
-    """Gaussian mean over each window that lies inside the image."""
-    return _blur_along(_blur_along(x, 0), 1)
-
-
-def _blur_along(x: Float[Array, "height width channels"], axis: int) -> Array:
-    """Gaussian mean along one axis; the result is shorter by twice the radius of the window."""
-    radius = min(_RADIUS, (x.shape[axis] - 1) // 2)
-    taps = [math.exp(-0.5 * (k / _SIGMA) ** 2) for k in range(-radius, radius + 1)]
-    length = x.shape[axis] - 2 * radius
-    total = jnp.zeros(())
-    for k, tap in enumerate(taps):
-        shifted = jax.lax.slice_in_dim(x, k, k + length, axis=axis)
-        total = shifted * (tap / sum(taps)) if k == 0 else total + shifted * (tap / sum(taps))
-    return total
 
 
 class Score(NamedTuple):
@@ -102,7 +50,7 @@ class Scorer:
         """Draw a scene, in pixels of the target, and score it."""
         drawn = self.draw(scene)
         image = premultiply(drawn)
-        return Score(np.asarray(drawn), *compare(image, self._target))
+        return Score(np.asarray(drawn), *psnr_and_ssim(image, self._target))
 
     def draw(self, scene: Scene) -> Float[Array, "height width channels"]:
         """Draw the hard image; the last plan is used again if it suffices, to save compiling."""
@@ -116,7 +64,7 @@ class Scorer:
         return render(scene, self._plan)
 
 
-def compare(
+def psnr_and_ssim(
     image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
 ) -> tuple[float, float]:
     """PSNR in dB (infinite if equal) and SSIM, of images as `premultiply` gives them."""

@@ -123,6 +123,11 @@ def to_bytes(
     return np.floor(scaled if truncate else scaled + np.float32(0.5)).astype(np.uint8)
 
 
+def round_to_levels(pixels: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
+    """Round floats as an 8-bit file does: the values that `read_image` returns after writing."""
+    return to_bytes(pixels) / np.float32(255.0)
+
+
 def _load(
     path: Path, name: str, linear: bool, charge: Callable[[int], None] | None = None
 ) -> Float32[np.ndarray, "height width channels"]:

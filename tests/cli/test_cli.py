@@ -16,7 +16,6 @@ import jax
 import numpy as np
 import pytest
 import typer
-from jax.experimental.compilation_cache.compilation_cache import reset_cache
 from typer.testing import CliRunner
 
 import softras2d as sr
@@ -29,26 +28,6 @@ COMMAND = [sys.executable, "-m", "softras2d"]
 
 EDGE = """<svg xmlns="http://www.w3.org/2000/svg" width="4" height="1">
 <rect width="1.5" height="1"/></svg>"""
-
-
-@pytest.fixture(autouse=True)
-def fresh_cache(monkeypatch, tmp_path):
-    """A new cache folder, and JAX's settings restored afterwards."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setenv("TERM", "dumb")
-    monkeypatch.setenv("COLUMNS", "200")
-    monkeypatch.delenv("SOFTRAS2D_DEBUG", raising=False)
-    names = (
-        "jax_compilation_cache_dir",
-        "jax_persistent_cache_min_compile_time_secs",
-        "jax_persistent_cache_min_entry_size_bytes",
-    )
-    before = {name: jax.config.values[name] for name in names}
-    yield
-    for name, value in before.items():
-        jax.config.update(name, value)
-    # JAX reads these settings once; later tests must not use this cache.
-    reset_cache()
 
 
 @pytest.fixture
@@ -88,7 +67,7 @@ def test_version_is_printed():
     assert result.exit_code == 0 and result.stdout == f"softras2d {sr.__version__}\n"
 
 
-@pytest.mark.parametrize("command", [(), ("render",), ("info",), ("demo",)])
+@pytest.mark.parametrize("command", [(), ("render",), ("compare",), ("info",), ("demo",)])
 def test_help_has_an_example(command):
     result = run(*command, "--help")
     assert result.exit_code == 0

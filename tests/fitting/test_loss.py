@@ -9,6 +9,7 @@ import pytest
 
 import softras2d as sr
 from softras2d.color import srgb_to_linear
+from softras2d.comparison.similarity import ssim
 from softras2d.fitting.closed_form import best_colors
 from softras2d.fitting.layers.unknowns import (
     LayersData,
@@ -18,7 +19,6 @@ from softras2d.fitting.layers.unknowns import (
 )
 from softras2d.fitting.loss import Loss
 from softras2d.fitting.resample import shrink
-from softras2d.fitting.score import ssim
 from softras2d.fitting.units import POSITION_UNIT, clip_straight_through
 
 from ..cases.pictures import blobs

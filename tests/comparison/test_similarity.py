@@ -1,10 +1,10 @@
-"""PSNR and SSIM against loops by their definitions."""
+"""PSNR and SSIM, in NumPy and in JAX, against loops by their definitions."""
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softras2d.fitting.score import psnr, ssim
+from softras2d.comparison.similarity import psnr, ssim
 
 
 def ssim_by_hand(a, b) -> float:
@@ -27,22 +27,25 @@ def ssim_by_hand(a, b) -> float:
     return float(np.mean(values))
 
 
-def test_ssim_equals_a_loop():
+@pytest.mark.parametrize(("xp", "tolerance"), [(jnp, 1e-5), (np, 1e-6)])
+def test_ssim_equals_a_loop(xp, tolerance):
     rng = np.random.default_rng(0)
     a = rng.random((14, 17, 2)).astype(np.float32)
     b = np.clip(a + 0.2 * rng.normal(size=a.shape), 0, 1).astype(np.float32)
-    assert float(ssim(jnp.asarray(a), jnp.asarray(b))) == pytest.approx(
-        ssim_by_hand(a, b), abs=1e-5
+    assert float(ssim(xp.asarray(a), xp.asarray(b))) == pytest.approx(
+        ssim_by_hand(a, b), abs=tolerance
     )
 
 
+@pytest.mark.parametrize("xp", [np, jnp])
 @pytest.mark.parametrize("shape", [(1, 1, 3), (4, 30, 3), (20, 20, 3)])
-def test_equal_images_score_highest(shape):
-    image = jnp.asarray(np.random.default_rng(1).random(shape), jnp.float32)
+def test_equal_images_score_highest(shape, xp):
+    image = xp.asarray(np.random.default_rng(1).random(shape), np.float32)
     assert float(ssim(image, image)) == pytest.approx(1.0, abs=1e-5)
     assert np.isinf(psnr(image, image))
 
 
-def test_psnr_of_a_known_error():
-    zero = jnp.zeros((3, 4, 3))
+@pytest.mark.parametrize("xp", [np, jnp])
+def test_psnr_of_a_known_error(xp):
+    zero = xp.zeros((3, 4, 3), np.float32)
     assert float(psnr(zero, zero + 0.1)) == pytest.approx(20.0, abs=1e-4)

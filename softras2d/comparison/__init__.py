@@ -1,0 +1,1 @@
+"""This stage measures how much two images differ."""

@@ -1,0 +1,40 @@
+"""Mean FLIP, an estimate of how visible a difference is when two images alternate on a screen.
+
+It is computed by NVIDIA's `flip-evaluator`, an optional dependency.
+
+**Source:** Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström and Fairchild, *FLIP: A Difference
+Evaluator for Alternating Images* (Proc. ACM CGIT 3(2), 2020).
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+INSTALL = 'pip install "softras2d[compare]"'
+"""Command that installs `flip-evaluator`."""
+
+
+def mean_flip(
+    image: Float[np.ndarray, "height width channels"],
+    reference: Float[np.ndarray, "height width channels"],
+) -> float:
+    """Mean FLIP, in 0..1, of two premultiplied images in sRGB; 0 for equal images.
+
+    The screen is the evaluator's default, with 67 pixels per degree of visual angle. Images with
+    alpha are laid over white, and values are clipped to 0..1. Raises `ImportError`, one line, if
+    `flip-evaluator` is missing.
+    """
+    try:
+        import flip_evaluator
+    except ImportError as missing:
+        raise ImportError(f"FLIP needs flip-evaluator: {INSTALL} ({missing}).") from missing
+    _, mean, _ = flip_evaluator.evaluate(
+        _on_white(reference), _on_white(image), "LDR", applyMagma=False
+    )
+    return float(mean)
+
+
+def _on_white(pixels: Float[np.ndarray, "height width channels"]) -> np.ndarray:
+    """Lay a premultiplied image over white; returns float32 in 0..1."""
+    if pixels.shape[-1] == 4:
+        pixels = pixels[..., :3] + (1 - pixels[..., 3:])
+    return np.ascontiguousarray(np.clip(pixels, 0, 1), np.float32)

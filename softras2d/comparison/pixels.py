@@ -1,0 +1,66 @@
+"""Brings two images into one form, in which their channels can be subtracted."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from ..color import premultiply
+from ..io.images import as_pixels
+
+
+def comparable_pixels(
+    actual: Any, expected: Any
+) -> tuple[
+    Float64[np.ndarray, "height width channels"], Float64[np.ndarray, "height width channels"]
+]:
+    """Both images with the same three or four channels, premultiplied.
+
+    - Grey is repeated to RGB.
+    - RGB is RGBA with alpha 1. Alpha is a fourth channel, unless both images are opaque: a channel
+      that is equal everywhere would only lower their mean difference.
+    - Colours are premultiplied, because the colour of a transparent pixel is not visible.
+
+    Raises `ValueError`, one line, for arrays that are not float images, for NaN and infinity, and
+    for images of different heights or widths.
+    """
+    first = _rgb_or_rgba(as_pixels("`actual`", np.asarray(actual)))
+    second = _rgb_or_rgba(as_pixels("`expected`", np.asarray(expected)))
+    if first.shape[:2] != second.shape[:2]:
+        raise ValueError(
+            "`actual` and `expected` must have the same height and width; got "
+            f"{_size(first)} and {_size(second)}."
+        )
+    if first.shape[-1] != second.shape[-1]:
+        first, second = _with_alpha(first), _with_alpha(second)
+    return premultiply(first), premultiply(second)
+
+
+def pixel_difference(
+    actual: Float64[np.ndarray, "height width channels"],
+    expected: Float64[np.ndarray, "height width channels"],
+) -> Float64[np.ndarray, "height width"]:
+    """The largest absolute difference among the channels of each pixel."""
+    return np.abs(actual - expected).max(axis=-1)
+
+
+def _rgb_or_rgba(pixels: np.ndarray) -> Float64[np.ndarray, "height width channels"]:
+    """The image in float64, with three channels if it is opaque, else with four."""
+    if pixels.shape[-1] == 1:
+        pixels = pixels.repeat(3, axis=-1)
+    if pixels.shape[-1] == 4 and (pixels[..., 3] == 1).all():
+        pixels = pixels[..., :3]
+    return pixels.astype(np.float64)
+
+
+def _with_alpha(
+    pixels: Float64[np.ndarray, "height width channels"],
+) -> Float64[np.ndarray, "height width 4"]:
+    """The image with alpha 1 if it has no alpha."""
+    if pixels.shape[-1] == 4:
+        return pixels
+    return np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1)
+
+
+def _size(pixels: np.ndarray) -> str:
+    return f"height {pixels.shape[0]}, width {pixels.shape[1]}"

@@ -1,0 +1,74 @@
+"""PSNR and SSIM of two images, for values in 0..1, in NumPy and in JAX.
+
+The fit differentiates SSIM on the device. A comparison of two images computes the same functions on
+the host in float64, where they compile nothing and the variances of SSIM lose no digits. This
+module therefore does not import JAX.
+
+**Source:** Wang, Bovik, Sheikh and Simoncelli, *Image Quality Assessment: From Error Visibility to
+Structural Similarity* (IEEE TIP 13(4), 2004), section III-B, for SSIM and its constants.
+"""
+
+import math
+from functools import reduce
+from operator import add
+
+import numpy as np
+from jaxtyping import Float
+
+from ..numerics.array_types import HostOrDeviceArray
+
+_SIGMA, _RADIUS = 1.5, 5
+"""Standard deviation and radius, in pixels, of the Gaussian window of 11 x 11 pixels."""
+
+_LUMINANCE, _CONTRAST = 0.01**2, 0.03**2
+"""Constants that keep the quotients finite, for values in 0..1."""
+
+
+def psnr(
+    image: Float[HostOrDeviceArray, "height width channels"],
+    target: Float[HostOrDeviceArray, "height width channels"],
+) -> Float[HostOrDeviceArray, ""]:
+    """Peak signal-to-noise ratio in dB over all channels; infinite for equal images."""
+    xp = image.__array_namespace__()
+    # NumPy would warn of the logarithm of 0.
+    with np.errstate(divide="ignore"):
+        return -10.0 * xp.log10(xp.mean((image - target) ** 2))
+
+
+def ssim(
+    image: Float[HostOrDeviceArray, "height width channels"],
+    target: Float[HostOrDeviceArray, "height width channels"],
+) -> Float[HostOrDeviceArray, ""]:
+    """Structural similarity, in -1..1, which is 1 for equal images.
+
+    It is the mean over channels and over all windows that lie inside the image. Along a side of
+    fewer than 11 pixels the window is smaller.
+    """
+    mean_a, mean_b = _blur(image), _blur(target)
+    variance_a = _blur(image * image) - mean_a * mean_a
+    variance_b = _blur(target * target) - mean_b * mean_b
+    covariance = _blur(image * target) - mean_a * mean_b
+    numerator = (2 * mean_a * mean_b + _LUMINANCE) * (2 * covariance + _CONTRAST)
+    denominator = (mean_a**2 + mean_b**2 + _LUMINANCE) * (variance_a + variance_b + _CONTRAST)
+    return (numerator / denominator).mean()
+
+
+def _blur(
+    x: Float[HostOrDeviceArray, "height width channels"],
+) -> Float[HostOrDeviceArray, "rows columns channels"]:
+    """Gaussian mean over each window that lies inside the image."""
+    return _blur_along(_blur_along(x, 0), 1)
+
+
+def _blur_along(
+    x: Float[HostOrDeviceArray, "height width channels"], axis: int
+) -> Float[HostOrDeviceArray, "rows columns channels"]:
+    """Gaussian mean along axis 0 or 1; the result is shorter by twice the radius of the window."""
+    radius = min(_RADIUS, (x.shape[axis] - 1) // 2)
+    taps = [math.exp(-0.5 * (k / _SIGMA) ** 2) for k in range(-radius, radius + 1)]
+    length = x.shape[axis] - 2 * radius
+    weighted = (
+        (x[k : k + length] if axis == 0 else x[:, k : k + length]) * (tap / sum(taps))
+        for k, tap in enumerate(taps)
+    )
+    return reduce(add, weighted)

@@ -1,0 +1,28 @@
+"""The difference of two pixels up to which they count as equal."""
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+ONE_LEVEL = 1 / 255
+"""One level of an 8-bit image, the default tolerance: another device may round a tie the other way.
+"""
+
+_ROUNDING = 1e-4
+"""Relative excess over a tolerance that counts as rounding. In float32, adjacent levels of an 8-bit
+image differ from 1/255 by up to 2e-5 of it. A tolerance of 0 stays exact."""
+
+
+def exceeds(
+    difference: Float64[np.ndarray, "height width"], tolerance: float
+) -> Bool[np.ndarray, "height width"]:
+    """Whether each pixel differs by more than the tolerance, apart from rounding in float32."""
+    return difference > tolerance * (1 + _ROUNDING)
+
+
+def checked_tolerance(tolerance: int | float) -> float:
+    """`tolerance` as a float. Raises `ValueError` unless it is finite and at least 0."""
+    if not 0 <= tolerance < math.inf:
+        raise ValueError(f"`tolerance` must be finite and at least 0; got {tolerance}.")
+    return float(tolerance)

@@ -1,0 +1,39 @@
+"""A pytest plugin: the fixture `assert_image_matches`, and the option `--update-references`.
+
+To use it, write this line into the `conftest.py` at the root of the tests:
+
+    pytest_plugins = ["softras2d.testing.plugin"]
+"""
+
+from collections.abc import Callable
+
+import pytest
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option `--update-references`."""
+    parser.getgroup("softras2d").addoption(
+        "--update-references",
+        action="store_true",
+        help="Write the references of assert_image_matches from the images of this run, instead "
+        "of comparing with them.",
+    )
+
+
+@pytest.fixture
+def assert_image_matches(request: pytest.FixtureRequest) -> Callable[..., None]:
+    """Give `softras2d.testing.assert_image_matches`, with `update` as the option says.
+
+    A relative path starts at the folder of the test file.
+    """
+    # Imported here, so that a run of other tests does not wait for NumPy and OpenImageIO.
+    from . import references
+
+    update = bool(request.config.getoption("--update-references"))
+    folder = request.path.parent
+
+    def check(image, path, **options) -> None:
+        __tracebackhide__ = True
+        references.assert_image_matches(image, folder / path, update=update, **options)
+
+    return check
