@@ -27,6 +27,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from .display.notebook import scene_html
+from .display.scene_text import scene_text
 from .numerics.byte_colors import check_whole_colors, warn_of_bytes
 from .numerics.device import to_device, to_host
 from .texture.pyramid import TexturePyramid
@@ -73,6 +75,13 @@ class Scene(eqx.Module):
             raise ValueError(f"`background` must be [3] or [4]; got {self.background.shape}.")
         if len({self.uv is None, self.texture_index is None, self.textures is None}) != 1:
             raise ValueError("`uv`, `texture_index` and `textures` go together: give all or none.")
+
+    def __repr__(self) -> str:
+        return scene_text(self)
+
+    def _repr_html_(self) -> str | None:
+        """A small picture and the text of `repr`, for notebooks."""
+        return scene_html(self)
 
     @staticmethod
     def from_mesh(

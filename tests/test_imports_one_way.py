@@ -21,6 +21,7 @@ ORDER = (
     "options",
     "color",
     "numerics",
+    "display",
     "geometry",
     "texture",
     "scene",

@@ -66,11 +66,13 @@ plan: scene, *height, *width, *coverage=, *filter=, *origin=, *max_width=, *grid
 plan_for: *triangles, *height, *width, *coverage=, *filter=, *origin=, *max_width=, *grid_bits=
 plot.animate: path, frames, *seconds_per_frame=
 plot.arrows: positions, vectors, *axes, *color=, *length=, *label=
+plot.buffers: visible, *figure=
 plot.convergence: results, *against=, *axes=
 plot.difference: image, reference, *axes=, *limit=, *title=
 plot.error: image, reference, *axes=, *limit=, *title=
 plot.explore: draw, values, *name, *static
 plot.film_strip: frames, *titles=, *columns=, *figure=
+plot.id_colors: triangle
 plot.pyramid: textures, index=, *figure=
 plot.show: image, *axes=, *title=, *grid=, *inset=, *inset_zoom=
 plot.triangles: scene, *axes, *color=, *width=, *vertices=

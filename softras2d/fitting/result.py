@@ -13,6 +13,9 @@ import numpy as np
 from jaxtyping import Float
 
 from .. import __version__
+from ..display.leaves import field_of, size_of
+from ..display.notebook import image_html
+from ..display.words import count_text, number_text
 from ..io.drafts import atomic_file
 from ..scene import Scene
 from . import saved_fit
@@ -52,13 +55,28 @@ class FitResult:
     """
 
     scene: Scene
-    image: np.ndarray = field(repr=False)
+    image: np.ndarray
     psnr: float
     ssim: float
     history: tuple[Record, ...]
     settings: dict[str, Any]
     interrupted: bool = False
-    state: dict[str, np.ndarray] = field(default_factory=dict, repr=False)
+    state: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        psnr, ssim = number_text(self.psnr, 2), number_text(self.ssim, 3)
+        triangles = size_of(field_of(self.scene, "triangles"), -2)
+        size = f"{size_of(self.image, -2)} x {size_of(self.image, -3)} px"
+        facts = [count_text(triangles, "triangle"), size]
+        if self.history:
+            last = self.history[-1]
+            facts.append(f"{count_text(last.steps, 'step')} in {number_text(last.seconds, 1)} s")
+        facts += ["interrupted"] * bool(self.interrupted)
+        return f"FitResult: PSNR {psnr} dB, SSIM {ssim}\n  {', '.join(facts)}"
+
+    def _repr_html_(self) -> str | None:
+        """The fitted image and the text of `repr`, for notebooks."""
+        return image_html(self.image, repr(self))
 
     @property
     def height(self) -> int:

@@ -102,6 +102,15 @@ class Plan(eqx.Module):
             steps = 4 * tiling.sample_rows * (2 * capacity.pairs + capacity.steps * BLOCK)
         return lists + fragments + steps
 
+    def __repr__(self) -> str:
+        try:
+            coverage = self.coverage.describe()
+        except Exception:
+            # A width may be traced, or be replaced by JAX with something that is no number.
+            coverage = type(self.coverage).__name__
+        effects = ", ".join(self.effects) or "no effects"
+        return f"Plan: {self.width} x {self.height} px, {coverage}\n  {effects}"
+
     def __str__(self) -> str:
         if isinstance(self.origin, Tracer):
             return f"Plan({self.width} x {self.height} px, traced)"

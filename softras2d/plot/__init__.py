@@ -17,18 +17,22 @@ matplotlib is imported by the first call, which raises `ImportError`, one line, 
 from .comparison import difference, error
 from .curves import convergence
 from .overlay import arrows, triangles
+from .palette import id_colors
 from .picture import show
 from .slider import explore
 from .strip import animate, film_strip, pyramid
+from .visibility import buffers
 
 __all__ = [
     "animate",
     "arrows",
+    "buffers",
     "convergence",
     "difference",
     "error",
     "explore",
     "film_strip",
+    "id_colors",
     "pyramid",
     "show",
     "triangles",

@@ -10,6 +10,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from ..color import premultiply, srgb_to_linear
+from ..display.pyramid_text import pyramid_text
 from ..names import TextureAddressing, TextureBorder, check_name
 from ..numerics.byte_colors import check_whole_colors, warn_of_bytes
 from ..numerics.device import to_device, to_host
@@ -31,6 +32,9 @@ class TexturePyramid(eqx.Module):
     levels: Int[Array, "textures levels 3"]
     border: TextureBorder = eqx.field(static=True, default="clamp")
     addressing: TextureAddressing = eqx.field(static=True, default="half_texel")
+
+    def __repr__(self) -> str:
+        return pyramid_text(self)
 
     @property
     def count(self) -> int:

@@ -1,0 +1,93 @@
+"""Shows values in notebooks: a picture above the text of `repr`, as HTML.
+
+IPython, and the front ends that follow it, call the method `_repr_html_` of the last value of a
+cell. If it returns None, they show the text of `repr` alone. Nothing here needs matplotlib.
+"""
+
+import base64
+import html
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..color import premultiply, unpremultiply
+from .scene_picture import scene_picture
+
+_MAX_SIDE = 640
+"""Longer side to which images are shrunk, in pixels, since notebooks store all that they show."""
+
+_CHECKERBOARD = "background: repeating-conic-gradient(#fff 0 25%, #e6e6e6 0 50%) 0 0 / 16px 16px"
+"""Style of images with alpha, which shows where they are transparent."""
+
+
+def scene_html(scene: Any) -> str | None:
+    """A small picture of a scene and its text; None if it cannot be drawn or would take long."""
+    return _html(lambda: scene_picture(scene), repr(scene))
+
+
+def image_html(image: Any, text: str) -> str | None:
+    """An image, `[height, width, 1, 3 or 4]` in 0..1, and a text; None if it is no valid image."""
+    return _html(lambda: _shrunk(np.asarray(image, np.float32)), text)
+
+
+def buffers_html(visible: Any, text: str) -> str | None:
+    """The triangle of each pixel of visibility buffers as colours, and a text.
+
+    `visible.triangle` is `[height, width, samples]`; None if that cannot be shown.
+    """
+
+    def draw() -> np.ndarray:
+        import softras2d as sr
+
+        return _shrunk(sr.plot.id_colors(visible.triangle))
+
+    return _html(draw, text)
+
+
+def _html(draw: Callable[[], np.ndarray | None], text: str) -> str | None:
+    """The image that `draw` returns above `text`; None if there is none, or if drawing fails."""
+    try:
+        image = draw()
+        data = None if image is None else _png(image)
+    except Exception:
+        # Somebody who only looks at a value is helped by its text, and not by a traceback.
+        return None
+    if image is None or data is None:
+        return None
+    source = f"data:image/png;base64,{base64.b64encode(data).decode()}"
+    style = _CHECKERBOARD if image.shape[-1] == 4 else ""
+    escaped = html.escape(text)
+    return (
+        f'<img src="{source}" alt="{escaped.splitlines()[0]}" style="{style}">'
+        f'<pre style="white-space: pre-wrap">{escaped}</pre>'
+    )
+
+
+def _png(image: Float[np.ndarray, "height width channels"]) -> bytes:
+    """The bytes of a PNG file of the image."""
+    # The writer is a stage below; `scene_picture.py` says why it is reached like this.
+    import softras2d as sr
+
+    # OpenImageIO writes only files from Python.
+    with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
+        path = Path(folder) / "picture.png"
+        sr.write_image(path, image)
+        return path.read_bytes()
+
+
+def _shrunk(image: Float[np.ndarray, "height width channels"]) -> Float[np.ndarray, "h w channels"]:
+    """The means over square blocks of pixels, so that no side is longer than `_MAX_SIDE`."""
+    block = -(-max(image.shape[:2]) // _MAX_SIDE)
+    if block <= 1:
+        return image
+    # Premultiplied, so that transparent pixels do not bleed their colour.
+    sums, count = premultiply(image), np.ones((*image.shape[:2], 1), image.dtype)
+    for axis in (0, 1):
+        # The last block may be smaller, so pixels are counted.
+        starts = np.arange(0, image.shape[axis], block)
+        sums, count = (np.add.reduceat(array, starts, axis) for array in (sums, count))
+    return unpremultiply(sums / count)

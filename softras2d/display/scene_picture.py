@@ -1,0 +1,85 @@
+"""Draws a small picture of a scene, scaled so that all of its triangles show.
+
+A picture needs `plan` and `render`, which are stages below this folder, and no stage imports from
+one below it. So this file and `notebook.py` use the package as a user's script does: through the
+public names of `softras2d`, which load on first use. The classes that show themselves only call
+these two files.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from .leaves import values_of
+from .scene_text import extent, used_points
+
+SIDE = 320
+"""Longer side of a picture, in pixels."""
+
+_MARGIN = 4
+"""Space around the triangles, in pixels."""
+
+_STEP = 32
+"""The shorter side is a multiple of this many pixels, so that at most ten heights and widths exist.
+A program is compiled for each, which takes about four seconds."""
+
+_MAX_TRIANGLES = 2**17
+"""Maximum number of triangles of a picture. So many small ones take five seconds on two cores, of
+which four are compilation; the time grows with their number."""
+
+_MAX_MEMORY = 2**29
+"""Maximum number of bytes that drawing may take, by the estimate of the plan. It bounds the time of
+overlapping translucent triangles: 10,000 of the size of the picture need 320 MiB."""
+
+
+def scene_picture(scene: Any) -> Float[np.ndarray, "height width channels"] | None:
+    """Draw one concrete scene in hard mode, with 16 samples per pixel or, if it is complex, 4.
+
+    The longer side is `SIDE` pixels. Returns None for a scene without triangles, a batch, and a
+    scene that is traced, too large or without extent. Raises `ValueError` for invalid values.
+    """
+    import softras2d as sr
+
+    if any(values_of(leaf) is None for leaf in jax.tree.leaves(scene)):
+        return None
+    positions, triangles = np.asarray(scene.positions), np.asarray(scene.triangles)
+    if triangles.ndim != 2 or not 0 < len(triangles) <= _MAX_TRIANGLES:
+        return None
+    fitted = _fit(positions, triangles)
+    if fitted is None:
+        return None
+    moved, height, width = fitted
+    # `dataclasses.replace` would call the constructor, which may refuse arrays on the host.
+    scene = eqx.tree_at(lambda scene: scene.positions, scene, jax.device_put(moved))
+    for samples in (16, 4):
+        plan = sr.plan(scene, height=height, width=width, coverage=sr.Hard(samples=samples))
+        if plan.memory <= _MAX_MEMORY:
+            return np.asarray(sr.render(scene, plan))
+    return None
+
+
+def _fit(
+    positions: Float[np.ndarray, "vertices 2"], triangles: np.ndarray
+) -> tuple[Float[np.ndarray, "vertices 2"], int, int] | None:
+    """Scale positions to fill a picture; returns them with the height and width of the picture.
+
+    Returns None if the triangles have no finite extent, or none above zero.
+    """
+    points = used_points(positions, triangles)
+    if points is None or not len(points) or not np.isfinite(points).all():
+        return None
+    low, high = extent(points)
+    longest = float((high - low).max())
+    # A smaller extent than that is rounding noise of the coordinates.
+    if not longest > np.abs(points).max() * np.finfo(positions.dtype).eps:
+        return None
+    scale = (SIDE - 2 * _MARGIN) / longest
+    sides = np.ceil(((high - low) * scale + 2 * _MARGIN) / _STEP) * _STEP
+    width, height = np.minimum(sides, SIDE).astype(int).tolist()
+    center = np.array([width, height]) / 2
+    # Differences of large coordinates are exact only in float64.
+    moved = (positions.astype(np.float64) - (low + high) / 2) * scale + center
+    return moved.astype(positions.dtype), height, width

@@ -1,0 +1,132 @@
+"""Describes a scene in two lines: counts, dtype and extent; then the effects that it calls for."""
+
+import math
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from .leaves import dtype_of, field_of, is_any_traced, shape_of, size_of, values_of
+from .words import count_text
+
+_REQUIRED = ("positions", "triangles", "colors", "background")
+_OPTIONAL = ("uv", "texture_index", "depth", "inverse_w")
+_OF_TEXTURES = ("texels", "levels")
+
+
+def scene_text(scene: Any) -> str:
+    """Describe a scene without raising, whatever its leaves are.
+
+    The second line uses the names of `planning.effects`. The extent is that of the vertices that
+    triangles use. Under a trace, no value is looked at.
+    """
+    # A scene whose constructor failed has some fields only.
+    arrays = {name: field_of(scene, name) for name in (*_REQUIRED, *_OPTIONAL)}
+    textures = field_of(scene, "textures")
+    if textures is not None:
+        arrays |= {name: field_of(textures, name) for name in _OF_TEXTURES}
+    facts = [*_counts(arrays), dtype_of(arrays["positions"]), _values_text(arrays)]
+    strange = [
+        f"{name} ({type(value).__name__})"
+        for name, value in arrays.items()
+        if shape_of(value) is None and not (name in _OPTIONAL and value is None)
+    ]
+    effects = [*_effects(arrays), f"not arrays: {', '.join(strange)}" if strange else ""]
+    return f"{_heading(arrays)}: {_joined(facts)}\n  {_joined(effects)}"
+
+
+def _joined(parts: list[str | None]) -> str:
+    return ", ".join(part for part in parts if part) or "no arrays"
+
+
+def _heading(arrays: dict[str, Any]) -> str:
+    """The name of the class, with the size of a batch."""
+    for name in ("triangles", "positions"):
+        shape = shape_of(arrays[name])
+        if shape is not None and len(shape) > 2:
+            return f"Batch of {' x '.join(map(str, shape[:-2]))} scenes, each"
+    return "Scene"
+
+
+def _counts(arrays: dict[str, Any]) -> list[str]:
+    """The numbers of triangles, vertices and textures, as far as they are known."""
+    triangles = size_of(arrays["triangles"], -2)
+    if triangles is None:
+        # A gradient has colours but no indices.
+        triangles = size_of(arrays["colors"], -3)
+    counts = [
+        (triangles, "triangle", "triangles"),
+        (size_of(arrays["positions"], -2), "vertex", "vertices"),
+        (size_of(arrays.get("levels"), -3), "texture", "textures"),
+    ]
+    return [count_text(*count) for count in counts if count[0] is not None]
+
+
+def _effects(arrays: dict[str, Any]) -> list[str | None]:
+    """What the structure of the scene calls for, in the order of `planning.effects.EFFECTS`."""
+    corners, channels = size_of(arrays["colors"], -2), size_of(arrays["colors"], -1)
+    is_translucent = 4 in (channels, size_of(arrays.get("texels"), -1))
+    opacity = "translucency" if is_translucent else "opaque"
+    return [
+        {1: "flat colour", 3: "interpolated colour"}.get(corners),
+        opacity if channels is not None else None,
+        "translucent background" if size_of(arrays["background"], -1) == 4 else None,
+        "texture" if "levels" in arrays else None,
+        "perspective" if arrays["inverse_w"] is not None else None,
+        "depth test" if arrays["depth"] is not None else None,
+    ]
+
+
+def _values_text(arrays: dict[str, Any]) -> str:
+    """The extent of the triangles in pixels, or the reason why there are no values."""
+    if is_any_traced(arrays.values()):
+        return "traced"
+    positions, triangles = values_of(arrays["positions"]), values_of(arrays["triangles"])
+    if positions is None or triangles is None:
+        is_shape = dtype_of(arrays["positions"]) and dtype_of(arrays["triangles"])
+        return "no values" if is_shape else ""
+    points = used_points(positions, triangles)
+    if points is None or not len(points):
+        return ""
+    is_finite = np.isfinite(points).all(axis=1)
+    count = int(np.count_nonzero(~is_finite))
+    invalid = count_text(count, "vertex not finite", "vertices not finite") if count else ""
+    if not is_finite.any():
+        return invalid
+    low, high = extent(points[is_finite])
+    ranges = [
+        f"{axis} {first:.5g} to {last:.5g} px"
+        for axis, first, last in zip("xy", low.tolist(), high.tolist(), strict=True)
+    ]
+    return ", ".join(filter(None, [*ranges, invalid]))
+
+
+def used_points(
+    positions: np.ndarray, triangles: np.ndarray
+) -> Float[np.ndarray, "points 2"] | None:
+    """The positions that triangles use, of a scene or a batch; None for arrays that do not match.
+
+    Unused vertices would enlarge the extent: those that padding appends all lie at (0, 0).
+    """
+    has_types = triangles.dtype.kind in "iu" and jnp.issubdtype(positions.dtype, jnp.floating)
+    has_axes = min(triangles.ndim, positions.ndim) >= 2 and positions.shape[-1] == 2
+    if not (has_types and has_axes) or triangles.shape[:-2] != positions.shape[:-2]:
+        return None
+    # Not -1 in `reshape`, which cannot be resolved for arrays without entries.
+    scenes, vertices = math.prod(positions.shape[:-2]), positions.shape[-2]
+    indices = triangles.reshape(scenes, math.prod(triangles.shape[-2:]))
+    is_valid = (indices >= 0) & (indices < vertices)
+    is_used = np.zeros((scenes, vertices), bool)
+    scene_number, _ = np.nonzero(is_valid)
+    is_used[scene_number, indices[is_valid]] = True
+    # In float64, differences of the largest numbers of other types do not overflow.
+    return positions.reshape(scenes, vertices, 2)[is_used].astype(np.float64)
+
+
+def extent(
+    points: Float[np.ndarray, "points 2"],
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """The smallest and the largest x and y of points."""
+    # Adding zero turns -0 into 0.
+    return points.min(axis=0) + 0.0, points.max(axis=0) + 0.0

@@ -1,0 +1,130 @@
+"""Shows visibility buffers: which triangle each pixel shows, and where on that triangle it lies."""
+
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+
+from .library import AnyFigure, import_pyplot
+from .palette import BACKGROUND, id_colors
+from .strip import film_strip
+
+_GREYS = (0.1, 1.0)
+"""Greys of the farthest and of the nearest depth."""
+
+
+@runtime_checkable
+class Buffers(Protocol):
+    """What `buffers` reads.
+
+    - `triangle`: `[height, width, samples]`, the number of the triangle that each sample shows, or
+      -1 where it shows the background.
+    - `barycentric`: `[height, width, samples, 3]`, weights of the triangle's corners.
+    - `depth`: `[height, width, samples]`, or None if the scene has none.
+    - `coverage`: `[height, width]`, the part of the pixel that triangles cover.
+
+    An optional field `overdraw`, `[height, width]` or None, is the mean number of triangles that
+    cover a sample.
+    """
+
+    @property
+    def triangle(self) -> Any: ...
+
+    @property
+    def barycentric(self) -> Any: ...
+
+    @property
+    def depth(self) -> Any: ...
+
+    @property
+    def coverage(self) -> Any: ...
+
+
+class _Panel(NamedTuple):
+    """One image of the figure, `[height, width, channels]`, and its title."""
+
+    title: str
+    image: Float[np.ndarray, "height width channels"]
+
+
+def buffers(visible: Buffers, *, figure: AnyFigure | None = None) -> AnyFigure:
+    """Show visibility buffers side by side; each pixel is the mean over its samples.
+
+    - `visible`: has the arrays `triangle`, `barycentric`, `depth` (or None) and `coverage`, and
+      perhaps `overdraw`.
+    - `figure`: matplotlib figure to draw into; by default a new one.
+
+    The panels are: numbers of triangles, in colours that differ most between neighbouring numbers;
+    barycentric weights of the corners 0, 1 and 2 as red, green and blue; depth, where nearer is
+    lighter and nothing is shown for the background; coverage, from black to white; and overdraw,
+    from black to yellow. Returns the figure. Raises `ValueError`, one line, for arrays whose shapes
+    do not fit.
+    """
+    import_pyplot()
+    ids = id_colors(visible.triangle)
+    numbers = np.asarray(visible.triangle)
+    if numbers.ndim != 3:
+        raise ValueError(f"`triangle` must be [height, width, samples]; got {numbers.shape}.")
+    is_covered, size = numbers >= 0, numbers.shape[:2]
+    weights = _checked("barycentric", visible.barycentric, (*numbers.shape, 3))
+    coverage = _checked("coverage", visible.coverage, size)
+    panels = [
+        _Panel("triangle", ids),
+        _Panel("barycentric weights", _weight_colors(weights, is_covered)),
+    ]
+    if visible.depth is not None:
+        depth = _checked("depth", visible.depth, numbers.shape)
+        panels.append(_depth_panel(depth, is_covered))
+    panels.append(_Panel("coverage", coverage[..., None]))
+    overdraw = getattr(visible, "overdraw", None)
+    if overdraw is not None:
+        panels.append(_overdraw_panel(_checked("overdraw", overdraw, size)))
+    return film_strip(
+        [panel.image for panel in panels], titles=[panel.title for panel in panels], figure=figure
+    )
+
+
+def _checked(name: str, value: Any, shape: tuple[int, ...]) -> Float32[np.ndarray, "*shape"]:
+    """`value` as float32. Raises `ValueError` if it has another shape."""
+    array = np.asarray(value)
+    if array.shape != shape:
+        raise ValueError(f"`{name}` must be {list(shape)}, as `triangle`; got {list(array.shape)}.")
+    return array.astype(np.float32)
+
+
+def _weight_colors(
+    weights: Float[np.ndarray, "height width samples 3"],
+    is_covered: Bool[np.ndarray, "height width samples"],
+) -> Float[np.ndarray, "height width 3"]:
+    """Barycentric weights as RGB, and the background as in `id_colors`."""
+    # Samples of the background may hold any value, even NaN.
+    colors = np.where(is_covered[..., None], np.nan_to_num(weights), np.float32(BACKGROUND))
+    return np.clip(colors, 0, 1).mean(axis=2)
+
+
+def _depth_panel(
+    depth: Float[np.ndarray, "height width samples"],
+    is_covered: Bool[np.ndarray, "height width samples"],
+) -> _Panel:
+    """Depth as grey, with the part of a pixel that is covered as alpha."""
+    is_known = is_covered & np.isfinite(depth)
+    count = is_known.sum(axis=2)
+    alpha = count / is_known.shape[2]
+    total = np.where(is_known, depth, 0.0).sum(axis=2)
+    mean = total / np.maximum(count, 1)
+    if not is_known.any():
+        return _Panel("depth", np.zeros((*mean.shape, 4)))
+    near, far = float(mean[count > 0].min()), float(mean[count > 0].max())
+    darkest, lightest = _GREYS
+    distance = (mean - near) / (far - near or 1.0)
+    grey = np.clip(lightest + (darkest - lightest) * distance, 0, 1)
+    return _Panel(
+        f"depth: {near:.3g} (light) to {far:.3g}", np.stack([grey, grey, grey, alpha], axis=-1)
+    )
+
+
+def _overdraw_panel(overdraw: Float[np.ndarray, "height width"]) -> _Panel:
+    """Overdraw in a colour map that begins with black."""
+    largest = float(np.nan_to_num(overdraw).max())
+    colors = import_pyplot().colormaps["inferno"](np.nan_to_num(overdraw) / (largest or 1.0))
+    return _Panel(f"overdraw: 0 to {largest:.3g}", np.asarray(colors)[..., :3])
