@@ -2,37 +2,26 @@
 
 import functools
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, UInt32
+from jaxtyping import Array, Float, Int
 
-from ..binning.expansion import saturated_sum
-from ..binning.lists import Chunks, Steps, cut_steps
-from ..binning.tiles import TileLists
+from ..binning.lists import Chunks
 from ..compositing import deferred_shading, opaque, over
-from ..coverage.depth_test import Depths, keep_nearest
-from ..coverage.sampled import coverage_words, remove_hidden
-from ..geometry import fixed_point
 from ..geometry.barycentric import Weights, slot_weights
-from ..geometry.fixed_point import Edges, Grid, GridTriangles, SampleBounds, reorient
-from ..geometry.guard_band import WeightPlanes
-from ..geometry.projection import project
+from ..geometry.fixed_point import Grid
 from ..geometry.tiling import Tiling
-from ..gradients.boundary_term import BoundaryShape, Outlines, boundary_term
-from ..gradients.crossings import Sides, is_steep, lines_crossed, runs_of
-from ..gradients.interior_term import attach_interior_term, weight_gradients
+from ..gradients.boundary_term import BoundaryShape, boundary_term
 from ..gradients.layered_samples import LayeredSamples
-from ..gradients.visible_front import Front, OpaqueSamples
+from ..gradients.visible_front import OpaqueSamples
 from ..numerics.fusion_barrier import materialized
 from ..options import Hard
-from ..planning.capacities import SAMPLED_HEADROOM, Capacity, Needs
+from ..planning.capacities import SAMPLED_HEADROOM, Capacity
 from ..planning.effects import (
     GUARD_BAND,
     SCENE_EFFECTS,
-    is_occluder,
     is_shaded,
     is_translucent,
     varies,
@@ -40,33 +29,12 @@ from ..planning.effects import (
 from ..planning.list_counts import count_sampled_lists
 from ..planning.plan import Plan
 from ..scene import Scene
-from ..shading.corner_attributes import at_corners, corner_attributes
 from ..shading.fragments import list_fragments
-from ..shading.surface import Surface, surface_of
+from ..shading.surface import Surface
 from .coverage_mode import CoverageMode, Drawn, Growth, Layout
 from .layout import Listing, choose_layout
-from .tile_lists import chunks_for_plan, list_for_plan
-
-
-class Projected(NamedTuple):
-    """The scene on the sample grid; all triangles are in positive orientation.
-
-    - `edges`, `bounds`: edge functions of each triangle, and the samples that bound it.
-    - `outlines`: what the boundary term needs; None if no derivative by positions is wanted.
-    - `surface`: what shading needs.
-    - `depths`: what the depth test needs; None without depth.
-    - `is_occluder`: whether nothing shows through each triangle.
-    - `leaves_guard_band`: whether a triangle reaches past the guard band, and the plan has no
-      program for that.
-    """
-
-    edges: Edges
-    bounds: SampleBounds
-    outlines: Outlines | None
-    surface: Surface
-    depths: Depths | None
-    is_occluder: Bool[Array, " triangles"]
-    leaves_guard_band: Bool[Array, ""]
+from .projected_scene import Projected
+from .visible_samples import BinnedScene, VisibleSamples, bin_scene, find_visible, listed_words
 
 
 class SampledMode(CoverageMode):
@@ -103,125 +71,30 @@ class SampledMode(CoverageMode):
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
         """The mean over the samples of each pixel: project, list tiles, cover, shade, composite."""
         capacity = plan.capacity_of(scene.triangles.shape[0])
-        projected = _project(scene, plan)
-        lists = list_for_plan(projected.edges, projected.bounds, projected.is_occluder, plan)
-        needs = Needs(strips=lists.strips, pairs=lists.pairs)
-        if projected.outlines is not None:
-            needs = needs._replace(crossings=materialized(_count_runs)(projected.outlines.count))
-        steps = None
-        if is_translucent(scene) or scene.depth is not None:
-            steps = cut_steps(lists, capacity=capacity.steps)
-            needs = needs._replace(steps=steps.needed)
-        if steps is not None and is_translucent(scene):
-            image = _composite_translucent(
-                projected, lists, steps, background, scene, plan, capacity
-            )
+        binned = bin_scene(scene, plan)
+        needs = binned.needs
+        if is_translucent(scene):
+            image = _composite_translucent(binned, background, scene, plan, capacity)
         else:
-            chunks = chunks_for_plan(lists, projected.bounds, plan)
+            visible = find_visible(binned, scene, plan)
             image, fragments = _sum_opaque(
-                projected, lists, steps, chunks, background, scene, plan, capacity
+                binned.projected, visible, background, scene, plan, capacity
             )
+            chunks = visible.front.chunks
             needs = needs._replace(
                 chunks=chunks.needed, max_chunks=chunks.most_in_tile, fragments=fragments
             )
-        return Drawn(image, needs, projected.leaves_guard_band)
-
-
-def _count_runs(count: Int[Array, "3 triangles"]) -> Int[Array, ""]:
-    return saturated_sum(runs_of(count).reshape(-1))
-
-
-def _project(scene: Scene, plan: Plan) -> Projected:
-    grid = plan.grid
-    # Positions get their derivative from `boundary_term` and `attach_interior_term`, or none.
-    projection = project(
-        jax.lax.stop_gradient(scene.positions),
-        scene.triangles,
-        plan.origin,
-        grid,
-        plan.hard.fill_rule,
-        cut=plan.cuts_far_triangles,
-        weights=varies(scene) or scene.depth is not None,
-        materialize=materialized,
-    )
-    corners, segments, edges, bounds, weights, is_past_guard_band = projection
-    orientation = segments.orientation
-    leaves_guard_band = jnp.zeros((), bool)
-    if not plan.cuts_far_triangles:
-        leaves_guard_band = jnp.any(is_past_guard_band)
-    outlines = None
-    if plan.hard.edge_gradients:
-        outlines = _outlines(corners, segments, edges, scene.triangles, grid)
-    surface = _surface(scene, edges, weights, outlines, orientation, plan)
-    depths = None
-    if scene.depth is not None:
-        corner_depth = materialized(at_corners)(scene.depth, scene.triangles, orientation)
-        depths = Depths(edges, weights, jax.lax.stop_gradient(corner_depth))
-    occluders = materialized(is_occluder)(scene, orientation)
-    return Projected(edges, bounds, outlines, surface, depths, occluders, leaves_guard_band)
-
-
-def _outlines(
-    corners: fixed_point.Corners,
-    segments: GridTriangles,
-    edges: Edges,
-    triangles: Int[Array, "triangles 3"],
-    grid: Grid,
-) -> Outlines:
-    """The edges of all triangles, and the lines of samples that they cross."""
-    # Separate programs: an image needs only the number of crossings, for its capacity.
-    sides, vertex = materialized(_reoriented_sides)(corners.high, segments, triangles)
-    first, count = (
-        materialized(lambda segments, which=which: lines_crossed(segments, grid)[which])(segments)
-        for which in (0, 1)
-    )
-    return Outlines(sides, edges, vertex, first, count)
-
-
-def _reoriented_sides(
-    corners: Float[Array, "triangles 3 2"],
-    segments: GridTriangles,
-    triangles: Int[Array, "triangles 3"],
-) -> tuple[Sides, Int[Array, "triangles 3"]]:
-    """The sides of the triangles in positive orientation, and the vertex of each corner."""
-    orientation = segments.orientation
-    vertex = reorient(triangles.T, orientation).T
-    x, y = (reorient(corners[:, :, axis].T, orientation).T for axis in (0, 1))
-    start = jnp.stack([x, y])
-    return Sides(start, jnp.roll(start, -1, 2), is_steep(segments).T), vertex
-
-
-def _surface(
-    scene: Scene,
-    edges: Edges,
-    weights: WeightPlanes | None,
-    outlines: Outlines | None,
-    orientation: Int[Array, " triangles"],
-    plan: Plan,
-) -> Surface:
-    """Gather what shading needs; with outlines, corner attributes get the interior term."""
-    inverse_w = scene.inverse_w if varies(scene) else None
-    corners = materialized(corner_attributes)(
-        scene.colors, scene.uv, inverse_w, scene.triangles, orientation
-    )
-    if outlines is not None and varies(scene):
-        gradients = weight_gradients(edges, weights, plan.grid, scene.positions.dtype)
-        corners = attach_interior_term(corners, scene.positions, outlines.vertex, gradients)
-    return surface_of(edges, weights, corners, scene.texture_index, scene.textures, plan.filter)
+        return Drawn(image, needs, binned.projected.leaves_guard_band)
 
 
 def _composite_translucent(
-    projected: Projected,
-    lists: TileLists,
-    steps: Steps,
-    background: Array,
-    scene: Scene,
-    plan: Plan,
-    capacity: Capacity,
+    binned: BinnedScene, background: Array, scene: Scene, plan: Plan, capacity: Capacity
 ) -> Array:
     """Composite translucent triangles at each sample, front to back."""
+    projected, lists, steps, _ = binned
+    assert steps is not None
     tiling, shading = plan.tiling, plan.hard.shading
-    covered, passed = _listed_words(projected, lists, steps, plan)
+    covered, passed = listed_words(binned, plan)
     shading = shading if is_shaded(scene, shading) else None
     sums = over.composite(projected.surface, passed, covered, lists, steps, tiling, shading=shading)
     image = over.to_image(sums, background, tiling)
@@ -234,53 +107,21 @@ def _composite_translucent(
     return image
 
 
-def _listed_words(
-    projected: Projected, lists: TileLists, steps: Steps, plan: Plan
-) -> tuple[Array, Array]:
-    """Coverage words of each listed pair, and those of them that pass the depth test."""
-    edges, boxes, tiling = projected.edges, projected.bounds, plan.tiling
-    all_valid = jnp.ones(lists.triangle.shape, bool)
-    covered = coverage_words(edges, boxes, lists.triangle, lists.tile, all_valid, tiling)
-    if projected.depths is None:
-        return covered, covered
-    return covered, keep_nearest(projected.depths, covered, lists, steps, tiling)
-
-
-def _gather_slots(
-    pair_words: UInt32[Array, "pairs rows"], chunks: Chunks
-) -> UInt32[Array, "chunks layers rows"]:
-    """Gather the coverage words of each slot from those of the listed pairs; 0 if it is empty."""
-    words = pair_words.at[chunks.entry].get(mode="clip")
-    return jnp.where(chunks.filled[..., None], words, jnp.uint32(0))
-
-
 def _sum_opaque(
     projected: Projected,
-    lists: TileLists,
-    steps: Steps | None,
-    chunks: Chunks,
+    visible_samples: VisibleSamples,
     background: Array,
     scene: Scene,
     plan: Plan,
     capacity: Capacity,
 ) -> tuple[Array, Array]:
-    """Find the visible samples of opaque triangles, and sum their colours in each pixel.
+    """Sum the colours of the visible samples of opaque triangles in each pixel.
 
     Also returns how many fragments were needed.
     """
     tiling = plan.tiling
-    if steps is None:
-        tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
-        covered = coverage_words(
-            projected.edges, projected.bounds, chunks.triangle, tile, chunks.filled, tiling
-        )
-        passed = covered
-    else:
-        covered, passed = (
-            materialized(_gather_slots)(words, chunks)
-            for words in _listed_words(projected, lists, steps, plan)
-        )
-    visible, covered_so_far = remove_hidden(passed, chunks, max_chunks=capacity.max_chunks)
+    front, covered = visible_samples
+    visible, covered_so_far, chunks = front
     surface = projected.surface
     if background.shape[0] == 4:
         opaque_corners = opaque.with_alpha(surface.corners.color)
@@ -299,7 +140,6 @@ def _sum_opaque(
     totals = opaque.add_background(totals, covered_so_far, chunks, background, tiling)
     image = opaque.to_image(totals, tiling)
     if projected.outlines is not None:
-        front = Front(visible, covered_so_far, chunks)
         samples = OpaqueSamples(front, covered, surface, projected.depths, background)
         shape = BoundaryShape(
             tiling, image.shape[-1], capacity.crossings, capacity.max_chunks, not varies(scene)

@@ -1,0 +1,122 @@
+"""A scene on the sample grid: what coverage, shading and the boundary term need of it."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..coverage.depth_test import Depths
+from ..geometry import fixed_point
+from ..geometry.fixed_point import Edges, Grid, GridTriangles, SampleBounds, reorient
+from ..geometry.guard_band import WeightPlanes
+from ..geometry.projection import project
+from ..gradients.boundary_term import Outlines
+from ..gradients.crossings import Sides, is_steep, lines_crossed
+from ..gradients.interior_term import attach_interior_term, weight_gradients
+from ..numerics.fusion_barrier import materialized
+from ..planning.effects import is_occluder, varies
+from ..planning.plan import Plan
+from ..scene import Scene
+from ..shading.corner_attributes import at_corners, corner_attributes
+from ..shading.surface import Surface, surface_of
+
+
+class Projected(NamedTuple):
+    """The scene on the sample grid; all triangles are in positive orientation.
+
+    - `edges`, `bounds`: edge functions of each triangle, and the samples that bound it.
+    - `outlines`: what the boundary term needs; None if no derivative by positions is wanted.
+    - `surface`: what shading needs.
+    - `depths`: what the depth test needs; None without depth.
+    - `is_occluder`: whether nothing shows through each triangle.
+    - `leaves_guard_band`: whether a triangle reaches past the guard band, and the plan has no
+      program for that.
+    """
+
+    edges: Edges
+    bounds: SampleBounds
+    outlines: Outlines | None
+    surface: Surface
+    depths: Depths | None
+    is_occluder: Bool[Array, " triangles"]
+    leaves_guard_band: Bool[Array, ""]
+
+
+def project_scene(scene: Scene, plan: Plan) -> Projected:
+    grid = plan.grid
+    # Positions get their derivative from `boundary_term` and `attach_interior_term`, or none.
+    projection = project(
+        jax.lax.stop_gradient(scene.positions),
+        scene.triangles,
+        plan.origin,
+        grid,
+        plan.hard.fill_rule,
+        cut=plan.cuts_far_triangles,
+        weights=varies(scene) or scene.depth is not None,
+        materialize=materialized,
+    )
+    corners, segments, edges, bounds, weights, is_past_guard_band = projection
+    orientation = segments.orientation
+    leaves_guard_band = jnp.zeros((), bool)
+    if not plan.cuts_far_triangles:
+        leaves_guard_band = jnp.any(is_past_guard_band)
+    outlines = None
+    if plan.hard.edge_gradients:
+        outlines = _outlines(corners, segments, edges, scene.triangles, grid)
+    surface = _surface(scene, edges, weights, outlines, orientation, plan)
+    depths = None
+    if scene.depth is not None:
+        corner_depth = materialized(at_corners)(scene.depth, scene.triangles, orientation)
+        depths = Depths(edges, weights, jax.lax.stop_gradient(corner_depth))
+    occluders = materialized(is_occluder)(scene, orientation)
+    return Projected(edges, bounds, outlines, surface, depths, occluders, leaves_guard_band)
+
+
+def _outlines(
+    corners: fixed_point.Corners,
+    segments: GridTriangles,
+    edges: Edges,
+    triangles: Int[Array, "triangles 3"],
+    grid: Grid,
+) -> Outlines:
+    """The edges of all triangles, and the lines of samples that they cross."""
+    # Separate programs: an image needs only the number of crossings, for its capacity.
+    sides, vertex = materialized(_reoriented_sides)(corners.high, segments, triangles)
+    first, count = (
+        materialized(lambda segments, which=which: lines_crossed(segments, grid)[which])(segments)
+        for which in (0, 1)
+    )
+    return Outlines(sides, edges, vertex, first, count)
+
+
+def _reoriented_sides(
+    corners: Float[Array, "triangles 3 2"],
+    segments: GridTriangles,
+    triangles: Int[Array, "triangles 3"],
+) -> tuple[Sides, Int[Array, "triangles 3"]]:
+    """The sides of the triangles in positive orientation, and the vertex of each corner."""
+    orientation = segments.orientation
+    vertex = reorient(triangles.T, orientation).T
+    x, y = (reorient(corners[:, :, axis].T, orientation).T for axis in (0, 1))
+    start = jnp.stack([x, y])
+    return Sides(start, jnp.roll(start, -1, 2), is_steep(segments).T), vertex
+
+
+def _surface(
+    scene: Scene,
+    edges: Edges,
+    weights: WeightPlanes | None,
+    outlines: Outlines | None,
+    orientation: Int[Array, " triangles"],
+    plan: Plan,
+) -> Surface:
+    """Gather what shading needs; with outlines, corner attributes get the interior term."""
+    inverse_w = scene.inverse_w if varies(scene) else None
+    corners = materialized(corner_attributes)(
+        scene.colors, scene.uv, inverse_w, scene.triangles, orientation
+    )
+    if outlines is not None and varies(scene):
+        gradients = weight_gradients(edges, weights, plan.grid, scene.positions.dtype)
+        corners = attach_interior_term(corners, scene.positions, outlines.vertex, gradients)
+    return surface_of(edges, weights, corners, scene.texture_index, scene.textures, plan.filter)

@@ -1,0 +1,103 @@
+"""Sampled coverage up to the visible samples: tile lists, coverage words, depth test."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Int, UInt32
+
+from ..binning.expansion import saturated_sum
+from ..binning.lists import Chunks, Steps, cut_steps
+from ..binning.tiles import TileLists
+from ..coverage.depth_test import keep_nearest
+from ..coverage.sampled import coverage_words, remove_hidden
+from ..gradients.crossings import runs_of
+from ..gradients.visible_front import Front
+from ..numerics.fusion_barrier import materialized
+from ..planning.capacities import Needs
+from ..planning.effects import is_translucent
+from ..planning.plan import Plan
+from ..scene import Scene
+from .projected_scene import Projected, project_scene
+from .tile_lists import chunks_for_plan, list_for_plan
+
+
+class BinnedScene(NamedTuple):
+    """A scene on the sample grid, and which triangles may show in which tile.
+
+    - `steps`: for what goes through the lists in order; None for opaque scenes without depth.
+    - `needs`: the lengths of the lists so far.
+    """
+
+    projected: Projected
+    lists: TileLists
+    steps: Steps | None
+    needs: Needs
+
+
+class VisibleSamples(NamedTuple):
+    """Which samples each triangle shows, as if all were opaque.
+
+    - `covered`: the samples that each slot's triangle covers, whether it shows there or not.
+    """
+
+    front: Front
+    covered: UInt32[Array, "chunks layers rows"]
+
+
+def bin_scene(scene: Scene, plan: Plan) -> BinnedScene:
+    """Project a scene of at least one triangle, and list the triangles of every tile."""
+    capacity = plan.capacity_of(scene.triangles.shape[0])
+    projected = project_scene(scene, plan)
+    lists = list_for_plan(projected.edges, projected.bounds, projected.is_occluder, plan)
+    needs = Needs(strips=lists.strips, pairs=lists.pairs)
+    if projected.outlines is not None:
+        needs = needs._replace(crossings=materialized(_count_runs)(projected.outlines.count))
+    steps = None
+    if is_translucent(scene) or scene.depth is not None:
+        steps = cut_steps(lists, capacity=capacity.steps)
+        needs = needs._replace(steps=steps.needed)
+    return BinnedScene(projected, lists, steps, needs)
+
+
+def _count_runs(count: Int[Array, "3 triangles"]) -> Int[Array, ""]:
+    return saturated_sum(runs_of(count).reshape(-1))
+
+
+def find_visible(binned: BinnedScene, scene: Scene, plan: Plan) -> VisibleSamples:
+    """Find the samples at which each triangle is the nearest."""
+    projected, lists, _, _ = binned
+    chunks = chunks_for_plan(lists, projected.bounds, plan)
+    if projected.depths is None:
+        tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape)
+        covered = coverage_words(
+            projected.edges, projected.bounds, chunks.triangle, tile, chunks.filled, plan.tiling
+        )
+        passed = covered
+    else:
+        covered, passed = (
+            materialized(_gather_slots)(words, chunks) for words in listed_words(binned, plan)
+        )
+    max_chunks = plan.capacity_of(scene.triangles.shape[0]).max_chunks
+    visible, covered_so_far = remove_hidden(passed, chunks, max_chunks=max_chunks)
+    return VisibleSamples(Front(visible, covered_so_far, chunks), covered)
+
+
+def listed_words(
+    binned: BinnedScene, plan: Plan
+) -> tuple[UInt32[Array, "pairs rows"], UInt32[Array, "pairs rows"]]:
+    """Coverage words of each listed pair, and those of them that pass the depth test."""
+    projected, lists, steps, _ = binned
+    edges, boxes, tiling = projected.edges, projected.bounds, plan.tiling
+    all_valid = jnp.ones(lists.triangle.shape, bool)
+    covered = coverage_words(edges, boxes, lists.triangle, lists.tile, all_valid, tiling)
+    if projected.depths is None or steps is None:
+        return covered, covered
+    return covered, keep_nearest(projected.depths, covered, lists, steps, tiling)
+
+
+def _gather_slots(
+    pair_words: UInt32[Array, "pairs rows"], chunks: Chunks
+) -> UInt32[Array, "chunks layers rows"]:
+    """Gather the coverage words of each slot from those of the listed pairs; 0 if it is empty."""
+    words = pair_words.at[chunks.entry].get(mode="clip")
+    return jnp.where(chunks.filled[..., None], words, jnp.uint32(0))
