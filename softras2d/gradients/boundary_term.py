@@ -39,8 +39,9 @@ from ..numerics.fusion_barrier import materialized
 from .crossings import LINES, Crossings, Sample, Sides, find_crossings, list_runs
 from .interpenetration import depth_changes, image_change
 from .layered_samples import Addition, EdgeLayer, LayeredSamples, addition, rgba_on_edge
+from .sample_colors import OpaqueSamples
 from .thin_strips import covers, ends_before_edge, fill_strips
-from .visible_front import OpaqueSamples, color_at, color_on_edge, triangle_at
+from .visible_front import triangle_at
 
 
 class Sweep(NamedTuple):
@@ -144,14 +145,12 @@ class BoundaryShape(NamedTuple):
 
     - `channels`: of the image.
     - `crossings`, `max_chunks`: capacities of the plan.
-    - `flat`: whether each triangle has one colour.
     """
 
     tiling: Tiling
     channels: int
     crossings: int
     max_chunks: int
-    flat: bool
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -198,9 +197,7 @@ def _(shape, primals, tangents):
         tiling = shape.tiling
         with jax.named_scope("interpenetration"):
             changes = depth_changes(velocity, depth_change, outlines.vertex, samples.depths, tiling)
-            change = change + image_change(
-                samples, changes, tiling, max_chunks=shape.max_chunks, flat=shape.flat
-            )
+            change = change + image_change(samples, changes, tiling, max_chunks=shape.max_chunks)
     return value, change
 
 
@@ -266,17 +263,11 @@ def _opaque_jumps(
         edge_depths = EdgeDepths(on_edge, depth, behind)
 
     shown, owned = materialized(_ownership)(crossings, inner, outer, edge_depths)
-    is_strip = materialized(ends_before_edge)(samples.surface.edges, crossings, outer, shown)
+    is_strip = materialized(ends_before_edge)(samples.edges, crossings, outer, shown)
     far_triangle, owned = fill_strips(samples, crossings, outer, owned, is_strip, tiling)
-    near = color_on_edge(samples.surface, crossings.edge, crossings.t, tiling, flat=shape.flat)
-    far = color_at(
-        samples.surface,
-        samples.background,
-        far_triangle,
-        crossings.outside,
-        tiling,
-        flat=shape.flat,
-    )
+    owned = owned & samples.colors.are_known(shown, far_triangle == outer)
+    near = samples.colors.on_edge(crossings, tiling)
+    far = samples.colors.at(far_triangle, crossings.outside, tiling)
     return materialized(functools.partial(_jump, tiling=tiling))(
         owned, crossings.outwards, near, far
     )
@@ -339,7 +330,7 @@ def _layered_jumps(
     """
     tiling, surface, depths = shape.tiling, samples.surface, samples.depths
     triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.valid.shape)
-    color = rgba_on_edge(surface, crossings.edge, crossings.t, tiling, flat=shape.flat)
+    color = rgba_on_edge(surface, crossings.edge, crossings.t, tiling, flat=surface.is_flat)
     on_edge, is_thick = None, jnp.ones(triangle.shape, bool)
     if depths is not None:
         on_edge = depth_on_edge(depths, crossings.edge, crossings.t)
@@ -351,7 +342,7 @@ def _layered_jumps(
             # Next to the edge, the depth of a thinner triangle would be extrapolated.
             depth = jnp.where(is_thick, depth_at(depths, triangle, sample, tiling), on_edge)
         own = EdgeLayer(triangle, color, depth)
-        return addition(samples, own, sample, tiling, flat=shape.flat)
+        return addition(samples, own, sample, tiling, flat=surface.is_flat)
 
     limit = materialized(functools.partial(_limited_gain, tiling=tiling))
     return limit(crossings, look(crossings.inside), look(crossings.outside))

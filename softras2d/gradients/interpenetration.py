@@ -34,7 +34,8 @@ from ..numerics.linear_map import linear_map
 from ..numerics.prefix import cumulative_sum
 from .crossings import Sample
 from .interior_term import weight_gradients
-from .visible_front import OpaqueSamples, address, color_at, slot_at
+from .sample_colors import OpaqueSamples
+from .visible_front import address, slot_at
 
 _WORDS = 2**16
 """Words of bits that are searched together."""
@@ -48,12 +49,11 @@ a change of the nearest triangle is noise, not a line."""
 
 
 class _Shape(NamedTuple):
-    """What is compiled: `flat` if a triangle has one colour; `max_chunks` as in `slot_at`."""
+    """What is compiled; `max_chunks` as in `slot_at`."""
 
     tiling: Tiling
     channels: int
     max_chunks: int
-    flat: bool
 
 
 class _DepthPlanes(NamedTuple):
@@ -126,11 +126,10 @@ def image_change(
     tiling: Tiling,
     *,
     max_chunks: int,
-    flat: bool,
 ) -> Float[Array, "height width channels"]:
     """Rate of change of the image for the given `depth_changes`. Linear in them."""
     grid = tiling.grid
-    shape = _Shape(tiling, samples.background.shape[0], max_chunks, flat)
+    shape = _Shape(tiling, samples.colors.background.shape[0], max_chunks)
 
     def forward(samples: OpaqueSamples, changes: Array) -> Array:
         def add(image: Array, exchange: _Exchange) -> Array:
@@ -365,14 +364,9 @@ def _exchange(
     after = jnp.maximum(pairs.after, 0)
     weights, change, pixel = meet(depths, planes, pairs)
     near, far = (
-        color_at(
-            samples.surface,
-            samples.background,
-            triangle[None],
-            Sample(sample.column[None], sample.row[None]),
-            tiling,
-            flat=shape.flat,
-        )[:, 0]
+        samples.colors.at(triangle[None], Sample(sample.column[None], sample.row[None]), tiling)[
+            :, 0
+        ]
         for triangle, sample in ((pairs.before, pairs.first), (after, pairs.second))
     )
     gain = finish(near, far, change)

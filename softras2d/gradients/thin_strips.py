@@ -19,7 +19,8 @@ from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from ..numerics.prefix import cumulative_sum
 from .crossings import Crossings, Sample
-from .visible_front import OpaqueSamples, address
+from .sample_colors import OpaqueSamples
+from .visible_front import address
 
 _OUTSIDE = 1.0 / 64
 """Distance in samples from an edge to the point outside it where strips are looked for. Thinner
@@ -159,9 +160,7 @@ def _nearest_other(
         slot = jnp.minimum(first + k, triangles.size - 1)
         triangle = triangles.reshape(-1)[slot]
         listed = (k < count) & filled.reshape(-1)[slot] & (triangle != owner)
-        covers = listed & _covers_near(
-            samples.surface.edges, triangle, sample, (offset[0], offset[1])
-        )
+        covers = listed & _covers_near(samples.edges, triangle, sample, (offset[0], offset[1]))
         if depths is None or area is None:
             return jnp.where(covers, jnp.maximum(nearest, triangle), nearest), least
         depth = _depth_near(depths, area, triangle, sample, offset, tiling)
@@ -169,7 +168,7 @@ def _nearest_other(
         return jnp.where(nearer, triangle, nearest), jnp.where(nearer, depth, least)
 
     first, count = locate(chunks, sample)
-    least = jnp.full(owner.shape, jnp.inf, samples.background.dtype)
+    least = jnp.full(owner.shape, jnp.inf, samples.colors.background.dtype)
     nearest, least = repeat(
         jnp.max(count),
         lambda k, state: step(k, state, first, count, chunks.triangle, chunks.filled),

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, UInt32
 
 from ..binning.lists import Chunks
-from ..coverage.depth_test import Depths
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.corner_attributes import perspective_weights
@@ -26,21 +25,6 @@ class Front(NamedTuple):
     visible: UInt32[Array, "chunks layers rows"]
     covered_so_far: UInt32[Array, "chunks rows"]
     chunks: Chunks
-
-
-class OpaqueSamples(NamedTuple):
-    """An opaque scene as its samples show it.
-
-    - `front`: which triangle shows at each sample.
-    - `covered`: the samples that each slot's triangle covers, whether it shows there or not.
-    - `depths`: None without a depth test.
-    """
-
-    front: Front
-    covered: UInt32[Array, "chunks layers rows"]
-    surface: Surface
-    depths: Depths | None
-    background: Float[Array, " channels"]
 
 
 def triangle_at(

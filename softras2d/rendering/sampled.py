@@ -15,7 +15,7 @@ from ..geometry.fixed_point import Grid
 from ..geometry.tiling import Tiling
 from ..gradients.boundary_term import BoundaryShape, boundary_term
 from ..gradients.layered_samples import LayeredSamples
-from ..gradients.visible_front import OpaqueSamples
+from ..gradients.sample_colors import OpaqueSamples, SurfaceColors
 from ..numerics.fusion_barrier import materialized
 from ..options import Hard
 from ..planning.capacities import SAMPLED_HEADROOM, Capacity
@@ -24,7 +24,6 @@ from ..planning.effects import (
     SCENE_EFFECTS,
     is_shaded,
     is_translucent,
-    varies,
 )
 from ..planning.list_counts import count_sampled_lists
 from ..planning.plan import Plan
@@ -100,7 +99,7 @@ def _composite_translucent(
     image = over.to_image(sums, background, tiling)
     if projected.outlines is not None:
         samples = LayeredSamples(passed, lists, projected.surface, projected.depths, background)
-        shape = BoundaryShape(tiling, image.shape[-1], capacity.crossings, 0, not varies(scene))
+        shape = BoundaryShape(tiling, image.shape[-1], capacity.crossings, 0)
         image = image + boundary_term(
             shape, scene.positions, scene.depth, projected.outlines, samples
         )
@@ -140,10 +139,10 @@ def _sum_opaque(
     totals = opaque.add_background(totals, covered_so_far, chunks, background, tiling)
     image = opaque.to_image(totals, tiling)
     if projected.outlines is not None:
-        samples = OpaqueSamples(front, covered, surface, projected.depths, background)
-        shape = BoundaryShape(
-            tiling, image.shape[-1], capacity.crossings, capacity.max_chunks, not varies(scene)
+        samples = OpaqueSamples(
+            front, covered, projected.edges, projected.depths, SurfaceColors(background, surface)
         )
+        shape = BoundaryShape(tiling, image.shape[-1], capacity.crossings, capacity.max_chunks)
         image = image + boundary_term(
             shape, scene.positions, scene.depth, projected.outlines, samples
         )

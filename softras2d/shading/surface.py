@@ -65,6 +65,11 @@ class Surface(NamedTuple):
         """Number of colour channels: four if any colour or texel can be translucent, else three."""
         return count_channels(self.corners, self.textures)
 
+    @property
+    def is_flat(self) -> bool:
+        """Whether each triangle has one colour."""
+        return self.textures is None and self.corners.color.shape[0] == 1
+
 
 class Lanes(NamedTuple):
     """The attributes of a surface gathered per lane: every entry is `[..., lanes]`.
