@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from .rendering.planner import plan, plan_for
     from .rendering.render import render, render_checked
     from .rendering.replanning import value_and_grad_replanning
+    from .rendering.resolve import resolve
+    from .rendering.visibility import Visibility, interpolate, rasterize
     from .scene import Scene, check
     from .texture.pyramid import TexturePyramid
 
@@ -39,17 +41,21 @@ _DEFINED_IN = {
     "Scene": ".scene",
     "Soft": ".options",
     "TexturePyramid": ".texture.pyramid",
+    "Visibility": ".rendering.visibility",
     "check": ".scene",
     "compare": ".comparison.compare",
     "fit": ".fitting.fit",
     "fit_batch": ".fitting.batch",
+    "interpolate": ".rendering.visibility",
     "pad": ".planning.size_classes",
     "plan": ".rendering.planner",
     "plan_for": ".rendering.planner",
+    "rasterize": ".rendering.visibility",
     "read_image": ".io.images",
     "read_svg": ".io.svg.reader",
     "render": ".rendering.render",
     "render_checked": ".rendering.render",
+    "resolve": ".rendering.resolve",
     "simplify": ".planning.simplify",
     "value_and_grad_replanning": ".rendering.replanning",
     "write_image": ".io.images",
@@ -69,20 +75,24 @@ __all__ = [
     "Scene",
     "Soft",
     "TexturePyramid",
+    "Visibility",
     "camera",
     "check",
     "compare",
     "fit",
     "fit_batch",
+    "interpolate",
     "pad",
     "pictures",
     "plan",
     "plan_for",
     "plot",
+    "rasterize",
     "read_image",
     "read_svg",
     "render",
     "render_checked",
+    "resolve",
     "simplify",
     "testing",
     "value_and_grad_replanning",

@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float
 
@@ -86,10 +87,21 @@ def refuse_overflow(
     float of `scene`, forwards and backwards, whatever the loss is. Without overflow neither the
     image nor any derivative changes by a bit.
     """
+    return poison_if(image, scene, raise_on_overflow(outcome, plan))
+
+
+def raise_on_overflow(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
+    """Whether the scene outgrew its plan; raises if `plan.on_overflow` says so."""
+    if plan.cannot_be_outgrown:
+        return jnp.zeros((), bool)
+    if plan.on_overflow == "raise" and isinstance(outcome.overflow, Tracer):
+        return outcome.overflow | _raise_if_any(outcome, plan)
+    return outcome.overflow
+
+
+def poison_if(image: Array, scene: Any, overflow: Bool[Array, ""]) -> Array:
+    """The image, or NaN on overflow, with NaN derivatives by every float of `scene`."""
     floats = [leaf for leaf in jax.tree.leaves(scene) if eqx.is_inexact_array(leaf)]
-    overflow = outcome.overflow
-    if plan.on_overflow == "raise":
-        overflow = overflow | _raise_if_any(outcome, plan)
     return _poison_if(image, floats, overflow)
 
 

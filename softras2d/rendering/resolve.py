@@ -1,0 +1,140 @@
+"""`resolve`: from values at samples to an image that has the gradient of `render`."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..gradients.boundary_term import BoundaryShape, boundary_term
+from ..gradients.sample_colors import OpaqueSamples
+from ..shading.surface import Surface
+from .corner_weights import weights_at, with_unit_corners
+from .given_colors import ArrayColors, Shade, ShadedColors
+from .overflow import poison_if
+from .projected_scene import Projected
+from .sample_grid import samples_of_rows
+from .visibility import Visibility
+from .visible_samples import bin_scene, find_visible
+
+_BLOCK = 2**16
+"""Samples that are shaded together, which bounds the memory."""
+
+
+def resolve(
+    visible: Visibility, values: Any, background: Any = None
+) -> Float[Array, "height width channels"]:
+    """Average values over the samples of each pixel, with the exact gradient of hard mode.
+
+    - `visible`: from `rasterize`, with one layer.
+    - `values`: either a function `shade(triangle, barycentric)`, or an array `[height, width,
+      samples, channels]`.
+    - `background`: the value where no triangle shows, `[channels]`; that of the scene by default.
+
+    The function gets indices `[n]` and weights `[n, 3]`, and returns `[n, channels]`, each row from
+    its own triangle and weights. It may be any JAX function and may close over traced values. It is
+    evaluated block by block and again in the backward pass, so that no array of all samples is
+    stored, and also where the gradient needs a colour that no sample shows. For an opaque scene
+    whose colours it computes, image and gradient are those of `render`.
+
+    Derivatives: by whatever the values depend on, through the weights too (the interior term); and
+    by `scene.positions` and `scene.depth` the boundary term, for the values on both sides of each
+    visible edge. The values of an array are known at samples only, so edges next to a colour that
+    no sample shows have none: those of triangles or strips between two samples, and those within
+    half a sample of the border of the canvas. `Hard(edge_gradients=False)` has no boundary term.
+
+    Outside `jit` a function is traced on each call: put the call under `jax.jit`. Raises
+    `ValueError` for several layers, and for shapes that do not match.
+    """
+    if visible.triangle.ndim != 3:
+        raise ValueError("`resolve` takes one layer: use `composite` for several.")
+    dtype = visible.scene.positions.dtype
+    is_function = callable(values)
+    values = values if is_function else jnp.asarray(values)
+    channels = _count_channels(visible, values)
+    background = _background(visible, background, channels).astype(dtype)
+    if visible.scene.triangles.shape[0] == 0:
+        return jnp.broadcast_to(background, (*visible.triangle.shape[:2], channels))
+    scene, plan = with_unit_corners(visible.scene), visible.plan
+    binned = bin_scene(scene, plan)
+    projected = binned.projected
+    if is_function:
+        image = _mean_of_shaded(visible, values, projected.surface, background)
+        colors = ShadedColors.of(values, projected.surface, background)
+    else:
+        is_clear = (visible.triangle < 0)[..., None]
+        image = jnp.mean(jnp.where(is_clear, background, values), 2)
+        colors = ArrayColors(background, values.reshape(-1, channels), plan.grid)
+    if projected.outlines is not None:
+        front, covered = find_visible(binned, scene, plan)
+        samples = OpaqueSamples(front, covered, projected.edges, projected.depths, colors)
+        image = image + _boundary(visible, projected, samples, channels)
+    return poison_if(image, visible.scene, visible.overflow)
+
+
+def _boundary(
+    visible: Visibility, projected: Projected, samples: OpaqueSamples, channels: int
+) -> Float[Array, "height width channels"]:
+    """Zeros whose derivative is the boundary term."""
+    scene, plan = visible.scene, visible.plan
+    assert projected.outlines is not None
+    capacity = plan.capacity_of(scene.triangles.shape[0])
+    shape = BoundaryShape(plan.tiling, channels, capacity.crossings, capacity.max_chunks)
+    return boundary_term(shape, scene.positions, scene.depth, projected.outlines, samples)
+
+
+def _mean_of_shaded(
+    visible: Visibility, shade: Shade, surface: Surface, background: Float[Array, " channels"]
+) -> Float[Array, "height width channels"]:
+    """Shade some rows of pixels at a time, and average over the samples."""
+    grid, tiling = visible.plan.grid, visible.plan.tiling
+    rows = min(max(_BLOCK // (grid.width * grid.samples), 1), grid.height)
+    blocks = -(-grid.height // rows)
+    padding = blocks * rows - grid.height
+    triangle = jnp.pad(visible.triangle, ((0, padding), (0, 0), (0, 0)), constant_values=-1)
+
+    def shade_rows(block: tuple[Int[Array, ""], Array]) -> Array:
+        first_row, triangle = block
+        sample = samples_of_rows(first_row, rows, grid)
+        # Rows beyond the canvas show nothing; any sample will do.
+        sample = sample._replace(row=jnp.minimum(sample.row, grid.height * grid.rate - 1))
+        weights = weights_at(surface, triangle.reshape(rows, -1), sample, tiling)
+        flat = triangle.reshape(-1)
+        values = shade(jnp.maximum(flat, 0), weights.reshape(3, -1).T)
+        values = jnp.where((flat < 0)[:, None], background, values)
+        return jnp.mean(values.reshape(rows, grid.width, grid.samples, -1), 2)
+
+    blocked = triangle.reshape(blocks, rows, grid.width, grid.samples)
+    first_rows = jnp.arange(blocks, dtype=jnp.int32) * rows
+    image = jax.lax.map(jax.checkpoint(shade_rows), (first_rows, blocked))
+    return image.reshape(blocks * rows, grid.width, -1)[: grid.height]
+
+
+def _count_channels(visible: Visibility, values: Any) -> int:
+    """Number of channels of the values, or `ValueError` for a wrong shape."""
+    if not callable(values):
+        if values.ndim != 4 or values.shape[:3] != visible.triangle.shape:
+            raise ValueError(
+                f"`values` must be {list(visible.triangle.shape)} with a last axis of channels; "
+                f"got {list(values.shape)}."
+            )
+        return values.shape[3]
+    dtype = visible.scene.positions.dtype
+    result = jax.eval_shape(values, jnp.zeros(2, jnp.int32), jnp.zeros((2, 3), dtype))
+    if not isinstance(result, jax.ShapeDtypeStruct) or result.ndim != 2 or result.shape[0] != 2:
+        raise ValueError(
+            "`values` must map [n] triangles and [n, 3] weights to one array [n, channels]; for "
+            f"n = 2 it returned {result}."
+        )
+    return result.shape[1]
+
+
+def _background(visible: Visibility, background: Any, channels: int) -> Float[Array, " channels"]:
+    """The background as an array of the right length, or `ValueError`."""
+    name = "the scene's background" if background is None else "`background`"
+    background = visible.scene.background if background is None else jnp.asarray(background)
+    if background.shape != (channels,):
+        raise ValueError(
+            f"{name} must have {channels} channels, as the values; got shape {background.shape}."
+        )
+    return background

@@ -1,0 +1,222 @@
+"""`rasterize`: which triangle shows at each sample, and where in the triangle the sample lies."""
+
+import functools
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float, Int
+
+from ..gradients.crossings import Sample
+from ..gradients.visible_front import address, triangle_at
+from ..numerics.batched_loops import repeat
+from ..numerics.fusion_barrier import materialized
+from ..planning.capacities import Needs
+from ..planning.plan import Plan
+from ..planning.size_classes import pad_concrete
+from ..scene import Scene, check_types
+from .corner_weights import weights_at, with_unit_corners
+from .overflow import Outcome, compare, complaint, raise_on_overflow
+from .projected_scene import project_scene
+from .sample_grid import samples_of_rows
+from .visible_samples import BinnedScene, bin_scene, find_visible, listed_words
+
+MOST_BYTES = 2**31
+"""Bytes of one buffer beyond which it is refused."""
+
+
+class Visibility(eqx.Module):
+    """What shows at each sample of a scene, made by `rasterize`.
+
+    Only `triangle` is stored. The other buffers are computed from it and from the scene whenever
+    they are read, and are differentiable by the scene. With `layers` above 1 every buffer but
+    `coverage` has one axis more, `[height, width, samples, layers, ...]`, nearest layer first.
+
+    Sample i of a pixel lies in its sub-column i % S and its sub-row i // S, with S * S samples.
+
+    - `triangle`: index of the triangle that shows, `[height, width, samples]`, -1 for background.
+    - `scene`, `plan`: what was rasterized; `overflow`: whether the scene outgrew the plan, so that
+      triangles are missing.
+    """
+
+    triangle: Int[Array, "height width samples *layers"]
+    scene: Scene
+    plan: Plan
+    overflow: Bool[Array, ""]
+
+    @property
+    def barycentric(self) -> Float[Array, "height width samples *layers 3"]:
+        """Weights of the corners in the order of `scene.triangles`; 0 for background.
+
+        They sum to 1, and are perspective-correct if the scene has `inverse_w`. Their derivative by
+        positions is that at a fixed sample, the interior term of `render`.
+        """
+        return _weights(self, perspective=True)
+
+    @property
+    def depth(self) -> Float[Array, "height width samples *layers"] | None:
+        """Depth of the triangle at each sample, infinity for background; None without depth."""
+        if self.scene.depth is None:
+            return None
+        corner_depth = self.scene.depth[self.scene.triangles]
+        weights = _weights(self, perspective=False)
+        depth = _interpolate(weights, self.triangle, corner_depth[..., None])[..., 0]
+        return jnp.where(self.triangle < 0, jnp.inf, depth)
+
+    @property
+    def coverage(self) -> Float[Array, "height width"]:
+        """Share of the samples of each pixel that some triangle covers."""
+        first = self.triangle if self.triangle.ndim == 3 else self.triangle[..., 0]
+        return jnp.mean((first >= 0).astype(self.scene.positions.dtype), axis=-1)
+
+
+def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility:
+    """Find the triangle that shows at each sample, or the nearest few.
+
+    - `plan`: for `Hard` coverage.
+    - `layers`: how many triangles to keep at each sample, nearest first: in reverse draw order, and
+      with depth only those that pass the depth test when they are drawn. Translucent triangles are
+      layers like opaque ones. With one layer, what lies behind it is never looked at.
+
+    Pure: use it under `jit` and `vmap`. The indices have no derivative; those of the other buffers,
+    of `interpolate` and of `resolve` are by all floats of the scene. A scene that outgrows its plan
+    is treated as in `render`: the images of `resolve` and their derivatives are then NaN.
+
+    Raises `ValueError` for another coverage, for shading by pixel, and for indices of more than
+    2 GiB: draw the canvas in windows then (`plan(origin=...)`), or map over them.
+    """
+    _check(plan, layers)
+    triangle, outcome = _find_triangles(pad_concrete(scene, plan), plan, layers)
+    if not isinstance(outcome.overflow, Tracer) and outcome.overflow:
+        raise ValueError(complaint(outcome, plan))
+    return Visibility(triangle, scene, plan, raise_on_overflow(outcome, plan))
+
+
+def interpolate(
+    visible: Visibility, attributes: Any
+) -> Float[Array, "height width samples *layers channels"]:
+    """Interpolate attributes of vertices or of corners at each sample; 0 for background.
+
+    `attributes`: `[vertices, channels]`, or `[triangles, 3, channels]` in the order of
+    `scene.triangles`. Perspective-correct if the scene has `inverse_w`. Differentiable by the
+    attributes, and by the scene's positions and `inverse_w`.
+    """
+    corners = jnp.asarray(attributes)
+    scene = visible.scene
+    if corners.ndim == 2 and corners.shape[0] == scene.positions.shape[0]:
+        corners = corners[scene.triangles]
+    if corners.ndim != 3 or corners.shape[:2] != scene.triangles.shape:
+        vertices, triangles = scene.positions.shape[0], scene.triangles.shape[0]
+        raise ValueError(
+            f"`attributes` must be [{vertices} vertices, channels] or [{triangles} triangles, 3, "
+            f"channels]; got {tuple(jnp.shape(attributes))}."
+        )
+    return _interpolate(visible.barycentric, visible.triangle, corners)
+
+
+def _interpolate(
+    weights: Float[Array, "*samples 3"],
+    triangle: Int[Array, "*samples"],
+    corners: Float[Array, "triangles 3 channels"],
+) -> Float[Array, "*samples channels"]:
+    """Values between those of the corners; exactly that of corner 0 where all are equal."""
+    if corners.shape[0] == 0:
+        return jnp.zeros((*triangle.shape, corners.shape[2]), corners.dtype)
+    first, second, third = (corners[:, k][jnp.maximum(triangle, 0)] for k in range(3))
+    value = first + weights[..., 1:2] * (second - first) + weights[..., 2:3] * (third - first)
+    return jnp.where((triangle < 0)[..., None], 0.0, value)
+
+
+def _check(plan: Plan, layers: int) -> None:
+    if plan.side:
+        raise ValueError(f"`rasterize` needs a plan for Hard(...); got {plan.coverage!r}.")
+    if plan.hard.shading != "sample":
+        raise ValueError("`rasterize` works by sample: plan with Hard(shading='sample').")
+    if layers < 1:
+        raise ValueError(f"`layers` must be an integer of 1 or more; got {layers!r}.")
+    size = plan.height * plan.width * plan.grid.samples * layers * 4
+    if size > MOST_BYTES:
+        raise ValueError(
+            f"the triangle indices would take {size:,} bytes, more than {MOST_BYTES:,}: draw the "
+            "canvas in windows, with `origin`, or use fewer samples or layers."
+        )
+
+
+@eqx.filter_jit
+def _find_triangles(scene: Scene, plan: Plan, layers: int) -> tuple[Array, Outcome]:
+    """The index of the triangle at each sample, and whether the plan was large enough."""
+    if scene.positions.ndim != 2:
+        raise ValueError("`rasterize` takes one scene: use jax.vmap for a batched one.")
+    check_types(scene)
+    grid = plan.grid
+    shape = (grid.height, grid.width, grid.samples, *((layers,) if layers > 1 else ()))
+    if scene.triangles.shape[0] == 0:
+        return jnp.full(shape, -1, jnp.int32), compare(Needs(), False, plan)
+    scene = jax.lax.stop_gradient(scene)
+    if layers == 1:
+        # Opaque triangles have the same nearest one, and no layers behind it are listed.
+        scene = with_unit_corners(scene)
+    binned = bin_scene(scene, plan)
+    needs = binned.needs
+    if layers == 1:
+        visible = find_visible(binned, scene, plan)
+        chunks = visible.front.chunks
+        needs = needs._replace(chunks=chunks.needed, max_chunks=chunks.most_in_tile)
+        max_chunks = plan.capacity_of(scene.triangles.shape[0]).max_chunks
+        look = functools.partial(
+            triangle_at, visible.front, tiling=plan.tiling, max_chunks=max_chunks
+        )
+    else:
+        look = functools.partial(
+            _nearest_layers, binned, listed_words(binned, plan)[1], plan=plan, layers=layers
+        )
+    rows = jax.lax.map(
+        lambda row: look(sample=samples_of_rows(row, 1, grid)),
+        jnp.arange(grid.height, dtype=jnp.int32),
+    )
+    return rows.reshape(shape), compare(needs, binned.projected.leaves_guard_band, plan)
+
+
+def _nearest_layers(
+    binned: BinnedScene,
+    words: Array,
+    sample: Sample,
+    plan: Plan,
+    layers: int,
+) -> Int[Array, "lines runs layers"]:
+    """The first few triangles in the list of each sample that cover it; -1 beyond the last."""
+    lists, rows = binned.lists, words.shape[1]
+    tile, word_index, bit = address(sample, plan.tiling)
+    start, count = lists.start[tile], lists.count[tile]
+    flat_words, layer = words.reshape(-1), jnp.arange(layers, dtype=jnp.int32)
+
+    @materialized
+    def visit(
+        position: Int[Array, ""], state: tuple[Array, Array]
+    ) -> tuple[Int[Array, "lines runs"], Int[Array, "lines runs layers"]]:
+        found, triangle = state
+        pair = jnp.clip(start + position, 0, lists.triangle.shape[0] - 1)
+        word = flat_words.at[pair * rows + word_index].get(mode="clip")
+        is_covering: Bool[Array, "lines runs"] = ((word >> bit) & 1 == 1) & (position < count)
+        here = is_covering[..., None] & (layer == found[..., None])
+        triangle = jnp.where(here, lists.triangle[pair][..., None], triangle)
+        return found + is_covering.astype(jnp.int32), triangle
+
+    state = jnp.zeros_like(tile), jnp.full((*tile.shape, layers), -1, jnp.int32)
+    return repeat(jnp.max(count), visit, state)[1]
+
+
+def _weights(visible: Visibility, *, perspective: bool) -> Array:
+    """Weights of the corners of the triangle of every sample."""
+    scene, plan, triangle = visible.scene, visible.plan, visible.triangle
+    grid = plan.grid
+    if scene.triangles.shape[0] == 0:
+        return jnp.zeros((*triangle.shape, 3), scene.positions.dtype)
+    surface = project_scene(with_unit_corners(scene, perspective=perspective), plan).surface
+    sample = samples_of_rows(jnp.zeros((), jnp.int32), grid.height, grid)
+    if triangle.ndim == 4:
+        sample = Sample(*(jnp.repeat(entry, triangle.shape[3], 1) for entry in sample))
+    weights = weights_at(surface, triangle.reshape(grid.height, -1), sample, plan.tiling)
+    return jnp.moveaxis(weights, 0, -1).reshape(*triangle.shape, 3)
