@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .rendering.resolve import resolve
     from .rendering.visibility import Visibility, interpolate, rasterize
     from .scene import Scene, check
+    from .shading.sample_texture import sample_texture
     from .texture.pyramid import TexturePyramid
 
 __version__ = "0.1.0"
@@ -56,6 +57,7 @@ _DEFINED_IN = {
     "render": ".rendering.render",
     "render_checked": ".rendering.render",
     "resolve": ".rendering.resolve",
+    "sample_texture": ".shading.sample_texture",
     "simplify": ".planning.simplify",
     "value_and_grad_replanning": ".rendering.replanning",
     "write_image": ".io.images",
@@ -93,6 +95,7 @@ __all__ = [
     "render",
     "render_checked",
     "resolve",
+    "sample_texture",
     "simplify",
     "testing",
     "value_and_grad_replanning",

@@ -58,7 +58,7 @@ def _shade_samples(
     Each position is shaded for all fragments, and counted where the sample is visible. So each
     triangle that is visible in a pixel costs as many shadings as the pixel has samples.
     """
-    rate, probes = tiling.grid.rate, surface.filter.anisotropy
+    rate, probes = tiling.grid.rate, surface.probes
 
     def visit(total, step):
         sub_row, sub_column, probe = step

@@ -178,6 +178,6 @@ def color_on_edge(
         )
         return added, None
 
-    probes = jnp.arange(surface.filter.anisotropy, dtype=jnp.int32)
+    probes = jnp.arange(surface.probes, dtype=jnp.int32)
     none_yet = jnp.zeros((surface.channels, lane.shape[0]), surface.corners.color.dtype)
     return jax.lax.scan(add_probe, none_yet, probes)[0].reshape(-1, *t.shape)

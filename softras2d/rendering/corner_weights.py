@@ -4,14 +4,19 @@ So the weights have the derivative of every other interpolated attribute: the in
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..geometry.tiling import Tiling
 from ..gradients.crossings import Sample
 from ..gradients.visible_front import color_at
+from ..planning.plan import Plan
 from ..scene import Scene
-from ..shading.surface import Surface
+from ..shading.corner_attributes import CornerAttributes
+from ..shading.surface import Surface, pixel_step, surface_lanes
+from ..shading.texture_lookup import uv_derivative
+from .projected_scene import project_scene
 
 
 def with_unit_corners(scene: Scene, *, perspective: bool = True) -> Scene:
@@ -39,3 +44,33 @@ def weights_at(
     """
     none = jnp.zeros(3, surface.corners.color.dtype)
     return color_at(surface, none, triangle, sample, tiling, flat=False)
+
+
+def uv_change(
+    scene: Scene,
+    plan: Plan,
+    triangle: Int[Array, " n"],
+    weights: Float[Array, "n 3"],
+    uv: Float[Array, "triangles 3 2"],
+) -> Float[Array, "n 2 2"]:
+    """Change of (u, v) for a step of one pixel along x and along y, at points of triangles."""
+    surface = project_scene(with_unit_corners(scene), plan).surface
+    triangle = jnp.maximum(triangle, 0)
+    lanes = surface_lanes(surface, triangle, jnp.zeros_like(triangle), plan.tiling)
+    # Unit vectors tell how the corners of each triangle were reoriented.
+    unit, inverse_w = lanes.corners.color, lanes.corners.inverse_w
+    reoriented = jnp.einsum("kcn,ncd->kdn", unit, uv[triangle])
+    corners = CornerAttributes(unit, inverse_w, reoriented)
+    point = None
+    if inverse_w is not None and scene.inverse_w is not None:
+        is_corner = jax.lax.stop_gradient(unit)
+        given_w = scene.inverse_w[scene.triangles[triangle]]
+        # The weights contain the motion of the corners already, and so does `inverse_w`.
+        scaled = jnp.einsum("kcn,nc->kn", is_corner, weights / given_w) * inverse_w
+        point = (
+            (scaled[0], scaled[1], scaled[2]),
+            jnp.einsum("nc,ncd->dn", weights, uv[triangle]),
+        )
+    steps = (pixel_step(lanes.weights, axis, plan.tiling) for axis in (0, 1))
+    change = [uv_derivative(step, corners, point) for step in steps]
+    return jnp.stack(change, 1).transpose(2, 0, 1)

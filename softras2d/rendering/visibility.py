@@ -17,7 +17,7 @@ from ..planning.capacities import Needs
 from ..planning.plan import Plan
 from ..planning.size_classes import pad_concrete
 from ..scene import Scene, check_types
-from .corner_weights import weights_at, with_unit_corners
+from .corner_weights import uv_change, weights_at, with_unit_corners
 from .overflow import Outcome, compare, complaint, raise_on_overflow
 from .projected_scene import project_scene
 from .sample_grid import samples_of_rows
@@ -70,6 +70,24 @@ class Visibility(eqx.Module):
         """Share of the samples of each pixel that some triangle covers."""
         first = self.triangle if self.triangle.ndim == 3 else self.triangle[..., 0]
         return jnp.mean((first >= 0).astype(self.scene.positions.dtype), axis=-1)
+
+    def footprint(
+        self, triangle: Int[Array, "*n"], barycentric: Float[Array, "*n 3"], uv: Any
+    ) -> Float[Array, "*n 2 2"]:
+        """Change of interpolated (u, v) for a step of one pixel, for `sample_texture`.
+
+        - `triangle`, `barycentric`: as `resolve` passes them to a function, or those of a buffer.
+        - `uv`: of vertices `[vertices, 2]`, or of corners `[triangles, 3, 2]`.
+
+        Entry [..., i, j] is the change of coordinate i along axis j. It is the same at all points
+        of a triangle unless the scene has `inverse_w`.
+        """
+        uv = jnp.asarray(uv)
+        corners = uv[self.scene.triangles] if uv.ndim == 2 else uv
+        change = uv_change(
+            self.scene, self.plan, triangle.reshape(-1), barycentric.reshape(-1, 3), corners
+        )
+        return change.reshape(*triangle.shape, 2, 2)
 
 
 def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility:

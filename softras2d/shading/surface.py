@@ -66,6 +66,11 @@ class Surface(NamedTuple):
         return count_channels(self.corners, self.textures)
 
     @property
+    def probes(self) -> int:
+        """Number of texture lookups at each point; 1 for a surface without textures."""
+        return 1 if self.textures is None else self.filter.anisotropy
+
+    @property
     def is_flat(self) -> bool:
         """Whether each triangle has one colour."""
         return self.textures is None and self.corners.color.shape[0] == 1
@@ -165,11 +170,11 @@ def _choose_on_lanes(
     tiling: Tiling,
 ) -> LevelsAndProbes:
     """Choose mip levels and probes of each lane, or of a point in each."""
-    steps = (_pixel_step(weights, 0, tiling), _pixel_step(weights, 1, tiling))
+    steps = (pixel_step(weights, 0, tiling), pixel_step(weights, 1, tiling))
     return choose_levels_and_probes(textures, steps, corners, texture, point)
 
 
-def _pixel_step(weights: Weights, axis: int, tiling: Tiling) -> PixelStep:
+def pixel_step(weights: Weights, axis: int, tiling: Tiling) -> PixelStep:
     """Compute the change of the weights for a step of one pixel along x (axis 0) or y (axis 1)."""
     sample_step = weights.edges.right if axis == 0 else weights.edges.down
     step = sample_step.astype(weights.per_value.dtype) * weights.per_value[None]

@@ -65,9 +65,19 @@ def choose_levels_and_probes(
     derivative is the same at all points of a triangle.
     """
     assert texture is not None
+    x, y = (uv_derivative(step, corners, point) for step in steps)
+    return levels_and_probes_of(textures, texture, x, y)
+
+
+def levels_and_probes_of(
+    textures: Textures,
+    texture: Int[Array, "*lanes"],
+    x: Float[Array, "2 *points"],
+    y: Float[Array, "2 *points"],
+) -> LevelsAndProbes:
+    """Choose mip levels and probes from the change of (u, v) for one pixel along x and along y."""
     table = textures.pyramid.levels
     base = table[:, 0].at[texture].get(mode="clip")
-    x, y = (_uv_derivative(step, corners, point) for step in steps)
     height, width = base[..., 1].astype(x.dtype), base[..., 2].astype(x.dtype)
     footprint = Footprint(x[0] * width, x[1] * height, y[0] * width, y[1] * height)
     chosen = probes(footprint, textures.filter)
@@ -79,7 +89,7 @@ def choose_levels_and_probes(
     return LevelsAndProbes(levels, chosen.count, axis)
 
 
-def _uv_derivative(
+def uv_derivative(
     step: PixelStep, corners: CornerAttributes, point: PerspectivePoint | None
 ) -> Float[Array, "2 *points"]:
     """Derivative of (u, v) for a step of one pixel.

@@ -30,7 +30,7 @@ def shade(
         return add_shade(total, surface, lanes, points, tiling, probe=probe), None
 
     shape = (surface.channels, points.across.shape[0])
-    probes = jnp.arange(surface.filter.anisotropy, dtype=jnp.int32)
+    probes = jnp.arange(surface.probes, dtype=jnp.int32)
     total = jnp.zeros(shape, surface.corners.color.dtype)
     # The vjp computes each probe again instead of storing it.
     return jax.lax.scan(jax.checkpoint(visit), total, probes)[0]
@@ -49,7 +49,7 @@ def add_shade(
     """Add the premultiplied colour of each lane's triangle at a point to `total`, where `shown`.
 
     There are `surface.channels` channels. With several probes the colour is the contribution of one
-    of them; the caller adds those of `probe` in `0..filter.anisotropy - 1`. The addition happens
+    of them; the caller adds those of `probe` in `0..surface.probes - 1`. The addition happens
     here so that the texels read are not stored.
     """
     weights = _weights_at(lanes.weights, lanes.corners.inverse_w, points)

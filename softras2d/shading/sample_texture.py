@@ -1,0 +1,75 @@
+"""`sample_texture`: the texture filters of the package, for a caller's own shading."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..options import Filter
+from ..texture.filtering import Lookup, read_levels, tap_levels
+from ..texture.pyramid import TexturePyramid
+from .texture_lookup import LevelsAndProbes, Textures, levels_and_probes_of, probe_point
+
+
+def sample_texture(
+    textures: TexturePyramid,
+    uv: Any,
+    footprint: Any = None,
+    filter: Filter | None = None,
+    *,
+    texture_index: Any = 0,
+) -> Float[Array, "*points channels"]:
+    """Read textures at points, filtered as in `render`.
+
+    - `textures`: from `TexturePyramid.build`.
+    - `uv`: `[..., 2]`, u right and v down, 0..1 across the image.
+    - `footprint`: the change of (u, v) for a step of one pixel along x and along y, `[..., 2, 2]`;
+      entry [..., i, j] is that of coordinate i along axis j (`Visibility.footprint`). It decides
+      the mip level and the probes. None reads the full resolution.
+    - `filter`: `Filter()` unless given.
+    - `texture_index`: which texture, one number or `[...]`; -1 reads 1 in every channel.
+
+    Returns RGB or premultiplied RGBA. Differentiable by `uv`, `footprint` and texels; the
+    derivative by the footprint is that of the blend between two levels and of the probes.
+
+    Raises `ValueError` for other shapes.
+    """
+    filter = Filter() if filter is None else filter
+    uv = jnp.asarray(uv)
+    if uv.shape[-1:] != (2,):
+        raise ValueError(f"`uv` must be [..., 2]; got {uv.shape}.")
+    if footprint is None:
+        footprint = jnp.zeros((*uv.shape, 2), uv.dtype)
+    footprint = jnp.asarray(footprint)
+    if footprint.shape != (*uv.shape, 2):
+        raise ValueError(
+            f"`footprint` must be [..., 2, 2] like `uv`, {(*uv.shape, 2)}; got {footprint.shape}."
+        )
+    points = uv.reshape(-1, 2).T
+    along_x, along_y = jnp.moveaxis(footprint.reshape(-1, 2, 2), 0, -1).swapaxes(0, 1)
+    index = jnp.broadcast_to(jnp.asarray(texture_index, jnp.int32), uv.shape[:-1]).reshape(-1)
+    collected = Textures.of(textures, filter)
+    assert collected is not None
+    chosen = levels_and_probes_of(collected, index, along_x, along_y)
+    texel = _sum_probes(collected, points, chosen)
+    texel = jnp.where((index < 0)[None], 1.0, texel)
+    return texel.T.reshape(*uv.shape[:-1], textures.channels)
+
+
+def _sum_probes(
+    textures: Textures, uv: Float[Array, "2 points"], chosen: LevelsAndProbes
+) -> Float[Array, "channels points"]:
+    """The mean over the probes of each point."""
+    pyramid = textures.pyramid
+    lookup = Lookup(textures.filter.pixel, pyramid.border, pyramid.addressing)
+
+    def add_probe(total: Array, probe: Array) -> tuple[Array, None]:
+        at, share = probe_point(uv, chosen, probe)
+        taps = tap_levels(chosen.levels, at, lookup)
+        texel = read_levels(textures.texels, taps, lookup.filter)
+        return total + (texel if share is None else texel * share[None]), None
+
+    probes = jnp.arange(textures.filter.anisotropy, dtype=jnp.int32)
+    none_yet = jnp.zeros((pyramid.channels, uv.shape[1]), textures.texels.dtype)
+    return jax.lax.scan(jax.checkpoint(add_probe), none_yet, probes)[0]
