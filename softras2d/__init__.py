@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .io.images import read_image, write_image
     from .io.svg.reader import read_svg
     from .io.svg.writer import write_svg
+    from .numerics.compilation_cache import keep_compiled_programs
     from .options import Area, Filter, Hard, Soft
     from .planning.plan import Plan
     from .planning.simplify import simplify
@@ -48,6 +49,7 @@ _DEFINED_IN = {
     "fit": ".fitting.fit",
     "fit_batch": ".fitting.batch",
     "interpolate": ".rendering.visibility",
+    "keep_compiled_programs": ".numerics.compilation_cache",
     "pad": ".planning.size_classes",
     "plan": ".rendering.planner",
     "plan_for": ".rendering.planner",
@@ -84,6 +86,7 @@ __all__ = [
     "fit",
     "fit_batch",
     "interpolate",
+    "keep_compiled_programs",
     "pad",
     "pictures",
     "plan",

@@ -57,6 +57,7 @@ fit: target, *triangles=, *family=, *solver=, *seed=, *steps=, *seconds=, *size=
     *resume=, *checkpoint=
 fit_batch: targets, *triangles=, *solver=, *seed=, *steps=, *seconds=, *size=, *shading=,
     *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=, *resume=
+keep_compiled_programs:
 pad: scene
 pictures.names:
 pictures.path: name

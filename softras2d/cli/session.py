@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from .compilation_cache import keep_compiled_programs
+from ..numerics.compilation_cache import keep_compiled_programs
 
 
 @contextmanager

@@ -20,9 +20,10 @@ from typer.testing import CliRunner
 
 import softras2d as sr
 from softras2d import scenes
-from softras2d.cli import app, compilation_cache, demo, options, render_steps
+from softras2d.cli import app, demo, options, render_steps
 from softras2d.io.contact_sheet import Strip, contact_sheet
 from softras2d.io.images import read_image
+from softras2d.numerics import compilation_cache
 
 COMMAND = [sys.executable, "-m", "softras2d"]
 

@@ -11,10 +11,16 @@ _MAX_BYTES = 512 * 2**20
 
 
 def keep_compiled_programs() -> None:
-    """Make JAX keep every compiled program on disk, if there is a folder that it can write to.
+    """Make JAX keep compiled programs on disk, so that the next process loads them.
 
-    A folder that the user has set (`JAX_COMPILATION_CACHE_DIR`) is left as it is. Several processes
-    may share the cache: JAX compiles again if it cannot read an entry.
+    Call it before the first render; the command line does so by itself. The programs are kept in
+    the user's cache folder, if it can be written to. A folder that the user has set
+    (`JAX_COMPILATION_CACHE_DIR`) is left as it is. Several processes may share the cache: JAX
+    compiles again if it cannot read an entry.
+
+    JAX keeps no program that calls the host, as one does that raises an error on overflow
+    (`plan(..., on_overflow="raise")`). Programs with `on_overflow="nan"` or
+    `capacity="worst_case"` are kept.
 
     **Source:** docs.jax.dev, *Persistent compilation cache*.
     """

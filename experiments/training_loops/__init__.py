@@ -1,0 +1,1 @@
+"""Measure whether one compiled program lasts a training loop, and what a batch costs."""

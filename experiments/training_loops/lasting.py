@@ -1,0 +1,199 @@
+"""Does one compiled program last while the triangles of a fit move anywhere?"""
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jaxtyping import Array, Bool, Float
+
+import softras2d as sr
+
+from . import dense, motion
+from .compilations import Compilations
+
+COVERAGES: dict[str, Any] = {"Soft(1)": sr.Soft(1.0), "Hard(16)": sr.Hard(), "Area()": sr.Area()}
+CANVAS: dict[str, Any] = {"height": motion.SIZE_PX, "width": motion.SIZE_PX}
+
+Parameters = tuple[Float[Array, "triangles 3 2"], Float[Array, "triangles 3"]]
+Draw = Callable[[Array, Array], tuple[Array, Array]]
+"""From corners and colours to an image and whether a plan was outgrown."""
+
+
+class Checks(NamedTuple):
+    """What is recorded in each step.
+
+    - `loss`: mean squared error.
+    - `overflow`: whether the scene outgrew its plan.
+    - `finite`: whether loss, gradient and parameters are finite.
+    - `covered`: summed area of the triangles, in canvases.
+    - `outside`: share of the triangles with all corners outside the canvas.
+    """
+
+    loss: Float[Array, ""]
+    overflow: Bool[Array, ""]
+    finite: Bool[Array, ""]
+    covered: Float[Array, ""]
+    outside: Float[Array, ""]
+
+
+def scene_of(corners: Float[Array, "triangles 3 2"], colors: Float[Array, "n 3"]) -> sr.Scene:
+    """A scene of flat triangles over white, also under a trace."""
+    count = corners.shape[0]
+    return sr.Scene(
+        positions=corners.reshape(-1, 2),
+        triangles=jnp.arange(3 * count).reshape(-1, 3),
+        colors=colors[:, None],
+        background=jnp.ones(3),
+    )
+
+
+def draw_with(plan: sr.Plan) -> Draw:
+    return lambda corners, colors: sr.render_checked(scene_of(corners, colors), plan)
+
+
+def draw_dense(corners: Array, colors: Array) -> tuple[Array, Array]:
+    image = dense.render(corners, colors, size=motion.SIZE_PX, width=1.0)
+    return image, jnp.zeros((), bool)
+
+
+def training_step(draw: Draw, target: Array, steps: int) -> Callable[..., Any]:
+    """One compiled step of Adam: parameters, its state and the step's number to new ones."""
+    optimizer = optax.adam(0.5)
+    motion_at = motion.motion(steps)
+
+    def loss(parameters: Parameters, step: Array) -> tuple[Array, tuple[Array, Array]]:
+        # Colours in 0..255, so that one learning rate suits them and the positions.
+        corners = motion.moved(parameters[0], *motion_at(step))
+        image, overflow = draw(corners, parameters[1] / 255)
+        return jnp.mean((image - target) ** 2), (overflow, corners)
+
+    @jax.jit
+    def step_once(parameters: Parameters, state: Any, step: Array) -> Any:
+        (value, (overflow, corners)), gradient = jax.value_and_grad(loss, has_aux=True)(
+            parameters, step
+        )
+        updates, state = optimizer.update(gradient, state)
+        parameters = cast(Parameters, optax.apply_updates(parameters, updates))
+        finite = [jnp.isfinite(leaf).all() for leaf in jax.tree.leaves((value, gradient))]
+        checks = Checks(value, overflow, jnp.stack(finite).all(), *describe(corners))
+        return parameters, state, step + 1, checks
+
+    return step_once
+
+
+def describe(corners: Float[Array, "triangles 3 2"]) -> tuple[Array, Array]:
+    """The fields `covered` and `outside` of `Checks`."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = jnp.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
+    is_outside = ((corners < 0) | (corners > motion.SIZE_PX)).any(-1).all(-1)
+    return area.sum() / motion.SIZE_PX**2, is_outside.mean()
+
+
+def begin() -> tuple[Parameters, Any, Array]:
+    """Parameters, state of the optimizer and number of the first step."""
+    corners, colors = motion.start()
+    parameters = (corners, 255 * colors)
+    return parameters, optax.adam(0.5).init(parameters), jnp.zeros((), jnp.int32)
+
+
+def first_scene() -> sr.Scene:
+    return scene_of(*motion.start())
+
+
+def run(draw: Draw, target: Array, steps: int, compilations: Compilations) -> dict[str, Any]:
+    """Train with one program; count its compilations and what `Checks` finds."""
+    step_once = training_step(draw, target, steps)
+    state = begin()
+    before, began = compilations.count, time.perf_counter()
+    *state, first = jax.block_until_ready(step_once(*state))
+    first_s, compiled = time.perf_counter() - began, compilations.count - before
+    history, began = [first], time.perf_counter()
+    for _ in range(steps - 1):
+        *state, checks = step_once(*state)
+        history.append(checks)
+    jax.block_until_ready(state)
+    seconds = time.perf_counter() - began
+    return {
+        "compiled_in_first_step": compiled,
+        "compiled_later": compilations.count - before - compiled,
+        "first_step_s": first_s,
+        "steps_per_second": (steps - 1) / seconds,
+        **summary(history),
+    }
+
+
+def summary(history: list[Checks]) -> dict[str, Any]:
+    """What went wrong in the steps of a run, and how far the triangles went."""
+    loss, overflow, finite, covered, outside = (
+        np.array(column) for column in zip(*jax.device_get(history), strict=True)
+    )
+    return {
+        "steps": len(history),
+        "overflows": int(overflow.sum()),
+        "first_overflow": int(overflow.argmax()) if overflow.any() else None,
+        "not_finite": int((~finite).sum()),
+        "first_loss": float(loss[0]),
+        "last_loss": float(loss[-1]),
+        "most_covered_canvases": float(covered.max()),
+        "least_covered_canvases": float(covered.min()),
+        "most_outside": float(outside.max()),
+    }
+
+
+def run_replanning(
+    coverage: Any, target: Array, steps: int, compilations: Compilations
+) -> dict[str, Any]:
+    """The same loop with `value_and_grad_replanning`; compilations are part of its seconds."""
+    motion_at = jax.jit(motion.motion(steps))
+
+    def scene_at(parameters: Parameters, scale: Array, shift: Array) -> sr.Scene:
+        return scene_of(motion.moved(parameters[0], scale, shift), parameters[1] / 255)
+
+    def loss(parameters: Parameters, plan: sr.Plan, scale: Array, shift: Array) -> Array:
+        image = sr.render(scene_at(parameters, scale, shift), plan)
+        return jnp.mean((image - target) ** 2)
+
+    gradient_of = sr.value_and_grad_replanning(loss, scene_at, **CANVAS, coverage=coverage)
+    parameters, state, _ = begin()
+    update = jax.jit(partial(_update, optax.adam(0.5)))
+    values, before, began = [], compilations.count, time.perf_counter()
+    for step in range(steps):
+        value, gradient = gradient_of(parameters, *motion_at(jnp.int32(step)))
+        parameters, state = update(parameters, state, gradient)
+        values.append(float(value))
+    jax.block_until_ready(parameters)
+    return {
+        "steps": steps,
+        "replans": gradient_of.replans,
+        "compiled": compilations.count - before,
+        "seconds": time.perf_counter() - began,
+        "not_finite": int((~np.isfinite(values)).sum()),
+        "first_loss": values[0],
+        "last_loss": values[-1],
+    }
+
+
+def _update(optimizer: Any, parameters: Parameters, state: Any, gradient: Parameters) -> Any:
+    updates, state = optimizer.update(gradient, state)
+    return optax.apply_updates(parameters, updates), state
+
+
+def measure(steps: int, compilations: Compilations) -> dict[str, Any]:
+    """Rows by name: a plan for any positions, the dense program, the default plan, replanning."""
+    target = motion.star()
+    rows: dict[str, Any] = {}
+    for name, coverage in COVERAGES.items():
+        print(name, flush=True)
+        options = {"coverage": coverage, **CANVAS}
+        lasting = sr.plan_for(triangles=motion.TRIANGLES, **options)
+        rows[f"{name}, plan_for"] = run(draw_with(lasting), target, steps, compilations)
+        default = sr.plan(first_scene(), **options)
+        rows[f"{name}, plan"] = run(draw_with(default), target, steps, compilations)
+        rows[f"{name}, replanning"] = run_replanning(coverage, target, steps, compilations)
+    rows["dense"] = run(draw_dense, target, steps, compilations)
+    return rows

@@ -1,0 +1,106 @@
+"""Markdown tables of the results, for the README."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ..common import machine, report
+from . import batches
+
+
+def publish(results: Path, readme: Path | None) -> None:
+    """Fill the tables into the README, or print them without one."""
+    run = json.loads((results / "run.json").read_text())
+    texts = {
+        "lasting": lasting(run["lasting"]),
+        "replanning": replanning(run["lasting"]),
+        "ways": ways(report.read_csv(results / "ways.csv")),
+        "batches": growth(report.read_csv(results / "batches.csv")),
+        "machine": machine.describe(run, seed=f"seed {run['seed']}") + ".",
+    }
+    report.fill_or_print(readme, texts)
+
+
+def lasting(rows: dict[str, Any]) -> str:
+    """Each loop with one program: what went wrong in its steps, and its speed."""
+    header = [
+        "loop", "compiled: first step", "later", "outgrown: steps", "first", "not finite: steps",
+        "steps/s", "loss, first to last",
+    ]  # fmt: skip
+    body = [
+        [
+            name,
+            str(row["compiled_in_first_step"]),
+            str(row["compiled_later"]),
+            f"{row['overflows']:,}",
+            "-" if row["first_overflow"] is None else str(row["first_overflow"]),
+            f"{row['not_finite']:,}",
+            f"{row['steps_per_second']:.0f}",
+            f"{row['first_loss']:.3f} to {row['last_loss']:.4f}",
+        ]
+        for name, row in rows.items()
+        if "overflows" in row
+    ]
+    return report.table(header, body)
+
+
+def replanning(rows: dict[str, Any]) -> str:
+    """Each loop with `value_and_grad_replanning`."""
+    header = ["loop", "replans", "not finite: steps", "seconds", "loss, first to last"]
+    body = [
+        [
+            name,
+            str(row["replans"]),
+            str(row["not_finite"]),
+            f"{row['seconds']:.0f}",
+            f"{row['first_loss']:.3f} to {row['last_loss']:.4f}",
+        ]
+        for name, row in rows.items()
+        if "replans" in row
+    ]
+    return report.table(header, body)
+
+
+def ways(rows: list[dict[str, Any]]) -> str:
+    """Least milliseconds of a batch by each way, and the ratios that the goals are about."""
+    time = {(row["scene"], row["coverage"], row["way"]): float(row["least_ms"]) for row in rows}
+    header = [
+        "batch of 16", "coverage", "vmap, ms", "lax.map", "loop", "vmap / loop",
+        "dense: vmap", "lax.map", "vmap / cheaper dense",
+    ]  # fmt: skip
+    body = []
+    for scene, coverage in dict.fromkeys((row["scene"], row["coverage"]) for row in rows):
+        if coverage == "dense":
+            continue
+        vmap, mapped, loop = (
+            time[scene, coverage, way] for way in (batches.VMAP, batches.MAP, batches.LOOP)
+        )
+        dense = [time[scene, "dense", way] for way in (batches.DENSE, batches.DENSE_MAP)]
+        body.append(
+            [
+                scene,
+                coverage,
+                *(f"{one:.1f}" for one in (vmap, mapped, loop)),
+                f"{vmap / loop:.2f}",
+                *(f"{one:.1f}" for one in dense),
+                f"{vmap / min(dense):.2f}",
+            ]
+        )
+    return report.table(header, body)
+
+
+def growth(rows: list[dict[str, Any]]) -> str:
+    """Least milliseconds of a scene in batches of each size."""
+    time = {
+        (row["scene"], row["coverage"], int(row["batch"])): float(row["least_ms"]) for row in rows
+    }
+    header = ["ms a scene", "way", *(f"batch of {count}" for count in batches.BATCHES)]
+    body = [
+        [
+            scene,
+            coverage,
+            *(f"{time[scene, coverage, count] / count:.2f}" for count in batches.BATCHES),
+        ]
+        for scene, coverage in dict.fromkeys((row["scene"], row["coverage"]) for row in rows)
+    ]
+    return report.table(header, body)
