@@ -25,11 +25,12 @@ from ..planning.effects import is_occluder, varies
 from ..planning.list_counts import count_analytic_lists
 from ..planning.plan import Plan
 from ..scene import Scene
-from ..shading.corner_attributes import at_corners, corner_attributes
+from ..shading.corner_attributes import at_corners, corner_attributes, perspective_weights
 from ..shading.pixel_color import ShadedSlots, TriangleAttributes, shade_slots
 from ..shading.texture_lookup import Textures
 from .coverage_mode import CoverageMode, Drawn, Growth, Layout
 from .layout import Listing, choose_layout
+from .pixel_layers import PixelLayers, Slots, topmost_layers
 from .tile_lists import chunks_for_plan, list_for_plan
 
 _FARTHEST = 2.0**30
@@ -51,6 +52,22 @@ class SlotGeometry(NamedTuple):
 
     coverage: Any
     weights: Any
+
+
+class _Covered(NamedTuple):
+    """What each slot's triangle covers, and what shading and derivatives of it need.
+
+    - `corners`: x and y of each corner of each slot's triangle in turn.
+    """
+
+    coverage: Float[Array, "slots pixels"]
+    functions: PixelFunctions
+    corners: Float[Array, "6 slots"]
+    geometry: SlotGeometry
+    lines: TriangleLines
+    triangles: ReachedTriangles
+    chunks: Chunks
+    needs: Needs
 
 
 class AnalyticMode(CoverageMode):
@@ -134,6 +151,46 @@ class AnalyticMode(CoverageMode):
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
         """Composite colour times coverage at each pixel: list tiles, cover, shade, composite."""
+        covered = self._cover(scene, plan)
+        triangles, chunks = covered.triangles, covered.chunks
+        attributes = _triangle_attributes(scene, triangles, plan)
+        shaded = shade_slots(
+            attributes,
+            covered.coverage,
+            covered.functions.weights,
+            covered.corners,
+            covered.geometry.weights,
+            covered.lines,
+            chunks,
+        )
+        max_chunks = plan.capacity_of(scene.triangles.shape[0]).max_chunks
+        layers = self.composite(plan.coverage, shaded, triangles, chunks, max_chunks)
+        image = materialized(functools.partial(_to_image, tiling=plan.tiling))(layers, background)
+        return Drawn(image, covered.needs)
+
+    def find_layers(self, scene: Scene, plan: Plan, layers: int) -> PixelLayers:
+        """The topmost triangles of each pixel, with their coverage."""
+        covered = self._cover(scene, plan)
+        orientation = covered.triangles.orientation[covered.chunks.triangle.reshape(-1)]
+        no_parameter = jnp.zeros((), covered.coverage.dtype)
+        second, third = evaluate(
+            covered.functions.weights, covered.corners, covered.geometry.weights, no_parameter
+        )
+        weights = (1.0 - second - third, second, third)
+        if scene.inverse_w is not None:
+            corner_w = at_corners(scene.inverse_w, scene.triangles, covered.triangles.orientation)
+            slot_w = corner_w[:, covered.chunks.triangle.reshape(-1), None]
+            weights = perspective_weights(weights, slot_w)
+        is_turned = (orientation < 0)[:, None]
+        first, second, third = weights
+        given = jnp.stack(
+            [first, jnp.where(is_turned, third, second), jnp.where(is_turned, second, third)]
+        )
+        slots = Slots(covered.coverage, given, covered.chunks)
+        return PixelLayers(*topmost_layers(slots, plan.tiling, layers), scene, plan)
+
+    def _cover(self, scene: Scene, plan: Plan) -> _Covered:
+        """List the triangles of every tile, and evaluate what they cover."""
         coverage, tiling = plan.coverage, plan.tiling
         corners = materialized(corners_of)(scene.positions, scene.triangles, plan.origin)
         functions = self.pixel_functions(coverage, tiling.width)
@@ -149,26 +206,22 @@ class AnalyticMode(CoverageMode):
         slots, tile = _place(corners, triangles, chunks, tiling)
         lines = materialized(triangle_lines)(slots, tile)
         geometry = self.slot_geometry(coverage, slots, tile, lines, tiling.width)
-        covered = evaluate(functions.coverage, slots, geometry.coverage, parameter)
-        attributes = _triangle_attributes(scene, triangles, plan)
-        shaded = shade_slots(
-            attributes, covered, functions.weights, slots, geometry.weights, lines, chunks
-        )
-        layers = self.composite(
-            coverage,
-            shaded,
-            triangles,
-            chunks,
-            plan.capacity_of(scene.triangles.shape[0]).max_chunks,
-        )
-        image = materialized(functools.partial(_to_image, tiling=tiling))(layers, background)
         needs = Needs(
             strips=lists.strips,
             pairs=lists.pairs,
             chunks=chunks.needed,
             max_chunks=chunks.most_in_tile,
         )
-        return Drawn(image, needs)
+        return _Covered(
+            evaluate(functions.coverage, slots, geometry.coverage, parameter),
+            functions,
+            slots,
+            geometry,
+            lines,
+            triangles,
+            chunks,
+            needs,
+        )
 
 
 def _to_image(

@@ -1,0 +1,71 @@
+"""`composite`: from values of several layers to an image, front to back."""
+
+from typing import Any
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..color import premultiply, unpremultiply
+from .pixel_layers import PixelLayers
+from .visibility import Visibility
+
+
+def composite(
+    visible: Visibility | PixelLayers, values: Any, background: Any = None
+) -> Float[Array, "height width channels"]:
+    """Composite the colours of layers with "over", and average over the samples of each pixel.
+
+    - `visible`: from `rasterize(..., layers=k)`.
+    - `values`: RGB, or RGB and straight alpha, of each layer: an array of the shape of
+      `visible.triangle` with a last axis of 3 or 4 channels, or a function `shade(triangle,
+      barycentric)` from `[n]` and `[n, 3]` to `[n, 3 or 4]`.
+    - `background`: RGB or straight RGBA; that of the scene by default. The image has as many
+      channels.
+
+    With enough layers for the deepest pixel, and the scene's own colours, the image is that of
+    `render`, but for `Soft` with depth and `Area("sum")`, which are not composited in draw order.
+
+    Under `Soft` and `Area` the gradient is that of `render` too. Under `Hard` it has the interior
+    term alone: the boundary term of `resolve` is for opaque scenes. Raises `ValueError` for other
+    shapes.
+
+    **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
+    """
+    triangle, coverage = _layers(visible)
+    if callable(values):
+        weights = visible.barycentric.reshape(-1, 3)
+        values = values(jnp.maximum(triangle.reshape(-1), 0), weights)
+        values = values.reshape(*triangle.shape, -1)
+    values = jnp.asarray(values)
+    if values.shape[:-1] != triangle.shape or values.shape[-1] not in (3, 4):
+        raise ValueError(
+            f"`values` must be {list(triangle.shape)} with a last axis of 3 or 4 channels; got "
+            f"{list(values.shape)}."
+        )
+    background = visible.scene.background if background is None else jnp.asarray(background)
+    if background.shape not in ((3,), (4,)):
+        raise ValueError(f"`background` must be [3] or [4]; got {background.shape}.")
+    if values.shape[-1] == 3:
+        values = jnp.concatenate([values, jnp.ones_like(values[..., :1])], -1)
+    # An unused layer has no coverage; its colour must not pass on a NaN.
+    values = jnp.where((triangle < 0)[..., None], 0.0, premultiply(values))
+    channels = background.shape[0]
+    total = jnp.zeros((*triangle.shape[:-1], channels), values.dtype)
+    transmittance = jnp.ones(triangle.shape[:-1], values.dtype)
+    for layer in range(triangle.shape[-1]):
+        color = values[..., layer, :] * coverage[..., layer, None]
+        total = total + transmittance[..., None] * color[..., :channels]
+        transmittance = transmittance * (1.0 - color[..., 3])
+    total = total + transmittance[..., None] * premultiply(background)
+    if isinstance(visible, Visibility):
+        total = jnp.mean(total, 2)
+    return unpremultiply(total)
+
+
+def _layers(visible: Visibility | PixelLayers) -> tuple[Array, Array]:
+    """Triangle and coverage of each layer, along the last axis."""
+    triangle = visible.triangle
+    if isinstance(visible, PixelLayers):
+        return triangle, visible.coverage
+    triangle = triangle[..., None] if triangle.ndim == 3 else triangle
+    return triangle, (triangle >= 0).astype(visible.scene.positions.dtype)

@@ -1,0 +1,93 @@
+"""The topmost triangles of each pixel under analytic coverage, with what they cover of it."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..binning.lists import Chunks
+from ..geometry.tiling import Tiling
+from ..numerics.batched_loops import repeat
+from ..planning.plan import Plan
+from ..scene import Scene
+
+
+class PixelLayers(eqx.Module):
+    """The topmost triangles of each pixel, made by `rasterize` for `Soft` and `Area`.
+
+    Layers are in reverse draw order, topmost first; unused ones have the triangle -1 and no
+    coverage.
+
+    - `triangle`: index of the triangle.
+    - `coverage`: what it covers of the pixel, 0..1, differentiable by `scene.positions`.
+    - `barycentric`: weights of the corners there, in the order of `scene.triangles`;
+      perspective-correct if the scene has `inverse_w`, and differentiable.
+    - `scene`, `plan`: what was rasterized.
+    """
+
+    triangle: Int[Array, "height width layers"]
+    coverage: Float[Array, "height width layers"]
+    barycentric: Float[Array, "height width layers 3"]
+    scene: Scene
+    plan: Plan
+
+
+class Slots(NamedTuple):
+    """What each slot's triangle covers in its tile.
+
+    - `coverage`: of each pixel of the tile; `weights`: of the corners there, in the order of the
+      scene's triangles.
+    """
+
+    coverage: Float[Array, "slots pixels"]
+    weights: Float[Array, "3 slots pixels"]
+    chunks: Chunks
+
+
+def topmost_layers(slots: Slots, tiling: Tiling, layers: int) -> tuple[Array, Array, Array]:
+    """Triangle, coverage and weights of the first few slots that cover each pixel."""
+    slot = _first_slots(slots.coverage, slots.chunks, layers)
+    pixels = slots.coverage.shape[1]
+    is_used = slot >= 0
+    entry = jnp.maximum(slot, 0) * pixels + jnp.arange(pixels, dtype=jnp.int32)[None, :, None]
+    triangle = jnp.where(is_used, slots.chunks.triangle.reshape(-1)[jnp.maximum(slot, 0)], -1)
+    coverage = jnp.where(is_used, slots.coverage.reshape(-1)[entry], 0.0)
+    weights = jnp.where(is_used[None], slots.weights.reshape(3, -1)[:, entry], 0.0)
+    return (
+        _to_canvas(triangle, tiling),
+        _to_canvas(coverage, tiling),
+        _to_canvas(jnp.moveaxis(weights, 0, -1), tiling),
+    )
+
+
+def _first_slots(
+    coverage: Float[Array, "slots pixels"], chunks: Chunks, layers: int
+) -> Int[Array, "tiles pixels layers"]:
+    """The first slots of each pixel's tile that cover some of the pixel; -1 beyond the last."""
+    coverage = jax.lax.stop_gradient(coverage)
+    per_chunk, tiles = chunks.triangle.shape[1], chunks.count.shape[0]
+    layer = jnp.arange(layers, dtype=jnp.int32)
+
+    def visit(position: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
+        found, first = state
+        chunk, offset = position // per_chunk, position % per_chunk
+        slot = (chunks.first + chunk) * per_chunk + offset
+        slot = jnp.clip(slot, 0, coverage.shape[0] - 1)
+        covers = (coverage[slot] > 0) & (chunk < chunks.count)[:, None]
+        here = covers[..., None] & (layer == found[..., None])
+        first = jnp.where(here, slot[:, None, None], first)
+        return found + covers.astype(jnp.int32), first
+
+    shape = (tiles, coverage.shape[1])
+    state = jnp.zeros(shape, jnp.int32), jnp.full((*shape, layers), -1, jnp.int32)
+    return repeat(jnp.max(chunks.count) * per_chunk, visit, state)[1]
+
+
+def _to_canvas(values: Array, tiling: Tiling) -> Array:
+    """From `[tiles, pixels, ...]` to `[height, width, ...]`."""
+    rest: Any = values.shape[2:]
+    split = values.reshape(tiling.rows, tiling.columns, tiling.height, tiling.width, *rest)
+    joined = jnp.swapaxes(split, 1, 2).reshape(*tiling.padded_shape, *rest)
+    return tiling.crop(joined)
