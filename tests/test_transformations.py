@@ -95,10 +95,18 @@ def test_every_transformation_traces(mode, name):
 
 
 def test_the_gradient_of_a_batch_equals_a_loop_in_float32():
+    # Two programs that run once each: the compiler need not optimize.
+    compile_quickly = functools.partial(
+        jax.jit,
+        compiler_options={
+            "xla_backend_optimization_level": 0,
+            "xla_cpu_use_fusion_emitters": False,
+        },
+    )
     batch = batch_of("hard", "positions", np.float32)
-    of_scene = jax.jit(jax.grad(lambda positions: loss(batch.draw(positions))))
+    of_scene = compile_quickly(jax.grad(lambda positions: loss(batch.draw(positions))))
     expected = stack([of_scene(positions) for positions, _ in batch.elements()])
-    of_batch = jax.jit(functools.partial(grad_of_vmap, batch.draw))
+    of_batch = compile_quickly(functools.partial(grad_of_vmap, batch.draw))
     assert_near(of_batch(batch.floats, batch.tangents), expected, 1e-5, least=0)
 
 
@@ -129,7 +137,7 @@ def test_transformations_of_large_scenes_equal_a_loop(mode, float64):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mode", ["soft", "soft-all", "area", "sum"])
+@pytest.mark.parametrize("mode", [mode for mode in SIMPLEST if mode != "hard"])
 def test_hessian_products_equal_a_loop(mode, float64):
     batch = batch_of(mode, "positions")
     gradient = jax.grad(lambda positions: loss(batch.draw(positions)))
@@ -216,7 +224,6 @@ def least_squares(draw: Draw, positions: Any) -> Any:
     "mode, solve",
     [
         ("hard", descent),
-        ("soft", descent),
         # Small steps change no sample of a sampled image, and this solver then rejects them.
         ("soft", least_squares),
         ("area", least_squares),
