@@ -1,7 +1,7 @@
 """What every derivative must satisfy, for each coverage and each input that it draws.
 
-jvp and vjp agree, every number is finite, `jit` and `vmap` change nothing, and what must be zero is
-exactly zero. When a coverage learns to draw an effect, its entry of `MODES` gets one more word.
+jvp and vjp agree, every number is finite, `jit` changes nothing, and what must be zero is exactly
+zero. The coverages are listed in `cases/modes.py`; batches are tested in `test_transformations.py`.
 """
 
 import functools
@@ -17,106 +17,20 @@ import pytest
 
 import softras2d as sr
 
-from .cases.derivatives import inner, is_finite, weight_of
+from .cases.derivatives import assert_near, inner, is_finite, weight_of
+from .cases.modes import (
+    COUNT,
+    HIDDEN,
+    MODES,
+    NO_AREA,
+    OFF_CANVAS,
+    RICHEST,
+    SIZE,
+    mode_input_pairs,
+    plan_of,
+    scene_of,
+)
 from .cases.products import Products, float_leaves, products, stack
-
-SIZE = 16
-"""Two tiles a side."""
-
-HIDDEN, COVERING, NO_AREA, OFF_CANVAS = range(4)
-"""Indices of triangles: one hidden by the second, one without area, one off the canvas."""
-
-COUNT = 10
-
-
-class Mode(NamedTuple):
-    """A coverage, the effects that it draws, and which of its derivatives are zero.
-
-    - `effects`: words among `corners` (colours), `alpha`, `texture`, `depth`, `perspective`, and
-      `clear` (a background of four channels).
-    - `zero`: inputs whose derivative is zero.
-    - `hides`: whether a triangle hides what lies behind it. Blending by depth does not, since what
-      lies deeper has a weight, however small; nor does a sum.
-    """
-
-    coverage: sr.Hard | sr.Soft | sr.Area
-    effects: str
-    zero: tuple[str, ...] = ()
-    hides: bool = True
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        names = ["positions", "colors", "background"]
-        names += ["uv", "textures"] * ("texture" in self.effects)
-        names += ["depth"] * ("depth" in self.effects)
-        return (*names, *["inverse_w"] * ("perspective" in self.effects))
-
-
-ALL = "corners alpha texture depth perspective clear"
-OPAQUE = "corners texture depth perspective"
-GLASS = "corners alpha texture perspective clear"
-
-MODES = {
-    "hard": Mode(sr.Hard(4), "corners"),
-    "hard-textured": Mode(sr.Hard(4), OPAQUE),
-    "hard-all": Mode(sr.Hard(4), ALL, zero=("depth",)),
-    "hard-still": Mode(sr.Hard(4, edge_gradients=False), "depth", zero=("positions", "depth")),
-    "soft": Mode(sr.Soft(1.3), "corners alpha"),
-    "soft-textured": Mode(sr.Soft(1.3, "window"), GLASS),
-    "soft-all": Mode(sr.Soft(1.3, temperature=0.3), ALL, hides=False),
-    "soft-paper": Mode(sr.Soft(1.3, "softras"), "clear"),
-    "area": Mode(sr.Area(), "alpha clear"),
-    "area-all": Mode(sr.Area(), GLASS),
-    "sum": Mode(sr.Area("sum"), "", hides=False),
-    "sum-textured": Mode(sr.Area("sum"), "corners texture perspective", hides=False),
-}
-
-RICHEST = ("hard-textured", "hard-all", "soft-textured", "soft-all", "area-all", "sum-textured")
-"""Modes whose effects include those of the others."""
-
-QUICK = ("hard", "soft")
-"""Modes that are tested in the quick run."""
-
-
-def mode_input_pairs(modes: Any = tuple(MODES)) -> list[Any]:
-    """Modes with every input that they draw."""
-    return [
-        pytest.param(mode, name, marks=() if mode in QUICK else pytest.mark.slow)
-        for mode in modes
-        for name in MODES[mode].inputs
-    ]
-
-
-def scene_of(effects: str, dtype: type = np.float32, seed: int = 0) -> sr.Scene:
-    """Triangles of a few pixels, over and beside one that covers the left of the canvas."""
-    rng = np.random.default_rng(seed)
-    corners = rng.random((COUNT, 1, 2)) * SIZE + rng.normal(size=(COUNT, 3, 2)) * 4
-    corners[COVERING] = [(7.7, -30), (7.2, 46), (-30, 8)]
-    corners[HIDDEN] = np.array([2.5, 7.5]) + rng.uniform(-2, 2, (3, 2))
-    corners[NO_AREA] = corners[NO_AREA, :1]
-    corners[OFF_CANVAS] += 500
-    colors = rng.random((COUNT, 3 if "corners" in effects else 1, 4 if "alpha" in effects else 3))
-    colors[COVERING, :, 3:] = 1
-    optional: dict[str, Any] = {
-        "background": [0.2, 0.3, 0.4, 0.5][: 4 if "clear" in effects else 3]
-    }
-    if "texture" in effects:
-        images = [rng.random((5, 3, 3)).astype(dtype), rng.random((8, 16, 3)).astype(dtype)]
-        index = np.arange(COUNT, dtype=np.int32) % 3 - 1
-        index[COVERING] = -1
-        uv = rng.uniform(-0.5, 1.5, (COUNT, 3, 2))
-        optional |= {"textures": sr.TexturePyramid.build(images), "texture_index": index, "uv": uv}
-    if "depth" in effects:
-        depth = rng.random((COUNT, 3))
-        depth[COVERING], depth[HIDDEN] = 1.5, 2
-        optional["depth"] = depth
-    if "perspective" in effects:
-        optional["inverse_w"] = rng.uniform(0.5, 1.5, (COUNT, 3))
-    return sr.Scene.from_soup(corners.astype(dtype), colors, **optional)
-
-
-def plan_of(mode: str, scenes: Any) -> sr.Plan:
-    return sr.plan(scenes, height=SIZE, width=SIZE, coverage=MODES[mode].coverage)
 
 
 def direction_of(scene: sr.Scene, name: str, seed: int) -> Any:
@@ -219,17 +133,6 @@ def test_derivatives_by_what_cannot_matter_are_zero(mode, name):
         assert not gradient[np.asarray(derivatives.scene.texture_index) < 0].any()
 
 
-def assert_near(actual: Any, expected: Any, tolerance: float = 2e-5) -> None:
-    """Assert closeness, relative to the greatest number of each array."""
-    for a, b in zip(jax.tree.leaves(actual), jax.tree.leaves(expected), strict=True):
-        scale = max(1.0, float(np.abs(b).max(initial=0)))
-        np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * scale)
-
-
-def outputs(result: Products) -> Any:
-    return result.image, result.tangents, result.gradient, result.normal
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["hard", "soft"])
 def test_jit_changes_nothing(mode):
@@ -246,83 +149,6 @@ def test_jit_changes_nothing(mode):
     direction = jax.tree.map(lambda leaf: leaf.sum(0), derivatives.directions)
     tangent = jax.jvp(image, (floats,), (direction,))[1]
     assert_near(tangent, derivatives.products.tangents.sum(0))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mode", ["hard", "soft", "area"])
-def test_vmap_equals_a_loop(mode):
-    scenes = [scene_of(MODES[mode].effects, seed=seed) for seed in range(3)]
-    plan = plan_of(mode, scenes)
-    inputs = directions_and_weights(mode, scenes[0])
-    floats, rest = zip(
-        *(eqx.partition(scene, eqx.is_inexact_array) for scene in scenes), strict=True
-    )
-    batch = jax.vmap(lambda floats: outputs(products(eqx.combine(floats, rest[0]), plan, *inputs)))(
-        stack(floats)
-    )
-    for number, scene in enumerate(scenes):
-        expected = outputs(products(scene, plan, *inputs))
-        assert_near(jax.tree.map(lambda entry, at=number: entry[at], batch), expected)
-
-
-TRANSFORMATIONS = {
-    "grad of vmap": lambda draw, x, v: jax.grad(lambda x: (jax.vmap(draw)(x) ** 2).mean())(x),
-    "vmap of grad": lambda draw, x, v: jax.vmap(jax.grad(lambda x: (draw(x) ** 2).mean()))(x),
-    "jvp of vmap": lambda draw, x, v: jax.jvp(jax.vmap(draw), (x,), (v,))[1],
-    "linearize of vmap": lambda draw, x, v: jax.linearize(jax.vmap(draw), x)[1](v),
-    "vjp of vmap": lambda draw, x, v: jax.vjp(jax.vmap(draw), x)[1](jax.vmap(draw)(x))[0],
-}
-"""Transformations of a function that draws a scene from one input, of a batch `x`, tangent `v`."""
-
-
-def batch_of(mode: str, name: str, dtype: type = np.float32) -> tuple[Any, Any, Any]:
-    """A function that draws a scene from one input, a batch of inputs, and a direction of each."""
-    scenes = [scene_of(MODES[mode].effects, dtype, seed=seed) for seed in range(2)]
-    plan = plan_of(mode, scenes)
-    fixed = scenes[0]
-
-    def draw(value: Any) -> Any:
-        scene = eqx.tree_at(lambda s: getattr(s, name), fixed, eqx.combine(value, rest))
-        return sr.render_checked(scene, plan)[0]
-
-    rest = eqx.filter(getattr(fixed, name), eqx.is_inexact_array, inverse=True)
-    batch = stack([eqx.filter(getattr(s, name), eqx.is_inexact_array) for s in scenes])
-    return draw, batch, jax.tree.map(jnp.ones_like, batch)
-
-
-@pytest.mark.parametrize("mode, name", mode_input_pairs())
-def test_every_transformation_of_a_batch_traces(mode, name):
-    """Only traced, not run: JAX refuses some nestings of derivatives and batches when tracing."""
-    draw, batch, direction = batch_of(mode, name)
-    for transformation in TRANSFORMATIONS.values():
-        for program in (transformation, jax.jit(transformation, static_argnums=0)):
-            jax.eval_shape(lambda x, v, p=program: p(draw, x, v), batch, direction)
-
-
-def assert_batch_equals_loop(mode: str, dtype: type, tolerance: float) -> None:
-    """Compare the derivatives of a batch with those of each of its scenes alone."""
-    draw, batch, direction = batch_of(mode, "positions", dtype)
-    count = len(jax.tree.leaves(batch)[0])
-    gradient = jax.jit(jax.grad(lambda x: (draw(x) ** 2).mean() / count))
-    tangent = jax.jit(lambda x, v: jax.jvp(draw, (x,), (v,))[1])
-    of_scenes = {
-        "grad of vmap": stack([gradient(x) for x in batch]),
-        "jvp of vmap": stack([tangent(x, v) for x, v in zip(batch, direction, strict=True)]),
-    }
-    for name, expected in of_scenes.items():
-        of_batch = jax.jit(TRANSFORMATIONS[name], static_argnums=0)(draw, batch, direction)
-        assert_near(of_batch, expected, tolerance * (0.05 if name == "grad of vmap" else 1))
-
-
-def test_derivatives_of_a_batch_are_those_of_its_scenes():
-    assert_batch_equals_loop("hard", np.float32, 2e-5)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mode", MODES)
-def test_derivatives_of_a_batch_are_those_of_its_scenes_in_float64(mode, float64):
-    """In float64, so that the bound does not depend on how thin the triangles are."""
-    assert_batch_equals_loop(mode, np.float64, 1e-11)
 
 
 def image_by_positions(derivatives: Derivatives):

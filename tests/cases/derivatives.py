@@ -86,3 +86,12 @@ def inner(first: Any, second: Any) -> float:
     """The inner product of two trees, in float64."""
     pairs = zip(jax.tree.leaves(first), jax.tree.leaves(second), strict=True)
     return sum(float(np.vdot(np.asarray(a, float), np.asarray(b, float))) for a, b in pairs)
+
+
+def assert_near(
+    actual: Any, expected: Any, tolerance: float = 2e-5, *, least: float = 1.0, name: str = ""
+) -> None:
+    """Assert closeness, relative to the greatest number of each array, or to `least` if greater."""
+    for a, b in zip(jax.tree.leaves(actual), jax.tree.leaves(expected), strict=True):
+        scale = max(least, float(np.abs(b).max(initial=0)))
+        np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * scale, err_msg=name)

@@ -54,8 +54,8 @@ def products(
     )
 
 
-def float_leaves(scene: sr.Scene) -> sr.Scene:
-    """The floating-point arrays of a scene; None in place of the others."""
+def float_leaves(scene: Any) -> Any:
+    """The floating-point arrays of a tree; None in place of the others."""
     return eqx.filter(scene, eqx.is_inexact_array)
 
 

@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 import softras2d as sr
+from softras2d.rendering import overflow
 from softras2d.rendering.overflow import _poison_if
+
+from ..cases.derivatives import assert_near
 
 COVERAGES = {"hard": sr.Hard(4), "soft": sr.Soft(1.0), "area": sr.Area()}
 
@@ -20,14 +23,19 @@ LOSSES = {
 }
 
 
-def too_large_for_plan(coverage: sr.Hard | sr.Soft | sr.Area) -> tuple[sr.Scene, sr.Plan]:
-    """Triangles that cover the canvas many times over, and a plan for as many small ones."""
+def small_and_large_scene() -> list[sr.Scene]:
+    """Small triangles, and as many that cover the canvas many times over."""
     rng = np.random.default_rng(0)
     small = rng.uniform(0, 32, (60, 1, 2)) + rng.uniform(-0.5, 0.5, (60, 3, 2))
     large = rng.uniform(-20, 60, (60, 3, 2))
     colors = rng.random((60, 1, 4))
-    scenes = [sr.Scene.from_soup(c.astype(np.float32), colors) for c in (small, large)]
-    return scenes[1], sr.plan(scenes[0], height=32, width=32, coverage=coverage)
+    return [sr.Scene.from_soup(c.astype(np.float32), colors) for c in (small, large)]
+
+
+def too_large_for_plan(coverage: sr.Hard | sr.Soft | sr.Area) -> tuple[sr.Scene, sr.Plan]:
+    """The large triangles, and a plan for the small ones."""
+    small, large = small_and_large_scene()
+    return large, sr.plan(small, height=32, width=32, coverage=coverage)
 
 
 @pytest.mark.parametrize(
@@ -86,3 +94,54 @@ def test_derivatives_are_nan_in_both_directions(overflow):
     expected_gradient = jax.grad(lambda leaves: jnp.sum(0.3 * plain(leaves)))(leaves)
     assert eqx.tree_equal(gradients[1], expected_gradient)
     assert np.isfinite(jax.tree.leaves(batch)[0]).all()
+
+
+@pytest.fixture
+def complaints(monkeypatch):
+    """The messages that compiled programs raise, one for each time."""
+    messages = []
+
+    complain = overflow.complaint
+
+    def record(outcome, plan):
+        messages.append(complain(outcome, plan))
+        return messages[-1]
+
+    monkeypatch.setattr(overflow, "complaint", record)
+    return messages
+
+
+@pytest.mark.parametrize("name", ["vmap", pytest.param("grad of vmap", marks=pytest.mark.slow)])
+def test_a_batch_raises_one_error_once(name, complaints):
+    """Two of its three scenes outgrow the plan."""
+    small, large = small_and_large_scene()
+    plan = sr.plan(small, height=32, width=32, coverage=sr.Hard(4))
+
+    def images(positions):
+        return jax.vmap(lambda one: sr.render(replace(small, positions=one), plan))(positions)
+
+    def gradient(positions):
+        return jax.grad(lambda positions: jnp.sum(0.3 * images(positions)))(positions)
+
+    program = jax.jit({"vmap": images, "grad of vmap": gradient}[name])
+    sizes = [scene.positions for scene in (large, small, large)]
+    jax.block_until_ready(program(jnp.stack([small.positions] * 3)))
+    assert not complaints
+    with pytest.raises(Exception, match="outgrew its plan") as raised:
+        jax.block_until_ready(program(jnp.stack(sizes)))
+    assert str(raised.value).count("outgrew its plan") == 1
+    assert len(complaints) == 1
+
+
+@pytest.mark.slow
+def test_only_the_scenes_that_outgrow_their_plan_are_nan():
+    small, large = small_and_large_scene()
+    plan = sr.plan(small, height=32, width=32, coverage=sr.Hard(4), on_overflow="nan")
+    gradient = jax.grad(
+        lambda positions: jnp.sum(0.3 * sr.render(replace(small, positions=positions), plan) ** 2)
+    )
+    sizes = jnp.stack([scene.positions for scene in (large, small, large)])
+    of_batch = jax.jit(jax.vmap(gradient))(sizes)
+    assert np.isnan(of_batch[0]).all()
+    assert np.isnan(of_batch[2]).all()
+    assert_near(of_batch[1], jax.jit(gradient)(small.positions), 1e-5, least=0)

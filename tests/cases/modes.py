@@ -1,0 +1,112 @@
+"""Every coverage with the effects that it draws, and small scenes that have them.
+
+When a coverage learns to draw an effect, its entry of `MODES` gets one more word.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import softras2d as sr
+
+SIZE = 16
+"""Two tiles a side."""
+
+LARGE = 96
+"""A canvas on which the scenes of a batch are drawn one after another."""
+
+HIDDEN, COVERING, NO_AREA, OFF_CANVAS = range(4)
+"""Indices of triangles: one hidden by the second, one without area, one off the canvas."""
+
+COUNT = 10
+
+
+class Mode(NamedTuple):
+    """A coverage, the effects that it draws, and which of its derivatives are zero.
+
+    - `effects`: words among `corners` (colours), `alpha`, `texture`, `depth`, `perspective`, and
+      `clear` (a background of four channels).
+    - `zero`: inputs whose derivative is zero.
+    - `hides`: whether a triangle hides what lies behind it. Blending by depth does not, since what
+      lies deeper has a weight, however small; nor does a sum.
+    """
+
+    coverage: sr.Hard | sr.Soft | sr.Area
+    effects: str
+    zero: tuple[str, ...] = ()
+    hides: bool = True
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        names = ["positions", "colors", "background"]
+        names += ["uv", "textures"] * ("texture" in self.effects)
+        names += ["depth"] * ("depth" in self.effects)
+        return (*names, *["inverse_w"] * ("perspective" in self.effects))
+
+
+ALL = "corners alpha texture depth perspective clear"
+OPAQUE = "corners texture depth perspective"
+GLASS = "corners alpha texture perspective clear"
+
+MODES = {
+    "hard": Mode(sr.Hard(4), "corners"),
+    "hard-textured": Mode(sr.Hard(4), OPAQUE),
+    "hard-all": Mode(sr.Hard(4), ALL, zero=("depth",)),
+    "hard-still": Mode(sr.Hard(4, edge_gradients=False), "depth", zero=("positions", "depth")),
+    "soft": Mode(sr.Soft(1.3), "corners alpha"),
+    "soft-textured": Mode(sr.Soft(1.3, "window"), GLASS),
+    "soft-all": Mode(sr.Soft(1.3, temperature=0.3), ALL, hides=False),
+    "soft-paper": Mode(sr.Soft(1.3, "softras"), "clear"),
+    "area": Mode(sr.Area(), "alpha clear"),
+    "area-all": Mode(sr.Area(), GLASS),
+    "sum": Mode(sr.Area("sum"), "", hides=False),
+    "sum-textured": Mode(sr.Area("sum"), "corners texture perspective", hides=False),
+}
+
+RICHEST = ("hard-textured", "hard-all", "soft-textured", "soft-all", "area-all", "sum-textured")
+"""Modes whose effects include those of the others."""
+
+QUICK = ("hard", "soft")
+"""Modes that are tested in the quick run."""
+
+
+def mode_input_pairs(modes: Any = tuple(MODES)) -> list[Any]:
+    """Modes with every input that they draw."""
+    return [
+        pytest.param(mode, name, marks=() if mode in QUICK else pytest.mark.slow)
+        for mode in modes
+        for name in MODES[mode].inputs
+    ]
+
+
+def scene_of(effects: str, dtype: type = np.float32, seed: int = 0) -> sr.Scene:
+    """Triangles of a few pixels, over and beside one that covers the left of the canvas."""
+    rng = np.random.default_rng(seed)
+    corners = rng.random((COUNT, 1, 2)) * SIZE + rng.normal(size=(COUNT, 3, 2)) * 4
+    corners[COVERING] = [(7.7, -30), (7.2, 46), (-30, 8)]
+    corners[HIDDEN] = np.array([2.5, 7.5]) + rng.uniform(-2, 2, (3, 2))
+    corners[NO_AREA] = corners[NO_AREA, :1]
+    corners[OFF_CANVAS] += 500
+    colors = rng.random((COUNT, 3 if "corners" in effects else 1, 4 if "alpha" in effects else 3))
+    colors[COVERING, :, 3:] = 1
+    optional: dict[str, Any] = {
+        "background": [0.2, 0.3, 0.4, 0.5][: 4 if "clear" in effects else 3]
+    }
+    if "texture" in effects:
+        images = [rng.random((5, 3, 3)).astype(dtype), rng.random((8, 16, 3)).astype(dtype)]
+        index = np.arange(COUNT, dtype=np.int32) % 3 - 1
+        index[COVERING] = -1
+        uv = rng.uniform(-0.5, 1.5, (COUNT, 3, 2))
+        optional |= {"textures": sr.TexturePyramid.build(images), "texture_index": index, "uv": uv}
+    if "depth" in effects:
+        depth = rng.random((COUNT, 3))
+        depth[COVERING], depth[HIDDEN] = 1.5, 2
+        optional["depth"] = depth
+    if "perspective" in effects:
+        optional["inverse_w"] = rng.uniform(0.5, 1.5, (COUNT, 3))
+    return sr.Scene.from_soup(corners.astype(dtype), colors, **optional)
+
+
+def plan_of(mode: str, scenes: Any, size: int = SIZE) -> sr.Plan:
+    return sr.plan(scenes, height=size, width=size, coverage=MODES[mode].coverage)

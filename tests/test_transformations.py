@@ -1,0 +1,239 @@
+"""Transformations of a batch of scenes equal a loop over single scenes.
+
+`TRANSFORMATIONS` lists those of JAX. Each is traced with every coverage and every input. Most of a
+test's time is compilation. Therefore only those of `FOR_EVERY_MODE` are computed with every
+coverage; the others, and solvers of optax and optimistix, are computed with a few.
+"""
+
+import functools
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import optax
+import optimistix as optx
+import pytest
+
+import softras2d as sr
+
+from .cases.batches import Batch, Draw, OfScene, batch_from, batch_of, loss, of_each_scene
+from .cases.derivatives import assert_near
+from .cases.modes import LARGE, MODES, mode_input_pairs, plan_of, scene_of
+from .cases.products import stack
+
+TIGHT = 1e-10
+"""Bound in float64, relative to the greatest number of an array."""
+
+SIMPLEST = ("hard", "soft", "area", "sum")
+"""One mode of each way to compute and to blend coverage."""
+
+
+def grad_of_vmap(draw: Draw, floats: Any, tangents: Any) -> Any:
+    return jax.grad(lambda floats: jnp.sum(jax.vmap(loss)(jax.vmap(draw)(floats))))(floats)
+
+
+def vmap_of_grad(draw: Draw, floats: Any, tangents: Any) -> Any:
+    return jax.vmap(jax.grad(lambda floats: loss(draw(floats))))(floats)
+
+
+def map_of_grad(draw: Draw, floats: Any, tangents: Any) -> Any:
+    """With `jax.checkpoint`, so that the image is drawn again in the backward pass."""
+    return jax.lax.map(jax.grad(jax.checkpoint(lambda floats: loss(draw(floats)))), floats)
+
+
+def scan_of_grad(draw: Draw, floats: Any, tangents: Any) -> Any:
+    def step(total: Any, floats: Any) -> tuple[Any, Any]:
+        value, gradient = jax.value_and_grad(lambda floats: loss(draw(floats)))(floats)
+        return total + value, gradient
+
+    total = jnp.zeros((), jax.tree.leaves(floats)[0].dtype)
+    return jax.lax.scan(step, total, floats)[1]
+
+
+def linearize_of_vmap(draw: Draw, floats: Any, tangents: Any) -> Any:
+    return jax.linearize(jax.vmap(draw), floats)[1](tangents)
+
+
+def gauss_newton_product(draw: Draw, floats: Any, tangents: Any) -> Any:
+    """J v by `jax.jvp`, and J^T J v by `jax.vjp`."""
+    tangent = jax.jvp(jax.vmap(draw), (floats,), (tangents,))[1]
+    return tangent, jax.vjp(jax.vmap(draw), floats)[1](tangent)[0]
+
+
+class Transformation(NamedTuple):
+    """A function of `draw`, the floats of several scenes and tangents, and what it must equal."""
+
+    compute: Callable[[Draw, Any, Any], Any]
+    expected: Callable[[OfScene], Any]
+
+
+TRANSFORMATIONS = {
+    "grad of vmap": Transformation(grad_of_vmap, lambda scenes: scenes.gradient),
+    "vmap of grad": Transformation(vmap_of_grad, lambda scenes: scenes.gradient),
+    "lax.map of grad": Transformation(map_of_grad, lambda scenes: scenes.gradient),
+    "lax.scan of grad": Transformation(scan_of_grad, lambda scenes: scenes.gradient),
+    "linearize of vmap": Transformation(linearize_of_vmap, lambda scenes: scenes.tangent),
+    "Gauss-Newton product": Transformation(
+        gauss_newton_product, lambda scenes: (scenes.tangent, scenes.normal)
+    ),
+}
+
+FOR_EVERY_MODE = ("vmap of grad", "Gauss-Newton product")
+"""Batches of derivatives, and both directions of derivatives of a batch."""
+
+
+@pytest.mark.parametrize("mode, name", mode_input_pairs())
+def test_every_transformation_traces(mode, name):
+    """Only traced, not run: JAX refuses some nestings of derivatives and batches when tracing."""
+    batch = batch_of(mode, name, np.float32)
+    for compute, _ in TRANSFORMATIONS.values():
+        jax.eval_shape(functools.partial(compute, batch.draw), batch.floats, batch.tangents)
+
+
+def test_the_gradient_of_a_batch_equals_a_loop_in_float32():
+    # Two programs that run once each: the compiler need not optimize.
+    compile_quickly = functools.partial(
+        jax.jit,
+        compiler_options={
+            "xla_backend_optimization_level": 0,
+            "xla_cpu_use_fusion_emitters": False,
+        },
+    )
+    batch = batch_of("hard", "positions", np.float32)
+    of_scene = compile_quickly(jax.grad(lambda positions: loss(batch.draw(positions))))
+    expected = stack([of_scene(positions) for positions, _ in batch.elements()])
+    of_batch = compile_quickly(functools.partial(grad_of_vmap, batch.draw))
+    assert_near(of_batch(batch.floats, batch.tangents), expected, 1e-5, least=0)
+
+
+def assert_batch_equals_loop(batch: Batch, names: Iterable[str]) -> None:
+    """Compare the transformations of these names with what each scene gives alone."""
+    scenes = of_each_scene(batch)
+    for name in names:
+        compute, expected = TRANSFORMATIONS[name]
+        program = jax.jit(functools.partial(compute, batch.draw))
+        of_batch = program(batch.floats, batch.tangents)
+        assert_near(of_batch, expected(scenes), TIGHT, least=0, name=name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", MODES)
+def test_transformations_equal_a_loop(mode, float64):
+    """By all floats of a scene at once, in a batch that is vectorised."""
+    names = TRANSFORMATIONS if mode in SIMPLEST else FOR_EVERY_MODE
+    assert_batch_equals_loop(batch_of(mode), names)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["hard", "soft"])
+def test_transformations_of_large_scenes_equal_a_loop(mode, float64):
+    """In a batch whose scenes are drawn one after another."""
+    scenes = [scene_of(MODES[mode].effects, np.float64, seed=seed) for seed in range(2)]
+    assert_batch_equals_loop(batch_from(scenes, plan_of(mode, scenes, LARGE)), FOR_EVERY_MODE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", [mode for mode in SIMPLEST if mode != "hard"])
+def test_hessian_products_equal_a_loop(mode, float64):
+    batch = batch_of(mode, "positions")
+    gradient = jax.grad(lambda positions: loss(batch.draw(positions)))
+
+    def product(gradient: Callable[[Any], Any], positions: Any, tangents: Any) -> Any:
+        return jax.jvp(gradient, (positions,), (tangents,))[1]
+
+    of_scene = jax.jit(functools.partial(product, gradient))
+    of_batch = jax.jit(functools.partial(product, jax.vmap(gradient)))
+    expected = stack([of_scene(*element) for element in batch.elements()])
+    assert_near(of_batch(batch.floats, batch.tangents), expected, TIGHT, least=0)
+
+
+STEPS = 3
+OPTIMIZER = optax.sgd(1.0, momentum=0.9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", SIMPLEST)
+def test_steps_of_optax_equal_a_loop(mode, float64):
+    """Of whole scenes, integers included, which equinox sorts out; the steps are a `lax.scan`."""
+    scenes = [scene_of(MODES[mode].effects, np.float64, seed=seed) for seed in range(2)]
+    plan = plan_of(mode, scenes)
+    gradient = eqx.filter_value_and_grad(lambda scene: loss(sr.render_checked(scene, plan)[0]))
+
+    def start(scene: sr.Scene) -> Any:
+        return OPTIMIZER.init(eqx.filter(scene, eqx.is_inexact_array))
+
+    def step(scene: sr.Scene, state: Any) -> tuple[sr.Scene, Any, Any]:
+        value, direction = gradient(scene)
+        updates, state = OPTIMIZER.update(direction, state)
+        return eqx.apply_updates(scene, updates), state, value
+
+    def optimize(scene: sr.Scene) -> tuple[Any, Any]:
+        floats, rest = eqx.partition(scene, eqx.is_inexact_array)
+
+        def step_floats(carry: Any, _: None) -> tuple[Any, Any]:
+            floats, state = carry
+            scene, state, value = step(eqx.combine(floats, rest), state)
+            return (eqx.filter(scene, eqx.is_inexact_array), state), value
+
+        (floats, _), values = jax.lax.scan(step_floats, (floats, start(scene)), length=STEPS)
+        return eqx.combine(floats, rest), values
+
+    of_batch = eqx.filter_jit(eqx.filter_vmap(optimize))(stack(scenes))
+    step_of_scene = eqx.filter_jit(step)
+    expected = []
+    for scene in scenes:
+        state, values = start(scene), []
+        for _ in range(STEPS):
+            scene, state, value = step_of_scene(scene, state)
+            values.append(value)
+        expected.append((scene, jnp.stack(values)))
+    assert_near(of_batch, stack(expected), TIGHT, least=0)
+    first, *_, last = of_batch[1].T
+    assert (last < first).all()
+
+
+def descent(draw: Draw, positions: Any) -> Any:
+    """A few steps along the gradient, which are taken even if the loss grows."""
+    return optx.minimise(
+        lambda positions, _: loss(draw(positions)),
+        optx.GradientDescent(learning_rate=10.0, rtol=1e-6, atol=1e-6),
+        positions,
+        max_steps=STEPS,
+        throw=False,
+    ).value
+
+
+def least_squares(draw: Draw, positions: Any) -> Any:
+    """A few Levenberg-Marquardt steps, which solve by products with J and its transpose."""
+    solver = optx.LevenbergMarquardt(
+        rtol=1e-6,
+        atol=1e-6,
+        linear_solver=lx.Normal(lx.CG(rtol=1e-6, atol=1e-6, max_steps=10)),
+    )
+    return optx.least_squares(
+        lambda positions, _: draw(positions), solver, positions, max_steps=STEPS, throw=False
+    ).value
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "mode, solve",
+    [
+        ("hard", descent),
+        # Small steps change no sample of a sampled image, and this solver then rejects them.
+        ("soft", least_squares),
+        ("area", least_squares),
+    ],
+)
+def test_solves_of_optimistix_equal_a_loop(mode, solve, float64):
+    batch = batch_of(mode, "positions")
+    solve_scene = functools.partial(solve, batch.draw)
+    of_batch = jax.jit(jax.vmap(solve_scene))(batch.floats)
+    of_scene = jax.jit(solve_scene)
+    expected = stack([of_scene(positions) for positions, _ in batch.elements()])
+    assert_near(of_batch, expected, TIGHT, least=0)
+    assert float(jnp.abs(of_batch - batch.floats).max()) > 1e-3
