@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from .planning.plan import Plan
     from .planning.simplify import simplify
     from .planning.size_classes import pad
+    from .rendering.composite import composite
+    from .rendering.pixel_layers import PixelLayers
     from .rendering.planner import plan, plan_for
     from .rendering.render import render, render_checked
     from .rendering.replanning import value_and_grad_replanning
@@ -39,6 +41,7 @@ _DEFINED_IN = {
     "Filter": ".options",
     "FitResult": ".fitting.result",
     "Hard": ".options",
+    "PixelLayers": ".rendering.pixel_layers",
     "Plan": ".planning.plan",
     "Scene": ".scene",
     "Soft": ".options",
@@ -46,6 +49,7 @@ _DEFINED_IN = {
     "Visibility": ".rendering.visibility",
     "check": ".scene",
     "compare": ".comparison.compare",
+    "composite": ".rendering.composite",
     "fit": ".fitting.fit",
     "fit_batch": ".fitting.batch",
     "interpolate": ".rendering.visibility",
@@ -75,6 +79,7 @@ __all__ = [
     "Filter",
     "FitResult",
     "Hard",
+    "PixelLayers",
     "Plan",
     "Scene",
     "Soft",
@@ -83,6 +88,7 @@ __all__ = [
     "camera",
     "check",
     "compare",
+    "composite",
     "fit",
     "fit_batch",
     "interpolate",

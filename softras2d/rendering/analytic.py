@@ -168,7 +168,7 @@ class AnalyticMode(CoverageMode):
         image = materialized(functools.partial(_to_image, tiling=plan.tiling))(layers, background)
         return Drawn(image, covered.needs)
 
-    def find_layers(self, scene: Scene, plan: Plan, layers: int) -> PixelLayers:
+    def find_layers(self, scene: Scene, plan: Plan, layers: int) -> tuple[PixelLayers, Needs]:
         """The topmost triangles of each pixel, with their coverage."""
         covered = self._cover(scene, plan)
         orientation = covered.triangles.orientation[covered.chunks.triangle.reshape(-1)]
@@ -187,7 +187,8 @@ class AnalyticMode(CoverageMode):
             [first, jnp.where(is_turned, third, second), jnp.where(is_turned, second, third)]
         )
         slots = Slots(covered.coverage, given, covered.chunks)
-        return PixelLayers(*topmost_layers(slots, plan.tiling, layers), scene, plan)
+        found = topmost_layers(slots, plan.tiling, layers)
+        return PixelLayers(*found, scene, plan), covered.needs
 
     def _cover(self, scene: Scene, plan: Plan) -> _Covered:
         """List the triangles of every tile, and evaluate what they cover."""

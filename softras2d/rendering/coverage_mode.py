@@ -19,6 +19,7 @@ from ..planning.capacities import Capacity, Needs
 from ..planning.effects import EFFECTS, Drawing
 from ..planning.plan import Plan
 from ..scene import Scene
+from .pixel_layers import PixelLayers
 
 
 class Layout(NamedTuple):
@@ -98,6 +99,10 @@ class CoverageMode(abc.ABC):
 
         In the worst case only the shapes of the scenes are known, else they are concrete.
         """
+
+    def find_layers(self, scene: Scene, plan: Plan, layers: int) -> tuple[PixelLayers, Needs]:
+        """The topmost triangles of each pixel; only for analytic coverage."""
+        raise NotImplementedError
 
     @abc.abstractmethod
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:

@@ -18,7 +18,9 @@ from ..planning.plan import Plan
 from ..planning.size_classes import pad_concrete
 from ..scene import Scene, check_types
 from .corner_weights import uv_change, weights_at, with_unit_corners
-from .overflow import Outcome, compare, complaint, raise_on_overflow
+from .modes import mode_of
+from .overflow import Outcome, compare, complaint, poison_if, raise_on_overflow
+from .pixel_layers import PixelLayers
 from .projected_scene import project_scene
 from .sample_grid import samples_of_rows
 from .visible_samples import BinnedScene, bin_scene, find_visible, listed_words
@@ -90,10 +92,11 @@ class Visibility(eqx.Module):
         return change.reshape(*triangle.shape, 2, 2)
 
 
-def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility:
+def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility | PixelLayers:
     """Find the triangle that shows at each sample, or the nearest few.
 
-    - `plan`: for `Hard` coverage.
+    - `plan`: for `Hard` coverage. For `Soft` and `Area` the result is `PixelLayers`: the topmost
+      triangles of each pixel, with what they cover of it.
     - `layers`: how many triangles to keep at each sample, nearest first: in reverse draw order, and
       with depth only those that pass the depth test when they are drawn. Translucent triangles are
       layers like opaque ones. With one layer, what lies behind it is never looked at.
@@ -102,10 +105,12 @@ def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility:
     of `interpolate` and of `resolve` are by all floats of the scene. A scene that outgrows its plan
     is treated as in `render`: the images of `resolve` and their derivatives are then NaN.
 
-    Raises `ValueError` for another coverage, for shading by pixel, and for indices of more than
-    2 GiB: draw the canvas in windows then (`plan(origin=...)`), or map over them.
+    Raises `ValueError` for shading by pixel, and for indices of more than 2 GiB: draw the canvas in
+    windows then (`plan(origin=...)`), or map over them.
     """
     _check(plan, layers)
+    if plan.side:
+        return _rasterize_pixels(scene, plan, layers)
     triangle, outcome = _find_triangles(pad_concrete(scene, plan), plan, layers)
     if not isinstance(outcome.overflow, Tracer) and outcome.overflow:
         raise ValueError(complaint(outcome, plan))
@@ -147,10 +152,30 @@ def _interpolate(
     return jnp.where((triangle < 0)[..., None], 0.0, value)
 
 
+def _rasterize_pixels(scene: Scene, plan: Plan, layers: int) -> PixelLayers:
+    """The topmost triangles of each pixel, under analytic coverage."""
+    if scene.triangles.shape[0] == 0:
+        shape = (plan.height, plan.width, layers)
+        coverage = jnp.zeros(shape, scene.positions.dtype)
+        weights = jnp.zeros((*shape, 3), scene.positions.dtype)
+        return PixelLayers(jnp.full(shape, -1, jnp.int32), coverage, weights, scene, plan)
+    found, needs = _find_pixel_layers(scene, plan, layers)
+    outcome = compare(needs, False, plan)
+    if not isinstance(outcome.overflow, Tracer) and outcome.overflow:
+        raise ValueError(complaint(outcome, plan))
+    overflow = raise_on_overflow(outcome, plan)
+    coverage = poison_if(found.coverage, scene, overflow)
+    return PixelLayers(found.triangle, coverage, found.barycentric, scene, plan)
+
+
+@eqx.filter_jit
+def _find_pixel_layers(scene: Scene, plan: Plan, layers: int) -> tuple[PixelLayers, Needs]:
+    """Compute the layers in one program."""
+    return mode_of(plan.coverage).find_layers(scene, plan, layers)
+
+
 def _check(plan: Plan, layers: int) -> None:
-    if plan.side:
-        raise ValueError(f"`rasterize` needs a plan for Hard(...); got {plan.coverage!r}.")
-    if plan.hard.shading != "sample":
+    if not plan.side and plan.hard.shading != "sample":
         raise ValueError("`rasterize` works by sample: plan with Hard(shading='sample').")
     if layers < 1:
         raise ValueError(f"`layers` must be an integer of 1 or more; got {layers!r}.")
