@@ -11,12 +11,12 @@ import softras2d as sr
 
 FACE = """
 Area: compositing=
-Filter: pixel=, level=, anisotropy=, lod_bias=
 Comparison: tolerance, max_difference, mean_difference, rmse, psnr, ssim, flip, differing_pixels,
     worst_pixels, difference, picture
 Comparison.differing_share: property
 Comparison.matches: property
 Comparison.rows: self
+Filter: pixel=, level=, anisotropy=, lod_bias=
 FitResult: scene, image, psnr, ssim, history, settings, interrupted=, state=
 FitResult.height: property
 FitResult.load: path
@@ -26,6 +26,7 @@ FitResult.width: property
 FitResult.write_report: self, path
 Hard: samples=, fill_rule=, shading=, edge_gradients=
 Hard.rate: property
+PixelLayers: triangle, coverage, barycentric, scene, plan
 Plan: height, width, coverage, filter, origin, capacity, side, effects, grid_bits=,
     lists_all=, on_overflow=
 Plan.cannot_be_outgrown: property
@@ -46,17 +47,24 @@ TexturePyramid.build: images, border=, addressing=, linear=
 TexturePyramid.channels: property
 TexturePyramid.count: property
 TexturePyramid.depth: property
+Visibility: triangle, scene, plan, overflow
+Visibility.barycentric: property
+Visibility.coverage: property
+Visibility.depth: property
+Visibility.footprint: self, triangle, barycentric, uv
 camera.look_at: eye, target, up=
 camera.perspective: fov_y_degrees, aspect, near, far
 camera.project: vertices, triangles, *height, *width, *view, *projection, *model=,
     *vertex_colors=, *triangle_colors=, *uv=, *texture_index=, *textures=, *background=
 check: scene
 compare: actual, expected, *tolerance=
+composite: visible, values, background=
 fit: target, *triangles=, *family=, *solver=, *seed=, *steps=, *seconds=, *size=, *shading=,
     *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=,
     *resume=, *checkpoint=
 fit_batch: targets, *triangles=, *solver=, *seed=, *steps=, *seconds=, *size=, *shading=,
     *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=, *resume=
+interpolate: visible, attributes
 keep_compiled_programs:
 pad: scene
 pictures.names:
@@ -77,11 +85,14 @@ plot.id_colors: triangle
 plot.pyramid: textures, index=, *figure=
 plot.show: image, *axes=, *title=, *grid=, *inset=, *inset_zoom=
 plot.triangles: scene, *axes, *color=, *width=, *vertices=
+rasterize: scene, plan, *layers=
 read_image: path, *linear=
 read_svg: path, *height=, *width=, *dialect=, *transform=, *assets=, *opacity=, *frame=,
     *linear=
 render: scene, plan
 render_checked: scene, plan
+resolve: visible, values, background=
+sample_texture: textures, uv, footprint=, filter=, *texture_index=
 simplify: scene, *height, *width, *filter=
 testing.assert_image_matches: image, path, *tolerance=, *update=
 value_and_grad_replanning: loss, scene_of, *height, *width, *coverage=, *filter=, *headroom=,

@@ -18,17 +18,20 @@ Inputs = TypeVar("Inputs")
 Result = TypeVar("Result")
 
 
-def one_by_one(function: Callable[[Inputs], Result]) -> Callable[[Inputs], Result]:
+def one_by_one(
+    function: Callable[[Inputs], Result], *, recompute: bool
+) -> Callable[[Inputs], Result]:
     """The function, a batch of which is computed by `jax.lax.map`.
 
     It maps a tree of arrays to a tree of arrays, and may not close over traced values. Its
     derivative is that of the function itself: the gradient of a batch goes element after element,
-    and a batch of gradients is vectorised as usual.
+    and a batch of gradients is vectorised as usual. With `recompute` the gradient of a batch calls
+    the function again, instead of storing its intermediate arrays for the whole batch.
     """
 
     def call(inputs: Inputs) -> Result:
         leaves, tree = jax.tree.flatten(inputs)
-        flat = _FlatFunction(function, tree)
+        flat = _FlatFunction(function, tree, recompute)
         outputs = _one_by_one.bind(*leaves, function=flat)
         return jax.tree.unflatten(flat.result_tree(leaves), outputs)
 
@@ -38,8 +41,8 @@ def one_by_one(function: Callable[[Inputs], Result]) -> Callable[[Inputs], Resul
 class _FlatFunction:
     """A function of arrays that returns a list of arrays; a static parameter of the primitive."""
 
-    def __init__(self, function: Callable[[Any], Any], tree: Any):
-        self.function, self.tree = function, tree
+    def __init__(self, function: Callable[[Any], Any], tree: Any, recompute: bool):
+        self.function, self.tree, self.recompute = function, tree, recompute
 
     def __call__(self, *leaves: Any) -> list[Any]:
         return jax.tree.leaves(self.function(self.tree.unflatten(leaves)))
@@ -91,8 +94,8 @@ def _batch(arguments: Any, axes: Any, *, function: _FlatFunction) -> tuple[list[
             leaves[i] = value
         return _one_by_one.bind(*leaves, function=function)
 
-    # Without `checkpoint`, the gradient would store all intermediate arrays of the whole batch.
-    outputs = jax.lax.map(jax.checkpoint(of_element), [moved[i] for i in batched])
+    step = jax.checkpoint(of_element) if function.recompute else of_element
+    outputs = jax.lax.map(step, [moved[i] for i in batched])
     return outputs, [0] * len(outputs)
 
 

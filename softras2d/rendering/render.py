@@ -85,18 +85,29 @@ _CACHED_PIXELS = 2**16
 cores with 8 to 30 triangles at 28 to 128 pixels: up to here a batch is faster all at once."""
 
 
+_STORED_PIXELS = 2**19
+"""Pixels of all slots up to which the gradient of a batch stores what it needs of each scene, about
+50 bytes a pixel. Larger scenes are drawn again instead."""
+
+
 def _fills_cache(scene: Scene, plan: Plan) -> bool:
     """Whether the scenes of a batch are better drawn one after another."""
+    return jax.default_backend() == "cpu" and _count_pixels(scene, plan) > _CACHED_PIXELS
+
+
+def _count_pixels(scene: Scene, plan: Plan) -> int:
+    """Pixels of the tiles of all slots, a measure of the work."""
     capacity, tiling = plan.capacity_of(scene.triangles.shape[-2]), plan.tiling
-    pixels = capacity.chunks * capacity.layers * tiling.height * tiling.width
-    return jax.default_backend() == "cpu" and pixels > _CACHED_PIXELS
+    return capacity.chunks * capacity.layers * tiling.height * tiling.width
 
 
 def _render_one_by_one(scene: Scene, plan: Plan) -> Drawn:
     """`_render`, of a batch one scene after another."""
     arrays, rest = eqx.partition((scene, plan), eqx.is_array)
-    drawn = one_by_one(lambda arrays: _drawn_arrays(*eqx.combine(arrays, rest)))(arrays)
-    return Drawn(*drawn)
+    # Sampled coverage stores more than it takes to compute it again.
+    recompute = plan.side == 0 or _count_pixels(scene, plan) > _STORED_PIXELS
+    draw = one_by_one(lambda arrays: _drawn_arrays(*eqx.combine(arrays, rest)), recompute=recompute)
+    return Drawn(*draw(arrays))
 
 
 def _drawn_arrays(scene: Scene, plan: Plan) -> tuple[Array, Needs, Array]:
