@@ -10,13 +10,15 @@ from jaxtyping import Array, Float, Int
 
 from ..geometry.tiling import Tiling
 from ..gradients.crossings import Sample
-from ..gradients.visible_front import color_at
+from ..gradients.visible_front import address, color_at
 from ..planning.plan import Plan
 from ..scene import Scene
 from ..shading.corner_attributes import CornerAttributes
+from ..shading.fragments import shading_points_of_samples
 from ..shading.surface import Surface, pixel_step, surface_lanes
 from ..shading.texture_lookup import uv_derivative
-from .projected_scene import project_scene
+from ..shading.triangle_color import shade
+from .projected_scene import Projected, project_scene
 
 
 def with_unit_corners(scene: Scene, *, perspective: bool = True) -> Scene:
@@ -44,6 +46,27 @@ def weights_at(
     """
     none = jnp.zeros(3, surface.corners.color.dtype)
     return color_at(surface, none, triangle, sample, tiling, flat=False)
+
+
+def buffer_weights(
+    projected: Projected, triangle: Int[Array, "lines runs"], sample: Sample, plan: Plan
+) -> Float[Array, "3 lines runs"]:
+    """Weights of the corners where each sample of a buffer is shaded; 0 where `triangle` is -1.
+
+    This is the sample itself, or with shading by pixel the one point of its pixel at which the
+    triangle is shaded. `projected` is of `with_unit_corners`.
+    """
+    surface, tiling = projected.surface, plan.tiling
+    if plan.hard.shading == "sample":
+        return weights_at(surface, triangle, sample, tiling)
+    lane = jnp.maximum(triangle, 0).reshape(-1)
+    column, row = (axis.reshape(-1) for axis in sample)
+    lanes = surface_lanes(surface, lane, address(sample, tiling)[0].reshape(-1), tiling)
+    points = shading_points_of_samples(
+        projected.edges, projected.bounds, lanes.weights, lane, column, row, tiling
+    )
+    weights = shade(surface, lanes, points, tiling).reshape(3, *triangle.shape)
+    return jnp.where((triangle < 0)[None], 0.0, weights)
 
 
 def uv_change(

@@ -8,8 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from ..gradients.boundary_term import BoundaryShape, boundary_term
 from ..gradients.sample_colors import OpaqueSamples
-from ..shading.surface import Surface
-from .corner_weights import weights_at, with_unit_corners
+from .corner_weights import buffer_weights, with_unit_corners
 from .given_colors import ArrayColors, Shade, ShadedColors
 from .overflow import poison_if
 from .projected_scene import Projected
@@ -59,7 +58,7 @@ def resolve(
     binned = bin_scene(scene, plan)
     projected = binned.projected
     if is_function:
-        image = _mean_of_shaded(visible, values, projected.surface, background)
+        image = _mean_of_shaded(visible, values, projected, background)
         colors = ShadedColors.of(values, projected.surface, background)
     else:
         is_clear = (visible.triangle < 0)[..., None]
@@ -84,10 +83,10 @@ def _boundary(
 
 
 def _mean_of_shaded(
-    visible: Visibility, shade: Shade, surface: Surface, background: Float[Array, " channels"]
+    visible: Visibility, shade: Shade, projected: Projected, background: Float[Array, " channels"]
 ) -> Float[Array, "height width channels"]:
     """Shade some rows of pixels at a time, and average over the samples."""
-    grid, tiling = visible.plan.grid, visible.plan.tiling
+    grid = visible.plan.grid
     rows = min(max(_BLOCK // (grid.width * grid.samples), 1), grid.height)
     blocks = -(-grid.height // rows)
     padding = blocks * rows - grid.height
@@ -98,7 +97,7 @@ def _mean_of_shaded(
         sample = samples_of_rows(first_row, rows, grid)
         # Rows beyond the canvas show nothing; any sample will do.
         sample = sample._replace(row=jnp.minimum(sample.row, grid.height * grid.rate - 1))
-        weights = weights_at(surface, triangle.reshape(rows, -1), sample, tiling)
+        weights = buffer_weights(projected, triangle.reshape(rows, -1), sample, visible.plan)
         flat = triangle.reshape(-1)
         values = shade(jnp.maximum(flat, 0), weights.reshape(3, -1).T)
         values = jnp.where((flat < 0)[:, None], background, values)

@@ -17,7 +17,7 @@ from ..planning.capacities import Needs
 from ..planning.plan import Plan
 from ..planning.size_classes import pad_concrete
 from ..scene import Scene, check_types
-from .corner_weights import uv_change, weights_at, with_unit_corners
+from .corner_weights import buffer_weights, uv_change, with_unit_corners
 from .modes import mode_of
 from .overflow import Outcome, compare, complaint, poison_if, raise_on_overflow
 from .pixel_layers import PixelLayers
@@ -52,8 +52,10 @@ class Visibility(eqx.Module):
     def barycentric(self) -> Float[Array, "height width samples *layers 3"]:
         """Weights of the corners in the order of `scene.triangles`; 0 for background.
 
-        They sum to 1, and are perspective-correct if the scene has `inverse_w`. Their derivative by
-        positions is that at a fixed sample, the interior term of `render`.
+        They sum to 1, and are perspective-correct if the scene has `inverse_w`. They are those at
+        the sample, or, with `Hard(shading="pixel")`, at the one point of the pixel where `render`
+        shades the triangle. Their derivative by positions is that at a fixed point, the interior
+        term of `render`.
         """
         return _weights(self, perspective=True)
 
@@ -105,8 +107,8 @@ def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility | Pixe
     of `interpolate` and of `resolve` are by all floats of the scene. A scene that outgrows its plan
     is treated as in `render`: the images of `resolve` and their derivatives are then NaN.
 
-    Raises `ValueError` for shading by pixel, and for indices of more than 2 GiB: draw the canvas in
-    windows then (`plan(origin=...)`), or map over them.
+    Raises `ValueError` for indices of more than 2 GiB: draw the canvas in windows then
+    (`plan(origin=...)`), or map over them.
     """
     _check(plan, layers)
     if plan.side:
@@ -175,8 +177,6 @@ def _find_pixel_layers(scene: Scene, plan: Plan, layers: int) -> tuple[PixelLaye
 
 
 def _check(plan: Plan, layers: int) -> None:
-    if not plan.side and plan.hard.shading != "sample":
-        raise ValueError("`rasterize` works by sample: plan with Hard(shading='sample').")
     if layers < 1:
         raise ValueError(f"`layers` must be an integer of 1 or more; got {layers!r}.")
     size = plan.height * plan.width * plan.grid.samples * layers * 4
@@ -257,9 +257,9 @@ def _weights(visible: Visibility, *, perspective: bool) -> Array:
     grid = plan.grid
     if scene.triangles.shape[0] == 0:
         return jnp.zeros((*triangle.shape, 3), scene.positions.dtype)
-    surface = project_scene(with_unit_corners(scene, perspective=perspective), plan).surface
+    projected = project_scene(with_unit_corners(scene, perspective=perspective), plan)
     sample = samples_of_rows(jnp.zeros((), jnp.int32), grid.height, grid)
     if triangle.ndim == 4:
         sample = Sample(*(jnp.repeat(entry, triangle.shape[3], 1) for entry in sample))
-    weights = weights_at(surface, triangle.reshape(grid.height, -1), sample, plan.tiling)
+    weights = buffer_weights(projected, triangle.reshape(grid.height, -1), sample, plan)
     return jnp.moveaxis(weights, 0, -1).reshape(*triangle.shape, 3)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Int, UInt32
 
 from ..binning.expansion import Expansion, expand_on_device
 from ..geometry.barycentric import Weights
-from ..geometry.fixed_point import Edge, Edges
+from ..geometry.fixed_point import Edge, Edges, SampleBounds
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from .surface import Points, gather_lanes
@@ -163,6 +163,46 @@ def shading_points(
     return _choose_point(
         is_central, fragments.column, fragments.row, count, across, down, tiling.grid.rate
     )
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def shading_points_of_samples(
+    edges: Edges,
+    bounds: SampleBounds,
+    weights: Weights,
+    triangle: Int[Array, " lanes"],
+    column: Int[Array, " lanes"],
+    row: Int[Array, " lanes"],
+    tiling: Tiling,
+) -> Points:
+    """The point at which multisampling shades the pixel of each lane's sample, in its tile.
+
+    It is chosen as by `shading_points`, but by testing all samples of the pixel again: for callers
+    that know a sample and its triangle, and no fragments. `column` and `row` are on the canvas;
+    `weights` are per lane.
+    """
+    rate = tiling.grid.rate
+    left, top = column - column % tiling.sample_columns, row - row % tiling.sample_rows
+    near = [edge.gather(triangle).rebased(left, top) for edge in edges]
+    box = bounds.gather(triangle)
+    x, y = (column - left) // rate, (row - top) // rate
+
+    def add_sample(number: Array, sums: tuple[Array, ...]) -> tuple[Array, ...]:
+        across, down = number % rate, number // rate
+        at = x * rate + across, y * rate + down
+        covered = (at[0] + left >= box.left) & (at[0] + left <= box.right)
+        covered = covered & (at[1] + top >= box.top) & (at[1] + top <= box.bottom)
+        for edge in near:
+            covered = covered & edge.at(*at).is_inside()
+        return tuple(
+            total + jnp.where(covered, term, 0)
+            for total, term in zip(sums, (1, across, down), strict=True)
+        )
+
+    zero = jnp.zeros_like(column)
+    count, across, down = jax.lax.fori_loop(0, rate * rate, add_sample, (zero, zero, zero))
+    is_central = _is_central(weights, near[1], x, y, count, rate)
+    return _choose_point(is_central, x, y, count, across, down, rate)
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
