@@ -9,6 +9,9 @@ import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
+from ..display.leaves import field_of, shape_of
+from ..display.notebook import buffers_html
+from ..display.scene_text import scene_text
 from ..gradients.crossings import Sample
 from ..gradients.visible_front import address, triangle_at
 from ..numerics.batched_loops import repeat
@@ -47,6 +50,15 @@ class Visibility(eqx.Module):
     scene: Scene
     plan: Plan
     overflow: Bool[Array, ""]
+
+    def __repr__(self) -> str:
+        shape = list(shape_of(field_of(self, "triangle")) or ())
+        scene = scene_text(field_of(self, "scene")).splitlines()[0]
+        return f"Visibility: triangle {shape}\n  {scene}"
+
+    def _repr_html_(self) -> str | None:
+        """The triangles as colours above the text of `repr`, for notebooks; None with layers."""
+        return buffers_html(self, repr(self))
 
     @property
     def barycentric(self) -> Float[Array, "height width samples *layers 3"]:

@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -123,6 +124,20 @@ def test_buffers_show_the_numbers_of_triangles():
     assert shown is not None
     expected = sr.plot.id_colors(buffers.triangle)
     np.testing.assert_allclose(picture_of(shown), expected, atol=0.5 / 255 + 1e-6)
+
+
+def test_visibility_shows_itself_above_its_text():
+    triangle = np.full((20, 40, 4), -1, np.int32)
+    triangle[:, 20:] = 1
+    plan = sr.plan(SCENE, height=20, width=40, coverage=sr.Hard(samples=4))
+    buffers = sr.Visibility(jnp.asarray(triangle), SCENE, plan, jnp.array(False))
+    shown = buffers._repr_html_()
+    assert shown is not None
+    expected = sr.plot.id_colors(triangle)
+    np.testing.assert_allclose(picture_of(shown), expected, atol=0.5 / 255 + 1e-6)
+    assert html.escape(repr(buffers)) in shown
+    with_layers = replace(buffers, triangle=buffers.triangle[..., None])
+    assert with_layers._repr_html_() is None
 
 
 def test_ipython_shows_pictures_and_texts():

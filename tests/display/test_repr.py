@@ -1,4 +1,4 @@
-"""`repr` of scenes, textures, plans and fits: short, and never an exception."""
+"""`repr` of scenes, textures, plans, buffers and fits: short, and never an exception."""
 
 from dataclasses import fields, replace
 
@@ -216,6 +216,19 @@ def test_a_plan_is_two_lines_and_prints_in_full():
     jax.jit(lambda plan: texts.append(repr(plan)))(soft)
     assert texts[0].startswith("Plan: 30 x 20 px, Soft\n")
     assert repr(jax.tree.map(lambda _: None, soft)).startswith("Plan: 30 x 20 px, Soft\n")
+
+
+def test_visibility_buffers_are_their_shape_and_the_scene():
+    plan = sr.plan(FLAT, height=20, width=30, coverage=sr.Hard(samples=4))
+    visible = sr.Visibility(jnp.zeros((20, 30, 4), jnp.int32), FLAT, plan, jnp.array(False))
+    assert repr(visible) == f"Visibility: triangle [20, 30, 4]\n  {repr(FLAT).splitlines()[0]}"
+    texts = []
+    jax.jit(lambda visible: texts.append(repr(visible)))(visible)
+    assert texts[0].endswith("float32, traced")
+    for leaf in LEAVES.values():
+        strange = jax.tree.map(lambda _, leaf=leaf: leaf, visible)
+        assert repr(strange).startswith("Visibility: triangle []\n  Scene: ")
+    assert repr(object.__new__(sr.Visibility)).startswith("Visibility: triangle []\n  Scene: ")
 
 
 def test_a_fit_is_its_scores_and_sizes():
