@@ -99,8 +99,11 @@ def _mean_of_shaded(
         sample = sample._replace(row=jnp.minimum(sample.row, grid.height * grid.rate - 1))
         weights = buffer_weights(projected, triangle.reshape(rows, -1), sample, visible.plan)
         flat = triangle.reshape(-1)
-        values = shade(jnp.maximum(flat, 0), weights.reshape(3, -1).T)
-        values = jnp.where((flat < 0)[:, None], background, values)
+        is_clear = (flat < 0)[:, None]
+        # A point in a triangle: a function that has no derivative at weights of 0, such as a
+        # normalization, would spoil the whole gradient with a NaN.
+        weights = jnp.where(is_clear, 1.0 / 3.0, weights.reshape(3, -1).T)
+        values = jnp.where(is_clear, background, shade(jnp.maximum(flat, 0), weights))
         return jnp.mean(values.reshape(rows, grid.width, grid.samples, -1), 2)
 
     blocked = triangle.reshape(blocks, rows, grid.width, grid.samples)
