@@ -54,7 +54,7 @@ def show(soup: Soup, canvas: Canvas, layers: int = 1, *, anywhere: bool = False)
 
 
 def by_pixel(samples: np.ndarray, canvas: Canvas) -> np.ndarray:
-    """From rows and columns of samples to `[height, width, samples, ...]`, row by row in a pixel."""
+    """Rows and columns of samples as `[height, width, samples, ...]`, row by row in each pixel."""
     rate, rest = canvas.rate, samples.shape[2:]
     cut = samples.reshape(canvas.height, rate, canvas.width, rate, *rest)
     return cut.swapaxes(1, 2).reshape(canvas.height, canvas.width, rate**2, *rest)

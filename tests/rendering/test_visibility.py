@@ -274,5 +274,5 @@ def test_plans_that_are_not_for_buffers_are_refused_in_one_line(coverage, layers
 def test_a_batched_scene_is_refused():
     drawn = [scene_of(soup_of(seed, texels=None)) for seed in range(2)]
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *drawn)
-    with pytest.raises(ValueError, match="one scene: use jax.vmap"):
+    with pytest.raises(ValueError, match=r"one scene: use jax\.vmap"):
         sr.rasterize(batch, plan_of(drawn[0], ON, PLAIN))
