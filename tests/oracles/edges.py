@@ -39,13 +39,13 @@ def flatten(scene, origin=(0, 0)) -> Flat:
     colors = np.broadcast_to(colors, (colors.shape[0], 3, colors.shape[2]))
     if colors.shape[2] == 3:
         colors = np.concatenate([colors, np.ones((*colors.shape[:2], 1))], 2)
-    vertex = [
+    depth, inverse_w = (
         None if entry is None else np.asarray(entry, np.float64)[triangles]
         for entry in (scene.depth, scene.inverse_w)
-    ]
+    )
     positions = np.asarray(scene.positions, np.float64) - np.asarray(origin)
     background = np.asarray(scene.background, np.float64)
-    return Flat(positions[triangles], colors, background, *vertex)
+    return Flat(positions[triangles], colors, background, depth, inverse_w)
 
 
 def position_gradient(

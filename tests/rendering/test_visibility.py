@@ -44,25 +44,24 @@ def assert_shows(
     - `depth_margin`: samples at which two different depths are closer are left out.
     - `certain`: the samples to compare, by default all.
     """
-    is_decided = (expected.depth_margin == 0) | (expected.depth_margin > depth_margin)
-    certain = is_decided if certain is None else certain & is_decided
-    assert certain.mean() > 0.98
-    weights, depth, coverage = (
-        None if buffer is None else np.asarray(buffer) for buffer in buffers_of(visible)
-    )
+    is_compared = (expected.depth_margin == 0) | (expected.depth_margin > depth_margin)
+    if certain is not None:
+        is_compared = is_compared & certain
+    assert is_compared.mean() > 0.98
+    weights, depth, coverage = jax.tree.map(np.asarray, buffers_of(visible))
     triangle = np.asarray(visible.triangle)
     if triangle.ndim == 3:
         triangle, weights = triangle[..., None], weights[..., None, :]
         depth = None if depth is None else depth[..., None]
-    np.testing.assert_array_equal(triangle[certain], expected.triangle[certain])
-    np.testing.assert_allclose(weights[certain], expected.weights[certain], atol=atol)
-    if certain.all():
+    np.testing.assert_array_equal(triangle[is_compared], expected.triangle[is_compared])
+    np.testing.assert_allclose(weights[is_compared], expected.weights[is_compared], atol=atol)
+    if is_compared.all():
         share = (expected.triangle[..., 0] >= 0).mean(axis=-1)
         np.testing.assert_allclose(coverage, share, atol=1e-7)
     if depth is None:
         assert np.isinf(expected.depth).all()
         return
-    np.testing.assert_allclose(depth[certain], expected.depth[certain], atol=atol)
+    np.testing.assert_allclose(depth[is_compared], expected.depth[is_compared], atol=atol)
 
 
 @pytest.mark.parametrize(
@@ -107,7 +106,9 @@ def test_layers_with_depth_and_perspective_equal_the_oracle(layers, options):
     """Triangles that cross in depth, and triangles of equal depth, of which the later wins."""
     on = replace(ON, origin=(7, -5))
     soups = [soup_of(seed, texels=None, **options) for seed in range(2)]
-    soups = [replace(soup, corners=soup.corners + np.float32(on.origin)) for soup in soups]
+    soups = [
+        replace(soup, corners=soup.corners + np.array(on.origin, np.float32)) for soup in soups
+    ]
     soups += [with_equal_depths(soup) for soup in soups if soup.depth is not None]
     plan = plan_of(scene_of(soups[0]), on, PLAIN)
     for soup in soups:
@@ -186,8 +187,10 @@ def test_far_triangles_equal_the_oracle(capacity):
     )
     for soup, scene in zip(soups, drawn, strict=True):
         # Past the guard band, edges are exact to two units of the grid, and depths to roundings.
-        near = [near_an_edge(triangle, ON) for triangle in snap(soup.corners, ON, anywhere=True)]
-        certain = ~by_pixel(np.any(near, axis=0), ON)
+        near: list[np.ndarray] = [
+            near_an_edge(triangle, ON) for triangle in snap(soup.corners, ON, anywhere=True)
+        ]
+        certain = ~by_pixel(np.asarray(np.stack(near).any(axis=0)), ON)
         expected = show(soup, ON, anywhere=True)
         assert_shows(sr.rasterize(scene, plan), expected, 1e-4, 1e-4, certain)
 
@@ -195,9 +198,10 @@ def test_far_triangles_equal_the_oracle(capacity):
 def test_shared_vertices_and_interpolated_attributes_equal_the_oracle():
     x, y = np.meshgrid(np.linspace(-3, 31, 5), np.linspace(-2, 26, 4))
     positions = np.stack([x.ravel(), y.ravel()], -1) + np.random.default_rng(0).normal(size=(20, 2))
-    positions = (np.rint(positions * 64) / 64).astype(np.float32)
+    positions = np.asarray(np.rint(positions * 64) / 64, np.float32)
     first = np.array([5 * row + column for row in range(3) for column in range(4)])
-    triangles = np.concatenate([first[:, None] + [0, 1, 5], first[:, None] + [1, 5, 6]])
+    triangles = np.stack([first, first + 1, first + 5, first + 1, first + 5, first + 6], 1)
+    triangles = triangles.reshape(-1, 3)
     attributes = np.random.default_rng(2).normal(size=(20, 2)).astype(np.float32)
     colors = np.ones((len(triangles), 3), np.float32)
     scene = sr.Scene.from_mesh(positions, triangles, triangle_colors=colors)
@@ -231,7 +235,7 @@ def test_an_empty_scene_shows_background():
         values = sr.interpolate(visible, np.zeros((0, 3, 2), np.float32))
         assert values.shape == (5, 7, 4, *extra, 2)
     image = sr.resolve(sr.rasterize(scene, plan), lambda triangle, weights: weights)
-    np.testing.assert_array_equal(image, np.broadcast_to(np.float32([0.25, 0.5, 0.75]), (5, 7, 3)))
+    np.testing.assert_array_equal(image, np.broadcast_to(scene.background, (5, 7, 3)))
 
 
 @pytest.mark.slow
