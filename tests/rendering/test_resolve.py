@@ -78,33 +78,27 @@ def rectangles(*boxes: tuple[float, float, float, float]) -> np.ndarray:
     return np.array(corners, np.float32)
 
 
-def rectangle_scene(is_flat: bool) -> sr.Scene:
-    corners = rectangles((3.3, 4.1, 14.2, 13.7), (8.6, 7.2, 16.9, 17.3))
-    colors = np.random.default_rng(0).random((4, 3, 3))
-    colors[1::2, :2] = colors[::2, [0, 2]]
-    if is_flat:
-        colors = np.repeat(colors[[0, 0, 2, 2], :1], 3, 1)
-    return sr.Scene.from_soup(corners, colors.astype(np.float32))
-
-
 def plan_for_hard(scene: sr.Scene, samples: int = 16, **options: Any) -> sr.Plan:
     coverage = sr.Hard(samples)
     return sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage, **options)
 
 
 @pytest.mark.slow
-def test_an_array_has_the_gradient_of_the_function():
-    """Values are those of samples, half a sample from the edge, which flat colours do not show."""
-    for is_flat, most in ((True, 1e-5), (False, 0.03)):
-        scene = rectangle_scene(is_flat)
-        plan = plan_for_hard(scene)
+def test_an_array_has_nearly_the_gradient_of_the_function():
+    """But for colours half a sample off the edge, and for the tips of triangles, which are thin."""
+    corners = rectangles((3.3, 4.1, 14.2, 13.7), (8.6, 7.2, 16.9, 17.3))
+    colors = np.random.default_rng(0).random((4, 3, 3))
+    colors[1::2, :2] = colors[::2, [0, 2]]
+    scene = sr.Scene.from_soup(corners, colors.astype(np.float32))
+    for samples, most in ((16, 0.03), (256, 0.01)):
+        plan = plan_for_hard(scene, samples)
         weight = random_weight(plan)
         image, gradient = image_and_gradient(resolve_interpolated, scene, plan, weight)
         expected, wanted = image_and_gradient(resolve_scene, scene, plan, weight)
         np.testing.assert_allclose(image, expected, atol=1e-6)
         distance = np.linalg.norm(gradient.positions - wanted.positions)
         assert distance < most * np.linalg.norm(wanted.positions)
-        np.testing.assert_allclose(gradient.colors, wanted.colors, atol=1e-5)
+        np.testing.assert_allclose(gradient.colors, wanted.colors, atol=2e-4)
 
 
 @pytest.mark.slow
