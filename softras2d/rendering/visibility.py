@@ -255,7 +255,7 @@ def _nearest_layers(
         pair = jnp.clip(start + position, 0, lists.triangle.shape[0] - 1)
         word = flat_words.at[pair * rows + word_index].get(mode="clip")
         is_covering: Bool[Array, "lines runs"] = ((word >> bit) & 1 == 1) & (position < count)
-        here = is_covering[..., None] & (layer == found[..., None])
+        here = is_covering[..., None] & (layer[None, None] == found[..., None])
         triangle = jnp.where(here, lists.triangle[pair][..., None], triangle)
         return found + is_covering.astype(jnp.int32), triangle
 

@@ -9,19 +9,27 @@ weighted sum of pixels with respect to the vertices has two terms:
   coverage. It is smooth, and found by central differences.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
+Shade = Callable[[int, np.ndarray], np.ndarray]
+"""From a triangle and weights `[points, 3]` to opaque values `[points, channels]`."""
+
 
 class Flat(NamedTuple):
-    """A scene in float64: corners `[n, 3, 2]`, straight RGBA `[n, 3, 4]`, and what is optional."""
+    """A scene in float64: corners `[n, 3, 2]`, straight RGBA `[n, 3, 4]`, and what is optional.
+
+    `shade`: replaces the colours.
+    """
 
     corners: np.ndarray
     colors: np.ndarray
     background: np.ndarray
     depth: np.ndarray | None
     inverse_w: np.ndarray | None
+    shade: Shade | None = None
 
 
 def flatten(scene, origin=(0, 0)) -> Flat:
@@ -31,26 +39,37 @@ def flatten(scene, origin=(0, 0)) -> Flat:
     colors = np.broadcast_to(colors, (colors.shape[0], 3, colors.shape[2]))
     if colors.shape[2] == 3:
         colors = np.concatenate([colors, np.ones((*colors.shape[:2], 1))], 2)
-    vertex = [
+    depth, inverse_w = (
         None if entry is None else np.asarray(entry, np.float64)[triangles]
         for entry in (scene.depth, scene.inverse_w)
-    ]
+    )
     positions = np.asarray(scene.positions, np.float64) - np.asarray(origin)
     background = np.asarray(scene.background, np.float64)
-    return Flat(positions[triangles], colors, background, *vertex)
+    return Flat(positions[triangles], colors, background, depth, inverse_w)
 
 
 def position_gradient(
-    scene, pixel_weights: np.ndarray, *, points: int = 64, rate: int = 8, origin=(0, 0)
+    scene,
+    pixel_weights: np.ndarray,
+    *,
+    points: int = 64,
+    rate: int = 8,
+    origin=(0, 0),
+    shade: Shade | None = None,
+    background: Any = None,
 ) -> np.ndarray:
     """Gradient `[vertices, 2]` of the sum of the box-filtered image times `pixel_weights`.
 
     `points`: per pixel of length along edges; `rate`: squared, samples per pixel of area.
+
+    `shade` and `background`, given together, replace the colours of the scene.
     """
     flat = flatten(scene, origin)
+    if shade is not None:
+        flat = flat._replace(shade=shade, background=np.asarray(background, np.float64))
     weights = np.asarray(pixel_weights, np.float64)
     corner_gradient = _edge_term(flat, weights, points)
-    if np.ptp(flat.colors, axis=1).any():
+    if shade is not None or np.ptp(flat.colors, axis=1).any():
         corner_gradient = corner_gradient + _area_term(flat, weights, rate)
     gradient = np.zeros(np.asarray(scene.positions).shape)
     np.add.at(gradient, np.asarray(scene.triangles), corner_gradient)
@@ -144,8 +163,11 @@ def _composite(
         if flat.inverse_w is not None:
             weights = weights * flat.inverse_w[i]
             weights = weights / weights.sum(1, keepdims=True)
-        straight = weights @ flat.colors[i]
-        alpha = straight[:, 3:]
-        source = np.concatenate([straight[:, :3] * alpha, alpha], 1)[:, :channels]
+        if flat.shade is None:
+            straight = weights @ flat.colors[i]
+            alpha = straight[:, 3:]
+            source = np.concatenate([straight[:, :3] * alpha, alpha], 1)[:, :channels]
+        else:
+            source, alpha = flat.shade(i, weights), 1.0
         color = np.where(passed[:, None], source + (1 - alpha) * color, color)
     return color

@@ -69,9 +69,9 @@ def draw(
 
     `anywhere`: whether corners may lie outside the band.
     """
-    scene = _Scene(soup, canvas, sampler, anywhere)
+    scene = SnappedSoup(soup, canvas, sampler, anywhere)
     footprints = [footprint(triangle, canvas) for triangle in scene.snapped]
-    passes, depth_margin = _depth_test(scene, footprints)
+    passes, depth_margin = depth_test(scene, footprints)
     shape = (canvas.height * canvas.rate, canvas.width * canvas.rate)
     samples = np.tile(premultiplied(np.asarray(soup.background, np.float64)), (*shape, 1))
     margin = np.full(shape, np.inf)
@@ -93,10 +93,12 @@ def draw(
     return Drawing(image, _least(margin, canvas), _least(depth_margin, canvas))
 
 
-class _Scene:
+class SnappedSoup:
     """A soup with what is computed once: snapped corners and texture pyramids."""
 
-    def __init__(self, soup: Soup, canvas: Canvas, sampler: Sampler, anywhere: bool = False):
+    def __init__(
+        self, soup: Soup, canvas: Canvas, sampler: Sampler = PLAIN, anywhere: bool = False
+    ):
         self.soup, self.canvas, self.sampler = soup, canvas, sampler
         self.snapped = snap(soup.corners, canvas, anywhere=anywhere)
         images = soup.images if soup.images is not None else ()
@@ -111,7 +113,7 @@ class _Scene:
     def shade(self, index: int, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Premultiplied colours `[points, 4]` and margins, by screen-space weights."""
         soup = self.soup
-        weights, gradients = self._projected(index, weights)
+        weights, gradients = self.projected_weights(index, weights)
         corners = np.asarray(soup.colors[index], np.float64)
         straight = weights @ np.broadcast_to(corners, (3, corners.shape[-1]))
         color, margin = premultiplied(straight), np.full(len(weights), np.inf)
@@ -123,7 +125,7 @@ class _Scene:
             color = color * texel
         return color, margin
 
-    def _projected(self, index: int, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def projected_weights(self, index: int, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Perspective weights `[points, 3]` and their gradients by x and y, `[points, 3, 2]`."""
         gradients = np.broadcast_to(_weight_gradients(self.pixels[index]), (len(weights), 3, 2))
         if self.soup.inverse_w is None:
@@ -147,7 +149,9 @@ def _weight_gradients(corners: np.ndarray) -> np.ndarray:
     return np.linalg.inv(matrix)[:, :2]
 
 
-def _depth_test(scene: _Scene, footprints: list[Footprint]) -> tuple[list[np.ndarray], np.ndarray]:
+def depth_test(
+    scene: SnappedSoup, footprints: list[Footprint]
+) -> tuple[list[np.ndarray], np.ndarray]:
     """Which covered samples of each triangle pass, and the least margin at each sample."""
     canvas, soup = scene.canvas, scene.soup
     shape = (canvas.height * canvas.rate, canvas.width * canvas.rate)
@@ -171,7 +175,7 @@ def _depth_test(scene: _Scene, footprints: list[Footprint]) -> tuple[list[np.nda
 
 
 def _once_per_pixel(
-    scene: _Scene, index: int, covered: Footprint, drawn: np.ndarray
+    scene: SnappedSoup, index: int, covered: Footprint, drawn: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Colours and margins for the `drawn` samples, shaded once per pixel.
 

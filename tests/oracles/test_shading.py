@@ -122,19 +122,19 @@ def test_perspective_of_a_plane_by_closed_form():
 
 
 def test_perspective_gradients_are_the_differences():
-    from .shading import _Scene
+    from .shading import SnappedSoup
 
     soup = soup_of(3, perspective=True)
-    scene = _Scene(soup, ON, Sampler())
+    scene = SnappedSoup(soup, ON, Sampler())
     rng = np.random.default_rng(0)
     step = 1e-6
     for index in range(5):
         point = rng.dirichlet(np.ones(3))
         affine = np.linalg.inv(np.vstack([scene.pixels[index].T, np.ones(3)]))[:, :2]
-        _, gradients = scene._projected(index, point[None])
+        _, gradients = scene.projected_weights(index, point[None])
         for axis in range(2):
             ends = point + np.array([[-1], [1]]) * step * affine[:, axis]
-            values, _ = scene._projected(index, ends)
+            values, _ = scene.projected_weights(index, ends)
             difference = (values[1] - values[0]) / (2 * step)
             np.testing.assert_allclose(gradients[0, :, axis], difference, rtol=1e-6, atol=1e-8)
 

@@ -3,13 +3,15 @@
 from dataclasses import replace
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 
 import softras2d as sr
 
 from ..cases.marks import slowly
-from ..cases.shading import ON, assert_close, render_soup, scene_of, soup_of
+from ..cases.resolving import image_and_gradient, random_weight
+from ..cases.shading import ON, assert_close, plan_of, render_soup, scene_of, soup_of
 from ..oracles.shading import draw
 from ..oracles.texture import PLAIN, Sampler
 
@@ -67,6 +69,26 @@ def test_scale_of_w_does_not_matter():
     for scale in (1e-12, 1e9):
         scaled = replace(soup, inverse_w=(soup.inverse_w * scale).astype(np.float32))
         np.testing.assert_allclose(render_soup(scaled), image, atol=4e-6)
+
+
+@pytest.mark.slow
+def test_probes_do_not_change_an_untextured_scene():
+    """Colours were once added up over the probes, so that three probes were three times as bright.
+
+    The gradient was too.
+    """
+    scene = scene_of(soup_of(10, texels=None, **EVERYTHING))
+    results = []
+    for anisotropy in (1, 3):
+        plan = plan_of(scene, ON, Sampler(anisotropy=anisotropy))
+        results.append(image_and_gradient(sr.render, scene, plan, random_weight(plan)))
+    (image, gradient), (image_of_probes, gradient_of_probes) = results
+    np.testing.assert_allclose(image_of_probes, image, atol=1e-6)
+    leaves = zip(jax.tree.leaves(gradient_of_probes), jax.tree.leaves(gradient), strict=True)
+    for with_probes, expected in leaves:
+        largest = float(np.abs(expected).max())
+        assert largest > 0
+        np.testing.assert_allclose(with_probes, expected, atol=1e-6 * largest)
 
 
 def test_colours_stay_between_the_corners_under_extreme_w():

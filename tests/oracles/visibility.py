@@ -1,0 +1,60 @@
+"""Triangle, weights and depth at each sample: decided in integers, computed in float64 numpy.
+
+Nothing is shared with the package.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .coverage import Canvas, footprint
+from .shading import SnappedSoup, Soup, depth_test
+
+
+class Shown(NamedTuple):
+    """What `softras2d.Visibility` should hold, always with an axis of layers.
+
+    - `triangle` `[height, width, samples, layers]`: nearest first, -1 for background.
+    - `weights` `[height, width, samples, layers, 3]`: in perspective with `inverse_w`.
+    - `depth` `[height, width, samples, layers]`: infinity for background, and without depth.
+    - `depth_margin` `[height, width, samples]`: least difference of two depths that were compared.
+    """
+
+    triangle: np.ndarray
+    weights: np.ndarray
+    depth: np.ndarray
+    depth_margin: np.ndarray
+
+
+def show(soup: Soup, canvas: Canvas, layers: int = 1, *, anywhere: bool = False) -> Shown:
+    """Draw one triangle after another, each in front of the layers so far.
+
+    `anywhere`: whether corners may lie outside the band.
+    """
+    scene = SnappedSoup(soup, canvas, anywhere=anywhere)
+    footprints = [footprint(triangle, canvas) for triangle in scene.snapped]
+    passes, depth_margin = depth_test(scene, footprints)
+    shape = (canvas.height * canvas.rate, canvas.width * canvas.rate, layers)
+    triangle = np.full(shape, -1)
+    weights, depth = np.zeros((*shape, 3)), np.full(shape, np.inf)
+    for index, (covered, drawn) in enumerate(zip(footprints, passes, strict=True)):
+        projected, _ = scene.projected_weights(index, covered.weights[drawn])
+        values = [(triangle, index), (weights, projected)]
+        if soup.depth is not None:
+            corners = np.asarray(soup.depth[index], np.float64)
+            differences = corners - corners[0]
+            values.append((depth, corners[0] + covered.weights[drawn] @ differences))
+        for buffer, front in values:
+            target = buffer[covered.rows, covered.columns]
+            behind = target[drawn][:, :-1]
+            target[drawn, 1:] = behind
+            target[drawn, 0] = front
+    buffers = (triangle, weights, depth, depth_margin)
+    return Shown(*(by_pixel(buffer, canvas) for buffer in buffers))
+
+
+def by_pixel(samples: np.ndarray, canvas: Canvas) -> np.ndarray:
+    """Rows and columns of samples as `[height, width, samples, ...]`, row by row in each pixel."""
+    rate, rest = canvas.rate, samples.shape[2:]
+    cut = samples.reshape(canvas.height, rate, canvas.width, rate, *rest)
+    return cut.swapaxes(1, 2).reshape(canvas.height, canvas.width, rate**2, *rest)
