@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .planning.simplify import simplify
     from .planning.size_classes import pad
     from .rendering.composite import composite
+    from .rendering.find_pixel_layers import pixel_layers
     from .rendering.pixel_layers import PixelLayers
     from .rendering.planner import plan, plan_for
     from .rendering.render import render, render_checked
@@ -55,6 +56,7 @@ _DEFINED_IN = {
     "interpolate": ".rendering.visibility",
     "keep_compiled_programs": ".numerics.compilation_cache",
     "pad": ".planning.size_classes",
+    "pixel_layers": ".rendering.find_pixel_layers",
     "plan": ".rendering.planner",
     "plan_for": ".rendering.planner",
     "rasterize": ".rendering.visibility",
@@ -95,6 +97,7 @@ __all__ = [
     "keep_compiled_programs",
     "pad",
     "pictures",
+    "pixel_layers",
     "plan",
     "plan_for",
     "plot",

@@ -70,6 +70,7 @@ pad: scene
 pictures.names:
 pictures.path: name
 pictures.size: name
+pixel_layers: scene, plan, *layers
 plan: scene, *height, *width, *coverage=, *filter=, *origin=, *max_width=, *grid_bits=, *capacity=,
     *headroom=, *on_overflow=
 plan_for: *triangles, *height, *width, *coverage=, *filter=, *origin=, *max_width=, *grid_bits=

@@ -15,7 +15,7 @@ def composite(
 ) -> Float[Array, "height width channels"]:
     """Composite the colours of layers with "over", and average over the samples of each pixel.
 
-    - `visible`: from `rasterize(..., layers=k)`.
+    - `visible`: from `rasterize(..., layers=k)` or `pixel_layers`.
     - `values`: RGB, or RGB and straight alpha, of each layer: an array of the shape of
       `visible.triangle` with a last axis of 3 or 4 channels, or a function `shade(triangle,
       barycentric)` from `[n]` and `[n, 3]` to `[n, 3 or 4]`.

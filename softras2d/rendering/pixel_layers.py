@@ -15,7 +15,7 @@ from ..scene import Scene
 
 
 class PixelLayers(eqx.Module):
-    """The topmost triangles of each pixel, made by `rasterize` for `Soft` and `Area`.
+    """The topmost triangles of each pixel, made by `pixel_layers`.
 
     Layers are in reverse draw order, topmost first; unused ones have the triangle -1 and no
     coverage.

@@ -21,9 +21,7 @@ from ..planning.plan import Plan
 from ..planning.size_classes import pad_concrete
 from ..scene import Scene, check_types
 from .corner_weights import buffer_weights, uv_change, with_unit_corners
-from .modes import mode_of
-from .overflow import Outcome, compare, complaint, poison_if, raise_on_overflow
-from .pixel_layers import PixelLayers
+from .overflow import Outcome, compare, complaint, raise_on_overflow
 from .projected_scene import project_scene
 from .sample_grid import samples_of_rows
 from .visible_samples import BinnedScene, bin_scene, find_visible, listed_words
@@ -106,11 +104,10 @@ class Visibility(eqx.Module):
         return change.reshape(*triangle.shape, 2, 2)
 
 
-def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility | PixelLayers:
+def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility:
     """Find the triangle that shows at each sample, or the nearest few.
 
-    - `plan`: for `Hard` coverage. For `Soft` and `Area` the result is `PixelLayers`: the topmost
-      triangles of each pixel, with what they cover of it.
+    - `plan`: for `Hard` coverage; `pixel_layers` is for `Soft` and `Area`.
     - `layers`: how many triangles to keep at each sample, nearest first: in reverse draw order, and
       with depth only those that pass the depth test when they are drawn. Translucent triangles are
       layers like opaque ones. With one layer, what lies behind it is never looked at.
@@ -119,12 +116,10 @@ def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility | Pixe
     of `interpolate` and of `resolve` are by all floats of the scene. A scene that outgrows its plan
     is treated as in `render`: the images of `resolve` and their derivatives are then NaN.
 
-    Raises `ValueError` for indices of more than 2 GiB: draw the canvas in windows then
-    (`plan(origin=...)`), or map over them.
+    Raises `ValueError` for another coverage, and for indices of more than 2 GiB: draw the canvas in
+    windows then (`plan(origin=...)`), or map over them.
     """
     _check(plan, layers)
-    if plan.side:
-        return _rasterize_pixels(scene, plan, layers)
     triangle, outcome = _find_triangles(pad_concrete(scene, plan), plan, layers)
     if not isinstance(outcome.overflow, Tracer) and outcome.overflow:
         raise ValueError(complaint(outcome, plan))
@@ -166,31 +161,14 @@ def _interpolate(
     return jnp.where((triangle < 0)[..., None], 0.0, value)
 
 
-def _rasterize_pixels(scene: Scene, plan: Plan, layers: int) -> PixelLayers:
-    """The topmost triangles of each pixel, under analytic coverage."""
-    if scene.triangles.shape[0] == 0:
-        shape = (plan.height, plan.width, layers)
-        coverage = jnp.zeros(shape, scene.positions.dtype)
-        weights = jnp.zeros((*shape, 3), scene.positions.dtype)
-        return PixelLayers(jnp.full(shape, -1, jnp.int32), coverage, weights, scene, plan)
-    found, needs = _find_pixel_layers(scene, plan, layers)
-    outcome = compare(needs, False, plan)
-    if not isinstance(outcome.overflow, Tracer) and outcome.overflow:
-        raise ValueError(complaint(outcome, plan))
-    overflow = raise_on_overflow(outcome, plan)
-    coverage = poison_if(found.coverage, scene, overflow)
-    return PixelLayers(found.triangle, coverage, found.barycentric, scene, plan)
-
-
-@eqx.filter_jit
-def _find_pixel_layers(scene: Scene, plan: Plan, layers: int) -> tuple[PixelLayers, Needs]:
-    """Compute the layers in one program."""
-    return mode_of(plan.coverage).find_layers(scene, plan, layers)
-
-
 def _check(plan: Plan, layers: int) -> None:
     if layers < 1:
         raise ValueError(f"`layers` must be an integer of 1 or more; got {layers!r}.")
+    if plan.side:
+        raise ValueError(
+            f"`rasterize` needs a plan for Hard(...), and `pixel_layers` one for Soft(...) or "
+            f"Area(...); got {plan.coverage!r}."
+        )
     size = plan.height * plan.width * plan.grid.samples * layers * 4
     if size > MOST_BYTES:
         raise ValueError(

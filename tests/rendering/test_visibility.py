@@ -262,7 +262,6 @@ def test_vmap_and_jit_equal_a_loop():
     [
         (sr.Soft(1.0), 1, r"needs a plan for Hard\(\.\.\.\)"),
         (sr.Area(), 1, r"needs a plan for Hard\(\.\.\.\)"),
-        (sr.Hard(4, shading="pixel"), 1, "works by sample"),
         (sr.Hard(4), 0, "`layers` must be an integer of 1 or more; got 0"),
         (sr.Hard(4), 10**7, "more than 2,147,483,648: draw the canvas in windows"),
     ],

@@ -1,0 +1,138 @@
+"""Layers put together by `composite` are what `render` draws, and so are pixels shaded once."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softras2d as sr
+
+HEIGHT, WIDTH, COUNT = 20, 24, 8
+"""All triangles may overlap in one place: with as many layers none is left out."""
+
+
+def scene_of(*, alpha: bool, depth: bool = False, clear: bool = False) -> sr.Scene:
+    """Triangles with corner colours in perspective, one of them thin."""
+    rng = np.random.default_rng(3)
+    corners = rng.uniform(0, 22, (COUNT, 1, 2)) + rng.normal(size=(COUNT, 3, 2)) * 5
+    corners[2] = [(3, 2), (3.05, 18), (3.02, 10)]
+    return sr.Scene.from_soup(
+        corners.astype(np.float32),
+        rng.random((COUNT, 3, 4 if alpha else 3)),
+        background=[0.2, 0.3, 0.4, 0.5] if clear else [0.2, 0.3, 0.4],
+        inverse_w=rng.uniform(0.5, 2, (COUNT, 3)),
+        depth=rng.random((COUNT, 3)) if depth else None,
+    )
+
+
+def colors_at(scene: sr.Scene):
+    """The scene's own colours, as a function of triangle and weights."""
+    return lambda triangle, weights: jnp.einsum("nk,nkc->nc", weights, scene.colors[triangle])
+
+
+def draw_layers(scene: sr.Scene, plan: sr.Plan, layers: int = COUNT):
+    found = sr.pixel_layers if plan.side else sr.rasterize
+    return sr.composite(found(scene, plan, layers=layers), colors_at(scene))
+
+
+def gradient(draw, scene: sr.Scene, plan: sr.Plan):
+    weight = np.random.default_rng(1).normal(size=(HEIGHT, WIDTH, 1)).astype(np.float32)
+    return eqx.filter_jit(eqx.filter_grad(lambda s: jnp.sum(weight * draw(s, plan))))(scene)
+
+
+CASES = [
+    pytest.param(sr.Hard(4), {"alpha": True}, id="hard"),
+    pytest.param(sr.Hard(4), {"alpha": True, "depth": True}, id="hard-depth"),
+    pytest.param(sr.Hard(4), {"alpha": True, "clear": True}, id="hard-clear"),
+    pytest.param(sr.Soft(1.5), {"alpha": True}, id="soft"),
+    pytest.param(sr.Area(), {"alpha": True, "clear": True}, id="area"),
+    pytest.param(sr.Area(), {"alpha": False}, id="area-opaque"),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("coverage, effects", CASES)
+def test_composite_is_render(coverage, effects):
+    """The gradient too, but for the boundary term of hard mode."""
+    scene = scene_of(**effects)
+    plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=coverage)
+    np.testing.assert_allclose(draw_layers(scene, plan), sr.render(scene, plan), atol=2e-6)
+    actual, expected = gradient(draw_layers, scene, plan), gradient(sr.render, scene, plan)
+    names = ("colors", "background", "inverse_w") + (("positions",) if plan.side else ())
+    for name in names:
+        a, b = getattr(actual, name), getattr(expected, name)
+        np.testing.assert_allclose(a, b, atol=2e-5 * max(1, np.abs(b).max()), err_msg=name)
+    assert np.isfinite(actual.positions).all()
+
+
+def test_fewer_layers_leave_out_the_deepest():
+    """Three opaque triangles: the topmost hides the others, and of two layers it is the first."""
+    corners = np.array([[(0, 0), (20, 0), (0, 20)]] * 3, np.float32)
+    scene = sr.Scene.from_soup(corners, np.eye(3))
+    for coverage in (sr.Soft(0.5), sr.Area()):
+        plan = sr.plan(scene, height=8, width=8, coverage=coverage)
+        found = sr.pixel_layers(scene, plan, layers=2)
+        np.testing.assert_array_equal(found.triangle[2, 2], [2, 1])
+        np.testing.assert_allclose(found.coverage[2, 2], 1, atol=1e-6)
+        np.testing.assert_allclose(found.barycentric.sum(-1)[2, 2], 1, atol=1e-6)
+        assert found.coverage.shape == (8, 8, 2)
+    empty = sr.Scene.from_soup([], [])
+    plan = sr.plan(empty, height=8, width=8, coverage=sr.Area())
+    assert (sr.pixel_layers(empty, plan, layers=1).triangle == -1).all()
+
+
+@pytest.mark.slow
+def test_buffers_of_pixel_shading_are_those_of_render():
+    """Each pixel is shaded where `render` shades it, and differs from shading by sample."""
+    scene = scene_of(alpha=False)
+    options = {"height": HEIGHT, "width": WIDTH}
+    plan = sr.plan(scene, coverage=sr.Hard(16, shading="pixel"), **options)
+
+    def draw(scene: sr.Scene, plan: sr.Plan):
+        return sr.resolve(sr.rasterize(scene, plan), colors_at(scene))
+
+    np.testing.assert_allclose(draw(scene, plan), sr.render(scene, plan), atol=2e-6)
+    actual, expected = gradient(draw, scene, plan), gradient(sr.render, scene, plan)
+    for a, b in zip(jax.tree.leaves(actual), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(a, b, atol=2e-5 * max(1, np.abs(b).max()))
+    by_sample = sr.plan(scene, coverage=sr.Hard(16), **options)
+    assert np.abs(draw(scene, by_sample) - draw(scene, plan)).max() > 1e-3
+
+
+def test_a_shade_without_a_derivative_at_zero_weights_spoils_nothing():
+    """Weights of the background are those of a point in a triangle."""
+    scene = replace(scene_of(alpha=False), inverse_w=None)
+    plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=sr.Hard(4))
+
+    def loss(scene: sr.Scene):
+        def shade(triangle, weights):
+            return scene.colors[triangle, 0] * jnp.linalg.norm(weights, axis=1, keepdims=True)
+
+        return sr.resolve(sr.rasterize(scene, plan), shade).sum()
+
+    gradients = eqx.filter_jit(eqx.filter_grad(loss))(scene)
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
+
+
+@pytest.mark.parametrize(
+    "coverage, layers, message",
+    [(sr.Hard(4), 1, "use `rasterize` for Hard"), (sr.Area(), 0, "`layers` must be an integer")],
+)
+def test_layers_of_another_coverage_are_refused(coverage, layers, message):
+    scene = scene_of(alpha=False)
+    plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=coverage)
+    with pytest.raises(ValueError, match=message):
+        sr.pixel_layers(scene, plan, layers=layers)
+
+
+def test_composite_refuses_other_shapes():
+    scene = scene_of(alpha=False)
+    plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=sr.Area())
+    found = sr.pixel_layers(scene, plan, layers=2)
+    with pytest.raises(ValueError, match="`values` must be"):
+        sr.composite(found, np.zeros((HEIGHT, WIDTH, 2, 2)))
+    with pytest.raises(ValueError, match="`background` must be"):
+        sr.composite(found, np.zeros((HEIGHT, WIDTH, 2, 3), np.float32), background=[0.0])
