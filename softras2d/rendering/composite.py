@@ -56,7 +56,8 @@ def composite(
         color = values[..., layer, :] * coverage[..., layer, None]
         total = total + transmittance[..., None] * color[..., :channels]
         transmittance = transmittance * (1.0 - color[..., 3])
-    total = total + transmittance[..., None] * premultiply(background)
+    behind = premultiply(background).reshape((1,) * transmittance.ndim + (-1,))
+    total = total + transmittance[..., None] * behind
     if isinstance(visible, Visibility):
         total = jnp.mean(total, 2)
     return unpremultiply(total)

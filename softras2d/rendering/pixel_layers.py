@@ -68,7 +68,7 @@ def _first_slots(
     """The first slots of each pixel's tile that cover some of the pixel; -1 beyond the last."""
     coverage = jax.lax.stop_gradient(coverage)
     per_chunk, tiles = chunks.triangle.shape[1], chunks.count.shape[0]
-    layer = jnp.arange(layers, dtype=jnp.int32)
+    layer = jnp.arange(layers, dtype=jnp.int32)[None, None]
 
     def visit(position: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
         found, first = state

@@ -14,13 +14,15 @@ HEIGHT, WIDTH, COUNT = 20, 24, 8
 """All triangles may overlap in one place: with as many layers none is left out."""
 
 
-def scene_of(*, alpha: bool, depth: bool = False, clear: bool = False) -> sr.Scene:
+def scene_of(
+    *, alpha: bool, depth: bool = False, clear: bool = False, dtype: type = np.float32
+) -> sr.Scene:
     """Triangles with corner colours in perspective, one of them thin."""
     rng = np.random.default_rng(3)
     corners = rng.uniform(0, 22, (COUNT, 1, 2)) + rng.normal(size=(COUNT, 3, 2)) * 5
     corners[2] = [(3, 2), (3.05, 18), (3.02, 10)]
     return sr.Scene.from_soup(
-        corners.astype(np.float32),
+        corners.astype(dtype),
         rng.random((COUNT, 3, 4 if alpha else 3)),
         background=[0.2, 0.3, 0.4, 0.5] if clear else [0.2, 0.3, 0.4],
         inverse_w=rng.uniform(0.5, 2, (COUNT, 3)),
@@ -55,16 +57,16 @@ CASES = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize("coverage, effects", CASES)
-def test_composite_is_render(coverage, effects):
+def test_composite_is_render(coverage, effects, float64):
     """The gradient too, but for the boundary term of hard mode."""
-    scene = scene_of(**effects)
+    scene = scene_of(**effects, dtype=np.float64)
     plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=coverage)
-    np.testing.assert_allclose(draw_layers(scene, plan), sr.render(scene, plan), atol=2e-6)
+    np.testing.assert_allclose(draw_layers(scene, plan), sr.render(scene, plan), atol=1e-12)
     actual, expected = gradient(draw_layers, scene, plan), gradient(sr.render, scene, plan)
     names = ("colors", "background", "inverse_w") + (("positions",) if plan.side else ())
     for name in names:
         a, b = getattr(actual, name), getattr(expected, name)
-        np.testing.assert_allclose(a, b, atol=2e-5 * max(1, np.abs(b).max()), err_msg=name)
+        np.testing.assert_allclose(a, b, atol=1e-10 * max(1, np.abs(b).max()), err_msg=name)
     assert np.isfinite(actual.positions).all()
 
 
@@ -88,8 +90,8 @@ def test_fewer_layers_leave_out_the_deepest():
 def test_buffers_of_pixel_shading_are_those_of_render():
     """Each pixel is shaded where `render` shades it, and differs from shading by sample."""
     scene = scene_of(alpha=False)
-    options = {"height": HEIGHT, "width": WIDTH}
-    plan = sr.plan(scene, coverage=sr.Hard(16, shading="pixel"), **options)
+    hard = sr.Hard(16, shading="pixel")
+    plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=hard)
 
     def draw(scene: sr.Scene, plan: sr.Plan):
         return sr.resolve(sr.rasterize(scene, plan), colors_at(scene))
@@ -98,7 +100,7 @@ def test_buffers_of_pixel_shading_are_those_of_render():
     actual, expected = gradient(draw, scene, plan), gradient(sr.render, scene, plan)
     for a, b in zip(jax.tree.leaves(actual), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(a, b, atol=2e-5 * max(1, np.abs(b).max()))
-    by_sample = sr.plan(scene, coverage=sr.Hard(16), **options)
+    by_sample = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=sr.Hard(16))
     assert np.abs(draw(scene, by_sample) - draw(scene, plan)).max() > 1e-3
 
 
