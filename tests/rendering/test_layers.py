@@ -41,7 +41,8 @@ def draw_layers(scene: sr.Scene, plan: sr.Plan, layers: int = COUNT):
 
 
 def gradient(draw, scene: sr.Scene, plan: sr.Plan):
-    weight = np.random.default_rng(1).normal(size=(HEIGHT, WIDTH, 1)).astype(np.float32)
+    weight = np.random.default_rng(1).normal(size=(HEIGHT, WIDTH, 1))
+    weight = weight.astype(scene.positions.dtype)
     return eqx.filter_jit(eqx.filter_grad(lambda s: jnp.sum(weight * draw(s, plan))))(scene)
 
 
