@@ -49,9 +49,8 @@ EVERYTHING: dict[str, Any] = {"depth": True, "perspective": True}
     [
         (UNTEXTURED, PLAIN),
         slowly({**UNTEXTURED, "colors": (1, 3)}, PLAIN),
-        slowly({**UNTEXTURED, **EVERYTHING}, PLAIN),
-        slowly({}, Sampler("nearest", "zero")),
-        slowly({}, Sampler("bilinear", "nearest", border="repeat")),
+        slowly({"depth": True}, Sampler("nearest", "zero")),
+        slowly({"colors": (1, 3)}, Sampler("bilinear", "nearest", border="repeat")),
         slowly({"perspective": True}, Sampler("bilinear", "linear")),
         slowly(EVERYTHING, Sampler("bilinear", "linear", anisotropy=3)),
     ],

@@ -69,7 +69,7 @@ def assert_shows(
     [
         (4, "inclusive"),
         *(slowly(rate, "inclusive") for rate in (1, 2, 3, 8, 16)),
-        *(slowly(rate, "top_left") for rate in (1, 2, 3, 4, 8, 16)),
+        *(slowly(rate, "top_left") for rate in (1, 2, 3, 4, 8)),
     ],
 )
 def test_indices_and_weights_equal_the_oracle(rate, fill_rule):
@@ -93,9 +93,9 @@ def with_equal_depths(soup: Soup) -> Soup:
 @pytest.mark.parametrize(
     "layers, options",
     [
-        (1, {"depth": True, "perspective": True}),
-        (3, {}),
-        slowly(3, {"depth": True, "perspective": True}),
+        (3, {"depth": True, "perspective": True}),
+        slowly(1, {"depth": True, "perspective": True}),
+        slowly(3, {}),
         slowly(1, {"depth": True}),
         slowly(1, {"perspective": True}),
         slowly(COUNT, {"depth": True}),
