@@ -11,6 +11,8 @@ import pytest
 import softras2d as sr
 from softras2d.rendering.overflow import _poison_if
 
+from ..cases.overflow import too_large_for_plan
+
 COVERAGES = {"hard": sr.Hard(4), "soft": sr.Soft(1.0), "area": sr.Area()}
 
 LOSSES = {
@@ -18,16 +20,6 @@ LOSSES = {
     "constant": lambda image: jnp.sum(0 * image),
     "one pixel": lambda image: image[3, 3, 0],
 }
-
-
-def too_large_for_plan(coverage: sr.Hard | sr.Soft | sr.Area) -> tuple[sr.Scene, sr.Plan]:
-    """Triangles that cover the canvas many times over, and a plan for as many small ones."""
-    rng = np.random.default_rng(0)
-    small = rng.uniform(0, 32, (60, 1, 2)) + rng.uniform(-0.5, 0.5, (60, 3, 2))
-    large = rng.uniform(-20, 60, (60, 3, 2))
-    colors = rng.random((60, 1, 4))
-    scenes = [sr.Scene.from_soup(c.astype(np.float32), colors) for c in (small, large)]
-    return scenes[1], sr.plan(scenes[0], height=32, width=32, coverage=coverage)
 
 
 @pytest.mark.parametrize(
