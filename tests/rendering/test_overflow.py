@@ -13,6 +13,7 @@ from softras2d.rendering import overflow
 from softras2d.rendering.overflow import _poison_if
 
 from ..cases.derivatives import assert_near
+from ..cases.overflow import SIDE, small_and_large_scene, too_large_for_plan
 
 COVERAGES = {"hard": sr.Hard(4), "soft": sr.Soft(1.0), "area": sr.Area()}
 
@@ -21,21 +22,6 @@ LOSSES = {
     "constant": lambda image: jnp.sum(0 * image),
     "one pixel": lambda image: image[3, 3, 0],
 }
-
-
-def small_and_large_scene() -> list[sr.Scene]:
-    """Small triangles, and as many that cover the canvas many times over."""
-    rng = np.random.default_rng(0)
-    small = rng.uniform(0, 32, (60, 1, 2)) + rng.uniform(-0.5, 0.5, (60, 3, 2))
-    large = rng.uniform(-20, 60, (60, 3, 2))
-    colors = rng.random((60, 1, 4))
-    return [sr.Scene.from_soup(c.astype(np.float32), colors) for c in (small, large)]
-
-
-def too_large_for_plan(coverage: sr.Hard | sr.Soft | sr.Area) -> tuple[sr.Scene, sr.Plan]:
-    """The large triangles, and a plan for the small ones."""
-    small, large = small_and_large_scene()
-    return large, sr.plan(small, height=32, width=32, coverage=coverage)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +101,7 @@ def complaints(monkeypatch):
 def test_a_batch_raises_one_error_once(name, complaints):
     """Two of its three scenes outgrow the plan."""
     small, large = small_and_large_scene()
-    plan = sr.plan(small, height=32, width=32, coverage=sr.Hard(4))
+    plan = sr.plan(small, height=SIDE, width=SIDE, coverage=sr.Hard(4))
 
     def images(positions):
         return jax.vmap(lambda one: sr.render(replace(small, positions=one), plan))(positions)
@@ -136,7 +122,7 @@ def test_a_batch_raises_one_error_once(name, complaints):
 @pytest.mark.slow
 def test_only_the_scenes_that_outgrow_their_plan_are_nan():
     small, large = small_and_large_scene()
-    plan = sr.plan(small, height=32, width=32, coverage=sr.Hard(4), on_overflow="nan")
+    plan = sr.plan(small, height=SIDE, width=SIDE, coverage=sr.Hard(4), on_overflow="nan")
     gradient = jax.grad(
         lambda positions: jnp.sum(0.3 * sr.render(replace(small, positions=positions), plan) ** 2)
     )

@@ -10,7 +10,7 @@ import pytest
 
 import softras2d as sr
 
-from .test_overflow import too_large_for_plan
+from ..cases.overflow import too_large_for_plan
 
 
 def weights_as_values(triangle: Any, weights: Any) -> Any:
