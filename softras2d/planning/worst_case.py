@@ -9,9 +9,6 @@ from ..geometry.tiling import Tiling
 from ..gradients.crossings import runs_of
 from .capacities import LAYERS, Capacity
 
-MOST_SLOTS = 2**24
-"""Slots of a worst-case plan: at 16 samples per pixel, 2 GiB of coverage words."""
-
 
 def worst_case(triangles: int, tiling: Tiling, *, layers: int | None = None) -> Capacity:
     """Capacities for scenes of this many triangles, wherever they are.

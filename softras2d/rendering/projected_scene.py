@@ -44,6 +44,7 @@ class Projected(NamedTuple):
 
 
 def project_scene(scene: Scene, plan: Plan) -> Projected:
+    """Snap the triangles to the sample grid, and set up their edges, surface and depths."""
     grid = plan.grid
     # Positions get their derivative from `boundary_term` and `attach_interior_term`, or none.
     projection = project(
