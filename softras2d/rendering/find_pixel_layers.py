@@ -2,13 +2,12 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jax.core import Tracer
 
 from ..planning.capacities import Needs
 from ..planning.plan import Plan
 from ..scene import Scene
 from .modes import mode_of
-from .overflow import compare, complaint, poison_if, raise_on_overflow
+from .overflow import compare, poison_if, raise_on_overflow
 from .pixel_layers import PixelLayers
 
 
@@ -34,10 +33,7 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: int) -> PixelLayers:
         weights = jnp.zeros((*shape, 3), scene.positions.dtype)
         return PixelLayers(jnp.full(shape, -1, jnp.int32), coverage, weights, scene, plan)
     found, needs = _find_pixel_layers(scene, plan, layers)
-    outcome = compare(needs, False, plan)
-    if not isinstance(outcome.overflow, Tracer) and outcome.overflow:
-        raise ValueError(complaint(outcome, plan))
-    overflow = raise_on_overflow(outcome, plan)
+    overflow = raise_on_overflow(compare(needs, False, plan), plan)
     coverage = poison_if(found.coverage, scene, overflow)
     return PixelLayers(found.triangle, coverage, found.barycentric, scene, plan)
 

@@ -91,10 +91,18 @@ def refuse_overflow(
 
 
 def raise_on_overflow(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
-    """Whether the scene outgrew its plan; raises if `plan.on_overflow` says so."""
+    """Whether the scene outgrew its plan.
+
+    Raises `ValueError` if it did and values are known; under a trace the compiled program raises,
+    if `plan.on_overflow` says so.
+    """
     if plan.cannot_be_outgrown:
         return jnp.zeros((), bool)
-    if plan.on_overflow == "raise" and isinstance(outcome.overflow, Tracer):
+    if not isinstance(outcome.overflow, Tracer):
+        if outcome.overflow:
+            raise ValueError(complaint(outcome, plan))
+        return outcome.overflow
+    if plan.on_overflow == "raise":
         return outcome.overflow | _raise_if_any(outcome, plan)
     return outcome.overflow
 

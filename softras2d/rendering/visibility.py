@@ -6,7 +6,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from ..display.leaves import field_of, shape_of
@@ -21,7 +20,7 @@ from ..planning.plan import Plan
 from ..planning.size_classes import pad_concrete
 from ..scene import Scene, check_types
 from .corner_weights import buffer_weights, uv_change, with_unit_corners
-from .overflow import Outcome, compare, complaint, raise_on_overflow
+from .overflow import Outcome, compare, raise_on_overflow
 from .projected_scene import project_scene
 from .sample_grid import samples_of_rows
 from .visible_samples import BinnedScene, bin_scene, find_visible, listed_words
@@ -121,8 +120,6 @@ def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility:
     """
     _check(plan, layers)
     triangle, outcome = _find_triangles(pad_concrete(scene, plan), plan, layers)
-    if not isinstance(outcome.overflow, Tracer) and outcome.overflow:
-        raise ValueError(complaint(outcome, plan))
     return Visibility(triangle, scene, plan, raise_on_overflow(outcome, plan))
 
 
