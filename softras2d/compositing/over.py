@@ -32,6 +32,13 @@ from ..shading.fragments import Fragments, shading_points
 from ..shading.surface import Lanes, Points, Surface, gather_lanes, surface_lanes
 from ..shading.triangle_color import shade
 
+State = tuple[
+    Float[Array, "blocks 4 width lines"],
+    Float[Array, "sub_rows sub_columns width lines"],
+    Float[Array, "4 width lines"],
+]
+"""The sums of all blocks, and the transmittances and sums of the block that is processed."""
+
 
 class BlockLayers(NamedTuple):
     """Inputs of a block's layers: the triangles, and the coverage words of every listed pair.
@@ -71,7 +78,7 @@ def composite(
     split = materialized(functools.partial(_split_sub_rows, tiling=tiling))
     layers = BlockLayers(surface, lists.triangle, split(passed), split(covered), shading)
 
-    def visit(state: tuple[Array, Array, Array], step: tuple[Array, Array, Array]) -> Any:
+    def visit(state: State, step: tuple[Array, Array, Array]) -> tuple[State, None]:
         image, transmittance, sums = state
         number, which, position = step
         is_first = position == 0
@@ -171,7 +178,9 @@ def _sum_visible(
     def term(i: int, j: int) -> Array:
         product = jnp.where(is_first, 1.0, transmittance[i, j])
         product = product * _bit(words[i], j, tiling, transmittance.dtype)
-        return functools.reduce(lambda left, factor: left * factor[i, j], factors, product)
+        for factor in factors:
+            product = product * factor[i, j]
+        return product
 
     return _sum_samples(term, tiling.grid.rate)
 
