@@ -38,6 +38,11 @@ Colors = Float[Array, "chunks layers 3 #pixels"]
 ChunkPixels = Float[Array, "chunks pixels"]
 TileColors = Float[Array, "4 tiles pixels"]
 
+TilePixels = Float[Array, "tiles pixels"]
+
+Fixed = tuple[Opacities, Colors, Chunks, list[ChunkPixels], ChunkPixels]
+"""Opacity, colours and chunks, and the composited colour and alpha of each chunk by itself."""
+
 _UNROLLED = 16
 """Maximum number of chunks of a tile that one unrolled expression processes; more take a loop."""
 
@@ -71,25 +76,25 @@ def _composite_jvp(max_chunks, primals, tangents):
     fixed = opacity, colors, chunks, sums, alpha
     if not isinstance(tangents[0], SymbolicZero):
 
-        def by_opacity(fixed, opacity_change):
+        def by_opacity(fixed: Fixed, opacity_change: Opacities) -> TileColors:
             opacity, colors, chunks, sums, alpha = fixed
             changes = _blend_change(opacity, opacity_change, colors)
             alpha_change = _alpha_change(opacity, opacity_change)
             return _join_changes(sums, alpha, changes, alpha_change, chunks, max_chunks)
 
-        def to_opacity(fixed, cotangent):
+        def to_opacity(fixed: Fixed, cotangent: TileColors) -> Opacities:
             opacity, colors, chunks, _, alpha = fixed
             return _opacity_cotangent(max_chunks, opacity, colors, alpha, chunks, cotangent)
 
         change = linear_map(by_opacity, to_opacity)(fixed, tangents[0])
     if not isinstance(tangents[1], SymbolicZero):
 
-        def by_color(fixed, color_change):
+        def by_color(fixed: Fixed, color_change: Colors) -> TileColors:
             opacity, _, chunks, _, alpha = fixed
             changes = _blend(opacity, color_change)
             return _join_chunks(changes, alpha, chunks, max_chunks).at[3].set(0.0)
 
-        def to_color(fixed, cotangent):
+        def to_color(fixed: Fixed, cotangent: TileColors) -> Colors:
             opacity, colors, chunks, _, alpha = fixed
             return _color_cotangent(max_chunks, opacity, colors, alpha, chunks, cotangent)
 
@@ -152,7 +157,9 @@ def _join_chunks(
 ) -> TileColors:
     """Composite the chunks of each tile like layers."""
 
-    def add(k, state):
+    def add(
+        k: Index, state: tuple[TilePixels, list[TilePixels]]
+    ) -> tuple[TilePixels, list[TilePixels]]:
         transmittance, total = state
         (*chunk_colors, chunk_alpha) = _chunk_of_tile(k, [*sums, alpha], chunks)
         total = [t + transmittance * c for t, c in zip(total, chunk_colors, strict=True)]
@@ -175,7 +182,9 @@ def _join_changes(
 ) -> TileColors:
     """Compute the jvp of `_join_chunks` by the colours and the alpha of the chunks."""
 
-    def add(k, state):
+    def add(
+        k: Index, state: tuple[TilePixels, TilePixels, list[TilePixels]]
+    ) -> tuple[TilePixels, TilePixels, list[TilePixels]]:
         transmittance, transmittance_change, total = state
         entries = _chunk_of_tile(k, [*sums, alpha, *changes, alpha_change], chunks)
         chunk_colors, chunk_alpha = entries[:3], entries[3]
@@ -196,9 +205,7 @@ def _join_changes(
     return jnp.stack([*total, -transmittance_change])
 
 
-def _chunk_of_tile(
-    k: Index, entries: list[ChunkPixels], chunks: Chunks
-) -> list[Float[Array, "tiles pixels"]]:
+def _chunk_of_tile(k: Index, entries: list[ChunkPixels], chunks: Chunks) -> list[TilePixels]:
     """Gather the entries of chunk k of each tile; 0 where a tile has no such chunk."""
     exists = (k < chunks.count)[:, None]
     chunk = chunks.first + k
@@ -236,7 +243,7 @@ def _shift(x: ChunkPixels, j: Index) -> ChunkPixels:
 def _transmittance_in_front(alpha: ChunkPixels, chunks: Chunks, max_chunks: int) -> ChunkPixels:
     """Transmittance of the chunks in front of each chunk."""
 
-    def add(j, transmittance):
+    def add(j: Index, transmittance: ChunkPixels) -> ChunkPixels:
         clear = jnp.where((chunks.index >= j)[:, None], 1.0 - _shift(alpha, j), 1.0)
         return transmittance * clear
 
@@ -284,7 +291,7 @@ def _dot_behind(
     """Compute b . g, where b is the composite of all chunks behind each chunk."""
     last = chunks.count[chunks.tile] - 1
 
-    def add(j, state):
+    def add(j: Index, state: tuple[ChunkPixels, ChunkPixels]) -> tuple[ChunkPixels, ChunkPixels]:
         transmittance, behind = state
         exists = (chunks.index + j <= last)[:, None]
         clear = jnp.where(exists, 1.0 - _shift(alpha, -j), 1.0)

@@ -60,7 +60,10 @@ def _shade_samples(
     """
     rate, probes = tiling.grid.rate, surface.probes
 
-    def visit(total, step):
+    def visit(
+        total: Float[Array, "channels fragments"],
+        step: tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]],
+    ) -> tuple[Float[Array, "channels fragments"], None]:
         sub_row, sub_column, probe = step
         points = _sample_points(fragments, sub_row, sub_column, tiling)
         shown = _is_visible(fragments.bits, sub_row, sub_column)

@@ -228,7 +228,9 @@ def sum_chunks(
 ) -> Float[Array, "tiles channels fields word_rows"]:
     """Sum over the chunks of each tile; `max_chunks` is an upper bound on their number."""
 
-    def add(chunks, chunk_sums):
+    def add(
+        chunks: Chunks, chunk_sums: Float[Array, "chunks channels fields word_rows"]
+    ) -> Float[Array, "tiles channels fields word_rows"]:
         total = _gather_chunks(chunk_sums, chunks, min(max_chunks, _GATHERED))
         return total if max_chunks <= _GATHERED else _scatter_chunks(total, chunk_sums, chunks)
 

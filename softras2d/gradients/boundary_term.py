@@ -1,19 +1,21 @@
 """The derivative of the hard image with respect to the positions of vertices.
 
-The image is piecewise constant in them. Its box-filtered limit is not: when a visible edge moves,
-a pixel gains the colour on one side of it and loses that on the other, at the rate at which the
-edge sweeps over the pixel. The integral along the edge is evaluated on the grid of samples, as a
-sum over crossings (`crossings.py`): each stands for the length of edge between two lines of
-samples, its speed along the line is exact, and the jump of colour is that between the two samples.
+The image is piecewise constant in the positions. Its box-filtered limit is not: when a visible edge
+moves, a pixel gains the colour on one side of the edge and loses the colour on the other side, as
+fast as the edge sweeps over the pixel. The integral along the edge is evaluated on the sample grid,
+as a sum over crossings (`crossings.py`). Each crossing stands for the length of edge between two
+lines of samples. Its speed along the line is exact, and its jump of colour is that between the two
+samples.
 
 In an opaque scene, only crossings at which the edge is visible count:
 
-- The edge's triangle shows at the sample inside, and lies in front of what shows outside.
-- The edge's triangle is so thin that neither sample shows it. Both show the same other triangle or
-  the background, and the thin triangle lies in front of that.
-- The edge's triangle shows at the sample inside, and what shows at the sample outside ends before
-  it reaches the edge. Then the strip between the two shows something that neither sample does: it
-  is looked up (`thin_strips`), and the edge's triangle lies in front of that.
+- The edge's triangle is visible at the sample inside, and in front of the triangle (or background)
+  that is visible at the sample outside.
+- The edge's triangle is so thin that it covers neither sample. Both show the same other triangle or
+  the background, and the thin triangle is in front of that.
+- The edge's triangle is visible at the sample inside, and the triangle that is visible at the
+  sample outside ends before it reaches the edge. Then a third triangle, or the background, is
+  visible in the strip between them (`thin_strips`), and the edge's triangle is in front of it.
 
 The sum is linear in the velocity of the vertices, so that one rule serves both jvp and vjp.
 
@@ -24,7 +26,7 @@ Pidhorskyi et al., *Rasterized Edge Gradients* (ECCV 2024), for edges between sa
 """
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -45,7 +47,7 @@ from .visible_front import triangle_at
 
 
 class Sweep(NamedTuple):
-    """What a motion of the edges does to the image.
+    """How the image changes when edges move, crossing by crossing.
 
     - `edge`, `t`, `pixel`: as in `Crossings`.
     - `jump`: change of the pixel's colour for each pixel that the edge moves towards greater x or
@@ -58,16 +60,11 @@ class Sweep(NamedTuple):
     jump: Float[Array, "channels lines runs"]
 
 
+@materialized
 def edge_speeds(
     velocity: Float[Array, "vertices 2"], vertex: Int[Array, "triangles 3"], sides: Sides
 ) -> tuple[Float[Array, " edges"], Float[Array, " edges"]]:
     """Speed of both ends of each edge along the lines of samples that it crosses."""
-    return materialized(_edge_speeds)(velocity, vertex, sides)
-
-
-def _edge_speeds(
-    velocity: Float[Array, "vertices 2"], vertex: Int[Array, "triangles 3"], sides: Sides
-) -> tuple[Float[Array, " edges"], Float[Array, " edges"]]:
     slope = sides.slope
 
     def speed(vertex: Int[Array, "triangles 3"]) -> Float[Array, " edges"]:
@@ -121,16 +118,16 @@ def _add_to_pixels(
     *,
     pixels: int,
 ) -> Float[Array, " pixels"]:
-    """Add what each crossing brings to its pixel; pixels past the last are dropped."""
+    """Add speed times jump of each crossing to its pixel; pixels past the last are dropped."""
     unchanged = jnp.zeros(pixels, speed.dtype)
     return unchanged.at[pixel.reshape(-1)].add((jump * speed).reshape(-1), mode="drop")
 
 
 class Outlines(NamedTuple):
-    """The edges of a scene, and how they are enumerated.
+    """The edges of a scene, and the lines of samples that they cross.
 
-    - `vertex`: of the corners of each triangle, turned to positive orientation.
-    - `first`, `count`: `crossings.lines_crossed`.
+    - `vertex`: vertex index of each corner of the reoriented triangles.
+    - `first`, `count`: as returned by `crossings.lines_crossed`.
     """
 
     sides: Sides
@@ -143,7 +140,7 @@ class Outlines(NamedTuple):
 class BoundaryShape(NamedTuple):
     """Static parameters of the compiled boundary term.
 
-    - `channels`: of the image.
+    - `channels`: number of channels of the image.
     - `crossings`, `max_chunks`: capacities of the plan.
     """
 
@@ -163,12 +160,12 @@ def boundary_term(
 ) -> Float[Array, "height width channels"]:
     """Return zeros, whose derivative by positions and depth is the boundary term of the image.
 
-    Added to the image, they give it this derivative. Second derivatives are zero.
+    Adding them to the image gives it this derivative. Second derivatives are zero.
     """
     grid = shape.tiling.grid
-    # A zero that depends on what is differentiated: JAX 0.10 cannot differentiate a batched call of
-    # a `custom_jvp` whose tangent is batched and whose value is not ("broadcast_in_dim"). The
-    # compiler would fold `0 * positions`.
+    # The zero depends on the inputs: JAX 0.10 cannot differentiate a batched call of a `custom_jvp`
+    # whose tangent is batched and whose value is not ("broadcast_in_dim"). The compiler would fold
+    # `0 * positions`.
     is_nan = jnp.isnan(positions[:1, 0])
     if depth is not None:
         is_nan = is_nan | jnp.isnan(depth[:1])
@@ -202,12 +199,13 @@ def _(shape, primals, tangents):
 
 
 _BLOCK = 4096
-"""Runs that are worked on together: what is known of them stays in a core's cache."""
+"""Number of runs in a block: few enough for the data of a block to stay in a core's cache."""
 
 
 def _sweep(
     shape: BoundaryShape, outlines: Outlines, samples: OpaqueSamples | LayeredSamples
 ) -> Sweep:
+    """Find all crossings and their jumps, block by block."""
     grid, channels = shape.tiling.grid, shape.channels
     block = min(_BLOCK, max(shape.crossings, 1))
     blocks = -(-shape.crossings // block)
@@ -215,7 +213,14 @@ def _sweep(
     needed = jnp.sum(runs.rank >= 0, dtype=jnp.int32)
     dtype = outlines.sides.start.dtype
 
-    def visit(number, sweep):
+    def visit(
+        number: Int[Array, ""],
+        sweep: tuple[
+            Float[Array, "lines runs"],
+            Int[Array, "lines runs"],
+            Float[Array, "channels lines runs"],
+        ],
+    ) -> Any:
         block_runs = jax.tree.map(
             lambda entry: jax.lax.dynamic_slice_in_dim(entry, number * block, block), runs
         )
@@ -225,15 +230,15 @@ def _sweep(
             jump = _opaque_jumps(shape, crossings, samples)
         else:
             jump = _layered_jumps(shape, crossings, samples)
-        own = (crossings.t, crossings.pixel, jump)
+        block_sweep = (crossings.t, crossings.pixel, jump)
         return tuple(
-            jax.lax.dynamic_update_slice_in_dim(whole, piece, number * block, piece.ndim - 1)
-            for whole, piece in zip(sweep, own, strict=True)
+            jax.lax.dynamic_update_slice_in_dim(all_runs, entry, number * block, entry.ndim - 1)
+            for all_runs, entry in zip(sweep, block_sweep, strict=True)
         )
 
     lines = (LINES, blocks * block)
-    none = jnp.full(lines, grid.height * grid.width, jnp.int32)
-    sweep = (jnp.zeros(lines, dtype), none, jnp.zeros((channels, *lines), dtype))
+    past_last_pixel = jnp.full(lines, grid.height * grid.width, jnp.int32)
+    sweep = (jnp.zeros(lines, dtype), past_last_pixel, jnp.zeros((channels, *lines), dtype))
     sweep = repeat(-(-needed // block), visit, sweep)
     return Sweep(runs.edge, *sweep)
 
@@ -243,8 +248,9 @@ def _opaque_jumps(
 ) -> Float[Array, "channels lines runs"]:
     """Compute `Sweep.jump` of opaque triangles; 0 where the edge is not visible.
 
-    It is the colour of the edge's triangle less the colour that shows just outside the edge, times
-    the length of edge that a crossing stands for. The top of this file says which edges count.
+    The jump is the colour of the edge's triangle minus the colour that is visible just outside the
+    edge, times the length of edge that a crossing stands for. The top of this file says which
+    crossings count.
     """
     tiling = shape.tiling
     inner, outer = (
@@ -292,9 +298,10 @@ def _ownership(
     outer: Int[Array, "lines runs"],
     depths: EdgeDepths | None,
 ) -> tuple[Bool[Array, "lines runs"], Bool[Array, "lines runs"]]:
-    """Whether the edge's triangle shows at the sample inside, and whether its edge is visible.
+    """Whether the edge's triangle is visible at the sample inside, and whether the edge is visible.
 
-    `inner` and `outer` are the triangles that show at the two samples, -1 for the background.
+    `inner` and `outer` are the triangles that are visible at the samples inside and outside, -1 for
+    the background.
     """
     triangle = (crossings.edge // 3)[None]
     shows_inside, is_in_front = inner == triangle, outer < triangle
@@ -316,7 +323,10 @@ def _jump(
     *,
     tiling: Tiling,
 ) -> Float[Array, "channels lines runs"]:
-    """What a pixel gains as each edge moves by a pixel towards greater x or y."""
+    """Change of a pixel's colour as each edge moves by a pixel towards greater x or y.
+
+    `near` and `far` are the colours inside and outside of the edge.
+    """
     return jnp.where(owned[None], (near - far) * _signed_edge_length(outwards, tiling), 0.0)
 
 
@@ -325,8 +335,9 @@ def _layered_jumps(
 ) -> Float[Array, "channels lines runs"]:
     """Compute `Sweep.jump` of translucent triangles: what each would add to the sample outside.
 
-    It is dimmed by the smaller of the transmittances in front of it at the two samples. A layer in
-    front that ends between them has a crossing of its own, so it must not brighten this one.
+    The addition is multiplied by the smaller of the transmittances in front of the triangle at the
+    two samples. A layer in front that ends between the samples has a crossing of its own, so it
+    must not brighten this one.
     """
     tiling, surface, depths = shape.tiling, samples.surface, samples.depths
     triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.valid.shape)
@@ -336,16 +347,16 @@ def _layered_jumps(
         on_edge = depth_on_edge(depths, crossings.edge, crossings.t)
         is_thick = materialized(covers)(surface.edges, triangle, crossings.inside)
 
-    def look(sample: Sample) -> Addition:
+    def addition_at(sample: Sample) -> Addition:
         depth = None
         if depths is not None and on_edge is not None:
             # Next to the edge, the depth of a thinner triangle would be extrapolated.
             depth = jnp.where(is_thick, depth_at(depths, triangle, sample, tiling), on_edge)
-        own = EdgeLayer(triangle, color, depth)
-        return addition(samples, own, sample, tiling, flat=surface.is_flat)
+        edge_layer = EdgeLayer(triangle, color, depth)
+        return addition(samples, edge_layer, sample, tiling, flat=surface.is_flat)
 
     limit = materialized(functools.partial(_limited_gain, tiling=tiling))
-    return limit(crossings, look(crossings.inside), look(crossings.outside))
+    return limit(crossings, addition_at(crossings.inside), addition_at(crossings.outside))
 
 
 def _limited_gain(
@@ -359,10 +370,12 @@ def _limited_gain(
     clear = jnp.where(far.transmittance > 0, far.transmittance, 1.0)
     dimming = jnp.minimum(near.transmittance, far.transmittance) / clear
     gain = far.gain * dimming[None] * _signed_edge_length(crossings.outwards, tiling)
-    counted = near.listed | ~far.listed
-    return jnp.where((crossings.valid & counted)[None], gain, 0.0)
+    is_counted = near.is_covering | ~far.is_covering
+    return jnp.where((crossings.valid & is_counted)[None], gain, 0.0)
 
 
-def _signed_edge_length(outwards: Array, tiling: Tiling) -> Array:
-    """Length of edge that a crossing stands for, in pixels: a sample's side, signed outwards."""
+def _signed_edge_length(
+    outwards: Float[Array, " runs"], tiling: Tiling
+) -> Float[Array, "1 1 runs"]:
+    """Length of edge, in pixels, that a crossing stands for: a sample's width, signed outwards."""
     return (outwards / tiling.grid.rate)[None, None]

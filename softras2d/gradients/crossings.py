@@ -4,9 +4,10 @@ An edge of 45 degrees or steeper is intersected with the rows of samples, any ot
 columns. On each of these lines it passes between two samples, of which one is inside the triangle.
 Which two samples these are is decided by the same integers that decide coverage.
 
-Edges are cut into runs of `LINES` lines: what a run shares is gathered once.
+Edges are cut into runs of `LINES` lines, so that the data of an edge are gathered once per run.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -19,7 +20,7 @@ from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
 
 LINES = 8
-"""Lines of samples in a run."""
+"""Number of lines of samples in a run."""
 
 
 class Sample(NamedTuple):
@@ -32,7 +33,8 @@ class Sample(NamedTuple):
 class Crossings(NamedTuple):
     """Runs of crossings, edge by edge.
 
-    - `edge`: the edge of each run, as 3 triangle + side; `valid`: whether there is a crossing.
+    - `edge`: the edge of each run, as 3 triangle + side.
+    - `valid`: whether there is a crossing.
     - `inside`, `outside`: the samples on both sides of the edge, inside and outside the triangle.
       Between the border of the canvas and the sample next to it, both are that sample.
     - `gap`: signed distance along the line from the outside sample to the crossing, in samples.
@@ -104,54 +106,61 @@ def is_steep(segments: GridTriangles) -> Any:
 
 
 def runs_of(count: Any) -> Any:
-    """How many runs an edge of `count` lines takes. For numpy and jax alike."""
+    """Number of runs of an edge that crosses `count` lines. For numpy and jax alike."""
     return -(-count // LINES)
 
 
 class Run(NamedTuple):
-    """What the lines of a run share, `[runs]`.
+    """Data that the lines of a run share, for each run.
 
-    - `steep`: whether they are rows; `line`: the first; `lines`: how many.
-    - `begin`, `length`: half the edge's start and extent across the lines, in pixels; `near`,
-      `change`: the same along the lines.
-    - `start`, `estimate`, `step`, `stride`: the edge value at the line's sample 0 and line 0, and
-      its steps along a line and from line to line.
+    - `steep`: whether the lines are rows.
+    - `first_line`, `lines`: the first line of samples, and the number of lines.
+    - `across_start`, `across_extent`: half the start and the extent of the edge across the lines,
+      in pixels.
+    - `along_start`, `along_extent`: the same along the lines.
+    - `value`, `estimate`: the edge value at sample 0 of line 0, as in `Edge`.
+    - `value_along`, `value_across`: its change from sample to sample, and from line to line.
     """
 
-    steep: Any
-    line: Any
-    lines: Any
-    begin: Any
-    length: Any
-    near: Any
-    change: Any
-    start: Any
-    estimate: Any
-    step: Any
-    stride: Any
+    steep: Bool[Array, "*runs"]
+    first_line: Int[Array, "*runs"]
+    lines: Int[Array, "*runs"]
+    across_start: Float[Array, "*runs"]
+    across_extent: Float[Array, "*runs"]
+    along_start: Float[Array, "*runs"]
+    along_extent: Float[Array, "*runs"]
+    value: Int[Array, "*runs"]
+    estimate: Float[Array, "*runs"]
+    value_along: Int[Array, "*runs"]
+    value_across: Int[Array, "*runs"]
+
+    def value_at(self, along: Int[Array, "*samples"], line: Int[Array, "*samples"]) -> WrappedValue:
+        """The edge value at a sample of a line."""
+        start = WrappedValue(self.value, self.estimate)
+        return start.moved((self.value_along, along), (self.value_across, line))
 
 
 class Runs(NamedTuple):
-    """Which runs there are, `[runs]`: the edge, as 3 triangle + side, and the run's number there.
+    """The list of all runs.
 
-    A place beyond the last run has `rank` -1.
+    - `edge`: the edge of each run, as 3 triangle + side.
+    - `rank`: number of the run on its edge; -1 in unused entries.
     """
 
     edge: Int[Array, " runs"]
     rank: Int[Array, " runs"]
 
 
+@functools.partial(materialized, static_argnames=("capacity",))
 def list_runs(count: Int[Array, "3 triangles"], *, capacity: int) -> Runs:
-    """Runs of all edges; beyond `capacity`, some are missing."""
+    """List the runs of all edges; those beyond `capacity` are missing.
 
-    @materialized
-    def own(count):
-        by_edge = runs_of(count).T.reshape(-1)
-        owner, rank = expand(by_edge, capacity)
-        used = jnp.arange(capacity, dtype=jnp.int32) < jnp.sum(by_edge, dtype=jnp.int32)
-        return Runs(owner, jnp.where(used, rank, -1))
-
-    return own(count)
+    `count` is the number of lines that each edge crosses.
+    """
+    by_edge = runs_of(count).T.reshape(-1)
+    edge, rank = expand(by_edge, capacity)
+    is_used = jnp.arange(capacity, dtype=jnp.int32) < jnp.sum(by_edge, dtype=jnp.int32)
+    return Runs(edge, jnp.where(is_used, rank, -1))
 
 
 def find_crossings(
@@ -162,53 +171,68 @@ def find_crossings(
     runs: Runs,
     grid: Grid,
 ) -> Crossings:
-    """The crossings of some runs that lie on the canvas; `first`, `count` are `lines_crossed`."""
-
-    @materialized
-    def gather(sides, edges, first, count, runs):
-        owner, rank = runs
-
-        def side(entries):
-            return jnp.stack(entries, 1).reshape(-1)[owner]
-
-        right, down, start, estimate = (side(e) for e in list(zip(*edges, strict=True))[:4])
-        steep = sides.steep.reshape(-1)[owner]
-        (x0, y0), (x1, y1) = (
-            # Halved: the difference of two corners in pixels may be beyond the greatest float.
-            [ends[axis].reshape(-1)[owner] / 2 for axis in (0, 1)]
-            for ends in (sides.start, sides.end)
-        )
-        begin, near = jnp.where(steep, y0, x0), jnp.where(steep, x0, y0)
-        left = count.T.reshape(-1)[owner] - rank * LINES
-        return Run(
-            steep,
-            first.T.reshape(-1)[owner] + rank * LINES,
-            jnp.where(rank >= 0, left, 0),
-            begin,
-            jnp.where(steep, y1, x1) - begin,
-            near,
-            jnp.where(steep, x1, y1) - near,
-            start,
-            estimate,
-            jnp.where(steep, right, down),
-            jnp.where(steep, down, right),
-        )
-
-    run = gather(sides, edges, first, count, runs)
-    before, line, t, pixel, valid = materialized(lambda run: _follow(run, grid))(run)
-
-    @materialized
-    def step_to(run, before, line, inner):
-        steep = run.steep[None]
-        size = jnp.where(steep, grid.width, grid.height) * grid.rate
-        along = before + ((run.step > 0) == inner).astype(jnp.int32)[None]
-        along = jnp.clip(along, 0, size - 1)
-        return Sample(jnp.where(steep, along, line), jnp.where(steep, line, along))
-
-    inside, outside = (step_to(run, before, line, jnp.asarray(inner)) for inner in (True, False))
+    """Find the crossings of some runs on the canvas; `first`, `count` are `lines_crossed`."""
+    run = _gather_runs(sides, edges, first, count, runs)
+    before, line, t, pixel, valid = _follow(run, grid)
+    inside, outside = (
+        _sample_beside(run, before, line, jnp.asarray(is_inside), grid)
+        for is_inside in (True, False)
+    )
     gap = _gap_to_edge(run, outside, line)
-    outwards = jnp.where(run.step > 0, -1.0, 1.0).astype(t.dtype)
+    outwards = jnp.where(run.value_along > 0, -1.0, 1.0).astype(t.dtype)
     return Crossings(runs.edge, valid, inside, outside, gap, t, run.steep, outwards, pixel)
+
+
+@materialized
+def _gather_runs(
+    sides: Sides,
+    edges: Edges,
+    first: Int[Array, "3 triangles"],
+    count: Int[Array, "3 triangles"],
+    runs: Runs,
+) -> Run:
+    """Gather the data of the edge of each run."""
+    edge, rank = runs
+    right, down, value, estimate = (
+        jnp.stack(entries, 1).reshape(-1)[edge] for entries in list(zip(*edges, strict=True))[:4]
+    )
+    steep = sides.steep.reshape(-1)[edge]
+    (x0, y0), (x1, y1) = (
+        # Halved: the difference of two corners in pixels may be beyond the greatest float.
+        [ends[axis].reshape(-1)[edge] / 2 for axis in (0, 1)]
+        for ends in (sides.start, sides.end)
+    )
+    across_start, along_start = jnp.where(steep, y0, x0), jnp.where(steep, x0, y0)
+    lines_left = count.T.reshape(-1)[edge] - rank * LINES
+    return Run(
+        steep,
+        first_line=first.T.reshape(-1)[edge] + rank * LINES,
+        lines=jnp.where(rank >= 0, lines_left, 0),
+        across_start=across_start,
+        across_extent=jnp.where(steep, y1, x1) - across_start,
+        along_start=along_start,
+        along_extent=jnp.where(steep, x1, y1) - along_start,
+        value=value,
+        estimate=estimate,
+        value_along=jnp.where(steep, right, down),
+        value_across=jnp.where(steep, down, right),
+    )
+
+
+@functools.partial(materialized, static_argnames=("grid",))
+def _sample_beside(
+    run: Run,
+    before: Int[Array, "lines runs"],
+    line: Int[Array, "lines runs"],
+    is_inside: Bool[Array, ""],
+    grid: Grid,
+) -> Sample:
+    """Choose the sample inside or outside the triangle: `before` a crossing, or the next one."""
+    steep = run.steep[None]
+    size = jnp.where(steep, grid.width, grid.height) * grid.rate
+    along = before + ((run.value_along > 0) == is_inside).astype(jnp.int32)[None]
+    along = jnp.clip(along, 0, size - 1)
+    return Sample(jnp.where(steep, along, line), jnp.where(steep, line, along))
 
 
 @materialized
@@ -217,57 +241,64 @@ def _gap_to_edge(
 ) -> Float[Array, "lines runs"]:
     """Signed distance along each line from the sample outside to the edge, in samples."""
     # By the integers: where corners are far, float positions are some roundings off.
-    dtype = run.begin.dtype
+    dtype = run.across_start.dtype
     along = jnp.where(run.steep[None], outside.column, outside.row)
-    start = WrappedValue(run.start[None], run.estimate[None])
-    value = start.moved((run.step[None], along), (run.stride[None], line)).to_float(dtype)
-    step = jnp.where(run.step != 0, run.step, 1).astype(dtype)
-    return jnp.clip(-value / step[None], -1.0, 1.0)
+    by_line = Run(*(entry[None] for entry in run))
+    value = by_line.value_at(along, line).to_float(dtype)
+    change = jnp.where(run.value_along != 0, run.value_along, 1).astype(dtype)
+    return jnp.clip(-value / change[None], -1.0, 1.0)
 
 
-def _follow(run: Run, grid: Grid) -> tuple[Array, Array, Array, Array, Array]:
+@functools.partial(materialized, static_argnames=("grid",))
+def _follow(
+    run: Run, grid: Grid
+) -> tuple[
+    Int[Array, "lines runs"],
+    Int[Array, "lines runs"],
+    Float[Array, "lines runs"],
+    Int[Array, "lines runs"],
+    Bool[Array, "lines runs"],
+]:
     """Follow the edge of each run: its crossings with the lines of samples.
 
     Returns the sample before each crossing, its line, how far along the edge it lies (0..1), its
     pixel, and whether it is valid.
     """
-    wide = Run(*(entry[None] for entry in run))
+    by_line = Run(*(entry[None] for entry in run))
     number = jnp.arange(LINES, dtype=jnp.int32)[:, None]
-    line = wide.line + number
-    size = jnp.where(wide.steep, grid.width, grid.height) * grid.rate
-    dtype = run.begin.dtype
-    length = jnp.where(wide.length != 0, wide.length, 1.0)
+    line = by_line.first_line + number
+    size = jnp.where(by_line.steep, grid.width, grid.height) * grid.rate
+    dtype = run.across_start.dtype
+    extent = jnp.where(by_line.across_extent != 0, by_line.across_extent, 1.0)
     # Both are multiples of small fractions of a pixel: the difference keeps all digits.
-    t = jnp.clip(((line.astype(dtype) + 0.5) / (2 * grid.rate) - wide.begin) / length, 0.0, 1.0)
-    across = 2 * (wide.near + t * wide.change)
+    half_across = (line.astype(dtype) + 0.5) / (2 * grid.rate)
+    t = jnp.clip((half_across - by_line.across_start) / extent, 0.0, 1.0)
+    along = 2 * (by_line.along_start + t * by_line.along_extent)
 
-    def value(place: Array) -> WrappedValue:
-        """The edge value at a sample of the line."""
-        start = WrappedValue(wide.start, wide.estimate)
-        return start.moved((wide.step, place), (wide.stride, line))
-
-    def past(place: Array) -> Array:
+    def is_past(sample: Int[Array, "lines runs"]) -> Bool[Array, "lines runs"]:
         """Whether a sample of the line lies beyond the edge, towards greater x or y."""
-        return value(place).is_inside() == (wide.step > 0)
+        return by_line.value_at(sample, line).is_inside() == (by_line.value_along > 0)
 
     # The guess is some samples off where corners are far, and a rounding may move it by a sample.
     # The integers correct both.
-    guess = jnp.floor(across * grid.rate - 0.5)
+    guess = jnp.floor(along * grid.rate - 0.5)
     guess = jnp.clip(guess, -2.0, 2.0**20).astype(jnp.int32)
-    guessed = value(guess)
-    step = jnp.where(wide.step != 0, wide.step, 1)
-    samples = jnp.floor(-guessed.wrapped.astype(jnp.float32) / step.astype(jnp.float32))
-    guess = guess + jnp.where(guessed.is_near_zero, samples, 0.0).astype(jnp.int32)
-    before = guess + (~past(guess + 1)).astype(jnp.int32) - past(guess).astype(jnp.int32)
+    guessed_value = by_line.value_at(guess, line)
+    change = jnp.where(by_line.value_along != 0, by_line.value_along, 1)
+    samples = jnp.floor(-guessed_value.wrapped.astype(jnp.float32) / change.astype(jnp.float32))
+    guess = guess + jnp.where(guessed_value.is_near_zero, samples, 0.0).astype(jnp.int32)
+    before = guess + (~is_past(guess + 1)).astype(jnp.int32) - is_past(guess).astype(jnp.int32)
     # The border of the canvas is half a sample before the first sample and after the last.
-    on_canvas = (across >= 0) & (across * grid.rate <= size.astype(dtype))
-    valid = (number < wide.lines) & (before >= -1) & (before < size) & on_canvas
+    on_canvas = (along >= 0) & (along * grid.rate <= size.astype(dtype))
+    valid = (number < by_line.lines) & (before >= -1) & (before < size) & on_canvas
     before, line = jnp.where(valid, before, 0), jnp.where(valid, line, 0)
-    # If the samples are of two pixels, these meet half way between them.
-    middle = 2 * value(before).wrapped + wide.step
-    first = (middle >= 0) == (wide.step > 0)
-    along_px = jnp.clip(before + jnp.where(first, 0, 1), 0, size - 1) // grid.rate
+    # If the samples are in two pixels, the border between these is half way between the samples.
+    middle = 2 * by_line.value_at(before, line).wrapped + by_line.value_along
+    in_first = (middle >= 0) == (by_line.value_along > 0)
+    along_px = jnp.clip(before + jnp.where(in_first, 0, 1), 0, size - 1) // grid.rate
     line_px = line // grid.rate
-    pixel = jnp.where(wide.steep, line_px * grid.width + along_px, along_px * grid.width + line_px)
+    pixel = jnp.where(
+        by_line.steep, line_px * grid.width + along_px, along_px * grid.width + line_px
+    )
     pixel = jnp.where(valid, pixel, grid.height * grid.width)
     return before, line, t, pixel, valid

@@ -12,6 +12,9 @@ sum_k w_k q_k, both of which are affine on the screen. Then
     dq_k = -sum_j q_j (grad w_j . dv_k),    dc_k = -sum_j (q_j / q_k) (c_j - c_k) (grad w_j . dv_k).
 """
 
+import functools
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
@@ -26,7 +29,7 @@ from ..shading.corner_attributes import CornerAttributes
 
 
 def weight_gradients(
-    edges: Edges, planes: WeightPlanes | None, grid: Grid, dtype
+    edges: Edges, planes: WeightPlanes | None, grid: Grid, dtype: Any
 ) -> Float[Array, "2 3 triangles"]:
     """Derivatives by x and y, per pixel, of the weights of the corners; 0 without area.
 
@@ -34,22 +37,29 @@ def weight_gradients(
     sample that such a triangle covers stands for more area than the triangle has.
     """
 
-    @materialized
-    def divide(edges, planes):
-        area = twice_area(edges, dtype)
-        per_value = safe.divide(jnp.ones_like(area), area)
-        steps = [
-            jnp.stack([getattr(edges[k], name) for k in (2, 0)]).astype(dtype) * per_value[None]
-            for name in ("right", "down")
-        ]
-        if planes is not None:
-            far = (planes.right.astype(dtype), planes.down.astype(dtype))
-            steps = [jnp.where(planes.is_far[None], f, s) for f, s in zip(far, steps, strict=True)]
-        others = jnp.stack(steps) * grid.rate
-        others = jnp.clip(others, -float(grid.rate), float(grid.rate))
-        return jnp.concatenate([-jnp.sum(others, 1, keepdims=True), others], 1)
+    return _clamped_gradients(edges, planes, rate=grid.rate, dtype=dtype)
 
-    return divide(edges, planes)
+
+@functools.partial(materialized, static_argnames=("rate", "dtype"))
+def _clamped_gradients(
+    edges: Edges, planes: WeightPlanes | None, *, rate: int, dtype: Any
+) -> Float[Array, "2 3 triangles"]:
+    """Divide the steps of the edge values by the area; `rate` is samples per pixel and axis."""
+    area = twice_area(edges, dtype)
+    per_value = safe.divide(jnp.ones_like(area), area)
+    steps = [
+        jnp.stack([getattr(edges[k], name) for k in (2, 0)]).astype(dtype) * per_value[None]
+        for name in ("right", "down")
+    ]
+    if planes is not None:
+        far_steps = (planes.right.astype(dtype), planes.down.astype(dtype))
+        steps = [
+            jnp.where(planes.is_far[None], far, near)
+            for far, near in zip(far_steps, steps, strict=True)
+        ]
+    others = jnp.clip(jnp.stack(steps) * rate, -float(rate), float(rate))
+    # The weights sum to 1, so their gradients sum to 0.
+    return jnp.concatenate([-jnp.sum(others, 1, keepdims=True), others], 1)
 
 
 @jax.custom_jvp
@@ -61,13 +71,16 @@ def attach_interior_term(
 ) -> CornerAttributes:
     """Return `corners`, with the interior term as their derivative with respect to positions.
 
-    `vertex`: the vertex index of each corner; `gradients`: of the weights, by `weight_gradients`.
-    All inputs are constants in second derivatives.
+    `vertex` is the vertex index of each corner, and `gradients` are the `weight_gradients`. All
+    inputs are constants in second derivatives.
     """
     return corners
 
 
-def _interior_term_jvp(primals, tangents):
+def _interior_term_jvp(
+    primals: tuple[Any, ...], tangents: tuple[Any, ...]
+) -> tuple[CornerAttributes, CornerAttributes]:
+    """Add the interior term to the tangent of the corner attributes."""
     corners, _, vertex, gradients = jax.lax.stop_gradient(primals)
     change = jax.tree.map(
         lambda entry, dot: jnp.zeros_like(entry) if isinstance(dot, SymbolicZero) else dot,
@@ -77,32 +90,54 @@ def _interior_term_jvp(primals, tangents):
     if isinstance(tangents[1], SymbolicZero):
         return primals[0], change
 
-    @materialized
-    def drift(velocity, corners, vertex, gradients):
-        # rate[j, k] = grad w_j . dv_k, for each triangle.
-        moved = velocity[vertex.T]
-        rate = gradients[0][:, None] * moved[None, :, :, 0]
-        rate = rate + gradients[1][:, None] * moved[None, :, :, 1]
-        inverse_w_change = jnp.zeros_like(moved[..., 0])
-        if corners.inverse_w is not None:
-            q = corners.inverse_w
-            inverse_w_change = -(q[0][None] * rate[0] + q[1][None] * rate[1] + q[2][None] * rate[2])
-            rate = rate * q[:, None] / q[None]
-
-        def interpolated(value):
-            if value is None or value.shape[0] == 1:
-                return value
-            parts = [(value[j][None] - value) * rate[j][:, None] for j in range(3)]
-            return -(parts[0] + parts[1] + parts[2])
-
-        return interpolated(corners.color), inverse_w_change, interpolated(corners.uv)
-
-    color, inverse_w_change, uv = drift(tangents[1], corners, vertex, gradients)
+    color, inverse_w_change, uv = _interior_changes(tangents[1], corners, vertex, gradients)
     return primals[0], CornerAttributes(
         change.color + color if corners.color.shape[0] == 3 else change.color,
         None if change.inverse_w is None else change.inverse_w + inverse_w_change,
         None if change.uv is None else change.uv + uv,
     )
+
+
+@materialized
+def _interior_changes(
+    velocity: Float[Array, "vertices 2"],
+    corners: CornerAttributes,
+    vertex: Int[Array, "triangles 3"],
+    gradients: Float[Array, "2 3 triangles"],
+) -> tuple[
+    Float[Array, "corners channels triangles"],
+    Float[Array, "3 triangles"],
+    Float[Array, "3 2 triangles"] | None,
+]:
+    """Compute the changes of the colours, `inverse_w` and uv of corners that move.
+
+    Those of flat colours and of absent attributes have no meaning.
+    """
+    corner_velocity = velocity[vertex.T]
+    # weight_drift[j, k] = grad w_j . dv_k, for each triangle.
+    weight_drift = gradients[0][:, None] * corner_velocity[None, :, :, 0]
+    weight_drift = weight_drift + gradients[1][:, None] * corner_velocity[None, :, :, 1]
+    inverse_w_change = jnp.zeros_like(corner_velocity[..., 0])
+    if corners.inverse_w is not None:
+        q = corners.inverse_w
+        terms = [q[j][None] * weight_drift[j] for j in range(3)]
+        inverse_w_change = -(terms[0] + terms[1] + terms[2])
+        weight_drift = weight_drift * q[:, None] / q[None]
+    return (
+        _interpolated_change(corners.color, weight_drift),
+        inverse_w_change,
+        None if corners.uv is None else _interpolated_change(corners.uv, weight_drift),
+    )
+
+
+def _interpolated_change(
+    value: Float[Array, "corners channels triangles"], weight_drift: Float[Array, "3 3 triangles"]
+) -> Float[Array, "corners channels triangles"]:
+    """Compute -sum_j (c_j - c_k) weight_drift[j, k] of an attribute c; a flat one is returned."""
+    if value.shape[0] == 1:
+        return value
+    terms = [(value[j][None] - value) * weight_drift[j][:, None] for j in range(3)]
+    return -(terms[0] + terms[1] + terms[2])
 
 
 attach_interior_term.defjvp(_interior_term_jvp, symbolic_zeros=True)

@@ -22,13 +22,13 @@ from .visible_front import address, color_at, color_on_edge
 
 
 class LayeredSamples(NamedTuple):
-    """A translucent scene as its samples show it.
+    """Inputs of the boundary term of a translucent scene.
 
-    - `rows`: coverage words of each listed pair, without the samples that fail the depth test.
+    - `passed`: coverage words of each listed pair, without the samples that fail the depth test.
     - `depths`: None without a depth test.
     """
 
-    rows: UInt32[Array, "pairs rows"]
+    passed: UInt32[Array, "pairs rows"]
     lists: TileLists
     surface: Surface
     depths: Depths | None
@@ -38,41 +38,42 @@ class LayeredSamples(NamedTuple):
 class Addition(NamedTuple):
     """What a triangle adds to a sample, as if it covered it.
 
-    - `listed`: whether it covers the sample and passes the depth test there.
-    - `transmittance`: that of what lies in front of it.
+    - `is_covering`: whether it covers the sample and passes the depth test there.
+    - `transmittance`: product of (1 - alpha) of the layers in front of it.
     - `gain`: by how much it changes the premultiplied colour of the sample, dimmed by this
       transmittance, were it to cover the sample.
     """
 
-    listed: Bool[Array, "lines runs"]
+    is_covering: Bool[Array, "lines runs"]
     transmittance: Float[Array, "lines runs"]
     gain: Float[Array, "channels lines runs"]
 
 
 class _State(NamedTuple):
-    """State of a walk through the list of a sample, from the front.
+    """State of a loop over the list of a sample, from the front to the back.
 
-    - `listed`, `transmittance`: as in `Addition`.
+    - `is_covering`, `transmittance`: as in `Addition`.
     - `hidden`: whether a triangle drawn earlier lies nearer, so that this one fails the depth test.
-    - `with_color`, `with_transmittance`: of what lies behind and shows with the triangle in front
-      of it.
-    - `without_color`, `without_transmittance`: of what lies behind and shows without the triangle.
+    - `with_color`, `with_transmittance`: premultiplied colour and transmittance of the layers that
+      lie behind the triangle and are visible through it.
+    - `without_color`, `without_transmittance`: the same for the layers that would be visible if
+      the triangle were absent.
     """
 
-    listed: Array
-    transmittance: Array
-    hidden: Array
-    with_color: Array
-    with_transmittance: Array
-    without_color: Array
-    without_transmittance: Array
+    is_covering: Bool[Array, "lines runs"]
+    transmittance: Float[Array, "lines runs"]
+    hidden: Bool[Array, "lines runs"]
+    with_color: Float[Array, "channels lines runs"]
+    with_transmittance: Float[Array, "lines runs"]
+    without_color: Float[Array, "channels lines runs"]
+    without_transmittance: Float[Array, "lines runs"]
 
 
 class EdgeLayer(NamedTuple):
     """A triangle at each crossing of its edge.
 
     - `color`: premultiplied RGBA on the edge. Next to it, a triangle that is thinner than the
-      distance of samples has no colour that is not extrapolated.
+      distance of samples could only be given an extrapolated colour.
     - `depth`: None without depth.
     """
 
@@ -82,79 +83,119 @@ class EdgeLayer(NamedTuple):
 
 
 def addition(
-    layers: LayeredSamples, own: EdgeLayer, sample: Sample, tiling: Tiling, *, flat: bool
+    samples: LayeredSamples, edge_layer: EdgeLayer, sample: Sample, tiling: Tiling, *, flat: bool
 ) -> Addition:
-    """What each triangle adds at its sample. Not differentiable: the loop ends with the lists."""
-    surface, lists, depths = layers.surface, layers.lists, layers.depths
-    triangle, own_depth = own.triangle, own.depth
-    channels, shape = layers.background.shape[0], triangle.shape
-    tint = functools.partial(_rgba_at, surface, tiling=tiling, flat=flat)
-    rows = layers.rows.shape[1]
+    """Compute what each triangle adds at its sample.
 
-    @materialized
-    def locate(sample):
-        tile, place, bit = address(sample, tiling)
-        return lists.start[tile], lists.count[tile], place, bit
+    Not differentiable, because the number of steps of the loop is the length of the longest list.
+    """
+    surface, lists, depths = samples.surface, samples.lists, samples.depths
+    triangle, own_depth = edge_layer.triangle, edge_layer.depth
+    channels, shape = samples.background.shape[0], triangle.shape
+    rows = samples.passed.shape[1]
+    words = samples.passed.reshape(-1)
+    start, count, word_index, bit = _locate_list(lists, sample, tiling)
 
-    @materialized
-    def read(words, listed, start, count, place, bit, k):
-        pair = jnp.clip(start + k, 0, listed.shape[0] - 1)
-        word = words.at[pair * rows + place].get(mode="promise_in_bounds")
-        is_covering = ((word >> bit) & jnp.uint32(1) == 1) & (k < count)
-        return listed.at[pair].get(mode="promise_in_bounds"), is_covering
-
-    add = materialized(_add_layer)
-    start, count, place, bit = locate(sample)
-    words = layers.rows.reshape(-1)
-    at = functools.partial(depth_at, depths, tiling=tiling) if depths is not None else None
-
-    def visit(k, state):
-        other, is_covering = read(words, lists.triangle, start, count, place, bit, k)
+    def visit(k: Int[Array, ""], state: _State) -> _State:
+        other, is_covering = _read_pair(
+            words, lists.triangle, start, count, word_index, bit, k, rows=rows
+        )
         agrees = jnp.ones(shape, bool)
-        if at is not None and own_depth is not None:
-            depth = at(other, sample)
+        if depths is not None and own_depth is not None:
+            depth = depth_at(depths, other, sample, tiling)
             # Of equal depths the later is in front.
             agrees = jnp.where(other > triangle, depth <= own_depth, depth >= own_depth)
-        return add(state, triangle, other, is_covering, tint(other, sample), agrees)
+        color = _rgba_at(surface, other, sample, tiling, flat=flat)
+        return _add_layer(state, triangle, other, is_covering, color, agrees)
 
-    dtype = layers.background.dtype
-    closed, clear = jnp.zeros(shape, bool), jnp.ones(shape, dtype)
-    empty = jnp.zeros((channels, *shape), dtype)
-    state = _State(closed, clear, closed, empty, clear, empty, clear)
+    dtype = samples.background.dtype
+    false, clear = jnp.zeros(shape, bool), jnp.ones(shape, dtype)
+    black = jnp.zeros((channels, *shape), dtype)
+    state = _State(false, clear, false, black, clear, black, clear)
     state = repeat(jnp.max(count), visit, state)
-
-    @materialized
-    def finish(state, color):
-        background = layers.background[:, None, None]
-        under = state.with_color + state.with_transmittance[None] * background
-        before = state.without_color + state.without_transmittance[None] * background
-        after = color[:channels] + (1.0 - color[3])[None] * under
-        gain = jnp.where(state.hidden[None], 0.0, (after - before) * state.transmittance[None])
-        return Addition(state.listed, state.transmittance, gain)
-
-    return finish(state, own.color)
+    return _addition_of_state(state, edge_layer.color, samples.background)
 
 
-def _add_layer(state: _State, triangle, other, is_covering, color, agrees) -> _State:
-    """Add the next layer of a list to the state.
+@functools.partial(materialized, static_argnames=("tiling",))
+def _locate_list(
+    lists: TileLists, sample: Sample, tiling: Tiling
+) -> tuple[
+    Int[Array, "lines runs"],
+    Int[Array, "lines runs"],
+    Int[Array, "lines runs"],
+    UInt32[Array, "lines runs"],
+]:
+    """Start and length of the list of each sample's tile; word and bit as in `address`."""
+    tile, word_index, bit = address(sample, tiling)
+    return lists.start[tile], lists.count[tile], word_index, bit
+
+
+@functools.partial(materialized, static_argnames=("rows",))
+def _read_pair(
+    words: UInt32[Array, " words"],
+    listed_triangles: Int[Array, " pairs"],
+    start: Int[Array, "lines runs"],
+    count: Int[Array, "lines runs"],
+    word_index: Int[Array, "lines runs"],
+    bit: UInt32[Array, "lines runs"],
+    k: Int[Array, ""],
+    *,
+    rows: int,
+) -> tuple[Int[Array, "lines runs"], Bool[Array, "lines runs"]]:
+    """Read entry `k` of each sample's list: its triangle, and whether that covers the sample.
+
+    `words` are the coverage words of all pairs, with `rows` words per pair.
+    """
+    pair = jnp.clip(start + k, 0, listed_triangles.shape[0] - 1)
+    word = words.at[pair * rows + word_index].get(mode="promise_in_bounds")
+    is_covering = ((word >> bit) & jnp.uint32(1) == 1) & (k < count)
+    return listed_triangles.at[pair].get(mode="promise_in_bounds"), is_covering
+
+
+@materialized
+def _add_layer(
+    state: _State,
+    triangle: Int[Array, "lines runs"],
+    other: Int[Array, "lines runs"],
+    is_covering: Bool[Array, "lines runs"],
+    color: Float[Array, "4 lines runs"],
+    agrees: Bool[Array, "lines runs"],
+) -> _State:
+    """Update the state by the next layer of a list, the triangle `other`.
 
     - `is_covering`: whether the layer covers the sample.
     - `agrees`: whether, of this layer and the triangle, the one drawn later is in front.
     """
-    later = is_covering & (other > triangle)
-    front = later & agrees
-    early = is_covering & (other < triangle)
-    behind = (later & ~front) | early
+    is_later = is_covering & (other > triangle)
+    is_in_front = is_later & agrees
+    is_earlier = is_covering & (other < triangle)
+    is_behind = (is_later & ~is_in_front) | is_earlier
     alpha, shown = color[3], color[: state.without_color.shape[0]]
     return _State(
-        state.listed | (is_covering & (other == triangle)),
-        state.transmittance * jnp.where(front, 1.0 - alpha, 1.0),
-        state.hidden | (early & ~agrees),
-        state.with_color + jnp.where(early, state.with_transmittance, 0.0)[None] * shown,
-        state.with_transmittance * jnp.where(early, 1.0 - alpha, 1.0),
-        state.without_color + jnp.where(behind, state.without_transmittance, 0.0)[None] * shown,
-        state.without_transmittance * jnp.where(behind, 1.0 - alpha, 1.0),
+        state.is_covering | (is_covering & (other == triangle)),
+        state.transmittance * jnp.where(is_in_front, 1.0 - alpha, 1.0),
+        state.hidden | (is_earlier & ~agrees),
+        state.with_color + jnp.where(is_earlier, state.with_transmittance, 0.0)[None] * shown,
+        state.with_transmittance * jnp.where(is_earlier, 1.0 - alpha, 1.0),
+        state.without_color + jnp.where(is_behind, state.without_transmittance, 0.0)[None] * shown,
+        state.without_transmittance * jnp.where(is_behind, 1.0 - alpha, 1.0),
     )
+
+
+@materialized
+def _addition_of_state(
+    state: _State, color: Float[Array, "4 lines runs"], background: Float[Array, " channels"]
+) -> Addition:
+    """Compute the difference that the triangle makes from the state after the last layer.
+
+    `color` is the triangle's own.
+    """
+    channels, background = background.shape[0], background[:, None, None]
+    under = state.with_color + state.with_transmittance[None] * background
+    before = state.without_color + state.without_transmittance[None] * background
+    after = color[:channels] + (1.0 - color[3])[None] * under
+    gain = jnp.where(state.hidden[None], 0.0, (after - before) * state.transmittance[None])
+    return Addition(state.is_covering, state.transmittance, gain)
 
 
 def rgba_on_edge(
@@ -165,7 +206,7 @@ def rgba_on_edge(
     *,
     flat: bool,
 ) -> Float[Array, "4 lines runs"]:
-    """Premultiplied RGBA of each edge's own triangle on it, where it is `t` along, 0..1."""
+    """Premultiplied RGBA of each edge's triangle on the edge, the fraction `t` (0..1) along it."""
     color = color_on_edge(surface, edge, t, tiling, flat=flat)
     return materialized(functools.partial(_to_rgba, flat=flat))(color)
 

@@ -1,16 +1,19 @@
-"""What shows in a strip between two triangles that is thinner than the distance of samples.
+"""Find what is visible in a strip between two triangles that is thinner than the sample distance.
 
 Two neighbouring samples may show two triangles that do not meet: each ends between the samples, and
 the strip between their edges shows a third triangle, or the background, that neither sample shows.
-Both edges then border on that one. It is found by going through the list of the tile, with
-tests at a point just outside the edge. Few crossings call for that: they are gathered and worked on
-in groups.
+Then this third one is the neighbour of both edges. To find it, every triangle in the list of the
+tile is tested at a point just outside the edge. Few crossings need that: they are gathered and
+processed in groups.
 """
+
+import functools
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..binning.lists import Chunks
 from ..coverage.depth_test import Depths, depth_on_edge, weights_and_depth
 from ..geometry.barycentric import twice_area
 from ..geometry.fixed_point import Edges
@@ -23,11 +26,11 @@ from .sample_colors import OpaqueSamples
 from .visible_front import address
 
 _OUTSIDE = 1.0 / 64
-"""Distance in samples from an edge to the point outside it where strips are looked for. Thinner
-strips are ignored."""
+"""Distance, in samples, from an edge to the point outside it that is tested. Thinner strips are
+ignored."""
 
 _LANES = 512
-"""Crossings that are worked on together."""
+"""Number of crossings in a group."""
 
 
 def ends_before_edge(
@@ -36,14 +39,14 @@ def ends_before_edge(
     outer: Int[Array, "lines runs"],
     shown: Bool[Array, "lines runs"],
 ) -> Bool[Array, "lines runs"]:
-    """Whether what shows at the sample outside ends before it reaches the edge.
+    """Whether the triangle that is visible at the sample outside ends before it reaches the edge.
 
-    `outer` is what shows there, -1 for the background, which ends nowhere; `shown`: whether the
-    edge's own triangle shows at the sample inside. At the border of the canvas both are one sample,
-    and what lies beyond the edge is unknown.
+    `outer` is that triangle, -1 for the background, which has no end. `shown` is whether the edge's
+    own triangle is visible at the sample inside. At the border of the canvas both samples are the
+    same, and what lies beyond the edge is unknown.
     """
     triangle = jnp.maximum(outer, 0)
-    reaches_edge = _covers_near(edges, triangle, crossings.outside, _point(crossings))
+    reaches_edge = _covers_near(edges, triangle, crossings.outside, _offset_outside(crossings))
     at_border = outer == (crossings.edge // 3)[None]
     return shown & (outer >= 0) & (at_border | ~reaches_edge)
 
@@ -56,52 +59,71 @@ def fill_strips(
     is_strip: Bool[Array, "lines runs"],
     tiling: Tiling,
 ) -> tuple[Int[Array, "lines runs"], Bool[Array, "lines runs"]]:
-    """What shows just outside each edge, and whether the edge is visible there.
+    """Find the triangle just outside each edge, and whether the edge is visible there.
 
-    Where there is no strip these are `outer` and `owned`.
+    Without a strip (`is_strip`) these are `outer` and `owned`.
     """
-    lanes = outer.size
-
-    @materialized
-    def list_strips(is_strip):
-        end = cumulative_sum(is_strip.reshape(-1).astype(jnp.int32))
-        place = jnp.where(is_strip.reshape(-1), end - 1, lanes)
-        numbers = jnp.arange(lanes, dtype=jnp.int32)
-        return jnp.full(lanes, lanes, jnp.int32).at[place].set(numbers, mode="drop"), end[-1]
-
-    listed, count = list_strips(is_strip)
-    listed = jnp.pad(listed, (0, -lanes % _LANES), constant_values=lanes)
+    strips, count = _list_strips(is_strip)
+    strips = jnp.pad(strips, (0, -outer.size % _LANES), constant_values=outer.size)
     depth_of_edge = None
     if samples.depths is not None:
         depth_of_edge = depth_on_edge(samples.depths, crossings.edge, crossings.t).reshape(-1)
     owner = jnp.broadcast_to((crossings.edge // 3)[None], outer.shape)
-    point = jnp.stack(jnp.broadcast_arrays(*_point(crossings)))
+    offset = jnp.stack(_offset_outside(crossings))
 
-    @materialized
-    def gather(at, owner, outside, point):
-        return (
-            owner.reshape(-1).at[at].get(mode="clip"),
-            Sample(*(entry.reshape(-1).at[at].get(mode="clip") for entry in outside)),
-            point.reshape(2, -1).at[:, at].get(mode="clip"),
-        )
-
-    def visit(group: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
-        at = jax.lax.dynamic_slice_in_dim(listed, group * _LANES, _LANES)
-        triangle, outside, offset = gather(at, owner, crossings.outside, point)
+    def visit(
+        group: Int[Array, ""], state: tuple[Int[Array, " crossings"], Bool[Array, " crossings"]]
+    ) -> tuple[Int[Array, " crossings"], Bool[Array, " crossings"]]:
+        lanes = jax.lax.dynamic_slice_in_dim(strips, group * _LANES, _LANES)
+        triangle, outside, lane_offset = _gather_crossings(lanes, owner, crossings.outside, offset)
         own_depth = None
         if depth_of_edge is not None:
-            own_depth = depth_of_edge.at[at].get(mode="clip")
-        behind, visible = _nearest_other(samples, triangle, outside, offset, own_depth, tiling)
+            own_depth = depth_of_edge.at[lanes].get(mode="clip")
+        behind, is_visible = _nearest_other(
+            samples, triangle, outside, lane_offset, own_depth, tiling
+        )
         far, owned = state
-        return far.at[at].set(behind, mode="drop"), owned.at[at].set(visible, mode="drop")
+        return far.at[lanes].set(behind, mode="drop"), owned.at[lanes].set(is_visible, mode="drop")
 
     state = outer.reshape(-1), owned.reshape(-1)
     far, owned = repeat(-(-count // _LANES), visit, state)
     return far.reshape(outer.shape), owned.reshape(outer.shape)
 
 
-def _point(crossings: Crossings) -> tuple[Array, Array]:
-    """The point just outside each edge, from its sample outside: right and down, in samples."""
+@materialized
+def _list_strips(
+    is_strip: Bool[Array, "lines runs"],
+) -> tuple[Int[Array, " crossings"], Int[Array, ""]]:
+    """List the indices of the crossings with a strip, and count them.
+
+    Unused entries are the number of crossings.
+    """
+    size = is_strip.size
+    end = cumulative_sum(is_strip.reshape(-1).astype(jnp.int32))
+    index = jnp.where(is_strip.reshape(-1), end - 1, size)
+    numbers = jnp.arange(size, dtype=jnp.int32)
+    return jnp.full(size, size, jnp.int32).at[index].set(numbers, mode="drop"), end[-1]
+
+
+@materialized
+def _gather_crossings(
+    lanes: Int[Array, " lanes"],
+    owner: Int[Array, "lines runs"],
+    outside: Sample,
+    offset: Float[Array, "2 lines runs"],
+) -> tuple[Int[Array, " lanes"], Sample, Float[Array, "2 lanes"]]:
+    """Gather the data of the crossings of a group."""
+    return (
+        owner.reshape(-1).at[lanes].get(mode="clip"),
+        Sample(*(entry.reshape(-1).at[lanes].get(mode="clip") for entry in outside)),
+        offset.reshape(2, -1).at[:, lanes].get(mode="clip"),
+    )
+
+
+def _offset_outside(
+    crossings: Crossings,
+) -> tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]]:
+    """Offset of the point just outside each edge from the sample outside, x and y in samples."""
     along = crossings.gap + _OUTSIDE * crossings.outwards[None]
     is_row = crossings.along_row[None]
     zero = jnp.zeros_like(along)
@@ -119,16 +141,19 @@ def covers(
 
 
 def _covers_near(
-    edges: Edges, triangle: Array, sample: Sample, offset: tuple[Array, Array]
+    edges: Edges,
+    triangle: Int[Array, "*samples"],
+    sample: Sample,
+    offset: tuple[Float[Array, "*samples"], Float[Array, "*samples"]],
 ) -> Bool[Array, "*samples"]:
-    """Whether triangles cover the points at an offset from samples, by up to two samples."""
+    """Whether triangles cover the points at an offset, in samples, of up to two from `sample`."""
     inside = jnp.ones(triangle.shape, bool)
+    x, y = (entry.astype(jnp.float32) for entry in offset)
     for edge in edges:
-        own = edge.gather(triangle)
-        value = own.at(*sample).to_float(jnp.float32) + own.right.astype(jnp.float32) * offset[
-            0
-        ].astype(jnp.float32)
-        value = value + own.down.astype(jnp.float32) * offset[1].astype(jnp.float32)
+        gathered = edge.gather(triangle)
+        value = gathered.at(*sample).to_float(jnp.float32)
+        value = value + gathered.right.astype(jnp.float32) * x
+        value = value + gathered.down.astype(jnp.float32) * y
         inside = inside & (value >= 0)
     return inside
 
@@ -141,37 +166,43 @@ def _nearest_other(
     own_depth: Float[Array, " lanes"] | None,
     tiling: Tiling,
 ) -> tuple[Int[Array, " lanes"], Bool[Array, " lanes"]]:
-    """The nearest other triangle that covers each point, -1 for none; whether `owner` is nearer."""
+    """Find the nearest triangle other than `owner` at each point; also whether `owner` is nearer.
+
+    The nearest is -1 where none covers the point. `offset` is that of the point from `sample`, in
+    samples. `own_depth` is the depth of `owner`, None without depth.
+    """
     chunks, depths = samples.front.chunks, samples.depths
-    layers = chunks.triangle.shape[1]
-
-    @materialized
-    def locate(chunks, sample):
-        tile = address(sample, tiling)[0]
-        return chunks.first[tile] * layers, chunks.count[tile] * layers
-
     area = None
     if depths is not None:
-        area = materialized(lambda edges: twice_area(edges, depths.depth.dtype))(depths.edges)
+        area = materialized(functools.partial(twice_area, dtype=depths.depth.dtype))(depths.edges)
 
     @materialized
-    def step(k, state, first, count, triangles, filled):
+    def visit(
+        k: Int[Array, ""],
+        state: tuple[Int[Array, " lanes"], Float[Array, " lanes"]],
+        first: Int[Array, " lanes"],
+        count: Int[Array, " lanes"],
+        triangles: Int[Array, "chunks layers"],
+        filled: Bool[Array, "chunks layers"],
+    ) -> tuple[Int[Array, " lanes"], Float[Array, " lanes"]]:
         nearest, least = state
         slot = jnp.minimum(first + k, triangles.size - 1)
         triangle = triangles.reshape(-1)[slot]
-        listed = (k < count) & filled.reshape(-1)[slot] & (triangle != owner)
-        covers = listed & _covers_near(samples.edges, triangle, sample, (offset[0], offset[1]))
+        is_other = (k < count) & filled.reshape(-1)[slot] & (triangle != owner)
+        is_covering = is_other & _covers_near(
+            samples.edges, triangle, sample, (offset[0], offset[1])
+        )
         if depths is None or area is None:
-            return jnp.where(covers, jnp.maximum(nearest, triangle), nearest), least
+            return jnp.where(is_covering, jnp.maximum(nearest, triangle), nearest), least
         depth = _depth_near(depths, area, triangle, sample, offset, tiling)
-        nearer = covers & ((depth < least) | ((depth == least) & (triangle > nearest)))
-        return jnp.where(nearer, triangle, nearest), jnp.where(nearer, depth, least)
+        is_nearer = is_covering & ((depth < least) | ((depth == least) & (triangle > nearest)))
+        return jnp.where(is_nearer, triangle, nearest), jnp.where(is_nearer, depth, least)
 
-    first, count = locate(chunks, sample)
+    first, count = _locate_slots(chunks, sample, tiling)
     least = jnp.full(owner.shape, jnp.inf, samples.colors.background.dtype)
     nearest, least = repeat(
         jnp.max(count),
-        lambda k, state: step(k, state, first, count, chunks.triangle, chunks.filled),
+        lambda k, state: visit(k, state, first, count, chunks.triangle, chunks.filled),
         (jnp.full_like(owner, -1), least),
     )
     if own_depth is None:
@@ -179,18 +210,28 @@ def _nearest_other(
     return nearest, (own_depth < least) | ((own_depth == least) & (nearest < owner))
 
 
+@functools.partial(materialized, static_argnames=("tiling",))
+def _locate_slots(
+    chunks: Chunks, sample: Sample, tiling: Tiling
+) -> tuple[Int[Array, " lanes"], Int[Array, " lanes"]]:
+    """First slot and number of slots of each sample's tile."""
+    layers = chunks.triangle.shape[1]
+    tile = address(sample, tiling)[0]
+    return chunks.first[tile] * layers, chunks.count[tile] * layers
+
+
 def _depth_near(
     depths: Depths,
-    area: Array,
-    triangle: Array,
+    area: Float[Array, " triangles"],
+    triangle: Int[Array, " lanes"],
     sample: Sample,
-    offset: Array,
+    offset: Float[Array, "2 lanes"],
     tiling: Tiling,
 ) -> Float[Array, " lanes"]:
-    """Depth of triangles at the points at an offset from samples."""
+    """Depth of triangles at the points at an offset, in samples, from `sample`."""
     column, row = sample
-    here, right, down = (
-        weights_and_depth(depths, area, triangle, at, tiling)[1]
-        for at in ((column, row), (column + 1, row), (column, row + 1))
+    at_sample, at_right, at_below = (
+        weights_and_depth(depths, area, triangle, point, tiling)[1]
+        for point in ((column, row), (column + 1, row), (column, row + 1))
     )
-    return here + offset[0] * (right - here) + offset[1] * (down - here)
+    return at_sample + offset[0] * (at_right - at_sample) + offset[1] * (at_below - at_sample)

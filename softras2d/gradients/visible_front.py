@@ -1,5 +1,6 @@
-"""What shows at any one sample of an opaque scene, and the colour of a triangle on its edge."""
+"""Which triangle is visible at a sample of an opaque scene; its colour there and on its edges."""
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -30,58 +31,102 @@ class Front(NamedTuple):
 def triangle_at(
     front: Front, sample: Sample, tiling: Tiling, *, max_chunks: int
 ) -> Int[Array, "*samples"]:
-    """The triangle that shows at each sample, -1 for the background; see `remove_hidden`."""
+    """The triangle that is visible at each sample, -1 for the background."""
     slot = slot_at(front, sample, tiling, max_chunks=max_chunks)
+    return _triangle_of_slot(front.chunks.triangle.reshape(-1), slot)
 
-    @materialized
-    def read(triangle, slot):
-        return jnp.where(slot < 0, -1, triangle[jnp.maximum(slot, 0)])
 
-    return read(front.chunks.triangle.reshape(-1), slot)
+@materialized
+def _triangle_of_slot(
+    slot_triangles: Int[Array, " slots"], slot: Int[Array, "*samples"]
+) -> Int[Array, "*samples"]:
+    """Gather the triangle of each slot, -1 where `slot` is -1."""
+    return jnp.where(slot < 0, -1, slot_triangles[jnp.maximum(slot, 0)])
 
 
 def slot_at(
     front: Front, sample: Sample, tiling: Tiling, *, max_chunks: int
 ) -> Int[Array, "*samples"]:
-    """The slot whose triangle shows at each sample, -1 for the background."""
+    """The slot whose triangle is visible at each sample, -1 for the background."""
     rows, layers = front.covered_so_far.shape[1], front.visible.shape[1]
-
-    @materialized
-    def locate(sample):
-        tile, word_index, bit = address(sample, tiling)
-        return front.chunks.first[tile], front.chunks.count[tile], word_index, bit
-
-    @materialized
-    def search(covered, first, count, word_index, bit):
-        # The chunks before the one that covers the sample are counted by binary search.
-        uncovered = jnp.zeros_like(first)
-        step = max_chunks
-        while step:
-            probe = uncovered + step
-            probed_chunk = jnp.clip(first + probe - 1, 0, covered.shape[0] // rows - 1)
-            word = covered.at[probed_chunk * rows + word_index].get(mode="promise_in_bounds")
-            is_uncovered = (word >> bit) & jnp.uint32(1) == 0
-            uncovered = jnp.where((probe <= count) & is_uncovered, probe, uncovered)
-            step //= 2
-        return jnp.where(uncovered < count, first + uncovered, -1)
-
-    @materialized
-    def find_slot(visible, chunk, word_index, bit):
-        visible_slot = jnp.full(chunk.shape, -1, jnp.int32)
-        valid_chunk = jnp.maximum(chunk, 0)
-        for layer in range(layers):
-            slot = valid_chunk * layers + layer
-            word = visible.at[slot * rows + word_index].get(mode="promise_in_bounds")
-            shows = ((word >> bit) & jnp.uint32(1) == 1) & (chunk >= 0)
-            visible_slot = jnp.where(shows, slot, visible_slot)
-        return visible_slot
-
-    first, count, word_index, bit = locate(sample)
-    chunk = search(front.covered_so_far.reshape(-1), first, count, word_index, bit)
-    return find_slot(front.visible.reshape(-1), chunk, word_index, bit)
+    first, count, word_index, bit = _locate_chunks(front.chunks, sample, tiling)
+    covered_words = front.covered_so_far.reshape(-1)
+    chunk = _covering_chunk(
+        covered_words, first, count, word_index, bit, rows=rows, max_chunks=max_chunks
+    )
+    visible_words = front.visible.reshape(-1)
+    return _visible_slot(visible_words, chunk, word_index, bit, rows=rows, layers=layers)
 
 
-def address(sample: Sample, tiling: Tiling) -> tuple[Array, Array, Array]:
+@functools.partial(materialized, static_argnames=("tiling",))
+def _locate_chunks(
+    chunks: Chunks, sample: Sample, tiling: Tiling
+) -> tuple[
+    Int[Array, "*samples"],
+    Int[Array, "*samples"],
+    Int[Array, "*samples"],
+    UInt32[Array, "*samples"],
+]:
+    """First chunk and number of chunks of each sample's tile; word and bit as in `address`."""
+    tile, word_index, bit = address(sample, tiling)
+    return chunks.first[tile], chunks.count[tile], word_index, bit
+
+
+@functools.partial(materialized, static_argnames=("rows", "max_chunks"))
+def _covering_chunk(
+    covered_words: UInt32[Array, " words"],
+    first: Int[Array, "*samples"],
+    count: Int[Array, "*samples"],
+    word_index: Int[Array, "*samples"],
+    bit: UInt32[Array, "*samples"],
+    *,
+    rows: int,
+    max_chunks: int,
+) -> Int[Array, "*samples"]:
+    """Find the first chunk of each tile that covers the sample, -1 for none.
+
+    `covered_words` is `Front.covered_so_far`, with `rows` words per chunk.
+    """
+    # The chunks before it are counted by binary search: later chunks cover what earlier ones do.
+    uncovered = jnp.zeros_like(first)
+    step = max_chunks
+    while step:
+        probe = uncovered + step
+        probed_chunk = jnp.clip(first + probe - 1, 0, covered_words.shape[0] // rows - 1)
+        word = covered_words.at[probed_chunk * rows + word_index].get(mode="promise_in_bounds")
+        is_uncovered = (word >> bit) & jnp.uint32(1) == 0
+        uncovered = jnp.where((probe <= count) & is_uncovered, probe, uncovered)
+        step //= 2
+    return jnp.where(uncovered < count, first + uncovered, -1)
+
+
+@functools.partial(materialized, static_argnames=("rows", "layers"))
+def _visible_slot(
+    visible_words: UInt32[Array, " words"],
+    chunk: Int[Array, "*samples"],
+    word_index: Int[Array, "*samples"],
+    bit: UInt32[Array, "*samples"],
+    *,
+    rows: int,
+    layers: int,
+) -> Int[Array, "*samples"]:
+    """Find the slot of each chunk that is visible at the sample, -1 for none.
+
+    `visible_words` is `Front.visible`, with `rows` words per slot and `layers` slots per chunk.
+    """
+    visible_slot = jnp.full(chunk.shape, -1, jnp.int32)
+    valid_chunk = jnp.maximum(chunk, 0)
+    for layer in range(layers):
+        slot = valid_chunk * layers + layer
+        word = visible_words.at[slot * rows + word_index].get(mode="promise_in_bounds")
+        is_visible = ((word >> bit) & jnp.uint32(1) == 1) & (chunk >= 0)
+        visible_slot = jnp.where(is_visible, slot, visible_slot)
+    return visible_slot
+
+
+def address(
+    sample: Sample, tiling: Tiling
+) -> tuple[Int[Array, "*samples"], Int[Array, "*samples"], UInt32[Array, "*samples"]]:
     """Index of each sample's tile, of its coverage word in the tile, and of its bit in the word."""
     rate = tiling.grid.rate
     column, row = sample
@@ -106,26 +151,31 @@ def color_at(
     With `flat` it is the triangle's one colour, with straight alpha; else it is premultiplied.
     """
     valid_triangle = jnp.maximum(triangle, 0)
-
-    @materialized
-    def over_background(color, triangle):
-        return jnp.where((triangle < 0)[None], background[:, None, None], color)
-
     if flat:
         color = materialized(_flat_color)(surface.corners.color, valid_triangle)
-        return over_background(color, triangle)
+    else:
+        tile, points = _points_in_tile(sample, tiling)
+        lanes = surface_lanes(surface, valid_triangle.reshape(-1), tile, tiling)
+        color = shade(surface, lanes, points, tiling).reshape(-1, *triangle.shape)
+    return _or_background(color, triangle, background)
 
-    @materialized
-    def locate(sample):
-        tile = address(sample, tiling)[0]
-        points = sample.column % tiling.sample_columns, sample.row % tiling.sample_rows
-        return tile.reshape(-1), Points(None, *(axis.reshape(-1) for axis in points))
 
-    tile, points = locate(sample)
-    color = shade(
-        surface, surface_lanes(surface, valid_triangle.reshape(-1), tile, tiling), points, tiling
-    )
-    return over_background(color.reshape(-1, *triangle.shape), triangle)
+@materialized
+def _or_background(
+    color: Float[Array, "channels *samples"],
+    triangle: Int[Array, "*samples"],
+    background: Float[Array, " channels"],
+) -> Float[Array, "channels *samples"]:
+    """Replace the colour by the background where `triangle` is -1."""
+    return jnp.where((triangle < 0)[None], background[:, None, None], color)
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _points_in_tile(sample: Sample, tiling: Tiling) -> tuple[Int[Array, " lanes"], Points]:
+    """Tile of each sample, and its position in the tile; one lane per sample."""
+    tile = address(sample, tiling)[0]
+    points = sample.column % tiling.sample_columns, sample.row % tiling.sample_rows
+    return tile.reshape(-1), Points(None, *(axis.reshape(-1) for axis in points))
 
 
 def _flat_color(
@@ -137,12 +187,12 @@ def _flat_color(
 
 def edge_weights(
     edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
-) -> tuple[Array, Array, Array]:
-    """Weights of the three corners on edge `3 triangle + side`, where it is `t` along, 0..1."""
+) -> tuple[Float[Array, "lines runs"], Float[Array, "lines runs"], Float[Array, "lines runs"]]:
+    """Weights of the three corners at the fraction `t` (0..1) along edge `3 triangle + side`."""
     side = (edge % 3)[None]
     start, end, zero = 1.0 - t, t, jnp.zeros_like(t)
 
-    def weight(corner: int) -> Array:
+    def weight(corner: int) -> Float[Array, "lines runs"]:
         # Side k runs from corner k to the next.
         at_end = jnp.where(side == (corner - 1) % 3, end, zero)
         return jnp.where(side == corner, start, at_end)
@@ -171,7 +221,9 @@ def color_on_edge(
     lanes = surface_lanes(surface, lane, jnp.zeros_like(lane), tiling)
     at = materialized(perspective_weights)((first, second, third), lanes.corners.inverse_w)
 
-    def add_probe(total: Array, probe: Array) -> tuple[Array, None]:
+    def add_probe(
+        total: Float[Array, "channels lanes"], probe: Int[Array, ""]
+    ) -> tuple[Float[Array, "channels lanes"], None]:
         read = level_chooser(surface, lanes, at, tiling)
         added = add_color(
             total, at, lanes.corners, lanes.texture, surface.textures, read, probe=probe
@@ -179,5 +231,5 @@ def color_on_edge(
         return added, None
 
     probes = jnp.arange(surface.probes, dtype=jnp.int32)
-    none_yet = jnp.zeros((surface.channels, lane.shape[0]), surface.corners.color.dtype)
-    return jax.lax.scan(add_probe, none_yet, probes)[0].reshape(-1, *t.shape)
+    initial = jnp.zeros((surface.channels, lane.shape[0]), surface.corners.color.dtype)
+    return jax.lax.scan(add_probe, initial, probes)[0].reshape(-1, *t.shape)
