@@ -15,7 +15,7 @@ from ..compositing.sample_blocks import list_pairs
 from ..geometry.barycentric import Weights, slot_weights
 from ..geometry.fixed_point import Grid
 from ..geometry.tiling import Tiling
-from ..gradients.boundary_term import BoundaryShape, boundary_term
+from ..gradients.boundary_term import boundary_term
 from ..gradients.layered_samples import LayeredSamples
 from ..gradients.sample_colors import OpaqueSamples, SurfaceColors
 from ..numerics.fusion_barrier import materialized
@@ -34,7 +34,7 @@ from ..shading.fragments import list_fragments
 from ..shading.surface import Surface
 from .coverage_mode import CoverageMode, Drawn, Growth, Layout
 from .layout import Listing, choose_layout
-from .projected_scene import Projected
+from .projected_scene import Projected, boundary_shape
 from .visible_samples import BinnedScene, VisibleSamples, bin_scene, find_visible, listed_words
 
 
@@ -107,7 +107,7 @@ def _composite_translucent(
     image = over.to_image(sums, background, tiling)
     if projected.outlines is not None:
         samples = LayeredSamples(passed, lists, projected.surface, projected.depths, background)
-        shape = BoundaryShape(tiling, image.shape[-1], capacity.crossings, 0)
+        shape = boundary_shape(tiling, image.shape[-1], capacity)
         image = image + boundary_term(
             shape, scene.positions, scene.depth, projected.outlines, samples
         )
@@ -149,7 +149,7 @@ def _sum_opaque(
         samples = OpaqueSamples(
             front, covered, projected.edges, projected.depths, SurfaceColors(background, surface)
         )
-        shape = BoundaryShape(tiling, image.shape[-1], capacity.crossings, capacity.max_chunks)
+        shape = boundary_shape(tiling, image.shape[-1], capacity)
         image = image + boundary_term(
             shape, scene.positions, scene.depth, projected.outlines, samples
         )
