@@ -40,7 +40,7 @@ class Color(NamedTuple):
 
 def parse_size(text: str | Size) -> Size:
     """Parse `800x600`, or `800` for the longer side."""
-    # typer hands its own default through the parser.
+    # Typer passes defaults, which are parsed already, through the parser too.
     if isinstance(text, Size):
         return text
     parts = text.lower().split("x")
@@ -61,7 +61,7 @@ def parse_pixel(text: str | Pixel) -> Pixel:
 
 
 def parse_color(text: str | Color) -> Color:
-    """Parse a CSS colour: a name, `#rrggbb`, `rgb(...)` or `transparent`."""
+    """Parse a CSS colour, such as a name, `#rrggbb`, `rgb(...)` or `transparent`."""
     if isinstance(text, Color):
         return text
     from tinycss2.color3 import parse_color as parse_css
@@ -172,8 +172,8 @@ Frame = Annotated[
     bool | None,
     typer.Option(
         "--frame/--no-frame",
-        help="Draw the course's black frame around the drawing. Default: drawn with "
-        "--dialect course, which it needs.",
+        help="Draw the course's black frame around the drawing. Only for --dialect course, "
+        "where it is the default.",
         show_default=False,
         rich_help_panel=_SCENE,
     ),

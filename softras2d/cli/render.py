@@ -37,7 +37,7 @@ Truncate = Annotated[
     bool,
     typer.Option(
         "--truncate",
-        help="Convert to 8 bits by truncating, as the rasterizer course, instead of rounding.",
+        help="Convert to 8 bits by truncating, as the rasterizer course does, instead of rounding.",
     ),
 ]
 

@@ -1,18 +1,18 @@
 """Interface of analytic coverage, and its evaluation at the pixels of tiles.
 
-A slot is a triangle in a square tile of pixels. Under soft coverage and exact area, what a pixel
-sees of a slot depends smoothly on the six coordinates of the triangle's corners: how much of the
-pixel is covered, and with which weights the corners' colours are mixed there. Both are a
-`PixelFunction`, which states its derivatives in closed form:
+A slot is a triangle in a square tile of pixels. Under soft coverage and exact area, two quantities
+of a pixel depend smoothly on the six coordinates of the triangle's corners: the fraction of the
+pixel that is covered, and the weights with which the corners' colours are interpolated in the
+pixel. Each is a `PixelFunction`, which states its derivatives in closed form:
 
-| Coverage | Covered part of a pixel       | Weights of the corners there     |
+| Coverage | Covered fraction of a pixel   | Weights of the corners           |
 |----------|-------------------------------|----------------------------------|
 | `Soft`   | `soft.SoftCoverage`           | `nearest_weights.NearestWeights` |
 | `Area`   | `area.AreaCoverage`           | `centroid.CentroidWeights`       |
 
-What the pixels of a slot share, such as the directions of its edges, is computed once: the
-geometry of the slot. `evaluate` gives a `PixelFunction` its place in autodiff. The jvp and the vjp
-compute the partial derivatives again instead of keeping them, for the slots that have any.
+The geometry of a slot is what its pixels share, such as the directions of the edges; it is computed
+once. `evaluate` makes a `PixelFunction` differentiable by autodiff. The jvp and the vjp compute the
+partial derivatives again instead of storing them, only for slots in which some are not 0.
 """
 
 import abc
@@ -23,14 +23,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
 from .tile_sums import for_each_block, gather_slots, spread
 
 Geometry = TypeVar("Geometry")
-"""What the pixels of a slot share: a tree of arrays `[slots]`."""
+"""Data that the pixels of a slot share: a tree of arrays `[slots]`."""
 
 Coordinates = tuple[Array, Array, Array, Array, Array, Array]
 """x and y of corners 0, 1 and 2; or a velocity of each, or a derivative by each."""
@@ -46,12 +46,12 @@ Values = Array | tuple[Array, ...]
 
 
 class PixelFunction(eqx.Module, Generic[Geometry]):
-    """A quantity at the centres of pixels that depends on the corners of one triangle.
+    """A quantity in each pixel that depends on the corners of one triangle.
 
     Everything but `vjp` broadcasts: geometry `[slots, 1]` with points `[1, pixels]`, or geometry
     `[slots]` with one point. Points are in pixels from the upper left of the slot's tile.
 
-    - `tile_side`: pixels along a tile.
+    - `tile_side`: pixels along the side of a tile.
     """
 
     tile_side: int = eqx.field(static=True)
@@ -83,7 +83,7 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
     def parameter_derivative(
         self, geometry: Geometry, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Array:
-        """Derivative of the value by the parameter; 0 unless a member has one."""
+        """Derivative of the value by the parameter; 0 by default."""
         return jnp.zeros((), x.dtype)
 
     def is_flat(self, value: Array) -> Bool[Array, "*values slots pixels"]:
@@ -92,11 +92,11 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
 
 
 class AnalyticCoverage(PixelFunction[Geometry]):
-    """The covered part of each pixel."""
+    """The fraction of each pixel that is covered."""
 
     @abc.abstractmethod
     def reach(self, parameter: Parameter) -> Float[Array, ""]:
-        """Distance in pixels beyond a triangle's edges from which on coverage is 0."""
+        """Distance, in pixels, beyond a triangle's edges at which coverage has fallen to 0."""
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -106,10 +106,10 @@ def evaluate(
     geometry: Geometry,
     parameter: Float[Array, ""],
 ) -> Float[Array, "*values slots pixels"]:
-    """The function at the pixels of each slot's tile, rows from the top.
+    """Evaluate the function at the pixels of each slot's tile, rows from the top.
 
     Differentiable by corners and parameter. The geometry is a function of the corners; its own
-    derivative counts in second derivatives alone.
+    derivative is used only in second derivatives.
     """
     return _stack_values(_values(function, geometry, parameter))
 
@@ -122,11 +122,11 @@ def _evaluate_jvp(function, primals, tangents):
     change = jnp.zeros_like(value)
     if not isinstance(velocity, SymbolicZero):
 
-        def forward(fixed, velocity):
+        def forward(fixed: Any, velocity: Float[Array, "6 slots"]) -> Array:
             geometry, parameter, value = fixed
             return _jvp_where_steep(function, geometry, parameter, value, velocity)
 
-        def backward(fixed, cotangent):
+        def backward(fixed: Any, cotangent: Array) -> Float[Array, "6 slots"]:
             geometry, parameter, value = fixed
             return _vjp_where_steep(function, geometry, parameter, value, cotangent)
 
@@ -139,7 +139,7 @@ def _evaluate_jvp(function, primals, tangents):
 
 @functools.partial(materialized, static_argnames=("function",))
 def _values(function: PixelFunction[Geometry], geometry: Geometry, parameter: Parameter) -> Values:
-    """The values of the function at all pixels."""
+    """Evaluate the function at all pixels."""
     return function.value(*spread(geometry, parameter, function.tile_side))
 
 
@@ -150,17 +150,22 @@ def _vjp_where_steep(
     value: Float[Array, "*values slots pixels"],
     cotangent: Float[Array, "*values slots pixels"],
 ) -> Float[Array, "6 slots"]:
-    """`PixelFunction.vjp` of the slots where there is anything to sum: most are hidden, or full."""
-    slots = value.shape[-2]
-    steep = _is_pulled(function, value, cotangent)
+    """Compute `PixelFunction.vjp` of the slots in which it may not be 0.
 
-    def visit(block, total):
+    Most slots are hidden or cover their tile.
+    """
+    slots = value.shape[-2]
+    flags = _may_add_to_vjp(function, value, cotangent)
+
+    def visit(
+        block: Int[Array, " block"], total: Float[Array, "6 slots"]
+    ) -> Float[Array, "6 slots"]:
         sums = function.vjp(
             gather_slots(geometry, block), parameter, _gather_pixels(cotangent, block)
         )
         return _put_sums(total, sums, block)
 
-    return for_each_block(steep, visit, jnp.zeros((6, slots), value.dtype))
+    return for_each_block(flags, visit, jnp.zeros((6, slots), value.dtype))
 
 
 def _jvp_where_steep(
@@ -170,26 +175,28 @@ def _jvp_where_steep(
     value: Float[Array, "*values slots pixels"],
     velocity: Float[Array, "6 slots"],
 ) -> Float[Array, "*values slots pixels"]:
-    """`PixelFunction.jvp` of the slots where anything changes."""
-    steep = _is_steep(function, value)
+    """Compute `PixelFunction.jvp` of the slots in which it may not be 0."""
 
-    def visit(block, total):
-        near, moved = gather_slots((geometry, tuple(velocity)), block)
-        return _put_pixels(total, _block_jvp(function, near, parameter, moved), block)
+    def visit(
+        block: Int[Array, " block"], total: Float[Array, "*values slots pixels"]
+    ) -> Float[Array, "*values slots pixels"]:
+        block_geometry, block_velocity = gather_slots((geometry, tuple(velocity)), block)
+        change = _block_jvp(function, block_geometry, parameter, block_velocity)
+        return _put_pixels(total, change, block)
 
-    return for_each_block(steep, visit, jnp.zeros_like(value))
+    return for_each_block(_may_change(function, value), visit, jnp.zeros_like(value))
 
 
 @functools.partial(materialized, static_argnames=("function",))
-def _is_pulled(
+def _may_add_to_vjp(
     function: PixelFunction, value: Array, cotangent: Array
 ) -> Bool[Array, "slots pixels"]:
-    """Whether a pixel adds to the vjp."""
+    """Whether a pixel may add to the vjp."""
     return _any_value((cotangent != 0) & ~function.is_flat(value))
 
 
 @functools.partial(materialized, static_argnames=("function",))
-def _is_steep(function: PixelFunction, value: Array) -> Bool[Array, "slots pixels"]:
+def _may_change(function: PixelFunction, value: Array) -> Bool[Array, "slots pixels"]:
     """Whether a pixel's value may change."""
     return _any_value(~function.is_flat(value))
 
@@ -206,7 +213,7 @@ def _block_jvp(
     parameter: Parameter,
     velocity: Coordinates,
 ) -> Values:
-    """`PixelFunction.jvp` of a block of slots at all their pixels."""
+    """Compute `PixelFunction.jvp` of a block of slots at all their pixels."""
     geometry, parameter, x, y = spread(geometry, parameter, function.tile_side)
     first, second, third, fourth, fifth, sixth = (entry[:, None] for entry in velocity)
     return function.jvp(geometry, parameter, (first, second, third, fourth, fifth, sixth), x, y)
@@ -216,7 +223,7 @@ def _block_jvp(
 def _gather_pixels(
     values: Float[Array, "*values slots pixels"], block: Array
 ) -> Float[Array, "*values block pixels"]:
-    """The pixels of a block of slots."""
+    """Gather the pixels of a block of slots."""
     return values.at[..., block, :].get(mode="clip")
 
 
@@ -237,8 +244,9 @@ def _put_pixels(
 
 
 def _stack_values(values: Values) -> Array:
-    """Several values in front, as one array.
+    """Stack several values along a first axis.
 
-    Kept apart from what computes them: the compiler vectorises no expression of several parts.
+    This is not part of the function that computes them, because the compiler does not vectorise an
+    expression that ends in a concatenation.
     """
     return jnp.stack(values) if isinstance(values, tuple) else values

@@ -2,8 +2,8 @@
 
 By Green's theorem the area is the sum over directed edges of the integral of x dy, with x clamped
 to the pixel. Along an edge x is linear, so the integral is the height that the edge spans in the
-pixel times the mean of x clamped to 0..1 over that span: a trapezoid, plus the part past the right
-side.
+pixel times the mean of x clamped to 0..1 over that span: a trapezoid, plus a rectangle where the
+edge is past the right side.
 
 An edge that moves sweeps area at its normal speed. With t from a to b along the part of the edge
 p q that lies in the pixel, the area changes by
@@ -83,7 +83,7 @@ class AreaCoverage(AnalyticCoverage[Outline]):
         x: PointValues,
         y: PointValues,
     ) -> Array:
-        """Area that the edges sweep."""
+        """Area that the edges sweep per unit of time."""
         total = jnp.zeros_like(x + y)
         for k, edge in enumerate(geometry):
             start, end = normal_speeds(edge, k, velocity)
@@ -94,13 +94,9 @@ class AreaCoverage(AnalyticCoverage[Outline]):
     def vjp(
         self, geometry: Outline, parameter: Parameter, cotangent: Float[Array, "slots pixels"]
     ) -> Coordinates:
-        """Sums of each edge's length in the pixels, weighted by the cotangent."""
-
-        def terms(edge, x, y, cotangent):
-            return [length * cotangent for length in _length_in_pixel(edge, x, y)]
-
+        """Sum each edge's length in the pixels, weighted by the cotangent."""
         in_tile = passes_tile(geometry, self.tile_side)
-        swept = sum_along_edges(terms, geometry, in_tile, cotangent)
+        swept = sum_along_edges(_weighted_lengths, geometry, in_tile, cotangent)
         return _gradient_of_swept(geometry, swept)
 
     def reach(self, parameter: Parameter) -> Float[Array, ""]:
@@ -153,21 +149,21 @@ def _clip_edge(
     What lies beyond covers nothing in the tile, and far corners are inexact in floats.
     """
     dx, dy = qx - px, qy - py
-    rises, leans = dy != 0, line.normal_x != 0
+    rises, is_sloped = dy != 0, line.normal_x != 0
     low, high = jnp.minimum(px, qx), jnp.maximum(px, qx)
     ends = []
     for x, y in ((px, py), (qx, qy)):
         clamped_y = jnp.clip(y, -1.0, side + 1.0)
         on_line = -(line.distance + line.normal_y * clamped_y) / jnp.where(
-            leans, line.normal_x, 1.0
+            is_sloped, line.normal_x, 1.0
         )
-        is_cut = (clamped_y != y) & leans
+        is_cut = (clamped_y != y) & is_sloped
         t = jnp.where(rises, (clamped_y - py) / jnp.where(rises, dy, 1.0), 0.0)
         ends.append((jnp.where(is_cut, jnp.clip(on_line, low, high), x), clamped_y, t))
     (ax, ay, start), (bx, by, end) = ends
     share = jnp.where(rises, end - start, 1.0)
     run, rise = bx - ax, by - ay
-    # Once for a slot: the compiler would divide again for each pixel.
+    # Here once per slot, because the compiler would divide again for each pixel.
     inverse_run, inverse_rise = (
         jnp.clip(safe.divide(jnp.ones_like(step), step), -_GREATEST_INVERSE, _GREATEST_INVERSE)
         for step in (run, rise)
@@ -188,7 +184,7 @@ def pixel_row_span(
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
     qx, qy = px + edge.run, py + edge.rise
     top, bottom = jnp.clip(py, 0.0, 1.0), jnp.clip(qy, 0.0, 1.0)
-    # From the nearer end point each: where the edge ends in the pixel, nothing is rounded.
+    # Each from the nearer end point, so that an end in the pixel is not rounded.
     start, end = px + (top - py) * edge.run_per_rise, qx + (bottom - qy) * edge.run_per_rise
     return top, bottom, start, end
 
@@ -196,10 +192,10 @@ def pixel_row_span(
 def _clamped_mean(start: Array, end: Array) -> Array:
     """Mean of x clamped to 0..1, for x going from `start` to `end`."""
     a, b = jnp.clip(start, 0.0, 1.0), jnp.clip(end, 0.0, 1.0)
-    way = end - start
+    extent = end - start
     past_right = jnp.maximum(end, 1.0) - jnp.maximum(start, 1.0)
     total = (b - a) * (0.5 * (a + b)) + past_right
-    return jnp.where(way != 0, total / jnp.where(way != 0, way, 1.0), a)
+    return jnp.where(extent != 0, total / jnp.where(extent != 0, extent, 1.0), a)
 
 
 def interval_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tuple[Array, Array]:
@@ -229,6 +225,13 @@ def _length_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tuple
     return length, length * (edge.start + edge.share * (0.5 * (a + b)))
 
 
+def _weighted_lengths(
+    edge: ClippedEdge, x: PointValues, y: PointValues, weight: PointValues
+) -> list[Array]:
+    """Multiply the integrals of `_length_in_pixel` by a weight of each pixel."""
+    return [length * weight for length in _length_in_pixel(edge, x, y)]
+
+
 def normal_speeds(edge: ClippedEdge, k: int, velocity: Coordinates) -> tuple[Array, Array]:
     """Speed of both ends of edge k along its outward normal, times the edge's length."""
     start, end = (
@@ -243,7 +246,6 @@ def passes_tile(
     outline: Outline, side: int
 ) -> tuple[Bool[Array, " slots"], Bool[Array, " slots"], Bool[Array, " slots"]]:
     """Whether each edge, clipped to the tile's rows, may come into the tile itself."""
-
     first, second, third = (may_pass_tile(edge, side) for edge in outline)
     return first, second, third
 

@@ -1,4 +1,4 @@
-"""Weights of the corners under exact area: those at the centroid of the triangle's part in a pixel.
+"""Weights of the corners under exact area: at the centroid of the area that a triangle covers.
 
 The mean of a value that is affine on the triangle is its value at the centroid, which is the first
 moments M over the area A. By Green's theorem the moments are sums over directed edges of the
@@ -174,7 +174,7 @@ def _weight_gradient(geometry: AreaGeometry, corner: int) -> tuple[Array, Array]
 
 
 def _inverse_area(centroid: _Centroid) -> Array:
-    """One over the area in the pixel; 0 where there is hardly one."""
+    """One over the area in the pixel; 0 where the area is negligible."""
     return jnp.where(centroid.exists, 1.0 / jnp.where(centroid.exists, centroid.area, 1.0), 0.0)
 
 
@@ -261,7 +261,7 @@ def _terms_along(
     gx: PointValues,
     gy: PointValues,
 ) -> list[Array]:
-    """What an edge sweeps of the weights, over the area."""
+    """Integrals of the weights over what an edge sweeps, divided by the area."""
     gradient = gx * inverse_area, gy * inverse_area
     return list(_swept_weight(edge, x, y, (centroid_x, centroid_y), gradient))
 

@@ -1,11 +1,11 @@
-"""Weights of the corners, under exact area, for triangles so thin that their area is a rounding.
+"""Weights of the corners, under exact area, for triangles whose area is lost in rounding errors.
 
 Let a triangle of height h lie along its longest edge, which has length 1, and let s be the foot of
 the middle corner on it. At t along the edge the triangle is h f(t) high, where f rises linearly
 from 0 at the start to 1 at s and falls to 0 at the end. So the centroid of the part between two
 values of t, and the weights there, depend on f alone and not on h:
 
-    weight of the middle corner = integral of f^2 / 2  over  integral of f,
+    weight of the middle corner = (integral of f^2 / 2) / (integral of f),
     weight of the end corner    = mean of t under f  -  s (weight of the middle corner).
 
 They are the limit of the weights at the centroid as a triangle collapses, from either side.
@@ -58,13 +58,18 @@ def replace_if_thin(
 ) -> tuple[Array, Array, Array]:
     """Replace the weights at the centroid by those of the segment where triangles are thin.
 
-    Costs next to nothing if no triangle is.
+    It costs next to nothing if no triangle is thin.
     """
     segment = _longest_edge(outline, lines, tile_side)
 
-    def replace(weights):
-        along = _segment_weights(segment, weights, x, y)
-        return tuple(w + segment.thinness * (s - w) for w, s in zip(weights, along, strict=True))
+    def replace(weights: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        first, second, third = (
+            at_centroid + segment.thinness * (on_segment - at_centroid)
+            for at_centroid, on_segment in zip(
+                weights, _segment_weights(segment, weights, x, y), strict=True
+            )
+        )
+        return first, second, third
 
     return apply_if_any(jnp.any(segment.thinness > 0), replace, weights)
 

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
+from jaxtyping import Array
 
 Map = Callable[[Any, Any], Any]
 """Function from `(fixed, array)` to one array, linear in the array."""
@@ -77,7 +78,7 @@ def _jvp(primals, tangents, *, pair: _MapAndTranspose):
     active = [i for i, tangent in enumerate(leaf_tangents) if type(tangent) is not ad.Zero]
     if active:
 
-        def by_active_leaves(*values):
+        def by_active_leaves(*values: Array) -> Array:
             all_leaves = list(leaves)
             for i, leaf in zip(active, values, strict=True):
                 all_leaves[i] = leaf

@@ -38,9 +38,10 @@ _FARTHEST = 2.0**30
 
 
 class PixelFunctions(NamedTuple):
-    """What a mode evaluates at the pixels of each slot.
+    """Functions that a mode evaluates at the pixels of each slot.
 
-    - `coverage`: the covered part of a pixel; `weights`: those of corners 1 and 2 there.
+    - `coverage`: the fraction of a pixel that the triangle covers.
+    - `weights`: the weights of corners 1 and 2 in the pixel.
     """
 
     coverage: AnalyticCoverage
@@ -48,14 +49,14 @@ class PixelFunctions(NamedTuple):
 
 
 class SlotGeometry(NamedTuple):
-    """What the pixels of a slot share: for the coverage, and for the weights of the corners."""
+    """Data that the pixels of a slot share: for the coverage function, and for the weights."""
 
     coverage: Any
     weights: Any
 
 
-class _Covered(NamedTuple):
-    """What each slot's triangle covers, and what shading and derivatives of it need.
+class _CoveredSlots(NamedTuple):
+    """Coverage of the pixels of each slot, with the inputs of shading and of derivatives.
 
     - `corners`: x and y of each corner of each slot's triangle in turn.
     """
@@ -79,11 +80,11 @@ class AnalyticMode(CoverageMode):
 
     @abc.abstractmethod
     def reach(self, coverage: Any, max_width: float | None) -> float:
-        """Distance, in pixels, beyond its edges up to which a triangle has coverage."""
+        """Distance, in pixels, that coverage extends beyond the edges of a triangle."""
 
     @abc.abstractmethod
     def pixel_functions(self, coverage: Any, tile_side: int) -> PixelFunctions:
-        """Coverage and weights in tiles of `tile_side` pixels along a side."""
+        """Coverage and weights in square tiles of `tile_side` pixels along a side."""
 
     @abc.abstractmethod
     def parameter(self, coverage: Any, dtype: Any) -> Array:
@@ -98,7 +99,7 @@ class AnalyticMode(CoverageMode):
         lines: TriangleLines,
         tile_side: int,
     ) -> SlotGeometry:
-        """The geometry of slots that both functions look at.
+        """Compute the geometry of slots that both functions take.
 
         `corners`: x and y of each corner in turn; `tile`: the first pixel of each slot's tile;
         `lines`: the edges of each slot's triangle.
@@ -150,7 +151,7 @@ class AnalyticMode(CoverageMode):
         return choose_layout(scenes, listing, growth, count_lists)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
-        """Composite colour times coverage at each pixel: list tiles, cover, shade, composite."""
+        """Composite the layers of each pixel: list tiles, compute coverage, shade, composite."""
         covered = self._cover(scene, plan)
         triangles, chunks = covered.triangles, covered.chunks
         attributes = _triangle_attributes(scene, triangles, plan)
@@ -169,7 +170,7 @@ class AnalyticMode(CoverageMode):
         return Drawn(image, covered.needs)
 
     def find_layers(self, scene: Scene, plan: Plan, layers: int) -> tuple[PixelLayers, Needs]:
-        """The topmost triangles of each pixel, with their coverage."""
+        """Find the topmost triangles of each pixel, with their coverage and weights."""
         covered = self._cover(scene, plan)
         orientation = covered.triangles.orientation[covered.chunks.triangle.reshape(-1)]
         no_parameter = jnp.zeros((), covered.coverage.dtype)
@@ -181,42 +182,46 @@ class AnalyticMode(CoverageMode):
             corner_w = at_corners(scene.inverse_w, scene.triangles, covered.triangles.orientation)
             slot_w = corner_w[:, covered.chunks.triangle.reshape(-1), None]
             weights = perspective_weights(weights, slot_w)
-        is_turned = (orientation < 0)[:, None]
+        is_reoriented = (orientation < 0)[:, None]
         first, second, third = weights
-        given = jnp.stack(
-            [first, jnp.where(is_turned, third, second), jnp.where(is_turned, second, third)]
+        scene_weights = jnp.stack(
+            [
+                first,
+                jnp.where(is_reoriented, third, second),
+                jnp.where(is_reoriented, second, third),
+            ]
         )
-        slots = Slots(covered.coverage, given, covered.chunks)
-        found = topmost_layers(slots, plan.tiling, layers)
-        return PixelLayers(*found, scene, plan), covered.needs
+        slots = Slots(covered.coverage, scene_weights, covered.chunks)
+        layer_arrays = topmost_layers(slots, plan.tiling, layers)
+        return PixelLayers(*layer_arrays, scene, plan), covered.needs
 
-    def _cover(self, scene: Scene, plan: Plan) -> _Covered:
-        """List the triangles of every tile, and evaluate what they cover."""
+    def _cover(self, scene: Scene, plan: Plan) -> _CoveredSlots:
+        """List the triangles of every tile, and evaluate their coverage."""
         coverage, tiling = plan.coverage, plan.tiling
         corners = materialized(corners_of)(scene.positions, scene.triangles, plan.origin)
         functions = self.pixel_functions(coverage, tiling.width)
         parameter = self.parameter(coverage, corners.dtype)
         reach = functions.coverage.reach(jax.lax.stop_gradient(parameter))
-        triangles = materialized(
-            lambda corners, reach: reached_triangles(corners, plan.grid, reach)
-        )(jax.lax.stop_gradient(corners), reach)
+        find_reached = materialized(functools.partial(reached_triangles, grid=plan.grid))
+        triangles = find_reached(jax.lax.stop_gradient(corners), reach=reach)
         occluders = materialized(is_occluder)(scene, triangles.orientation)
         occluders = occluders & (not self.is_sum(coverage))
         lists = list_for_plan(triangles.lines, triangles.bounds, occluders, plan)
         chunks = chunks_for_plan(lists, triangles.bounds, plan)
-        slots, tile = _place(corners, triangles, chunks, tiling)
-        lines = materialized(triangle_lines)(slots, tile)
-        geometry = self.slot_geometry(coverage, slots, tile, lines, tiling.width)
+        slot_corners = _slot_corners(corners, triangles, chunks)
+        tile = _first_pixel(chunks, tiling=tiling, dtype=corners.dtype)
+        lines = materialized(triangle_lines)(slot_corners, tile)
+        geometry = self.slot_geometry(coverage, slot_corners, tile, lines, tiling.width)
         needs = Needs(
             strips=lists.strips,
             pairs=lists.pairs,
             chunks=chunks.needed,
             max_chunks=chunks.most_in_tile,
         )
-        return _Covered(
-            evaluate(functions.coverage, slots, geometry.coverage, parameter),
+        return _CoveredSlots(
+            evaluate(functions.coverage, slot_corners, geometry.coverage, parameter),
             functions,
-            slots,
+            slot_corners,
             geometry,
             lines,
             triangles,
@@ -228,7 +233,7 @@ class AnalyticMode(CoverageMode):
 def _to_image(
     layers: Float[Array, "4 tiles pixels"], background: Float[Array, " channels"], tiling: Tiling
 ) -> Float[Array, "height width channels"]:
-    """Put the composited tiles over the background, and in their places on the canvas."""
+    """Composite the tiles over the background, and join them to an image."""
     channels = background.shape[0]
     # Channel by channel: the transpose then has no sum over an axis.
     clear = 1.0 - layers[3]
@@ -238,21 +243,11 @@ def _to_image(
     return tiling.crop(image)
 
 
-def _place(
-    corners: Float[Array, "triangles 3 2"],
-    triangles: ReachedTriangles,
-    chunks: Chunks,
-    tiling: Tiling,
-) -> tuple[Float[Array, "6 slots"], Float[Array, "2 slots"]]:
-    """The corners of each slot's triangle, x and y in turn, and the first pixel of its tile."""
-    first_pixel = materialized(functools.partial(_first_pixel, tiling=tiling, dtype=corners.dtype))
-    return materialized(_slot_corners)(corners, triangles, chunks), first_pixel(chunks)
-
-
+@materialized
 def _slot_corners(
     corners: Float[Array, "triangles 3 2"], triangles: ReachedTriangles, chunks: Chunks
 ) -> Float[Array, "6 slots"]:
-    """Gather the corners of each slot's triangle, in positive orientation."""
+    """Gather x and y of each corner of each slot's triangle in turn, in positive orientation."""
     triangle = chunks.triangle.reshape(-1)
     clamped = jnp.where(triangles.finite[:, None, None], corners, 0.0)
     clamped = jnp.clip(clamped, -_FARTHEST, _FARTHEST)
@@ -263,6 +258,7 @@ def _slot_corners(
     return jnp.stack([jnp.where(filled, entry, -_FARTHEST) for entry in coordinates])
 
 
+@functools.partial(materialized, static_argnames=("tiling", "dtype"))
 def _first_pixel(chunks: Chunks, *, tiling: Tiling, dtype: Any) -> Float[Array, "2 slots"]:
     """Column and row of the first pixel of each slot's tile."""
     tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape).reshape(-1)
@@ -272,7 +268,7 @@ def _first_pixel(chunks: Chunks, *, tiling: Tiling, dtype: Any) -> Float[Array, 
 def _triangle_attributes(
     scene: Scene, triangles: ReachedTriangles, plan: Plan
 ) -> TriangleAttributes:
-    """Corner attributes, textures and depth, for shading."""
+    """Gather the corner attributes, textures and depth of each triangle."""
     inverse_w = scene.inverse_w if varies(scene) else None
     corners = materialized(corner_attributes)(
         scene.colors, scene.uv, inverse_w, scene.triangles, triangles.orientation
@@ -292,27 +288,30 @@ def add_signed(
     *,
     max_chunks: int,
 ) -> Float[Array, "4 tiles pixels"]:
-    """Add areas times colours, with the sign of each triangle's orientation.
+    """Sum areas times colours, with the sign of each triangle's orientation.
 
-    A triangle that is oriented against the sum of all areas subtracts what it covers.
+    A triangle whose orientation is opposite to that of the sum of all areas is subtracted.
     """
     total_area = jnp.sum(triangles.area)
-    # Without area either sign will do; with 0, a collapsed triangle would never get a gradient.
+    # A triangle without area may have either sign, but not 0: it would never get a gradient.
     is_like_total = (triangles.orientation < 0) == (total_area < 0)
     sign = jnp.where(is_like_total, 1.0, -1.0).astype(opacity.dtype)
-    parts = materialized(_add_slots)(opacity, colors, sign, chunks)
     return jnp.stack(
-        [sum_chunks(part[:, None, None], chunks, max_chunks=max_chunks)[:, 0, 0] for part in parts]
+        [
+            sum_chunks(channel[:, None, None], chunks, max_chunks=max_chunks)[:, 0, 0]
+            for channel in _add_slots(opacity, colors, sign, chunks)
+        ]
     )
 
 
+@materialized
 def _add_slots(
     opacity: Float[Array, "chunks layers pixels"],
     colors: Float[Array, "chunks layers 3 #pixels"],
     sign: Float[Array, " triangles"],
     chunks: Chunks,
 ) -> list[Float[Array, "chunks pixels"]]:
-    """Sum premultiplied colours and alpha over the slots of each chunk."""
+    """Sum premultiplied colours and alpha over the slots of each chunk, channel by channel."""
     signed = opacity * sign[chunks.triangle][..., None]
-    parts = [signed * colors[:, :, channel] for channel in range(3)] + [signed]
-    return [functools.reduce(jnp.add, [part[:, k] for k in range(part.shape[1])]) for part in parts]
+    terms = [signed * colors[:, :, channel] for channel in range(3)] + [signed]
+    return [functools.reduce(jnp.add, [term[:, k] for k in range(term.shape[1])]) for term in terms]

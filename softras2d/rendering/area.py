@@ -31,11 +31,11 @@ class AreaMode(AnalyticMode):
         return REACH
 
     def pixel_functions(self, coverage: Area, tile_side: int) -> PixelFunctions:
-        """By area; corners are weighted at the centroid of the part of the triangle in a pixel."""
+        """Coverage is the area, and weights are those at its centroid."""
         return PixelFunctions(AreaCoverage(tile_side), CentroidWeights(tile_side))
 
     def parameter(self, coverage: Area, dtype: Any) -> Array:
-        """Area has no parameter."""
+        """Zero, which nothing reads: exact area has no parameter."""
         return jnp.zeros((), dtype)
 
     def is_sum(self, coverage: Area) -> bool:
@@ -50,7 +50,7 @@ class AreaMode(AnalyticMode):
         lines: TriangleLines,
         tile_side: int,
     ) -> SlotGeometry:
-        """The clipped outline for areas, and with it the edge lines for centroids."""
+        """Clip the outline for areas; centroids take the edge lines too."""
         clip = functools.partial(clip_outline, side=tile_side, signed=self.is_sum(coverage))
         outline = materialized(clip)(corners, tile, lines)
         return SlotGeometry(outline, AreaGeometry(outline, lines))
@@ -63,7 +63,7 @@ class AreaMode(AnalyticMode):
         chunks: Chunks,
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
-        """Draw order, or the sum of signed areas."""
+        """Composite in draw order, or add signed areas."""
         if not self.is_sum(coverage):
             return super().composite(coverage, shaded, triangles, chunks, max_chunks)
         return add_signed(shaded.opacity, shaded.color, triangles, chunks, max_chunks=max_chunks)

@@ -38,49 +38,52 @@ def price_effects(
 ) -> Iterator[tuple[str | None, Price, Price]]:
     """Yield the prices of the scene with and without each of its effects.
 
-    The first row is for None: both prices are of the whole scene. The two renders of a row are
+    The first row is for None: both prices are of the complete scene. The two renders of a row are
     measured in turns, `repeats` times. Each row compiles a program, which takes seconds.
     """
-    whole = _Program(scene, plan)
-    price = whole.price(_median(whole.run, repeats))
+    complete = _Program(scene, plan)
+    price = complete.price(_median(complete.run, repeats))
     yield None, price, price
     for effect in plan.effects:
-        less = _Program(*without(scene, plan, effect))
-        with_it, without_it = _medians(whole.run, less.run, repeats)
-        yield effect, whole.price(with_it), less.price(without_it)
+        reduced = _Program(*without(scene, plan, effect))
+        complete_seconds, reduced_seconds = _medians(complete.run, reduced.run, repeats)
+        yield effect, complete.price(complete_seconds), reduced.price(reduced_seconds)
 
 
 def without(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
-    """The scene without one of its effects, and a plan for it: another picture, for comparison."""
+    """The scene without one of its effects, and a plan for it.
+
+    Its image is another one; it is for comparing costs.
+    """
     if effect not in EFFECTS:
         raise ValueError(f"`effect` must be one of {', '.join(EFFECTS)}; got {effect!r}.")
     origin = np.asarray(plan.origin)
     drawing = Drawing(scene, plan.coverage, plan.filter, plan.grid, origin)
-    less = EFFECTS[effect].without(drawing)
-    return less.scene, make_plan(
-        less.scene,
+    reduced = EFFECTS[effect].without(drawing)
+    return reduced.scene, make_plan(
+        reduced.scene,
         height=plan.height,
         width=plan.width,
-        coverage=less.coverage,
-        filter=less.filter,
+        coverage=reduced.coverage,
+        filter=reduced.filter,
         origin=origin,
         grid_bits=plan.grid_bits,
     )
 
 
 class _Program:
-    """A compiled render and what it is called with."""
+    """A compiled render and its arguments."""
 
     def __init__(self, scene: Scene, plan: Plan):
         self.arguments = scene, plan
         self.compiled = compile_render(scene, plan)
 
     def run(self) -> None:
-        """Draw once, to the end."""
+        """Draw once, and wait for the image."""
         jax.block_until_ready(self.compiled(*self.arguments))
 
     def price(self, seconds: float) -> Price:
-        """The measured time, with what the compiler reports: zeros if it reports nothing."""
+        """The measured time, with the costs that the compiler reports; zeros if it reports none."""
         program = self.compiled.compiled
         analysis = program.cost_analysis() or {}
         usage = program.memory_analysis()
@@ -95,12 +98,14 @@ class _Program:
 
 
 def _seconds(run: Callable[[], None]) -> float:
-    began = time.perf_counter()
+    """Seconds that a call takes."""
+    start = time.perf_counter()
     run()
-    return time.perf_counter() - began
+    return time.perf_counter() - start
 
 
 def _median(run: Callable[[], None], repeats: int) -> float:
+    """Median seconds of a call, after one that is not measured."""
     run()
     return statistics.median(_seconds(run) for _ in range(repeats))
 
@@ -108,7 +113,7 @@ def _median(run: Callable[[], None], repeats: int) -> float:
 def _medians(
     first: Callable[[], None], second: Callable[[], None], repeats: int
 ) -> tuple[float, float]:
-    """Median seconds of both, called in turns."""
+    """Median seconds of two functions that are called in turns."""
     second()
     pairs = [(_seconds(first), _seconds(second)) for _ in range(repeats)]
     return statistics.median(a for a, _ in pairs), statistics.median(b for _, b in pairs)

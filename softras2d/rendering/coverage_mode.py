@@ -2,8 +2,8 @@
 
 `modes.MODES` maps each option that a caller may choose to its mode. To add a mode, write its option
 in `options.py` and its class in a file of this folder (a smooth function of the corners: on
-`analytic.AnalyticMode`), and put both into `MODES`. What a plan shall tell about it is a row of
-`effects.EFFECTS`, which the class names in `effects`.
+`analytic.AnalyticMode`), and put both into `MODES`. The effects that a plan reports for it are
+rows of `effects.EFFECTS`, which the class names in `effects`.
 """
 
 import abc
@@ -19,11 +19,10 @@ from ..planning.capacities import Capacity, Needs
 from ..planning.effects import EFFECTS, Drawing
 from ..planning.plan import Plan
 from ..scene import Scene
-from .pixel_layers import PixelLayers
 
 
 class Layout(NamedTuple):
-    """What a plan decides from concrete scenes.
+    """Capacities and tiling that a plan takes from concrete scenes.
 
     - `capacity`: lengths of the lists.
     - `tile_side`: pixels along a square tile; 0 for the tiling of sampled coverage.
@@ -73,7 +72,7 @@ class CoverageMode(abc.ABC):
         """The option with array leaves, so that other values of them do not recompile.
 
         Raises `ValueError` for values that the option cannot have. By default an option has no
-        array leaves, and no `max_width`.
+        array leaves, and refuses `max_width`.
         """
         if max_width is not None:
             raise ValueError("`max_width` is for Soft coverage.")
@@ -95,14 +94,10 @@ class CoverageMode(abc.ABC):
         max_width: float | None,
         growth: Growth,
     ) -> Layout:
-        """Capacities that are large enough for each of some scenes, and for what `growth` allows.
+        """Choose capacities that are large enough for each of the scenes and their `growth`.
 
-        In the worst case only the shapes of the scenes are known, else they are concrete.
+        In the worst case only the shapes of the scenes are known; otherwise they are concrete.
         """
-
-    def find_layers(self, scene: Scene, plan: Plan, layers: int) -> tuple[PixelLayers, Needs]:
-        """The topmost triangles of each pixel; only for analytic coverage."""
-        raise NotImplementedError
 
     @abc.abstractmethod
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:

@@ -6,13 +6,13 @@ import jax.numpy as jnp
 from ..planning.capacities import Needs
 from ..planning.plan import Plan
 from ..scene import Scene
-from .modes import mode_of
+from .modes import pixel_layers_mode_of
 from .overflow import compare, poison_if, raise_on_overflow
 from .pixel_layers import PixelLayers
 
 
 def pixel_layers(scene: Scene, plan: Plan, *, layers: int) -> PixelLayers:
-    """Find the topmost triangles of each pixel, and what they cover of it.
+    """Find the topmost triangles of each pixel, with their coverage and barycentric weights.
 
     - `plan`: for `Soft` or `Area` coverage; `rasterize` is for `Hard`.
     - `layers`: how many triangles to keep at each pixel, in reverse draw order.
@@ -20,11 +20,7 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: int) -> PixelLayers:
     Pure: use it under `jit` and `vmap`. A scene that outgrows its plan is treated as in `render`.
     Raises `ValueError` for another coverage, and for fewer layers than one.
     """
-    if not plan.side:
-        raise ValueError(
-            f"`pixel_layers` needs a plan for Soft(...) or Area(...); got {plan.coverage!r}: use "
-            "`rasterize` for Hard(...)."
-        )
+    pixel_layers_mode_of(plan.coverage)  # Raises the error for other coverages.
     if layers < 1:
         raise ValueError(f"`layers` must be an integer of 1 or more; got {layers!r}.")
     if scene.triangles.shape[0] == 0:
@@ -32,13 +28,13 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: int) -> PixelLayers:
         coverage = jnp.zeros(shape, scene.positions.dtype)
         weights = jnp.zeros((*shape, 3), scene.positions.dtype)
         return PixelLayers(jnp.full(shape, -1, jnp.int32), coverage, weights, scene, plan)
-    found, needs = _find_pixel_layers(scene, plan, layers)
+    visible, needs = _find_pixel_layers(scene, plan, layers)
     overflow = raise_on_overflow(compare(needs, False, plan), plan)
-    coverage = poison_if(found.coverage, scene, overflow)
-    return PixelLayers(found.triangle, coverage, found.barycentric, scene, plan)
+    coverage = poison_if(visible.coverage, scene, overflow)
+    return PixelLayers(visible.triangle, coverage, visible.barycentric, scene, plan)
 
 
 @eqx.filter_jit
 def _find_pixel_layers(scene: Scene, plan: Plan, layers: int) -> tuple[PixelLayers, Needs]:
     """Compute the layers in one program."""
-    return mode_of(plan.coverage).find_layers(scene, plan, layers)
+    return pixel_layers_mode_of(plan.coverage).find_layers(scene, plan, layers)

@@ -87,16 +87,16 @@ class ArrayColors(SampleColors):
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """The value of the sample."""
+        """Value of each sample, whatever triangle shows there."""
         values = jnp.moveaxis(self.values[number_of(sample, self.grid)], -1, 0)
         return jnp.where((triangle < 0)[None], self.background[:, None, None], values)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """The value of the sample inside."""
+        """Value of the sample inside each edge."""
         return jnp.moveaxis(self.values[number_of(crossings.inside, self.grid)], -1, 0)
 
     def are_known(
         self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
     ) -> Bool[Array, "lines runs"]:
-        """Where both sides show at a sample."""
+        """Whether both sides of each crossing are visible at their samples."""
         return shows_inside & shows_outside

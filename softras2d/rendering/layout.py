@@ -1,4 +1,4 @@
-"""Chooses how the tile lists of a plan are laid out, for every coverage mode."""
+"""Choose the layout of the tile lists of a plan, for every coverage mode."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,10 +17,10 @@ from .coverage_mode import Growth, Layout
 
 
 class Listing(NamedTuple):
-    """What decides the layout of the lists, besides the scenes.
+    """Inputs of the layout of the lists besides the scenes.
 
     - `unused`: names of the lists of `Capacity` that the scenes never need.
-    - `side`: of a square tile; 0 under sampled coverage.
+    - `side`: pixels along a square tile; 0 under sampled coverage.
     """
 
     tiling: Tiling
@@ -35,10 +35,10 @@ def choose_layout(
     growth: Growth,
     count_lists: Callable[[Scene], Counts],
 ) -> Layout:
-    """Lay out the lists for the scenes, and for others that exceed them by `growth`.
+    """Choose a layout for the scenes, and for others that exceed them by `growth`.
 
-    Every tile lists every triangle in the worst case, and wherever this takes no more slots than
-    the smallest plan has. `count_lists` counts the lists of a concrete scene.
+    Every tile lists every triangle in the worst case, and also if this takes no more slots than the
+    smallest plan has. `count_lists` counts the lists of a concrete scene.
     """
     tiling, headroom = listing.tiling, listing.headroom
     triangles = max(_count_triangles(scene) for scene in scenes)
@@ -70,7 +70,7 @@ def _count_triangles(scene: Scene) -> int:
 
 
 def _grown(counts: Counts, factor: float) -> Counts:
-    """The counts, with every list `factor` times as long."""
+    """Multiply the length of every list by `factor`."""
 
     def grow(count: int) -> int:
         return math.ceil(count * factor)

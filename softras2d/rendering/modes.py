@@ -1,8 +1,9 @@
-"""The table of coverage modes: the only place that asks which kind of coverage an option is."""
+"""The table of coverage modes: the only file that asks which kind of coverage an option is."""
 
 from typing import Any
 
 from ..options import Area, Coverage, Hard, Soft
+from .analytic import AnalyticMode
 from .area import AreaMode
 from .coverage_mode import CoverageMode
 from .sampled import SampledMode
@@ -21,5 +22,16 @@ def mode_of(coverage: Any) -> CoverageMode:
         if isinstance(coverage, option):
             return mode
     names = [f"{option.__name__}(...)" for option in MODES]
-    told = f"{', '.join(names[:-1])} or {names[-1]}"
-    raise ValueError(f"`coverage` must be {told}; got {coverage!r}.")
+    choices = f"{', '.join(names[:-1])} or {names[-1]}"
+    raise ValueError(f"`coverage` must be {choices}; got {coverage!r}.")
+
+
+def pixel_layers_mode_of(coverage: Coverage) -> AnalyticMode:
+    """The mode of an option that has pixel layers; `ValueError` for the others."""
+    mode = mode_of(coverage)
+    if not isinstance(mode, AnalyticMode):
+        raise ValueError(
+            f"`pixel_layers` needs a plan for Soft(...) or Area(...); got {coverage!r}: use "
+            "`rasterize` for Hard(...)."
+        )
+    return mode

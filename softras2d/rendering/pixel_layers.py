@@ -1,4 +1,4 @@
-"""The topmost triangles of each pixel under analytic coverage, with what they cover of it."""
+"""The topmost triangles of each pixel under analytic coverage, with coverage and weights."""
 
 from typing import Any, NamedTuple
 
@@ -21,10 +21,10 @@ class PixelLayers(eqx.Module):
     coverage.
 
     - `triangle`: index of the triangle.
-    - `coverage`: what it covers of the pixel, 0..1, differentiable by `scene.positions`.
-    - `barycentric`: weights of the corners there, in the order of `scene.triangles`;
+    - `coverage`: fraction of the pixel that it covers, differentiable by `scene.positions`.
+    - `barycentric`: weights of the corners in the pixel, in the order of `scene.triangles`;
       perspective-correct if the scene has `inverse_w`, and differentiable.
-    - `scene`, `plan`: what was rasterized.
+    - `scene`, `plan`: the arguments of `pixel_layers`.
     """
 
     triangle: Int[Array, "height width layers"]
@@ -35,10 +35,9 @@ class PixelLayers(eqx.Module):
 
 
 class Slots(NamedTuple):
-    """What each slot's triangle covers in its tile.
+    """Coverage and weights of each slot's triangle at the pixels of its tile.
 
-    - `coverage`: of each pixel of the tile; `weights`: of the corners there, in the order of the
-      scene's triangles.
+    - `weights`: barycentric weights, in the order of the corners in the scene.
     """
 
     coverage: Float[Array, "slots pixels"]
@@ -65,20 +64,23 @@ def topmost_layers(slots: Slots, tiling: Tiling, layers: int) -> tuple[Array, Ar
 def _first_slots(
     coverage: Float[Array, "slots pixels"], chunks: Chunks, layers: int
 ) -> Int[Array, "tiles pixels layers"]:
-    """The first slots of each pixel's tile that cover some of the pixel; -1 beyond the last."""
+    """Find the first slots of each tile that cover some of a pixel; -1 beyond the last."""
     coverage = jax.lax.stop_gradient(coverage)
     per_chunk, tiles = chunks.triangle.shape[1], chunks.count.shape[0]
     layer = jnp.arange(layers, dtype=jnp.int32)[None, None]
 
-    def visit(position: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
-        found, first = state
+    def visit(
+        position: Int[Array, ""],
+        state: tuple[Int[Array, "tiles pixels"], Int[Array, "tiles pixels layers"]],
+    ) -> tuple[Int[Array, "tiles pixels"], Int[Array, "tiles pixels layers"]]:
+        count, first = state
         chunk, offset = position // per_chunk, position % per_chunk
         slot = (chunks.first + chunk) * per_chunk + offset
         slot = jnp.clip(slot, 0, coverage.shape[0] - 1)
-        covers = (coverage[slot] > 0) & (chunk < chunks.count)[:, None]
-        here = covers[..., None] & (layer == found[..., None])
-        first = jnp.where(here, slot[:, None, None], first)
-        return found + covers.astype(jnp.int32), first
+        is_covering = (coverage[slot] > 0) & (chunk < chunks.count)[:, None]
+        is_next = is_covering[..., None] & (layer == count[..., None])
+        first = jnp.where(is_next, slot[:, None, None], first)
+        return count + is_covering.astype(jnp.int32), first
 
     shape = (tiles, coverage.shape[1])
     state = jnp.zeros(shape, jnp.int32), jnp.full((*shape, layers), -1, jnp.int32)
@@ -86,8 +88,8 @@ def _first_slots(
 
 
 def _to_canvas(values: Array, tiling: Tiling) -> Array:
-    """From `[tiles, pixels, ...]` to `[height, width, ...]`."""
-    rest: Any = values.shape[2:]
-    split = values.reshape(tiling.rows, tiling.columns, tiling.height, tiling.width, *rest)
-    joined = jnp.swapaxes(split, 1, 2).reshape(*tiling.padded_shape, *rest)
+    """Rearrange `[tiles, pixels, ...]` to `[height, width, ...]`."""
+    entry_shape: Any = values.shape[2:]
+    split = values.reshape(tiling.rows, tiling.columns, tiling.height, tiling.width, *entry_shape)
+    joined = jnp.swapaxes(split, 1, 2).reshape(*tiling.padded_shape, *entry_shape)
     return tiling.crop(joined)

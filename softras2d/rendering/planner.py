@@ -1,4 +1,4 @@
-"""`plan`: looks at concrete scenes and decides what a render of them needs."""
+"""`plan`: choose the options and array sizes of the compiled program that draws given scenes."""
 
 import functools
 import math
@@ -9,11 +9,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
 from ..geometry.fixed_point import Grid
 from ..names import OnOverflow, PlanCapacity, check_name
-from ..numerics.device import to_device
+from ..numerics.device import is_traced, to_device
 from ..options import Coverage, Filter, Hard
 from ..planning.effects import EFFECTS, GUARD_BAND, Drawing
 from ..planning.plan import Plan
@@ -36,11 +35,11 @@ def plan(
     headroom: float = 1.0,
     on_overflow: OnOverflow = "raise",
 ) -> Plan:
-    """Look at scenes and decide what a render of any of them needs.
+    """Inspect scenes, and choose the array sizes of a compiled program that draws any of them.
 
     - `scene`: one scene, several, or a batched one (leading axis on every array). The plan is large
       enough for each of them.
-    - `height`, `width`: of the canvas in pixels, 1..16384.
+    - `height`, `width`: size of the canvas in pixels, 1..16384.
     - `coverage`: `Hard()` unless given.
     - `filter`: how textures are sampled; `Filter()` unless given.
     - `origin`: the pixel (x, y) of the scene at the canvas's upper left; an array leaf, so that
@@ -163,7 +162,8 @@ def _effects(drawings: Sequence[Drawing], mode: CoverageMode, growth: Growth) ->
 
 
 def _scene_list(scene: Scene | Sequence[Scene]) -> list[Scene]:
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
+    """The concrete scenes that were given, with batches taken apart."""
+    if is_traced(scene):
         raise ValueError("`plan` needs concrete scenes: make the plan outside jit, vmap and grad.")
     given = [scene] if isinstance(scene, Scene) else scene
     scenes = [one for batch in given for one in _unstack(batch)]
@@ -187,6 +187,7 @@ def _shapes(scene: Scene | Sequence[Scene]) -> list[Scene]:
 
 
 def _shape_of(leaf: Any, batched: bool) -> jax.ShapeDtypeStruct:
+    """Shape and dtype of an array, without its first axis if it is batched."""
     return jax.ShapeDtypeStruct(leaf.shape[1:] if batched else leaf.shape, leaf.dtype)
 
 

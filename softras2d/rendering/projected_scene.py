@@ -1,4 +1,4 @@
-"""A scene on the sample grid: what coverage, shading and the boundary term need of it."""
+"""A scene on the sample grid: the inputs of coverage, shading and the boundary term."""
 
 from typing import NamedTuple
 
@@ -28,9 +28,9 @@ class Projected(NamedTuple):
     """The scene on the sample grid; all triangles are in positive orientation.
 
     - `edges`, `bounds`: edge functions of each triangle, and the samples that bound it.
-    - `outlines`: what the boundary term needs; None if no derivative by positions is wanted.
-    - `surface`: what shading needs.
-    - `depths`: what the depth test needs; None without depth.
+    - `outlines`: input of the boundary term; None without derivatives by positions.
+    - `surface`: input of shading.
+    - `depths`: input of the depth test; None without depth.
     - `is_occluder`: whether nothing shows through each triangle.
     - `leaves_guard_band`: whether a triangle reaches past the guard band, and the plan has no
       program for that.

@@ -65,7 +65,7 @@ def render_checked(
 
 
 def compile_render(scene: Scene, plan: Plan) -> Any:
-    """The program of `render`, compiled ahead of time: to look into, and to call."""
+    """Compile the program of `render` ahead of time, to inspect and to call it."""
     return _render.lower(scene, plan).compile()
 
 
@@ -95,13 +95,13 @@ def _fills_cache(scene: Scene, plan: Plan) -> bool:
 
 
 def _count_pixels(scene: Scene, plan: Plan) -> int:
-    """Pixels of the tiles of all slots, a measure of the work."""
+    """Number of pixels in the tiles of all slots, a measure of the work."""
     capacity, tiling = plan.capacity_of(scene.triangles.shape[-2]), plan.tiling
     return capacity.chunks * capacity.layers * tiling.height * tiling.width
 
 
 def _render_one_by_one(scene: Scene, plan: Plan) -> Drawn:
-    """`_render`, of a batch one scene after another."""
+    """Draw as `_render` does; in a batch, one scene after another."""
     arrays, rest = eqx.partition((scene, plan), eqx.is_array)
     # Sampled coverage stores more than it takes to compute it again.
     recompute = plan.side == 0 or _count_pixels(scene, plan) > _STORED_PIXELS
@@ -110,7 +110,7 @@ def _render_one_by_one(scene: Scene, plan: Plan) -> Drawn:
 
 
 def _drawn_arrays(scene: Scene, plan: Plan) -> tuple[Array, Needs, Array]:
-    """`_render`, with arrays for all numbers."""
+    """Draw as `_render` does, with every number returned as an array."""
     drawn = _render(scene, plan)
     needs = Needs(*(jnp.asarray(need, jnp.int32) for need in drawn.needs))
     return drawn.image, needs, jnp.asarray(drawn.leaves_guard_band)

@@ -74,7 +74,7 @@ def resolve(
 def _boundary(
     visible: Visibility, projected: Projected, samples: OpaqueSamples, channels: int
 ) -> Float[Array, "height width channels"]:
-    """Zeros whose derivative is the boundary term."""
+    """Compute zeros whose derivative is the boundary term."""
     scene, plan = visible.scene, visible.plan
     assert projected.outlines is not None
     capacity = plan.capacity_of(scene.triangles.shape[0])

@@ -70,7 +70,7 @@ class SampledMode(CoverageMode):
         return choose_layout(scenes, listing, growth, count_lists)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
-        """The mean over the samples of each pixel: project, list tiles, cover, shade, composite."""
+        """Average the samples of each pixel: project, list tiles, cover, shade, composite."""
         capacity = plan.capacity_of(scene.triangles.shape[0])
         binned = bin_scene(scene, plan)
         needs = binned.needs
@@ -178,6 +178,6 @@ def _slot_weights(
     *,
     tiling: Tiling,
 ) -> Weights:
-    """Barycentric weights of each slot's triangle, as samples from its tile."""
+    """Barycentric weights of each slot's triangle, for samples counted from its tile."""
     edges, area, planes = surface[:3]
     return slot_weights(edges, area, triangle, tile, tiling, planes)

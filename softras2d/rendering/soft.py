@@ -30,10 +30,10 @@ class SoftMode(AnalyticMode):
 
     def prepare(self, coverage: Soft, max_width: float | None) -> Soft:
         """The option with its width and temperature as float32 arrays."""
-        given: dict[str, Any] = {} if max_width is None else {"max_width": max_width}
-        given |= {"width": coverage.width, "temperature": coverage.temperature}
-        for name, value in given.items():
-            _check_positive(name, value)
+        if max_width is not None:
+            _check_positive("max_width", max_width)
+        _check_positive("width", coverage.width)
+        _check_positive("temperature", coverage.temperature)
         numbers = [to_device(n, np.float32) for n in (coverage.width, coverage.temperature)]
         return eqx.tree_at(lambda c: (c.width, c.temperature), coverage, numbers)
 
@@ -43,11 +43,11 @@ class SoftMode(AnalyticMode):
         return max(width, max_width or width) * SUPPORT[coverage.profile]
 
     def pixel_functions(self, coverage: Soft, tile_side: int) -> PixelFunctions:
-        """By the signed distance to the triangle; corners are weighted at its nearest point."""
+        """Coverage depends on the signed distance; weights are those at the nearest point."""
         return PixelFunctions(SoftCoverage(tile_side, coverage.profile), NearestWeights(tile_side))
 
     def parameter(self, coverage: Soft, dtype: Any) -> Array:
-        """The width."""
+        """Width of the edges, in pixels."""
         return jnp.asarray(coverage.width).astype(dtype)
 
     def slot_geometry(
@@ -58,7 +58,7 @@ class SoftMode(AnalyticMode):
         lines: TriangleLines,
         tile_side: int,
     ) -> SlotGeometry:
-        """The edge lines, for both functions."""
+        """Both functions take the edge lines."""
         return SlotGeometry(lines, lines)
 
     def composite(
@@ -69,7 +69,7 @@ class SoftMode(AnalyticMode):
         chunks: Chunks,
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
-        """Draw order, or a mixture by depth if the scene has depth."""
+        """Composite in draw order, or mix by depth if the scene has depth."""
         opacity, color, depth = shaded
         if depth is None:
             return super().composite(coverage, shaded, triangles, chunks, max_chunks)
@@ -78,6 +78,7 @@ class SoftMode(AnalyticMode):
 
 
 def _check_positive(name: str, value: Any) -> None:
+    """Raise `ValueError` unless the value is one concrete number above 0."""
     if isinstance(value, Tracer):
         raise ValueError(f"`plan` needs a concrete `{name}`; set it later.")
     number = np.asarray(value)

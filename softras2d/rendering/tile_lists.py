@@ -20,7 +20,7 @@ def list_for_plan(
     is_occluder: Bool[Array, " triangles"],
     plan: Plan,
 ) -> TileLists:
-    """List the triangles of every tile: those that touch it, or all."""
+    """List the triangles that touch each tile; all of them if the plan says so."""
     tiling, triangles = plan.tiling, is_occluder.shape[0]
     if plan.lists_all:
         return list_every_triangle(triangles, tiling)
@@ -31,7 +31,7 @@ def list_for_plan(
 
 
 def chunks_for_plan(lists: TileLists, bounds: SampleBounds, plan: Plan) -> Chunks:
-    """Cut the lists into chunks."""
+    """Cut the lists into chunks, or make the chunks of a plan that lists every triangle."""
     capacity, tiling = plan.capacity, plan.tiling
     if not plan.lists_all:
         return cut_chunks(lists, layers=capacity.layers, capacity=capacity.chunks)

@@ -6,6 +6,8 @@ To use it, write this line into the `conftest.py` at the root of the tests:
 """
 
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,7 +34,7 @@ def assert_image_matches(request: pytest.FixtureRequest) -> Callable[..., None]:
     update = bool(request.config.getoption("--update-references"))
     folder = request.path.parent
 
-    def check(image, path, **options) -> None:
+    def check(image: Any, path: str | Path, **options: Any) -> None:
         __tracebackhide__ = True
         references.assert_image_matches(image, folder / path, update=update, **options)
 
