@@ -23,13 +23,12 @@ from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
 from ..shading.surface import Surface
-from .over_gradient import Blocks, color_gradient
+from .over_gradient import TILES, Blocks, color_gradient
 from .sample_blocks import (
     Layer,
     ListedPairs,
-    layer_alpha,
     layer_of_block,
-    sum_covered,
+    sum_visible,
     transmittance_behind,
 )
 
@@ -42,7 +41,7 @@ def composite(
     Differentiable with respect to the colours of `surface`. No list may have more than `longest`
     entries.
     """
-    blocks = Blocks(steps.tile, steps.start, steps.count)
+    blocks = Blocks(*(entry.reshape(-1, TILES) for entry in (steps.tile, steps.start, steps.count)))
     sums = _composite(tiling, longest, surface.corners.color, surface, pairs, blocks)
     return in_order_of_tiles(sums, steps, tiling)
 
@@ -95,7 +94,7 @@ def _composite_block(
         transmittance, sums = state
         layer = layer_of_block(surface, pairs, start + position, position < count, tile, tiling)
         sums = _add(sums, transmittance, layer, tiling)
-        return transmittance_behind(transmittance, layer.words, layer_alpha(layer), tiling), sums
+        return transmittance_behind(transmittance, layer, tiling=tiling), sums
 
     clear = jnp.ones((rate, rate, width, lines), dtype)
     return repeat(jnp.max(count), add_layer, (clear, jnp.zeros((4, width, lines), dtype)))[1]
@@ -108,26 +107,22 @@ def _add(
     tiling: Tiling,
 ) -> Float[Array, "4 width lines"]:
     """Add the premultiplied colour and alpha of a layer, where it is visible."""
-    sum_visible = functools.partial(sum_covered, layer.words, tiling=tiling)
     if layer.weights is None:
-        return _add_flat(sums, sum_visible((transmittance,)), layer.line_colors)
-    seen = (transmittance, layer_alpha(layer))
-    total = sum_visible(seen)
-    second, third = (sum_visible((*seen, weight)) for weight in layer.weights)
+        return _add_flat(sums, sum_visible(layer, transmittance, tiling=tiling), layer.line_colors)
+    total, second, third = (
+        sum_visible(layer, transmittance, corner=corner, tiling=tiling) for corner in range(3)
+    )
     return _add_interpolated(sums, total, second, third, layer.line_colors)
 
 
 @materialized
 def _add_flat(
     sums: Float[Array, "4 width lines"],
-    visible: Float[Array, "width lines"],
+    total: Float[Array, "width lines"],
     line_colors: Float[Array, "4 1 lines"],
 ) -> Float[Array, "4 width lines"]:
-    """Add a flat layer to the sums, from the sum of the transmittance over its covered samples.
-
-    The alpha channel sums transmittance times alpha.
-    """
-    return sums + visible[None] * (line_colors[:, 0].at[3].set(1.0) * line_colors[3])[:, None]
+    """Add a flat layer to the sums, from the sum of transmittance times alpha."""
+    return sums + total[None] * line_colors[:, 0].at[3].set(1.0)[:, None]
 
 
 @materialized
@@ -153,8 +148,8 @@ def in_order_of_tiles(
     sums: Float[Array, "blocks 4 width lines"], steps: Steps, tiling: Tiling
 ) -> Float[Array, "tiles 4 tile_width tile_height"]:
     """Put the pixels of all blocks in the order of the tiles."""
-    blocks, block = steps.tile.shape
-    by_tile = sums.reshape(blocks, 4, tiling.width, block, tiling.height).transpose(0, 3, 1, 2, 4)
+    by_tile = sums.reshape(sums.shape[0], 4, tiling.width, -1, tiling.height)
+    by_tile = by_tile.transpose(0, 3, 1, 2, 4)
     return by_tile.reshape(-1, 4, tiling.width, tiling.height)[steps.slot]
 
 

@@ -21,7 +21,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..binning.lists import BLOCK
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
@@ -30,17 +29,18 @@ from .sample_blocks import (
     Layer,
     ListedPairs,
     all_bits,
+    alpha_at_samples,
     interpolate_at_samples,
-    layer_alpha,
     layer_of_block,
     sum_covered,
+    sum_visible,
     transmittance_behind,
 )
 
-_TILES, _SEGMENT = 8, 32
-"""Tiles and list entries whose transmittances are stored at a time: 1 MiB at 16 samples. Measured
-with 1,000 triangles at 512 pixels: with 16 tiles or more the gradient of flat colours takes three
-times as long, with 4 tiles slightly longer."""
+TILES, _SEGMENT = 32, 16
+"""Tiles in a block, and entries of their lists whose transmittances are stored at a time: 2 MiB at
+16 samples. Measured with 1,000 triangles at 512 pixels: 8 tiles, or segments of 8 entries, take up
+to twice as long, and so do 32 entries."""
 
 
 class Blocks(NamedTuple):
@@ -79,9 +79,7 @@ def color_gradient(
     """
     colors = surface.corners.color
     corners, _, triangles = colors.shape
-    parts = Blocks(*(entry.reshape(-1, _TILES) for entry in blocks))
-    part_cotangent = materialized(_cut_cotangent)(cotangent)
-    tile_samples = (tiling.grid.rate, tiling.grid.rate, tiling.width, _TILES * tiling.height)
+    tile_samples = (tiling.grid.rate, tiling.grid.rate, tiling.width, TILES * tiling.height)
     segments = -(-longest // _SEGMENT)
     state = State(
         jnp.zeros((corners * 4, pairs.triangle.shape[0]), colors.dtype),
@@ -90,23 +88,13 @@ def color_gradient(
     )
 
     def visit(number: Int[Array, ""], state: State) -> State:
-        part = Blocks(*(entry[number] for entry in parts))
-        return _add_part(surface, pairs, part, part_cotangent[number], state, tiling)
+        part = Blocks(*(entry[number] for entry in blocks))
+        return _add_part(surface, pairs, part, cotangent[number], state, tiling)
 
-    count = jnp.asarray(parts.tile.shape[0], jnp.int32)
+    count = jnp.asarray(blocks.tile.shape[0], jnp.int32)
     by_pair = repeat(count, visit, state).by_pair
     add = materialized(functools.partial(_sum_pairs, triangles=triangles))
     return add(by_pair, pairs.triangle).reshape(colors.shape)
-
-
-def _cut_cotangent(
-    cotangent: Float[Array, "blocks 4 width lines"],
-) -> Float[Array, "parts 4 width part_lines"]:
-    """Cut the pixels of each block into those of its parts."""
-    blocks, channels, width, lines = cotangent.shape
-    per_block = BLOCK // _TILES
-    cut = cotangent.reshape(blocks, channels, width, per_block, lines // per_block)
-    return cut.transpose(0, 3, 1, 2, 4).reshape(-1, channels, width, lines // per_block)
 
 
 def _add_part(
@@ -130,7 +118,7 @@ def _add_part(
         position: Int[Array, ""], transmittance: Float[Array, "*samples"]
     ) -> Float[Array, "*samples"]:
         layer = layer_at(position)
-        return transmittance_behind(transmittance, layer.words, layer_alpha(layer), tiling)
+        return transmittance_behind(transmittance, layer, tiling=tiling)
 
     def start_segment(segment: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
         """Store the transmittance in front of a segment, and pass through it."""
@@ -162,11 +150,11 @@ def _add_part(
             by_pair, value_behind = state
             k = depth - 1 - step
             layer = layer_at(first + k)
-            values = _layer_values(layer, cotangent)
+            values = _corner_values(layer.line_colors, cotangent)
             gradient = _layer_gradient(layer, stored[k], values, value_behind, cotangent, tiling)
             pair = jnp.where(first + k < count, layer.pair, by_pair.shape[1])
             by_pair = by_pair.at[:, pair].set(gradient, mode="drop")
-            return by_pair, _add_behind(value_behind, layer, values, tiling)
+            return by_pair, _add_behind(value_behind, layer, values, tiling=tiling)
 
         by_pair, value_behind = repeat(depth, visit_layer, (by_pair, value_behind))
         return State(by_pair, starts, stored), value_behind
@@ -184,16 +172,6 @@ def _put(
     return jax.lax.dynamic_update_index_in_dim(stored, transmittance, position, 0)
 
 
-def _layer_values(
-    layer: Layer, cotangent: Float[Array, "4 width lines"]
-) -> Float[Array, "*#samples"]:
-    """Inner product of the cotangent with a layer's colour, and 1 for alpha, at each sample."""
-    corners = _corner_values(layer.line_colors, cotangent)
-    if layer.weights is None:
-        return corners[0][None, None]
-    return interpolate_at_samples(layer.weights, corners)
-
-
 @materialized
 def _corner_values(
     line_colors: Float[Array, "4 corners lines"], cotangent: Float[Array, "4 width lines"]
@@ -208,37 +186,61 @@ def _corner_values(
 def _add_behind(
     value_behind: Float[Array, "*samples"],
     layer: Layer,
-    values: Float[Array, "*#samples"],
+    corner_values: Float[Array, "corners width lines"],
+    *,
     tiling: Tiling,
 ) -> Float[Array, "*samples"]:
     """The value behind the next layer in front."""
-    covered = all_bits(layer.words, tiling, value_behind.dtype) * layer_alpha(layer)
-    return value_behind + covered * (values - value_behind)
+    opacity = all_bits(layer.words, tiling, value_behind.dtype) * alpha_at_samples(layer)
+    return value_behind + opacity * _gain(layer, corner_values, value_behind)
+
+
+def _gain(
+    layer: Layer,
+    corner_values: Float[Array, "corners width lines"],
+    value_behind: Float[Array, "*samples"],
+) -> Float[Array, "*samples"]:
+    """Gain in value where the layer, if opaque, hides what is behind it."""
+    return interpolate_at_samples(layer.weights, corner_values) - value_behind
+
+
+@functools.partial(materialized, static_argnames=("tiling", "corner"))
+def _sum_gains(
+    layer: Layer,
+    transmittance: Float[Array, "*samples"],
+    corner_values: Float[Array, "corners width lines"],
+    value_behind: Float[Array, "*samples"],
+    *,
+    corner: int,
+    tiling: Tiling,
+) -> Float[Array, "width lines"]:
+    """Sum the derivatives with respect to alpha over the samples of each pixel.
+
+    For `corner` 1 or 2 they are multiplied by the weight of that corner.
+    """
+    gains = transmittance * _gain(layer, corner_values, value_behind)
+    return sum_covered(layer, gains, corner, tiling)
 
 
 def _layer_gradient(
     layer: Layer,
     transmittance: Float[Array, "*samples"],
-    values: Float[Array, "*#samples"],
+    corner_values: Float[Array, "corners width lines"],
     value_behind: Float[Array, "*samples"],
     cotangent: Float[Array, "4 width lines"],
     tiling: Tiling,
 ) -> Float[Array, "entries block"]:
     """Gradient of each pair with respect to its corner colours, corner by corner."""
-    sum_visible = functools.partial(sum_covered, layer.words, tiling=tiling)
-    gain = values - value_behind
-    alpha = layer_alpha(layer)
-    if layer.weights is None:
-        by_alpha = [sum_visible((transmittance, gain))]
-        visible = [sum_visible((transmittance, alpha))]
-    else:
-        by_alpha, visible = (
-            _split_by_corner(
-                sum_visible((transmittance, factor)),
-                *(sum_visible((transmittance, factor, weight)) for weight in layer.weights),
-            )
-            for factor in (gain, alpha)
-        )
+    corners = range(layer.line_colors.shape[1])
+    by_alpha = [
+        _sum_gains(layer, transmittance, corner_values, value_behind, corner=corner, tiling=tiling)
+        for corner in corners
+    ]
+    visible = [
+        sum_visible(layer, transmittance, corner=corner, tiling=tiling) for corner in corners
+    ]
+    if layer.weights is not None:
+        by_alpha, visible = _split_by_corner(*by_alpha), _split_by_corner(*visible)
     return _sum_tiles(by_alpha, visible, cotangent, height=tiling.height)
 
 

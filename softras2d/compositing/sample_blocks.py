@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
-from ..geometry.barycentric import slot_weights, weight_sums
+from ..geometry.barycentric import AffineWeights, affine_weights, slot_weights, weights_at
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.surface import Surface
@@ -95,33 +95,42 @@ def gather_words(
     return jnp.stack([jnp.where(is_valid[:, None], w, jnp.uint32(0)).reshape(-1) for w in words])
 
 
-def layer_alpha(layer: Layer) -> Float[Array, "*#samples"]:
-    """Alpha of a layer at each sample of a block."""
-    corners = layer.line_colors[3]
-    if layer.weights is None:
-        return corners[0][None, None, None]
-    return interpolate_at_samples(layer.weights, corners[:, None])
+def alpha_at_samples(layer: Layer) -> Float[Array, "*#samples"]:
+    """Alpha of a layer at each sample of a block. Not a stage of its own: reading it costs more."""
+    return interpolate_at_samples(layer.weights, layer.line_colors[3][:, None])
 
 
-@materialized
 def interpolate_at_samples(
-    weights: tuple[Float[Array, "*samples"], Float[Array, "*samples"]],
-    corners: Float[Array, "3 #width lines"],
-) -> Float[Array, "*samples"]:
-    """Interpolate values of the corners at each sample of a block."""
+    weights: tuple[Float[Array, "*samples"], Float[Array, "*samples"]] | None,
+    corners: Float[Array, "corners #width lines"],
+) -> Float[Array, "*#samples"]:
+    """Interpolate values of the corners at each sample of a block; one corner is the value."""
+    if weights is None:
+        return corners[0][None, None]
     first, second, third = (corners[k][None, None] for k in range(3))
     return first + weights[0] * (second - first) + weights[1] * (third - first)
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def transmittance_behind(
-    transmittance: Float[Array, "*samples"],
-    words: UInt32[Array, "sub_rows lines"],
-    alpha: Float[Array, "*#samples"],
-    tiling: Tiling,
+    transmittance: Float[Array, "*samples"], layer: Layer, *, tiling: Tiling
 ) -> Float[Array, "*samples"]:
     """Multiply the transmittance by 1 - alpha at the samples that a layer covers."""
-    return transmittance * (1.0 - alpha * all_bits(words, tiling, transmittance.dtype))
+    bits = all_bits(layer.words, tiling, transmittance.dtype)
+    return transmittance * (1.0 - alpha_at_samples(layer) * bits)
+
+
+@functools.partial(materialized, static_argnames=("tiling", "corner"))
+def sum_visible(
+    layer: Layer, transmittance: Float[Array, "*samples"], *, corner: int = 0, tiling: Tiling
+) -> Float[Array, "width lines"]:
+    """Sum transmittance times alpha over the samples of each pixel that a layer covers.
+
+    For `corner` 1 or 2 it is multiplied by the weight of that corner.
+    """
+    if layer.weights is None:
+        return sum_covered(layer, transmittance, corner, tiling) * layer.line_colors[3]
+    return sum_covered(layer, transmittance * alpha_at_samples(layer), corner, tiling)
 
 
 @functools.partial(materialized, static_argnames=("height",))
@@ -132,16 +141,31 @@ def _repeat_by_line(
     return jnp.repeat(colors.transpose(1, 0, 2), height, 2)
 
 
-@functools.partial(materialized, static_argnames=("tiling",))
 def _sample_weights(
     surface: Surface, triangle: Int[Array, " block"], tile: Int[Array, " block"], tiling: Tiling
 ) -> tuple[Float[Array, "*samples"], Float[Array, "*samples"]]:
     """Weights of corners 1 and 2 at each sample of a block's triangles."""
+    terms = _line_weights(surface, triangle, tile, tiling)
+    return _weights_of_lines(terms, tiling)
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _line_weights(
+    surface: Surface, triangle: Int[Array, " block"], tile: Int[Array, " block"], tiling: Tiling
+) -> AffineWeights:
+    """Terms of the weights for each line of a block."""
     weights = slot_weights(surface.edges, surface.area, triangle, tile, tiling, surface.planes)
-    weights = weights.map_slots(lambda entry: jnp.repeat(entry, tiling.height)[None, None, None])
-    across, down = sample_positions(tile.shape[0], tiling)
-    _, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
-    return second, third
+    return jax.tree.map(lambda entry: jnp.repeat(entry, tiling.height, -1), affine_weights(weights))
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _weights_of_lines(
+    terms: AffineWeights, tiling: Tiling
+) -> tuple[Float[Array, "*samples"], Float[Array, "*samples"]]:
+    """Weights at each sample from the terms of its line."""
+    block = terms.scale.shape[0] // tiling.height
+    terms = jax.tree.map(lambda entry: jnp.expand_dims(entry, (-4, -3, -2)), terms)
+    return weights_at(terms, *sample_positions(block, tiling))
 
 
 def bit_of_samples(
@@ -163,18 +187,18 @@ def all_bits(
     return ((words[:, None, None] >> position[None, :, :, None]) & jnp.uint32(1)).astype(dtype)
 
 
-@functools.partial(materialized, static_argnames=("tiling",))
 def sum_covered(
-    words: UInt32[Array, "sub_rows lines"],
-    factors: tuple[Float[Array, "*#samples"], ...],
-    *,
-    tiling: Tiling,
+    layer: Layer, values: Float[Array, "*samples"], corner: int, tiling: Tiling
 ) -> Float[Array, "width lines"]:
-    """Sum the product of the factors over the samples of each pixel that a layer covers."""
+    """Sum values over the samples of each pixel that a layer covers.
+
+    For `corner` 1 or 2 they are multiplied by the weight of that corner.
+    """
+    if layer.weights is not None and corner > 0:
+        values = values * layer.weights[corner - 1]
 
     def term(i: int, j: int) -> Array:
-        bit = bit_of_samples(words[i], j, tiling, factors[0].dtype)
-        return functools.reduce(lambda product, factor: product * factor[i, j], factors, bit)
+        return values[i, j] * bit_of_samples(layer.words[i], j, tiling, values.dtype)
 
     return sum_samples(term, tiling.grid.rate)
 

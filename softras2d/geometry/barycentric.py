@@ -82,6 +82,54 @@ def slot_weights(
     return weights._replace(plane=jnp.stack([start, right, down]), is_far=planes.is_far[triangle])
 
 
+class AffineWeights(NamedTuple):
+    """Terms of the weights of corners 1 and 2 at single samples of a tile, side by side.
+
+    A weight is `scale * (start + right * column + down * row) + offset`, with an exact integer in
+    the brackets.
+
+    - `plane`, `is_far`: as in `Weights`.
+    """
+
+    start: Int[Array, "2 *slots"]
+    right: Int[Array, "2 *slots"]
+    down: Int[Array, "2 *slots"]
+    scale: Float[Array, "*slots"]
+    offset: Float[Array, "2 *slots"]
+    plane: Float[Array, "3 2 *slots"] | None
+    is_far: Bool[Array, "*slots"] | None
+
+
+def affine_weights(weights: Weights) -> AffineWeights:
+    """Terms for `weights_at`, which is faster than `weight_sums` for single samples."""
+    edges, scale, dtype = weights.edges, weights.per_value, weights.per_value.dtype
+    start, multiple = WrappedValue(edges.start, edges.estimate).split()
+    offset = (multiple.astype(dtype) + edges.fraction) * scale[None] + weights.offset[None]
+    return AffineWeights(
+        start, edges.right, edges.down, scale, offset, weights.plane, weights.is_far
+    )
+
+
+def weights_at(
+    terms: AffineWeights, column: Int[Array, "*#shape"], row: Int[Array, "*#shape"]
+) -> tuple[Float[Array, "*#shape"], Float[Array, "*#shape"]]:
+    """Weights of corners 1 and 2 at samples of a tile, as `weight_sums` of one sample.
+
+    Only for covered samples: elsewhere the weights of triangles without area have no meaning.
+    """
+    dtype = terms.scale.dtype
+    found = []
+    for edge in range(2):
+        value = terms.start[edge] + terms.right[edge] * column + terms.down[edge] * row
+        weight = value.astype(dtype) * terms.scale + terms.offset[edge]
+        if terms.plane is not None and terms.is_far is not None:
+            start, right, down = terms.plane[:, edge]
+            plane = start + column.astype(dtype) * right + row.astype(dtype) * down
+            weight = jnp.where(terms.is_far, jnp.clip(plane, 0.0, 1.0), weight)
+        found.append(weight)
+    return found[0], found[1]
+
+
 def weight_sums(
     weights: Weights,
     count: Int[Array, "*#shape"],

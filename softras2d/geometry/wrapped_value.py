@@ -80,6 +80,18 @@ class WrappedValue(NamedTuple):
         far = xp.where(self.estimate > 0, FAR, -FAR).astype(xp.int32)
         return xp.where(self.is_near_zero, self.wrapped, far)
 
+    def split(self) -> tuple[HostOrDeviceArray, HostOrDeviceArray]:
+        """Split one edge value into an int32 of about 2^30 at most and a float multiple of 2^31.
+
+        The sum of both is the value. To the first, steps to any sample of a tile can be added: it
+        does not wrap, because an edge value moves by less than 2^30 within a tile (`clamped`).
+        """
+        xp = self.estimate.__array_namespace__()
+        number = xp.round(self.estimate * 2.0**-31)
+        is_odd = number.astype(xp.int32) & 1
+        # Adding 2^31 modulo 2^32 changes the highest bit.
+        return self.wrapped ^ (is_odd << 31), number * 2.0**31
+
     def to_float(self, dtype: DTypeLike) -> HostOrDeviceArray:
         """The value, rounded once where it is below 2^31 in size, else three times."""
         xp = self.estimate.__array_namespace__()

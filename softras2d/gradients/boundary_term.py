@@ -205,8 +205,9 @@ def _(shape, primals, tangents):
     return value, change
 
 
-_BLOCK = 4096
-"""Number of runs in a block: few enough for the data of a block to stay in a core's cache."""
+_OPAQUE_BLOCK, _LAYERED_BLOCK = 4096, 1024
+"""Number of runs in a block: few enough for the data of a block to stay in a core's cache. That of
+layers is smaller, as a block takes as many steps as the sample with most layers."""
 
 
 def _sweep(
@@ -214,7 +215,8 @@ def _sweep(
 ) -> Sweep:
     """Find all crossings and their jumps, block by block."""
     grid, channels = shape.tiling.grid, shape.channels
-    block = min(_BLOCK, max(shape.crossings, 1))
+    is_opaque = isinstance(samples, OpaqueSamples)
+    block = min(_OPAQUE_BLOCK if is_opaque else _LAYERED_BLOCK, max(shape.crossings, 1))
     blocks = -(-shape.crossings // block)
     runs = list_runs(outlines.count, capacity=blocks * block)
     needed = jnp.sum(runs.rank >= 0, dtype=jnp.int32)

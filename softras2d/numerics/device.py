@@ -41,10 +41,10 @@ def to_host(value: Any) -> Any:
     """
     if isinstance(value, Tracer):
         return value
-    if isinstance(value, list | tuple) and _is_traced(value):
+    if isinstance(value, list | tuple) and is_traced(value):
         return jnp.asarray(value)
     return np.asarray(value)
 
 
-def _is_traced(value: Any) -> bool:
+def is_traced(value: Any) -> bool:
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value))
