@@ -25,7 +25,8 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from ..binning.lists import Steps
 from ..binning.tiles import TileLists
-from ..geometry.barycentric import slot_weights, weight_sums
+from ..coverage.sampled import gather_words
+from ..geometry.barycentric import interpolate_corners, slot_weights, weight_sums
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.fragments import Fragments, shading_points
@@ -160,8 +161,7 @@ def _gather_words(
     is_valid: Bool[Array, " block"],
 ) -> UInt32[Array, "sub_rows lines"]:
     """Gather the coverage words of a layer of a block; 0 where a tile's list has ended."""
-    words = [sub_row.at[pair].get(mode="clip") for sub_row in sub_rows]
-    return jnp.stack([jnp.where(is_valid[:, None], w, jnp.uint32(0)).reshape(-1) for w in words])
+    return jnp.stack([gather_words(words, pair, is_valid).reshape(-1) for words in sub_rows])
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
@@ -276,8 +276,7 @@ def _interpolate(
     corners: Float[Array, "3 lines"],
 ) -> Float[Array, "*samples"]:
     """Interpolate alpha between the corners, at each sample of a block."""
-    first, second, third = (corners[k][None, None, None] for k in range(3))
-    return first + weights[0] * (second - first) + weights[1] * (third - first)
+    return interpolate_corners(corners[:, None, None, None], weights[0], weights[1])
 
 
 @materialized

@@ -82,6 +82,19 @@ def slot_weights(
     return weights._replace(plane=jnp.stack([start, right, down]), is_far=planes.is_far[triangle])
 
 
+def interpolate_corners(
+    corners: Float[Array, "3 *#shape"],
+    second_weight: Float[Array, "*#shape"],
+    third_weight: Float[Array, "*#shape"],
+) -> Float[Array, "*#shape"]:
+    """Interpolate values between three corners, by the weights of corners 1 and 2.
+
+    Where all corners have one value, the result is exactly that value.
+    """
+    interpolated = corners[0] + second_weight * (corners[1] - corners[0])
+    return interpolated + third_weight * (corners[2] - corners[0])
+
+
 def weight_sums(
     weights: Weights,
     count: Int[Array, "*#shape"],

@@ -20,7 +20,7 @@ from ..geometry.fixed_point import Edges
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
-from ..numerics.prefix import cumulative_sum
+from ..numerics.prefix import list_flagged
 from .crossings import Crossings, Sample
 from .sample_colors import OpaqueSamples
 from .visible_front import address
@@ -64,7 +64,6 @@ def fill_strips(
     Without a strip (`is_strip`) these are `outer` and `owned`.
     """
     strips, count = _list_strips(is_strip)
-    strips = jnp.pad(strips, (0, -outer.size % _LANES), constant_values=outer.size)
     depth_of_edge = None
     if samples.depths is not None:
         depth_of_edge = depth_on_edge(samples.depths, crossings.edge, crossings.t).reshape(-1)
@@ -93,16 +92,13 @@ def fill_strips(
 @materialized
 def _list_strips(
     is_strip: Bool[Array, "lines runs"],
-) -> tuple[Int[Array, " crossings"], Int[Array, ""]]:
-    """List the indices of the crossings with a strip, and count them.
+) -> tuple[Int[Array, " padded"], Int[Array, ""]]:
+    """List the indices of the crossings with a strip, padded to whole groups, and count them.
 
     Unused entries are the number of crossings.
     """
     size = is_strip.size
-    end = cumulative_sum(is_strip.reshape(-1).astype(jnp.int32))
-    index = jnp.where(is_strip.reshape(-1), end - 1, size)
-    numbers = jnp.arange(size, dtype=jnp.int32)
-    return jnp.full(size, size, jnp.int32).at[index].set(numbers, mode="drop"), end[-1]
+    return list_flagged(is_strip.reshape(-1), capacity=size + -size % _LANES)
 
 
 @materialized

@@ -41,10 +41,11 @@ def to_host(value: Any) -> Any:
     """
     if isinstance(value, Tracer):
         return value
-    if isinstance(value, list | tuple) and _is_traced(value):
+    if isinstance(value, list | tuple) and is_traced(value):
         return jnp.asarray(value)
     return np.asarray(value)
 
 
-def _is_traced(value: Any) -> bool:
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value))
+def is_traced(tree: Any) -> bool:
+    """Whether the value of some leaf is known only when a program runs."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
