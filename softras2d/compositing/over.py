@@ -2,289 +2,119 @@
 
 Each sample stores the transmittance T of all layers in front. A layer of alpha a adds T a times its
 colour and leaves T (1 - a). Blocks of tiles are processed one list entry after another, so that the
-transmittances of a block stay in cache.
+transmittances of a block stay in cache (`sample_blocks`).
 
-Colours whose sum over a pixel does not follow from sums of weights, such as textures, are shaded
-for each layer of a block.
-
-Samples of a block are stored in an array `[sub rows, sub columns, width, lines]`. A line is a row
-of pixels of one tile, and the lines of all tiles of the block are the minor axis. One coverage word
-has a line's samples of one sub-row, and all samples at the same position of their line read the
-same bit of their words.
+Here are flat colours and colours of three corners, whose sum over a pixel follows from sums of
+weights. Others, such as textures, are shaded for each layer (`over_shaded`).
 
 **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
 """
 
 import functools
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, UInt32
+from jaxtyping import Array, Float, Int
 
 from ..binning.lists import Steps
-from ..binning.tiles import TileLists
-from ..coverage.sampled import gather_words
-from ..geometry.barycentric import interpolate_corners, slot_weights, weight_sums
 from ..geometry.tiling import Tiling
+from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
-from ..shading.fragments import Fragments, shading_points
-from ..shading.surface import Lanes, Points, Surface, gather_lanes, surface_lanes
-from ..shading.triangle_color import shade
-
-State = tuple[
-    Float[Array, "blocks 4 width lines"],
-    Float[Array, "sub_rows sub_columns width lines"],
-    Float[Array, "4 width lines"],
-]
-"""The sums of all blocks, and the transmittances and sums of the block that is processed."""
-
-
-class BlockLayers(NamedTuple):
-    """Inputs of a block's layers: the triangles, and the coverage words of every listed pair.
-
-    - `passed`: for each sub-row, the words of the samples to composite; `covered`: the same for all
-      covered samples, those that failed the depth test too.
-    - `shading`: as `Hard.shading`, where colours are evaluated point by point; None where flat
-      colours or sums of weights are enough.
-    """
-
-    surface: Surface
-    triangle: Int[Array, " pairs"]
-    passed: list[UInt32[Array, "pairs tile_lines"]]
-    covered: list[UInt32[Array, "pairs tile_lines"]]
-    shading: str | None
+from ..numerics.linear_map import linear_map
+from ..shading.surface import Surface
+from .over_gradient import Blocks, color_gradient
+from .sample_blocks import (
+    Layer,
+    ListedPairs,
+    layer_alpha,
+    layer_of_block,
+    sum_covered,
+    transmittance_behind,
+)
 
 
 def composite(
-    surface: Surface,
-    passed: UInt32[Array, "pairs rows"],
-    covered: UInt32[Array, "pairs rows"],
-    lists: TileLists,
-    steps: Steps,
-    tiling: Tiling,
-    *,
-    shading: str | None,
+    surface: Surface, pairs: ListedPairs, steps: Steps, tiling: Tiling, *, longest: int
 ) -> Float[Array, "tiles 4 tile_width tile_height"]:
     """Sum premultiplied colour and alpha over each pixel's samples, without background.
 
-    `passed` are the samples of each listed pair. `covered` also includes those that failed the
-    depth test. `shading` is as in `BlockLayers`.
+    Differentiable with respect to the colours of `surface`. No list may have more than `longest`
+    entries.
     """
-    dtype = surface.corners.color.dtype
-    side, height, width = tiling.grid.rate, tiling.height, tiling.width
-    blocks, block = steps.tile.shape
-    lines = block * height
-    split = materialized(functools.partial(_split_sub_rows, tiling=tiling))
-    layers = BlockLayers(surface, lists.triangle, split(passed), split(covered), shading)
+    blocks = Blocks(steps.tile, steps.start, steps.count)
+    sums = _composite(tiling, longest, surface.corners.color, surface, pairs, blocks)
+    return in_order_of_tiles(sums, steps, tiling)
 
-    def visit(state: State, step: tuple[Array, Array, Array]) -> tuple[State, None]:
-        image, transmittance, sums = state
-        number, which, position = step
-        is_first = position == 0
-        transmittance, sums = _blend(
-            layers,
-            jnp.where(is_first, 0.0, sums),
-            transmittance,
-            is_first,
-            steps.tile[which],
-            steps.start[which] + position,
-            (position < steps.count[which]) & (number < steps.needed),
-            tiling,
-        )
-        return (image.at[which].set(sums), transmittance, sums), None
 
-    initial = (
-        jnp.zeros((blocks, 4, width, lines), dtype),
-        jnp.ones((side, side, width, lines), dtype),
-        jnp.zeros((4, width, lines), dtype),
-    )
-    numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _composite(
+    tiling: Tiling,
+    longest: int,
+    colors: Float[Array, "corners 4 triangles"],
+    surface: Surface,
+    pairs: ListedPairs,
+    blocks: Blocks,
+) -> Float[Array, "blocks 4 width lines"]:
+    """Sum premultiplied colour and alpha, by block; `colors` replace those of the surface."""
+    surface = surface.with_colors(colors)
     with jax.named_scope("transmittance"):
-        (image, _, _), _ = jax.lax.scan(visit, initial, (numbers, steps.block, steps.position))
-    by_tile = image.reshape(blocks, 4, width, block, height).transpose(0, 3, 1, 2, 4)
-    return by_tile.reshape(-1, 4, width, height)[steps.slot]
-
-
-def _split_sub_rows(
-    words: UInt32[Array, "pairs rows"], tiling: Tiling
-) -> list[UInt32[Array, "pairs tile_lines"]]:
-    """Split the coverage words of each pair by sub-row."""
-    height = tiling.height
-    return [words[:, i * height : (i + 1) * height] for i in range(tiling.grid.rate)]
-
-
-def _blend(
-    layers: BlockLayers,
-    sums: Float[Array, "4 width lines"],
-    transmittance: Float[Array, "sub_rows sub_columns width lines"],
-    is_first: Bool[Array, ""],
-    tile: Int[Array, " block"],
-    pair: Int[Array, " block"],
-    is_valid: Bool[Array, " block"],
-    tiling: Tiling,
-) -> tuple[Float[Array, "sub_rows sub_columns width lines"], Float[Array, "4 width lines"]]:
-    """Add one layer of a block; return the transmittances and sums behind it.
-
-    `pair` is each tile's listed pair, and `is_valid` whether its list is that long. Where
-    `is_first`, a new block starts and the transmittances are 1.
-    """
-    words = _gather_words(layers.passed, pair, is_valid)
-    triangle = layers.triangle.at[pair].get(mode="clip")
-    surface = layers.surface
-    sum_visible = functools.partial(_sum_visible, transmittance, is_first, words, tiling=tiling)
-    if layers.shading is not None:
-        covered = _gather_words(layers.covered, pair, is_valid)
-        color = _shade_block(layers, covered, triangle, tile, tiling)
-        alpha = color[3]
-        visible_sums = [sum_visible((channel,)) for channel in color]
-        sums = _add_channels(sums, visible_sums)
-        return _transmittance_behind(transmittance, is_first, words, alpha, tiling), sums
-    line_colors = _repeat_by_line(surface.corners.color[..., triangle], tiling.height)
-    if line_colors.shape[1] == 1:
-        alpha = line_colors[3][None, None]
-        sums = _add_flat(sums, sum_visible(()), line_colors)
-    else:
-        weights = _sample_weights(surface, triangle, tile, tiling)
-        alpha = _interpolate(weights, line_colors[3])
-        total = sum_visible((alpha,))
-        second, third = (sum_visible((alpha, weight)) for weight in weights)
-        sums = _add_interpolated(sums, total, second, third, line_colors)
-    return _transmittance_behind(transmittance, is_first, words, alpha, tiling), sums
-
-
-@materialized
-def _gather_words(
-    sub_rows: list[UInt32[Array, "pairs tile_lines"]],
-    pair: Int[Array, " block"],
-    is_valid: Bool[Array, " block"],
-) -> UInt32[Array, "sub_rows lines"]:
-    """Gather the coverage words of a layer of a block; 0 where a tile's list has ended."""
-    return jnp.stack([gather_words(words, pair, is_valid).reshape(-1) for words in sub_rows])
-
-
-@functools.partial(materialized, static_argnames=("tiling",))
-def _sum_visible(
-    transmittance: Float[Array, "sub_rows sub_columns width lines"],
-    is_first: Bool[Array, ""],
-    words: UInt32[Array, "sub_rows lines"],
-    factors: tuple[Float[Array, "*#samples"], ...],
-    *,
-    tiling: Tiling,
-) -> Float[Array, "width lines"]:
-    """Sum over each pixel's covered samples of the transmittance times the factors."""
-
-    def term(i: int, j: int) -> Array:
-        product = jnp.where(is_first, 1.0, transmittance[i, j])
-        product = product * _bit(words[i], j, tiling, transmittance.dtype)
-        for factor in factors:
-            product = product * factor[i, j]
-        return product
-
-    return _sum_samples(term, tiling.grid.rate)
-
-
-@functools.partial(materialized, static_argnames=("tiling",))
-def _transmittance_behind(
-    transmittance: Float[Array, "sub_rows sub_columns width lines"],
-    is_first: Bool[Array, ""],
-    words: UInt32[Array, "sub_rows lines"],
-    alpha: Float[Array, "*#samples"],
-    tiling: Tiling,
-) -> Float[Array, "sub_rows sub_columns width lines"]:
-    """Multiply the transmittance by 1 - alpha at the samples that a layer covers."""
-    bits = _all_bits(words, tiling, transmittance.dtype)
-    return jnp.where(is_first, 1.0, transmittance) * (1.0 - alpha * bits)
-
-
-def _shade_block(
-    layers: BlockLayers,
-    covered: UInt32[Array, "sub_rows lines"],
-    triangle: Int[Array, " block"],
-    tile: Int[Array, " block"],
-    tiling: Tiling,
-) -> Float[Array, "4 sub_rows sub_columns width lines"]:
-    """Compute the premultiplied colours of a layer of a block at every sample."""
-    surface, side, width = layers.surface, tiling.grid.rate, tiling.width
-    lines = covered.shape[1]
-    lanes = surface_lanes(surface, triangle, tile, tiling)
-    if layers.shading == "pixel":
-        fragments = _block_fragments(covered, tiling)
-        lanes = gather_lanes(lanes, fragments.slot)
-        points = shading_points(
-            fragments, fragments.bits, surface.edges, lanes.weights, triangle, tile, tiling
+        return jax.lax.map(
+            lambda block: _composite_block(surface, pairs, Blocks(*block), tiling), blocks
         )
-        color = shade(surface, lanes, points, tiling)
-        color = color.reshape(4, 1, 1, width, lines)
-        return jnp.broadcast_to(color, (4, side, side, width, lines))
-    lanes = _lanes_by_line(lanes, tiling.height)
-    positions = [x.reshape(-1, lines) for x in _sample_positions(triangle.shape[0], tiling)]
-
-    def shade_point(across: Array, down: Array) -> Array:
-        return shade(surface, lanes, Points(None, across, down), tiling)
-
-    color = jax.vmap(shade_point, out_axes=1)(*positions)
-    return color.reshape(4, side, side, width, lines)
 
 
-@functools.partial(materialized, static_argnames=("height",))
-def _lanes_by_line(lanes: Lanes, height: int) -> Lanes:
-    """Repeat the lanes of a block's tiles for each of their lines."""
-    return jax.tree.map(lambda entry: jnp.repeat(entry, height, entry.ndim - 1), lanes)
+@_composite.defjvp
+def _(tiling: Tiling, longest: int, primals: Any, tangents: Any) -> tuple[Array, Array]:
+    colors, surface, pairs, blocks = jax.lax.stop_gradient(primals)
+
+    def forward(fixed: Any, change: Array) -> Array:
+        colors, *rest = fixed
+        return jax.jvp(
+            lambda colors: _composite.fun(tiling, longest, colors, *rest), (colors,), (change,)
+        )[1]
+
+    def backward(fixed: Any, cotangent: Array) -> Array:
+        colors, surface, pairs, blocks = fixed
+        surface = surface.with_colors(colors)
+        return color_gradient(surface, pairs, blocks, cotangent, tiling, longest=longest)
+
+    change = linear_map(forward, backward)((colors, surface, pairs, blocks), tangents[0])
+    return _composite(tiling, longest, *primals), change
 
 
-def _block_fragments(words: UInt32[Array, "sub_rows lines"], tiling: Tiling) -> Fragments:
-    """Make a fragment of each pixel of a block, `[width * lines]`.
-
-    The slot is the index of the tile in the block.
-    """
-    side, lines = tiling.grid.rate, words.shape[1]
-    column, line = (
-        jax.lax.broadcasted_iota(jnp.int32, (tiling.width, lines), axis).reshape(-1)
-        for axis in (0, 1)
-    )
-    shift = (column * side).astype(jnp.uint32)[None]
-    bits = (words[:, line] >> shift) & jnp.uint32((1 << side) - 1)
-    number = jnp.asarray(column.shape[0], jnp.int32)
-    return Fragments(line // tiling.height, column, line % tiling.height, bits, number)
-
-
-@functools.partial(materialized, static_argnames=("height",))
-def _repeat_by_line(
-    colors: Float[Array, "corners 4 block"], height: int
-) -> Float[Array, "4 corners lines"]:
-    """Repeat the colours of a block's triangles for each of their lines."""
-    return jnp.repeat(colors.transpose(1, 0, 2), height, 2)
-
-
-@functools.partial(materialized, static_argnames=("tiling",))
-def _sample_weights(
-    surface: Surface, triangle: Int[Array, " block"], tile: Int[Array, " block"], tiling: Tiling
-) -> tuple[Float[Array, "*samples"], Float[Array, "*samples"]]:
-    """Weights of corners 1 and 2 at each sample of a block's triangles."""
-    weights = slot_weights(surface.edges, surface.area, triangle, tile, tiling, surface.planes)
-    weights = weights.map_slots(lambda entry: jnp.repeat(entry, tiling.height)[None, None, None])
-    across, down = _sample_positions(tile.shape[0], tiling)
-    _, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
-    return second, third
-
-
-@materialized
-def _interpolate(
-    weights: tuple[Float[Array, "*samples"], Float[Array, "*samples"]],
-    corners: Float[Array, "3 lines"],
-) -> Float[Array, "*samples"]:
-    """Interpolate alpha between the corners, at each sample of a block."""
-    return interpolate_corners(corners[:, None, None, None], weights[0], weights[1])
-
-
-@materialized
-def _add_channels(
-    sums: Float[Array, "4 width lines"], visible_sums: list[Float[Array, "width lines"]]
+def _composite_block(
+    surface: Surface, pairs: ListedPairs, block: Blocks, tiling: Tiling
 ) -> Float[Array, "4 width lines"]:
-    """Add the sums of each channel over the visible samples."""
-    return sums + jnp.stack(visible_sums)
+    """Sum premultiplied colour and alpha over the samples of the pixels of a block."""
+    dtype = surface.corners.color.dtype
+    tile, start, count = block
+    rate, width, lines = tiling.grid.rate, tiling.width, tile.shape[0] * tiling.height
+
+    def add_layer(position: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
+        transmittance, sums = state
+        layer = layer_of_block(surface, pairs, start + position, position < count, tile, tiling)
+        sums = _add(sums, transmittance, layer, tiling)
+        return transmittance_behind(transmittance, layer.words, layer_alpha(layer), tiling), sums
+
+    clear = jnp.ones((rate, rate, width, lines), dtype)
+    return repeat(jnp.max(count), add_layer, (clear, jnp.zeros((4, width, lines), dtype)))[1]
+
+
+def _add(
+    sums: Float[Array, "4 width lines"],
+    transmittance: Float[Array, "*samples"],
+    layer: Layer,
+    tiling: Tiling,
+) -> Float[Array, "4 width lines"]:
+    """Add the premultiplied colour and alpha of a layer, where it is visible."""
+    sum_visible = functools.partial(sum_covered, layer.words, tiling=tiling)
+    if layer.weights is None:
+        return _add_flat(sums, sum_visible((transmittance,)), layer.line_colors)
+    seen = (transmittance, layer_alpha(layer))
+    total = sum_visible(seen)
+    second, third = (sum_visible((*seen, weight)) for weight in layer.weights)
+    return _add_interpolated(sums, total, second, third, layer.line_colors)
 
 
 @materialized
@@ -319,46 +149,13 @@ def _add_interpolated(
     return sums
 
 
-def _bit(
-    words: UInt32[Array, " lines"], sub_column: int, tiling: Tiling, dtype: Any
-) -> Float[Array, "width lines"]:
-    """Extract whether each line's pixels cover their sample of a sub-column, as 0 or 1."""
-    position = jnp.arange(tiling.width, dtype=jnp.uint32) * jnp.uint32(tiling.grid.rate)
-    position = (position + jnp.uint32(sub_column))[:, None]
-    return ((words[None] >> position) & jnp.uint32(1)).astype(dtype)
-
-
-def _all_bits(
-    words: UInt32[Array, "sub_rows lines"], tiling: Tiling, dtype: Any
-) -> Float[Array, "sub_rows sub_columns width lines"]:
-    """Extract the bits of all samples, as `_bit` does for one sub-row and sub-column."""
-    rate = tiling.grid.rate
-    column = jnp.arange(tiling.width, dtype=jnp.uint32) * jnp.uint32(rate)
-    position = jnp.arange(rate, dtype=jnp.uint32)[:, None] + column[None]
-    return ((words[:, None, None] >> position[None, :, :, None]) & jnp.uint32(1)).astype(dtype)
-
-
-def _sum_samples(term: Callable[[int, int], Array], rate: int) -> Float[Array, "width lines"]:
-    """Sum `term(sub_row, sub_column)` over a pixel's samples, in one fused expression."""
-    terms = [term(i, j) for i in range(rate) for j in range(rate)]
-    total = terms[0]
-    for sample_term in terms[1:]:
-        total = total + sample_term
-    return total
-
-
-def _sample_positions(
-    block: int, tiling: Tiling
-) -> tuple[
-    Int[Array, "sub_rows sub_columns width lines"], Int[Array, "sub_rows sub_columns width lines"]
-]:
-    """Column and row of all samples of a block, within their tile."""
-    rate = tiling.grid.rate
-    shape = (rate, rate, tiling.width, block * tiling.height)
-    sub_row, sub_column, column, line = (
-        jax.lax.broadcasted_iota(jnp.int32, shape, axis) for axis in range(4)
-    )
-    return column * rate + sub_column, (line % tiling.height) * rate + sub_row
+def in_order_of_tiles(
+    sums: Float[Array, "blocks 4 width lines"], steps: Steps, tiling: Tiling
+) -> Float[Array, "tiles 4 tile_width tile_height"]:
+    """Put the pixels of all blocks in the order of the tiles."""
+    blocks, block = steps.tile.shape
+    by_tile = sums.reshape(blocks, 4, tiling.width, block, tiling.height).transpose(0, 3, 1, 2, 4)
+    return by_tile.reshape(-1, 4, tiling.width, tiling.height)[steps.slot]
 
 
 @functools.partial(materialized, static_argnames=("tiling",))

@@ -38,9 +38,10 @@ from ..geometry.fixed_point import Edges, Grid
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
-from .crossings import LINES, Crossings, Sample, Sides, find_crossings, list_runs
+from .crossings import LINES, Crossings, Sides, find_crossings, list_runs
 from .interpenetration import depth_changes, image_change
-from .layered_samples import Addition, EdgeLayer, LayeredSamples, addition, rgba_on_edge
+from .layer_masks import LayerMasks, layer_masks
+from .layered_samples import EdgeGain, EdgeLayer, LayeredSamples, edge_gains, rgba_on_edge
 from .sample_colors import OpaqueSamples
 from .thin_strips import covers, ends_before_edge, fill_strips
 from .visible_front import triangle_at
@@ -141,13 +142,19 @@ class BoundaryShape(NamedTuple):
     """Static parameters of the compiled boundary term.
 
     - `channels`: number of channels of the image.
-    - `crossings`, `max_chunks`: capacities of the plan.
+    - `crossings`, `max_chunks`, `layers`: capacities of the plan.
     """
 
     tiling: Tiling
     channels: int
     crossings: int
     max_chunks: int
+    layers: int
+
+    @property
+    def longest(self) -> int:
+        """Length of the longest list of a tile that the plan can hold."""
+        return self.max_chunks * self.layers
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -212,6 +219,11 @@ def _sweep(
     runs = list_runs(outlines.count, capacity=blocks * block)
     needed = jnp.sum(runs.rank >= 0, dtype=jnp.int32)
     dtype = outlines.sides.start.dtype
+    if isinstance(samples, OpaqueSamples):
+        jumps_at = functools.partial(_opaque_jumps, shape, samples)
+    else:
+        masks = layer_masks(samples.passed, samples.lists, shape.tiling, longest=shape.longest)
+        jumps_at = functools.partial(_layered_jumps, shape, samples, masks)
 
     def visit(
         number: Int[Array, ""],
@@ -226,11 +238,7 @@ def _sweep(
         )
         sides, edges, _, first, count = outlines
         crossings = find_crossings(sides, edges, first, count, block_runs, grid)
-        if isinstance(samples, OpaqueSamples):
-            jump = _opaque_jumps(shape, crossings, samples)
-        else:
-            jump = _layered_jumps(shape, crossings, samples)
-        block_sweep = (crossings.t, crossings.pixel, jump)
+        block_sweep = (crossings.t, crossings.pixel, jumps_at(crossings))
         return tuple(
             jax.lax.dynamic_update_slice_in_dim(all_runs, entry, number * block, entry.ndim - 1)
             for all_runs, entry in zip(sweep, block_sweep, strict=True)
@@ -244,7 +252,7 @@ def _sweep(
 
 
 def _opaque_jumps(
-    shape: BoundaryShape, crossings: Crossings, samples: OpaqueSamples
+    shape: BoundaryShape, samples: OpaqueSamples, crossings: Crossings
 ) -> Float[Array, "channels lines runs"]:
     """Compute `Sweep.jump` of opaque triangles; 0 where the edge is not visible.
 
@@ -331,47 +339,37 @@ def _jump(
 
 
 def _layered_jumps(
-    shape: BoundaryShape, crossings: Crossings, samples: LayeredSamples
+    shape: BoundaryShape, samples: LayeredSamples, masks: LayerMasks, crossings: Crossings
 ) -> Float[Array, "channels lines runs"]:
-    """Compute `Sweep.jump` of translucent triangles: what each would add to the sample outside.
-
-    The addition is multiplied by the smaller of the transmittances in front of the triangle at the
-    two samples. A layer in front that ends between the samples has a crossing of its own, so it
-    must not brighten this one.
-    """
+    """Compute `Sweep.jump` of translucent triangles: what each adds just outside its edge."""
     tiling, surface, depths = shape.tiling, samples.surface, samples.depths
     triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.valid.shape)
     color = rgba_on_edge(surface, crossings.edge, crossings.t, tiling, flat=surface.is_flat)
-    on_edge, is_thick = None, jnp.ones(triangle.shape, bool)
+    depth_inside = depth_outside = None
     if depths is not None:
         on_edge = depth_on_edge(depths, crossings.edge, crossings.t)
         is_thick = materialized(covers)(surface.edges, triangle, crossings.inside)
-
-    def addition_at(sample: Sample) -> Addition:
-        depth = None
-        if depths is not None and on_edge is not None:
-            # Next to the edge, the depth of a thinner triangle would be extrapolated.
-            depth = jnp.where(is_thick, depth_at(depths, triangle, sample, tiling), on_edge)
-        edge_layer = EdgeLayer(triangle, color, depth)
-        return addition(samples, edge_layer, sample, tiling, flat=surface.is_flat)
-
-    limit = materialized(functools.partial(_limited_gain, tiling=tiling))
-    return limit(crossings, addition_at(crossings.inside), addition_at(crossings.outside))
+        # Next to the edge, the depth of a thinner triangle would be extrapolated.
+        depth_inside, depth_outside = (
+            jnp.where(is_thick, depth_at(depths, triangle, sample, tiling), on_edge)
+            for sample in (crossings.inside, crossings.outside)
+        )
+    edge_layer = EdgeLayer(triangle, color, depth_inside, depth_outside)
+    gains = edge_gains(samples, masks, crossings, edge_layer, tiling)
+    return materialized(functools.partial(_layered_jump, tiling=tiling))(crossings, gains)
 
 
-def _limited_gain(
-    crossings: Crossings, near: Addition, far: Addition, *, tiling: Tiling
+def _layered_jump(
+    crossings: Crossings, gains: EdgeGain, *, tiling: Tiling
 ) -> Float[Array, "channels lines runs"]:
-    """Compute the jump from what the triangle adds at the samples inside and outside.
+    """Compute the jump from what the triangle of each edge adds.
 
-    The gain outside is limited to the smaller of the two transmittances. A triangle that covers
-    neither sample is counted too: it is thinner than their distance, and visible between them.
+    A triangle that covers neither sample counts too: it is thinner than the distance of samples,
+    and visible between them.
     """
-    clear = jnp.where(far.transmittance > 0, far.transmittance, 1.0)
-    dimming = jnp.minimum(near.transmittance, far.transmittance) / clear
-    gain = far.gain * dimming[None] * _signed_edge_length(crossings.outwards, tiling)
-    is_counted = near.is_covering | ~far.is_covering
-    return jnp.where((crossings.valid & is_counted)[None], gain, 0.0)
+    counted = crossings.valid & (gains.covers_inside | ~gains.covers_outside)
+    jump = gains.gain * _signed_edge_length(crossings.outwards, tiling)
+    return jnp.where(counted[None], jump, 0.0)
 
 
 def _signed_edge_length(

@@ -1,13 +1,20 @@
-"""What a triangle adds to the image at any one sample, between the layers in front and behind.
+"""What a translucent triangle adds at its edge, between the layers in front and behind.
 
-The list of the sample's tile is visited from the front. What lies in front of the triangle dims it
-by its transmittance. What lies behind is composited twice, with and without the triangle: under a
-depth test, a triangle that is drawn later but lies deeper shows only without it.
+An edge passes between two samples. At the one outside, all layers that cover it are visited from
+the front (`layer_masks`). What lies in front of the triangle dims it by its transmittance. What
+lies behind is composited twice, with and without the triangle: under a depth test, a triangle that
+is drawn later but lies deeper shows only without it.
+
+The triangle is dimmed by the smaller of the transmittances in front of it at the two samples. A
+layer in front that ends between the samples has a crossing of its own, so it must not brighten
+this one. The layers that cover both samples count once. Few layers in front cover the sample inside
+alone: the crossings with such layers are gathered and visited again.
 """
 
 import functools
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
@@ -16,9 +23,23 @@ from ..coverage.depth_test import Depths, depth_at
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
+from ..numerics.selected_lanes import visit_selected
 from ..shading.surface import Surface
-from .crossings import Sample
-from .visible_front import address, color_at, color_on_edge
+from .crossings import Crossings, Sample
+from .layer_masks import (
+    PLANE,
+    LayerMasks,
+    SampleAddress,
+    bits_before,
+    entry_bit,
+    find_in_lists,
+    first_layer,
+    gather_masks,
+    locate_layers,
+    most_layers,
+    without_first,
+)
+from .visible_front import color_at, color_on_edge
 
 
 class LayeredSamples(NamedTuple):
@@ -35,121 +56,217 @@ class LayeredSamples(NamedTuple):
     background: Float[Array, " channels"]
 
 
-class Addition(NamedTuple):
-    """What a triangle adds to a sample, as if it covered it.
-
-    - `is_covering`: whether it covers the sample and passes the depth test there.
-    - `transmittance`: product of (1 - alpha) of the layers in front of it.
-    - `gain`: by how much it changes the premultiplied colour of the sample, dimmed by this
-      transmittance, were it to cover the sample.
-    """
-
-    is_covering: Bool[Array, "lines runs"]
-    transmittance: Float[Array, "lines runs"]
-    gain: Float[Array, "channels lines runs"]
-
-
-class _State(NamedTuple):
-    """State of a loop over the list of a sample, from the front to the back.
-
-    - `is_covering`, `transmittance`: as in `Addition`.
-    - `hidden`: whether a triangle drawn earlier lies nearer, so that this one fails the depth test.
-    - `with_color`, `with_transmittance`: premultiplied colour and transmittance of the layers that
-      lie behind the triangle and are visible through it.
-    - `without_color`, `without_transmittance`: the same for the layers that would be visible if
-      the triangle were absent.
-    """
-
-    is_covering: Bool[Array, "lines runs"]
-    transmittance: Float[Array, "lines runs"]
-    hidden: Bool[Array, "lines runs"]
-    with_color: Float[Array, "channels lines runs"]
-    with_transmittance: Float[Array, "lines runs"]
-    without_color: Float[Array, "channels lines runs"]
-    without_transmittance: Float[Array, "lines runs"]
-
-
 class EdgeLayer(NamedTuple):
-    """A triangle at each crossing of its edge.
+    """The triangle of an edge, at each crossing.
 
     - `color`: premultiplied RGBA on the edge. Next to it, a triangle that is thinner than the
       distance of samples could only be given an extrapolated colour.
-    - `depth`: None without depth.
+    - `depth_inside`, `depth_outside`: at both samples; None without depth.
     """
 
     triangle: Int[Array, "lines runs"]
     color: Float[Array, "4 lines runs"]
-    depth: Float[Array, "lines runs"] | None
+    depth_inside: Float[Array, "lines runs"] | None
+    depth_outside: Float[Array, "lines runs"] | None
 
 
-def addition(
-    samples: LayeredSamples, edge_layer: EdgeLayer, sample: Sample, tiling: Tiling, *, flat: bool
-) -> Addition:
-    """Compute what each triangle adds at its sample.
+class EdgeGain(NamedTuple):
+    """What each triangle adds at its edge.
 
-    Not differentiable, because the number of steps of the loop is the length of the longest list.
+    - `gain`: by how much it changes the premultiplied colour just outside the edge, were it to
+      cover that too, dimmed by what lies in front.
+    - `covers_inside`, `covers_outside`: whether it covers the samples and passes the depth test.
     """
-    surface, lists, depths = samples.surface, samples.lists, samples.depths
-    triangle, own_depth = edge_layer.triangle, edge_layer.depth
-    channels, shape = samples.background.shape[0], triangle.shape
-    rows = samples.passed.shape[1]
-    words = samples.passed.reshape(-1)
-    start, count, word_index, bit = _locate_list(lists, sample, tiling)
 
-    def visit(k: Int[Array, ""], state: _State) -> _State:
-        other, is_covering = _read_pair(
-            words, lists.triangle, start, count, word_index, bit, k, rows=rows
+    gain: Float[Array, "channels lines runs"]
+    covers_inside: Bool[Array, "lines runs"]
+    covers_outside: Bool[Array, "lines runs"]
+
+
+class _Behind(NamedTuple):
+    """Premultiplied colour and transmittance of the layers behind a triangle, so far."""
+
+    color: Float[Array, "channels lines runs"]
+    transmittance: Float[Array, "lines runs"]
+
+
+class _State(NamedTuple):
+    """State of the loop over the layers at the samples outside.
+
+    - `in_front_of_both`: transmittance of the layers in front that cover both samples;
+      `in_front_outside`: of those that cover the sample outside alone.
+    - `hidden`: whether a triangle drawn earlier lies nearer, so that this one fails the depth test.
+    - `behind`: what is visible through the triangle; `without`: what would be visible if it were
+      absent. The latter is None without depth, as both are the same.
+    """
+
+    in_front_of_both: Float[Array, "lines runs"]
+    in_front_outside: Float[Array, "lines runs"]
+    hidden: Bool[Array, "lines runs"]
+    behind: _Behind
+    without: _Behind | None
+
+
+class _Lists(NamedTuple):
+    """Where the layers of both samples of each crossing are.
+
+    - `is_one_list`: whether both samples are in one tile, so that their masks can be compared.
+    - `position`: number of entries before the triangle in the list of the sample outside.
+    - `is_listed`: whether the next entry is the triangle.
+    """
+
+    inside: SampleAddress
+    outside: SampleAddress
+    is_one_list: Bool[Array, "lines runs"]
+    position: Int[Array, "lines runs"]
+    is_listed: Bool[Array, "lines runs"]
+
+
+class _Masks(NamedTuple):
+    """Entries of one plane of the list of the sample outside, as masks.
+
+    - `outside`: those that cover the sample outside; `both`: and the one inside.
+    - `inside_alone`: those in front of the triangle that cover the sample inside alone.
+    - `own_inside`, `own_outside`: the triangle itself, if it covers the sample.
+    """
+
+    outside: UInt32[Array, "lines runs"]
+    both: UInt32[Array, "lines runs"]
+    inside_alone: UInt32[Array, "lines runs"]
+    own_inside: UInt32[Array, "lines runs"]
+    own_outside: UInt32[Array, "lines runs"]
+
+
+class _Found(NamedTuple):
+    """What the masks of all planes tell about each crossing.
+
+    - `is_inside_alone`: whether a layer in front covers the sample inside alone.
+    - `covers_inside`, `covers_outside`: as in `EdgeGain`.
+    """
+
+    is_inside_alone: Bool[Array, "lines runs"]
+    covers_inside: Bool[Array, "lines runs"]
+    covers_outside: Bool[Array, "lines runs"]
+
+
+def edge_gains(
+    samples: LayeredSamples,
+    masks: LayerMasks,
+    crossings: Crossings,
+    edge_layer: EdgeLayer,
+    tiling: Tiling,
+) -> EdgeGain:
+    """Compute what the triangle of each edge adds just outside the edge.
+
+    Not differentiable, because the number of steps of the loops depends on values.
+    """
+    where = _locate_lists(masks, crossings, edge_layer.triangle, tiling)
+    shape, dtype = where.position.shape, samples.background.dtype
+    clear, false = jnp.ones(shape, dtype), jnp.zeros(shape, bool)
+    black = jnp.zeros((samples.background.shape[0], *shape), dtype)
+    behind = _Behind(black, clear)
+    state = _State(clear, clear, false, behind, None if samples.depths is None else behind)
+
+    def visit_plane(plane: Int[Array, ""], carry: tuple[_State, _Found]) -> tuple[_State, _Found]:
+        state, found = carry
+        inside, outside = (
+            gather_masks(masks, address, plane) for address in (where.inside, where.outside)
         )
-        agrees = jnp.ones(shape, bool)
-        if depths is not None and own_depth is not None:
-            depth = depth_at(depths, other, sample, tiling)
-            # Of equal depths the later is in front.
-            agrees = jnp.where(other > triangle, depth <= own_depth, depth >= own_depth)
-        color = _rgba_at(surface, other, sample, tiling, flat=flat)
-        return _add_layer(state, triangle, other, is_covering, color, agrees)
+        compared = _compare_masks(inside, outside, crossings.valid, where, plane)
+        state = _visit_outside(
+            samples, crossings.outside, edge_layer, compared, where, plane, state, tiling
+        )
+        return state, _add_found(found, compared)
 
-    dtype = samples.background.dtype
-    false, clear = jnp.zeros(shape, bool), jnp.ones(shape, dtype)
-    black = jnp.zeros((channels, *shape), dtype)
-    state = _State(false, clear, false, black, clear, black, clear)
-    state = repeat(jnp.max(count), visit, state)
-    return _addition_of_state(state, edge_layer.color, samples.background)
-
-
-@functools.partial(materialized, static_argnames=("tiling",))
-def _locate_list(
-    lists: TileLists, sample: Sample, tiling: Tiling
-) -> tuple[
-    Int[Array, "lines runs"],
-    Int[Array, "lines runs"],
-    Int[Array, "lines runs"],
-    UInt32[Array, "lines runs"],
-]:
-    """Start and length of the list of each sample's tile; word and bit as in `address`."""
-    tile, word_index, bit = address(sample, tiling)
-    return lists.start[tile], lists.count[tile], word_index, bit
+    planes = _count_planes(samples.lists)
+    state, found = repeat(planes, visit_plane, (state, _Found(false, false, false)))
+    in_front_inside, covers_inside = _visit_inside(
+        samples, masks, crossings, edge_layer, where, found, tiling
+    )
+    gain = _gain(state, in_front_inside, edge_layer.color, samples.background)
+    return EdgeGain(gain, covers_inside, found.covers_outside)
 
 
-@functools.partial(materialized, static_argnames=("rows",))
-def _read_pair(
-    words: UInt32[Array, " words"],
-    listed_triangles: Int[Array, " pairs"],
-    start: Int[Array, "lines runs"],
-    count: Int[Array, "lines runs"],
-    word_index: Int[Array, "lines runs"],
-    bit: UInt32[Array, "lines runs"],
-    k: Int[Array, ""],
-    *,
-    rows: int,
-) -> tuple[Int[Array, "lines runs"], Bool[Array, "lines runs"]]:
-    """Read entry `k` of each sample's list: its triangle, and whether that covers the sample.
+@materialized
+def _count_planes(lists: TileLists) -> Int[Array, ""]:
+    """Number of planes that hold the longest list."""
+    return -(-jnp.max(lists.count) // PLANE)
 
-    `words` are the coverage words of all pairs, with `rows` words per pair.
-    """
-    pair = jnp.clip(start + k, 0, listed_triangles.shape[0] - 1)
-    word = words.at[pair * rows + word_index].get(mode="promise_in_bounds")
-    is_covering = ((word >> bit) & jnp.uint32(1) == 1) & (k < count)
-    return listed_triangles.at[pair].get(mode="promise_in_bounds"), is_covering
+
+def _locate_lists(
+    masks: LayerMasks, crossings: Crossings, triangle: Int[Array, "lines runs"], tiling: Tiling
+) -> _Lists:
+    """Find the layers of both samples of each crossing."""
+    inside, outside = (
+        locate_layers(masks, sample, tiling) for sample in (crossings.inside, crossings.outside)
+    )
+    position, is_listed = find_in_lists(masks, outside, triangle)
+    return _Lists(inside, outside, inside.tile == outside.tile, position, is_listed)
+
+
+@materialized
+def _compare_masks(
+    inside: UInt32[Array, "lines runs"],
+    outside: UInt32[Array, "lines runs"],
+    is_valid: Bool[Array, "lines runs"],
+    where: _Lists,
+    plane: Int[Array, ""],
+) -> _Masks:
+    """Compare the masks of both samples; those of different tiles have nothing in common."""
+    none = jnp.uint32(0)
+    outside = jnp.where(is_valid, outside, none)
+    inside = jnp.where(is_valid & where.is_one_list, inside, none)
+    own = jnp.where(where.is_listed, entry_bit(where.position, plane), none)
+    in_front = bits_before(where.position, plane)
+    return _Masks(
+        outside, outside & inside, inside & ~outside & in_front, inside & own, outside & own
+    )
+
+
+@materialized
+def _add_found(found: _Found, compared: _Masks) -> _Found:
+    """Add what the masks of one plane tell."""
+    return _Found(*(known | (mask != 0) for known, mask in zip(found, compared[2:], strict=True)))
+
+
+def _visit_outside(
+    samples: LayeredSamples,
+    outside: Sample,
+    edge_layer: EdgeLayer,
+    compared: _Masks,
+    where: _Lists,
+    plane: Int[Array, ""],
+    state: _State,
+    tiling: Tiling,
+) -> _State:
+    """Visit the layers of one plane that cover the samples outside, from the front."""
+    surface, depths, triangle = samples.surface, samples.depths, edge_layer.triangle
+
+    def visit(
+        _: Int[Array, ""], carry: tuple[UInt32[Array, "lines runs"], _State]
+    ) -> tuple[UInt32[Array, "lines runs"], _State]:
+        remaining, state = carry
+        other = first_layer(remaining, where.outside, samples.lists.triangle, plane)
+        depth = None if depths is None else depth_at(depths, other, outside, tiling)
+        color = _rgba_at(surface, other, outside, tiling, flat=surface.is_flat)
+        agrees = _agrees(other, triangle, depth, edge_layer.depth_outside)
+        state = _add_layer(state, triangle, other, remaining, compared.both, color, agrees)
+        return without_first(remaining), state
+
+    return repeat(most_layers(compared.outside), visit, (compared.outside, state))[1]
+
+
+def _agrees(
+    other: Int[Array, "*samples"],
+    triangle: Int[Array, "*samples"],
+    depth: Float[Array, "*samples"] | None,
+    own_depth: Float[Array, "*samples"] | None,
+) -> Bool[Array, "*samples"]:
+    """Whether, of another layer and the triangle, the one drawn later is in front."""
+    if depth is None or own_depth is None:
+        return jnp.ones(other.shape, bool)
+    # Of equal depths the later is in front.
+    return jnp.where(other > triangle, depth <= own_depth, depth >= own_depth)
 
 
 @materialized
@@ -157,45 +274,169 @@ def _add_layer(
     state: _State,
     triangle: Int[Array, "lines runs"],
     other: Int[Array, "lines runs"],
-    is_covering: Bool[Array, "lines runs"],
+    remaining: UInt32[Array, "lines runs"],
+    covers_both: UInt32[Array, "lines runs"],
     color: Float[Array, "4 lines runs"],
     agrees: Bool[Array, "lines runs"],
 ) -> _State:
-    """Update the state by the next layer of a list, the triangle `other`.
+    """Update the state by the next layer, the triangle `other`.
 
-    - `is_covering`: whether the layer covers the sample.
-    - `agrees`: whether, of this layer and the triangle, the one drawn later is in front.
+    It is the first entry of the mask `remaining`; `covers_both`: as in `_Masks`. `agrees`: whether,
+    of this layer and the triangle, the one drawn later is in front.
     """
-    is_later = is_covering & (other > triangle)
+    is_layer = remaining != 0
+    is_shared = (remaining & covers_both & (~remaining + jnp.uint32(1))) != 0
+    is_later, is_earlier = is_layer & (other > triangle), is_layer & (other < triangle)
     is_in_front = is_later & agrees
-    is_earlier = is_covering & (other < triangle)
-    is_behind = (is_later & ~is_in_front) | is_earlier
-    alpha, shown = color[3], color[: state.without_color.shape[0]]
+    passes = 1.0 - color[3]
+    without = state.without
+    if without is not None:
+        without = _add_behind(without, color, (is_later & ~agrees) | is_earlier)
     return _State(
-        state.is_covering | (is_covering & (other == triangle)),
-        state.transmittance * jnp.where(is_in_front, 1.0 - alpha, 1.0),
+        jnp.where(is_in_front & is_shared, passes, 1.0) * state.in_front_of_both,
+        jnp.where(is_in_front & ~is_shared, passes, 1.0) * state.in_front_outside,
         state.hidden | (is_earlier & ~agrees),
-        state.with_color + jnp.where(is_earlier, state.with_transmittance, 0.0)[None] * shown,
-        state.with_transmittance * jnp.where(is_earlier, 1.0 - alpha, 1.0),
-        state.without_color + jnp.where(is_behind, state.without_transmittance, 0.0)[None] * shown,
-        state.without_transmittance * jnp.where(is_behind, 1.0 - alpha, 1.0),
+        _add_behind(state.behind, color, is_earlier),
+        without,
     )
 
 
-@materialized
-def _addition_of_state(
-    state: _State, color: Float[Array, "4 lines runs"], background: Float[Array, " channels"]
-) -> Addition:
-    """Compute the difference that the triangle makes from the state after the last layer.
+def _add_behind(
+    behind: _Behind, color: Float[Array, "4 lines runs"], is_behind: Bool[Array, "lines runs"]
+) -> _Behind:
+    """Add a layer where it is behind the triangle."""
+    shown = color[: behind.color.shape[0]]
+    return _Behind(
+        behind.color + jnp.where(is_behind, behind.transmittance, 0.0)[None] * shown,
+        behind.transmittance * jnp.where(is_behind, 1.0 - color[3], 1.0),
+    )
 
-    `color` is the triangle's own.
+
+class _InsideState(NamedTuple):
+    """State of the visits to samples inside, for every crossing.
+
+    - `in_front`: transmittance of the layers in front that do not cover the sample outside.
+    - `covers`: whether the triangle covers the sample.
     """
-    channels, background = background.shape[0], background[:, None, None]
-    under = state.with_color + state.with_transmittance[None] * background
-    before = state.without_color + state.without_transmittance[None] * background
+
+    in_front: Float[Array, " crossings"]
+    covers: Bool[Array, " crossings"]
+
+
+class _InsideLanes(NamedTuple):
+    """The crossings of a group: `is_one_list` and `position` as in `_Lists`."""
+
+    inside: SampleAddress
+    outside: SampleAddress
+    is_one_list: Bool[Array, " group"]
+    position: Int[Array, " group"]
+    triangle: Int[Array, " group"]
+    depth: Float[Array, " group"] | None
+    sample: Sample
+
+
+def _visit_inside(
+    samples: LayeredSamples,
+    masks: LayerMasks,
+    crossings: Crossings,
+    edge_layer: EdgeLayer,
+    where: _Lists,
+    found: _Found,
+    tiling: Tiling,
+) -> tuple[Float[Array, "lines runs"], Bool[Array, "lines runs"]]:
+    """Visit the layers that cover the sample inside alone, or whose tile is another.
+
+    Returns the transmittance of those in front of the triangle, and whether that covers the sample.
+    """
+    lanes = _InsideLanes(
+        where.inside,
+        where.outside,
+        where.is_one_list,
+        where.position,
+        edge_layer.triangle,
+        edge_layer.depth_inside,
+        crossings.inside,
+    )
+    lanes = jax.tree.map(lambda entry: entry.reshape(-1), lanes)
+    shape = where.position.shape
+
+    def visit_group(group: Int[Array, " group"], state: _InsideState) -> _InsideState:
+        gathered = _gather_lanes(lanes, group)
+        in_front, covers = _look_inside(samples, masks, gathered, tiling)
+        covers = covers | state.covers.at[group].get(mode="clip")
+        return _InsideState(
+            state.in_front.at[group].set(in_front, mode="drop"),
+            state.covers.at[group].set(covers, mode="drop"),
+        )
+
+    selected = crossings.valid & (found.is_inside_alone | ~where.is_one_list)
+    clear = jnp.ones(selected.size, samples.background.dtype)
+    state = _InsideState(clear, found.covers_inside.reshape(-1))
+    state = visit_selected(selected.reshape(-1), visit_group, state)
+    return state.in_front.reshape(shape), state.covers.reshape(shape)
+
+
+@materialized
+def _gather_lanes(lanes: _InsideLanes, group: Int[Array, " group"]) -> _InsideLanes:
+    """Gather the crossings of a group."""
+    return jax.tree.map(lambda entry: entry.at[group].get(mode="clip"), lanes)
+
+
+def _look_inside(
+    samples: LayeredSamples, masks: LayerMasks, lanes: _InsideLanes, tiling: Tiling
+) -> tuple[Float[Array, " group"], Bool[Array, " group"]]:
+    """Compute `_InsideState` for the crossings of a group."""
+    surface, depths, triangle = samples.surface, samples.depths, lanes.triangle
+
+    def visit_plane(plane: Int[Array, ""], state: _InsideState) -> _InsideState:
+        inside, outside = (
+            gather_masks(masks, address, plane) for address in (lanes.inside, lanes.outside)
+        )
+        # Where lists differ, all layers are visited, and the triangle is recognized among them.
+        in_one_list = inside & ~outside & bits_before(lanes.position, plane)
+        remaining = jnp.where(lanes.is_one_list, in_one_list, inside)
+
+        def visit(
+            _: Int[Array, ""], carry: tuple[UInt32[Array, " group"], _InsideState]
+        ) -> tuple[UInt32[Array, " group"], _InsideState]:
+            remaining, state = carry
+            other = first_layer(remaining, lanes.inside, samples.lists.triangle, plane)
+            depth = None if depths is None else depth_at(depths, other, lanes.sample, tiling)
+            color = _rgba_at_each(surface, other, lanes.sample, tiling)
+            is_layer = remaining != 0
+            is_in_front = is_layer & (other > triangle)
+            is_in_front = is_in_front & _agrees(other, triangle, depth, lanes.depth)
+            return without_first(remaining), _InsideState(
+                state.in_front * jnp.where(is_in_front, 1.0 - color[3], 1.0),
+                state.covers | (is_layer & (other == triangle)),
+            )
+
+        return repeat(most_layers(remaining), visit, (remaining, state))[1]
+
+    clear = jnp.ones(triangle.shape, samples.background.dtype)
+    state = _InsideState(clear, jnp.zeros(triangle.shape, bool))
+    in_front, covers = repeat(_count_planes(samples.lists), visit_plane, state)
+    return in_front, covers
+
+
+@materialized
+def _gain(
+    state: _State,
+    in_front_inside: Float[Array, "lines runs"],
+    color: Float[Array, "4 lines runs"],
+    background: Float[Array, " channels"],
+) -> Float[Array, "channels lines runs"]:
+    """Compute `EdgeGain.gain` from the state after the last layer; `color` is the triangle's."""
+    channels = background.shape[0]
+
+    def over_background(layers: _Behind) -> Float[Array, "channels lines runs"]:
+        return layers.color + layers.transmittance[None] * background[:, None, None]
+
+    under = over_background(state.behind)
+    before = under if state.without is None else over_background(state.without)
     after = color[:channels] + (1.0 - color[3])[None] * under
-    gain = jnp.where(state.hidden[None], 0.0, (after - before) * state.transmittance[None])
-    return Addition(state.is_covering, state.transmittance, gain)
+    dimming = state.in_front_of_both * jnp.minimum(in_front_inside, state.in_front_outside)
+    return jnp.where(state.hidden[None], 0.0, (after - before) * dimming[None])
 
 
 def rgba_on_edge(
@@ -223,6 +464,14 @@ def _rgba_at(
     clear = jnp.zeros(surface.channels, surface.corners.color.dtype)
     color = color_at(surface, clear, triangle, sample, tiling, flat=flat)
     return materialized(functools.partial(_to_rgba, flat=flat))(color)
+
+
+def _rgba_at_each(
+    surface: Surface, triangle: Int[Array, " group"], sample: Sample, tiling: Tiling
+) -> Float[Array, "4 group"]:
+    """Premultiplied RGBA of triangles at samples, for a list of both."""
+    at = Sample(sample.column[None], sample.row[None])
+    return _rgba_at(surface, triangle[None], at, tiling, flat=surface.is_flat)[:, 0]
 
 
 def _to_rgba(

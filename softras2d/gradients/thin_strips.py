@@ -9,7 +9,6 @@ processed in groups.
 
 import functools
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -20,7 +19,7 @@ from ..geometry.fixed_point import Edges
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
-from ..numerics.prefix import list_flagged
+from ..numerics.selected_lanes import visit_selected
 from .crossings import Crossings, Sample
 from .sample_colors import OpaqueSamples
 from .visible_front import address
@@ -28,9 +27,6 @@ from .visible_front import address
 _OUTSIDE = 1.0 / 64
 """Distance, in samples, from an edge to the point outside it that is tested. Thinner strips are
 ignored."""
-
-_LANES = 512
-"""Number of crossings in a group."""
 
 
 def ends_before_edge(
@@ -63,7 +59,6 @@ def fill_strips(
 
     Without a strip (`is_strip`) these are `outer` and `owned`.
     """
-    strips, count = _list_strips(is_strip)
     depth_of_edge = None
     if samples.depths is not None:
         depth_of_edge = depth_on_edge(samples.depths, crossings.edge, crossings.t).reshape(-1)
@@ -71,9 +66,9 @@ def fill_strips(
     offset = jnp.stack(_offset_outside(crossings))
 
     def visit(
-        group: Int[Array, ""], state: tuple[Int[Array, " crossings"], Bool[Array, " crossings"]]
+        lanes: Int[Array, " group"],
+        state: tuple[Int[Array, " crossings"], Bool[Array, " crossings"]],
     ) -> tuple[Int[Array, " crossings"], Bool[Array, " crossings"]]:
-        lanes = jax.lax.dynamic_slice_in_dim(strips, group * _LANES, _LANES)
         triangle, outside, lane_offset = _gather_crossings(lanes, owner, crossings.outside, offset)
         own_depth = None
         if depth_of_edge is not None:
@@ -85,20 +80,8 @@ def fill_strips(
         return far.at[lanes].set(behind, mode="drop"), owned.at[lanes].set(is_visible, mode="drop")
 
     state = outer.reshape(-1), owned.reshape(-1)
-    far, owned = repeat(-(-count // _LANES), visit, state)
+    far, owned = visit_selected(is_strip.reshape(-1), visit, state)
     return far.reshape(outer.shape), owned.reshape(outer.shape)
-
-
-@materialized
-def _list_strips(
-    is_strip: Bool[Array, "lines runs"],
-) -> tuple[Int[Array, " padded"], Int[Array, ""]]:
-    """List the indices of the crossings with a strip, padded to whole groups, and count them.
-
-    Unused entries are the number of crossings.
-    """
-    size = is_strip.size
-    return list_flagged(is_strip.reshape(-1), capacity=size + -size % _LANES)
 
 
 @materialized

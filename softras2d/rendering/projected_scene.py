@@ -11,10 +11,12 @@ from ..geometry import fixed_point
 from ..geometry.fixed_point import Edges, Grid, GridTriangles, SampleBounds, reorient
 from ..geometry.guard_band import WeightPlanes
 from ..geometry.projection import project
-from ..gradients.boundary_term import Outlines
+from ..geometry.tiling import Tiling
+from ..gradients.boundary_term import BoundaryShape, Outlines
 from ..gradients.crossings import Sides, is_steep, lines_crossed
 from ..gradients.interior_term import attach_interior_term, weight_gradients
 from ..numerics.fusion_barrier import materialized
+from ..planning.capacities import Capacity
 from ..planning.effects import is_occluder, varies
 from ..planning.plan import Plan
 from ..scene import Scene
@@ -121,3 +123,8 @@ def _surface(
         gradients = weight_gradients(edges, weights, plan.grid, scene.positions.dtype)
         corners = attach_interior_term(corners, scene.positions, outlines.vertex, gradients)
     return surface_of(edges, weights, corners, scene.texture_index, scene.textures, plan.filter)
+
+
+def boundary_shape(tiling: Tiling, channels: int, capacity: Capacity) -> BoundaryShape:
+    """Shape of the boundary term of an image with this many channels."""
+    return BoundaryShape(tiling, channels, capacity.crossings, capacity.max_chunks, capacity.layers)

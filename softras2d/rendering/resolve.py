@@ -6,12 +6,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..gradients.boundary_term import BoundaryShape, boundary_term
+from ..gradients.boundary_term import boundary_term
 from ..gradients.sample_colors import OpaqueSamples
 from .corner_weights import buffer_weights, with_unit_corners
 from .given_colors import ArrayColors, Shade, ShadedColors
 from .overflow import poison_if
-from .projected_scene import Projected
+from .projected_scene import Projected, boundary_shape
 from .sample_grid import samples_of_rows
 from .visibility import Visibility
 from .visible_samples import bin_scene, find_visible
@@ -78,7 +78,7 @@ def _boundary(
     scene, plan = visible.scene, visible.plan
     assert projected.outlines is not None
     capacity = plan.capacity_of(scene.triangles.shape[0])
-    shape = BoundaryShape(plan.tiling, channels, capacity.crossings, capacity.max_chunks)
+    shape = boundary_shape(plan.tiling, channels, capacity)
     return boundary_term(shape, scene.positions, scene.depth, projected.outlines, samples)
 
 

@@ -10,10 +10,12 @@ from jaxtyping import Array, Float, Int
 
 from ..binning.lists import Chunks
 from ..compositing import deferred_shading, opaque, over
+from ..compositing.over_shaded import composite_shaded
+from ..compositing.sample_blocks import list_pairs
 from ..geometry.barycentric import Weights, slot_weights
 from ..geometry.fixed_point import Grid
 from ..geometry.tiling import Tiling
-from ..gradients.boundary_term import BoundaryShape, boundary_term
+from ..gradients.boundary_term import boundary_term
 from ..gradients.layered_samples import LayeredSamples
 from ..gradients.sample_colors import OpaqueSamples, SurfaceColors
 from ..numerics.fusion_barrier import materialized
@@ -32,7 +34,7 @@ from ..shading.fragments import list_fragments
 from ..shading.surface import Surface
 from .coverage_mode import CoverageMode, Drawn, Growth, Layout
 from .layout import Listing, choose_layout
-from .projected_scene import Projected
+from .projected_scene import Projected, boundary_shape
 from .visible_samples import BinnedScene, VisibleSamples, bin_scene, find_visible, listed_words
 
 
@@ -74,6 +76,8 @@ class SampledMode(CoverageMode):
         needs = binned.needs
         if is_translucent(scene):
             image = _composite_translucent(binned, background, scene, plan, capacity)
+            longest = jnp.max(binned.lists.count)
+            needs = needs._replace(max_chunks=-(-longest // max(capacity.layers, 1)))
         else:
             visible = find_visible(binned, scene, plan)
             image, fragments = _sum_opaque(
@@ -94,12 +98,16 @@ def _composite_translucent(
     assert steps is not None
     tiling, shading = plan.tiling, plan.hard.shading
     covered, passed = listed_words(binned, plan)
-    shading = shading if is_shaded(scene, shading) else None
-    sums = over.composite(projected.surface, passed, covered, lists, steps, tiling, shading=shading)
+    pairs = list_pairs(lists.triangle, passed, covered, tiling)
+    if is_shaded(scene, shading):
+        sums = composite_shaded(projected.surface, pairs, steps, tiling, shading=shading)
+    else:
+        longest = capacity.max_chunks * capacity.layers
+        sums = over.composite(projected.surface, pairs, steps, tiling, longest=longest)
     image = over.to_image(sums, background, tiling)
     if projected.outlines is not None:
         samples = LayeredSamples(passed, lists, projected.surface, projected.depths, background)
-        shape = BoundaryShape(tiling, image.shape[-1], capacity.crossings, 0)
+        shape = boundary_shape(tiling, image.shape[-1], capacity)
         image = image + boundary_term(
             shape, scene.positions, scene.depth, projected.outlines, samples
         )
@@ -123,8 +131,7 @@ def _sum_opaque(
     visible, covered_so_far, chunks = front
     surface = projected.surface
     if background.shape[0] == 4:
-        opaque_corners = opaque.with_alpha(surface.corners.color)
-        surface = surface._replace(corners=surface.corners._replace(color=opaque_corners))
+        surface = surface.with_colors(opaque.with_alpha(surface.corners.color))
     fragment_count = jnp.zeros((), jnp.int32)
     shading = plan.hard.shading
     if is_shaded(scene, shading):
@@ -142,7 +149,7 @@ def _sum_opaque(
         samples = OpaqueSamples(
             front, covered, projected.edges, projected.depths, SurfaceColors(background, surface)
         )
-        shape = BoundaryShape(tiling, image.shape[-1], capacity.crossings, capacity.max_chunks)
+        shape = boundary_shape(tiling, image.shape[-1], capacity)
         image = image + boundary_term(
             shape, scene.positions, scene.depth, projected.outlines, samples
         )

@@ -70,6 +70,10 @@ class Surface(NamedTuple):
         """Number of texture lookups at each point; 1 for a surface without textures."""
         return 1 if self.textures is None else self.filter.anisotropy
 
+    def with_colors(self, colors: Float[Array, "corners channels triangles"]) -> "Surface":
+        """The surface with other colours at the corners."""
+        return self._replace(corners=self.corners._replace(color=colors))
+
     @property
     def is_flat(self) -> bool:
         """Whether each triangle has one colour."""

@@ -1,0 +1,159 @@
+"""Composite translucent triangles whose colours must be shaded, such as those with textures.
+
+As in `over`, but the colours of each layer are evaluated at every sample, or once for each pixel.
+Steps go through the lists of all blocks, one after another, so that both passes of automatic
+differentiation have a known number of them.
+"""
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, UInt32
+
+from ..binning.lists import Steps
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import materialized
+from ..shading.fragments import Fragments, shading_points
+from ..shading.surface import Lanes, Points, Surface, gather_lanes, surface_lanes
+from ..shading.triangle_color import shade
+from .over import in_order_of_tiles
+from .sample_blocks import (
+    ListedPairs,
+    gather_words,
+    sample_positions,
+    sum_covered,
+    transmittance_behind,
+)
+
+
+def composite_shaded(
+    surface: Surface, pairs: ListedPairs, steps: Steps, tiling: Tiling, *, shading: str
+) -> Float[Array, "tiles 4 tile_width tile_height"]:
+    """Sum premultiplied colour and alpha over each pixel's samples, without background.
+
+    `shading` is as in `Hard.shading`.
+    """
+    dtype = surface.corners.color.dtype
+    rate, height, width = tiling.grid.rate, tiling.height, tiling.width
+    blocks, block = steps.tile.shape
+    lines = block * height
+
+    def visit(state: tuple[Array, Array, Array], step: tuple[Array, Array, Array]) -> Any:
+        image, transmittance, sums = state
+        number, which, position = step
+        is_first = position == 0
+        is_valid = (position < steps.count[which]) & (number < steps.needed)
+        transmittance = _start_if(is_first, transmittance, initial=1.0)
+        sums = _start_if(is_first, sums, initial=0.0)
+        transmittance, sums = _blend(
+            surface,
+            pairs,
+            (transmittance, sums),
+            steps.start[which] + position,
+            is_valid,
+            steps.tile[which],
+            tiling,
+            shading,
+        )
+        return (image.at[which].set(sums), transmittance, sums), None
+
+    initial = (
+        jnp.zeros((blocks, 4, width, lines), dtype),
+        jnp.ones((rate, rate, width, lines), dtype),
+        jnp.zeros((4, width, lines), dtype),
+    )
+    numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
+    with jax.named_scope("transmittance"):
+        (image, _, _), _ = jax.lax.scan(visit, initial, (numbers, steps.block, steps.position))
+    return in_order_of_tiles(image, steps, tiling)
+
+
+@functools.partial(materialized, static_argnames=("initial",))
+def _start_if(
+    is_first: Bool[Array, ""], state: Float[Array, "..."], *, initial: float
+) -> Float[Array, "..."]:
+    """Replace the state where a new block starts."""
+    return jnp.where(is_first, initial, state)
+
+
+def _blend(
+    surface: Surface,
+    pairs: ListedPairs,
+    state: tuple[Float[Array, "*samples"], Float[Array, "4 width lines"]],
+    pair: Int[Array, " block"],
+    is_valid: Bool[Array, " block"],
+    tile: Int[Array, " block"],
+    tiling: Tiling,
+    shading: str,
+) -> tuple[Float[Array, "*samples"], Float[Array, "4 width lines"]]:
+    """Add one layer of a block to the transmittances and sums in front of it."""
+    transmittance, sums = state
+    passed, covered = (gather_words(words, pair, is_valid) for words in pairs[1:])
+    triangle = pairs.triangle.at[pair].get(mode="clip")
+    color = _shade_block(surface, covered, triangle, tile, tiling, shading)
+    visible = [sum_covered(passed, (transmittance, channel), tiling=tiling) for channel in color]
+    sums = _add_channels(sums, visible)
+    return transmittance_behind(transmittance, passed, color[3], tiling), sums
+
+
+def _shade_block(
+    surface: Surface,
+    covered: UInt32[Array, "sub_rows lines"],
+    triangle: Int[Array, " block"],
+    tile: Int[Array, " block"],
+    tiling: Tiling,
+    shading: str,
+) -> Float[Array, "4 sub_rows sub_columns width lines"]:
+    """Compute the premultiplied colours of a layer of a block at every sample."""
+    side, width = tiling.grid.rate, tiling.width
+    lines = covered.shape[1]
+    lanes = surface_lanes(surface, triangle, tile, tiling)
+    if shading == "pixel":
+        fragments = _block_fragments(covered, tiling)
+        lanes = gather_lanes(lanes, fragments.slot)
+        points = shading_points(
+            fragments, fragments.bits, surface.edges, lanes.weights, triangle, tile, tiling
+        )
+        color = shade(surface, lanes, points, tiling)
+        color = color.reshape(4, 1, 1, width, lines)
+        return jnp.broadcast_to(color, (4, side, side, width, lines))
+    lanes = _lanes_by_line(lanes, tiling.height)
+    positions = [x.reshape(-1, lines) for x in sample_positions(triangle.shape[0], tiling)]
+
+    def shade_point(across: Array, down: Array) -> Array:
+        return shade(surface, lanes, Points(None, across, down), tiling)
+
+    color = jax.vmap(shade_point, out_axes=1)(*positions)
+    return color.reshape(4, side, side, width, lines)
+
+
+@functools.partial(materialized, static_argnames=("height",))
+def _lanes_by_line(lanes: Lanes, height: int) -> Lanes:
+    """Repeat the lanes of a block's tiles for each of their lines."""
+    return jax.tree.map(lambda entry: jnp.repeat(entry, height, entry.ndim - 1), lanes)
+
+
+def _block_fragments(words: UInt32[Array, "sub_rows lines"], tiling: Tiling) -> Fragments:
+    """Make a fragment of each pixel of a block, `[width * lines]`.
+
+    The slot is the index of the tile in the block.
+    """
+    side, lines = tiling.grid.rate, words.shape[1]
+    column, line = (
+        jax.lax.broadcasted_iota(jnp.int32, (tiling.width, lines), axis).reshape(-1)
+        for axis in (0, 1)
+    )
+    shift = (column * side).astype(jnp.uint32)[None]
+    bits = (words[:, line] >> shift) & jnp.uint32((1 << side) - 1)
+    number = jnp.asarray(column.shape[0], jnp.int32)
+    return Fragments(line // tiling.height, column, line % tiling.height, bits, number)
+
+
+@materialized
+def _add_channels(
+    sums: Float[Array, "4 width lines"], visible_sums: list[Float[Array, "width lines"]]
+) -> Float[Array, "4 width lines"]:
+    """Add the sums of each channel over the visible samples."""
+    return sums + jnp.stack(visible_sums)

@@ -1,0 +1,185 @@
+"""Layer masks: for each sample of a translucent scene, which entries of its tile's list cover it.
+
+Coverage words have the samples of one triangle as their bits. Here they are transposed: the bits
+of a mask are the layers at one sample, nearest first, so that a loop visits only those.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int, UInt32
+
+from ..binning.tiles import TileLists
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import materialized
+from .crossings import Sample
+from .visible_front import address
+
+PLANE = 32
+"""Entries of a list in one plane of masks."""
+
+
+class LayerMasks(NamedTuple):
+    """Masks of every sample, in planes of 32 list entries.
+
+    Bit b of plane p says whether entry 32 p + b of its tile's list covers a sample.
+
+    - `masks`: for each column of samples of a tile, the words of all tiles, row by row as in
+      `address`.
+    """
+
+    masks: UInt32[Array, "planes columns tile_rows"]
+    lists: TileLists
+
+    @property
+    def longest(self) -> int:
+        """Length of the longest list that the planes can hold."""
+        return PLANE * self.masks.shape[0]
+
+
+class SampleAddress(NamedTuple):
+    """Where the layers of samples are found.
+
+    - `tile`: of each sample; `start`: first entry of the tile's list.
+    - `entry`: index of the sample's mask in a plane.
+    """
+
+    tile: Int[Array, "*samples"]
+    start: Int[Array, "*samples"]
+    entry: Int[Array, "*samples"]
+
+
+def layer_masks(
+    words: UInt32[Array, "pairs rows"], lists: TileLists, tiling: Tiling, *, longest: int
+) -> LayerMasks:
+    """Transpose the coverage words of the listed pairs; no list is longer than `longest`."""
+
+    def plane(number: Int[Array, ""]) -> UInt32[Array, "columns tile_rows"]:
+        return _transpose(_gather_plane(words, lists, number), columns=tiling.sample_columns)
+
+    planes = max(-(-longest // PLANE), 1)
+    return LayerMasks(jax.lax.map(plane, jnp.arange(planes, dtype=jnp.int32)), lists)
+
+
+@materialized
+def _gather_plane(
+    words: UInt32[Array, "pairs rows"], lists: TileLists, plane: Int[Array, ""]
+) -> UInt32[Array, "bits tile_rows"]:
+    """Gather the words of 32 entries of every tile's list; 0 past its end."""
+    entry = plane * PLANE + jnp.arange(PLANE, dtype=jnp.int32)[:, None]
+    gathered = words.at[lists.start[None] + entry].get(mode="clip")
+    gathered = jnp.where((entry < lists.count[None])[..., None], gathered, jnp.uint32(0))
+    return gathered.reshape(PLANE, -1)
+
+
+@functools.partial(materialized, static_argnames=("columns",))
+def _transpose(
+    words: UInt32[Array, "bits tile_rows"], *, columns: int
+) -> UInt32[Array, "columns tile_rows"]:
+    """Make a mask of 32 entries for each column from a word of columns for each entry."""
+    column = jnp.arange(columns, dtype=jnp.uint32)[:, None]
+    bits = [
+        ((words[entry][None] >> column) & jnp.uint32(1)) << jnp.uint32(entry)
+        for entry in range(PLANE)
+    ]
+    return functools.reduce(jnp.bitwise_or, bits)
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def locate_layers(masks: LayerMasks, sample: Sample, tiling: Tiling) -> SampleAddress:
+    """Find where the layers of samples are."""
+    tile, word_index, column = address(sample, tiling)
+    tile_rows = masks.masks.shape[2]
+    entry = column.astype(jnp.int32) * tile_rows + tile * tiling.sample_rows + word_index
+    return SampleAddress(tile, masks.lists.start[tile], entry)
+
+
+def gather_masks(
+    masks: LayerMasks, where: SampleAddress, plane: Int[Array, ""]
+) -> UInt32[Array, "*samples"]:
+    """Gather the masks of samples in a plane."""
+    one_plane = jax.lax.dynamic_index_in_dim(masks.masks, plane, 0, keepdims=False)
+    return _gather(one_plane.reshape(-1), where.entry)
+
+
+@materialized
+def _gather(
+    plane: UInt32[Array, " masks"], entry: Int[Array, "*samples"]
+) -> UInt32[Array, "*samples"]:
+    return plane.at[entry].get(mode="promise_in_bounds")
+
+
+def find_in_lists(
+    masks: LayerMasks, where: SampleAddress, triangle: Int[Array, "*samples"]
+) -> tuple[Int[Array, "*samples"], Bool[Array, "*samples"]]:
+    """Find a triangle in the list of each sample's tile.
+
+    Returns the number of entries in front of it, by draw order, and whether the next is the
+    triangle. By binary search: triangles descend along a list.
+    """
+    return _search(masks.lists, where, triangle, longest=masks.longest)
+
+
+@functools.partial(materialized, static_argnames=("longest",))
+def _search(
+    lists: TileLists, where: SampleAddress, triangle: Int[Array, "*samples"], *, longest: int
+) -> tuple[Int[Array, "*samples"], Bool[Array, "*samples"]]:
+    count = lists.count[where.tile]
+    last = lists.triangle.shape[0] - 1
+
+    def read(position: Int[Array, "*samples"]) -> Int[Array, "*samples"]:
+        pair = jnp.clip(where.start + position, 0, last)
+        return lists.triangle.at[pair].get(mode="promise_in_bounds")
+
+    position = jnp.zeros_like(triangle)
+    step = 1 << longest.bit_length()
+    while step:
+        probe = position + step
+        is_in_front = (probe <= count) & (read(probe - 1) > triangle)
+        position = jnp.where(is_in_front, probe, position)
+        step //= 2
+    return position, (position < count) & (read(position) == triangle)
+
+
+@materialized
+def most_layers(mask: UInt32[Array, "*samples"]) -> Int[Array, ""]:
+    """The largest number of entries in any of the masks."""
+    return jnp.max(jax.lax.population_count(mask)).astype(jnp.int32)
+
+
+def bits_before(
+    position: Int[Array, "*samples"], plane: Int[Array, ""]
+) -> UInt32[Array, "*samples"]:
+    """Mask of the entries of a plane before a position in the list."""
+    count = jnp.clip(position - plane * PLANE, 0, PLANE).astype(jnp.uint32)
+    some = (jnp.uint32(1) << jnp.minimum(count, jnp.uint32(PLANE - 1))) - jnp.uint32(1)
+    return jnp.where(count == PLANE, jnp.uint32(0xFFFFFFFF), some)
+
+
+def entry_bit(position: Int[Array, "*samples"], plane: Int[Array, ""]) -> UInt32[Array, "*samples"]:
+    """Mask of one entry of the list; 0 if it is in another plane."""
+    bit = position - plane * PLANE
+    is_in_plane = (bit >= 0) & (bit < PLANE)
+    shifted = jnp.uint32(1) << jnp.clip(bit, 0, PLANE - 1).astype(jnp.uint32)
+    return jnp.where(is_in_plane, shifted, jnp.uint32(0))
+
+
+@materialized
+def first_layer(
+    mask: UInt32[Array, "*samples"],
+    where: SampleAddress,
+    listed_triangles: Int[Array, " pairs"],
+    plane: Int[Array, ""],
+) -> Int[Array, "*samples"]:
+    """Triangle of the first entry in each mask; any triangle where the mask is empty."""
+    lowest = mask & (~mask + jnp.uint32(1))
+    entry = jax.lax.population_count(lowest - jnp.uint32(1)).astype(jnp.int32)
+    pair = jnp.clip(where.start + plane * PLANE + entry, 0, listed_triangles.shape[0] - 1)
+    return listed_triangles.at[pair].get(mode="promise_in_bounds")
+
+
+def without_first(mask: UInt32[Array, "*samples"]) -> UInt32[Array, "*samples"]:
+    """The mask without its first entry."""
+    return mask & (mask - jnp.uint32(1))
