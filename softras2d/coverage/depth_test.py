@@ -54,15 +54,15 @@ def keep_nearest(
     area = materialized(functools.partial(twice_area, dtype=dtype))(depths.edges)
 
     def visit(least: Array, step: tuple[Array, Array, Array]) -> tuple[Array, tuple[Array, Array]]:
-        number, which, position = step
-        is_first, count = position == 0, steps.count[which]
+        number, block, position = step
+        is_first, count = position == 0, steps.count[block]
         # Lists run in reverse draw order: the last entry was drawn first.
-        pair = steps.start[which] + count - 1 - position
+        pair = steps.start[block] + count - 1 - position
         is_valid = (position < count) & (number < steps.needed)
         triangle = lists.triangle.at[pair].get(mode="clip")
         covered = _gather_words(words, pair, is_valid)
         depth = _depth_at_samples(
-            *_gather_corners(depths, area, triangle, steps.tile[which], tiling), tiling
+            *_gather_corners(depths, area, triangle, steps.tile[block], tiling), tiling
         )
         passed = _test(depth, least, is_first, covered)
         passed_words = _pack(passed), jnp.where(is_valid, pair, words.shape[0])
