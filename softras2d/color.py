@@ -21,20 +21,20 @@ def premultiply(pixels: Any, axis: int = -1) -> Any:
     return xp.concat([color * alpha, alpha], axis=axis)
 
 
-def unpremultiply(pixels: Any, axis: int = -1) -> Any:
-    """Divide colours by their alpha, the last of four channels along `axis`.
+def unpremultiply(pixels: Any) -> Any:
+    """Divide colours by their alpha, the last of four channels along the last axis.
 
     The colour is 0, with zero gradient, where alpha is 0. Pixels with any other number of channels
     are opaque and are returned unchanged.
     """
-    if pixels.shape[axis] != 4:
+    if pixels.shape[-1] != 4:
         return pixels
     xp = pixels.__array_namespace__()
-    color, alpha = xp.split(pixels, [3], axis)
+    color, alpha = xp.split(pixels, [3], -1)
     is_visible = alpha != 0
     # Both guards matter: the outer one sets the value, the inner one keeps the gradient finite.
     color = xp.where(is_visible, color / xp.where(is_visible, alpha, 1.0), 0.0)
-    return xp.concat([color.astype(alpha.dtype), alpha], axis=axis)
+    return xp.concat([color.astype(alpha.dtype), alpha], axis=-1)
 
 
 def srgb_to_linear(values: Any) -> Any:

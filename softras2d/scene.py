@@ -30,7 +30,7 @@ from jaxtyping import Array, Float, Int
 from .display.notebook import scene_html
 from .display.scene_text import scene_text
 from .numerics.byte_colors import check_whole_colors, warn_of_bytes
-from .numerics.device import to_device, to_host
+from .numerics.device import is_traced, to_device, to_host
 from .texture.pyramid import TexturePyramid
 
 
@@ -207,7 +207,7 @@ def check(scene: Scene) -> None:
     known and checked. Accepts a batch of scenes.
     """
     check_types(scene)
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
+    if is_traced(scene):
         return
     _check_indices(scene.triangles, scene.positions.shape[-2])
     for name, axis in (

@@ -12,12 +12,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 from softras2d.comparison.flip import mean_flip
 
 from ..common import machine, progress, report
+from ..common.references import cache_programs
 from ..common.timing import Times, interleave
 from ..gradient_accuracy.run import cosine, error
 from ..hard_speed.ours import CORES
@@ -109,19 +109,13 @@ def compile_together(calls: Iterable[Callable[[], object]]) -> None:
             done.result()
 
 
-def cache_programs() -> None:
-    """Cache compiled programs on disk: a run has more than a hundred."""
-    jax.config.update("jax_compilation_cache_dir", str(CACHE / "xla"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description="Error against milliseconds.")
     parser.add_argument("--quick", action="store_true", help="few points, into cache/quick")
     parser.add_argument("--only", default="", help="scenes by comma, into cache/only")
     arguments = parser.parse_args()
     quick, only = arguments.quick, {name for name in arguments.only.split(",") if name}
-    cache_programs()
+    cache_programs(CACHE / "xla")
     results = HERE / "results"
     if quick or only:
         results = CACHE / ("quick" if quick else "only")

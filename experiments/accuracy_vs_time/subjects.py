@@ -1,17 +1,15 @@
 """The five classes of scene, and the reference image of each at 1024 samples per pixel."""
 
-import hashlib
-import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import jax
 import numpy as np
 from numpy.typing import NDArray
 
 import softras2d as sr
 from softras2d import scenes
 
+from ..common.references import cached_reference
 from ..common.scenes import Soup, random_soup
 
 SEED = 0
@@ -19,8 +17,6 @@ SLIVERS = 1000
 CELLS = 22
 """Cells along a side of the mesh; each is two triangles."""
 
-IDEAL = sr.Filter(pixel="bilinear", level="zero")
-"""The unfiltered texture: bilinear between texels, without mip levels."""
 MIPMAPPED = sr.Filter(pixel="bilinear", level="linear")
 
 
@@ -99,28 +95,8 @@ def sliver_soup(size: int) -> Soup:
 
 
 def reference(subject: Subject, cache: Path) -> NDArray[np.float64]:
-    """The mean of 1024 samples per pixel: 256 on a canvas of twice the size, which is halved.
-
-    Textures are read at each sample, without mip levels. Cached under `cache`, by the content.
-    """
-    content = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(subject.scene))
-    key = hashlib.sha256(content + str(subject.size).encode()).hexdigest()[:16]
-    path = cache / f"{key}.npy"
-    if not path.exists():
-        image = _draw_reference(subject)
-        cache.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(".tmp.npy")
-        np.save(temporary, image)
-        os.replace(temporary, path)
-    return np.load(path)
-
-
-def _draw_reference(subject: Subject) -> NDArray[np.float64]:
-    size = subject.size
-    large = replace(subject.scene, positions=2 * subject.scene.positions)
-    plan = sr.plan(large, height=2 * size, width=2 * size, coverage=sr.Hard(256), filter=IDEAL)
-    image = np.asarray(sr.render(large, plan), np.float64)
-    return image.reshape(size, 2, size, 2, 3).mean(axis=(1, 3))
+    """The mean of 1024 samples per pixel, stored under `cache`; see `cached_reference`."""
+    return cached_reference(subject.scene, subject.size, cache)
 
 
 def _soup(size: int, corners: np.ndarray, colors: np.ndarray) -> Soup:

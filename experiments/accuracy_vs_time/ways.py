@@ -11,12 +11,13 @@ import numpy as np
 import softras2d as sr
 
 from ..common import scanline
+from ..common.references import IDEAL
 from ..hard_speed import peers
 from ..hard_speed.contestant import Contestant
 from ..hard_speed.ours import CORES
 from ..hard_speed.peers import canvas
 from . import textured_peers
-from .subjects import IDEAL, MIPMAPPED, Subject
+from .subjects import MIPMAPPED, Subject
 
 OURS = ("Hard", "Hard, pixel shading", "Soft", "Area")
 """Families of softras2d; all others are peers."""

@@ -10,6 +10,7 @@ import numpy as np
 
 import softras2d as sr
 from softras2d.geometry.fixed_point import Grid
+from tests.oracles.edges import cross
 
 
 class Triangle(NamedTuple):
@@ -36,10 +37,10 @@ class Triangle(NamedTuple):
     def weights(self, points: np.ndarray) -> np.ndarray:
         """Affine barycentrics `[..., 3]` of points `[..., (x, y)]`; negative outside."""
         a, b, c = self.corners
-        area = _cross(b - a, c - a)
-        first = _cross(b - points, c - points)
-        second = _cross(c - points, a - points)
-        third = _cross(a - points, b - points)
+        area = cross(b - a, c - a)
+        first = cross(b - points, c - points)
+        second = cross(c - points, a - points)
+        third = cross(a - points, b - points)
         # The signs are exact, as float64 represents products of coordinates on the grid.
         return np.stack([first, second, third], axis=-1) / area
 
@@ -104,10 +105,6 @@ def color_of_pixels(triangle: Triangle, points: np.ndarray, chosen: np.ndarray) 
     centroid = (at * weight).sum(axis=1) / weight.sum(axis=1)
     place = np.where(triangle.covers(centre)[:, None], centre, centroid)
     return triangle.color_at(place)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _bilinear(texels: np.ndarray, uv: np.ndarray) -> np.ndarray:

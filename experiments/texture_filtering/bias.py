@@ -11,11 +11,12 @@ from typing import Any
 import jax.numpy as jnp
 
 from ..common import report
+from ..common.references import cache_programs
 from . import subjects, tables
 from .measures import moire, rmse
 from .methods import SAMPLES, Method
 from .programs import Program
-from .run import CACHE, SEED, cache_programs
+from .run import CACHE, SEED
 
 HERE = Path(__file__).parent
 
@@ -47,6 +48,6 @@ def measure() -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    cache_programs()
+    cache_programs(CACHE / "xla")
     report.write_csv(HERE / "results" / "bias.csv", measure())
     tables.publish(HERE / "results", HERE / "README.md")

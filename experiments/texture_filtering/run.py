@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 import softras2d as sr
 
 from ..common import machine, report
+from ..common.references import cache_programs
 from ..common.timing import interleave
 from . import pictures, probes_or_ewa, subjects, tables
 from .measures import moire, rmse
@@ -102,19 +102,13 @@ def _rows(
     return rows
 
 
-def cache_programs() -> None:
-    """Cache compiled programs on disk for a resumed run; there are some fifty."""
-    jax.config.update("jax_compilation_cache_dir", str(CACHE / "xla"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description="Measure texture filters.")
     parser.add_argument("--quick", action="store_true", help="few filters; into cache/quick")
     parser.add_argument("--resume", action="store_true", help="go on where a run was cut off")
     arguments = parser.parse_args()
     quick = arguments.quick
-    cache_programs()
+    cache_programs(CACHE / "xla")
     results = CACHE / "quick" if quick else HERE / "results"
 
     state = CACHE / ("quick.pickle" if quick else "run.pickle")

@@ -1,17 +1,15 @@
 """The scenes that are drawn, and the reference image of each at 1024 samples per pixel."""
 
-import hashlib
-import os
 from dataclasses import replace
 from pathlib import Path
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 import softras2d as sr
 from softras2d import scenes
 
+from ..common.references import cached_reference
 from . import photograph
 
 SIZE = 300
@@ -19,9 +17,6 @@ FLAT = ("zone_plate", "minified", "photograph", "stretched", "magnified")
 """Scenes of affine maps, with one footprint for each triangle."""
 GROUND = "ground"
 """The only scene in perspective."""
-
-IDEAL = sr.Filter(pixel="bilinear", level="zero")
-"""The unfiltered texture: bilinear between texels, without mip levels."""
 
 
 def load(seed: int) -> dict[str, sr.Scene]:
@@ -55,29 +50,11 @@ def base(scene: sr.Scene, texture: int = 0) -> np.ndarray:
 
 
 def reference(scene: sr.Scene, cache: Path) -> np.ndarray:
-    """The mean of 1024 samples per pixel: 256 on a canvas of twice the size, which is halved.
+    """The box-filtered image of the unfiltered texture, which all filters approximate.
 
-    Every sample reads the `IDEAL` texture at one point: this is the box-filtered image of the
-    unfiltered texture, which all filters approximate. Cached under `cache`, by the scene's content.
+    It is stored under `cache`; see `cached_reference`.
     """
-    content = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(scene))
-    path = cache / f"{hashlib.sha256(content).hexdigest()[:16]}.npy"
-    if not path.exists():
-        image = _draw_reference(scene)
-        cache.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(".tmp.npy")
-        np.save(temporary, image)
-        os.replace(temporary, path)
-    return np.load(path)
-
-
-def _draw_reference(scene: sr.Scene) -> np.ndarray:
-    large = replace(scene, positions=2 * scene.positions)
-    plan = sr.plan(
-        large, height=2 * SIZE, width=2 * SIZE, coverage=sr.Hard(samples=256), filter=IDEAL
-    )
-    image = np.asarray(sr.render(large, plan), np.float64)
-    return image.reshape(SIZE, 2, SIZE, 2, -1).mean(axis=(1, 3))
+    return cached_reference(scene, SIZE, cache)
 
 
 def _read(name: str, seed: int) -> sr.Scene:

@@ -133,16 +133,12 @@ def chunks_of_all(triangles: int, tiles: int, *, layers: int) -> Chunks:
     )
 
 
+@functools.partial(materialized, static_argnames=("capacity",))
 def cut_steps(lists: TileLists, *, capacity: int) -> Steps:
     """Group tiles into blocks, those with the longest lists first, and list the steps through them.
 
     If more than `capacity` steps are needed, triangles are missing.
     """
-    return materialized(functools.partial(_cut_steps, capacity=capacity))(lists)
-
-
-def _cut_steps(lists: TileLists, *, capacity: int) -> Steps:
-    """Compute `Steps` in one stage."""
     tiles = lists.count.shape[0]
     order = jnp.argsort(-lists.count, stable=True).astype(jnp.int32)
     padding = -tiles % BLOCK

@@ -6,11 +6,9 @@
 import math
 from typing import Any
 
-import jax
 import numpy as np
-from jax.core import Tracer
 
-from ..numerics.device import to_device
+from ..numerics.device import is_traced, to_device
 from ..scene import Scene, check
 from ..texture.pyramid import TexturePyramid
 from .near_plane import ClippedTriangles, clip_near
@@ -157,7 +155,7 @@ def project(
 
 def _check_arguments(arrays: Any, height: Any, width: Any) -> None:
     """Raise `ValueError` for traced arrays, and for a size that is no positive integer."""
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arrays)):
+    if is_traced(arrays):
         raise ValueError("`project` needs concrete values: call it outside jit, vmap and grad.")
     if not all(isinstance(side, int | np.integer) and side >= 1 for side in (height, width)):
         raise ValueError(

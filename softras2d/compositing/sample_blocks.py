@@ -14,7 +14,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
-from ..geometry.barycentric import AffineWeights, affine_weights, slot_weights, weights_at
+from ..geometry.barycentric import (
+    AffineWeights,
+    affine_weights,
+    interpolate_corners,
+    slot_weights,
+    weights_at,
+)
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.surface import Surface
@@ -107,8 +113,7 @@ def interpolate_at_samples(
     """Interpolate values of the corners at each sample of a block; one corner is the value."""
     if weights is None:
         return corners[0][None, None]
-    first, second, third = (corners[k][None, None] for k in range(3))
-    return first + weights[0] * (second - first) + weights[1] * (third - first)
+    return interpolate_corners(corners[:, None, None], *weights)
 
 
 @functools.partial(materialized, static_argnames=("tiling",))

@@ -20,12 +20,18 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from ..binning.lists import Steps
 from ..binning.tiles import TileLists
-from ..geometry.barycentric import Weights, slot_weights, twice_area, weight_sums
+from ..geometry.barycentric import (
+    Weights,
+    interpolate_corners,
+    slot_weights,
+    twice_area,
+    weight_sums,
+)
 from ..geometry.fixed_point import Edges
 from ..geometry.guard_band import WeightPlanes
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from .sampled import row_order
+from .sampled import gather_words, row_order
 
 
 class Depths(NamedTuple):
@@ -48,15 +54,15 @@ def keep_nearest(
     area = materialized(functools.partial(twice_area, dtype=dtype))(depths.edges)
 
     def visit(least: Array, step: tuple[Array, Array, Array]) -> tuple[Array, tuple[Array, Array]]:
-        number, which, position = step
-        is_first, count = position == 0, steps.count[which]
+        number, block, position = step
+        is_first, count = position == 0, steps.count[block]
         # Lists run in reverse draw order: the last entry was drawn first.
-        pair = steps.start[which] + count - 1 - position
+        pair = steps.start[block] + count - 1 - position
         is_valid = (position < count) & (number < steps.needed)
         triangle = lists.triangle.at[pair].get(mode="clip")
         covered = _gather_words(words, pair, is_valid)
         depth = _depth_at_samples(
-            *_gather_corners(depths, area, triangle, steps.tile[which], tiling), tiling
+            *_gather_corners(depths, area, triangle, steps.tile[block], tiling), tiling
         )
         passed = _test(depth, least, is_first, covered)
         passed_words = _pack(passed), jnp.where(is_valid, pair, words.shape[0])
@@ -77,8 +83,7 @@ def _gather_words(
     words: UInt32[Array, "pairs rows"], pair: Int[Array, " block"], is_valid: Bool[Array, " block"]
 ) -> UInt32[Array, " lines"]:
     """Gather the coverage words of a pair of each tile of a block; 0 where its list has ended."""
-    is_valid = is_valid[:, None]
-    return jnp.where(is_valid, words.at[pair].get(mode="clip"), jnp.uint32(0)).reshape(-1)
+    return gather_words(words, pair, is_valid).reshape(-1)
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
@@ -109,7 +114,8 @@ def _depth_at_samples(
     down = jnp.tile(row_order(tiling), shape[1] // tiling.sample_rows)
     across = jax.lax.broadcasted_iota(jnp.int32, shape, 0)
     down = jnp.broadcast_to(down[None], shape)
-    return _interpolate(corner_depth, weight_sums(weights, jnp.ones_like(across), across, down))
+    _, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
+    return interpolate_corners(corner_depth, second, third)
 
 
 @materialized
@@ -172,16 +178,7 @@ def weights_and_depth(
     tile = jnp.zeros_like(triangle)
     terms = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
     weights = weight_sums(terms, jnp.ones_like(triangle), *sample)
-    return weights, _interpolate(depths.depth[:, triangle], weights)
-
-
-def _interpolate(
-    corner_depth: Float[Array, "3 ..."], weights: tuple[Array, Array, Array]
-) -> Float[Array, "..."]:
-    """Interpolate depth between the corners; exactly that of corner 0 where all are equal."""
-    _, second, third = weights
-    corner = corner_depth
-    return corner[0] + second * (corner[1] - corner[0]) + third * (corner[2] - corner[0])
+    return weights, interpolate_corners(depths.depth[:, triangle], weights[1], weights[2])
 
 
 def depth_on_edge(

@@ -186,9 +186,9 @@ def _gradient_of_moments(lines: TriangleLines, moments: Float[Array, "slots 5 3"
                 -edge.normal_y * slip + sign * turn * edge.normal_x,
                 edge.normal_x * slip + sign * turn * edge.normal_y,
             )
-    for which in (1, 2):
-        gx, gy = _weight_gradient(lines, which)
-        mass, x, y = (moments[:, 2 + which, moment] for moment in range(3))
+    for weighted_corner in (1, 2):
+        gx, gy = _weight_gradient(lines, weighted_corner)
+        mass, x, y = (moments[:, 2 + weighted_corner, moment] for moment in range(3))
         for corner in range(3):
             edge = lines.edges[(corner + 1) % 3]
             share = edge.distance * mass + edge.normal_x * x + edge.normal_y * y

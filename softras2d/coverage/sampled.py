@@ -56,6 +56,15 @@ def edge_word(value: HostOrDeviceArray, right: HostOrDeviceArray) -> HostOrDevic
     return ones_from(first_inside(value ^ flip, xp.abs(right))) ^ flip.astype(xp.uint32)
 
 
+def gather_words(
+    words: UInt32[Array, "pairs rows"],
+    pair: Int[Array, "*entries"],
+    is_valid: Bool[Array, "*entries"],
+) -> UInt32[Array, "*entries rows"]:
+    """Gather the coverage words of listed pairs; 0 where an entry is not valid."""
+    return jnp.where(is_valid[..., None], words.at[pair].get(mode="clip"), jnp.uint32(0))
+
+
 def row_order(tiling: Tiling, xp: Any = jnp) -> Int[HostOrDeviceArray, " rows"]:
     """Sample row of the tile for each position of a coverage mask, which is ordered by sub-row."""
     position = xp.arange(tiling.sample_rows, dtype=xp.int32)

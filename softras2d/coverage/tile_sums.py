@@ -1,8 +1,8 @@
-"""Sums over the pixels of tiles, from which vjps of analytic coverage are made.
+"""Sums over the pixels of tiles, for the vjps of analytic coverage.
 
 Arrays are `[slots, pixels]`, or `[slots]` for the sums; a slot is a triangle in a square tile. The
-compiler vectorises no reduction along the pixels, so sums go pixel after pixel with the slots on
-the minor axis, or are matrix products.
+compiler does not vectorise a reduction along the pixels. So sums are loops over the pixels with the
+slots on the minor axis, or matrix products.
 """
 
 import functools
@@ -16,13 +16,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
-from ..numerics.prefix import cumulative_sum
+from ..numerics.prefix import list_flagged
 
 Tree = TypeVar("Tree")
 """A tree of arrays."""
 
 _BLOCK = 2048
-"""Slots, or edges of slots, that are worked on together."""
+"""Number of slots, or edges of slots, in a block."""
 
 
 def spread(geometry: Tree, parameter: Any, side: int) -> tuple[Tree, Any, Array, Array]:
@@ -40,13 +40,13 @@ def pixel_centers(
 
 
 def tile_side_of(values: Float[Array, "*slots pixels"]) -> int:
-    """Pixels along a tile, of values at all its pixels."""
+    """Pixels along the side of a tile, from values at all its pixels."""
     return math.isqrt(values.shape[-1])
 
 
 @materialized
 def gather_slots(tree: Tree, slots: Int[Array, " block"]) -> Tree:
-    """Some slots of a tree of arrays `[slots, ...]`."""
+    """Gather some slots of a tree of arrays `[slots, ...]`."""
     return jax.tree.map(lambda entry: entry.at[slots].get(mode="clip"), tree)
 
 
@@ -55,34 +55,29 @@ def for_each_block(
     visit: Callable[[Int[Array, " block"], Tree], Tree],
     total: Tree,
 ) -> Tree:
-    """`visit(block, total)` for block after block of the slots with a flagged pixel.
+    """Fold `visit(block, total)` over blocks of the slots that have a flagged pixel.
 
-    A block is the numbers of `_BLOCK` slots, or one past the last slot where there are fewer. All
-    slots are one block if they are no more.
+    A block has the indices of `_BLOCK` slots; unused entries are one past the last slot. If there
+    are no more than `_BLOCK` slots, all are one block.
     """
     slots = flags.shape[0]
     if slots <= _BLOCK:
         return visit(jnp.arange(slots, dtype=jnp.int32), total)
-    listed, count = _list_flagged(flags)
+    listed, count = _list_slots(flags)
 
-    def step(number, total):
+    def visit_number(number: Int[Array, ""], total: Tree) -> Tree:
         return visit(jax.lax.dynamic_slice_in_dim(listed, number * _BLOCK, _BLOCK), total)
 
-    return repeat(-(-count // _BLOCK), step, total)
+    return repeat(-(-count // _BLOCK), visit_number, total)
 
 
 @materialized
-def _list_flagged(
+def _list_slots(
     flags: Bool[Array, "slots pixels"],
 ) -> tuple[Int[Array, " padded"], Int[Array, ""]]:
-    """Numbers of the slots with a flagged pixel, padded to whole blocks, and how many they are."""
+    """List the slots that have a flagged pixel, padded to whole blocks, and count them."""
     slots = flags.shape[0]
-    padded = slots + -slots % _BLOCK
-    is_listed = jnp.any(flags, 1)
-    rank = jnp.where(is_listed, cumulative_sum(is_listed.astype(jnp.int32)) - 1, padded)
-    number = jnp.arange(slots, dtype=jnp.int32)
-    listed = jnp.full(padded, slots, jnp.int32).at[rank].set(number, mode="drop")
-    return listed, jnp.sum(is_listed, dtype=jnp.int32)
+    return list_flagged(jnp.any(flags, 1), capacity=slots + -slots % _BLOCK)
 
 
 def sum_over_pixels(
@@ -91,14 +86,16 @@ def sum_over_pixels(
     parameter: Any,
     *pixel_values: Float[Array, "slots pixels"],
 ) -> tuple[Float[Array, " slots"], ...]:
-    """Sums over each slot's pixels of each of `terms(geometry, parameter, x, y, *pixel_values)`."""
+    """Sum each of `terms(geometry, parameter, x, y, *pixel_values)` over each slot's pixels."""
     side = tile_side_of(pixel_values[0])
     by_row = [materialized(jnp.transpose)(entry).reshape(side, side, -1) for entry in pixel_values]
     add_row = materialized(functools.partial(_add_row, terms))
     count = len(jax.eval_shape(terms, *spread(geometry, parameter, side), *pixel_values))
     start = [jnp.zeros(pixel_values[0].shape[0], pixel_values[0].dtype)] * count
 
-    def visit(row, sums):
+    def visit(
+        row: Int[Array, ""] | int, sums: list[Float[Array, " slots"]]
+    ) -> list[Float[Array, " slots"]]:
         return add_row(jnp.asarray(row), sums, geometry, parameter, by_row)
 
     return tuple(jax.lax.fori_loop(0, side, visit, start))
@@ -128,19 +125,21 @@ def sum_along_edges(
     in_tile: tuple[Array, Array, Array],
     *pixel_values: Float[Array, "slots pixels"],
 ) -> tuple[tuple[Float[Array, " slots"], ...], ...]:
-    """`sum_over_pixels` of `terms(edge, x, y, *values)` for each of a triangle's three edges.
+    """Sum each of `terms(edge, x, y, *pixel_values)` over the pixels, for each of the three edges.
 
-    Returns `[3][terms]` sums. `in_tile` tells of each edge whether its terms can differ from 0 in
-    the tile. One edge of most slots passes through the tile, and only that one is visited.
+    Returns `[3][terms]` sums. `in_tile` says of each edge whether its terms can differ from 0 in
+    the tile. In most slots only one edge passes through the tile, and only that one is visited.
     """
     slots, dtype = pixel_values[0].shape[0], pixel_values[0].dtype
     no_parameter = jnp.zeros((), dtype)
     edges, passes = _join_edges(outline, in_tile)
 
-    def edge_terms(edge, parameter, x, y, *values):
+    def edge_terms(edge: Any, parameter: Any, x: Array, y: Array, *values: Array) -> list[Array]:
         return terms(edge, x, y, *values)
 
-    def visit(block, total):
+    def visit(
+        block: Int[Array, " block"], total: list[Float[Array, " edges"]]
+    ) -> list[Float[Array, " edges"]]:
         edge = gather_slots(edges, block)
         values = gather_slots(pixel_values, block % slots)
         sums = sum_over_pixels(edge_terms, edge, no_parameter, *values)
@@ -156,7 +155,7 @@ def sum_along_edges(
 def _join_edges(
     outline: tuple[Tree, Tree, Tree], in_tile: tuple[Array, Array, Array]
 ) -> tuple[Tree, Bool[Array, " edges"]]:
-    """The edges of all slots one after another: first edges, second edges, third edges."""
+    """Concatenate the edges of all slots: first edges, second edges, third edges."""
     joined = jax.tree.map(lambda *edges: jnp.concatenate(edges), *outline)
     return joined, jnp.concatenate(in_tile)
 
@@ -170,12 +169,12 @@ def _put_each(total: list[Array], sums: tuple[Array, ...], block: Array) -> list
 def sum_moments(
     case: Float[Array, "slots pixels"], weighted_cases: list[tuple[int, Array]]
 ) -> Float[Array, "slots entries 3"]:
-    """Sums of weights over the pixels of one case each: times 1, times x and times y.
+    """Sum weights times 1, times x and times y, each over the pixels of one case.
 
-    `case` numbers the case of every pixel; `weighted_cases` lists a case and the weights
-    `[slots, pixels]` that are summed over its pixels.
+    `case` is the number of the case of every pixel. Each entry of `weighted_cases` is such a number
+    and the weights `[slots, pixels]` to sum over the pixels of this case.
     """
-    cases = tuple(which for which, _ in weighted_cases)
+    cases = tuple(number for number, _ in weighted_cases)
     return _moments(_select_cases(case, [weights for _, weights in weighted_cases], cases))
 
 
@@ -183,16 +182,19 @@ def sum_moments(
 def _select_cases(
     case: Float[Array, "slots pixels"], weights: list[Array], cases: tuple[int, ...]
 ) -> Float[Array, "slots entries pixels"]:
-    """Weights with zeros at the pixels of other cases."""
+    """Set weights to 0 at the pixels of other cases."""
     return jnp.stack(
-        [jnp.where(case == which, entry, 0.0) for which, entry in zip(cases, weights, strict=True)],
+        [
+            jnp.where(case == number, entry, 0.0)
+            for number, entry in zip(cases, weights, strict=True)
+        ],
         1,
     )
 
 
 @materialized
 def _moments(weights: Float[Array, "slots entries pixels"]) -> Float[Array, "slots entries 3"]:
-    """Sums over the pixels times 1, x and y, as one matrix product."""
+    """Sum over the pixels times 1, x and y, as one matrix product."""
     x, y = pixel_centers(tile_side_of(weights), weights.dtype)
     moments = jnp.concatenate([jnp.ones_like(x), x, y]).T
     flat = weights.reshape(-1, weights.shape[2])
@@ -202,7 +204,7 @@ def _moments(weights: Float[Array, "slots entries pixels"]) -> Float[Array, "slo
 
 @jax.custom_jvp
 def sum_pixels(*weights: Float[Array, "slots pixels"]) -> tuple[Float[Array, " slots"], ...]:
-    """Sums over the pixels of each slot, all in one loop: what they share is computed once."""
+    """Sum over the pixels of each slot, all in one loop, so that shared terms are computed once."""
     zeros = tuple(jnp.zeros((), weight.dtype) for weight in weights)
     return tuple(
         jax.lax.reduce(

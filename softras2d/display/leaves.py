@@ -5,7 +5,6 @@ None, axis numbers, sharding specifications, `object()`. Error messages and debu
 such trees, where an exception would hide the message that was being written.
 """
 
-from collections.abc import Iterable
 from typing import Any
 
 import jax
@@ -48,8 +47,3 @@ def values_of(leaf: Any) -> np.ndarray | None:
     except Exception:
         # Among others, arrays that were donated, and arrays that are spread over processes.
         return None
-
-
-def is_any_traced(leaves: Iterable[Any]) -> bool:
-    """Whether some leaf has values only when a program runs."""
-    return any(isinstance(leaf, Tracer) for leaf in leaves)

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from .leaves import dtype_of, field_of, is_any_traced, size_of, values_of
+from ..numerics.device import is_traced
+from .leaves import dtype_of, field_of, size_of, values_of
 from .words import count_text
 
 
@@ -17,7 +18,7 @@ def pyramid_text(textures: Any) -> str:
         (size_of(texels, -1), "channel"),
     ]
     facts = [count_text(count, noun) for count, noun in counts if count is not None]
-    facts.append("traced" if is_any_traced([texels, levels]) else _size_text(values_of(levels)))
+    facts.append("traced" if is_traced([texels, levels]) else _size_text(values_of(levels)))
     facts += [dtype_of(texels), field_of(textures, "border"), field_of(textures, "addressing")]
     return f"TexturePyramid: {', '.join(str(fact) for fact in facts if fact)}"
 

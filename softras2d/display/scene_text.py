@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .leaves import dtype_of, field_of, is_any_traced, shape_of, size_of, values_of
+from ..numerics.device import is_traced
+from .leaves import dtype_of, field_of, shape_of, size_of, values_of
 from .words import count_text
 
 _REQUIRED = ("positions", "triangles", "colors", "background")
@@ -80,7 +81,7 @@ def _effects(arrays: dict[str, Any]) -> list[str | None]:
 
 def _values_text(arrays: dict[str, Any]) -> str:
     """The extent of the triangles in pixels, or the reason why there are no values."""
-    if is_any_traced(arrays.values()):
+    if is_traced(arrays):
         return "traced"
     positions, triangles = values_of(arrays["positions"]), values_of(arrays["triangles"])
     if positions is None or triangles is None:

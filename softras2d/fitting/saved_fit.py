@@ -135,30 +135,27 @@ def read_scene(entries: Entries, settings: dict[str, Any], channels: int) -> Sce
     return scene
 
 
-def check_state(
-    state: dict[str, Any], settings: dict[str, Any], size: Size, steps: int, prefix: str = "state."
-) -> None:
+def check_state(state: dict[str, Any], settings: dict[str, Any], size: Size, steps: int) -> None:
     """Raise `ValueError` unless a fit with these settings can be resumed from this state.
 
-    - `size`: of the target.
+    - `size`: size of the target.
     - `steps`: the number of steps in the last record of the history.
-    - `prefix`: put before the names of entries in error messages.
     """
-    entries = Entries(state, prefix)
+    entries = Entries(state, "state.")
     frame = Frame.of(size.height, size.width, settings)
     fit_size = Size(frame.height, frame.width, size.channels)
     if entries.take("steps", np.int64, ()) != steps:
-        raise ValueError(f"`{prefix}steps` must be {steps}, as in the history.")
+        raise ValueError(f"`state.steps` must be {steps}, as in the history.")
     entries.finite("image", np.float32, fit_size)
     entries.take("target", np.uint8, (16,))
     active, last_exchange = entries.finite("host", np.float64, (2,), low=0.0).tolist()
     if not active.is_integer() or active > max(2, settings["triangles"]) or last_exchange > 1:
-        raise ValueError(f"`{prefix}host` must be how many triangles are used, and a share.")
+        raise ValueError("`state.host` must be how many triangles are used, and a share.")
     if "weights" in entries or "weights.given" in entries:
         entries.finite("weights", np.float32, fit_size[:2], low=0.0)
         given = entries.finite("weights.given", np.float32, size[:2], low=0.0)
         if not given.any():
-            raise ValueError(f"`{prefix}weights.given` must not be 0 everywhere.")
+            raise ValueError("`state.weights.given` must not be 0 everywhere.")
     family = FAMILIES[settings["family"]]
     shapes = family.check_state(entries, settings, fit_size, int(active))
     _check_solve(entries, settings, shapes, fit_size)

@@ -23,6 +23,10 @@ The default of optimistix, 0.99, is hardly ever reached, because the residual is
 an edge crosses a pixel. The damping would never fall."""
 
 
+_PRODUCTS = 20
+"""Maximum number of products of a step with the Jacobian, and as many with its transpose."""
+
+
 class ByProducts(optx.AbstractGaussNewton):
     """A Gauss-Newton method that uses the Jacobian only in products with vectors."""
 
@@ -33,25 +37,25 @@ class ByProducts(optx.AbstractGaussNewton):
     search: optx.ClassicalTrustRegion
     verbose: Callable[..., None] = eqx.field(static=True)
 
-    def __init__(self, descent: optx.AbstractDescent, *, trust: float = _TRUST):
+    def __init__(self, descent: optx.AbstractDescent):
         self.rtol = self.atol = 0.0
         self.norm = optx.max_norm
         self.descent = descent
-        self.search = optx.ClassicalTrustRegion(high_cutoff=trust)
+        self.search = optx.ClassicalTrustRegion(high_cutoff=_TRUST)
         self.verbose = _silent
 
 
-def levenberg_marquardt(products: int = 20, *, trust: float = _TRUST) -> ByProducts:
+def levenberg_marquardt(products: int = _PRODUCTS) -> ByProducts:
     """The Levenberg-Marquardt method.
 
     Each step takes at most `products` products with the Jacobian, and as many with its transpose.
     """
-    return ByProducts(optx.DampedNewtonDescent(linear_solver=_inner(products)), trust=trust)
+    return ByProducts(optx.DampedNewtonDescent(linear_solver=_inner(products)))
 
 
-def dogleg(products: int = 20, *, trust: float = _TRUST) -> ByProducts:
+def dogleg(products: int = _PRODUCTS) -> ByProducts:
     """Powell's dogleg method, with the same limit on products as `levenberg_marquardt`."""
-    return ByProducts(optx.DoglegDescent(linear_solver=_inner(products)), trust=trust)
+    return ByProducts(optx.DoglegDescent(linear_solver=_inner(products)))
 
 
 def _inner(products: int) -> lx.LSMR:

@@ -113,10 +113,7 @@ def affine_weights(weights: Weights) -> AffineWeights:
 def weights_at(
     terms: AffineWeights, column: Int[Array, "*#shape"], row: Int[Array, "*#shape"]
 ) -> tuple[Float[Array, "*#shape"], Float[Array, "*#shape"]]:
-    """Weights of corners 1 and 2 at samples of a tile, as `weight_sums` of one sample.
-
-    Only for covered samples: elsewhere the weights of triangles without area have no meaning.
-    """
+    """Weights of corners 1 and 2 at samples of a tile, as `weight_sums` of one sample."""
     dtype = terms.scale.dtype
     found = []
     for edge in range(2):
@@ -128,6 +125,19 @@ def weights_at(
             weight = jnp.where(terms.is_far, jnp.clip(plane, 0.0, 1.0), weight)
         found.append(weight)
     return found[0], found[1]
+
+
+def interpolate_corners(
+    corners: Float[Array, "3 *#shape"],
+    second_weight: Float[Array, "*#shape"],
+    third_weight: Float[Array, "*#shape"],
+) -> Float[Array, "*#shape"]:
+    """Interpolate values between three corners, by the weights of corners 1 and 2.
+
+    Where all corners have one value, the result is exactly that value.
+    """
+    interpolated = corners[0] + second_weight * (corners[1] - corners[0])
+    return interpolated + third_weight * (corners[2] - corners[0])
 
 
 def weight_sums(

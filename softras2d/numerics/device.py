@@ -46,5 +46,6 @@ def to_host(value: Any) -> Any:
     return np.asarray(value)
 
 
-def is_traced(value: Any) -> bool:
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value))
+def is_traced(tree: Any) -> bool:
+    """Whether the value of some leaf is known only when a program runs."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Int
 
 _ROW = 64
 """Number of entries of a row."""
@@ -21,6 +21,20 @@ _ROW = 64
 def cumulative_sum(x: Int[Array, " n"]) -> Int[Array, " n"]:
     """Sum of all entries up to and including each entry, modulo 2^32."""
     return _scan(x, jnp.add)
+
+
+def list_flagged(
+    flags: Bool[Array, " n"], *, capacity: int
+) -> tuple[Int[Array, " capacity"], Int[Array, ""]]:
+    """List the indices of the entries that are true, in order, and count them.
+
+    Unused entries of the list are `n`. The `capacity` must be `n` or more.
+    """
+    size = flags.shape[0]
+    end = cumulative_sum(flags.astype(jnp.int32))
+    index = jnp.where(flags, end - 1, capacity)
+    numbers = jnp.arange(size, dtype=jnp.int32)
+    return jnp.full(capacity, size, jnp.int32).at[index].set(numbers, mode="drop"), end[-1]
 
 
 def cumulative_max(x: Int[Array, " n"]) -> Int[Array, " n"]:

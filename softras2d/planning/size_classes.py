@@ -11,8 +11,8 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from jax.core import Tracer
 
+from ..numerics.device import is_traced
 from ..scene import Scene
 from .plan import Plan
 
@@ -79,11 +79,6 @@ def pad_concrete(scene: Scene, plan: Plan) -> Scene:
         return scene
     triangles = scene.triangles.shape[0]
     return _pad_to(scene, next_power(triangles) if plan.lists_all else triangle_class(triangles))
-
-
-def is_traced(tree: Any) -> bool:
-    """Whether the value of some leaf is known only when a program runs."""
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def fine_class(count: int) -> int:

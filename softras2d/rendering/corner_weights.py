@@ -44,8 +44,8 @@ def weights_at(
 
     `surface` is that of `with_unit_corners`.
     """
-    none = jnp.zeros(3, surface.corners.color.dtype)
-    return color_at(surface, none, triangle, sample, tiling, flat=False)
+    background = jnp.zeros(3, surface.corners.color.dtype)
+    return color_at(surface, background, triangle, sample, tiling, flat=False)
 
 
 def buffer_weights(

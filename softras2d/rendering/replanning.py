@@ -4,10 +4,9 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import numpy as np
-from jax.core import Tracer
 
+from ..numerics.device import is_traced
 from ..options import Coverage, Filter
 from ..planning.plan import Plan
 from ..scene import Scene
@@ -68,7 +67,7 @@ class ReplanningGradient:
 
     def __call__(self, parameters: Any, *args: Any) -> Any:
         """The value of the loss, with what `has_aux` adds, and its gradient by `parameters`."""
-        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(parameters)):
+        if is_traced(parameters):
             raise ValueError(
                 "`value_and_grad_replanning` plans on the host: call it outside jit, vmap and grad."
             )

@@ -141,8 +141,8 @@ def _sum_opaque(
         )
         fragment_count = fragments.needed
     else:
-        parts = _sum_slots(surface, visible, chunks, tiling)
-        totals = opaque.sum_chunks(parts, chunks, max_chunks=capacity.max_chunks)
+        chunk_sums = _sum_slots(surface, visible, chunks, tiling)
+        totals = opaque.sum_chunks(chunk_sums, chunks, max_chunks=capacity.max_chunks)
     totals = opaque.add_background(totals, covered_so_far, chunks, background, tiling)
     image = opaque.to_image(totals, tiling)
     if projected.outlines is not None:

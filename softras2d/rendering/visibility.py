@@ -226,13 +226,13 @@ def _nearest_layers(
     def visit(
         position: Int[Array, ""], state: tuple[Array, Array]
     ) -> tuple[Int[Array, "lines runs"], Int[Array, "lines runs layers"]]:
-        found, triangle = state
+        covering, triangle = state
         pair = jnp.clip(start + position, 0, lists.triangle.shape[0] - 1)
         word = flat_words.at[pair * rows + word_index].get(mode="clip")
         is_covering: Bool[Array, "lines runs"] = ((word >> bit) & 1 == 1) & (position < count)
-        here = is_covering[..., None] & (layer[None, None] == found[..., None])
-        triangle = jnp.where(here, lists.triangle[pair][..., None], triangle)
-        return found + is_covering.astype(jnp.int32), triangle
+        is_next = is_covering[..., None] & (layer[None, None] == covering[..., None])
+        triangle = jnp.where(is_next, lists.triangle[pair][..., None], triangle)
+        return covering + is_covering.astype(jnp.int32), triangle
 
     state = jnp.zeros_like(tile), jnp.full((*tile.shape, layers), -1, jnp.int32)
     return repeat(jnp.max(count), visit, state)[1]

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int, UInt32
 
 from ..binning.expansion import saturated_sum
-from ..binning.lists import Chunks, Steps, cut_steps
+from ..binning.lists import Steps, cut_steps
 from ..binning.tiles import TileLists
 from ..coverage.depth_test import keep_nearest
-from ..coverage.sampled import coverage_words, remove_hidden
+from ..coverage.sampled import coverage_words, gather_words, remove_hidden
 from ..gradients.crossings import runs_of
 from ..gradients.visible_front import Front
 from ..numerics.fusion_barrier import materialized
@@ -22,7 +22,7 @@ from .tile_lists import chunks_for_plan, list_for_plan
 
 
 class BinnedScene(NamedTuple):
-    """A scene on the sample grid, and which triangles may show in which tile.
+    """A scene on the sample grid, and which triangles may be visible in which tile.
 
     - `steps`: for what goes through the lists in order; None for opaque scenes without depth.
     - `needs`: the lengths of the lists so far.
@@ -60,6 +60,7 @@ def bin_scene(scene: Scene, plan: Plan) -> BinnedScene:
 
 
 def _count_runs(count: Int[Array, "3 triangles"]) -> Int[Array, ""]:
+    """Number of runs of all edges, from the number of lines that each crosses."""
     return saturated_sum(runs_of(count).reshape(-1))
 
 
@@ -75,7 +76,8 @@ def find_visible(binned: BinnedScene, scene: Scene, plan: Plan) -> VisibleSample
         passed = covered
     else:
         covered, passed = (
-            materialized(_gather_slots)(words, chunks) for words in listed_words(binned, plan)
+            materialized(gather_words)(words, chunks.entry, chunks.filled)
+            for words in listed_words(binned, plan)
         )
     max_chunks = plan.capacity_of(scene.triangles.shape[0]).max_chunks
     visible, covered_so_far = remove_hidden(passed, chunks, max_chunks=max_chunks)
@@ -93,11 +95,3 @@ def listed_words(
     if projected.depths is None or steps is None:
         return covered, covered
     return covered, keep_nearest(projected.depths, covered, lists, steps, tiling)
-
-
-def _gather_slots(
-    pair_words: UInt32[Array, "pairs rows"], chunks: Chunks
-) -> UInt32[Array, "chunks layers rows"]:
-    """Gather the coverage words of each slot from those of the listed pairs; 0 if it is empty."""
-    words = pair_words.at[chunks.entry].get(mode="clip")
-    return jnp.where(chunks.filled[..., None], words, jnp.uint32(0))

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ..geometry.barycentric import interpolate_corners
 from ..geometry.fixed_point import reorient
 from ..numerics import safe
 
@@ -90,7 +91,4 @@ def interpolate(
     """Interpolate values of three corners with the weights; return that of a single corner."""
     if corners.shape[0] == 1:
         return corners[0]
-    interpolated = corners[0]
-    for k in (1, 2):
-        interpolated = interpolated + weights[k][None] * (corners[k] - corners[0])
-    return interpolated
+    return interpolate_corners(corners, weights[1][None], weights[2][None])

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, UInt32
 
-from ..binning.expansion import Expansion, expand_on_device
+from ..binning.expansion import expand_on_device
 from ..geometry.barycentric import Weights
 from ..geometry.fixed_point import Edge, Edges, SampleBounds
 from ..geometry.tiling import Tiling
@@ -58,7 +58,8 @@ def list_fragments(
 ) -> Fragments:
     """List the visible fragments; if there are more than `capacity`, some are missing."""
     pixel_words, counts = _count_pixels(visible, tiling)
-    expansion = _expand_counts(counts, capacity)
+    # Each visible pixel is an entry: its pixel row, and its rank there.
+    expansion = materialized(functools.partial(expand_on_device, capacity=capacity))(counts)
     slot, column, row = _locate(pixel_words, expansion.owner, expansion.rank, tiling)
     bits = gather_bits(visible, slot, jnp.where(expansion.is_used, column, -1), row, tiling)
     return Fragments(slot, column, row, bits, expansion.total)
@@ -71,12 +72,6 @@ def _count_pixels(
     """Mark the visible pixels of each pixel row of each slot, and count them."""
     pixel_words = visible_pixels(visible, tiling).reshape(-1)
     return pixel_words, jax.lax.population_count(pixel_words).astype(jnp.int32)
-
-
-@functools.partial(materialized, static_argnames=("capacity",))
-def _expand_counts(counts: Int[Array, " pixel_rows"], capacity: int) -> Expansion:
-    """List each visible pixel, as a pixel row and a rank in it."""
-    return expand_on_device(counts, capacity=capacity)
 
 
 @functools.partial(materialized, static_argnames=("tiling",))

@@ -6,6 +6,7 @@ coverage it is the pixel's centre, or the triangle's point nearest to it. The we
 derivatives by the positions, and all other gradients follow from these.
 """
 
+import functools
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -143,8 +144,7 @@ def _shade_texture(
     """Compute premultiplied colours of textured triangles."""
     in_space = materialized(perspective_weights)(on_screen, corners.inverse_w)
 
-    def choose(uv: Float[Array, "2 slots pixels"]) -> LevelsAndProbes:
-        return _choose_at_pixels(textures, in_space, corners, texture, lines, uv)
+    choose = functools.partial(_choose_at_pixels, textures, in_space, corners, texture, lines)
 
     def visit(total: Array, probe: Array) -> tuple[Array, None]:
         added = add_color(total, in_space, corners, texture, textures, choose, probe=probe)

@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..oracles.edges import cross
+
 
 class Visible(NamedTuple):
     """The arrays that `softras2d.plot.buffers` reads."""
@@ -38,9 +40,9 @@ def visible(
     weights, nearest = np.full((*shape, 3), np.nan), np.full(shape, np.inf)
     hits = np.zeros(shape)
     for number, (a, b, c) in enumerate(corners):
-        area = _cross(b - a, c - a)
-        first = _cross(c - b, np.stack([x, y], -1) - b) / area
-        second = _cross(a - c, np.stack([x, y], -1) - c) / area
+        area = cross(b - a, c - a)
+        first = cross(c - b, np.stack([x, y], -1) - b) / area
+        second = cross(a - c, np.stack([x, y], -1) - c) / area
         here = np.stack([first, second, 1 - first - second], axis=-1)
         z = here @ depth[number]
         is_inside = (here >= 0).all(axis=-1)
@@ -51,7 +53,3 @@ def visible(
     is_covered = triangle >= 0
     z = np.where(is_covered, nearest, np.nan)
     return Visible(triangle, weights, z, is_covered.mean(axis=2), hits.mean(axis=2))
-
-
-def _cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    return first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]

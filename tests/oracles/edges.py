@@ -124,6 +124,7 @@ def _area_term(flat: Flat, weights: np.ndarray, rate: int) -> np.ndarray:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product of vectors in the plane, along the last axis."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 

@@ -9,7 +9,7 @@ from .evaluation import Evaluation, evaluate, solved_error
 from .pixel_weights import pixel_weights
 from .triangulation import Edges, Mesh, Triangles, cross, find_edges, greedy_disjoint
 
-LEAST_AREA = 0.5
+_LEAST_AREA = 0.5
 """Least area of a triangle that a flip makes, in square pixels."""
 
 _RELATIVE_GAIN = 1e-6
@@ -17,12 +17,16 @@ _RELATIVE_GAIN = 1e-6
 rounding, and flips could go in circles."""
 
 
-def flip_to_delaunay(mesh: Mesh, *, rounds: int = 1000) -> Mesh:
+_MAX_ROUNDS = 1000
+"""Maximum number of rounds of flips to a Delaunay mesh, should rounding let them go in circles."""
+
+
+def flip_to_delaunay(mesh: Mesh) -> Mesh:
     """Flip edges until the mesh is Delaunay: no triangle's circumcircle contains another vertex.
 
     **Source:** Lawson, *Software for C1 surface interpolation* (1977); Delaunay (1934).
     """
-    for _ in range(rounds):
+    for _ in range(_MAX_ROUNDS):
         edges = flippable_edges(mesh, 0.0)
         excess = _angle_excess(mesh, edges)
         chosen = np.flatnonzero(excess > 1e-9)
@@ -39,7 +43,6 @@ def flip_edges(
     *,
     model: ColorModel = "vertex",
     rounds: int = 4,
-    least_area: float = LEAST_AREA,
 ) -> Mesh:
     """Flip edges where that lowers the squared error with the colours there solved anew.
 
@@ -47,7 +50,7 @@ def flip_edges(
     before each round.
     """
     for _ in range(rounds):
-        edges = flippable_edges(mesh, least_area)
+        edges = flippable_edges(mesh, _LEAST_AREA)
         if not len(edges.ends):
             return mesh
         evaluation = evaluate(mesh, target, model)

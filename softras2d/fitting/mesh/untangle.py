@@ -6,14 +6,17 @@ from .triangulation import Mesh, Points, is_bound, signed_areas
 
 _MAX_HALVINGS = 12
 
+_LEAST_AREA = 0.05
+"""Least area of a triangle, in square pixels, unless it is smaller already."""
 
-def untangle(mesh: Mesh, goals: Points, *, least_area: float = 0.05) -> Mesh:
+
+def untangle(mesh: Mesh, goals: Points) -> Mesh:
     """Move the vertices as far towards `goals` as their triangles allow.
 
     Coordinates bound to a border stay, and the others stay inside the canvas. Each vertex moves by
     a fraction 1, 1/2, 1/4, ... of the way to its goal. The fraction is halved until none of its
-    triangles is smaller than `least_area` square pixels, or than it was before if that is less. A
-    vertex whose goal is not finite stays.
+    triangles is smaller than `_LEAST_AREA`, or than it was before if that is less. A vertex whose
+    goal is not finite stays.
     """
     start = mesh.positions
     size = np.array([mesh.width, mesh.height], np.float64)
@@ -22,7 +25,7 @@ def untangle(mesh: Mesh, goals: Points, *, least_area: float = 0.05) -> Mesh:
     # A free vertex must not come to lie on the border, where it would be bound.
     inside = np.clip(start + step, 1e-3, size - 1e-3)
     step = np.where(is_bound(mesh), 0.0, inside - start)
-    min_areas = np.minimum(least_area, signed_areas(start, mesh.triangles))
+    min_areas = np.minimum(_LEAST_AREA, signed_areas(start, mesh.triangles))
     fraction = np.ones(len(start))
     # After `_MAX_HALVINGS` rounds, each round stops at least one vertex for good.
     for halvings in range(len(start) + _MAX_HALVINGS):
