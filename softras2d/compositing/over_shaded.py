@@ -21,10 +21,10 @@ from ..shading.triangle_color import shade
 from .over import in_order_of_tiles
 from .sample_blocks import (
     ListedPairs,
+    all_bits,
     gather_words,
     sample_positions,
-    sum_covered,
-    transmittance_behind,
+    sum_where_covered,
 )
 
 
@@ -93,9 +93,33 @@ def _blend(
     passed, covered = (gather_words(words, pair, is_valid) for words in pairs[1:])
     triangle = pairs.triangle.at[pair].get(mode="clip")
     color = _shade_block(surface, covered, triangle, tile, tiling, shading)
-    visible = [sum_covered(passed, (transmittance, channel), tiling=tiling) for channel in color]
+    visible = [_sum_visible(passed, transmittance, channel, tiling=tiling) for channel in color]
     sums = _add_channels(sums, visible)
-    return transmittance_behind(transmittance, passed, color[3], tiling), sums
+    return _transmittance_behind(transmittance, passed, color[3], tiling=tiling), sums
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _sum_visible(
+    words: UInt32[Array, "sub_rows lines"],
+    transmittance: Float[Array, "*samples"],
+    channel: Float[Array, "*samples"],
+    *,
+    tiling: Tiling,
+) -> Float[Array, "width lines"]:
+    """Sum transmittance times a channel over the covered samples of each pixel."""
+    return sum_where_covered(words, transmittance * channel, tiling)
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _transmittance_behind(
+    transmittance: Float[Array, "*samples"],
+    words: UInt32[Array, "sub_rows lines"],
+    alpha: Float[Array, "*samples"],
+    *,
+    tiling: Tiling,
+) -> Float[Array, "*samples"]:
+    """Multiply the transmittance by 1 - alpha at the covered samples."""
+    return transmittance * (1.0 - alpha * all_bits(words, tiling, alpha.dtype))
 
 
 def _shade_block(

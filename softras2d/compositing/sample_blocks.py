@@ -7,7 +7,6 @@ same bit of their words.
 """
 
 import functools
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -201,17 +200,20 @@ def sum_covered(
     """
     if layer.weights is not None and corner > 0:
         values = values * layer.weights[corner - 1]
-
-    def term(i: int, j: int) -> Array:
-        return values[i, j] * bit_of_samples(layer.words[i], j, tiling, values.dtype)
-
-    return sum_samples(term, tiling.grid.rate)
+    return sum_where_covered(layer.words, values, tiling)
 
 
-def sum_samples(term: Callable[[int, int], Array], rate: int) -> Float[Array, "width lines"]:
-    """Sum `term(sub_row, sub_column)` over a pixel's samples, in one fused expression."""
-    terms = [term(i, j) for i in range(rate) for j in range(rate)]
-    return functools.reduce(lambda total, sample_term: total + sample_term, terms)
+def sum_where_covered(
+    words: UInt32[Array, "sub_rows lines"], values: Float[Array, "*samples"], tiling: Tiling
+) -> Float[Array, "width lines"]:
+    """Sum values over the samples of each pixel whose bits are set, in one fused expression."""
+    rate = tiling.grid.rate
+    terms = [
+        values[i, j] * bit_of_samples(words[i], j, tiling, values.dtype)
+        for i in range(rate)
+        for j in range(rate)
+    ]
+    return functools.reduce(jnp.add, terms)
 
 
 def sample_positions(
