@@ -57,3 +57,13 @@ def test_moves_and_multiples_wrap_like_the_integers():
     exact = start * times + 2 * step.astype(np.int64) * count
     np.testing.assert_array_equal(moved.sign(), np.sign(exact))
     np.testing.assert_array_equal(moved.wrapped, exact.astype(np.int32))
+
+
+@pytest.mark.parametrize("xp", [np, jnp], ids=["numpy", "jax"])
+def test_split_values_add_up_and_leave_room_for_steps(xp):
+    value = values()
+    # The estimate of one edge value errs by less than 2^20, and by the rounding of a float.
+    remainder, multiple = WrappedValue(*map(xp.asarray, wrap(value, 2.0**20))).split()
+    exact = np.asarray(remainder, np.int64) + np.asarray(multiple, np.float64).astype(np.int64)
+    np.testing.assert_array_equal(exact, value)
+    assert np.abs(np.asarray(remainder, np.int64)).max() <= 2**30 + 2**21
