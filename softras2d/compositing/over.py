@@ -4,8 +4,8 @@ Each sample stores the transmittance T of all layers in front. A layer of alpha 
 colour and leaves T (1 - a). Blocks of tiles are processed one list entry after another, so that the
 transmittances of a block stay in cache (`sample_blocks`).
 
-Here are flat colours and colours of three corners, whose sum over a pixel follows from sums of
-weights. Others, such as textures, are shaded for each layer (`over_shaded`).
+This file handles flat colours and colours of three corners, for which one or three sums for each
+pixel are enough. Colours that vary otherwise, such as textures, are composited in `over_shaded`.
 
 **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
 """
@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..binning.lists import Steps
+from ..binning.lists import BLOCK, Steps
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
@@ -41,6 +41,8 @@ def composite(
     Differentiable with respect to the colours of `surface`. No list may have more than `longest`
     entries.
     """
+    # Blocks of steps are cut into smaller ones: the order of the tiles stays the same.
+    assert BLOCK % TILES == 0
     blocks = Blocks(*(entry.reshape(-1, TILES) for entry in (steps.tile, steps.start, steps.count)))
     sums = _composite(tiling, longest, surface.corners.color, surface, pairs, blocks)
     return in_order_of_tiles(sums, steps, tiling)

@@ -1,12 +1,12 @@
 """The gradient of translucent compositing with respect to colours.
 
-Let g be the cotangent of a pixel, and W_k = g . c_k for the colour c_k of layer k, with 1 for its
-alpha. The gradient takes two passes through the list of a sample. Front to back, as in `over`, each
-layer has a transmittance T_k in front of it. Back to front, each layer has a value R_k behind it:
-that of everything behind it, composited with W in place of a colour. Then
+Let c_k = (red, green, blue, 1) be the colour of layer k and q the cotangent of a pixel, and let
+W_k = q . c_k. Two passes go through the list of a sample. Front to back, as in `over`, each layer
+has a transmittance T_k in front of it. Back to front, each layer has a value R_k behind it: what
+"over" gives for everything behind layer k if the colour of each layer is the number W. Then
 
     R_(k-1) = R_k + alpha_k (W_k - R_k),
-    dL / d alpha_k = T_k (W_k - R_k),    dL / d c_k = g T_k alpha_k.
+    dL / d alpha_k = T_k (W_k - R_k),    dL / d c_k = q T_k alpha_k.
 
 From the back only R is carried, one number for each sample, whatever the number of channels.
 Transmittances cannot be recovered from the back, as an opaque layer leaves none. They are stored
@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
@@ -51,17 +51,17 @@ class Blocks(NamedTuple):
     count: Int[Array, "*blocks block"]
 
 
-class State(NamedTuple):
-    """What the passes through the lists write.
+class GradientState(NamedTuple):
+    """Arrays that the loops over the lists update.
 
-    - `by_pair`: gradient of each listed pair with respect to its corner colours.
-    - `starts`: transmittance in front of each segment of a part; `stored`: in front of each layer
-      of one segment.
+    - `pair_gradient`: gradient of each listed pair with respect to its corner colours.
+    - `segment_transmittance`: transmittance in front of each segment of the lists of a block.
+    - `layer_transmittance`: transmittance in front of each layer of one segment.
     """
 
-    by_pair: Float[Array, "entries pairs"]
-    starts: Float[Array, "segments *samples"]
-    stored: Float[Array, "positions *samples"]
+    pair_gradient: Float[Array, "entries pairs"]
+    segment_transmittance: Float[Array, "segments *samples"]
+    layer_transmittance: Float[Array, "positions *samples"]
 
 
 def color_gradient(
@@ -79,88 +79,129 @@ def color_gradient(
     """
     colors = surface.corners.color
     corners, _, triangles = colors.shape
-    tile_samples = (tiling.grid.rate, tiling.grid.rate, tiling.width, TILES * tiling.height)
+    block_samples = (tiling.grid.rate, tiling.grid.rate, tiling.width, TILES * tiling.height)
     segments = -(-longest // _SEGMENT)
-    state = State(
+    state = GradientState(
         jnp.zeros((corners * 4, pairs.triangle.shape[0]), colors.dtype),
-        jnp.zeros((segments, *tile_samples), colors.dtype),
-        jnp.zeros((_SEGMENT, *tile_samples), colors.dtype),
+        jnp.zeros((segments, *block_samples), colors.dtype),
+        jnp.zeros((_SEGMENT, *block_samples), colors.dtype),
     )
 
-    def visit(number: Int[Array, ""], state: State) -> State:
-        part = Blocks(*(entry[number] for entry in blocks))
-        return _add_part(surface, pairs, part, cotangent[number], state, tiling)
+    def visit_block(number: Int[Array, ""], state: GradientState) -> GradientState:
+        block = Blocks(*(entry[number] for entry in blocks))
+        return _add_block(_BlockLists(surface, pairs, block), cotangent[number], state, tiling)
 
     count = jnp.asarray(blocks.tile.shape[0], jnp.int32)
-    by_pair = repeat(count, visit, state).by_pair
+    pair_gradient = repeat(count, visit_block, state).pair_gradient
     add = materialized(functools.partial(_sum_pairs, triangles=triangles))
-    return add(by_pair, pairs.triangle).reshape(colors.shape)
+    return add(pair_gradient, pairs.triangle).reshape(colors.shape)
 
 
-def _add_part(
-    surface: Surface,
-    pairs: ListedPairs,
-    part: Blocks,
+class _BlockLists(NamedTuple):
+    """The lists of a block of tiles."""
+
+    surface: Surface
+    pairs: ListedPairs
+    block: Blocks
+
+    def layer(self, position: Int[Array, ""], is_used: Bool[Array, ""], tiling: Tiling) -> Layer:
+        """Gather the layer at a position of the lists; it covers nothing unless `is_used`."""
+        tile, start, count = self.block
+        is_valid = is_used & (position < count)
+        return layer_of_block(self.surface, self.pairs, start + position, is_valid, tile, tiling)
+
+
+def _add_block(
+    lists: _BlockLists,
     cotangent: Float[Array, "4 width lines"],
-    state: State,
+    state: GradientState,
     tiling: Tiling,
-) -> State:
-    """Compute the gradients of the pairs of a part, segment by segment from the back."""
-    tile, start, count = part
-    deepest = jnp.max(count)
-    segments = -(-deepest // _SEGMENT)
+) -> GradientState:
+    """Compute the gradients of the pairs of a block, segment by segment from the back."""
+    longest = jnp.max(lists.block.count)
+    segments = -(-longest // _SEGMENT)
+    clear = jnp.ones_like(state.layer_transmittance[0])
+    starts = _put(state.segment_transmittance, clear, jnp.zeros((), jnp.int32))
+    state = state._replace(
+        segment_transmittance=repeat(
+            segments - 1, functools.partial(_pass_segment, lists, tiling), starts
+        )
+    )
 
-    def layer_at(position: Int[Array, ""]) -> Layer:
-        is_valid = position < count
-        return layer_of_block(surface, pairs, start + position, is_valid, tile, tiling)
+    def visit_segment(
+        step: Int[Array, ""], carry: tuple[GradientState, Array]
+    ) -> tuple[GradientState, Array]:
+        # In a batch there are further steps for shorter lists: their segments are negative.
+        segment = segments - 1 - step
+        return _add_segment(lists, cotangent, segment, longest, carry, tiling)
+
+    return repeat(segments, visit_segment, (state, jnp.zeros_like(clear)))[0]
+
+
+def _pass_segment(
+    lists: _BlockLists,
+    tiling: Tiling,
+    segment: Int[Array, ""],
+    starts: Float[Array, "segments *samples"],
+) -> Float[Array, "segments *samples"]:
+    """Compute the transmittance in front of the next segment from that in front of this one."""
 
     def pass_layer(
-        position: Int[Array, ""], transmittance: Float[Array, "*samples"]
+        k: Int[Array, ""], transmittance: Float[Array, "*samples"]
     ) -> Float[Array, "*samples"]:
-        layer = layer_at(position)
+        layer = lists.layer(segment * _SEGMENT + k, jnp.ones((), bool), tiling)
         return transmittance_behind(transmittance, layer, tiling=tiling)
 
-    def start_segment(segment: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Store the transmittance in front of a segment, and pass through it."""
-        transmittance, starts = state
-        starts = _put(starts, transmittance, segment)
-        first = segment * _SEGMENT
-        transmittance = repeat(
-            jnp.asarray(_SEGMENT, jnp.int32), lambda k, t: pass_layer(first + k, t), transmittance
+    transmittance = repeat(jnp.asarray(_SEGMENT, jnp.int32), pass_layer, starts[segment])
+    return _put(starts, transmittance, segment + 1)
+
+
+def _add_segment(
+    lists: _BlockLists,
+    cotangent: Float[Array, "4 width lines"],
+    segment: Int[Array, ""],
+    longest: Int[Array, ""],
+    carry: tuple[GradientState, Float[Array, "*samples"]],
+    tiling: Tiling,
+) -> tuple[GradientState, Float[Array, "*samples"]]:
+    """Compute the gradients of the pairs of a segment, and the value behind the one in front.
+
+    Nothing changes if the segment is negative.
+    """
+    state, value_behind = carry
+    first = segment * _SEGMENT
+    length = jnp.clip(longest - first, 0, _SEGMENT)
+
+    def store_layer(
+        k: Int[Array, ""], carry: tuple[Array, Array]
+    ) -> tuple[Float[Array, "*samples"], Float[Array, "positions *samples"]]:
+        transmittance, stored = carry
+        layer = lists.layer(first + k, segment >= 0, tiling)
+        return transmittance_behind(transmittance, layer, tiling=tiling), _put(
+            stored, transmittance, k
         )
-        return transmittance, starts
 
-    clear = jnp.ones_like(state.starts[0])
-    transmittance, starts = repeat(segments - 1, start_segment, (clear, state.starts))
-    starts = _put(starts, transmittance, jnp.maximum(segments - 1, 0))
+    start = state.segment_transmittance[jnp.maximum(segment, 0)]
+    _, stored = repeat(length, store_layer, (start, state.layer_transmittance))
 
-    def visit_segment(step: Int[Array, ""], state: tuple[State, Array]) -> tuple[State, Array]:
-        (by_pair, starts, stored), value_behind = state
-        segment = segments - 1 - step
-        first = segment * _SEGMENT
-        depth = jnp.clip(deepest - first, 0, _SEGMENT)
+    def visit_layer(
+        step: Int[Array, ""], carry: tuple[Array, Array]
+    ) -> tuple[Float[Array, "entries pairs"], Float[Array, "*samples"]]:
+        pair_gradient, value_behind = carry
+        # Negative in the further steps of a batch, like the segment.
+        k = length - 1 - step
+        is_used = (segment >= 0) & (k >= 0)
+        layer = lists.layer(first + k, is_used, tiling)
+        values = _corner_values(layer.line_colors, cotangent)
+        transmittance = stored[jnp.maximum(k, 0)]
+        gradient = _layer_gradient(layer, transmittance, values, value_behind, cotangent, tiling)
+        is_valid = is_used & (first + k < lists.block.count)
+        pair = jnp.where(is_valid, layer.pair, pair_gradient.shape[1])
+        pair_gradient = pair_gradient.at[:, pair].set(gradient, mode="drop")
+        return pair_gradient, _add_behind(value_behind, layer, values, tiling=tiling)
 
-        def store(k: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
-            transmittance, stored = state
-            return pass_layer(first + k, transmittance), _put(stored, transmittance, k)
-
-        _, stored = repeat(depth, store, (starts[segment], stored))
-
-        def visit_layer(step: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
-            by_pair, value_behind = state
-            k = depth - 1 - step
-            layer = layer_at(first + k)
-            values = _corner_values(layer.line_colors, cotangent)
-            gradient = _layer_gradient(layer, stored[k], values, value_behind, cotangent, tiling)
-            pair = jnp.where(first + k < count, layer.pair, by_pair.shape[1])
-            by_pair = by_pair.at[:, pair].set(gradient, mode="drop")
-            return by_pair, _add_behind(value_behind, layer, values, tiling=tiling)
-
-        by_pair, value_behind = repeat(depth, visit_layer, (by_pair, value_behind))
-        return State(by_pair, starts, stored), value_behind
-
-    state = State(state.by_pair, starts, state.stored)
-    return repeat(segments, visit_segment, (state, jnp.zeros_like(clear)))[0]
+    pair_gradient, value_behind = repeat(length, visit_layer, (state.pair_gradient, value_behind))
+    return GradientState(pair_gradient, state.segment_transmittance, stored), value_behind
 
 
 def _put(
@@ -168,7 +209,7 @@ def _put(
     transmittance: Float[Array, "*samples"],
     position: Int[Array, ""],
 ) -> Float[Array, "positions *samples"]:
-    """Store a transmittance. Not a stage of its own: that would copy all of them."""
+    """Store a transmittance. Not `materialized`, as that would copy the whole array."""
     return jax.lax.dynamic_update_index_in_dim(stored, transmittance, position, 0)
 
 
@@ -190,7 +231,7 @@ def _add_behind(
     *,
     tiling: Tiling,
 ) -> Float[Array, "*samples"]:
-    """The value behind the next layer in front."""
+    """Composite the layer over `value_behind`."""
     opacity = all_bits(layer.words, tiling, value_behind.dtype) * alpha_at_samples(layer)
     return value_behind + opacity * _gain(layer, corner_values, value_behind)
 
@@ -200,7 +241,7 @@ def _gain(
     corner_values: Float[Array, "corners width lines"],
     value_behind: Float[Array, "*samples"],
 ) -> Float[Array, "*samples"]:
-    """Gain in value where the layer, if opaque, hides what is behind it."""
+    """W_k - R_k at each sample, in the symbols of this file."""
     return interpolate_at_samples(layer.weights, corner_values) - value_behind
 
 
@@ -270,8 +311,8 @@ def _sum_tiles(
 
 
 def _sum_pairs(
-    by_pair: Float[Array, "entries pairs"], triangle: Int[Array, " pairs"], triangles: int
+    pair_gradient: Float[Array, "entries pairs"], triangle: Int[Array, " pairs"], triangles: int
 ) -> Float[Array, "entries triangles"]:
     """Sum the gradients of the pairs of each triangle."""
-    nothing = jnp.zeros((by_pair.shape[0], triangles), by_pair.dtype)
-    return nothing.at[:, triangle].add(by_pair, mode="drop")
+    zeros = jnp.zeros((pair_gradient.shape[0], triangles), pair_gradient.dtype)
+    return zeros.at[:, triangle].add(pair_gradient, mode="drop")

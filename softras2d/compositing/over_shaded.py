@@ -2,7 +2,8 @@
 
 As in `over`, but the colours of each layer are evaluated at every sample, or once for each pixel.
 Steps go through the lists of all blocks, one after another, so that both passes of automatic
-differentiation have a known number of them.
+differentiation have a known number of them. The backward pass stores the transmittances and sums of
+every step.
 """
 
 import functools
@@ -37,30 +38,30 @@ def composite_shaded(
     """
     dtype = surface.corners.color.dtype
     rate, height, width = tiling.grid.rate, tiling.height, tiling.width
-    blocks, block = steps.tile.shape
-    lines = block * height
+    block_count, tiles_per_block = steps.tile.shape
+    lines = tiles_per_block * height
 
     def visit(state: tuple[Array, Array, Array], step: tuple[Array, Array, Array]) -> Any:
         image, transmittance, sums = state
-        number, which, position = step
+        step_number, block, position = step
         is_first = position == 0
-        is_valid = (position < steps.count[which]) & (number < steps.needed)
+        is_valid = (position < steps.count[block]) & (step_number < steps.needed)
         transmittance = _start_if(is_first, transmittance, initial=1.0)
         sums = _start_if(is_first, sums, initial=0.0)
         transmittance, sums = _blend(
             surface,
             pairs,
             (transmittance, sums),
-            steps.start[which] + position,
+            steps.start[block] + position,
             is_valid,
-            steps.tile[which],
+            steps.tile[block],
             tiling,
             shading,
         )
-        return (image.at[which].set(sums), transmittance, sums), None
+        return (image.at[block].set(sums), transmittance, sums), None
 
     initial = (
-        jnp.zeros((blocks, 4, width, lines), dtype),
+        jnp.zeros((block_count, 4, width, lines), dtype),
         jnp.ones((rate, rate, width, lines), dtype),
         jnp.zeros((4, width, lines), dtype),
     )
@@ -131,7 +132,7 @@ def _shade_block(
     shading: str,
 ) -> Float[Array, "4 sub_rows sub_columns width lines"]:
     """Compute the premultiplied colours of a layer of a block at every sample."""
-    side, width = tiling.grid.rate, tiling.width
+    rate, width = tiling.grid.rate, tiling.width
     lines = covered.shape[1]
     lanes = surface_lanes(surface, triangle, tile, tiling)
     if shading == "pixel":
@@ -142,7 +143,7 @@ def _shade_block(
         )
         color = shade(surface, lanes, points, tiling)
         color = color.reshape(4, 1, 1, width, lines)
-        return jnp.broadcast_to(color, (4, side, side, width, lines))
+        return jnp.broadcast_to(color, (4, rate, rate, width, lines))
     lanes = _lanes_by_line(lanes, tiling.height)
     positions = [x.reshape(-1, lines) for x in sample_positions(triangle.shape[0], tiling)]
 
@@ -150,7 +151,7 @@ def _shade_block(
         return shade(surface, lanes, Points(None, across, down), tiling)
 
     color = jax.vmap(shade_point, out_axes=1)(*positions)
-    return color.reshape(4, side, side, width, lines)
+    return color.reshape(4, rate, rate, width, lines)
 
 
 @functools.partial(materialized, static_argnames=("height",))
@@ -164,13 +165,13 @@ def _block_fragments(words: UInt32[Array, "sub_rows lines"], tiling: Tiling) -> 
 
     The slot is the index of the tile in the block.
     """
-    side, lines = tiling.grid.rate, words.shape[1]
+    rate, lines = tiling.grid.rate, words.shape[1]
     column, line = (
         jax.lax.broadcasted_iota(jnp.int32, (tiling.width, lines), axis).reshape(-1)
         for axis in (0, 1)
     )
-    shift = (column * side).astype(jnp.uint32)[None]
-    bits = (words[:, line] >> shift) & jnp.uint32((1 << side) - 1)
+    shift = (column * rate).astype(jnp.uint32)[None]
+    bits = (words[:, line] >> shift) & jnp.uint32((1 << rate) - 1)
     number = jnp.asarray(column.shape[0], jnp.int32)
     return Fragments(line // tiling.height, column, line % tiling.height, bits, number)
 

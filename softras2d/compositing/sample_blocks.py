@@ -101,7 +101,10 @@ def gather_words(
 
 
 def alpha_at_samples(layer: Layer) -> Float[Array, "*#samples"]:
-    """Alpha of a layer at each sample of a block. Not a stage of its own: reading it costs more."""
+    """Alpha of a layer at each sample of a block.
+
+    Not `materialized`: to read the array back costs more than to compute it again.
+    """
     return interpolate_at_samples(layer.weights, layer.line_colors[3][:, None])
 
 
@@ -175,7 +178,7 @@ def _weights_of_lines(
 def bit_of_samples(
     words: UInt32[Array, " lines"], sub_column: int, tiling: Tiling, dtype: Any
 ) -> Float[Array, "width lines"]:
-    """Extract whether each line's pixels cover their sample of a sub-column, as 0 or 1."""
+    """1 where the sample in `sub_column` of each pixel is covered, else 0."""
     position = jnp.arange(tiling.width, dtype=jnp.uint32) * jnp.uint32(tiling.grid.rate)
     position = (position + jnp.uint32(sub_column))[:, None]
     return ((words[None] >> position) & jnp.uint32(1)).astype(dtype)
@@ -184,7 +187,7 @@ def bit_of_samples(
 def all_bits(
     words: UInt32[Array, "sub_rows lines"], tiling: Tiling, dtype: Any
 ) -> Float[Array, "*samples"]:
-    """Extract the bits of all samples, as `bit_of_samples` does for one sub-row and sub-column."""
+    """1 where a sample is covered, else 0, for all samples of a block."""
     rate = tiling.grid.rate
     column = jnp.arange(tiling.width, dtype=jnp.uint32) * jnp.uint32(rate)
     position = jnp.arange(rate, dtype=jnp.uint32)[:, None] + column[None]

@@ -33,8 +33,8 @@ def best_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -
     - `fn`, `args`: the residual and its second argument.
     - `light`: the colour space in which `fn` computes the loss.
 
-    The solution is clipped to 0..1. The colours stay as they were if that makes the error higher
-    than before.
+    The solution is clipped to 0..1. If it makes the error no lower, the given colours are returned,
+    clipped too.
     """
 
     def residual(colors: Float[Array, "..."]) -> Float[Array, "..."]:

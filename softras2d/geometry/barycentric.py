@@ -51,7 +51,7 @@ class Weights(NamedTuple):
 
 
 def twice_area(edges: Edges, dtype: Any) -> Float[Array, " triangles"]:
-    """Twice the area of each triangle, in units of the edge value: 0 or more, rounded once."""
+    """Twice the area of each triangle, in units of the edge value, to within a few roundings."""
     start, estimate, fraction = (
         first + second + third for first, second, third in list(zip(*edges, strict=True))[2:]
     )
@@ -86,7 +86,8 @@ class AffineWeights(NamedTuple):
     """Terms of the weights of corners 1 and 2 at single samples of a tile, side by side.
 
     A weight is `scale * (start + right * column + down * row) + offset`, with an exact integer in
-    the brackets.
+    the brackets. What an edge value has beyond this integer, a multiple of 2^31 and a fraction, is
+    in `offset`, unlike in `Weights`.
 
     - `plane`, `is_far`: as in `Weights`.
     """
@@ -113,7 +114,7 @@ def affine_weights(weights: Weights) -> AffineWeights:
 def weights_at(
     terms: AffineWeights, column: Int[Array, "*#shape"], row: Int[Array, "*#shape"]
 ) -> tuple[Float[Array, "*#shape"], Float[Array, "*#shape"]]:
-    """Weights of corners 1 and 2 at samples of a tile, as `weight_sums` of one sample."""
+    """Weights of corners 1 and 2 at samples of a tile: `weight_sums` of one, up to a rounding."""
     dtype = terms.scale.dtype
     found = []
     for edge in range(2):
@@ -163,7 +164,7 @@ def weight_sums(
         if weights.plane is not None and weights.is_far is not None:
             start, right, step = weights.plane[:, edge]
             plane = number * start + across.astype(dtype) * right + down.astype(dtype) * step
-            # Far corners leave rounding errors; a weight is still one.
+            # Rounding with far corners can push a weight outside 0..1.
             total = jnp.where(weights.is_far, jnp.clip(plane, 0.0, number), total)
         sums.append(total)
     return number - sums[0] - sums[1], sums[0], sums[1]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ..numerics.array_types import DTypeLike, HostOrDeviceArray
 
 FAR = 2**30
-"""Size from which on a value is taken from its estimate alone."""
+"""Size from which on the sign of a value is that of its estimate."""
 
 
 class WrappedValue(NamedTuple):

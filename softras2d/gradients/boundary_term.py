@@ -7,7 +7,7 @@ as a sum over crossings (`crossings.py`). Each crossing stands for the length of
 lines of samples. Its speed along the line is exact, and its jump of colour is that between the two
 samples.
 
-In an opaque scene, only crossings at which the edge is visible count:
+In an opaque scene a crossing counts in any of three cases:
 
 - The edge's triangle is visible at the sample inside, and in front of the triangle (or background)
   that is visible at the sample outside.

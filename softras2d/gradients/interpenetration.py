@@ -6,7 +6,7 @@ the colour of one triangle and loses that of the other, as it does along an edge
 
 The line passes between two neighbouring samples if both triangles cover both samples, and one is in
 front at the first, the other at the second. With f the first depth less the second, the line lies
-where f = 0, and moves at -(df/dt) / (df/dx) along the axis x that crosses it best. At a fixed
+where f = 0, and moves at -(df/dtime) / (df/dx) along the axis x that crosses it best. At a fixed
 point the depth of a triangle changes by sum_k w_k (dz_k - grad z . dv_k), where w_k are the weights
 of the corners there, z_k their depths and v_k their positions: linear in both, like the change of
 the image.
@@ -240,13 +240,15 @@ def _exchange(
     assert depths is not None
     after = jnp.maximum(pairs.after, 0)
     crossings = _line_crossings(depths, planes, pairs, tiling)
-    near, far = (
+    first_color, second_color = (
         samples.colors.at(triangle[None], Sample(sample.column[None], sample.row[None]), tiling)[
             :, 0
         ]
         for triangle, sample in ((pairs.before, pairs.first), (after, pairs.second))
     )
-    gain = _gain_per_depth(near, far, crossings.gap_change, samples=tiling.grid.samples)
+    gain = _gain_per_depth(
+        first_color, second_color, crossings.gap_change, samples=tiling.grid.samples
+    )
     weights = crossings.before_weights, crossings.after_weights
     return _Exchange(pairs.before, after, *weights, gain, crossings.pixel)
 
@@ -275,13 +277,13 @@ def _line_crossings(
         ]
         for triangle in (before, after)
     )
-    near_gap = of_before[0][1] - of_after[0][1]
-    far_gap = of_before[1][1] - of_after[1][1]
+    first_gap = of_before[0][1] - of_after[0][1]
+    second_gap = of_before[1][1] - of_after[1][1]
     largest = jnp.maximum(jnp.abs(of_before[0][1]), jnp.abs(of_after[1][1]))
-    gap_change = far_gap - near_gap
-    valid = valid & (near_gap <= 0) & (far_gap >= 0) & (gap_change > _ROUNDING * largest)
+    gap_change = second_gap - first_gap
+    valid = valid & (first_gap <= 0) & (second_gap >= 0) & (gap_change > _ROUNDING * largest)
     # The position of the line: 0 at the first sample, 1 at the second.
-    t = jnp.clip(safe.divide(-near_gap, gap_change), 0.0, 1.0)
+    t = jnp.clip(safe.divide(-first_gap, gap_change), 0.0, 1.0)
     before_weights, after_weights = (
         first + t[None] * (second - first)
         for first, second in (
@@ -299,12 +301,13 @@ def _line_crossings(
 
 @functools.partial(materialized, static_argnames=("samples",))
 def _gain_per_depth(
-    near: Float[Array, "channels lanes"],
-    far: Float[Array, "channels lanes"],
+    first_color: Float[Array, "channels lanes"],
+    second_color: Float[Array, "channels lanes"],
     gap_change: Float[Array, " lanes"],
     *,
     samples: int,
 ) -> Float[Array, "channels lanes"]:
     """Compute `_Exchange.gain` from the colours at the first and second sample of each pair."""
     # A sample is 1 / rate of a pixel wide and high.
-    return safe.divide((far - near) / samples, jnp.broadcast_to(gap_change[None], near.shape))
+    difference = (second_color - first_color) / samples
+    return safe.divide(difference, jnp.broadcast_to(gap_change[None], difference.shape))

@@ -26,8 +26,8 @@ class LayerMasks(NamedTuple):
 
     Bit b of plane p says whether entry 32 p + b of its tile's list covers a sample.
 
-    - `masks`: for each column of samples of a tile, the words of all tiles, row by row as in
-      `address`.
+    - `masks`: for each column of samples of a tile, one mask for each row of samples of all tiles;
+      rows are in the order of `address`.
     """
 
     masks: UInt32[Array, "planes columns tile_rows"]
@@ -40,11 +40,7 @@ class LayerMasks(NamedTuple):
 
 
 class SampleAddress(NamedTuple):
-    """Where the layers of samples are found.
-
-    - `tile`: of each sample; `start`: first entry of the tile's list.
-    - `entry`: index of the sample's mask in a plane.
-    """
+    """Tile, start of the tile's list, and index of the mask in a plane, of each sample."""
 
     tile: Int[Array, "*samples"]
     start: Int[Array, "*samples"]
@@ -100,8 +96,8 @@ def gather_masks(
     masks: LayerMasks, where: SampleAddress, plane: Int[Array, ""]
 ) -> UInt32[Array, "*samples"]:
     """Gather the masks of samples in a plane."""
-    one_plane = jax.lax.dynamic_index_in_dim(masks.masks, plane, 0, keepdims=False)
-    return _gather(one_plane.reshape(-1), where.entry)
+    plane_masks = jax.lax.dynamic_index_in_dim(masks.masks, plane, 0, keepdims=False)
+    return _gather(plane_masks.reshape(-1), where.entry)
 
 
 @materialized
@@ -154,8 +150,8 @@ def bits_before(
 ) -> UInt32[Array, "*samples"]:
     """Mask of the entries of a plane before a position in the list."""
     count = jnp.clip(position - plane * PLANE, 0, PLANE).astype(jnp.uint32)
-    some = (jnp.uint32(1) << jnp.minimum(count, jnp.uint32(PLANE - 1))) - jnp.uint32(1)
-    return jnp.where(count == PLANE, jnp.uint32(0xFFFFFFFF), some)
+    below_bits = (jnp.uint32(1) << jnp.minimum(count, jnp.uint32(PLANE - 1))) - jnp.uint32(1)
+    return jnp.where(count == PLANE, jnp.uint32(0xFFFFFFFF), below_bits)
 
 
 def entry_bit(position: Int[Array, "*samples"], plane: Int[Array, ""]) -> UInt32[Array, "*samples"]:

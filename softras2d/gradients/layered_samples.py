@@ -5,10 +5,14 @@ the front (`layer_masks`). What lies in front of the triangle dims it by its tra
 lies behind is composited twice, with and without the triangle: under a depth test, a triangle that
 is drawn later but lies deeper shows only without it.
 
-The triangle is dimmed by the smaller of the transmittances in front of it at the two samples. A
-layer in front that ends between the samples has a crossing of its own, so it must not brighten
-this one. The layers that cover both samples count once. Few layers in front cover the sample inside
-alone: the crossings with such layers are gathered and visited again.
+The triangle is dimmed by the smaller of the transmittances in front of it at the two samples, since
+a layer that ends between them has a crossing of its own. Layers that cover both samples enter once.
+Few layers in front cover the sample inside alone: the crossings with such layers are gathered and
+visited again.
+
+At the border of the canvas both samples are one, which the triangle covers. There, a triangle that
+is drawn later but lies deeper has already failed the depth test, so that it is missing in what
+would be visible without the triangle.
 """
 
 import functools
@@ -73,8 +77,8 @@ class EdgeLayer(NamedTuple):
 class EdgeGain(NamedTuple):
     """What each triangle adds at its edge.
 
-    - `gain`: by how much it changes the premultiplied colour just outside the edge, were it to
-      cover that too, dimmed by what lies in front.
+    - `gain`: change of the premultiplied colour at the sample outside if the triangle covered it
+      too, times the transmittance in front.
     - `covers_inside`, `covers_outside`: whether it covers the samples and passes the depth test.
     """
 
@@ -96,15 +100,15 @@ class _State(NamedTuple):
     - `in_front_of_both`: transmittance of the layers in front that cover both samples;
       `in_front_outside`: of those that cover the sample outside alone.
     - `hidden`: whether a triangle drawn earlier lies nearer, so that this one fails the depth test.
-    - `behind`: what is visible through the triangle; `without`: what would be visible if it were
-      absent. The latter is None without depth, as both are the same.
+    - `behind`: layers that remain visible behind the triangle; `if_absent`: layers that would be
+      visible without it. The latter is None without depth, where both are equal.
     """
 
     in_front_of_both: Float[Array, "lines runs"]
     in_front_outside: Float[Array, "lines runs"]
     hidden: Bool[Array, "lines runs"]
     behind: _Behind
-    without: _Behind | None
+    if_absent: _Behind | None
 
 
 class _Lists(NamedTuple):
@@ -127,17 +131,17 @@ class _Masks(NamedTuple):
 
     - `outside`: those that cover the sample outside; `both`: and the one inside.
     - `inside_alone`: those in front of the triangle that cover the sample inside alone.
-    - `own_inside`, `own_outside`: the triangle itself, if it covers the sample.
+    - `triangle_inside`, `triangle_outside`: the triangle itself, if it covers the sample.
     """
 
     outside: UInt32[Array, "lines runs"]
     both: UInt32[Array, "lines runs"]
     inside_alone: UInt32[Array, "lines runs"]
-    own_inside: UInt32[Array, "lines runs"]
-    own_outside: UInt32[Array, "lines runs"]
+    triangle_inside: UInt32[Array, "lines runs"]
+    triangle_outside: UInt32[Array, "lines runs"]
 
 
-class _Found(NamedTuple):
+class _SampleFlags(NamedTuple):
     """What the masks of all planes tell about each crossing.
 
     - `is_inside_alone`: whether a layer in front covers the sample inside alone.
@@ -167,8 +171,10 @@ def edge_gains(
     behind = _Behind(black, clear)
     state = _State(clear, clear, false, behind, None if samples.depths is None else behind)
 
-    def visit_plane(plane: Int[Array, ""], carry: tuple[_State, _Found]) -> tuple[_State, _Found]:
-        state, found = carry
+    def visit_plane(
+        plane: Int[Array, ""], carry: tuple[_State, _SampleFlags]
+    ) -> tuple[_State, _SampleFlags]:
+        state, flags = carry
         inside, outside = (
             gather_masks(masks, address, plane) for address in (where.inside, where.outside)
         )
@@ -176,15 +182,15 @@ def edge_gains(
         state = _visit_outside(
             samples, crossings.outside, edge_layer, compared, where, plane, state, tiling
         )
-        return state, _add_found(found, compared)
+        return state, _set_flags(flags, compared)
 
     planes = _count_planes(samples.lists)
-    state, found = repeat(planes, visit_plane, (state, _Found(false, false, false)))
+    state, flags = repeat(planes, visit_plane, (state, _SampleFlags(false, false, false)))
     in_front_inside, covers_inside = _visit_inside(
-        samples, masks, crossings, edge_layer, where, found, tiling
+        samples, masks, crossings, edge_layer, where, flags, tiling
     )
     gain = _gain(state, in_front_inside, edge_layer.color, samples.background)
-    return EdgeGain(gain, covers_inside, found.covers_outside)
+    return EdgeGain(gain, covers_inside, flags.covers_outside)
 
 
 @materialized
@@ -213,20 +219,26 @@ def _compare_masks(
     plane: Int[Array, ""],
 ) -> _Masks:
     """Compare the masks of both samples; those of different tiles have nothing in common."""
-    none = jnp.uint32(0)
-    outside = jnp.where(is_valid, outside, none)
-    inside = jnp.where(is_valid & where.is_one_list, inside, none)
-    own = jnp.where(where.is_listed, entry_bit(where.position, plane), none)
+    no_bits = jnp.uint32(0)
+    outside = jnp.where(is_valid, outside, no_bits)
+    inside = jnp.where(is_valid & where.is_one_list, inside, no_bits)
+    edge_triangle = jnp.where(where.is_listed, entry_bit(where.position, plane), no_bits)
     in_front = bits_before(where.position, plane)
     return _Masks(
-        outside, outside & inside, inside & ~outside & in_front, inside & own, outside & own
+        outside,
+        outside & inside,
+        inside & ~outside & in_front,
+        inside & edge_triangle,
+        outside & edge_triangle,
     )
 
 
 @materialized
-def _add_found(found: _Found, compared: _Masks) -> _Found:
+def _set_flags(flags: _SampleFlags, compared: _Masks) -> _SampleFlags:
     """Add what the masks of one plane tell."""
-    return _Found(*(known | (mask != 0) for known, mask in zip(found, compared[2:], strict=True)))
+    return _SampleFlags(
+        *(known | (mask != 0) for known, mask in zip(flags, compared[2:], strict=True))
+    )
 
 
 def _visit_outside(
@@ -249,24 +261,26 @@ def _visit_outside(
         other = first_layer(remaining, where.outside, samples.lists.triangle, plane)
         depth = None if depths is None else depth_at(depths, other, outside, tiling)
         color = _rgba_at(surface, other, outside, tiling, flat=surface.is_flat)
-        agrees = _agrees(other, triangle, depth, edge_layer.depth_outside)
-        state = _add_layer(state, triangle, other, remaining, compared.both, color, agrees)
+        later_is_in_front = _later_is_in_front(other, triangle, depth, edge_layer.depth_outside)
+        state = _add_layer(
+            state, triangle, other, remaining, compared.both, color, later_is_in_front
+        )
         return without_first(remaining), state
 
     return repeat(most_layers(compared.outside), visit, (compared.outside, state))[1]
 
 
-def _agrees(
+def _later_is_in_front(
     other: Int[Array, "*samples"],
     triangle: Int[Array, "*samples"],
     depth: Float[Array, "*samples"] | None,
-    own_depth: Float[Array, "*samples"] | None,
+    triangle_depth: Float[Array, "*samples"] | None,
 ) -> Bool[Array, "*samples"]:
-    """Whether, of another layer and the triangle, the one drawn later is in front."""
-    if depth is None or own_depth is None:
+    """Whether draw order and depth agree: the layer that is drawn later is in front."""
+    if depth is None or triangle_depth is None:
         return jnp.ones(other.shape, bool)
     # Of equal depths the later is in front.
-    return jnp.where(other > triangle, depth <= own_depth, depth >= own_depth)
+    return jnp.where(other > triangle, depth <= triangle_depth, depth >= triangle_depth)
 
 
 @materialized
@@ -277,27 +291,27 @@ def _add_layer(
     remaining: UInt32[Array, "lines runs"],
     covers_both: UInt32[Array, "lines runs"],
     color: Float[Array, "4 lines runs"],
-    agrees: Bool[Array, "lines runs"],
+    later_is_in_front: Bool[Array, "lines runs"],
 ) -> _State:
     """Update the state by the next layer, the triangle `other`.
 
-    It is the first entry of the mask `remaining`; `covers_both`: as in `_Masks`. `agrees`: whether,
-    of this layer and the triangle, the one drawn later is in front.
+    It is the first entry of the mask `remaining`. `covers_both` is `_Masks.both`, and
+    `later_is_in_front` is of this layer and the triangle.
     """
     is_layer = remaining != 0
     is_shared = (remaining & covers_both & (~remaining + jnp.uint32(1))) != 0
     is_later, is_earlier = is_layer & (other > triangle), is_layer & (other < triangle)
-    is_in_front = is_later & agrees
-    passes = 1.0 - color[3]
-    without = state.without
-    if without is not None:
-        without = _add_behind(without, color, (is_later & ~agrees) | is_earlier)
+    is_in_front = is_later & later_is_in_front
+    layer_transmittance = 1.0 - color[3]
+    if_absent = state.if_absent
+    if if_absent is not None:
+        if_absent = _add_behind(if_absent, color, (is_later & ~later_is_in_front) | is_earlier)
     return _State(
-        jnp.where(is_in_front & is_shared, passes, 1.0) * state.in_front_of_both,
-        jnp.where(is_in_front & ~is_shared, passes, 1.0) * state.in_front_outside,
-        state.hidden | (is_earlier & ~agrees),
+        jnp.where(is_in_front & is_shared, layer_transmittance, 1.0) * state.in_front_of_both,
+        jnp.where(is_in_front & ~is_shared, layer_transmittance, 1.0) * state.in_front_outside,
+        state.hidden | (is_earlier & ~later_is_in_front),
         _add_behind(state.behind, color, is_earlier),
-        without,
+        if_absent,
     )
 
 
@@ -341,7 +355,7 @@ def _visit_inside(
     crossings: Crossings,
     edge_layer: EdgeLayer,
     where: _Lists,
-    found: _Found,
+    flags: _SampleFlags,
     tiling: Tiling,
 ) -> tuple[Float[Array, "lines runs"], Bool[Array, "lines runs"]]:
     """Visit the layers that cover the sample inside alone, or whose tile is another.
@@ -369,9 +383,9 @@ def _visit_inside(
             state.covers.at[group].set(covers, mode="drop"),
         )
 
-    selected = crossings.valid & (found.is_inside_alone | ~where.is_one_list)
+    selected = crossings.valid & (flags.is_inside_alone | ~where.is_one_list)
     clear = jnp.ones(selected.size, samples.background.dtype)
-    state = _InsideState(clear, found.covers_inside.reshape(-1))
+    state = _InsideState(clear, flags.covers_inside.reshape(-1))
     state = visit_selected(selected.reshape(-1), visit_group, state)
     return state.in_front.reshape(shape), state.covers.reshape(shape)
 
@@ -405,7 +419,7 @@ def _look_inside(
             color = _rgba_at_each(surface, other, lanes.sample, tiling)
             is_layer = remaining != 0
             is_in_front = is_layer & (other > triangle)
-            is_in_front = is_in_front & _agrees(other, triangle, depth, lanes.depth)
+            is_in_front = is_in_front & _later_is_in_front(other, triangle, depth, lanes.depth)
             return without_first(remaining), _InsideState(
                 state.in_front * jnp.where(is_in_front, 1.0 - color[3], 1.0),
                 state.covers | (is_layer & (other == triangle)),
@@ -433,7 +447,7 @@ def _gain(
         return layers.color + layers.transmittance[None] * background[:, None, None]
 
     under = over_background(state.behind)
-    before = under if state.without is None else over_background(state.without)
+    before = under if state.if_absent is None else over_background(state.if_absent)
     after = color[:channels] + (1.0 - color[3])[None] * under
     dimming = state.in_front_of_both * jnp.minimum(in_front_inside, state.in_front_outside)
     return jnp.where(state.hidden[None], 0.0, (after - before) * dimming[None])

@@ -3,9 +3,10 @@
 from typing import Any
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..color import premultiply, unpremultiply
+from .overflow import poison_if
 from .pixel_layers import PixelLayers
 from .visibility import Visibility
 
@@ -32,10 +33,11 @@ def composite(
     **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
     """
     triangle, coverage = _layers(visible)
+    if callable(values) and visible.scene.triangles.shape[0] == 0:
+        # Arrays of no triangles cannot be indexed.
+        values = jnp.zeros((*triangle.shape, 3), coverage.dtype)
     if callable(values):
-        weights = visible.barycentric.reshape(-1, 3)
-        values = values(jnp.maximum(triangle.reshape(-1), 0), weights)
-        values = values.reshape(*triangle.shape, -1)
+        values = _shade_layers(values, triangle, visible.barycentric)
     values = jnp.asarray(values)
     if values.shape[:-1] != triangle.shape or values.shape[-1] not in (3, 4):
         raise ValueError(
@@ -47,7 +49,7 @@ def composite(
         raise ValueError(f"`background` must be [3] or [4]; got {background.shape}.")
     if values.shape[-1] == 3:
         values = jnp.concatenate([values, jnp.ones_like(values[..., :1])], -1)
-    # An unused layer has no coverage; its colour must not pass on a NaN.
+    # Unused layers have coverage 0, but 0 * NaN is NaN.
     values = jnp.where((triangle < 0)[..., None], 0.0, premultiply(values))
     channels = background.shape[0]
     total = jnp.zeros((*triangle.shape[:-1], channels), values.dtype)
@@ -60,7 +62,18 @@ def composite(
     total = total + transmittance[..., None] * behind
     if isinstance(visible, Visibility):
         total = jnp.mean(total, 2)
+        return poison_if(unpremultiply(total), visible.scene, visible.overflow)
     return unpremultiply(total)
+
+
+def _shade_layers(
+    shade: Any, triangle: Int[Array, "*samples layers"], weights: Float[Array, "*samples layers 3"]
+) -> Float[Array, "*samples layers channels"]:
+    """Call the function for every layer; unused ones are shaded at the centre of triangle 0."""
+    # Weights of 0 would be NaN in a function that normalizes what it interpolates.
+    weights = jnp.where((triangle < 0)[..., None], 1.0 / 3.0, weights.reshape(*triangle.shape, 3))
+    values = shade(jnp.maximum(triangle.reshape(-1), 0), weights.reshape(-1, 3))
+    return values.reshape(*triangle.shape, -1)
 
 
 def _layers(visible: Visibility | PixelLayers) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: int) -> PixelLayers:
     Raises `ValueError` for another coverage, and for fewer layers than one.
     """
     pixel_layers_mode_of(plan.coverage)  # Raises the error for other coverages.
-    if layers < 1:
+    if not isinstance(layers, int) or layers < 1:
         raise ValueError(f"`layers` must be an integer of 1 or more; got {layers!r}.")
     if scene.triangles.shape[0] == 0:
         shape = (plan.height, plan.width, layers)

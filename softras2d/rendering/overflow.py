@@ -74,7 +74,9 @@ def complaint(outcome: Outcome, plan: Plan) -> str:
         ]
     )
     if outcome.leaves_guard_band:
-        exceeded.append("triangles past the guard band, half the longer side around the canvas")
+        exceeded.append(
+            "triangles past the guard band, which extends half the longer side beyond the canvas"
+        )
     return f"the scene outgrew its plan ({'; '.join(exceeded)}): {CURE}."
 
 

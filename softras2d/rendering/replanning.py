@@ -24,7 +24,7 @@ def value_and_grad_replanning(
     headroom: float = 2.0,
     has_aux: bool = False,
 ) -> "ReplanningGradient":
-    """Make a function that returns a loss and its gradient, whatever becomes of the scene.
+    """Make a function that returns a loss and its gradient, and plans again for a scene that grows.
 
     Like `equinox.filter_value_and_grad` of `loss`, compiled, but for loops outside `jit` whose
     triangles move: when they outgrow the plan, it plans again and computes the step again.
@@ -37,9 +37,9 @@ def value_and_grad_replanning(
       each step, and less costs a compilation more often.
 
     Call the result as `value, gradient = result(parameters, *args)`; `result.plan` is the plan in
-    use and `result.replans` counts how often it was replaced. A loss that is NaN with a sufficient
-    plan is returned as it is. The loss must be NaN where the image is: one that ignores NaN, such
-    as `jnp.nanmean`, hides that a plan was outgrown.
+    use and `result.replans` counts how often it was replaced. A loss that is NaN or infinite with a
+    sufficient plan is returned as it is, after planning once more. The loss must be NaN where the
+    image is: one that ignores NaN, such as `jnp.nanmean`, hides that a plan was outgrown.
     """
     gradient = eqx.filter_jit(eqx.filter_value_and_grad(loss, has_aux=has_aux))
     options = {"height": height, "width": width, "coverage": coverage, "filter": filter}
@@ -50,7 +50,7 @@ class ReplanningGradient:
     """A loss and its gradient, made by `value_and_grad_replanning`.
 
     - `plan`: the plan in use; None before the first call.
-    - `replans`: how many plans were outgrown.
+    - `replans`: how often the plan was replaced by a larger one.
     """
 
     def __init__(

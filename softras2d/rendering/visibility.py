@@ -20,13 +20,13 @@ from ..planning.plan import Plan
 from ..planning.size_classes import pad_concrete
 from ..scene import Scene, check_types
 from .corner_weights import buffer_weights, uv_change, with_unit_corners
-from .overflow import Outcome, compare, raise_on_overflow
+from .overflow import Outcome, compare, poison_if, raise_on_overflow
 from .projected_scene import project_scene
 from .sample_grid import samples_of_rows
 from .visible_samples import BinnedScene, bin_scene, find_visible, listed_words
 
 MOST_BYTES = 2**31
-"""Bytes of one buffer beyond which it is refused."""
+"""Largest size of the triangle indices, in bytes."""
 
 
 class Visibility(eqx.Module):
@@ -36,7 +36,7 @@ class Visibility(eqx.Module):
     they are read, and are differentiable by the scene. With `layers` above 1 every buffer but
     `coverage` has one axis more, `[height, width, samples, layers, ...]`, nearest layer first.
 
-    Sample i of a pixel lies in its sub-column i % S and its sub-row i // S, with S * S samples.
+    With S * S samples per pixel, sample i lies in sub-column i % S and sub-row i // S.
 
     - `triangle`: index of the triangle that shows, `[height, width, samples]`, -1 for background.
     - `scene`, `plan`: what was rasterized; `overflow`: whether the scene outgrew the plan, so that
@@ -66,7 +66,7 @@ class Visibility(eqx.Module):
         shades the triangle. Their derivative by positions is that at a fixed point, the interior
         term of `render`.
         """
-        return _weights(self, perspective=True)
+        return self._checked(_weights(self, perspective=True))
 
     @property
     def depth(self) -> Float[Array, "height width samples *layers"] | None:
@@ -76,13 +76,18 @@ class Visibility(eqx.Module):
         corner_depth = self.scene.depth[self.scene.triangles]
         weights = _weights(self, perspective=False)
         depth = _interpolate(weights, self.triangle, corner_depth[..., None])[..., 0]
-        return jnp.where(self.triangle < 0, jnp.inf, depth)
+        return self._checked(jnp.where(self.triangle < 0, jnp.inf, depth))
 
     @property
     def coverage(self) -> Float[Array, "height width"]:
         """Share of the samples of each pixel that some triangle covers."""
         first = self.triangle if self.triangle.ndim == 3 else self.triangle[..., 0]
-        return jnp.mean((first >= 0).astype(self.scene.positions.dtype), axis=-1)
+        share = jnp.mean((first >= 0).astype(self.scene.positions.dtype), axis=-1)
+        return self._checked(share)
+
+    def _checked(self, buffer: Array) -> Array:
+        """The buffer, or NaN if triangles are missing in it."""
+        return poison_if(buffer, self.scene, self.overflow)
 
     def footprint(
         self, triangle: Int[Array, "*n"], barycentric: Float[Array, "*n 3"], uv: Any
@@ -113,7 +118,8 @@ def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility:
 
     Pure: use it under `jit` and `vmap`. The indices have no derivative; those of the other buffers,
     of `interpolate` and of `resolve` are by all floats of the scene. A scene that outgrows its plan
-    is treated as in `render`: the images of `resolve` and their derivatives are then NaN.
+    is treated as in `render`: images of `resolve` and `composite`, all buffers but `triangle`, and
+    their derivatives are then NaN.
 
     Raises `ValueError` for another coverage, and for indices of more than 2 GiB: draw the canvas in
     windows then (`plan(origin=...)`), or map over them.
@@ -159,7 +165,7 @@ def _interpolate(
 
 
 def _check(plan: Plan, layers: int) -> None:
-    if layers < 1:
+    if not isinstance(layers, int) or layers < 1:
         raise ValueError(f"`layers` must be an integer of 1 or more; got {layers!r}.")
     if plan.side:
         raise ValueError(

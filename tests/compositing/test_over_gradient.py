@@ -43,17 +43,32 @@ def test_image_and_gradient_by_colors_equal_the_dense_ones(count, corners):
 
 
 def test_a_batch_has_the_gradients_of_its_scenes():
-    scenes = [layered_scene(40, 1, seed) for seed in range(3)]
-    plan = sr.plan(scenes, height=SIDE, width=SIDE, coverage=sr.Hard(RATE**2))
+    """The lists of its scenes have different lengths, in segments and in layers."""
+    count, side = 40, 128
+    rng = np.random.default_rng(3)
+    scenes = [
+        sr.Scene.from_soup(
+            rng.uniform(0, extent, (count, 3, 2)),
+            rng.uniform(0, 1, (count, 1, 4)),
+            background=[1, 1, 1],
+        )
+        for extent in (side, 9, 40)
+    ]
+    plan = sr.plan(scenes, height=side, width=side, coverage=sr.Hard(RATE**2))
+    assert not plan.lists_all
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes)
 
-    def loss(colors, scene):
-        return jnp.mean(sr.render(replace(scene, colors=colors), plan) ** 2)
+    def loss(colors, positions, scene):
+        drawn = replace(scene, colors=colors, positions=positions)
+        return jnp.sum(sr.render(drawn, plan) ** 2)
 
-    together = jax.jit(jax.vmap(jax.grad(loss)))(batch.colors, batch)
-    single = jax.jit(jax.grad(loss))
+    gradient = jax.grad(loss, (0, 1))
+    together = jax.jit(jax.vmap(gradient))(batch.colors, batch.positions, batch)
     for index, scene in enumerate(scenes):
-        np.testing.assert_allclose(together[index], single(scene.colors, scene), atol=1e-8)
+        single = jax.jit(gradient)(scene.colors, scene.positions, scene)
+        for ours, expected in zip(together, single, strict=True):
+            scale = np.abs(expected).max()
+            np.testing.assert_allclose(ours[index], expected, atol=1e-5 * scale)
 
 
 @pytest.mark.parametrize("corners", [1, slowly(3)])

@@ -131,3 +131,18 @@ def test_only_the_scenes_that_outgrow_their_plan_are_nan():
     assert np.isnan(of_batch[0]).all()
     assert np.isnan(of_batch[2]).all()
     assert_near(of_batch[1], jax.jit(gradient)(small.positions), 1e-5, least=0)
+
+
+def test_buffers_and_composited_layers_of_an_outgrown_plan_are_nan():
+    """Also under `jit`, where the flag is known only when the program runs."""
+    scene, plan = too_large_for_plan(sr.Hard(4))
+    plan = replace(plan, on_overflow="nan")
+
+    @jax.jit
+    def buffers(scene):
+        visible = sr.rasterize(scene, plan, layers=2)
+        red = jnp.ones((*visible.triangle.shape, 3))
+        return visible.barycentric, visible.coverage, sr.composite(visible, red)
+
+    for buffer in buffers(scene):
+        assert np.isnan(buffer).all()
