@@ -1,8 +1,9 @@
 """Triangulates strokes: a quad per segment, joins between segments, caps at open ends.
 
 All strokes of a drawing are triangulated together. The triangles of one stroke overlap, so a
-translucent stroke is replaced by their `union`. Dashes, markers and the joins `arcs` and
-`miter-clip` are not supported.
+translucent stroke is replaced by their `union`. Points inside a flattened curve have round joins,
+which keep the border of the stroke as near to that of the curve's stroke as the chords are to the
+curve.
 """
 
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..budget import Budget
 from .overlaps import charge_overlaps
@@ -28,6 +29,7 @@ class Outline(NamedTuple):
     - `cap`: `butt`, `square` or `round`.
     - `join`: `miter`, `bevel` or `round`; a miter longer than `miterlimit` widths is a bevel.
     - `scale`: pixels per unit, which determines the number of chords of an arc.
+    - `smooth`: `[n]`, whether a point lies inside a curve and has a round join; None for no point.
     """
 
     points: np.ndarray
@@ -37,6 +39,7 @@ class Outline(NamedTuple):
     join: str = "miter"
     miterlimit: float = 4.0
     scale: float = 1.0
+    smooth: np.ndarray | None = None
 
 
 def stroke(
@@ -59,7 +62,7 @@ def stroke(
 
     segments = _segments(outlines)
     joins = _joins(segments, is_closed, half_width)
-    is_round = join[joins.outline] == "round"
+    is_round = (join[joins.outline] == "round") | joins.smooth
     is_miter = (join[joins.outline] == "miter") & ~_exceeds_limit(joins, miterlimit)
     miters, bevels = joins.take(is_miter), joins.take(~is_round & ~is_miter)
     caps = _caps(segments, is_closed, outlines)
@@ -112,13 +115,15 @@ def union(
 class _Segments(NamedTuple):
     """Segments of positive length, in the order of their outlines.
 
-    `outline` is the index of the outline, `direction` the unit vector from `start` to `end`.
+    `outline` is the index of the outline, `direction` the unit vector from `start` to `end`,
+    `smooth` whether `start` lies inside a curve.
     """
 
     outline: Int[np.ndarray, " segments"]
     start: Float[np.ndarray, "segments 2"]
     end: Float[np.ndarray, "segments 2"]
     direction: Float[np.ndarray, "segments 2"]
+    smooth: Bool[np.ndarray, " segments"]
 
 
 class _Joins(NamedTuple):
@@ -128,6 +133,7 @@ class _Joins(NamedTuple):
     - `start_offset`, `end_offset`: vectors from the corner to the outer border of the stroke at the
       end of the segment before, and at the start of the segment after.
     - `turn`: angle between the segments, in radians, positive from x to y.
+    - `smooth`: whether the corner lies inside a curve.
     """
 
     outline: Int[np.ndarray, " joins"]
@@ -135,6 +141,7 @@ class _Joins(NamedTuple):
     start_offset: Float[np.ndarray, "joins 2"]
     end_offset: Float[np.ndarray, "joins 2"]
     turn: Float[np.ndarray, " joins"]
+    smooth: Bool[np.ndarray, " joins"]
 
     def take(self, chosen: np.ndarray) -> "_Joins":
         return _Joins(*(field[chosen] for field in self))
@@ -179,7 +186,16 @@ def _segments(outlines: Sequence[Outline]) -> _Segments:
     lengths = np.hypot(step[:, 0], step[:, 1])
     starts = np.flatnonzero((np.diff(outline) == 0) & (lengths > 0))
     direction = step[starts] / lengths[starts, None]
-    return _Segments(outline[starts], points[starts], points[starts + 1], direction)
+    smooth = np.zeros(len(points), bool)
+    if any(line.smooth is not None for line in outlines):
+        smooth = np.concatenate([_smooth(line) for line in outlines])
+    return _Segments(outline[starts], points[starts], points[starts + 1], direction, smooth[starts])
+
+
+def _smooth(line: Outline) -> Bool[np.ndarray, " points"]:
+    """Whether each point of a chain lies inside a curve; a closed chain repeats the first point."""
+    smooth = np.zeros(len(line.points), bool) if line.smooth is None else line.smooth
+    return np.append(smooth, smooth[:1]) if line.closed else smooth
 
 
 def _joins(segments: _Segments, is_closed: np.ndarray, half_width: np.ndarray) -> _Joins:
@@ -196,7 +212,8 @@ def _joins(segments: _Segments, is_closed: np.ndarray, half_width: np.ndarray) -
     turn = np.arctan2(_cross(before, after), (before * after).sum(axis=1))
     # The outer border is to the right of a left turn and to the left of a right one.
     offset = np.where(turn > 0, -half_width[outline], half_width[outline])[:, None]
-    joins = _Joins(outline, position, offset * _left(before), offset * _left(after), turn)
+    smooth = segments.smooth[is_joined]
+    joins = _Joins(outline, position, offset * _left(before), offset * _left(after), turn, smooth)
     return joins.take(turn != 0)
 
 

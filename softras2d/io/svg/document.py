@@ -64,6 +64,15 @@ class Reader(Protocol):
         ...
 
 
+@runtime_checkable
+class TextReader(Reader, Protocol):
+    """A reader that also receives the text between tags."""
+
+    def text(self, text: str) -> None:
+        """Character data in the innermost open element, possibly one piece of several."""
+        ...
+
+
 class SvgError(ValueError):
     """An error in a document: one line with its name and the line number."""
 
@@ -123,8 +132,12 @@ def reason(error: Exception) -> str:
     return f"has values too extreme to be drawn ({text})."
 
 
-def walk(document: Document, reader: Reader, budget: Budget | None = None) -> None:
+def walk(
+    document: Document, reader: Reader, budget: Budget | None = None, with_text: bool = False
+) -> None:
     """Pass every element to `reader`, in document order, and charge attributes to `budget`.
+
+    `with_text` also passes character data, if `reader` is a `TextReader`.
 
     Raises `SvgError`, one line with name, line number, element and message, for errors in the XML
     and for `ValueError`s of `reader`.
@@ -166,6 +179,10 @@ def walk(document: Document, reader: Reader, budget: Budget | None = None) -> No
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end
+    if with_text:
+        assert isinstance(reader, TextReader)
+        parser.buffer_text = True
+        parser.CharacterDataHandler = reader.text
     _parse(document, parser)
 
 
