@@ -59,6 +59,23 @@ def number_list(text: str) -> list[float]:
     return values
 
 
+def leading_numbers(text: str) -> tuple[list[float], str | None]:
+    """Parse a list of numbers up to the first error; returns them, and the error or None."""
+    try:
+        return number_list(text), None
+    except ValueError as error:
+        values, position = [], 0
+        while match := _NEXT.match(text, position):
+            if match[1] and not values:
+                break
+            value = float(match[2])
+            if not math.isfinite(value):
+                break
+            values.append(value)
+            position = match.end()
+        return values, str(error)
+
+
 def number_pairs(text: str) -> list[float]:
     """Parse a list of points as the course does; returns x and y alternately, in float32.
 

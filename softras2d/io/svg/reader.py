@@ -2,10 +2,11 @@
 
 import os
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,19 +15,41 @@ from ...names import TextureAddressing
 from ...scene import Scene
 from ...texture.pyramid import TexturePyramid
 from ..budget import Budget
+from ..shapes.paths import TOLERANCE
 from .assets import Assets
 from .context import Context
-from .course_dialect import CourseDialect
+from .course_dialect import CourseReader
 from .display_list import DisplayList, Triangles
 from .document import LIBRARY_ERRORS, Document, SvgError, from_text, load, reason, root, walk
-from .elements import Dialect, ElementReader
-from .svg_dialect import StandardDialect
+from .notices import Notices
+from .page import Page
+from .svg_dialect import Drawing
+from .tree import read_tree
 from .view_box import MAX_SIDE, document_size, round_up
 
-_DIALECTS: dict[str, Callable[[Context], Dialect[Any]]] = {
-    "svg": StandardDialect,
-    "course": CourseDialect,
+_DIALECTS = ("svg", "course")
+
+_FITS = {
+    # Values of `fit`, and what they mean as `preserveAspectRatio`.
+    "contain": "xMidYMid meet",
+    "cover": "xMidYMid slice",
+    "stretch": "none",
 }
+
+
+@dataclass(frozen=True)
+class _Options:
+    """The options of `read_svg` other than the size of the canvas."""
+
+    dialect: str
+    transform: Any
+    assets: str | os.PathLike[str] | None
+    opacity: bool
+    frame: bool | None
+    linear: bool
+    tolerance: float
+    strict: bool
+    fit: str | None
 
 
 def read_svg(
@@ -40,6 +63,9 @@ def read_svg(
     opacity: bool = True,
     frame: bool | None = None,
     linear: bool = False,
+    tolerance: float = TOLERANCE,
+    strict: bool = False,
+    fit: str | None = None,
 ) -> Scene:
     """Read an SVG file as a scene.
 
@@ -72,9 +98,10 @@ def read_svg(
     polygons cross themselves, or 67,108,864 pixels in all images together (1 GiB). Limits are
     checked before the work is done.
     """
-    return _read(
-        load(path), height, width, dialect, transform, assets, opacity, frame, linear, stacklevel=3
+    options = _Options(
+        dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit
     )
+    return _read(load(path), height, width, options, stacklevel=3).scene
 
 
 def parse_svg(
@@ -89,15 +116,18 @@ def parse_svg(
     opacity: bool = True,
     frame: bool | None = None,
     linear: bool = False,
+    tolerance: float = TOLERANCE,
+    strict: bool = False,
+    fit: str | None = None,
 ) -> Scene:
     """Like `read_svg`, for the text of an SVG file; errors call it `name`.
 
     Names of image files are relative to `assets`; without it, no file is read.
     """
-    document = from_text(text, name)
-    return _read(
-        document, height, width, dialect, transform, assets, opacity, frame, linear, stacklevel=3
+    options = _Options(
+        dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit
     )
+    return _read(from_text(text, name), height, width, options, stacklevel=3).scene
 
 
 def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int, int]:
@@ -122,48 +152,69 @@ def _document_size(document: Document, dialect: str) -> tuple[int, int]:
     return round_up(size)
 
 
+class Drawn(NamedTuple):
+    """A document that has been read.
+
+    - `scene`: its triangles; `draw`: the shape of each; `background`: whether a rect is one.
+    - `drawing`: what has drawn it, in dialect `svg`.
+    """
+
+    scene: Scene
+    draw: np.ndarray
+    drawing: Drawing | None
+
+
 def _read(
     document: Document,
     height: int | None,
     width: int | None,
-    dialect: str,
-    transform: Any,
-    assets: str | os.PathLike[str] | None,
-    opacity: bool,
-    frame: bool | None,
-    linear: bool,
+    options: _Options,
     stacklevel: int,
-) -> Scene:
-    _check_dialect(dialect)
-    if frame and dialect != "course":
-        raise ValueError(f"`frame=True` needs dialect 'course'; got dialect {dialect!r}.")
-    height, width = _canvas_size(document, dialect, height, width)
+    keeps_sources: bool = False,
+) -> Drawn:
+    _check_options(options)
+    height, width = _canvas_size(document, options.dialect, height, width)
     budget = Budget()
+    is_course = options.dialect == "course"
     context = Context(
         name=document.name,
         height=height,
         width=width,
-        transform=None if transform is None else check_map(transform),
-        opacity=opacity,
-        frame=dialect == "course" if frame is None else frame,
+        transform=None if options.transform is None else check_map(options.transform),
+        opacity=options.opacity,
+        frame=is_course if options.frame is None else options.frame,
+        fit=None if options.fit is None else _FITS[options.fit],
         assets=Assets(
             document.folder,
-            None if assets is None else Path(assets),
-            alpha=opacity and dialect == "svg",
+            None if options.assets is None else Path(options.assets),
+            alpha=options.opacity and not is_course,
             budget=budget,
         ),
         display=DisplayList(document.name, budget),
     )
+    drawing = None
     # An overflow gives a coordinate that is not finite, which the display list reports.
     with np.errstate(over="ignore", invalid="ignore"):
-        walk(document, ElementReader(_DIALECTS[dialect](context), context), budget)
+        if is_course:
+            walk(document, CourseReader(context), budget)
+        else:
+            root = read_tree(document, budget)
+            notices = Notices(document.name, options.strict)
+            with _errors_named(document):
+                drawing = Drawing(Page(root, context, notices, options.tolerance))
+            drawing.painter.keeps_sources = keeps_sources
+            drawing.draw()
         with _errors_named(document):
             triangles = context.display.finish(height, width)
-    if message := context.warning():
+    message = context.warning() if is_course else notices.warning()
+    if message:
+        if options.strict:
+            raise SvgError(message)
         warnings.warn(message, UserWarning, stacklevel=stacklevel)
-    addressing = "corners" if dialect == "course" else "half_texel"
+    addressing = "corners" if is_course else "half_texel"
     with _errors_named(document), np.errstate(over="ignore", invalid="ignore"):
-        return _make_scene(context, triangles, addressing, linear)
+        scene = _make_scene(context, triangles, addressing, options.linear)
+    return Drawn(scene, triangles.draw, drawing)
 
 
 @contextmanager
@@ -195,6 +246,16 @@ def _canvas_size(
 def _check_dialect(dialect: str) -> None:
     if dialect not in _DIALECTS:
         raise ValueError(f"`dialect` must be 'svg' or 'course'; got {dialect!r}.")
+
+
+def _check_options(options: _Options) -> None:
+    _check_dialect(options.dialect)
+    if options.frame and options.dialect != "course":
+        raise ValueError(f"`frame=True` needs dialect 'course'; got dialect {options.dialect!r}.")
+    if not 1e-4 <= options.tolerance <= 1e4:
+        raise ValueError(f"`tolerance` must be 0.0001 to 10000 pixels; got {options.tolerance}.")
+    if options.fit is not None and options.fit not in _FITS:
+        raise ValueError(f"`fit` must be {', '.join(map(repr, _FITS))}; got {options.fit!r}.")
 
 
 def _make_scene(

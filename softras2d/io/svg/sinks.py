@@ -1,0 +1,242 @@
+"""Receives painted shapes: the canvas draws them at once, a layer collects them for a group."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import shapely
+
+from ...geometry import affine_maps
+from ..budget import Budget
+from ..shapes.regions import EMPTY, filled, is_empty, polygons_of
+from ..shapes.strokes import Outline, stroke, union
+from .css_color import Rgba
+from .display_list import DisplayList
+from .layers import Item, flattened
+from .paint import Paint, flat, through
+
+
+class Textured(NamedTuple):
+    """A convex polygon with a texture.
+
+    - `points`, `uv`: `[n, 2]`, in pixels, and texture coordinates.
+    - `color`: white, with the opacity.
+    - `translucent`: whether the texture or the opacity lets something show through.
+    """
+
+    points: np.ndarray
+    color: Rgba
+    uv: np.ndarray
+    texture: int
+    translucent: bool
+
+
+class Sink(Protocol):
+    """Receives the shapes of a drawing, in draw order, in pixels."""
+
+    def add_polygon(
+        self, contours: list[np.ndarray], color: Rgba, evenodd: bool, source: int
+    ) -> None:
+        """Add the inside of closed contours `[n, 2]`. `source` identifies their control points."""
+        ...
+
+    def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
+        """Add the outlines of one path, which `map3` maps to pixels."""
+        ...
+
+    def add_triangle(self, corners: np.ndarray, colors: np.ndarray) -> None:
+        """Add a triangle `[3, 2]` with a colour for each corner `[3, 4]`."""
+        ...
+
+    def add_textured(self, textured: Textured) -> None:
+        """Add a polygon with a texture."""
+        ...
+
+    def add_items(self, items: list[Item]) -> None:
+        """Add regions."""
+        ...
+
+
+class Canvas:
+    """The sink that draws on the display list. `sources` has the source of each draw, or -1."""
+
+    def __init__(self, display: DisplayList):
+        self._display = display
+        self.sources: dict[int, int] = {}
+
+    def add_polygon(
+        self, contours: list[np.ndarray], color: Rgba, evenodd: bool, source: int
+    ) -> None:
+        """Draw the inside of contours."""
+        points = contours[0] if len(contours) == 1 else contours
+        self.sources[self._display.add_polygon(points, color, evenodd)] = source
+
+    def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
+        """Draw the strokes of a path."""
+        if color[3] < 1 and len(outlines) > 1:
+            self._display.add_stroke(outlines, map3, color)
+            return
+        for outline in outlines:
+            self._display.add_stroke(outline, map3, color)
+
+    def add_triangle(self, corners: np.ndarray, colors: np.ndarray) -> None:
+        """Draw a triangle."""
+        self._display.add_triangles(corners[None], colors)
+
+    def add_textured(self, textured: Textured) -> None:
+        """Draw a polygon with a texture."""
+        self._display.add_textured(*textured)
+
+    def add_items(self, items: list[Item]) -> None:
+        """Draw regions."""
+        for item in items:
+            self.sources[self._display.add_region(item.region, item.paint)] = item.source
+
+
+class _Call(NamedTuple):
+    """A shape that a layer has received.
+
+    - `bounds`: its bounding box (x0, y0, x1, y1), or a larger one.
+    - `replay`: passes it on to a sink, with its alpha multiplied by an opacity.
+    - `items`: makes regions of it.
+    """
+
+    bounds: np.ndarray
+    replay: Callable[[Sink, float], None]
+    items: Callable[[], list[Item]]
+
+
+class Layer:
+    """The sink that collects the shapes of a group, which `finish` composites as a whole."""
+
+    def __init__(self, budget: Budget):
+        self._budget = budget
+        self._calls: list[_Call] = []
+
+    def add_polygon(
+        self, contours: list[np.ndarray], color: Rgba, evenodd: bool, source: int
+    ) -> None:
+        """Collect the inside of contours."""
+
+        def replay(sink: Sink, opacity: float) -> None:
+            sink.add_polygon(contours, _faded(color, opacity), evenodd, source)
+
+        def items() -> list[Item]:
+            return [Item(filled(contours, evenodd, self._budget), flat(color), source)]
+
+        self._calls.append(_Call(_bounds(np.concatenate(contours)), replay, items))
+
+    def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
+        """Collect the strokes of a path."""
+        widest = max(outlines, key=lambda outline: outline.width)
+        reach = widest.width / 2 * widest.scale * max(widest.miterlimit, 1.5)
+        points = affine_maps.apply(map3, np.concatenate([line.points for line in outlines]))
+        bounds = _bounds(points) + reach * np.array([-1.0, -1.0, 1.0, 1.0])
+
+        def replay(sink: Sink, opacity: float) -> None:
+            sink.add_strokes(outlines, map3, _faded(color, opacity))
+
+        def items() -> list[Item]:
+            return [Item(stroked(outlines, map3, self._budget), flat(color))]
+
+        self._calls.append(_Call(bounds, replay, items))
+
+    def add_triangle(self, corners: np.ndarray, colors: np.ndarray) -> None:
+        """Collect a triangle."""
+
+        def replay(sink: Sink, opacity: float) -> None:
+            sink.add_triangle(corners, colors * [1.0, 1.0, 1.0, opacity])
+
+        self._calls.append(_Call(_bounds(corners), replay, lambda: triangle_items(corners, colors)))
+
+    def add_textured(self, textured: Textured) -> None:
+        """Collect a polygon with a texture."""
+
+        def replay(sink: Sink, opacity: float) -> None:
+            translucent = textured.translucent or opacity < 1
+            faded = _faded(textured.color, opacity)
+            sink.add_textured(textured._replace(color=faded, translucent=translucent))
+
+        self._calls.append(
+            _Call(_bounds(textured.points), replay, lambda: textured_items(textured))
+        )
+
+    def add_items(self, items: list[Item]) -> None:
+        """Collect regions."""
+        for item in items:
+
+            def replay(sink: Sink, opacity: float, item: Item = item) -> None:
+                sink.add_items([item._replace(paint=item.paint.with_opacity(opacity))])
+
+            bounds = np.array(shapely.bounds(item.region))
+            self._calls.append(_Call(bounds, replay, lambda item=item: [item]))
+
+    def finish(self, sink: Sink, opacity: float) -> bool:
+        """Pass the shapes on, composited and with an opacity; returns whether this is exact."""
+        if not self._calls:
+            return True
+        is_alone = self._is_alone()
+        overlapping: list[Item] = []
+        for call, alone in zip(self._calls, is_alone.tolist(), strict=True):
+            if alone:
+                call.replay(sink, opacity)
+            else:
+                overlapping += [item for item in call.items() if not is_empty(item.region)]
+        if not overlapping:
+            return True
+        cells, is_exact = flattened(overlapping, self._budget)
+        sink.add_items([c._replace(paint=c.paint.with_opacity(opacity)) for c in cells])
+        return is_exact
+
+    def _is_alone(self) -> np.ndarray:
+        """Whether the bounding box of each shape meets no other."""
+        if len(self._calls) == 1:
+            return np.ones(1, bool)
+        bounds = np.stack([call.bounds for call in self._calls])
+        if not np.isfinite(bounds).all():
+            raise ValueError("a coordinate is not finite in float32.")
+        boxes: Any = shapely.box(*bounds.T)
+        tree = shapely.STRtree(boxes)
+        counts = []
+        for start in range(0, len(boxes), 1024):
+            found, _ = tree.query(boxes[start : start + 1024])
+            self._budget.charge("overlays", len(found))
+            counts.append(np.bincount(found, minlength=len(boxes[start : start + 1024])))
+        return np.concatenate(counts) <= 1
+
+
+def stroked(outlines: list[Outline], map3: np.ndarray, budget: Budget) -> Any:
+    """The region of the strokes of a path, in pixels."""
+    corners, _ = stroke(outlines, budget)
+    if len(corners) == 0:
+        return EMPTY
+    corners = affine_maps.apply(map3, corners)
+    with np.errstate(over="ignore"):
+        if not np.isfinite(corners.astype(np.float32)).all():
+            raise ValueError("stroke: a coordinate is not finite in float32.")
+    return polygons_of(union(corners, budget))
+
+
+def triangle_items(corners: np.ndarray, colors: np.ndarray) -> list[Item]:
+    """The region of a triangle with a colour for each corner."""
+    paint = through(corners, colors)
+    return [] if paint is None else [Item(shapely.Polygon(corners), paint)]
+
+
+def textured_items(textured: Textured) -> list[Item]:
+    """The region of a polygon with a texture."""
+    points = textured.points
+    matrix = np.column_stack([points[:3], np.ones(3)])
+    if abs(np.linalg.det(matrix)) < 1e-12:
+        return []
+    uv = np.linalg.solve(matrix, textured.uv[:3]).T
+    paint = Paint(flat(textured.color).color, uv, textured.texture, textured.translucent)
+    return [Item(shapely.Polygon(points), paint)]
+
+
+def _faded(color: Rgba, opacity: float) -> Rgba:
+    return (*color[:3], color[3] * opacity)
+
+
+def _bounds(points: np.ndarray) -> np.ndarray:
+    return np.concatenate([points.min(axis=0), points.max(axis=0)])
