@@ -66,30 +66,32 @@ class ClipPaths:
             return None
         target = self._page.target(reference)
         if target is None or target.name != "clipPath":
-            # A reference to anything else has no effect (CSS Masking 1, section 5.1).
             self._page.report(element)(
                 INVALID, "clip-path", f"refers to no clipPath ({reference[:40]!r})"
             )
             return None
         if target in chain or len(chain) >= _MAX_NESTING:
+            # An invalid reference has no effect (CSS Masking 1, section 5.1).
             self._page.report(target)(INVALID, "clip-path", "refers to itself")
-            return EMPTY
+            return None
         in_box = target.attrib.get("clipPathUnits", "").strip() == "objectBoundingBox"
         if in_box:
             if box is None or box.width <= 0 or box.height <= 0:
                 return EMPTY
-            map3 = map3 @ affine_maps.matrix(box.width, 0, 0, box.height, box.x, box.y)
         key = (id(target), map3.tobytes(), box if in_box or chain else None)
         if key not in self._regions:
-            self._regions[key] = self._region(target, map3, box, (*chain, target))
+            self._regions[key] = self._region(target, map3, box, in_box, (*chain, target))
         return self._regions[key]
 
     def _region(
-        self, target: Element, map3: np.ndarray, box: Box | None, chain: tuple[Element, ...]
-    ) -> Any:
+        self, target: Element, map3: np.ndarray, box: Box | None, in_box: bool,
+        chain: tuple[Element, ...],
+    ) -> Any:  # fmt: skip
         """The region of a clip path: the union of its children, within its own clip path."""
         style = self._page.style_in_place(target)
         map3 = self._transformed(target, map3)
+        if in_box and box is not None:
+            map3 = map3 @ affine_maps.matrix(box.width, 0, 0, box.height, box.x, box.y)
         regions = []
         for child in target.children:
             region = self._child_region(child, style, map3, box, chain)
@@ -116,7 +118,7 @@ class ClipPaths:
         """The region of a shape, or of a `use` of a shape; None for other elements."""
         self._page.budget.charge("elements", 1)
         declared = self._page.declared(child)
-        style = self._page.computed(child, parent, declared)
+        style = self._page.clip_child_style(child, parent, declared)
         if style.display == "none":
             return None
         map3 = self._transformed(child, map3)
@@ -128,7 +130,7 @@ class ClipPaths:
             if shape is None or shape.name not in SHAPES:
                 return None
             declared = self._page.declared(shape)
-            shape_style = self._page.computed(shape, style, declared)
+            shape_style = self._page.clip_child_style(shape, style, declared)
             if shape_style.display == "none":
                 return None
             map3 = self._transformed(shape, map3)

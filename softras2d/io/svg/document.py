@@ -1,8 +1,9 @@
 """Parses XML element by element, safely: no entities, no network, errors with line numbers.
 
 Expat is the parser of Python's standard library. It fetches nothing by itself: files that a doctype
-refers to are not read. A document that declares entities is refused, so that none is ever expanded.
-No tree is built.
+refers to are not read. Entities are read only if they are short texts that refer to nothing, as
+drawing programs declare for namespaces. The course's dialect refuses all entities. No tree is
+built.
 """
 
 import contextlib
@@ -18,6 +19,12 @@ from ..budget import MAX_DEFAULTS, Budget
 
 MAX_BYTES = 64 * 2**20
 """Size limit of a document. Larger ones are refused before they are parsed."""
+
+MAX_ENTITIES = 256
+"""Entities that a document may declare."""
+
+MAX_ENTITY_LENGTH = 256
+"""Length of the text of an entity. Expat limits the total length of what entities become."""
 
 MAX_DEPTH = 100_000
 """Limit of elements within elements."""
@@ -137,7 +144,7 @@ def walk(
 ) -> None:
     """Pass every element to `reader`, in document order, and charge attributes to `budget`.
 
-    `with_text` also passes character data, if `reader` is a `TextReader`.
+    `with_text` also passes character data, if `reader` is a `TextReader`, and expands entities.
 
     Raises `SvgError`, one line with name, line number, element and message, for errors in the XML
     and for `ValueError`s of `reader`.
@@ -183,7 +190,7 @@ def walk(
         assert isinstance(reader, TextReader)
         parser.buffer_text = True
         parser.CharacterDataHandler = reader.text
-    _parse(document, parser)
+    _parse(document, parser, with_entities=with_text)
 
 
 class _RootRead(Exception):
@@ -201,18 +208,29 @@ def root(document: Document) -> tuple[str, Attributes]:
 
     parser.StartElementHandler = start
     with contextlib.suppress(_RootRead):
-        _parse(document, parser)
+        _parse(document, parser, with_entities=True)
     return elements[0]
 
 
-def _parse(document: Document, parser: expat.XMLParserType) -> None:
+def _parse(
+    document: Document, parser: expat.XMLParserType, with_entities: bool = False
+) -> None:
     """Run a parser whose element handlers are set; errors in the XML become `SvgError`."""
 
     def refuse(problem: str) -> NoReturn:
         raise SvgError(f"{document.name}:{parser.CurrentLineNumber}: {problem}")
 
-    def refuse_entity(*_: object) -> NoReturn:
-        refuse("the document declares an entity, which is not supported.")
+    entities = 0
+
+    def check_entity(*declaration: object) -> None:
+        nonlocal entities
+        _, is_parameter, value, *_ = declaration
+        is_plain = isinstance(value, str) and not is_parameter and not set("&%<") & set(value)
+        entities += 1
+        if not (with_entities and is_plain and entities <= MAX_ENTITIES):
+            refuse("the document declares an entity, which is not supported.")
+        if len(str(value)) > MAX_ENTITY_LENGTH:
+            refuse(f"the document declares an entity of over {MAX_ENTITY_LENGTH} characters.")
 
     def refuse_undeclared_entity(*_: object) -> NoReturn:
         refuse("an entity is used that is not declared, which is not supported.")
@@ -227,7 +245,7 @@ def _parse(document: Document, parser: expat.XMLParserType) -> None:
             refuse(f"the document declares more than {MAX_DEFAULTS} attribute defaults.")
 
     parser.AttlistDeclHandler = count_default
-    parser.EntityDeclHandler = refuse_entity
+    parser.EntityDeclHandler = check_entity
     parser.SkippedEntityHandler = refuse_undeclared_entity
     try:
         parser.Parse(document.data, True)

@@ -160,21 +160,18 @@ def radial_pieces(
     box = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     inverse = np.linalg.inv(gradient.to_pixels)
     local = box @ inverse[:2, :2].T + inverse[:2, 2]
-    # A circle of this position contains the box: the radius grows faster than the center moves.
-    offset = np.subtract(gradient.center, gradient.focus)
-    growth = gradient.radius - gradient.focal_radius - float(np.hypot(*offset))
-    farthest = float(np.hypot(*(local - gradient.focus).T).max())
-    high = max((farthest - gradient.focal_radius) / max(growth, 1e-9), 1.0)
+    cone = _cone(gradient)
+    # The circle at `high` contains the box, as far as the cone reaches.
+    farthest = float(np.hypot(*(local - cone.apex).T).max())
+    high = max(cone.position(farthest / max(cone.shortest, 1e-9)), 1.0)
     rings = list(_intervals(gradient, 0.0, high, budget))
     finite = [ring for ring in rings if ring[0] > -math.inf and ring[1] < math.inf]
     sectors = _sectors(gradient, finite, tolerance, farthest)
     budget.charge("overlays", 8 * sectors * len(rings))
-    angle = 2 * math.pi * (np.arange(sectors) + 0.618) / sectors
-    rim = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rays = cone.rays(sectors)
 
     def circle(position: float) -> np.ndarray:
-        radius = gradient.focal_radius + (gradient.radius - gradient.focal_radius) * position
-        points = gradient.focus + position * offset + radius * rim
+        points = cone.apex + cone.scale(position) * rays
         return points @ gradient.to_pixels[:2, :2].T + gradient.to_pixels[:2, 2]
 
     def border(position: float) -> float:
@@ -184,7 +181,8 @@ def radial_pieces(
     stops = gradient.stops
     innermost = border(finite[0][0] if finite else stops[0].offset)
     if innermost > 0 or gradient.focal_radius > 0:
-        pieces.append(Piece(circle(innermost), flat(tuple(rings[0][2]))))
+        first = stops[0].color if gradient.spread == "pad" else rings[0][2]
+        pieces += _ring(circle(cone.position(0.0)), circle(innermost), first, first, box)
     for start, end, low, high_color in finite:
         pieces += _ring(circle(border(start)), circle(end), low, high_color, box)
     if gradient.spread == "pad":
@@ -193,6 +191,62 @@ def radial_pieces(
         color = stops[-1].color
         pieces += _ring(circle(outermost), circle(4 * high + 1), color, color, box)
     return pieces
+
+
+class _Cone(NamedTuple):
+    """Rays from the apex of the circles of a gradient, where the radius is zero.
+
+    The circle at scale 1 is the end circle. A point of a ray at scale s is the nearest point to the
+    apex, or the only one, in which the ray meets the circle at scale s.
+
+    - `apex`: in the units of the gradient; `offset`: from there to the center of the end circle.
+    - `radius`: of the end circle. `start`: the scale of the start circle.
+    """
+
+    apex: np.ndarray
+    offset: np.ndarray
+    radius: float
+    start: float
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the apex lies outside of all circles, which touch a cone from inside."""
+        return float(np.hypot(*self.offset)) > self.radius
+
+    @property
+    def shortest(self) -> float:
+        """The shortest distance from the apex to the end circle."""
+        return abs(self.radius - float(np.hypot(*self.offset)))
+
+    def scale(self, position: float) -> float:
+        """The scale of the circle at a position, which is 0 at the start circle and 1 at the end."""
+        return self.start + (1.0 - self.start) * position
+
+    def position(self, scale: float) -> float:
+        """The position of the circle at a scale."""
+        return (scale - self.start) / (1.0 - self.start)
+
+    def rays(self, count: int) -> Float[np.ndarray, "rays 2"]:
+        """The points of about `count` rays at scale 1, relative to the apex; the first comes last.
+
+        Rays of an open cone end at both of its sides.
+        """
+        if self.is_open:
+            half = math.acos(self.radius / float(np.hypot(*self.offset)))
+            middle = math.atan2(-self.offset[1], -self.offset[0])
+            angle = middle + half * np.linspace(-1.0, 1.0, count)
+        else:
+            angle = 2 * math.pi * (np.arange(count + 1) + 0.618) / count
+            angle[-1] = angle[0]
+        return self.offset + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _cone(gradient: RadialGradient) -> _Cone:
+    """The cone of a gradient whose end circle is larger than its start circle."""
+    growth = gradient.radius - gradient.focal_radius
+    focus, center = np.array(gradient.focus), np.array(gradient.center)
+    apex = focus - (center - focus) * (gradient.focal_radius / growth)
+    return _Cone(apex, center - apex, gradient.radius, gradient.focal_radius / gradient.radius)
 
 
 def _sectors(gradient: RadialGradient, rings: list, tolerance: float, farthest: float) -> int:
@@ -218,8 +272,7 @@ def _ring(
     inner: np.ndarray, outer: np.ndarray, low: np.ndarray, high: np.ndarray, box: np.ndarray
 ) -> list[Piece]:
     """The pieces between two circles that meet the box; colours `low` inside, `high` outside."""
-    next_inner, next_outer = np.roll(inner, -1, axis=0), np.roll(outer, -1, axis=0)
-    quads = np.stack([inner, outer, next_outer, next_inner], axis=1)
+    quads = np.stack([inner[:-1], outer[:-1], outer[1:], inner[1:]], axis=1)
     meets = ((quads.min(axis=1) <= box.max(axis=0)) & (quads.max(axis=1) >= box.min(axis=0))).all(1)
     quads = quads[meets]
     if (low == high).all():

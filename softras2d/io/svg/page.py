@@ -8,7 +8,7 @@ import numpy as np
 from ..budget import Budget
 from .cascade import Cascade, Declarations
 from .context import Context
-from .notices import Notices
+from .notices import WITHOUT_EFFECT, Notices
 from .style import INITIAL, Style, computed
 from .tree import Element
 from .units import Viewport
@@ -81,6 +81,16 @@ class Page:
     def computed(self, element: Element, parent: Style, declared: Declarations) -> Style:
         """The style of an element inside a parent of this style."""
         return computed(declared, parent, self.viewport, self.report(element))
+
+    def clip_child_style(self, element: Element, parent: Style, declared: Declarations) -> Style:
+        """The style of a child of a clip path, where filters and masks have no effect."""
+        report = self.report(element)
+
+        def note(kind: str, attribute: str, detail: str) -> None:
+            if kind != WITHOUT_EFFECT:
+                report(kind, attribute, detail)
+
+        return computed(declared, parent, self.viewport, note)
 
     def style_in_place(self, element: Element) -> Style:
         """The style of an element that is not drawn where it is, such as a gradient's stop."""

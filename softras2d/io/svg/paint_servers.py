@@ -11,6 +11,7 @@ from .gradient_pieces import LinearGradient, RadialGradient, Stop
 from .notices import INVALID, NOT_DRAWN
 from .numbers import fraction
 from .page import Page, affine_part
+from .style import transform_origin
 from .transform_attribute import transform_list
 from .tree import Element
 from .view_box import Box
@@ -19,6 +20,9 @@ GRADIENTS = ("linearGradient", "radialGradient")
 
 Fill = Rgba | LinearGradient | RadialGradient | None
 """What a paint server paints: one colour, a gradient, or nothing."""
+
+_TOUCHING = 1e-3
+"""Distance between circles, in radii, below which they count as touching."""
 
 _MAX_TEMPLATES = 1000
 """Limit of gradients that refer to each other in a chain."""
@@ -50,10 +54,7 @@ def gradient_fill(
         if box is None or box.width <= 0 or box.height <= 0:
             return False
         to_pixels = to_pixels @ affine_maps.matrix(box.width, 0, 0, box.height, box.x, box.y)
-    own_map = _gradient_transform(page, chain)
-    if own_map is None:
-        return None
-    to_pixels = to_pixels @ own_map
+    to_pixels = to_pixels @ _gradient_transform(page, chain, in_box)
     if not np.isfinite(to_pixels).all() or abs(np.linalg.det(to_pixels)) < 1e-30:
         return None
     spread = _inherited(page, chain, "spreadMethod", ("pad", "reflect", "repeat")) or "pad"
@@ -91,15 +92,29 @@ def _inherited(
     return None
 
 
-def _gradient_transform(page: Page, chain: list[Element]) -> np.ndarray | None:
-    """The map of `gradientTransform`; None if it flattens the plane."""
+def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.ndarray:
+    """The map of `gradientTransform`, about the gradient's `transform-origin`."""
     for gradient in chain:
-        if (text := gradient.attrib.get("gradientTransform")) is not None:
-            try:
-                return transform_list(text)
-            except ValueError as error:
-                page.report(gradient)(INVALID, "gradientTransform", str(error))
-                return affine_maps.identity()
+        if (text := gradient.attrib.get("gradientTransform")) is None:
+            continue
+        report = page.report(gradient)
+        try:
+            own = transform_list(text)
+            if np.linalg.det(own) == 0:
+                raise ValueError("has no inverse")
+        except ValueError as error:
+            report(INVALID, "gradientTransform", str(error))
+            break
+        style, viewport = page.style_in_place(gradient), page.viewport
+        if style.transform_origin in ("0 0", "0"):
+            return own
+        box = Box(0.0, 0.0, 1.0, 1.0) if in_box else Box(0.0, 0.0, viewport.width, viewport.height)
+        try:
+            x, y = transform_origin(style.transform_origin, box, viewport, style.font_size)
+        except ValueError as error:
+            report(INVALID, "transform-origin", str(error))
+            return own
+        return affine_maps.translate(x, y) @ own @ affine_maps.translate(-x, -y)
     return affine_maps.identity()
 
 
@@ -193,18 +208,23 @@ def _radial(
     report = page.report(chain[0])
     if r < 0:
         report(INVALID, "r", "must not be negative")
-        return None
+        r = 0.5 if in_box else 0.5 * page.viewport.diagonal
     if fr < 0:
         report(INVALID, "fr", "must not be negative")
         fr = 0.0
     if r == 0:
         return _solid(stops[-1])
-    distance = math.hypot(fx - cx, fy - cy)
-    if fr >= r or (fr > 0 and distance + fr > r * (1 - 1e-6)):
-        report(NOT_DRAWN, "fr", "the start circle reaches out of the end circle")
+    center, focus = (cx, cy), (fx, fy)
+    if fr > r:
+        # The circles shrink from the first to the last stop: the same gradient from its other end.
+        center, focus, r, fr = focus, center, fr, r
+        stops = [Stop(1.0 - stop.offset, stop.color) for stop in reversed(stops)]
+    distance = math.hypot(focus[0] - center[0], focus[1] - center[1])
+    if fr == r:
+        report(NOT_DRAWN, "fr", "both circles have the same radius")
         return None
-    if distance > r * (1 - 1e-3):
-        # SVG 1.1, section 13.2.3: the focal point moves to the circle. Chromium and resvg too.
-        share = r * (1 - 1e-3) / distance
-        fx, fy = cx + (fx - cx) * share, cy + (fy - cy) * share
-    return RadialGradient(tuple(stops), spread, to_pixels, (cx, cy), r, (fx, fy), fr)
+    if abs(distance + fr - r) < r * _TOUCHING:
+        # Circles that touch from inside have no area in common with a ray at their common tangent.
+        share = max(r * (1 - _TOUCHING) - fr, 0.0) / distance
+        focus = tuple(c + (f - c) * share for c, f in zip(center, focus, strict=True))
+    return RadialGradient(tuple(stops), spread, to_pixels, center, r, focus, fr)

@@ -61,6 +61,7 @@ class Style(NamedTuple):
     transform_box: str = "view-box"
     stop_color: Any = BLACK
     stop_opacity: float = 1.0
+    background_color: Any = (0.0, 0.0, 0.0, 0.0)
 
     def with_alpha(self, paint: Paint, opacity: float) -> Rgba | None:
         """The colour of a paint that is no reference, times an opacity; None if it is invisible."""
@@ -89,6 +90,9 @@ UNSUPPORTED = {
     "mix-blend-mode": ("normal",),
 }
 
+_CSS_ONLY = ("background-color",)
+"""Properties that are no presentation attributes."""
+
 Note = Callable[[str, str, str], None]
 """Called with the kind of a notice, the name of a property, and what is wrong."""
 
@@ -108,7 +112,7 @@ def computed(declared: Declarations, parent: Style, viewport: Viewport, note: No
     for source in (declared.attributes, declared.css):
         for name, value in source.items():
             field = _FIELDS.get(name)
-            if field is None:
+            if field is None or (name in _CSS_ONLY and source is declared.attributes):
                 if name in UNSUPPORTED and value.strip() not in UNSUPPORTED[name]:
                     note(WITHOUT_EFFECT, name, value)
                 elif name == "font" and source is declared.css:
@@ -146,8 +150,7 @@ def _solid(text: str) -> Rgba | str | None:
     """Parse a paint that refers to nothing."""
     if text.lower() == "none":
         return None
-    # An ICC colour after a colour is no longer standard, and renderers use the colour before it.
-    color = color_of(text.partition("icc-color(")[0])
+    color = color_of(text)
     if color is None:
         raise ValueError("is no paint")
     return color
@@ -161,7 +164,7 @@ def _color(text: str, parent: Style, *_: object) -> Any:
 
 
 def _stop_color(text: str, *_: object) -> Any:
-    color = color_of(text.partition("icc-color(")[0])
+    color = color_of(text)
     if color is None:
         raise ValueError("is no colour")
     return color
@@ -299,6 +302,7 @@ _PARSERS: dict[str, Callable[..., Any]] = {
     "transform_box": _one_of("view-box", "fill-box", "stroke-box", "content-box", "border-box"),
     "stop_color": _stop_color,
     "stop_opacity": _opacity,
+    "background_color": _color,
 }
 
 

@@ -126,7 +126,21 @@ class Drawing:
         self._page.viewport = viewport
         root_style = self._page.style_in_place(self._page.root)
         viewport = viewport._replace(root_font_size=root_style.font_size)
+        self._paint_canvas(root_style)
         return _State(INITIAL, self._placed(map3, None, self.canvas), viewport)
+
+    def _paint_canvas(self, style: Style) -> None:
+        """Paint the canvas in the `background-color` of the root (CSS Backgrounds 3, 2.11.2)."""
+        red, green, blue, alpha = style.background_color
+        if alpha == 0:
+            return
+        alpha = alpha if self._context.opacity else 1.0
+        if alpha == 1:
+            self._context.background = (red, green, blue)
+            return
+        height, width = self._context.height, self._context.width
+        corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
+        self.canvas.add_polygon([corners], (red, green, blue, alpha), False, -1)
 
     def _fitted(self, element: Element, box: Box, height: float, width: float) -> np.ndarray:
         aspect = element.attrib.get("preserveAspectRatio", "")
