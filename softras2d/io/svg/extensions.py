@@ -70,7 +70,10 @@ def draw_image(
     assets = page.context.assets
     texture = assets.linked(href)
     picture_height, picture_width = map(float, assets.textures[texture].shape[:2])
-    width, height = lengths.size("width", math.inf), lengths.size("height", math.inf)
+    width, height = lengths.read("width", math.inf), lengths.read("height", math.inf)
+    for name, side in (("width", width), ("height", height)):
+        if side < 0:
+            lengths.report(INVALID, name, "must not be negative")
     if width <= 0 or height <= 0:
         return
     # Infinity stands for `auto`: the side follows from the picture.

@@ -1,7 +1,7 @@
 """Holds what all parts of the dialect `svg` share while one document is read."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,9 +24,6 @@ _GEOMETRY = {
     "use": ("x", "y", "width", "height"),
     "path": ("d",),
 }
-
-Report = Callable[[str, str, str], None]
-"""Called with the kind of a notice, an attribute, and what is wrong."""
 
 
 class Page:
@@ -56,16 +53,16 @@ class Page:
             if element.name == "style" and "data-fallback" not in element.attrib:
                 self.cascade.add_sheet(element)
 
-    def report(self, element: Element) -> Report:
-        """The function that notes what is wrong with an element, once for each attribute."""
+    def report(self, element: Element) -> "Report":
+        """What notes the errors of an element."""
+        return Report(self, element)
 
-        def note(kind: str, attribute: str, detail: str) -> None:
-            key = (id(element), kind, attribute)
-            if key not in self._noted:
-                self._noted.add(key)
-                self.notices.add(kind, element.tag, element.line, attribute, detail)
-
-        return note
+    def note(self, element: Element, kind: str, attribute: str, detail: str) -> None:
+        """Note what is wrong with an attribute of an element, unless it is noted already."""
+        key = (id(element), kind, attribute)
+        if key not in self._noted:
+            self._noted.add(key)
+            self.notices.add(kind, element.tag, element.line, attribute, detail)
 
     def not_drawn(self, kind: str, element: Element) -> None:
         """Note an element that is not drawn, whatever its attributes are."""
@@ -84,13 +81,7 @@ class Page:
 
     def clip_child_style(self, element: Element, parent: Style, declared: Declarations) -> Style:
         """The style of a child of a clip path, where filters and masks have no effect."""
-        report = self.report(element)
-
-        def note(kind: str, attribute: str, detail: str) -> None:
-            if kind != WITHOUT_EFFECT:
-                report(kind, attribute, detail)
-
-        return computed(declared, parent, self.viewport, note)
+        return computed(declared, parent, self.viewport, Report(self, element, (WITHOUT_EFFECT,)))
 
     def style_in_place(self, element: Element) -> Style:
         """The style of an element that is not drawn where it is, such as a gradient's stop."""
@@ -118,7 +109,23 @@ class Page:
         return self.ids.get(reference.strip()[1:])
 
 
-def elements(root: Element) -> Any:
+class Report(NamedTuple):
+    """Notes what is wrong with one element.
+
+    Notices of the kinds `without` are dropped.
+    """
+
+    page: Page
+    element: Element
+    without: tuple[str, ...] = ()
+
+    def __call__(self, kind: str, attribute: str, detail: str) -> None:
+        """Note the kind of a notice, an attribute, and what is wrong."""
+        if kind not in self.without:
+            self.page.note(self.element, kind, attribute, detail)
+
+
+def elements(root: Element) -> Iterator[Element]:
     """All elements of a document, in its order."""
     pending = [root]
     while pending:

@@ -207,7 +207,8 @@ class Painter:
         if paint is None:
             return None
         red, green, blue, alpha = paint
-        if alpha == 0 or (self._page.context.opacity and opacity == 0):
+        # A fill of opacity 0 is kept, as a scene may hold triangles that will become visible.
+        if alpha == 0 or (name == "stroke" and self._page.context.opacity and opacity == 0):
             return None
         return red, green, blue, alpha * opacity if self._page.context.opacity else 1.0
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from ..shapes.paths import Path
 from .cascade import Declarations
 from .notices import INVALID
-from .page import Page, Report
+from .page import Page
 from .path_data import ellipse_path, parse_path_data, polygon_path, rect_path
 from .numbers import leading_numbers
 from .style import Style
@@ -24,7 +24,7 @@ class ElementLengths:
         self._element = element
         self._declared = declared
         self._style = style
-        self.report: Report = page.report(element)
+        self.report = page.report(element)
 
     def text(self, name: str) -> str | None:
         """The text of a geometry property."""

@@ -1,7 +1,7 @@
 """Receives painted shapes: the canvas draws them at once, a layer collects them for a group."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import shapely
@@ -31,6 +31,7 @@ class Textured(NamedTuple):
     translucent: bool
 
 
+@runtime_checkable
 class Sink(Protocol):
     """Receives the shapes of a drawing, in draw order, in pixels."""
 
@@ -118,13 +119,15 @@ class Layer:
     ) -> None:
         """Collect the inside of contours."""
 
-        def replay(sink: Sink, opacity: float) -> None:
-            sink.add_polygon(contours, _faded(color, opacity), evenodd, source)
-
-        def items() -> list[Item]:
-            return [Item(filled(contours, evenodd, self._budget), flat(color), source)]
-
-        self._calls.append(_Call(_bounds(np.concatenate(contours)), replay, items))
+        self._calls.append(
+            _Call(
+                _bounds(np.concatenate(contours)),
+                lambda sink, opacity: sink.add_polygon(
+                    contours, _faded(color, opacity), evenodd, source
+                ),
+                lambda: [Item(filled(contours, evenodd, self._budget), flat(color), source)],
+            )
+        )
 
     def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
         """Collect the strokes of a path."""
@@ -133,43 +136,51 @@ class Layer:
         points = affine_maps.apply(map3, np.concatenate([line.points for line in outlines]))
         bounds = _bounds(points) + reach * np.array([-1.0, -1.0, 1.0, 1.0])
 
-        def replay(sink: Sink, opacity: float) -> None:
-            sink.add_strokes(outlines, map3, _faded(color, opacity))
-
-        def items() -> list[Item]:
-            return [Item(stroked(outlines, map3, self._budget), flat(color))]
-
-        self._calls.append(_Call(bounds, replay, items))
+        self._calls.append(
+            _Call(
+                bounds,
+                lambda sink, opacity: sink.add_strokes(outlines, map3, _faded(color, opacity)),
+                lambda: [Item(stroked(outlines, map3, self._budget), flat(color))],
+            )
+        )
 
     def add_triangle(self, corners: np.ndarray, colors: np.ndarray) -> None:
         """Collect a triangle."""
-
-        def replay(sink: Sink, opacity: float) -> None:
-            sink.add_triangle(corners, colors * [1.0, 1.0, 1.0, opacity])
-
-        self._calls.append(_Call(_bounds(corners), replay, lambda: triangle_items(corners, colors)))
+        self._calls.append(
+            _Call(
+                _bounds(corners),
+                lambda sink, opacity: sink.add_triangle(corners, colors * [1, 1, 1, opacity]),
+                lambda: triangle_items(corners, colors),
+            )
+        )
 
     def add_textured(self, textured: Textured) -> None:
         """Collect a polygon with a texture."""
-
-        def replay(sink: Sink, opacity: float) -> None:
-            translucent = textured.translucent or opacity < 1
-            faded = _faded(textured.color, opacity)
-            sink.add_textured(textured._replace(color=faded, translucent=translucent))
-
         self._calls.append(
-            _Call(_bounds(textured.points), replay, lambda: textured_items(textured))
+            _Call(
+                _bounds(textured.points),
+                lambda sink, opacity: sink.add_textured(
+                    textured._replace(
+                        color=_faded(textured.color, opacity),
+                        translucent=textured.translucent or opacity < 1,
+                    )
+                ),
+                lambda: textured_items(textured),
+            )
         )
 
     def add_items(self, items: list[Item]) -> None:
         """Collect regions."""
         for item in items:
-
-            def replay(sink: Sink, opacity: float, item: Item = item) -> None:
-                sink.add_items([item._replace(paint=item.paint.with_opacity(opacity))])
-
-            bounds = np.array(shapely.bounds(item.region))
-            self._calls.append(_Call(bounds, replay, lambda item=item: [item]))
+            self._calls.append(
+                _Call(
+                    np.array(shapely.bounds(item.region)),
+                    lambda sink, opacity, item=item: sink.add_items(
+                        [item._replace(paint=item.paint.with_opacity(opacity))]
+                    ),
+                    lambda item=item: [item],
+                )
+            )
 
     def finish(self, sink: Sink, opacity: float) -> bool:
         """Pass the shapes on, composited and with an opacity; returns whether this is exact."""
