@@ -202,11 +202,12 @@ def test_deeply_nested_brackets_end(brackets, count):
     for attribute in ("style", "fill"):
         prefix = "fill:" if attribute == "style" else ""
         text = f'<svg><rect {attribute}="{prefix}{brackets * count}" width="1" height="1"/></svg>'
-        with ends_within(15):
-            message = outcome(text, strict=attribute == "style")
         nested = count * len(brackets.strip("f")) > 32 and brackets != "()"
-        assert isinstance(message, str) == (attribute == "style" and nested)
-        assert not isinstance(message, str) or "nested deeper than 32" in message
+        with ends_within(15):
+            assert not isinstance(outcome(text), str)
+            message = outcome(text, strict=True)
+        assert isinstance(message, str)
+        assert ("nested deeper than 32" in message) == (attribute == "style" and nested)
 
 
 def test_many_attribute_defaults_are_refused():

@@ -42,12 +42,24 @@ class Place(NamedTuple):
     sink: Sink
 
 
+class Source(NamedTuple):
+    """A fill with its control points, for `control_points.py`."""
+
+    element: Element
+    path: Path
+    outline: FlatPath
+    map3: np.ndarray
+
+
 class Painter:
-    """Paints the shapes of a page. `sources` collects flattened paths for their control points."""
+    """Paints the shapes of a page.
+
+    `sources` are the fills whose control points are kept, if `keeps_sources`.
+    """
 
     def __init__(self, page: Page):
         self._page = page
-        self.sources: list[tuple[Element, FlatPath, np.ndarray]] = []
+        self.sources: list[Source] = []
         self.keeps_sources = False
 
     def paint(
@@ -57,20 +69,21 @@ class Painter:
         if style.visibility != "visible":
             return
         linear = place.map3[:2, :2] / (place.map3[2, 2] or 1.0)
-        path_px = flatten(path, linear, self._page.tolerance, self._page.budget)
+        outline = flatten(path, linear, self._page.tolerance, self._page.budget)
         for kind in style.paint_order:
             if kind == "fill":
-                self._fill(element, path_px, style, place, opacity)
+                self._fill(element, path, outline, style, place, opacity)
             else:
-                self._stroke(element, path_px, style, place, opacity)
+                self._stroke(element, outline, style, place, opacity)
 
     def paints_both(self, style: Style) -> bool:
         """Whether a shape of this style may have a fill and a stroke."""
         return style.fill is not None and style.stroke is not None and style.stroke_width > 0
 
     def _fill(
-        self, element: Element, path: FlatPath, style: Style, place: Place, opacity: float
-    ) -> None:
+        self, element: Element, original: Path, path: FlatPath, style: Style, place: Place,
+        opacity: float,
+    ) -> None:  # fmt: skip
         if style.fill is None or element.name == "line" or len(path.points) < 3:
             return
         fill = self.resolved(
@@ -86,7 +99,7 @@ class Painter:
         source = -1
         if self.keeps_sources:
             source = len(self.sources)
-            self.sources.append((element, path, place.map3))
+            self.sources.append(Source(element, original, path, place.map3))
         if isinstance(fill, tuple) and not isinstance(fill, (LinearGradient, RadialGradient)):
             box = np.concatenate(contours)
             if not is_clipped(place.clip, box):

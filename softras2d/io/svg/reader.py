@@ -18,6 +18,7 @@ from ..budget import Budget
 from ..shapes.paths import TOLERANCE
 from .assets import Assets
 from .context import Context
+from .control_points import SvgControls, make_controls
 from .course_dialect import CourseReader
 from .display_list import DisplayList, Triangles
 from .document import LIBRARY_ERRORS, Document, SvgError, from_text, load, reason, root, walk
@@ -130,6 +131,37 @@ def parse_svg(
     return _read(from_text(text, name), height, width, options, stacklevel=3).scene
 
 
+def read_svg_controls(
+    path: str | os.PathLike[str],
+    *,
+    height: int | None = None,
+    width: int | None = None,
+    transform: Any = None,
+    assets: str | os.PathLike[str] | None = None,
+    opacity: bool = True,
+    linear: bool = False,
+    tolerance: float = TOLERANCE,
+    strict: bool = False,
+    fit: str | None = None,
+) -> SvgControls:
+    """Read an SVG file as a scene whose vertices follow from the control points of its paths.
+
+    The arguments are those of `read_svg` in dialect `"svg"`. Vertices of filled paths, polygons and
+    polylines are exactly linear in the control points. Others are constants of the map, counted in
+    `constant_vertices`. Raises `ValueError` also for a `transform` in perspective.
+    """
+    document = load(path)
+    options = _Options("svg", transform, assets, opacity, None, linear, tolerance, strict, fit)
+    drawn = _read(document, height, width, options, stacklevel=3, keeps_sources=True)
+    drawing = drawn.drawing
+    assert drawing is not None
+    with _errors_named(document):
+        return make_controls(
+            document, drawing.root, drawn.scene, drawn.triangles, drawing.canvas,
+            drawing.painter.sources,
+        )  # fmt: skip
+
+
 def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int, int]:
     """The (height, width) in pixels that an SVG file declares, rounded up.
 
@@ -152,15 +184,14 @@ def _document_size(document: Document, dialect: str) -> tuple[int, int]:
     return round_up(size)
 
 
-class Drawn(NamedTuple):
-    """A document that has been read.
+class _Drawn(NamedTuple):
+    """A document that has been read: its scene and triangles, and what has drawn it.
 
-    - `scene`: its triangles; `draw`: the shape of each; `background`: whether a rect is one.
-    - `drawing`: what has drawn it, in dialect `svg`.
+    `drawing` is None in dialect `course`.
     """
 
     scene: Scene
-    draw: np.ndarray
+    triangles: Triangles
     drawing: Drawing | None
 
 
@@ -171,7 +202,7 @@ def _read(
     options: _Options,
     stacklevel: int,
     keeps_sources: bool = False,
-) -> Drawn:
+) -> _Drawn:
     _check_options(options)
     height, width = _canvas_size(document, options.dialect, height, width)
     budget = Budget()
@@ -214,7 +245,7 @@ def _read(
     addressing = "corners" if is_course else "half_texel"
     with _errors_named(document), np.errstate(over="ignore", invalid="ignore"):
         scene = _make_scene(context, triangles, addressing, options.linear)
-    return Drawn(scene, triangles.draw, drawing)
+    return _Drawn(scene, triangles, drawing)
 
 
 @contextmanager

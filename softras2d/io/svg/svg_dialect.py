@@ -80,6 +80,11 @@ class Drawing:
         self._pending: list[tuple[Element, _State] | _Close] = []
         self._box = Box(0.0, 0.0, 0.0, 0.0)
 
+    @property
+    def root(self) -> Element:
+        """The root of the document."""
+        return self._page.root
+
     def draw(self) -> None:
         """Draw the whole document. Raises `SvgError` with the line of the element."""
         root = self._page.root
