@@ -169,7 +169,7 @@ ATTRIBUTES = (
     '<textri points="0 0 1 0 0 1" uvs="{}" texid="a"/>',
     '<path d="M0 0 L{}"/>',
     '<path stroke="red" stroke-dasharray="{}" d="M0 0h9"/>',
-    '<style>{} { fill: {} }</style><rect/>',
+    "<style>{} { fill: {} }</style><rect/>",
     '<rect width="1" height="1" clip-path="{}" transform-origin="{}" transform="scale(2)"/>',
 )
 
@@ -180,7 +180,8 @@ def test_every_attribute_takes_linear_time(element, dialect):
     for text in ADVERSARIAL.values():
         escaped = text.replace('"', "&quot;")
         with ends_within(15):
-            outcome(f'<svg width="9" height="9">{element.replace("{}", escaped.replace("<", "&lt;"))}</svg>', dialect)
+            body = element.replace("{}", escaped.replace("<", "&lt;"))
+            outcome(f'<svg width="9" height="9">{body}</svg>', dialect)
             outcome(f'<svg width="{escaped}" height="9"/>', dialect)
 
 

@@ -46,9 +46,7 @@ def dashes(
     is_inside = (ends > 0) & (begins < total)
     begins, ends = np.maximum(begins[is_inside], 0), np.minimum(ends[is_inside], total)
     # Zero lengths make the parameter of a point ambiguous; interpolation then takes either.
-    cut_x, cut_y = (
-        np.interp(np.stack([begins, ends]), along, points[:, axis]) for axis in (0, 1)
-    )
+    cut_x, cut_y = (np.interp(np.stack([begins, ends]), along, points[:, axis]) for axis in (0, 1))
     cuts = np.stack([cut_x, cut_y], axis=-1)
     first = np.searchsorted(along, begins, side="right")
     last = np.searchsorted(along, ends, side="left")

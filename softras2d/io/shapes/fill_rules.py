@@ -59,14 +59,13 @@ def fill_rule_regions(
     if len(candidates):
         contours = [shapes[i][0] for i in candidates.tolist()]
         rings: Any = shapely.linearrings(
-            np.concatenate(contours), indices=np.repeat(np.arange(len(contours)), [*map(len, contours)])
+            np.concatenate(contours),
+            indices=np.repeat(np.arange(len(contours)), [*map(len, contours)]),
         )
         polygons[candidates] = shapely.polygons(rings)
         is_simple[candidates] = shapely.is_valid(polygons[candidates])
         lines[candidates] = rings
-    faces, shape_of_face = _faces(
-        lines, np.flatnonzero(~is_simple), lengths, error_indices, budget
-    )
+    faces, shape_of_face = _faces(lines, np.flatnonzero(~is_simple), lengths, error_indices, budget)
     inside = shapely.get_coordinates(shapely.point_on_surface(faces))
     winding = _windings(edges, lengths, inside, shape_of_face, error_indices, budget)
     is_filled = np.where(is_evenodd[shape_of_face], winding % 2 != 0, winding != 0)

@@ -92,8 +92,12 @@ class FlatPath(NamedTuple):
 
 
 def arc_between(
-    start: tuple[float, float], end: tuple[float, float], radii: tuple[float, float],
-    rotation: float, large: bool, sweep: bool,
+    start: tuple[float, float],
+    end: tuple[float, float],
+    radii: tuple[float, float],
+    rotation: float,
+    large: bool,
+    sweep: bool,
 ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float], float, float] | None:
     """The ellipse of an SVG arc: center, both half axes, start angle and turn.
 

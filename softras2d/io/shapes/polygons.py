@@ -66,7 +66,10 @@ def triangulate(
             owners.append(np.repeat(indices[chosen], triangles.shape[1]))
         not_convex += indices[~convex].tolist()
     if not_convex:
-        shapes = [contours[i] if not is_single[i] else [contours[i]] for i in not_convex]
+        shapes = [
+            c if not isinstance(c, np.ndarray) else [c]
+            for c in map(contours.__getitem__, not_convex)
+        ]
         regions, row = fill_rule_regions(
             shapes, [evenodd[i] for i in not_convex], not_convex, budget
         )

@@ -65,8 +65,10 @@ def polygons_of(geometry: Any) -> Any:
     areas = [part for part in parts if part.geom_type in ("Polygon", "MultiPolygon")]
     if not areas:
         return EMPTY
-    return areas[0] if len(areas) == 1 else shapely.multipolygons(
-        np.concatenate([shapely.get_parts(part) for part in areas])
+    return (
+        areas[0]
+        if len(areas) == 1
+        else shapely.multipolygons(np.concatenate([shapely.get_parts(part) for part in areas]))
     )
 
 

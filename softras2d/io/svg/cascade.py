@@ -24,12 +24,29 @@ _MAX_SELECTORS = 20_000
 """Limit of selectors of a document, since each is compiled by Python."""
 
 _PSEUDO_CLASSES = frozenset(
-    "root empty first-child last-child only-child link visited hover active focus target "
-    "focus-within focus-visible any-link enabled disabled checked".split()
+    [
+        "root",
+        "empty",
+        "first-child",
+        "last-child",
+        "only-child",
+        "link",
+        "visited",
+        "hover",
+        "active",
+        "focus",
+        "target",
+        "focus-within",
+        "focus-visible",
+        "any-link",
+        "enabled",
+        "disabled",
+        "checked",
+    ]
 )
 """Pseudo-classes that take constant time."""
 
-_COSTLY_PSEUDO_CLASSES = frozenset("first-of-type last-of-type only-of-type".split())
+_COSTLY_PSEUDO_CLASSES = frozenset(["first-of-type", "last-of-type", "only-of-type"])
 """Pseudo-classes that look at all siblings."""
 
 _FUNCTIONS = {
@@ -83,7 +100,12 @@ class Cascade:
             detail = f"brackets are nested deeper than {_MAX_NESTING}"
             self._notices.add(INVALID, element.tag, element.line, "text", detail)
             return
-        rules = tinycss2.parse_stylesheet(text, skip_comments=True, skip_whitespace=True)
+        try:
+            rules = tinycss2.parse_stylesheet(text, skip_comments=True, skip_whitespace=True)
+        except ValueError as error:
+            # Raised for integers of thousands of digits.
+            self._notices.add(INVALID, element.tag, element.line, "text", str(error))
+            return
         self._add_rules(rules, element)
 
     def _add_rules(self, rules: list[Any], element: Element) -> None:
@@ -160,7 +182,13 @@ class Cascade:
             return {}, {}
         important: dict[str, str] = {}
         normal: dict[str, str] = {}
-        nodes = tinycss2.parse_blocks_contents(content, skip_comments=True, skip_whitespace=True)
+        try:
+            nodes = tinycss2.parse_blocks_contents(
+                content, skip_comments=True, skip_whitespace=True
+            )
+        except ValueError as error:
+            self._notices.add(INVALID, element.tag, element.line, attribute, str(error))
+            return {}, {}
         for node in nodes:
             if node.type != "declaration":
                 detail = getattr(node, "message", node.type)

@@ -75,9 +75,8 @@ class ClipPaths:
             self._page.report(target)(INVALID, "clip-path", "refers to itself")
             return None
         in_box = target.attrib.get("clipPathUnits", "").strip() == "objectBoundingBox"
-        if in_box:
-            if box is None or box.width <= 0 or box.height <= 0:
-                return EMPTY
+        if in_box and (box is None or box.width <= 0 or box.height <= 0):
+            return EMPTY
         key = (id(target), map3.tobytes(), box if in_box or chain else None)
         if key not in self._regions:
             self._regions[key] = self._region(target, map3, box, in_box, (*chain, target))
@@ -150,7 +149,10 @@ class ClipPaths:
         if not contours:
             return None
         region = filled(contours, shape_style.clip_rule == "evenodd", self._page.budget)
-        for clipped, its_style in {id(child): (child, style), id(shape): (shape, shape_style)}.values():
+        for clipped, its_style in {
+            id(child): (child, style),
+            id(shape): (shape, shape_style),
+        }.values():
             own = self._own_region(clipped, its_style, map3, box, chain)
             if own is not None:
                 region = intersection(region, own, self._page.budget)

@@ -123,7 +123,11 @@ class SvgControls(eqx.Module):
 
 
 def make_controls(
-    document: Document, root: Element, scene: Scene, triangles: Triangles, canvas: Canvas,
+    document: Document,
+    root: Element,
+    scene: Scene,
+    triangles: Triangles,
+    canvas: Canvas,
     sources: list[Source],
 ) -> SvgControls:
     """Find the control points of each vertex. Raises `ValueError` for a map in perspective."""
@@ -180,9 +184,7 @@ class _Paths(tuple):
     __hash__ = object.__hash__  # type: ignore[assignment]
 
 
-def _controlled_paths(
-    root: Element, sources: list[Source]
-) -> list[tuple[Element, ControlledPath]]:
+def _controlled_paths(root: Element, sources: list[Source]) -> list[tuple[Element, ControlledPath]]:
     """The elements whose control points are kept, in document order, each once."""
     by_element = {id(source.element): source for source in sources}
     paths, first = [], 0
@@ -208,13 +210,20 @@ def _rows(
         controls.append(np.where((own >= 0) & (start >= 0), own + start, -1))
         weights.append(source.outline.weights)
         if source.map3[2, :2].any():
-            raise ValueError("control points have no affine map under a `transform` in perspective.")
+            raise ValueError(
+                "control points have no affine map under a `transform` in perspective."
+            )
         map3 = source.map3 / source.map3[2, 2]
         linear.append(np.broadcast_to(map3[:2, :2], (count, 2, 2)))
         offset.append(np.broadcast_to(map3[:2, 2], (count, 2)))
     if not controls:
         return np.zeros((0, 4), int), np.zeros((0, 4)), np.zeros((0, 2, 2)), np.zeros((0, 2))
-    return tuple(map(np.concatenate, (controls, weights, linear, offset)))
+    return (
+        np.concatenate(controls),
+        np.concatenate(weights),
+        np.concatenate(linear),
+        np.concatenate(offset),
+    )
 
 
 def _matching_rows(
@@ -300,7 +309,9 @@ def _with_attributes(document: Document, texts: dict[int, tuple[str, str]]) -> s
         while (match := _PAIR.search(data, position)) and match[1] != name.encode():
             position = match.end()
         if match is None:
-            raise SvgError(f"{document.name}: control points can be written to ASCII or UTF-8 only.")
+            raise SvgError(
+                f"{document.name}: control points can be written to ASCII or UTF-8 only."
+            )
         pieces += [data[end : match.start(2)], b'"', value.encode(), b'"']
         end = match.end(2)
     return b"".join([*pieces, data[end:]]).decode()

@@ -131,9 +131,7 @@ class DisplayList:
         self.budget.charge("points", len(points))
         self._ears.append((self._new_draw(color), plane, points))
 
-    def add_stroke(
-        self, outline: Outline | list[Outline], map3: np.ndarray, color: Rgba
-    ) -> None:
+    def add_stroke(self, outline: Outline | list[Outline], map3: np.ndarray, color: Rgba) -> None:
         """Add a stroke, which is triangulated in the outline's units and then mapped to pixels.
 
         Several outlines are one shape: where they overlap, a translucent one is drawn once.

@@ -9,6 +9,7 @@ built.
 import contextlib
 import enum
 import os
+import zlib
 from pathlib import Path
 from typing import NamedTuple, NoReturn, Protocol, runtime_checkable
 from xml.parsers import expat
@@ -114,8 +115,23 @@ def _checked(document: Document) -> Document:
     if len(document.data) > MAX_BYTES:
         raise SvgError(f"{document.name}: larger than {MAX_BYTES >> 20} MB, the most that is read.")
     if document.data[:2] == b"\x1f\x8b":
-        raise SvgError(f"{document.name}: compressed (svgz); unpack it first.")
+        return document._replace(data=_unpacked(document))
     return document
+
+
+def _unpacked(document: Document) -> bytes:
+    """The content of a compressed document (`.svgz`), up to the limit of size."""
+    try:
+        unpacker = zlib.decompressobj(wbits=31)
+        data = unpacker.decompress(document.data, MAX_BYTES + 1)
+    except zlib.error as error:
+        raise SvgError(f"{document.name}: cannot be decompressed: {error}.") from None
+    if len(data) > MAX_BYTES:
+        limit = MAX_BYTES >> 20
+        raise SvgError(f"{document.name}: larger than {limit} MB when decompressed.")
+    if not unpacker.eof:
+        raise SvgError(f"{document.name}: cannot be decompressed: it is cut short.")
+    return data
 
 
 LIBRARY_ERRORS = (ArithmeticError, MemoryError, RecursionError, shapely.errors.ShapelyError)
@@ -212,9 +228,7 @@ def root(document: Document) -> tuple[str, Attributes]:
     return elements[0]
 
 
-def _parse(
-    document: Document, parser: expat.XMLParserType, with_entities: bool = False
-) -> None:
+def _parse(document: Document, parser: expat.XMLParserType, with_entities: bool = False) -> None:
     """Run a parser whose element handlers are set; errors in the XML become `SvgError`."""
 
     def refuse(problem: str) -> NoReturn:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...geometry import affine_maps
+from ..shapes.regions import intersection, is_empty
 from .document import Attributes
 from .layers import Item
 from .notices import INVALID
@@ -20,11 +21,14 @@ from .sinks import Textured, textured_items, triangle_items
 from .style import Style
 from .tree import Element
 from .view_box import Box, fit
-from ..shapes.regions import intersection, is_empty
 
 
 def draw_colortri(
-    page: Page, element: Element, lengths: ElementLengths, place: Place, style: Style,
+    page: Page,
+    element: Element,
+    lengths: ElementLengths,
+    place: Place,
+    style: Style,
     opacity: float,
 ) -> None:
     """Draw a triangle with a colour for each corner."""
@@ -45,7 +49,11 @@ def draw_colortri(
 
 
 def draw_textri(
-    page: Page, element: Element, lengths: ElementLengths, place: Place, style: Style,
+    page: Page,
+    element: Element,
+    lengths: ElementLengths,
+    place: Place,
+    style: Style,
     opacity: float,
 ) -> None:
     """Draw a triangle with a texture."""
@@ -59,7 +67,11 @@ def draw_textri(
 
 
 def draw_image(
-    page: Page, element: Element, lengths: ElementLengths, place: Place, style: Style,
+    page: Page,
+    element: Element,
+    lengths: ElementLengths,
+    place: Place,
+    style: Style,
     opacity: float,
 ) -> None:
     """Draw an image file as a texture (SVG 2, section 12.3)."""

@@ -5,6 +5,7 @@ along every ray from the focal point. Between neighbouring rays, it is interpola
 of its circles: colours are displaced by at most the distance between a chord and its arc.
 """
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -115,7 +116,7 @@ def _period(stops: tuple[Stop, ...], period: int, is_reversed: bool):
     ordered = stops
     if is_reversed:
         ordered = tuple(Stop(1.0 - stop.offset, stop.color) for stop in reversed(stops))
-    for before, after in zip(ordered, ordered[1:], strict=False):
+    for before, after in itertools.pairwise(ordered):
         if after.offset > before.offset:
             yield (
                 period + before.offset + _GENERIC,
@@ -219,7 +220,7 @@ class _Cone(NamedTuple):
         return abs(self.radius - float(np.hypot(*self.offset)))
 
     def scale(self, position: float) -> float:
-        """The scale of the circle at a position, which is 0 at the start circle and 1 at the end."""
+        """The scale of the circle at a position: 0 is the start circle, 1 the end circle."""
         return self.start + (1.0 - self.start) * position
 
     def position(self, scale: float) -> float:

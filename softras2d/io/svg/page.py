@@ -7,7 +7,8 @@ import numpy as np
 
 from ..budget import Budget
 from .cascade import Cascade, Declarations
-from .context import Context
+from .context import FALLBACK, Context
+from .document import LIBRARY_ERRORS, SvgError, reason
 from .notices import WITHOUT_EFFECT, Notices
 from .style import INITIAL, Style, computed
 from .tree import Element
@@ -50,8 +51,17 @@ class Page:
         for element in elements(root):
             if (name := element.id) is not None:
                 self.ids.setdefault(name, element)
-            if element.name == "style" and "data-fallback" not in element.attrib:
-                self.cascade.add_sheet(element)
+            if element.name == "style" and FALLBACK not in element.attrib:
+                self._add_sheet(element)
+
+    def _add_sheet(self, element: Element) -> None:
+        try:
+            self.cascade.add_sheet(element)
+        except SvgError:
+            raise
+        except (ValueError, *LIBRARY_ERRORS) as error:
+            name = self.context.name
+            raise SvgError(f"{name}:{element.line}: <style> {reason(error)}") from None
 
     def report(self, element: Element) -> "Report":
         """What notes the errors of an element."""

@@ -8,13 +8,10 @@ from .page import Page
 from .painting import Place, is_clipped
 from .sinks import Canvas
 from .style import CURRENT, PaintServer, Style
-from .tree import Element
 from .view_box import Box
 
 
-def becomes_background(
-    page: Page, element: Element, path: Path, style: Style, place: Place, box: Box
-) -> bool:
+def becomes_background(page: Page, path: Path, style: Style, place: Place, box: Box) -> bool:
     """Make a rect the background if it is the first shape, opaque, and covers viewBox and canvas.
 
     Returns whether it has become the background. A viewBox, `box`, may leave margins on the canvas.
@@ -22,11 +19,11 @@ def becomes_background(
     """
     context = page.context
     paint = style.color if style.fill == CURRENT else style.fill
+    if isinstance(paint, (PaintServer, str)) or paint is None:
+        return False
     if (
         len(context.display)
         or context.background
-        or paint is None
-        or isinstance(paint, PaintServer)
         or (style.stroke is not None and style.stroke_width > 0)
         or not isinstance(place.sink, Canvas)
         or any(len(points.segments) != 3 for points in path.subpaths)

@@ -14,6 +14,7 @@ from .page import Page, affine_part
 from .style import transform_origin
 from .transform_attribute import transform_list
 from .tree import Element
+from .units import MEDIUM
 from .view_box import Box
 
 GRADIENTS = ("linearGradient", "radialGradient")
@@ -136,10 +137,7 @@ def _stop(page: Page, element: Element, opacity: float) -> Stop:
             offset = fraction(text)
         except ValueError as error:
             page.report(element)(INVALID, "offset", str(error))
-    if page.context.opacity:
-        alpha = color[3] * style.stop_opacity * opacity
-    else:
-        alpha = 1.0
+    alpha = color[3] * style.stop_opacity * opacity if page.context.opacity else 1.0
     return Stop(offset, np.array([*color[:3], alpha]))
 
 
@@ -180,11 +178,15 @@ class _Lengths:
                 except ValueError as error:
                     self._page.report(gradient)(INVALID, name, str(error))
                     break
-        return default if isinstance(default, float) else viewport.length(default, full, 16.0)
+        return viewport.length(default, full, MEDIUM) if isinstance(default, str) else default
 
 
 def _linear(
-    page: Page, chain: list[Element], stops: list[Stop], spread: str, to_pixels: np.ndarray,
+    page: Page,
+    chain: list[Element],
+    stops: list[Stop],
+    spread: str,
+    to_pixels: np.ndarray,
     in_box: bool,
 ) -> Fill:
     lengths = _Lengths(page, chain, in_box)
@@ -199,7 +201,11 @@ def _linear(
 
 
 def _radial(
-    page: Page, chain: list[Element], stops: list[Stop], spread: str, to_pixels: np.ndarray,
+    page: Page,
+    chain: list[Element],
+    stops: list[Stop],
+    spread: str,
+    to_pixels: np.ndarray,
     in_box: bool,
 ) -> Fill | bool:
     lengths = _Lengths(page, chain, in_box)
@@ -226,5 +232,8 @@ def _radial(
     if abs(distance + fr - r) < r * _TOUCHING:
         # Circles that touch from inside have no area in common with a ray at their common tangent.
         share = max(r * (1 - _TOUCHING) - fr, 0.0) / distance
-        focus = tuple(c + (f - c) * share for c, f in zip(center, focus, strict=True))
+        focus = (
+            center[0] + (focus[0] - center[0]) * share,
+            center[1] + (focus[1] - center[1]) * share,
+        )
     return RadialGradient(tuple(stops), spread, to_pixels, center, r, focus, fr)

@@ -14,7 +14,6 @@ from ..shapes.dashes import dashes
 from ..shapes.paths import FlatPath, Path, flatten
 from ..shapes.regions import filled, intersection, is_empty, polygons_of
 from ..shapes.strokes import Outline
-from .css_color import Rgba
 from .gradient_pieces import LinearGradient, RadialGradient, linear_pieces, radial_pieces
 from .layers import Item
 from .notices import INVALID, WITHOUT_EFFECT
@@ -168,10 +167,11 @@ class Painter:
             region = intersection(region, place.clip, self._page.budget)
         if is_empty(region) or fill is None:
             return
+        low_x, low_y, high_x, high_y = map(float, shapely.bounds(region))
+        bounds = (low_x, low_y, high_x, high_y)
         if isinstance(fill, LinearGradient):
-            pieces = linear_pieces(fill, shapely.bounds(region), self._page.budget)
+            pieces = linear_pieces(fill, bounds, self._page.budget)
         elif isinstance(fill, RadialGradient):
-            bounds = shapely.bounds(region)
             pieces = radial_pieces(fill, bounds, self._page.tolerance, self._page.budget)
         else:
             place.sink.add_items([Item(region, flat(fill), source)])

@@ -18,7 +18,7 @@ _ARGUMENT = re.compile(rf"({_NUMBER}){_SEPARATOR}")
 _FLAG = re.compile(rf"([01]){_SEPARATOR}")
 _PLAIN = re.compile(
     # What fontTools reads as the standard says: no arcs, no numbers such as `1.` or `007`.
-    rf"(?:[ \t\r\n,MmZzLlHhVvCcSsQqTt]++|[+-]?+(?:0|[1-9][0-9]*+)?+(?:\.[0-9]++)?+"
+    r"(?:[ \t\r\n,MmZzLlHhVvCcSsQqTt]++|[+-]?+(?:0|[1-9][0-9]*+)?+(?:\.[0-9]++)?+"
     r"(?:[eE][+-]?+[0-9]++)?+(?![0-9.]))*+\Z"
 )
 
@@ -109,7 +109,12 @@ class PathPen:
         self._add(first, second, end)
 
     def arcTo(
-        self, rx: float, ry: float, rotation: float, large: bool, sweep: bool,
+        self,
+        rx: float,
+        ry: float,
+        rotation: float,
+        large: bool,
+        sweep: bool,
         end: tuple[float, float],
     ) -> None:
         """An elliptical arc from the current point."""

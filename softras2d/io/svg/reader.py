@@ -99,9 +99,7 @@ def read_svg(
     polygons cross themselves, or 67,108,864 pixels in all images together (1 GiB). Limits are
     checked before the work is done.
     """
-    options = _Options(
-        dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit
-    )
+    options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
     return _read(load(path), height, width, options, stacklevel=3).scene
 
 
@@ -125,9 +123,7 @@ def parse_svg(
 
     Names of image files are relative to `assets`; without it, no file is read.
     """
-    options = _Options(
-        dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit
-    )
+    options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
     return _read(from_text(text, name), height, width, options, stacklevel=3).scene
 
 
@@ -170,6 +166,14 @@ def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int
     """
     _check_dialect(dialect)
     return _document_size(load(path), dialect)
+
+
+def parse_svg_size(
+    text: str | bytes, *, name: str = "<svg>", dialect: str = "svg"
+) -> tuple[int, int]:
+    """Like `svg_size`, for the text of an SVG file; errors call it `name`."""
+    _check_dialect(dialect)
+    return _document_size(from_text(text, name), dialect)
 
 
 def _document_size(document: Document, dialect: str) -> tuple[int, int]:

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from ..shapes.paths import Path
 from .cascade import Declarations
 from .notices import INVALID
+from .numbers import leading_numbers
 from .page import Page
 from .path_data import ellipse_path, parse_path_data, polygon_path, rect_path
-from .numbers import leading_numbers
 from .style import Style
 from .tree import Element
 

@@ -23,7 +23,7 @@ class PaintServer(NamedTuple):
     """
 
     reference: str
-    fallback: Rgba | str | None | bool = False
+    fallback: Rgba | str | bool | None = False
 
 
 Paint = Rgba | str | PaintServer | None
@@ -248,9 +248,7 @@ _FONT_SIZES = {
 }
 
 
-def _font_size_of_shorthand(
-    text: str, parent_size: float, viewport: Viewport
-) -> dict[str, float]:
+def _font_size_of_shorthand(text: str, parent_size: float, viewport: Viewport) -> dict[str, float]:
     """The size in a `font` shorthand: the first word that is a length."""
     for word in text.split()[:16]:
         try:

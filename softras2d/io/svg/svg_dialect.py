@@ -34,13 +34,44 @@ _CONTAINERS = frozenset({"a", "g", "svg", "switch", "symbol", "use"})
 
 _NEVER_DRAWN = frozenset(
     # Elements that draw nothing where they are.
-    "clipPath defs desc filter linearGradient marker mask metadata pattern radialGradient script "
-    "stop style title view cursor font font-face color-profile texture".split()
+    [
+        "clipPath",
+        "defs",
+        "desc",
+        "filter",
+        "linearGradient",
+        "marker",
+        "mask",
+        "metadata",
+        "pattern",
+        "radialGradient",
+        "script",
+        "stop",
+        "style",
+        "title",
+        "view",
+        "cursor",
+        "font",
+        "font-face",
+        "color-profile",
+        "texture",
+    ]
 )
 
 _NOT_SUPPORTED = frozenset(
-    "text foreignObject animate animateColor animateMotion animateTransform set audio canvas "
-    "iframe video".split()
+    [
+        "text",
+        "foreignObject",
+        "animate",
+        "animateColor",
+        "animateMotion",
+        "animateTransform",
+        "set",
+        "audio",
+        "canvas",
+        "iframe",
+        "video",
+    ]
 )
 
 LANGUAGE = "en"
@@ -335,9 +366,7 @@ class Drawing:
         if state.instances is not None and state.instances[0] is element:
             # The size of `use` replaces that of its target.
             use = state.instances[2]
-            use_lengths = ElementLengths(
-                self._page, use, self._page.declared(use), state.style
-            )
+            use_lengths = ElementLengths(self._page, use, self._page.declared(use), state.style)
             width, height = use_lengths.size("width", width), use_lengths.size("height", height)
         if width <= 0 or height <= 0:
             return None
@@ -383,9 +412,9 @@ class Drawing:
         path = SHAPES[element.name](lengths)
         if path is None or not path.points:
             return
-        if element.name == "rect" and opacity == 1 and style.visibility == "visible":
-            if becomes_background(self._page, element, path, style, place, self._box):
-                return
+        is_plain_rect = element.name == "rect" and opacity == 1 and style.visibility == "visible"
+        if is_plain_rect and becomes_background(self._page, path, style, place, self._box):
+            return
         if opacity < 1 and self.painter.paints_both(style):
             layer = Layer(self._page.budget)
             self.painter.paint(element, path, style, place._replace(sink=layer), 1.0)

@@ -26,7 +26,8 @@ class Element:
     - `name`: local name in the namespace of SVG; empty for elements of other namespaces.
     - `tag`: the name as written, for messages.
     - `attrib`: attributes without a namespace, and `href` of XLink where there is no other `href`.
-    - `line`: line number of the start tag; `texts`: character data directly inside a `<style>`, in pieces.
+    - `line`: line number of the start tag.
+    - `texts`: character data directly inside a `<style>`, in pieces.
     """
 
     __slots__ = ("attrib", "children", "index", "line", "name", "parent", "tag", "texts")

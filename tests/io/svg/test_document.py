@@ -26,9 +26,7 @@ def test_nested_entities_are_refused():
     # The first refers to nothing; the second, on the next line, refers to it.
     assert_refused(f"<!DOCTYPE svg [\n{entities}]>{HEAD}&l8;</svg>", ":3: .*entity")
     for dialect in ("svg", "course"):
-        assert_refused(
-            f"<!DOCTYPE svg [\n{entities}]>{HEAD}&l8;</svg>", "entity", dialect=dialect
-        )
+        assert_refused(f"<!DOCTYPE svg [\n{entities}]>{HEAD}&l8;</svg>", "entity", dialect=dialect)
 
 
 @pytest.mark.parametrize(
@@ -84,7 +82,10 @@ def test_encodings_are_read(encoding):
         ('<?xml version="1.0" encoding="big5"?><svg/>', ":1: .*(encoding|decoded)"),
         (b'<svg width="1" height="1">\n\xff\xfe</svg>', ":2: not well-formed"),
         (b"\0\0\0", ":1: not well-formed"),
-        (gzip.compress(b"<svg/>", mtime=0), "compressed"),
+        (gzip.compress(b"<svg/>" * 50, mtime=0)[:-9], "decompressed: it is cut short"),
+        (b"\x1f\x8bnonsense", "cannot be decompressed"),
+        (gzip.compress(b"<svg", mtime=0), ":1: not well-formed"),
+        (gzip.compress(bytes(65 * 2**20), mtime=0), "larger than 64 MB when decompressed"),
     ],
 )
 @pytest.mark.parametrize("dialect", ["svg", "course"])
@@ -126,6 +127,13 @@ def test_missing_files_are_refused(tmp_path):
         with pytest.raises(ValueError, match=r"cannot be read|null") as caught:
             read_svg(path)
         assert "\n" not in str(caught.value)
+
+
+def test_compressed_files_are_read(tmp_path):
+    path = tmp_path / "a.svgz"
+    path.write_bytes(gzip.compress(f"{HEAD}{RECT}</svg>".encode()))
+    assert read_svg(path).triangles.shape[0] == 2
+    assert svg_size(path) == (10, 10)
 
 
 @pytest.mark.parametrize("dialect", ["svg", "course"])

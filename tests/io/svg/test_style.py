@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from softras2d.io.svg.css_color import color_of
 from softras2d.io.budget import Budget
 from softras2d.io.svg.cascade import Cascade
+from softras2d.io.svg.css_color import color_of
 from softras2d.io.svg.notices import Notices
 from softras2d.io.svg.style import INITIAL, PaintServer, computed
 from softras2d.io.svg.tree import Element

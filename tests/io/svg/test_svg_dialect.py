@@ -284,7 +284,7 @@ def test_colortri_has_corner_colours_and_opacity():
 
 def test_one_warning_names_everything_ignored():
     body = (
-        '<text>hi<tspan>x</tspan></text>\n<text/>'
+        "<text>hi<tspan>x</tspan></text>\n<text/>"
         '<rect width="4" height="4" rx="1" fill="url(#a) red" filter="url(#f)"><animate/></rect>'
         '<defs><pattern id="p"/></defs>\n<rect width="9" height="9" style="fill: url(#p) lime"/>'
         '<rect width="-4" height="4"/><i:namedview xmlns:i="urn:i"><i:x/></i:namedview>'
