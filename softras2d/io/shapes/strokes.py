@@ -27,7 +27,8 @@ class Outline(NamedTuple):
     - `closed`: whether a segment joins the last point to the first.
     - `width`: width of the stroke, in the user's units.
     - `cap`: `butt`, `square` or `round`.
-    - `join`: `miter`, `bevel` or `round`; a miter longer than `miterlimit` widths is a bevel.
+    - `join`: `miter`, `miter-clip`, `bevel` or `round`; a miter longer than `miterlimit` widths is
+      a bevel, or with `miter-clip` is cut off.
     - `scale`: pixels per unit, which determines the number of chords of an arc.
     - `smooth`: `[n]`, whether a point lies inside a curve and has a round join; None for no point.
     """
@@ -63,8 +64,12 @@ def stroke(
     segments = _segments(outlines)
     joins = _joins(segments, is_closed, half_width)
     is_round = (join[joins.outline] == "round") | joins.smooth
-    is_miter = (join[joins.outline] == "miter") & ~_exceeds_limit(joins, miterlimit)
-    miters, bevels = joins.take(is_miter), joins.take(~is_round & ~is_miter)
+    is_long = _exceeds_limit(joins, miterlimit)
+    is_pointed = np.isin(join[joins.outline], ("miter", "miter-clip", "arcs")) & ~is_round
+    is_miter, is_clipped = is_pointed & ~is_long, (join[joins.outline] == "miter-clip") & is_long
+    is_clipped &= ~is_round
+    miters, clipped = joins.take(is_miter), joins.take(is_clipped)
+    bevels = joins.take(~is_round & ~is_miter & ~is_clipped)
     caps = _caps(segments, is_closed, outlines)
     squares = caps.take(cap[caps.outline] == "square")
     sectors = (
@@ -78,6 +83,7 @@ def stroke(
         2 * np.bincount(segments.outline, minlength=count)
         + 2 * np.bincount(miters.outline, minlength=count)
         + np.bincount(bevels.outline, minlength=count)
+        + 3 * np.bincount(clipped.outline, minlength=count)
         + 2 * np.bincount(squares.outline, minlength=count)
         + sum(
             np.bincount(s.outline, s.triangles, minlength=count).astype(np.int64) for s in sectors
@@ -88,6 +94,7 @@ def stroke(
         _segment_quads(segments, half_width),
         _bevel_triangles(bevels),
         _miter_quads(miters),
+        _clipped_miters(clipped, half_width, miterlimit),
         _sector_fans(sectors[0]),
         _square_caps(squares, half_width),
         _sector_fans(sectors[1]),
@@ -262,6 +269,22 @@ def _miter_quads(joins: _Joins) -> _Triangles:
     corner = joins.position
     start, end = corner + joins.start_offset, corner + joins.end_offset
     return _quads(joins.outline, corner, start, corner + tip, end)
+
+
+def _clipped_miters(joins: _Joins, half_width: np.ndarray, miterlimit: np.ndarray) -> _Triangles:
+    """Miters cut off at `miterlimit` half widths from the corner, as fans of three triangles."""
+    half, angle = half_width[joins.outline], np.abs(joins.turn) / 2
+    # Both sides of the miter go on straight until they reach the cut.
+    beyond = half * (miterlimit[joins.outline] - np.cos(angle)) / np.sin(angle)
+    along = (np.sign(joins.turn) * beyond / half)[:, None]
+    corner = joins.position
+    start, end = corner + joins.start_offset, corner + joins.end_offset
+    first = start + along * _left(joins.start_offset)
+    second = end - along * _left(joins.end_offset)
+    fans = np.stack(
+        [corner, start, first, corner, first, second, corner, second, end], axis=1
+    ).reshape(-1, 3, 2)
+    return np.repeat(joins.outline, 3), fans
 
 
 def _square_caps(caps: _Caps, half_width: np.ndarray) -> _Triangles:

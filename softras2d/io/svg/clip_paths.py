@@ -90,7 +90,7 @@ class ClipPaths:
         style = self._page.style_in_place(target)
         map3 = self._transformed(target, map3)
         if in_box and box is not None:
-            map3 = map3 @ affine_maps.matrix(box.width, 0, 0, box.height, box.x, box.y)
+            map3 = map3 @ affine_maps.matrix(box.width, 0.0, 0.0, box.height, box.x, box.y)
         regions = []
         for child in target.children:
             region = self._child_region(child, style, map3, box, chain)

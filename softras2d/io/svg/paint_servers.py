@@ -54,7 +54,7 @@ def gradient_fill(
     if in_box:
         if box is None or box.width <= 0 or box.height <= 0:
             return False
-        to_pixels = to_pixels @ affine_maps.matrix(box.width, 0, 0, box.height, box.x, box.y)
+        to_pixels = to_pixels @ affine_maps.matrix(box.width, 0.0, 0.0, box.height, box.x, box.y)
     to_pixels = to_pixels @ _gradient_transform(page, chain, in_box)
     if not np.isfinite(to_pixels).all() or abs(np.linalg.det(to_pixels)) < 1e-30:
         return None

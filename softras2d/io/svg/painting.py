@@ -119,10 +119,9 @@ class Painter:
             return
         points, map3, scale = path.points, place.map3, place.scale
         if style.vector_effect == "non-scaling-stroke":
-            # The outline is made in px of the page, whatever the element's own units are.
-            scale = self._page.pixels_per_px
-            points = affine_maps.apply(map3, points) / scale
-            map3 = affine_maps.scale(scale)
+            # The outline is made in pixels, whatever the element's own units are. Chromium too
+            # ignores the size at which the whole drawing is shown.
+            scale, points, map3 = 1.0, affine_maps.apply(map3, points), affine_maps.identity()
         outlines = self._outlines(path, points, style, scale)
         if not outlines:
             return
