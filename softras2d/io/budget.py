@@ -19,7 +19,11 @@ MAX_ATTRIBUTES = 2**24
 document of 64 MB, the largest that is read, cannot contain as many."""
 
 MAX_ELEMENTS = 2**21
-"""Elements of a document in dialect `svg`, including each copy that `use` makes."""
+"""Elements of a document in dialect `svg`, each counted as it is parsed and as it is drawn."""
+
+MAX_COPIES = 2**17
+"""Elements that are visited again, by `use`, clip paths, and for bounding boxes of groups. A few
+lines can ask for any number of copies."""
 
 MAX_DEFAULTS = 256
 """Attribute defaults that a DTD may declare. A default is added to every element of one name."""
@@ -64,7 +68,8 @@ class _Limit(NamedTuple):
 
 _LIMITS = {
     "attributes": _Limit(MAX_ATTRIBUTES, "attributes"),
-    "elements": _Limit(MAX_ELEMENTS, "elements, including copies by <use>"),
+    "elements": _Limit(2 * MAX_ELEMENTS, "elements, each counted twice"),
+    "copies": _Limit(MAX_COPIES, "copies of elements"),
     "selector_tests": _Limit(MAX_SELECTOR_TESTS, "tests of style sheets' selectors"),
     "overlays": _Limit(MAX_OVERLAYS, "vertices of regions to clip and cut"),
     "points": _Limit(MAX_POINTS, "points"),

@@ -115,7 +115,7 @@ class ClipPaths:
         chain: tuple[Element, ...],
     ) -> Any:  # fmt: skip
         """The region of a shape, or of a `use` of a shape; None for other elements."""
-        self._page.budget.charge("elements", 1)
+        self._page.budget.charge("copies", 1)
         declared = self._page.declared(child)
         style = self._page.clip_child_style(child, parent, declared)
         if style.display == "none":

@@ -70,11 +70,17 @@ class SvgControls(eqx.Module):
     _paths: tuple[ControlledPath, ...] = eqx.field(static=True)
 
     def positions(self, points: Float[Array, "points 2"]) -> Float[Array, "vertices 2"]:
-        """The vertices of the scene, in pixels, for these control points. Differentiable."""
-        if len(self.points) == 0:
-            return self.offset
-        combined = jnp.einsum("vk,vkc->vc", self.weights, points[self.controls])
-        return jnp.einsum("vij,vj->vi", self.linear, combined) + self.offset
+        """The vertices of the scene, in pixels, for these control points. Differentiable.
+
+        They have the dtype of `points`.
+        """
+        weights, linear, offset = (
+            array.astype(points.dtype) for array in (self.weights, self.linear, self.offset)
+        )
+        if len(points) == 0:
+            return offset
+        combined = jnp.einsum("vk,vkc->vc", weights, points[self.controls])
+        return jnp.einsum("vij,vj->vi", linear, combined) + offset
 
     def moved(self, points: Float[Array, "points 2"]) -> Scene:
         """The scene with its vertices at `positions(points)`."""

@@ -139,6 +139,8 @@ class PathPen:
             subpath.segments[-1] = segment._replace(end=subpath.start)
         elif segment is not None:
             subpath.segments[-1] = (*segment[:-1], subpath.start)
+        # No later segment can refer to the other point.
+        del self.path.points[last:]
 
     def endPath(self) -> None:
         """Leave the subpath open."""

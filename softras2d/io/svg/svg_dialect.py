@@ -197,7 +197,7 @@ class Drawing:
 
     def _open(self, element: Element, parent: _State) -> None:
         """Draw a shape, or put the children of a group on the stack."""
-        self._page.budget.charge("elements", 1)
+        self._page.budget.charge("elements" if parent.instances is None else "copies", 1)
         self._page.viewport = parent.viewport
         name = element.name
         if name == "texture":
@@ -342,7 +342,7 @@ class Drawing:
                 report(INVALID, "href", "refers to itself")
                 return state, []
             chain = chain[1]
-        self._page.budget.charge("elements", depth)
+        self._page.budget.charge("copies", depth)
         if state.instances is None and any(ancestor is target for ancestor in element.ancestors):
             report(INVALID, "href", "refers to an ancestor")
             return state, []

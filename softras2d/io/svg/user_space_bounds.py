@@ -17,7 +17,7 @@ from .view_box import Box
 def bounds_of(page: Page, element: Element, style: Style) -> Box | None:
     """The bounding box of the fills in an element, without strokes; None if it is empty.
 
-    Each element that is visited counts as an element of the document.
+    Each element that is visited counts as a copy in the budget, as it is visited again.
 
     **Source:** SVG 2, section 8.10.
     """
@@ -25,7 +25,7 @@ def bounds_of(page: Page, element: Element, style: Style) -> Box | None:
     pending = [(element, affine_maps.identity(), style, 0)]
     while pending:
         one, map3, its_style, uses = pending.pop()
-        page.budget.charge("elements", 1)
+        page.budget.charge("copies", 1)
         declared = page.declared(one)
         lengths = ElementLengths(page, one, declared, its_style)
         children = one.children
