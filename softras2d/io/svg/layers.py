@@ -27,12 +27,14 @@ gap is a twentieth of the tolerance of curves.
 class Item(NamedTuple):
     """A region with a paint, in pixels.
 
-    `source` is the index of the shape that it is a part of, or -1.
+    - `source`: index of the shape that it is a part of, or -1.
+    - `family`: number that it shares with other items that are known not to overlap it.
     """
 
     region: Any
     paint: Paint
     source: int = -1
+    family: int = -1
 
 
 def flattened(items: Sequence[Item], budget: Budget) -> tuple[list[Item], bool]:
@@ -62,15 +64,18 @@ def flattened(items: Sequence[Item], budget: Budget) -> tuple[list[Item], bool]:
 
 
 def _overlapping(items: Sequence[Item], budget: Budget) -> list[np.ndarray]:
-    """For each item, the later ones whose bounding boxes overlap its own."""
+    """For each item, the later ones of other families whose bounding boxes overlap its own."""
     regions = np.array([item.region for item in items], object)
     boxes = shapely.bounds(regions)
     tree = shapely.STRtree(shapely.box(*boxes.T))
+    families = np.array([item.family for item in items])
     neighbours = []
     for index, box in enumerate(shapely.box(*boxes.T)):
         found = tree.query(box)
         budget.charge("overlays", len(found))
-        neighbours.append(np.sort(found[found > index]))
+        is_later = found > index
+        is_later &= (families[found] != families[index]) | (families[index] < 0)
+        neighbours.append(np.sort(found[is_later]))
     return neighbours
 
 

@@ -228,8 +228,9 @@ def _read(
         display=DisplayList(document.name, budget),
     )
     drawing = None
-    # An overflow gives a coordinate that is not finite, which the display list reports.
-    with np.errstate(over="ignore", invalid="ignore"):
+    # An overflow gives a coordinate that is not finite, which the display list reports. GEOS may
+    # leave any flag set.
+    with np.errstate(all="ignore"):
         if is_course:
             walk(document, CourseReader(context), budget)
         else:

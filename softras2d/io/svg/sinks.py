@@ -54,7 +54,7 @@ class Sink(Protocol):
         ...
 
     def add_items(self, items: list[Item]) -> None:
-        """Add regions."""
+        """Add regions that do not overlap each other."""
         ...
 
 
@@ -100,11 +100,13 @@ class _Call(NamedTuple):
     - `bounds`: its bounding box (x0, y0, x1, y1), or a larger one.
     - `replay`: passes it on to a sink, with its alpha multiplied by an opacity.
     - `items`: makes regions of it.
+    - `family`: number of the call of `add_items` that it belongs to, or -1.
     """
 
     bounds: np.ndarray
     replay: Callable[[Sink, float], None]
     items: Callable[[], list[Item]]
+    family: int = -1
 
 
 class Layer:
@@ -113,6 +115,7 @@ class Layer:
     def __init__(self, budget: Budget):
         self._budget = budget
         self._calls: list[_Call] = []
+        self._families = 0
 
     def add_polygon(
         self, contours: list[np.ndarray], color: Rgba, evenodd: bool, source: int
@@ -170,8 +173,10 @@ class Layer:
         )
 
     def add_items(self, items: list[Item]) -> None:
-        """Collect regions."""
+        """Collect regions, which do not overlap each other."""
+        self._families += 1
         for item in items:
+            item = item._replace(family=self._families)
             self._calls.append(
                 _Call(
                     np.array(shapely.bounds(item.region)),
@@ -179,6 +184,7 @@ class Layer:
                         [item._replace(paint=item.paint.with_opacity(opacity))]
                     ),
                     lambda item=item: [item],
+                    self._families,
                 )
             )
 
@@ -186,34 +192,45 @@ class Layer:
         """Pass the shapes on, composited and with an opacity; returns whether this is exact."""
         if not self._calls:
             return True
+        # Groups within groups pass every shape on once more.
+        self._budget.charge("overlays", 16 * len(self._calls))
         is_alone = self._is_alone()
+        alone: list[Item] = []
         overlapping: list[Item] = []
-        for call, alone in zip(self._calls, is_alone.tolist(), strict=True):
-            if alone:
+        for call, is_free in zip(self._calls, is_alone.tolist(), strict=True):
+            if is_free and call.family < 0:
                 call.replay(sink, opacity)
             else:
-                overlapping += [item for item in call.items() if not is_empty(item.region)]
-        if not overlapping:
-            return True
-        cells, is_exact = flattened(overlapping, self._budget)
-        sink.add_items([c._replace(paint=c.paint.with_opacity(opacity)) for c in cells])
+                items = [item for item in call.items() if not is_empty(item.region)]
+                (alone if is_free else overlapping).extend(items)
+        cells, is_exact = flattened(overlapping, self._budget) if overlapping else ([], True)
+        # Nothing here overlaps, so that the group around need not test it again.
+        if cells or alone:
+            sink.add_items([c._replace(paint=c.paint.with_opacity(opacity)) for c in cells + alone])
         return is_exact
 
     def _is_alone(self) -> np.ndarray:
-        """Whether the bounding box of each shape meets no other."""
+        """Whether the bounding box of each shape meets none of another family."""
         if len(self._calls) == 1:
             return np.ones(1, bool)
         bounds = np.stack([call.bounds for call in self._calls])
         if not np.isfinite(bounds).all():
             raise ValueError("a coordinate is not finite in float32.")
+        families = np.array([call.family for call in self._calls])
+        if (families == families[0]).all() and families[0] >= 0:
+            return np.ones(len(families), bool)
         boxes: Any = shapely.box(*bounds.T)
         tree = shapely.STRtree(boxes)
-        counts = []
+        is_alone = np.ones(len(boxes), bool)
         for start in range(0, len(boxes), 1024):
-            found, _ = tree.query(boxes[start : start + 1024])
+            found, other = tree.query(boxes[start : start + 1024])
             self._budget.charge("overlays", len(found))
-            counts.append(np.bincount(found, minlength=len(boxes[start : start + 1024])))
-        return np.concatenate(counts) <= 1
+            found = found + start
+            meets = (found != other) & (
+                (families[found] != families[other]) | (families[found] < 0)
+            )
+            is_alone[found[meets]] = False
+        return is_alone
 
 
 def stroked(outlines: list[Outline], map3: np.ndarray, budget: Budget) -> Any:
