@@ -20,11 +20,10 @@ START, TARGET = HERE / "moved" / "pear.svg", HERE / "moved" / "apple.svg"
 END = HERE / "results" / "pear_as_apple.svg"
 
 SIDE = 120
-STEPS = (
-    *((6.0, 20),) * 4, *((3.0, 20),) * 4, *((1.5, 30),) * 3, *((0.8, 40),) * 2,
+STAGES = (
+    *((sr.Soft(width=4.0), 20),) * 4, *((sr.Soft(width=2.0), 30),) * 3, *((sr.Area(), 40),) * 5,
 )  # fmt: skip
-"""Widths of soft edges in pixels, and the steps with each, after which the moved drawing is
-triangulated anew."""
+"""Coverage and number of steps, after which the moved drawing is triangulated anew."""
 
 LEARNING_RATE = 0.25
 """Of Adam, in units of the drawing."""
@@ -47,12 +46,12 @@ def main() -> None:
     points = controls.points
     optimizer = optax.adam(LEARNING_RATE)
     state = optimizer.init(points)
-    for width, steps in STEPS:
+    for coverage, steps in STAGES:
         plan = sr.plan(
             controls.moved(points),
             height=SIDE,
             width=SIDE,
-            coverage=sr.Soft(width=width),
+            coverage=coverage,
             capacity="worst_case",
         )
 
@@ -63,14 +62,14 @@ def main() -> None:
 
             gradient = jax.grad(loss)(points)
             updates, state = optimizer.update(gradient, state)
-            return optax.apply_updates(points, updates), state
+            return points + updates, state
 
         for _ in range(steps):
             points, state = step(points, state)
         # The map moves triangles, and a fold in them is no edge of the drawing.
         sr.write_svg(END, eqx.tree_at(lambda c: c.points, controls, points))
         controls = sr.read_svg_controls(END)
-        print(f"width {width}: {rmse(image_of(controls.moved(points)), target):.1f}", flush=True)
+        print(f"{coverage}: {rmse(image_of(controls.moved(points)), target):.1f}", flush=True)
     start, end = image_of(sr.read_svg(START)), image_of(sr.read_svg(END))
     picture = np.concatenate([np.asarray(image) for image in (start, end, target)], axis=1)
     sr.write_image(HERE / "results" / "move.png", np.repeat(np.repeat(picture, 2, 0), 2, 1))

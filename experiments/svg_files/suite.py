@@ -37,7 +37,8 @@ def kind_of(name: str, agrees: bool, messages: list[str]) -> str:
 
 
 def main() -> None:
-    rows, counts = [], Counter(dict.fromkeys(KINDS, 0))
+    rows: list[dict[str, str]] = []
+    counts: Counter[str] = Counter(dict.fromkeys(KINDS, 0))
     for path in sorted(SUITE.rglob("*.svg")):
         name = path.relative_to(SUITE).with_suffix("").as_posix()
         agrees, messages = judged(path)

@@ -48,7 +48,7 @@ MAX_SELECTOR_TESTS = 2**25
 """Tests whether a selector of a style sheet matches an element. A selector with descendant
 combinators counts once for each choice of ancestors that it may have to try."""
 
-MAX_OVERLAYS = 2**25
+MAX_OVERLAYS = 2**24
 """Vertices of all regions that are intersected, united or subtracted: by clip paths, gradients, and
 shapes that overlap in translucent groups. Each operation counts the vertices that it reads."""
 

@@ -85,18 +85,26 @@ def read_svg(
     - `frame`: whether the course's outline of the drawing is drawn; by default it is in dialect
       `"course"`. `True` is an error in dialect `"svg"`.
     - `linear`: whether colours and textures are decoded from sRGB to linear light.
+    - `tolerance`: largest distance between a curve and its polygon, in pixels of the canvas.
+    - `strict`: whether anything invalid or not supported is an error instead of a warning.
+    - `fit`: how a drawing of another aspect ratio fills the canvas: `"contain"` leaves margins,
+      `"cover"` cuts the drawing, `"stretch"` distorts it; by default, what the file says.
 
-    In dialect `"svg"`, if the first shape is an opaque rect that covers viewBox and canvas, it
-    becomes the `background`. The opacity of a group is multiplied into its children. Vertices are
-    mapped to pixels in float64 and rounded to float32. One `UserWarning` names the elements and
-    properties that are not supported, with counts.
+    Dialect `"svg"` draws paths, basic shapes, images, style sheets, gradients, clip paths, dashes,
+    `use`, `symbol`, nested `svg` and `switch`. A shape or group with `opacity` is composited as a
+    whole, by cutting what is covered. Not drawn are text, filters, masks, patterns, markers, blend
+    modes, `foreignObject` and animations. An invalid attribute is ignored as SVG 2 says. One
+    `UserWarning` names everything left out or ignored: element, attribute, first line, and count.
+
+    If the first shape is an opaque rect that covers viewBox and canvas, it becomes the
+    `background`. Vertices are mapped to pixels in float64 and rounded to float32.
 
     Raises `ValueError`, one line with file and line number, for a document that is not well-formed,
-    declares entities or is larger than 64 MB, for text that is no number where a number is
-    expected, for images that are missing or outside `assets`, and for a `transform` that is
-    singular or sends points to infinity. Also for a document that exceeds a limit of
-    `softras2d.io.budget`, such as 2,097,152 triangles, 4,194,304 points, 100,000 points in which
-    polygons cross themselves, or 67,108,864 pixels in all images together (1 GiB). Limits are
+    declares entities other than short texts, or is larger than 64 MB, for images that are missing
+    or outside `assets`, for invalid attributes of images, `colortri` and `textri`, and for a
+    `transform` that is singular or sends points to infinity. Also for a document that exceeds a
+    limit of `softras2d.io.budget`, such as 2,097,152 triangles, 4,194,304 points, 100,000 points in
+    which polygons cross themselves, or 67,108,864 pixels in all images together (1 GiB). Limits are
     checked before the work is done.
     """
     options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)

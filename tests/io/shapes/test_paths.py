@@ -83,8 +83,15 @@ def test_contours_of_closed_paths_do_not_repeat_their_first_point():
 
 
 def arc(start, end, radii, rotation, large, sweep):
-    pairs = [(float(x), float(y)) for x, y in (start, end, radii)]
-    return arc_between(*pairs, float(rotation), large, sweep)
+    first, last, both = ((float(x), float(y)) for x, y in (start, end, radii))
+    found = arc_between(first, last, both, float(rotation), large, sweep)
+    assert found is not None
+    return found
+
+
+def is_line(start, end, radii):
+    first, last, both = ((float(x), float(y)) for x, y in (start, end, radii))
+    return arc_between(first, last, both, 0.0, False, True) is None
 
 
 def test_arcs_by_hand():
@@ -93,8 +100,8 @@ def test_arcs_by_hand():
     assert (abs(start), turn) == pytest.approx((np.pi, np.pi))
     # Radii that are too small are scaled up, and zero radii give a line.
     assert arc((0, 0), (10, 0), (1, 1), 0, False, True)[1] == pytest.approx((5, 0))
-    assert arc((0, 0), (10, 0), (0, 1), 0, False, True) is None
-    assert arc((3, 3), (3, 3), (1, 1), 0, True, True) is None
+    assert is_line((0, 0), (10, 0), (0, 1)) and is_line((3, 3), (3, 3), (1, 1))
+    assert not is_line((0, 0), (10, 0), (1, 1))
     quarter = arc((10, 0), (0, 10), (10, 10), 0, False, True)
     assert quarter[0] == pytest.approx((0, 0), abs=1e-9)
     assert quarter[4] == pytest.approx(np.pi / 2)

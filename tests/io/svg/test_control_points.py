@@ -18,8 +18,6 @@ DRAWING = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 60 50" width="
 <path d="M3 44 A 9 9 0 0 1 20 46 L 10 49 z" stroke="black"/>
 </svg>"""
 
-SIZE = {"height": 50, "width": 60}
-
 
 @pytest.fixture
 def controls(tmp_path):
@@ -78,7 +76,7 @@ def test_moved_points_are_written_and_read_back(controls, tmp_path):
     with pytest.raises(ValueError, match="shape"):
         controls.text(points[:-1])
     with pytest.raises(ValueError, match="not for control points"):
-        sr.write_svg(tmp_path / "d.svg", controls, **SIZE)
+        sr.write_svg(tmp_path / "d.svg", controls, height=50, width=60)
 
 
 def test_the_gradient_of_an_image_by_control_points(controls, tmp_path, float64):
@@ -92,7 +90,7 @@ def test_the_gradient_of_an_image_by_control_points(controls, tmp_path, float64)
         lambda leaf: leaf.astype(jnp.float64) if jnp.issubdtype(leaf.dtype, jnp.floating) else leaf,
         controls,
     )
-    plan = sr.plan(controls.scene, coverage=sr.Area(), headroom=2.0, **SIZE)
+    plan = sr.plan(controls.scene, coverage=sr.Area(), headroom=2.0, height=50, width=60)
     weights = jnp.asarray(np.random.default_rng(1).random((50, 60, 3)))
     points = controls.points
 
