@@ -21,7 +21,7 @@ END = HERE / "results" / "pear_as_apple.svg"
 
 SIDE = 120
 STAGES = (
-    *((sr.Soft(width=4.0), 20),) * 4, *((sr.Soft(width=2.0), 30),) * 3, *((sr.Area(), 40),) * 5,
+    *((sr.Soft(width=2.0), 30),) * 6, *((sr.Area(), 40),) * 4,
 )  # fmt: skip
 """Coverage and number of steps, after which the moved drawing is triangulated anew."""
 
