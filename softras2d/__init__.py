@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from .fitting.fit import fit
     from .fitting.result import FitResult
     from .io.images import read_image, write_image
-    from .io.svg.reader import read_svg
+    from .io.svg.control_points import SvgControls
+    from .io.svg.reader import read_svg, read_svg_controls
     from .io.svg.writer import write_svg
     from .numerics.compilation_cache import keep_compiled_programs
     from .options import Area, Filter, Hard, Soft
@@ -46,6 +47,7 @@ _DEFINED_IN = {
     "Plan": ".planning.plan",
     "Scene": ".scene",
     "Soft": ".options",
+    "SvgControls": ".io.svg.control_points",
     "TexturePyramid": ".texture.pyramid",
     "Visibility": ".rendering.visibility",
     "check": ".scene",
@@ -62,6 +64,7 @@ _DEFINED_IN = {
     "rasterize": ".rendering.visibility",
     "read_image": ".io.images",
     "read_svg": ".io.svg.reader",
+    "read_svg_controls": ".io.svg.reader",
     "render": ".rendering.render",
     "render_checked": ".rendering.render",
     "resolve": ".rendering.resolve",
@@ -85,6 +88,7 @@ __all__ = [
     "Plan",
     "Scene",
     "Soft",
+    "SvgControls",
     "TexturePyramid",
     "Visibility",
     "camera",
@@ -104,6 +108,7 @@ __all__ = [
     "rasterize",
     "read_image",
     "read_svg",
+    "read_svg_controls",
     "render",
     "render_checked",
     "resolve",

@@ -18,6 +18,7 @@ TextureBorder = Literal["clamp", "repeat"]
 TextureAddressing = Literal["half_texel", "corners"]
 
 SvgDialect = Literal["svg", "course"]
+SvgFit = Literal["contain", "cover", "stretch"]
 ImageFormat = Literal["png", "exr", "jpg", "tif"]
 
 FitFamily = Literal["layers", "mesh"]

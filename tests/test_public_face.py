@@ -88,8 +88,15 @@ plot.show: image, *axes=, *title=, *grid=, *inset=, *inset_zoom=
 plot.triangles: scene, *axes, *color=, *width=, *vertices=
 rasterize: scene, plan, *layers=
 read_image: path, *linear=
+SvgControls: scene, points, controls, weights, linear, offset, constant_vertices, _document, _paths
+SvgControls.matrix: self
+SvgControls.moved: self, points
+SvgControls.positions: self, points
+SvgControls.text: self, points=
 read_svg: path, *height=, *width=, *dialect=, *transform=, *assets=, *opacity=, *frame=,
-    *linear=
+    *linear=, *tolerance=, *strict=, *fit=
+read_svg_controls: path, *height=, *width=, *transform=, *assets=, *opacity=, *linear=,
+    *tolerance=, *strict=, *fit=
 render: scene, plan
 render_checked: scene, plan
 resolve: visible, values, background=
@@ -99,7 +106,7 @@ testing.assert_image_matches: image, path, *tolerance=, *update=
 value_and_grad_replanning: loss, scene_of, *height, *width, *coverage=, *filter=, *headroom=,
     *has_aux=
 write_image: path, image, *linear=, *truncate=
-write_svg: path, scene, *height, *width, *fallback=
+write_svg: path, scene, *height=, *width=, *fallback=
 """
 
 

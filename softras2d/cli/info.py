@@ -15,7 +15,12 @@ from .session import session
 
 def describe_scene(
     path: Annotated[
-        Path, typer.Argument(metavar="SCENE.svg", show_default=False, help="SVG file to describe.")
+        Path,
+        typer.Argument(
+            metavar="SCENE.svg",
+            show_default=False,
+            help="SVG file to describe, - for standard input, or the name of a bundled scene.",
+        ),
     ],
     cost: Annotated[
         bool,
@@ -35,6 +40,9 @@ def describe_scene(
     assets: options.Assets = None,
     frame: options.Frame = None,
     opacity: options.Opacity = True,
+    tolerance: options.Tolerance = 0.02,
+    strict: options.Strict = False,
+    fit: options.Fit = None,
 ) -> None:
     """Describe a scene: its contents, the effects it needs, and the plan to render it.
 
@@ -45,18 +53,21 @@ def describe_scene(
     settings = RenderOptions(
         samples, size, dialect, assets, shading=shading, pixel_filter=pixel_filter,
         level_filter=level_filter, anisotropy=anisotropy, frame=frame, opacity=opacity,
+        tolerance=tolerance, strict=strict, fit=fit,
     )  # fmt: skip
     with session() as status_console:
-        from ..io.svg.reader import svg_size
         from .render_steps import make_plan, read_scene, scene_properties
+        from .scene_sources import SceneSource
 
         scene, height, width = read_scene(path, settings)
-        file_height, file_width = svg_size(path, dialect=dialect)
         table = Table(box=box.SIMPLE, show_header=False, pad_edge=False)
         table.add_column(style="bold")
         table.add_column(overflow="fold")
         table.add_row("file", str(path))
-        table.add_row("size in file", f"{file_width} x {file_height} pixels")
+        # Standard input can be read only once.
+        if str(path) != "-":
+            file_height, file_width = SceneSource(path, dialect).size()
+            table.add_row("size in file", f"{file_width} x {file_height} pixels")
         for name, value in scene_properties(scene):
             table.add_row(name, value)
         console = Console(highlight=False)

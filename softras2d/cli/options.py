@@ -186,6 +186,30 @@ Opacity = Annotated[
         rich_help_panel=_SCENE,
     ),
 ]
+Tolerance = Annotated[
+    float,
+    typer.Option(
+        help="Largest distance between a curve and its polygon, in pixels.",
+        rich_help_panel=_SCENE,
+    ),
+]
+Strict = Annotated[
+    bool,
+    typer.Option(
+        "--strict",
+        help="Refuse a file with anything invalid or not supported, instead of drawing the rest.",
+        rich_help_panel=_SCENE,
+    ),
+]
+Fit = Annotated[
+    names.SvgFit | None,
+    typer.Option(
+        help="How a drawing of another aspect ratio fills the image: contain leaves margins, "
+        "cover cuts the drawing, stretch distorts it. Default: what the file says.",
+        show_default=False,
+        rich_help_panel=_SCENE,
+    ),
+]
 
 
 @dataclass(frozen=True)
@@ -206,3 +230,6 @@ class RenderOptions:
     background: Color | None = None
     origin: Pixel | None = None
     linear: bool = False
+    tolerance: float = 0.02
+    strict: bool = False
+    fit: names.SvgFit | None = None

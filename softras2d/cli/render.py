@@ -1,10 +1,12 @@
 """`softras2d render`: renders scene files to image files."""
 
+import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -13,11 +15,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from .. import names
 from . import options
 from .options import RenderOptions
-from .session import debugging, failure_line, print_message, session
+from .session import debugging, failure_line, one_line, print_message, session
 
 Scenes = Annotated[
     list[Path],
-    typer.Argument(metavar="SCENE.svg", show_default=False, help="SVG files to render."),
+    typer.Argument(
+        metavar="SCENE.svg",
+        show_default=False,
+        help="SVG files to render, - for standard input, or names of bundled scenes such as rings.",
+    ),
 ]
 Output = Annotated[
     Path,
@@ -26,7 +32,8 @@ Output = Annotated[
         "-o",
         metavar="OUT.png|FOLDER",
         show_default=False,
-        help="Image file to write, or a folder, which is created if it does not exist.",
+        help="Image file to write; a folder, which is created if it does not exist; or - for PNG "
+        "on standard output.",
     ),
 ]
 Format = Annotated[
@@ -61,6 +68,9 @@ def render_scenes(
     assets: options.Assets = None,
     frame: options.Frame = None,
     opacity: options.Opacity = True,
+    tolerance: options.Tolerance = 0.02,
+    strict: options.Strict = False,
+    fit: options.Fit = None,
 ) -> None:
     """Render SVG scenes to images.
 
@@ -68,11 +78,13 @@ def render_scenes(
 
     [bold]softras2d render scenes/*.svg -o pictures/ --dialect course --truncate[/bold]
 
+    [bold]softras2d render rings -o rings.png[/bold]   (a bundled scene)
+
     If a scene fails, the others are still rendered; errors are listed at the end (exit code 1).
     """
     settings = RenderOptions(
         samples, size, dialect, assets, fill_rule, shading, pixel_filter, level_filter,
-        anisotropy, frame, opacity, background, origin, linear,
+        anisotropy, frame, opacity, background, origin, linear, tolerance, strict, fit,
     )  # fmt: skip
     with session() as console:
         targets = _targets(scenes, output, kind)
@@ -89,7 +101,10 @@ def render_scenes(
         if len(scenes) > 1:
             summary = f"{written} of {len(scenes)} images in {seconds:.1f} s: {output}"
         if written:
-            Console(soft_wrap=True, highlight=False).print(summary, markup=False)
+            # Standard output is for the image alone if it goes there.
+            Console(stderr=str(output) == "-", soft_wrap=True, highlight=False).print(
+                summary, markup=False
+            )
         if failures:
             raise typer.Exit(1)
 
@@ -116,7 +131,8 @@ def _render_each(
             except Exception as error:
                 if debugging():
                     raise
-                failures.append(failure_line(error, scene))
+                is_output = isinstance(error, OutputError)
+                failures.append(one_line(error) if is_output else failure_line(error, scene))
             drop_programs()
             advance()
     return summary
@@ -127,13 +143,18 @@ def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
     from ..io.images import WRITABLE
 
     suffix = output.suffix.lower()
+    if str(output) == "-":
+        if len(scenes) > 1:
+            raise ValueError(f"-: {len(scenes)} scenes go into a folder, not to standard output.")
+        return [output]
     if len(scenes) == 1 and suffix and not output.is_dir():
         return [output]
     if suffix in WRITABLE and not output.is_dir():
         raise ValueError(f"{output}: {len(scenes)} scenes go into a folder, not into one file.")
     targets = {}
     for scene in scenes:
-        target = output / f"{scene.stem}.{kind}"
+        name = "stdin" if str(scene) == "-" else scene.stem
+        target = output / f"{name}.{kind}"
         if target in targets:
             raise ValueError(
                 f"{target}: both {targets[target]} and {scene} would be written there."
@@ -145,18 +166,38 @@ def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
 
 def _render(path: Path, target: Path, settings: RenderOptions, truncate: bool) -> str:
     """Render one scene to one file; returns a line about the image."""
-    from ..io.images import write_image
     from .render_steps import make_plan, read_scene, render_image
 
     started = time.perf_counter()
     scene, height, width = read_scene(path, settings)
     image = render_image(scene, make_plan(scene, height, width, settings))
     seconds = time.perf_counter() - started
-    write_image(target, image, linear=settings.linear, truncate=truncate)
+    _write(target, image, settings.linear, truncate)
     return (
         f"{target}: {width} x {height} pixels at {settings.samples} samples per pixel, "
         f"{scene.triangles.shape[0]} triangles, {1e3 * seconds:.0f} ms"
     )
+
+
+class OutputError(ValueError):
+    """An error about the image file, whose message says all: the scene is not to blame."""
+
+
+def _write(target: Path, image: Any, linear: bool, truncate: bool) -> None:
+    """Write an image file, or a PNG on standard output for `-`."""
+    from ..io.images import write_image
+
+    try:
+        if str(target) != "-":
+            write_image(target, image, linear=linear, truncate=truncate)
+            return
+        with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
+            file = Path(folder) / "image.png"
+            write_image(file, image, linear=linear, truncate=truncate)
+            sys.stdout.buffer.write(file.read_bytes())
+            sys.stdout.buffer.flush()
+    except (ValueError, OSError) as error:
+        raise OutputError(one_line(error)) from error
 
 
 @contextmanager

@@ -1,12 +1,12 @@
 """Reads, plans and renders one scene as the options say. Imports JAX: for use within a command."""
 
 import dataclasses
+import warnings
 from pathlib import Path
 
 import numpy as np
 
 from ..color import srgb_to_linear
-from ..io.svg.reader import read_svg, svg_size
 from ..numerics.device import to_device
 from ..options import Filter, Hard
 from ..planning.plan import Plan
@@ -14,22 +14,31 @@ from ..rendering.planner import plan
 from ..rendering.render import render_checked
 from ..scene import Scene
 from .options import RenderOptions, Size
+from .scene_sources import SceneSource
 
 
 def read_scene(path: Path, options: RenderOptions) -> tuple[Scene, int, int]:
-    """Read a scene file; returns the scene, and the height and width of its image in pixels."""
-    needs_file_size = not (options.size and options.size.height)
-    file_size = svg_size(path, dialect=options.dialect) if needs_file_size else None
+    """Read a scene; returns it, and the height and width of its image in pixels.
+
+    A size whose aspect ratio is not that of the scene gives a warning, unless `options.fit` says
+    what to do.
+    """
+    source = SceneSource(path, options.dialect)
+    is_whole_size = options.size is not None and options.size.height is not None
+    file_size = None if is_whole_size else source.size()
     height, width = canvas_size(options.size, file_size)
-    scene = read_svg(
-        path,
+    if is_whole_size and options.fit is None and options.dialect == "svg":
+        _warn_of_margins(source, height, width)
+    scene = source.read(
         height=height,
         width=width,
-        dialect=options.dialect,
         assets=options.assets,
         opacity=options.opacity,
         frame=options.frame,
         linear=options.linear,
+        tolerance=options.tolerance,
+        strict=options.strict,
+        fit=options.fit,
     )
     if options.background is not None:
         # Three channels make the image opaque, four give it an alpha channel.
@@ -39,6 +48,22 @@ def read_scene(path: Path, options: RenderOptions) -> tuple[Scene, int, int]:
             color[:3] = srgb_to_linear(color[:3])
         scene = dataclasses.replace(scene, background=to_device(color))
     return scene, height, width
+
+
+def _warn_of_margins(source: SceneSource, height: int, width: int) -> None:
+    """Warn if the drawing leaves margins on a canvas of this size."""
+    try:
+        file_height, file_width = source.size()
+    except ValueError:
+        return
+    # Sizes are rounded to pixels, which changes the aspect ratio a little.
+    if abs(height * file_width - width * file_height) > max(file_height, file_width):
+        warnings.warn(
+            f"{source.path}: drawn with margins, as it is {file_width} x {file_height}; "
+            "--fit cover, contain or stretch chooses.",
+            UserWarning,
+            stacklevel=2,
+        )
 
 
 def canvas_size(size: Size | None, file_size: tuple[int, int] | None) -> tuple[int, int]:

@@ -18,6 +18,13 @@ MAX_ATTRIBUTES = 2**24
 """Attributes of all elements together, including defaults that a DTD adds. Without such defaults, a
 document of 64 MB, the largest that is read, cannot contain as many."""
 
+MAX_ELEMENTS = 2**21
+"""Elements of a document in dialect `svg`, each counted as it is parsed and as it is drawn."""
+
+MAX_COPIES = 2**17
+"""Elements that are visited again, by `use`, clip paths, and for bounding boxes of groups. A few
+lines can ask for any number of copies."""
+
 MAX_DEFAULTS = 256
 """Attribute defaults that a DTD may declare. A default is added to every element of one name."""
 
@@ -37,6 +44,14 @@ MAX_CROSSINGS = 100_000
 MAX_EAR_TESTS = 2**27
 """Tests whether a vertex lies in the triangle of a corner, in ear clipping."""
 
+MAX_SELECTOR_TESTS = 2**25
+"""Tests whether a selector of a style sheet matches an element. A selector with descendant
+combinators counts once for each choice of ancestors that it may have to try."""
+
+MAX_OVERLAYS = 2**24
+"""Vertices of all regions that are intersected, united or subtracted: by clip paths, gradients, and
+shapes that overlap in translucent groups. Each operation counts the vertices that it reads."""
+
 MAX_STEPS = 2**26
 """Pixels of the course's lines and images. Lines count near the canvas, images on it."""
 
@@ -53,6 +68,10 @@ class _Limit(NamedTuple):
 
 _LIMITS = {
     "attributes": _Limit(MAX_ATTRIBUTES, "attributes"),
+    "elements": _Limit(2 * MAX_ELEMENTS, "elements, each counted twice"),
+    "copies": _Limit(MAX_COPIES, "copies of elements"),
+    "selector_tests": _Limit(MAX_SELECTOR_TESTS, "tests of style sheets' selectors"),
+    "overlays": _Limit(MAX_OVERLAYS, "vertices of regions to clip and cut"),
     "points": _Limit(MAX_POINTS, "points"),
     "triangles": _Limit(MAX_TRIANGLES, "triangles"),
     "pairs": _Limit(MAX_PAIRS, "pairs of edges that may cross"),

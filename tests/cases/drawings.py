@@ -1,5 +1,7 @@
 """What a scene that was read from a drawing holds."""
 
+from typing import Any
+
 import numpy as np
 
 import softras2d as sr
@@ -8,3 +10,27 @@ import softras2d as sr
 def corners_of(scene: sr.Scene) -> np.ndarray:
     """The corners of every triangle, `[triangles, 3, 2]`."""
     return np.asarray(scene.positions)[np.asarray(scene.triangles)]
+
+
+def colors_at(scene: sr.Scene, points: Any) -> np.ndarray:
+    """The colours of a scene at points in pixels, `[points, 3]`, by simple means in float64.
+
+    Every triangle that contains a point is blended over those before it. No point may lie on an
+    edge. Rounded to 9 decimals.
+    """
+    points = np.asarray(points, np.float64)
+    corners = corners_of(scene).astype(np.float64)
+    colors = np.asarray(scene.colors, np.float64)
+    colors = np.broadcast_to(colors, (len(corners), 3, colors.shape[2]))
+    matrices = np.concatenate([corners, np.ones((len(corners), 3, 1))], axis=2).swapaxes(1, 2)
+    has_area = np.abs(np.linalg.det(matrices)) > 1e-12
+    matrices, colors = matrices[has_area], colors[has_area]
+    homogeneous = np.column_stack([points, np.ones(len(points))]).T
+    # [triangles, 3, points]
+    weights = np.linalg.inv(matrices) @ homogeneous
+    result = np.tile(np.asarray(scene.background, np.float64), (len(points), 1))
+    for triangle, point in np.argwhere((weights > 0).all(axis=1)):
+        shaded = weights[triangle, :, point] @ colors[triangle]
+        alpha = shaded[3] if len(shaded) == 4 else 1.0
+        result[point] = shaded[:3] * alpha + result[point] * (1 - alpha)
+    return result.round(9)

@@ -88,6 +88,7 @@ def test_every_option_is_passed_on(stand_in, tmp_path):
         "--dialect", "course", "--fill-rule", "top_left", "--shading", "pixel",
         "--pixel-filter", "nearest", "--level-filter", "zero", "--assets", "img", "--no-frame",
         "--no-opacity", "--linear", "--truncate", "--origin", "-5,3", "--background", "#336699",
+        "--tolerance", "0.1", "--strict", "--fit", "cover",
     )  # fmt: skip
     assert result.exit_code == 0, result.stderr
     assert stand_in == [
@@ -105,6 +106,9 @@ def test_every_option_is_passed_on(stand_in, tmp_path):
             background=options.Color(0.2, 0.4, 0.6, 1.0),
             origin=options.Pixel(-5, 3),
             linear=True,
+            tolerance=0.1,
+            strict=True,
+            fit="cover",
         )
     ]
     # One half of linear light is 0.7354 in sRGB, 187.5 of 255.
@@ -216,7 +220,10 @@ def test_colours_are_parsed():
 class TestOnRealScenes:
     def test_render_writes_what_the_package_draws(self, tmp_path):
         scene_file, target = scenes.path("squares"), tmp_path / "squares.png"
-        asked = ("--samples", 4, "--size", "40x30", "--truncate", "--origin", "3,-2")
+        # Without --fit, a square scene in another size gives a warning.
+        asked = (
+            "--samples", 4, "--size", "40x30", "--fit", "contain", "--truncate", "--origin", "3,-2",
+        )  # fmt: skip
         result = run("render", scene_file, "-o", target, *asked)
         assert result.exit_code == 0 and result.stderr == ""
         scene = sr.read_svg(scene_file, height=30, width=40)

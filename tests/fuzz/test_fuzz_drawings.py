@@ -34,6 +34,20 @@ HAND_WRITTEN = (
 <line x1="0" y1="0" x2="200" y2="100" stroke="#123456"/><rect x="3" y="3" fill="#000000"/>
 <image x="1" y="1" width="9" height="9" xlink:href="PIXELS"/>
 </g><polyline points="1,2 3,4 5,6" stroke="#ff00ff"/></svg>""",
+    """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 80 60" width="80" height="60">
+<style>.a, g > path { fill: url(#l) } #p { stroke: red !important }</style>
+<defs><linearGradient id="l" spreadMethod="reflect" x2=".3"><stop offset="0" stop-color="red"/>
+<stop offset="50%" stop-color="lime" stop-opacity=".5"/></linearGradient>
+<radialGradient id="r" href="#l" fx=".3" fr=".1" gradientTransform="rotate(9)"/>
+<clipPath id="c" clipPathUnits="objectBoundingBox"><circle cx=".5" cy=".5" r=".4"/></clipPath>
+<symbol id="s" viewBox="0 0 9 9"><ellipse cx="5" cy="5" rx="4" ry="3"/></symbol></defs>
+<g opacity=".5" clip-path="url(#c)"><path id="p" d="M1 1C30 5 9 40 50 30S9 9 60 5A9 5 30 0 1 3 40z
+m9 9 l5 5 -5 3z" stroke-dasharray="3 1" stroke-linejoin="miter-clip"/><rect class="a" x="20"
+y="20" width="40" height="30" rx="5" stroke="blue" paint-order="stroke"/></g>
+<use href="#s" x="5" width="30" height="20" fill="url(#r)" transform-origin="center"/>
+<switch><use href="#p" systemLanguage="en" vector-effect="non-scaling-stroke"/></switch>
+<svg x="40" y="5" width="50%" height="20" viewBox="0 0 9 9"><circle r="5" opacity=".5"
+fill="url(#r)" stroke="url(#l)"/></svg></svg>""",
 )
 
 NUMBERS = (
@@ -46,6 +60,8 @@ WORDS = (
     "lab(1e308 1e308 0)", "oklch(1e308 1 9)", "color(srgb 2 0 0)", "hwb(1 2% 3%)", "url(#a) red",
     "url(", "rgb(", "hsl(1e308 1% 1%)", "matrix(0 0 0 0 0 0)", "scale(1e30)", "rotate(1e308)",
     "skewX(90)", "scale(0)", "calc(1px)", "((((((((((", "&#10;", "&#0;", "&amp;", "\u0661", "💥",
+    "url(#c)", "url(#l)", "#p", "#s", "#c", "M0 0A1 1 0 00 5 5", "m1 1C1 1 9e9 1 1 1z", "reflect",
+    "userSpaceOnUse", "5em", "50%", "3vmin", "miter-clip", "1 1e-9", "path('M0 0')",
     "!important", "xMidYMid slice", "0 0 1e-300 1e-300", "../x.png", "data:,", "#ff", "#",
 )  # fmt: skip
 ATTRIBUTES = (
@@ -53,7 +69,9 @@ ATTRIBUTES = (
     "stroke-opacity", "fill-opacity", "opacity", "points", "width", "height", "viewBox", "display",
     "x", "stroke-miterlimit", "visibility", "color", "fill-rule", "preserveAspectRatio", "href",
     "texid", "uvs", "colors", "filename", "data-fallback", "xmlns:svg", "stroke-dasharray", "rx",
-    "x1",
+    "x1", "d", "clip-path", "stroke-dashoffset", "stroke-linejoin", "paint-order", "r", "cx", "id",
+    "class", "offset", "stop-color", "gradientTransform", "spreadMethod", "gradientUnits", "fr",
+    "fx", "transform-origin", "font-size", "xmlns", "systemLanguage", "clipPathUnits", "xml:base",
 )  # fmt: skip
 
 _NUMBER = re.compile(r"[0-9]++(?:\.[0-9]++)?+")
@@ -138,7 +156,26 @@ def unclosed(text: str, rng: random.Random) -> str:
 
 
 def renamed(text: str, rng: random.Random) -> str:
-    names = ("rect", "polygon", "polyline", "line", "image", "colortri", "textri", "g", "circle")
+    names = (
+        "rect",
+        "polygon",
+        "polyline",
+        "line",
+        "image",
+        "colortri",
+        "textri",
+        "g",
+        "circle",
+        "path",
+        "use",
+        "svg",
+        "clipPath",
+        "linearGradient",
+        "style",
+        "symbol",
+        "switch",
+        "text",
+    )
     return replaced(re.compile(r"(?<=<)[a-z]+\b"), text, rng, lambda _: rng.choice(names))
 
 

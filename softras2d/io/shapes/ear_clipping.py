@@ -12,8 +12,9 @@ import shapely
 from jaxtyping import Bool, Float, Float32, Int
 
 from ..budget import Budget, BudgetError
+from .fill_rules import distinct_edges
 from .overlaps import FEW, charge_crossings
-from .polygons import distinct_edges, triangulate
+from .polygons import triangulate
 
 _MIN_CROSS = np.float32(1e-10)
 """Smallest cross product of two edges that counts as a left turn, as in the course."""
@@ -79,7 +80,7 @@ def crosses_itself(contour: Float32[np.ndarray, "n 2"], budget: Budget, index: i
     points = contour.astype(np.float64)
     points = points[(points != np.roll(points, 1, axis=0)).any(axis=1)]
     if len(points) > FEW:
-        starts, ends = distinct_edges(points)
+        starts, ends = distinct_edges(points, np.roll(points, -1, axis=0))
         if len(starts) < len(points):
             return True
         charge_crossings(starts, ends, budget, index)

@@ -12,14 +12,13 @@ on them only by accident.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
 from ..budget import Budget
-from .overlaps import FEW, charge_crossings
+from .fill_rules import fill_rule_regions
 from .subdivision import cut_large_regions
 
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
@@ -27,14 +26,15 @@ _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 
 def triangulate(
-    contours: Sequence[np.ndarray],
+    contours: Sequence[np.ndarray | Sequence[np.ndarray]],
     evenodd: Sequence[bool],
     translucent: Sequence[bool],
     budget: Budget | None = None,
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
     """Triangulate closed contours; returns the triangles, and the index of the contour of each.
 
-    - `contours`: points `[n, 2]`, one array per contour.
+    - `contours`: points `[n, 2]`, one array per contour. A sequence of arrays is one shape of
+      several contours, which the fill rule combines.
     - `evenodd`: whether each contour is filled by the even-odd rule instead of the nonzero rule.
     - `translucent`: whether samples on inner edges must be avoided; see the top of this file.
 
@@ -43,10 +43,14 @@ def triangulate(
     `BudgetError`, with the index of the contour, if the work exceeds `budget`.
     """
     budget = budget or Budget()
-    counts = np.array([len(contour) for contour in contours], np.int64)
+    is_single = np.array([isinstance(contour, np.ndarray) for contour in contours], bool)
+    counts = np.array(
+        [len(c) if isinstance(c, np.ndarray) else sum(map(len, c)) for c in contours], np.int64
+    )
     budget.charge_each("triangles", np.maximum(counts - 2, 0))
     corners, owners = [np.zeros((0, 3, 2))], [np.zeros(0, np.int64)]
-    not_convex = []
+    not_convex = np.flatnonzero(~is_single).tolist()
+    counts = np.where(is_single, counts, 0)
     for count in np.unique(counts[counts >= 3]).tolist():
         indices = np.flatnonzero(counts == count)
         points = np.stack([contours[index] for index in indices.tolist()])
@@ -62,8 +66,12 @@ def triangulate(
             owners.append(np.repeat(indices[chosen], triangles.shape[1]))
         not_convex += indices[~convex].tolist()
     if not_convex:
-        regions, row = _regions(
-            [contours[i] for i in not_convex], [evenodd[i] for i in not_convex], not_convex, budget
+        shapes = [
+            c if not isinstance(c, np.ndarray) else [c]
+            for c in map(contours.__getitem__, not_convex)
+        ]
+        regions, row = fill_rule_regions(
+            shapes, [evenodd[i] for i in not_convex], not_convex, budget
         )
         contour_index = np.array(not_convex, np.int64)[row]
         triangles, owner = fill_regions(
@@ -184,200 +192,3 @@ def _bend_inner_edges(
 def _generic_numbers(count: int) -> Float[np.ndarray, " {count}"]:
     """`count` numbers in 0..1 that are far from each other and from simple fractions."""
     return np.modf((np.arange(count) + 1.0) * _GOLDEN)[0]
-
-
-def _regions(
-    contours: list[np.ndarray], evenodd: list[bool], error_indices: list[int], budget: Budget
-) -> tuple[np.ndarray, np.ndarray]:
-    """Make the shapely polygons that fill contours; returns them and the contour of each, in order.
-
-    `error_indices` are the indices by which errors name the contours.
-    """
-    contours = [_without_repeats(points) if len(points) > FEW else points for points in contours]
-    # A contour of at most two points has no inside.
-    with_area = np.flatnonzero([len(points) > 2 for points in contours])
-    contours = [contours[i] for i in with_area.tolist()]
-    evenodd = [evenodd[i] for i in with_area.tolist()]
-    error_indices = [error_indices[i] for i in with_area.tolist()]
-    if not contours:
-        return np.zeros(0, object), np.zeros(0, np.int64)
-    lengths = np.array([len(contour) for contour in contours])
-    repeated_edges = {}
-    for index in np.flatnonzero(lengths > FEW).tolist():
-        starts, ends = distinct_edges(contours[index])
-        charge_crossings(starts, ends, budget, error_indices[index])
-        if len(starts) < lengths[index]:
-            edges: Any = shapely.linestrings(np.stack([starts, ends], axis=1))
-            repeated_edges[index] = shapely.multilinestrings(edges)
-    rings: Any = shapely.linearrings(
-        np.concatenate(contours), indices=np.repeat(np.arange(len(contours)), lengths)
-    )
-    polygons: Any = shapely.polygons(rings)
-    # A contour with repeated edges is not simple; GEOS would take long to find that out.
-    is_simple = np.zeros(len(contours), bool)
-    without_repeats = np.setdiff1d(np.arange(len(contours)), list(repeated_edges))
-    is_simple[without_repeats] = shapely.is_valid(polygons[without_repeats])
-    lines: Any = rings.copy()
-    for index, edges in repeated_edges.items():
-        lines[index] = edges
-    faces, contour_of_face = _faces(
-        lines, np.flatnonzero(~is_simple), lengths, error_indices, budget
-    )
-    inside = shapely.get_coordinates(shapely.point_on_surface(faces))
-    winding = _windings(contours, lengths, inside, contour_of_face, error_indices, budget)
-    is_filled = np.where(np.array(evenodd, bool)[contour_of_face], winding % 2 != 0, winding != 0)
-    contour = np.concatenate([np.flatnonzero(is_simple), contour_of_face[is_filled]])
-    order = np.argsort(contour, kind="stable")
-    regions = np.concatenate([polygons[is_simple], faces[is_filled]])
-    return regions[order], with_area[contour[order]]
-
-
-def _without_repeats(contour: np.ndarray) -> np.ndarray:
-    """Remove points that equal the point before them."""
-    return contour[(contour != np.roll(contour, 1, axis=0)).any(axis=1)]
-
-
-def distinct_edges(contour: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Starts and ends `[edges, 2]` of edges; repetitions, also in reverse, are left out."""
-    starts, ends = contour, np.roll(contour, -1, axis=0)
-    swap = (starts[:, 0] > ends[:, 0]) | (
-        (starts[:, 0] == ends[:, 0]) & (starts[:, 1] > ends[:, 1])
-    )
-    keys = np.where(
-        swap[:, None], np.concatenate([ends, starts], 1), np.concatenate([starts, ends], 1)
-    )
-    _, first = np.unique(keys, axis=0, return_index=True)
-    first.sort()
-    return starts[first], ends[first]
-
-
-def _faces(
-    lines: np.ndarray,
-    crossing: Int[np.ndarray, " crossing"],
-    lengths: Int[np.ndarray, " contours"],
-    error_indices: list[int],
-    budget: Budget,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Faces into which self-crossing contours divide the plane, and the contour of each.
-
-    The winding number is constant in a face, so the fill rule fills each face or leaves it empty.
-
-    - `lines`: the edges of every contour, as shapely lines; `lengths`: their numbers.
-    - `crossing`: the indices of the contours that cross themselves.
-    """
-    all_faces, owners = [np.zeros(0, object)], [np.zeros(0, np.int64)]
-    # Crossings of large contours have been charged. Small contours are processed in blocks, which
-    # bounds the number of faces, and then charged for the faces beyond their number of vertices.
-    weights = np.cumsum(lengths[crossing] * np.minimum(lengths[crossing], FEW))
-    start = 0
-    while start < len(crossing):
-        done = weights[start - 1] if start else 0
-        stop = max(int(np.searchsorted(weights, done + 2**19, side="right")), start + 1)
-        chosen = crossing[start:stop]
-        noded: Any = shapely.node(lines[chosen])
-        faces, row = shapely.get_parts(shapely.polygonize(noded[:, None]), return_index=True)
-        face_counts = np.bincount(row, minlength=len(chosen))
-        indices = [error_indices[index] for index in chosen.tolist()]
-        is_small = lengths[chosen] <= FEW
-        excess = np.where(is_small, np.maximum(face_counts - lengths[chosen], 0), 0)
-        budget.charge_each("crossings", excess, indices)
-        budget.charge_each("triangles", face_counts, indices)
-        all_faces.append(faces)
-        owners.append(chosen[row])
-        start = stop
-    return np.concatenate(all_faces), np.concatenate(owners)
-
-
-def _windings(
-    contours: list[np.ndarray],
-    lengths: Int[np.ndarray, " contours"],
-    points: Float[np.ndarray, "points 2"],
-    contour_of_point: Int[np.ndarray, " points"],
-    error_indices: list[int],
-    budget: Budget,
-) -> Int[np.ndarray, " points"]:
-    """Winding number of one contour around each point: that of index `contour_of_point`."""
-    winding = np.zeros(len(points), np.int64)
-    for length in np.unique(lengths[contour_of_point]).tolist():
-        members = np.flatnonzero(lengths[contour_of_point] == length)
-        if length > FEW:
-            for index in np.unique(contour_of_point[members]).tolist():
-                chosen = members[contour_of_point[members] == index]
-                winding[chosen] = _winding_by_rays(
-                    contours[index], points[chosen], budget, error_indices[index]
-                )
-            continue
-        block_size = 2**20 // length + 1
-        for start in range(0, len(members), block_size):
-            chosen = members[start : start + block_size]
-            around = np.stack([contours[index] for index in contour_of_point[chosen].tolist()])
-            winding[chosen] = winding_number(around, points[chosen])
-    return winding
-
-
-def _winding_by_rays(
-    contour: Float[np.ndarray, "n 2"],
-    points: Float[np.ndarray, "points 2"],
-    budget: Budget,
-    error_index: int,
-) -> Int[np.ndarray, " points"]:
-    """Like `winding_number`, for one contour of many edges and many points.
-
-    Only edges that a ray from the point may meet are tested. Rays run along x or along y, whichever
-    meets fewer edges.
-    """
-    ends = np.roll(contour, -1, axis=0)
-    low, high = np.minimum(contour, ends), np.maximum(contour, ends)
-    # For each axis: a bound on the edges that the ray of each point may meet.
-    max_edges = [
-        np.searchsorted(np.sort(low[:, axis]), points[:, axis], side="right")
-        - np.searchsorted(np.sort(high[:, axis]), points[:, axis], side="left")
-        for axis in (0, 1)
-    ]
-    axis = int(np.argmin([counts.sum() for counts in max_edges]))
-    budget.charge("pairs", int(max_edges[axis].sum()), error_index)
-    if axis == 0:
-        # Swap x and y, so that the ray runs along x. This reverses the sign of the winding number.
-        contour, points = contour[:, ::-1], points[:, ::-1]
-        low, high = low[:, ::-1], high[:, ::-1]
-    tree = shapely.STRtree(shapely.box(*low.T, *high.T))
-    right = np.full(len(points), high[:, 0].max())
-    rays: Any = shapely.box(points[:, 0], points[:, 1], right, points[:, 1])
-    # Points are processed in blocks that meet at most 2^20 edges, or one point each.
-    edges_up_to = np.cumsum(max_edges[axis])
-    winding = np.zeros(len(points), np.int64)
-    start = 0
-    while start < len(points):
-        done = edges_up_to[start - 1] if start else 0
-        stop = max(int(np.searchsorted(edges_up_to, done + 2**20, side="right")), start + 1)
-        point, edge = tree.query(rays[start:stop])
-        a, b = contour[edge], contour[(edge + 1) % len(contour)]
-        turns = _ray_turns(a, b, points[start + point])
-        winding[start:stop] = np.bincount(point, turns, minlength=stop - start)
-        start = stop
-    return winding if axis == 1 else -winding
-
-
-def winding_number(
-    contours: Float[np.ndarray, "m n 2"], points: Float[np.ndarray, "m 2"]
-) -> Int[np.ndarray, " m"]:
-    """Winding number of each closed contour around its point.
-
-    It is the number of edges that cross the ray from the point to the right, with a sign for their
-    direction in y.
-
-    **Source:** Sunday, *Inclusion of a point in a polygon* (2001).
-    """
-    return _ray_turns(contours, np.roll(contours, -1, axis=1), points[:, None]).sum(axis=1)
-
-
-def _ray_turns(a: np.ndarray, b: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Sign of the crossing of edge a-b with the ray to the right of a point; 0 if there is none.
-
-    It is 1 if y increases from a to b, and -1 if it decreases.
-    """
-    up = (a[..., 1] <= points[..., 1]) & (b[..., 1] > points[..., 1])
-    down = (a[..., 1] > points[..., 1]) & (b[..., 1] <= points[..., 1])
-    edge, to_point = b - a, points - a
-    side = edge[..., 0] * to_point[..., 1] - edge[..., 1] * to_point[..., 0]
-    return (up & (side > 0)).astype(np.int64) - (down & (side < 0))

@@ -1,8 +1,9 @@
 """Triangulates strokes: a quad per segment, joins between segments, caps at open ends.
 
 All strokes of a drawing are triangulated together. The triangles of one stroke overlap, so a
-translucent stroke is replaced by their `union`. Dashes, markers and the joins `arcs` and
-`miter-clip` are not supported.
+translucent stroke is replaced by their `union`. Points inside a flattened curve have round joins,
+which keep the border of the stroke as near to that of the curve's stroke as the chords are to the
+curve.
 """
 
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..budget import Budget
 from .overlaps import charge_overlaps
@@ -26,8 +27,10 @@ class Outline(NamedTuple):
     - `closed`: whether a segment joins the last point to the first.
     - `width`: width of the stroke, in the user's units.
     - `cap`: `butt`, `square` or `round`.
-    - `join`: `miter`, `bevel` or `round`; a miter longer than `miterlimit` widths is a bevel.
+    - `join`: `miter`, `miter-clip`, `bevel` or `round`; a miter longer than `miterlimit` widths is
+      a bevel, or with `miter-clip` is cut off.
     - `scale`: pixels per unit, which determines the number of chords of an arc.
+    - `smooth`: `[n]`, whether a point lies inside a curve and has a round join; None for no point.
     """
 
     points: np.ndarray
@@ -37,6 +40,7 @@ class Outline(NamedTuple):
     join: str = "miter"
     miterlimit: float = 4.0
     scale: float = 1.0
+    smooth: np.ndarray | None = None
 
 
 def stroke(
@@ -59,9 +63,13 @@ def stroke(
 
     segments = _segments(outlines)
     joins = _joins(segments, is_closed, half_width)
-    is_round = join[joins.outline] == "round"
-    is_miter = (join[joins.outline] == "miter") & ~_exceeds_limit(joins, miterlimit)
-    miters, bevels = joins.take(is_miter), joins.take(~is_round & ~is_miter)
+    is_round = (join[joins.outline] == "round") | joins.smooth
+    is_long = _exceeds_limit(joins, miterlimit)
+    is_pointed = np.isin(join[joins.outline], ("miter", "miter-clip", "arcs")) & ~is_round
+    is_miter, is_clipped = is_pointed & ~is_long, (join[joins.outline] == "miter-clip") & is_long
+    is_clipped &= ~is_round
+    miters, clipped = joins.take(is_miter), joins.take(is_clipped)
+    bevels = joins.take(~is_round & ~is_miter & ~is_clipped)
     caps = _caps(segments, is_closed, outlines)
     squares = caps.take(cap[caps.outline] == "square")
     sectors = (
@@ -75,6 +83,7 @@ def stroke(
         2 * np.bincount(segments.outline, minlength=count)
         + 2 * np.bincount(miters.outline, minlength=count)
         + np.bincount(bevels.outline, minlength=count)
+        + 3 * np.bincount(clipped.outline, minlength=count)
         + 2 * np.bincount(squares.outline, minlength=count)
         + sum(
             np.bincount(s.outline, s.triangles, minlength=count).astype(np.int64) for s in sectors
@@ -85,6 +94,7 @@ def stroke(
         _segment_quads(segments, half_width),
         _bevel_triangles(bevels),
         _miter_quads(miters),
+        _clipped_miters(clipped, half_width, miterlimit),
         _sector_fans(sectors[0]),
         _square_caps(squares, half_width),
         _sector_fans(sectors[1]),
@@ -112,13 +122,15 @@ def union(
 class _Segments(NamedTuple):
     """Segments of positive length, in the order of their outlines.
 
-    `outline` is the index of the outline, `direction` the unit vector from `start` to `end`.
+    `outline` is the index of the outline, `direction` the unit vector from `start` to `end`,
+    `smooth` whether `start` lies inside a curve.
     """
 
     outline: Int[np.ndarray, " segments"]
     start: Float[np.ndarray, "segments 2"]
     end: Float[np.ndarray, "segments 2"]
     direction: Float[np.ndarray, "segments 2"]
+    smooth: Bool[np.ndarray, " segments"]
 
 
 class _Joins(NamedTuple):
@@ -128,6 +140,7 @@ class _Joins(NamedTuple):
     - `start_offset`, `end_offset`: vectors from the corner to the outer border of the stroke at the
       end of the segment before, and at the start of the segment after.
     - `turn`: angle between the segments, in radians, positive from x to y.
+    - `smooth`: whether the corner lies inside a curve.
     """
 
     outline: Int[np.ndarray, " joins"]
@@ -135,6 +148,7 @@ class _Joins(NamedTuple):
     start_offset: Float[np.ndarray, "joins 2"]
     end_offset: Float[np.ndarray, "joins 2"]
     turn: Float[np.ndarray, " joins"]
+    smooth: Bool[np.ndarray, " joins"]
 
     def take(self, chosen: np.ndarray) -> "_Joins":
         return _Joins(*(field[chosen] for field in self))
@@ -179,7 +193,16 @@ def _segments(outlines: Sequence[Outline]) -> _Segments:
     lengths = np.hypot(step[:, 0], step[:, 1])
     starts = np.flatnonzero((np.diff(outline) == 0) & (lengths > 0))
     direction = step[starts] / lengths[starts, None]
-    return _Segments(outline[starts], points[starts], points[starts + 1], direction)
+    smooth = np.zeros(len(points), bool)
+    if any(line.smooth is not None for line in outlines):
+        smooth = np.concatenate([_smooth(line) for line in outlines])
+    return _Segments(outline[starts], points[starts], points[starts + 1], direction, smooth[starts])
+
+
+def _smooth(line: Outline) -> Bool[np.ndarray, " points"]:
+    """Whether each point of a chain lies inside a curve; a closed chain repeats the first point."""
+    smooth = np.zeros(len(line.points), bool) if line.smooth is None else line.smooth
+    return np.append(smooth, smooth[:1]) if line.closed else smooth
 
 
 def _joins(segments: _Segments, is_closed: np.ndarray, half_width: np.ndarray) -> _Joins:
@@ -196,7 +219,8 @@ def _joins(segments: _Segments, is_closed: np.ndarray, half_width: np.ndarray) -
     turn = np.arctan2(_cross(before, after), (before * after).sum(axis=1))
     # The outer border is to the right of a left turn and to the left of a right one.
     offset = np.where(turn > 0, -half_width[outline], half_width[outline])[:, None]
-    joins = _Joins(outline, position, offset * _left(before), offset * _left(after), turn)
+    smooth = segments.smooth[is_joined]
+    joins = _Joins(outline, position, offset * _left(before), offset * _left(after), turn, smooth)
     return joins.take(turn != 0)
 
 
@@ -245,6 +269,22 @@ def _miter_quads(joins: _Joins) -> _Triangles:
     corner = joins.position
     start, end = corner + joins.start_offset, corner + joins.end_offset
     return _quads(joins.outline, corner, start, corner + tip, end)
+
+
+def _clipped_miters(joins: _Joins, half_width: np.ndarray, miterlimit: np.ndarray) -> _Triangles:
+    """Miters cut off at `miterlimit` half widths from the corner, as fans of three triangles."""
+    half, angle = half_width[joins.outline], np.abs(joins.turn) / 2
+    # Both sides of the miter go on straight until they reach the cut.
+    beyond = half * (miterlimit[joins.outline] - np.cos(angle)) / np.sin(angle)
+    along = (np.sign(joins.turn) * beyond / half)[:, None]
+    corner = joins.position
+    start, end = corner + joins.start_offset, corner + joins.end_offset
+    first = start + along * _left(joins.start_offset)
+    second = end - along * _left(joins.end_offset)
+    fans = np.stack(
+        [corner, start, first, corner, first, second, corner, second, end], axis=1
+    ).reshape(-1, 3, 2)
+    return np.repeat(joins.outline, 3), fans
 
 
 def _square_caps(caps: _Caps, half_width: np.ndarray) -> _Triangles:

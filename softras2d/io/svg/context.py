@@ -26,6 +26,7 @@ class Context:
     - `transform`: the caller's map `[3, 3]` from SVG units to pixels; None for the dialect's view.
     - `opacity`: whether opacities and alpha are applied.
     - `frame`: whether the course's outline of the drawing is drawn.
+    - `fit`: value of `preserveAspectRatio` that replaces that of the root, or None.
     - `assets`: the image files that may be read; `display`: the shapes so far.
     - `background`: sRGB of a rect that has become the background, or None.
     - `elements`, `ignored`: counts of elements that are not supported, and of properties and
@@ -38,6 +39,7 @@ class Context:
     transform: np.ndarray | None
     opacity: bool
     frame: bool
+    fit: str | None
     assets: Assets
     display: DisplayList
     background: tuple[float, float, float] | None = None

@@ -10,10 +10,10 @@ from jaxtyping import Float, Float32
 
 from ...geometry import affine_maps
 from ..budget import MAX_TRIANGLES
-from .context import Context
-from .document import Attributes
+from .context import FALLBACK, SILENT, Context
+from .css_color import Rgba
+from .document import Attributes, Children
 from .numbers import blank_separated, leading_float, number_pairs
-from .style import Rgba
 from .transform_attribute import course_transform
 from .view_box import course_view, document_size
 
@@ -23,20 +23,18 @@ _PIXELS_AT_ONCE = 2**18
 """Pixels of an `image` that are turned into rectangles in one block, which bounds memory."""
 
 
-class CourseDialect:
+class CourseReader:
     """Draws elements with their meaning in the course, including its deviations from SVG.
 
-    Only `transform` is inherited: every element has its own style. The state is the homogeneous map
-    `[3, 3]` to pixels.
+    It is a `document.Reader`. Only `transform` is inherited: every element has its own style.
     """
-
-    groups = frozenset({"g"})
-    definitions: frozenset[str] = frozenset()
 
     def __init__(self, context: Context):
         self._context = context
         self._size = (0.0, 0.0)
-        self.shapes = {
+        # The map `[3, 3]` to pixels of the root, and of each open group.
+        self._maps: list[np.ndarray] = []
+        self._shapes = {
             "colortri": self._colortri,
             "image": self._image,
             "line": self._line,
@@ -46,11 +44,41 @@ class CourseDialect:
             "textri": self._textri,
         }
 
-    def local_name(self, tag: str, attributes: Attributes) -> str:
-        """The name itself; empty for every name with a prefix."""
-        return "" if ":" in tag else tag
+    def open(self, tag: str, attributes: Attributes, line: int) -> Children:
+        """Draw a shape, or enter the root or a group."""
+        self._context.display.line = line
+        if not self._maps:
+            self._maps.append(self._root_map(tag, attributes))
+            return Children.READ
+        if _is_silent(tag, attributes):
+            return Children.SKIPPED
+        if tag == "texture":
+            self._context.declare_texture(attributes)
+            return Children.NAMED
+        if tag != "g" and tag not in self._shapes:
+            self._context.elements[tag] += 1
+            return Children.SKIPPED
+        map3 = self._maps[-1]
+        if "transform" in attributes:
+            map3 = map3 @ course_transform(attributes["transform"], self._unknown_function)
+        if tag == "g":
+            self._maps.append(map3)
+            return Children.READ
+        self._shapes[tag](map3, attributes)
+        return Children.NAMED
 
-    def root_state(self, tag: str, attributes: Attributes) -> np.ndarray:
+    def inside(self, tag: str, attributes: Attributes, line: int) -> None:
+        """Count a child of a shape or texture: the course ignores all of them."""
+        if not _is_silent(tag, attributes):
+            self._context.elements[tag] += 1
+
+    def close(self) -> None:
+        """Leave a group or the root; the frame comes after everything else."""
+        map3 = self._maps.pop()
+        if not self._maps and self._context.frame:
+            self._frame(map3)
+
+    def _root_map(self, tag: str, attributes: Attributes) -> np.ndarray:
         """The course's view of the drawing, unless the caller gave a transform."""
         if tag != "svg":
             raise ValueError("is the root, which must be <svg>.")
@@ -62,25 +90,6 @@ class CourseDialect:
             map3 = course_view(size, self._context.height, self._context.width)
         self._size = size or (0.0, 0.0)
         return map3
-
-    def child_state(self, parent: np.ndarray, attributes: Attributes) -> np.ndarray:
-        """The parent's map after the element's own transform."""
-        if "transform" not in attributes:
-            return parent
-        return parent @ course_transform(attributes["transform"], self._unknown_function)
-
-    def is_flat(self, state: np.ndarray) -> bool:
-        """Always False: the course draws flattened shapes too."""
-        return False
-
-    def undrawn_child(self, name: str, attributes: Attributes) -> None:
-        """Count the child of a shape: the course ignores all of them."""
-        self._context.elements[name] += 1
-
-    def close_root(self, state: np.ndarray) -> None:
-        """Draw the frame, if it is wanted."""
-        if self._context.frame:
-            self._frame(state)
 
     def _unknown_function(self, name: str) -> None:
         self._context.ignored[f"transform {name!r}"] += 1
@@ -201,6 +210,11 @@ class CourseDialect:
         corners = affine_maps.apply(map3, [[0, 0], [width, 0], [0, height], [width, height]])
         a, b, c, d = corners + np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
         self._lines(np.array([a, a, d, d]), np.array([b, c, b, c]), (0.0, 0.0, 0.0, 1.0))
+
+
+def _is_silent(tag: str, attributes: Attributes) -> bool:
+    """Whether an element is left out without a warning, as every name with a prefix is."""
+    return ":" in tag or tag in SILENT or FALLBACK in attributes
 
 
 def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray, " {count}"]:

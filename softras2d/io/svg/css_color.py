@@ -47,7 +47,7 @@ def nesting(text: str) -> int:
     """Depth of brackets within brackets in a text of CSS."""
     deepest = depth = 0
     for bracket in _BRACKET.finditer(text):
-        depth += 1 if bracket[0] in "([{" else -1
+        depth = depth + 1 if bracket[0] in "([{" else max(depth - 1, 0)
         deepest = max(deepest, depth)
     return deepest
 

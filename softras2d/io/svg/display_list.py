@@ -5,9 +5,10 @@ shape in draw order is called its **draw**. Sorting triangles by draw restores t
 kinds.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
 from jaxtyping import Float32, Int
 
 from ..budget import Budget, BudgetError
@@ -17,6 +18,7 @@ from ..shapes.polygons import fan, fan_inside, fill_regions, triangulate
 from ..shapes.strokes import Outline, stroke, union
 from .css_color import Rgba
 from .document import SvgError
+from .paint import Paint
 
 
 class Triangles(NamedTuple):
@@ -28,20 +30,26 @@ class Triangles(NamedTuple):
     - `uv`: `[triangles, 3, 2]`, zero for triangles without texture; of length 0 if no triangle has
       a texture.
     - `texture`: `[triangles]`, index of the texture, or -1.
+    - `draw`: `[triangles]`, index of the shape of each, in draw order.
     """
 
     corners: np.ndarray
     colors: np.ndarray
     uv: np.ndarray
     texture: np.ndarray
+    draw: np.ndarray
 
 
 class _Batch(NamedTuple):
-    """Triangles of one kind of shape, and the draw of each."""
+    """Triangles of one kind of shape, and the draw of each.
+
+    `colors` replace those of the draws.
+    """
 
     draw: Int[np.ndarray, " triangles"]
     corners: Float32[np.ndarray, "triangles 3 2"]
     uv: Float32[np.ndarray, "triangles 3 2"] | None = None
+    colors: Float32[np.ndarray, "triangles 3 4"] | None = None
 
 
 class DisplayList:
@@ -63,7 +71,8 @@ class DisplayList:
         self._textures: dict[int, int] = {}
         # By kind of shape: the draws and their geometry.
         self._triangles: list[tuple[int, np.ndarray, np.ndarray | None]] = []
-        self._polygons: list[tuple[int, np.ndarray, bool]] = []
+        self._polygons: list[tuple[int, np.ndarray | list[np.ndarray], bool]] = []
+        self._regions: list[tuple[int, Any, Paint]] = []
         self._ears: list[tuple[int, np.ndarray, np.ndarray]] = []
         self._strokes: list[tuple[int, Outline, np.ndarray]] = []
         self._hairlines: list[tuple[int, np.ndarray]] = []
@@ -93,10 +102,26 @@ class DisplayList:
         self._textures[draw] = texture
         self._triangles.append((draw, triangles[..., :2], triangles[..., 2:]))
 
-    def add_polygon(self, points: np.ndarray, color: Rgba, evenodd: bool = False) -> None:
-        """Add the inside of a closed contour `[n, 2]`, by the nonzero or the even-odd rule."""
-        self.budget.charge("points", len(points))
+    def add_polygon(
+        self, points: np.ndarray | list[np.ndarray], color: Rgba, evenodd: bool = False
+    ) -> int:
+        """Add the inside of closed contours `[n, 2]`, by the nonzero or the even-odd rule.
+
+        Returns its draw.
+        """
+        contours = [points] if isinstance(points, np.ndarray) else points
+        self.budget.charge("points", sum(map(len, contours)))
         self._polygons.append((self._new_draw(color), points, evenodd))
+        return len(self) - 1
+
+    def add_region(self, region: Any, paint: Paint) -> int:
+        """Add a shapely region with a paint; returns its draw."""
+        self.budget.charge("points", int(shapely.get_num_coordinates(region)))
+        draw = self._new_draw(tuple(paint.color[:, 2]))
+        if paint.texture >= 0:
+            self._textures[draw] = paint.texture
+        self._regions.append((draw, region, paint))
+        return draw
 
     def add_ears(self, plane: np.ndarray, points: np.ndarray, color: Rgba) -> None:
         """Add a polygon that is triangulated by the course's ear clipping.
@@ -106,10 +131,16 @@ class DisplayList:
         self.budget.charge("points", len(points))
         self._ears.append((self._new_draw(color), plane, points))
 
-    def add_stroke(self, outline: Outline, map3: np.ndarray, color: Rgba) -> None:
-        """Add a stroke, which is triangulated in the outline's units and then mapped to pixels."""
-        self.budget.charge("points", len(outline.points))
-        self._strokes.append((self._new_draw(color), outline, map3))
+    def add_stroke(self, outline: Outline | list[Outline], map3: np.ndarray, color: Rgba) -> None:
+        """Add a stroke, which is triangulated in the outline's units and then mapped to pixels.
+
+        Several outlines are one shape: where they overlap, a translucent one is drawn once.
+        """
+        outlines = [outline] if isinstance(outline, Outline) else outline
+        draw = self._new_draw(color)
+        for one in outlines:
+            self.budget.charge("points", len(one.points))
+            self._strokes.append((draw, one, map3))
 
     def add_hairlines(self, segments: np.ndarray, color: Rgba) -> None:
         """Add lines `[k, 4]` (x0, y0, x1, y1), one pixel wide, each over the one before."""
@@ -138,6 +169,7 @@ class DisplayList:
             _Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
             self._from_triangles(),
             self._from_polygons(),
+            self._from_regions(),
             self._from_ears(),
             self._from_strokes(),
             self._from_hairlines(height, width),
@@ -153,7 +185,17 @@ class DisplayList:
             uvs = [np.zeros_like(b.corners) if b.uv is None else b.uv for b in batches]
             uv = np.concatenate(uvs)[order]
         corners = np.concatenate([batch.corners for batch in batches])[order]
-        return Triangles(corners, self._color_table()[draw], uv, texture[draw])
+        colors = self._color_table()[draw]
+        if any(batch.colors is not None for batch in batches):
+            colors = np.array(np.broadcast_to(colors, (len(draw), 3, 4)))
+            rank = np.empty(len(order), np.int64)
+            rank[order] = np.arange(len(order))
+            end = 0
+            for batch in batches:
+                start, end = end, end + len(batch.draw)
+                if batch.colors is not None:
+                    colors[rank[start:end]] = batch.colors
+        return Triangles(corners, colors, uv, texture[draw], draw)
 
     def _color_table(self) -> np.ndarray:
         """Colours of all draws, `[draws, 1 or 3, 4]`; `ValueError` if float32 cannot hold one."""
@@ -211,7 +253,8 @@ class DisplayList:
         draw, contours, evenodd = zip(*self._polygons, strict=True)
         draw = np.array(draw)
         # Checked first, since GEOS does not handle infinities.
-        self._float32(np.concatenate(contours), np.repeat(draw, list(map(len, contours))))
+        parts = [c if isinstance(c, np.ndarray) else np.concatenate(c) for c in contours]
+        self._float32(np.concatenate(parts), np.repeat(draw, list(map(len, parts))))
         try:
             corners, owner = triangulate(
                 contours, evenodd, self._is_translucent(draw).tolist(), self.budget
@@ -219,6 +262,30 @@ class DisplayList:
         except BudgetError as error:
             raise self._error(int(draw[error.index]), f"the polygon {error}") from None
         return self._batch(draw[owner], corners)
+
+    def _from_regions(self) -> _Batch | None:
+        if not self._regions:
+            return None
+        draw, regions, paints = zip(*self._regions, strict=True)
+        draw, regions = np.array(draw), np.array(regions, object)
+        translucent = np.array([not paint.is_opaque for paint in paints])
+        # GEOS does not handle infinities.
+        coordinates, region = shapely.get_coordinates(regions, return_index=True)
+        self._float32(coordinates, draw[region])
+        corners, owner = fill_regions(regions, translucent, np.arange(len(regions)))
+        self.budget.charge("triangles", len(corners))
+        batch = self._batch(draw[owner], corners)
+        matrices = np.stack([paint.color for paint in paints])
+        if matrices[..., :2].any():
+            matrix = matrices[owner]
+            colors = np.einsum("tij,tcj->tci", matrix[..., :2], corners) + matrix[:, None, :, 2]
+            colors[..., 3] = np.clip(colors[..., 3], 0.0, 1.0)
+            batch = batch._replace(colors=self._float32(colors, batch.draw, "a colour"))
+        if not self._textures:
+            return batch
+        maps = np.stack([np.zeros((2, 3)) if p.uv is None else p.uv for p in paints])[owner]
+        uv = np.einsum("tij,tcj->tci", maps[..., :2], corners) + maps[:, None, :, 2]
+        return batch._replace(uv=self._float32(uv, batch.draw, "a texture coordinate"))
 
     def _from_ears(self) -> _Batch | None:
         if not self._ears:
@@ -253,15 +320,15 @@ class DisplayList:
         is_translucent = self._is_translucent(draw)
         is_opaque = ~is_translucent[owner]
         all_corners, all_draws = [corners[is_opaque]], [draw[owner[is_opaque]]]
-        for index in np.flatnonzero(is_translucent).tolist():
+        for one in np.unique(draw[is_translucent]).tolist():
             # The triangles of a stroke overlap at joins, where a translucent one would be blended
             # twice.
-            start, end = np.searchsorted(owner, [index, index + 1])
+            start, end = np.searchsorted(draw[owner], [one, one + 1])
             try:
                 region = np.array([union(corners[start:end], self.budget)])
             except BudgetError as error:
-                raise self._error(int(draw[index]), f"the translucent stroke {error}") from None
-            filled, draws = fill_regions(region, np.ones(1, bool), draw[index : index + 1])
+                raise self._error(one, f"the translucent stroke {error}") from None
+            filled, draws = fill_regions(region, np.ones(1, bool), np.array([one]))
             all_corners.append(filled)
             all_draws.append(draws)
         return self._batch(np.concatenate(all_draws), np.concatenate(all_corners))

@@ -1,13 +1,15 @@
 """Parses XML element by element, safely: no entities, no network, errors with line numbers.
 
 Expat is the parser of Python's standard library. It fetches nothing by itself: files that a doctype
-refers to are not read. A document that declares entities is refused, so that none is ever expanded.
-No tree is built.
+refers to are not read. Entities are read only if they are short texts that refer to nothing, as
+drawing programs declare for namespaces. The course's dialect refuses all entities. No tree is
+built.
 """
 
 import contextlib
 import enum
 import os
+import zlib
 from pathlib import Path
 from typing import NamedTuple, NoReturn, Protocol, runtime_checkable
 from xml.parsers import expat
@@ -18,6 +20,12 @@ from ..budget import MAX_DEFAULTS, Budget
 
 MAX_BYTES = 64 * 2**20
 """Size limit of a document. Larger ones are refused before they are parsed."""
+
+MAX_ENTITIES = 256
+"""Entities that a document may declare."""
+
+MAX_ENTITY_LENGTH = 256
+"""Length of the text of an entity. Expat limits the total length of what entities become."""
 
 MAX_DEPTH = 100_000
 """Limit of elements within elements."""
@@ -64,6 +72,15 @@ class Reader(Protocol):
         ...
 
 
+@runtime_checkable
+class TextReader(Reader, Protocol):
+    """A reader that also receives the text between tags."""
+
+    def text(self, text: str) -> None:
+        """Character data in the innermost open element, possibly one piece of several."""
+        ...
+
+
 class SvgError(ValueError):
     """An error in a document: one line with its name and the line number."""
 
@@ -98,8 +115,23 @@ def _checked(document: Document) -> Document:
     if len(document.data) > MAX_BYTES:
         raise SvgError(f"{document.name}: larger than {MAX_BYTES >> 20} MB, the most that is read.")
     if document.data[:2] == b"\x1f\x8b":
-        raise SvgError(f"{document.name}: compressed (svgz); unpack it first.")
+        return document._replace(data=_unpacked(document))
     return document
+
+
+def _unpacked(document: Document) -> bytes:
+    """The content of a compressed document (`.svgz`), up to the limit of size."""
+    try:
+        unpacker = zlib.decompressobj(wbits=31)
+        data = unpacker.decompress(document.data, MAX_BYTES + 1)
+    except zlib.error as error:
+        raise SvgError(f"{document.name}: cannot be decompressed: {error}.") from None
+    if len(data) > MAX_BYTES:
+        limit = MAX_BYTES >> 20
+        raise SvgError(f"{document.name}: larger than {limit} MB when decompressed.")
+    if not unpacker.eof:
+        raise SvgError(f"{document.name}: cannot be decompressed: it is cut short.")
+    return data
 
 
 LIBRARY_ERRORS = (ArithmeticError, MemoryError, RecursionError, shapely.errors.ShapelyError)
@@ -123,8 +155,12 @@ def reason(error: Exception) -> str:
     return f"has values too extreme to be drawn ({text})."
 
 
-def walk(document: Document, reader: Reader, budget: Budget | None = None) -> None:
+def walk(
+    document: Document, reader: Reader, budget: Budget | None = None, with_text: bool = False
+) -> None:
     """Pass every element to `reader`, in document order, and charge attributes to `budget`.
+
+    `with_text` also passes character data, if `reader` is a `TextReader`, and expands entities.
 
     Raises `SvgError`, one line with name, line number, element and message, for errors in the XML
     and for `ValueError`s of `reader`.
@@ -166,7 +202,11 @@ def walk(document: Document, reader: Reader, budget: Budget | None = None) -> No
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end
-    _parse(document, parser)
+    if with_text:
+        assert isinstance(reader, TextReader)
+        parser.buffer_text = True
+        parser.CharacterDataHandler = reader.text
+    _parse(document, parser, with_entities=with_text)
 
 
 class _RootRead(Exception):
@@ -184,18 +224,27 @@ def root(document: Document) -> tuple[str, Attributes]:
 
     parser.StartElementHandler = start
     with contextlib.suppress(_RootRead):
-        _parse(document, parser)
+        _parse(document, parser, with_entities=True)
     return elements[0]
 
 
-def _parse(document: Document, parser: expat.XMLParserType) -> None:
+def _parse(document: Document, parser: expat.XMLParserType, with_entities: bool = False) -> None:
     """Run a parser whose element handlers are set; errors in the XML become `SvgError`."""
 
     def refuse(problem: str) -> NoReturn:
         raise SvgError(f"{document.name}:{parser.CurrentLineNumber}: {problem}")
 
-    def refuse_entity(*_: object) -> NoReturn:
-        refuse("the document declares an entity, which is not supported.")
+    entities = 0
+
+    def check_entity(*declaration: object) -> None:
+        nonlocal entities
+        _, is_parameter, value, *_ = declaration
+        is_plain = isinstance(value, str) and not is_parameter and not set("&%<") & set(value)
+        entities += 1
+        if not (with_entities and is_plain and entities <= MAX_ENTITIES):
+            refuse("the document declares an entity, which is not supported.")
+        if len(str(value)) > MAX_ENTITY_LENGTH:
+            refuse(f"the document declares an entity of over {MAX_ENTITY_LENGTH} characters.")
 
     def refuse_undeclared_entity(*_: object) -> NoReturn:
         refuse("an entity is used that is not declared, which is not supported.")
@@ -210,7 +259,7 @@ def _parse(document: Document, parser: expat.XMLParserType) -> None:
             refuse(f"the document declares more than {MAX_DEFAULTS} attribute defaults.")
 
     parser.AttlistDeclHandler = count_default
-    parser.EntityDeclHandler = refuse_entity
+    parser.EntityDeclHandler = check_entity
     parser.SkippedEntityHandler = refuse_undeclared_entity
     try:
         parser.Parse(document.data, True)

@@ -6,6 +6,7 @@ at the first text that does not fit, without an error.
 
 import math
 import re
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -58,6 +59,23 @@ def number_list(text: str) -> list[float]:
     return values
 
 
+def leading_numbers(text: str) -> tuple[list[float], str | None]:
+    """Parse a list of numbers up to the first error; returns them, and the error or None."""
+    try:
+        return number_list(text), None
+    except ValueError as error:
+        values, position = [], 0
+        while match := _NEXT.match(text, position):
+            if match[1] and not values:
+                break
+            value = float(match[2])
+            if not math.isfinite(value):
+                break
+            values.append(value)
+            position = match.end()
+        return values, str(error)
+
+
 def number_pairs(text: str) -> list[float]:
     """Parse a list of points as the course does; returns x and y alternately, in float32.
 
@@ -103,14 +121,19 @@ def leading_float(text: str | None) -> float:
     return finite32(match[1])
 
 
-def length(text: str, full: float | None) -> float:
-    """Parse a length in px; 100 % are `full` px, or an error if that is None."""
+def length(text: str, full: float | None, units: Mapping[str, float] | None = None) -> float:
+    """Parse a length in px; 100 % are `full` px, or an error if that is None.
+
+    `units` are px per unit for units beside those of fixed size.
+    """
     match = _LENGTH.match(text)
     if match is None:
         raise ValueError(f"expected a length, got {_excerpt(text)}.")
     value, unit = finite(match[1]), match[2].lower()
     if unit == "%" and full is not None:
         return value / 100 * full
+    if units is not None and unit in units:
+        return value * units[unit]
     if unit not in _PIXELS_PER_UNIT:
         raise ValueError(
             f"lengths in {unit!r} are not supported, got {_excerpt(text)}; "

@@ -2,10 +2,11 @@
 
 import os
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,19 +15,42 @@ from ...names import TextureAddressing
 from ...scene import Scene
 from ...texture.pyramid import TexturePyramid
 from ..budget import Budget
+from ..shapes.paths import TOLERANCE
 from .assets import Assets
 from .context import Context
-from .course_dialect import CourseDialect
+from .control_points import SvgControls, make_controls
+from .course_dialect import CourseReader
 from .display_list import DisplayList, Triangles
 from .document import LIBRARY_ERRORS, Document, SvgError, from_text, load, reason, root, walk
-from .elements import Dialect, ElementReader
-from .svg_dialect import StandardDialect
+from .notices import Notices
+from .page import Page
+from .svg_dialect import Drawing
+from .tree import read_tree
 from .view_box import MAX_SIDE, document_size, round_up
 
-_DIALECTS: dict[str, Callable[[Context], Dialect[Any]]] = {
-    "svg": StandardDialect,
-    "course": CourseDialect,
+_DIALECTS = ("svg", "course")
+
+_FITS = {
+    # Values of `fit`, and what they mean as `preserveAspectRatio`.
+    "contain": "xMidYMid meet",
+    "cover": "xMidYMid slice",
+    "stretch": "none",
 }
+
+
+@dataclass(frozen=True)
+class _Options:
+    """The options of `read_svg` other than the size of the canvas."""
+
+    dialect: str
+    transform: Any
+    assets: str | os.PathLike[str] | None
+    opacity: bool
+    frame: bool | None
+    linear: bool
+    tolerance: float
+    strict: bool
+    fit: str | None
 
 
 def read_svg(
@@ -40,6 +64,9 @@ def read_svg(
     opacity: bool = True,
     frame: bool | None = None,
     linear: bool = False,
+    tolerance: float = TOLERANCE,
+    strict: bool = False,
+    fit: str | None = None,
 ) -> Scene:
     """Read an SVG file as a scene.
 
@@ -58,23 +85,30 @@ def read_svg(
     - `frame`: whether the course's outline of the drawing is drawn; by default it is in dialect
       `"course"`. `True` is an error in dialect `"svg"`.
     - `linear`: whether colours and textures are decoded from sRGB to linear light.
+    - `tolerance`: largest distance between a curve and its polygon, in pixels of the canvas.
+    - `strict`: whether anything invalid or not supported is an error instead of a warning.
+    - `fit`: how a drawing of another aspect ratio fills the canvas: `"contain"` leaves margins,
+      `"cover"` cuts the drawing, `"stretch"` distorts it; by default, what the file says.
 
-    In dialect `"svg"`, if the first shape is an opaque rect that covers viewBox and canvas, it
-    becomes the `background`. The opacity of a group is multiplied into its children. Vertices are
-    mapped to pixels in float64 and rounded to float32. One `UserWarning` names the elements and
-    properties that are not supported, with counts.
+    Dialect `"svg"` draws paths, basic shapes, images, style sheets, gradients, clip paths, dashes,
+    `use`, `symbol`, nested `svg` and `switch`. A shape or group with `opacity` is composited as a
+    whole, by cutting what is covered. Not drawn are text, filters, masks, patterns, markers, blend
+    modes, `foreignObject` and animations. An invalid attribute is ignored as SVG 2 says. One
+    `UserWarning` names everything left out or ignored: element, attribute, first line, and count.
+
+    If the first shape is an opaque rect that covers viewBox and canvas, it becomes the
+    `background`. Vertices are mapped to pixels in float64 and rounded to float32.
 
     Raises `ValueError`, one line with file and line number, for a document that is not well-formed,
-    declares entities or is larger than 64 MB, for text that is no number where a number is
-    expected, for images that are missing or outside `assets`, and for a `transform` that is
-    singular or sends points to infinity. Also for a document that exceeds a limit of
-    `softras2d.io.budget`, such as 2,097,152 triangles, 4,194,304 points, 100,000 points in which
-    polygons cross themselves, or 67,108,864 pixels in all images together (1 GiB). Limits are
+    declares entities other than short texts, or is larger than 64 MB, for images that are missing
+    or outside `assets`, for invalid attributes of images, `colortri` and `textri`, and for a
+    `transform` that is singular or sends points to infinity. Also for a document that exceeds a
+    limit of `softras2d.io.budget`, such as 2,097,152 triangles, 4,194,304 points, 100,000 points in
+    which polygons cross themselves, or 67,108,864 pixels in all images together (1 GiB). Limits are
     checked before the work is done.
     """
-    return _read(
-        load(path), height, width, dialect, transform, assets, opacity, frame, linear, stacklevel=3
-    )
+    options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
+    return _read(load(path), height, width, options, stacklevel=3).scene
 
 
 def parse_svg(
@@ -89,15 +123,47 @@ def parse_svg(
     opacity: bool = True,
     frame: bool | None = None,
     linear: bool = False,
+    tolerance: float = TOLERANCE,
+    strict: bool = False,
+    fit: str | None = None,
 ) -> Scene:
     """Like `read_svg`, for the text of an SVG file; errors call it `name`.
 
     Names of image files are relative to `assets`; without it, no file is read.
     """
-    document = from_text(text, name)
-    return _read(
-        document, height, width, dialect, transform, assets, opacity, frame, linear, stacklevel=3
-    )
+    options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
+    return _read(from_text(text, name), height, width, options, stacklevel=3).scene
+
+
+def read_svg_controls(
+    path: str | os.PathLike[str],
+    *,
+    height: int | None = None,
+    width: int | None = None,
+    transform: Any = None,
+    assets: str | os.PathLike[str] | None = None,
+    opacity: bool = True,
+    linear: bool = False,
+    tolerance: float = TOLERANCE,
+    strict: bool = False,
+    fit: str | None = None,
+) -> SvgControls:
+    """Read an SVG file as a scene whose vertices follow from the control points of its paths.
+
+    The arguments are those of `read_svg` in dialect `"svg"`. Vertices of filled paths, polygons and
+    polylines are exactly linear in the control points. Others are constants of the map, counted in
+    `constant_vertices`. Raises `ValueError` also for a `transform` in perspective.
+    """
+    document = load(path)
+    options = _Options("svg", transform, assets, opacity, None, linear, tolerance, strict, fit)
+    drawn = _read(document, height, width, options, stacklevel=3, keeps_sources=True)
+    drawing = drawn.drawing
+    assert drawing is not None
+    with _errors_named(document):
+        return make_controls(
+            document, drawing.root, drawn.scene, drawn.triangles, drawing.canvas,
+            drawing.painter.sources,
+        )  # fmt: skip
 
 
 def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int, int]:
@@ -108,6 +174,14 @@ def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int
     """
     _check_dialect(dialect)
     return _document_size(load(path), dialect)
+
+
+def parse_svg_size(
+    text: str | bytes, *, name: str = "<svg>", dialect: str = "svg"
+) -> tuple[int, int]:
+    """Like `svg_size`, for the text of an SVG file; errors call it `name`."""
+    _check_dialect(dialect)
+    return _document_size(from_text(text, name), dialect)
 
 
 def _document_size(document: Document, dialect: str) -> tuple[int, int]:
@@ -122,48 +196,69 @@ def _document_size(document: Document, dialect: str) -> tuple[int, int]:
     return round_up(size)
 
 
+class _Drawn(NamedTuple):
+    """A document that has been read: its scene and triangles, and what has drawn it.
+
+    `drawing` is None in dialect `course`.
+    """
+
+    scene: Scene
+    triangles: Triangles
+    drawing: Drawing | None
+
+
 def _read(
     document: Document,
     height: int | None,
     width: int | None,
-    dialect: str,
-    transform: Any,
-    assets: str | os.PathLike[str] | None,
-    opacity: bool,
-    frame: bool | None,
-    linear: bool,
+    options: _Options,
     stacklevel: int,
-) -> Scene:
-    _check_dialect(dialect)
-    if frame and dialect != "course":
-        raise ValueError(f"`frame=True` needs dialect 'course'; got dialect {dialect!r}.")
-    height, width = _canvas_size(document, dialect, height, width)
+    keeps_sources: bool = False,
+) -> _Drawn:
+    _check_options(options)
+    height, width = _canvas_size(document, options.dialect, height, width)
     budget = Budget()
+    is_course = options.dialect == "course"
     context = Context(
         name=document.name,
         height=height,
         width=width,
-        transform=None if transform is None else check_map(transform),
-        opacity=opacity,
-        frame=dialect == "course" if frame is None else frame,
+        transform=None if options.transform is None else check_map(options.transform),
+        opacity=options.opacity,
+        frame=is_course if options.frame is None else options.frame,
+        fit=None if options.fit is None else _FITS[options.fit],
         assets=Assets(
             document.folder,
-            None if assets is None else Path(assets),
-            alpha=opacity and dialect == "svg",
+            None if options.assets is None else Path(options.assets),
+            alpha=options.opacity and not is_course,
             budget=budget,
         ),
         display=DisplayList(document.name, budget),
     )
-    # An overflow gives a coordinate that is not finite, which the display list reports.
-    with np.errstate(over="ignore", invalid="ignore"):
-        walk(document, ElementReader(_DIALECTS[dialect](context), context), budget)
+    drawing = None
+    # An overflow gives a coordinate that is not finite, which the display list reports. GEOS may
+    # leave any flag set.
+    with np.errstate(all="ignore"):
+        if is_course:
+            walk(document, CourseReader(context), budget)
+        else:
+            root = read_tree(document, budget)
+            notices = Notices(document.name, options.strict)
+            with _errors_named(document):
+                drawing = Drawing(Page(root, context, notices, options.tolerance))
+            drawing.painter.keeps_sources = keeps_sources
+            drawing.draw()
         with _errors_named(document):
             triangles = context.display.finish(height, width)
-    if message := context.warning():
+    message = context.warning() if is_course else notices.warning()
+    if message:
+        if options.strict:
+            raise SvgError(message)
         warnings.warn(message, UserWarning, stacklevel=stacklevel)
-    addressing = "corners" if dialect == "course" else "half_texel"
+    addressing = "corners" if is_course else "half_texel"
     with _errors_named(document), np.errstate(over="ignore", invalid="ignore"):
-        return _make_scene(context, triangles, addressing, linear)
+        scene = _make_scene(context, triangles, addressing, options.linear)
+    return _Drawn(scene, triangles, drawing)
 
 
 @contextmanager
@@ -195,6 +290,16 @@ def _canvas_size(
 def _check_dialect(dialect: str) -> None:
     if dialect not in _DIALECTS:
         raise ValueError(f"`dialect` must be 'svg' or 'course'; got {dialect!r}.")
+
+
+def _check_options(options: _Options) -> None:
+    _check_dialect(options.dialect)
+    if options.frame and options.dialect != "course":
+        raise ValueError(f"`frame=True` needs dialect 'course'; got dialect {options.dialect!r}.")
+    if not 1e-4 <= options.tolerance <= 1e4:
+        raise ValueError(f"`tolerance` must be 0.0001 to 10000 pixels; got {options.tolerance}.")
+    if options.fit is not None and options.fit not in _FITS:
+        raise ValueError(f"`fit` must be {', '.join(map(repr, _FITS))}; got {options.fit!r}.")
 
 
 def _make_scene(

@@ -1,64 +1,86 @@
-"""Computes the style of elements: presentation attributes, `style`, inheritance and paints."""
+"""Computes the style of elements from their declarations: parsing, inheritance and paints."""
 
+import contextlib
 import re
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
-import tinycss2
+from .cascade import Declarations
+from .css_color import CURRENT, Rgba, color_of
+from .notices import INVALID, WITHOUT_EFFECT
+from .numbers import finite, fraction
+from .units import MEDIUM, Viewport
 
-from .css_color import CURRENT, Rgba, color_of, nesting
-from .numbers import finite, fraction, length
+_URL = re.compile(r"url\(\s*+(?:\"([^\"]*+)\"|'([^']*+)'|([^()\"'\s]*+))\s*+\)\s*+")
 
-_PLAIN_STYLE = re.compile(r"[^\"'\\{}\[\]@/]*+\Z")
-_URL = re.compile(r"url\((?:[^()\"']|\"[^\"]*+\"|'[^']*+')*+\)")
+BLACK: Rgba = (0.0, 0.0, 0.0, 1.0)
 
-_MAX_NESTING = 32
-"""Limit of brackets within brackets in a `style` attribute, since tinycss2 recurses for each."""
+
+class PaintServer(NamedTuple):
+    """A reference to a gradient or pattern, and the paint to use where there is none.
+
+    `fallback` is False if the file gives none, which is an error where the reference is broken.
+    """
+
+    reference: str
+    fallback: Rgba | str | bool | None = False
+
+
+Paint = Rgba | str | PaintServer | None
+"""A colour, `CURRENT`, a reference, or None for no paint."""
 
 
 class Style(NamedTuple):
-    """Computed style of an element; its `opacity` includes the factors of all ancestors."""
+    """Computed style of an element. The fields below `opacity` are not inherited.
 
-    fill: Rgba | str | None = (0.0, 0.0, 0.0, 1.0)
-    stroke: Rgba | str | None = None
-    color: Rgba | str | None = (0.0, 0.0, 0.0, 1.0)
+    Lengths are in user units. `clip_path` is a reference, or None. `transform` is text, or None.
+    """
+
+    fill: Paint = BLACK
+    stroke: Paint = None
+    color: Any = BLACK
     fill_opacity: float = 1.0
     stroke_opacity: float = 1.0
-    opacity: float = 1.0
     fill_rule: str = "nonzero"
+    clip_rule: str = "nonzero"
     stroke_width: float = 1.0
     stroke_linecap: str = "butt"
     stroke_linejoin: str = "miter"
     stroke_miterlimit: float = 4.0
-    display: str = "inline"
+    stroke_dasharray: tuple[float, ...] = ()
+    stroke_dashoffset: float = 0.0
+    paint_order: tuple[str, ...] = ("fill", "stroke")
     visibility: str = "visible"
+    font_size: float = MEDIUM
+    opacity: float = 1.0
+    display: str = "inline"
+    overflow: str = ""
+    vector_effect: str = "none"
+    clip_path: str | None = None
+    transform_origin: str = "0 0"
+    transform_box: str = "view-box"
+    stop_color: Any = BLACK
+    stop_opacity: float = 1.0
+    background_color: Any = (0.0, 0.0, 0.0, 0.0)
 
-    def fill_rgba(self, opacity: bool) -> Rgba | None:
-        """The fill colour; None for no fill. If `opacity` is False, it is opaque."""
-        return self._rgba(self.fill, self.fill_opacity, opacity)
-
-    def stroke_rgba(self, opacity: bool) -> Rgba | None:
-        """The stroke colour; None for no stroke. If `opacity` is False, it is opaque."""
-        if self.stroke_width == 0 or (opacity and self.stroke_opacity * self.opacity == 0):
-            return None
-        return self._rgba(self.stroke, self.stroke_opacity, opacity)
-
-    def _rgba(self, paint: Rgba | str | None, paint_opacity: float, opacity: bool) -> Rgba | None:
+    def with_alpha(self, paint: Paint, opacity: float) -> Rgba | None:
+        """The colour of a paint that is no reference, times an opacity; None if it is invisible."""
         paint = self.color if paint == CURRENT else paint
-        if paint is None or isinstance(paint, str) or self.visibility != "visible":
+        if not isinstance(paint, tuple) or isinstance(paint, PaintServer):
             return None
         red, green, blue, alpha = paint
-        if alpha == 0:
-            return None
-        return red, green, blue, alpha * paint_opacity * self.opacity if opacity else 1.0
+        return (red, green, blue, alpha * opacity) if alpha * opacity > 0 else None
 
 
 INITIAL = Style()
 
+_NOT_INHERITED = INITIAL._asdict()
+for _name in Style._fields[: Style._fields.index("opacity")]:
+    del _NOT_INHERITED[_name]
+
 UNSUPPORTED = {
     # Properties that change the image but are not supported, and those of their values that do not
     # change it.
-    "clip-path": ("none",),
     "filter": ("none",),
     "marker": ("none",),
     "marker-end": ("none",),
@@ -66,124 +88,251 @@ UNSUPPORTED = {
     "marker-start": ("none",),
     "mask": ("none",),
     "mix-blend-mode": ("normal",),
-    "paint-order": ("normal", "fill", "fill stroke", "fill stroke markers"),
-    "stroke-dasharray": ("none",),
-    "vector-effect": ("none",),
 }
 
+_CSS_ONLY = ("background-color",)
+"""Properties that are no presentation attributes."""
 
-def computed(
-    attributes: dict[str, str], parent: Style, diagonal: float, note: Callable[[str], None]
-) -> Style:
-    """Compute the style of an element from its attributes and the style of its parent.
+Note = Callable[[str, str, str], None]
+"""Called with the kind of a notice, the name of a property, and what is wrong."""
 
-    - `diagonal`: length, in user units, that a stroke width of 100 % means.
-    - `note`: called with the names of properties and values that are not supported.
 
-    Raises `ValueError` for text that is no number where a number is expected.
+def computed(declared: Declarations, parent: Style, viewport: Viewport, note: Note) -> Style:
+    """Compute the style of an element from its declarations and the style of its parent.
+
+    An invalid declaration is noted and has no effect, as CSS says.
     """
-    declared = attributes
-    if "style" in attributes:
-        # CSS declarations take precedence over presentation attributes.
-        css = _declarations(attributes["style"], note)
-        if "transform" in css:
-            note("style: transform")
-        declared = attributes | css
-    changes = {}
-    for name, value in declared.items():
-        if name in UNSUPPORTED:
-            if value.strip() not in UNSUPPORTED[name]:
-                note(name)
-            continue
-        field = name.replace("-", "_")
-        if field not in _FIELDS:
-            continue
-        value = value.strip()
-        if value == "inherit":
-            # The other properties are inherited anyway.
-            if field == "opacity":
-                note("opacity: inherit")
-            continue
-        changes |= _parsed(field, name, value, parent, diagonal, note)
-    return parent._replace(**changes) if changes else parent
+    changes: dict[str, Any] = {}
+    font_size = parent.font_size
+    if "font-size" in declared.css or "font-size" in declared.attributes:
+        # Parsed first, since other lengths may depend on it; if it is invalid, noted below.
+        text = declared.css.get("font-size", declared.attributes.get("font-size", "")).strip()
+        with contextlib.suppress(ValueError):
+            font_size = _font_size(text, parent, viewport, font_size)
+    for source in (declared.attributes, declared.css):
+        for name, value in source.items():
+            field = _FIELDS.get(name)
+            if field is None or (name in _CSS_ONLY and source is declared.attributes):
+                if name in UNSUPPORTED and value.strip() not in UNSUPPORTED[name]:
+                    note(WITHOUT_EFFECT, name, value)
+                elif name == "font" and source is declared.css:
+                    changes |= _font_size_of_shorthand(value, font_size, viewport)
+                continue
+            if source is declared.attributes and name in declared.css:
+                continue
+            value = value.strip()
+            keyword = value.lower()
+            if keyword in ("inherit", "initial", "unset", "revert", "revert-layer"):
+                is_inherited = field not in _NOT_INHERITED
+                takes_parent = keyword == "inherit" or (is_inherited and keyword != "initial")
+                changes[field] = getattr(parent if takes_parent else INITIAL, field)
+                continue
+            try:
+                changes[field] = _PARSERS[field](value, parent, viewport, font_size)
+            except ValueError as error:
+                note(INVALID, name, f"{str(error).rstrip('.')} ({value[:40]!r})")
+    return parent._replace(**(_NOT_INHERITED | changes))
 
 
-_FIELDS = frozenset(Style._fields)
-
-_KEYWORDS = {
-    "fill_rule": ("nonzero", "evenodd"),
-    "stroke_linecap": ("butt", "square", "round"),
-    "stroke_linejoin": ("miter", "bevel", "round"),
-    "visibility": ("visible", "hidden", "collapse"),
-}
+_FIELDS = {name.replace("_", "-"): name for name in Style._fields}
 
 
-def _parsed(
-    field: str,
-    name: str,
-    value: str,
-    parent: Style,
-    diagonal: float,
-    note: Callable[[str], None],
-) -> dict[str, object]:
-    """Parse one declaration; returns the changed field, or nothing if it is invalid.
+def _paint(text: str, *_: object) -> Paint:
+    """Parse a paint. Raises `ValueError` for text that is none."""
+    if match := _URL.match(text):
+        reference = match[1] or match[2] or match[3] or ""
+        rest = text[match.end() :].strip()
+        return PaintServer(reference, _solid(rest) if rest else False)
+    return _solid(text)
 
-    `note` is called for an invalid declaration.
-    """
+
+def _solid(text: str) -> Rgba | str | None:
+    """Parse a paint that refers to nothing."""
+    if text.lower() == "none":
+        return None
+    color = color_of(text)
+    if color is None:
+        raise ValueError("is no paint")
+    return color
+
+
+def _color(text: str, parent: Style, *_: object) -> Any:
+    color = color_of(text)
+    if color is None:
+        raise ValueError("is no colour")
+    return parent.color if color == CURRENT else color
+
+
+def _stop_color(text: str, *_: object) -> Any:
+    color = color_of(text)
+    if color is None:
+        raise ValueError("is no colour")
+    return color
+
+
+def _opacity(text: str, *_: object) -> float:
+    return fraction(text)
+
+
+def _one_of(*words: str) -> Callable[..., str]:
+    def parse(text: str, *_: object) -> str:
+        if text.lower() not in words:
+            raise ValueError(f"is none of {', '.join(words)}")
+        return text.lower()
+
+    return parse
+
+
+def _stroke_width(text: str, _: Style, viewport: Viewport, font_size: float) -> float:
+    width = viewport.length(text, viewport.diagonal, font_size)
+    if width < 0:
+        raise ValueError("must not be negative")
+    return width
+
+
+def _miterlimit(text: str, *_: object) -> float:
     try:
-        if field in ("fill", "stroke", "color"):
-            paint = _paint(value, note)
-            if paint is not False and (paint is not None or field != "color"):
-                # `color: currentColor` means the colour of the parent.
-                return {} if field == "color" and paint == CURRENT else {field: paint}
-        elif field == "opacity":
-            return {field: parent.opacity * fraction(value)}
-        elif field in ("fill_opacity", "stroke_opacity"):
-            return {field: fraction(value)}
-        elif field == "stroke_width":
-            if (width := length(value, diagonal)) >= 0:
-                return {field: width}
-        elif field == "stroke_miterlimit":
-            if (limit := finite(value)) >= 1:
-                return {field: limit}
-        elif field == "display" or value in _KEYWORDS[field]:
-            return {field: value}
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
-    note(f"{name}: {value[:24]}")
+        limit = finite(text)
+    except ValueError:
+        raise ValueError("is not a finite number") from None
+    if limit < 1:
+        raise ValueError("must be at least 1")
+    return limit
+
+
+def _dasharray(text: str, _: Style, viewport: Viewport, font_size: float) -> tuple[float, ...]:
+    if text.lower() == "none":
+        return ()
+    words = text.replace(",", " ").split()
+    lengths = tuple(viewport.length(word, viewport.diagonal, font_size) for word in words)
+    if any(value < 0 for value in lengths):
+        raise ValueError("must not be negative")
+    # An odd list is repeated once. A list of zeros is a solid line.
+    return lengths * (1 + len(lengths) % 2) if sum(lengths) > 0 else ()
+
+
+def _dashoffset(text: str, _: Style, viewport: Viewport, font_size: float) -> float:
+    return viewport.length(text, viewport.diagonal, font_size)
+
+
+def _paint_order(text: str, *_: object) -> tuple[str, ...]:
+    words = text.lower().split()
+    if words == ["normal"]:
+        words = []
+    known = ("fill", "stroke", "markers")
+    if len(set(words)) < len(words) or not set(words) <= set(known):
+        raise ValueError("is no order of fill, stroke and markers")
+    order = words + [word for word in known if word not in words]
+    return tuple(word for word in order if word != "markers")
+
+
+def _font_size(text: str, parent: Style, viewport: Viewport, _: float) -> float:
+    if text.lower() in _FONT_SIZES:
+        return _FONT_SIZES[text.lower()]
+    if text.lower() in ("larger", "smaller"):
+        return parent.font_size * (1.2 if text.lower() == "larger" else 1 / 1.2)
+    size = viewport.length(text, parent.font_size, parent.font_size)
+    if size < 0:
+        raise ValueError("must not be negative")
+    return size
+
+
+_FONT_SIZES = {
+    # CSS Fonts 4, section 2.5.1.
+    name: MEDIUM * factor
+    for name, factor in zip(
+        ("xx-small", "x-small", "small", "medium", "large", "x-large", "xx-large", "xxx-large"),
+        (3 / 5, 3 / 4, 8 / 9, 1, 6 / 5, 3 / 2, 2, 3),
+        strict=True,
+    )
+}
+
+
+def _font_size_of_shorthand(text: str, parent_size: float, viewport: Viewport) -> dict[str, float]:
+    """The size in a `font` shorthand: the first word that is a length."""
+    for word in text.split()[:16]:
+        try:
+            return {"font_size": viewport.length(word.partition("/")[0], parent_size, parent_size)}
+        except ValueError:
+            continue
     return {}
 
 
-def _paint(text: str, note: Callable[[str], None]) -> Rgba | str | bool | None:
-    """Parse a paint: a colour, None for `none`, False for text that is no paint.
-
-    Paint servers (`url(...)`) are not supported; the fallback colour after them is used.
-    """
-    if url := _URL.match(text):
-        note("url(...) paint")
-        text = text[url.end() :].strip()
-    if not text or text.lower() == "none":
+def _clip_path(text: str, *_: object) -> str | None:
+    if text.lower() == "none":
         return None
-    color = color_of(text)
-    return False if color is None else color
+    return text
 
 
-def _declarations(text: str, note: Callable[[str], None]) -> dict[str, str]:
-    """Parse a `style` attribute into values by name; the last of equal names counts."""
-    if _PLAIN_STYLE.match(text) and "(" not in text:
-        pairs = (declaration.partition(":") for declaration in text.split(";"))
-        plain = {name.strip().lower(): value for name, _, value in pairs if name.strip()}
-        return {name: _without_important(value) for name, value in plain.items()}
-    if nesting(text) > _MAX_NESTING:
-        raise ValueError(f"style: brackets are nested deeper than {_MAX_NESTING}.")
-    values = {}
-    for node in tinycss2.parse_blocks_contents(text, skip_comments=True, skip_whitespace=True):
-        if node.type == "declaration":
-            values[node.lower_name] = tinycss2.serialize(node.value).strip()
-        else:
-            note("style: " + text[:24])
-    return values
+def reference_of(text: str) -> str | None:
+    """What a text `url(...)` refers to; None for any other text."""
+    match = _URL.match(text)
+    return (match[1] or match[2] or match[3] or "") if match else None
 
 
-def _without_important(value: str) -> str:
-    return value.replace("!important", "").strip()
+def _any_text(text: str, *_: object) -> str:
+    return text
+
+
+_PARSERS: dict[str, Callable[..., Any]] = {
+    "fill": _paint,
+    "stroke": _paint,
+    "color": _color,
+    "fill_opacity": _opacity,
+    "stroke_opacity": _opacity,
+    "fill_rule": _one_of("nonzero", "evenodd"),
+    "clip_rule": _one_of("nonzero", "evenodd"),
+    "stroke_width": _stroke_width,
+    "stroke_linecap": _one_of("butt", "square", "round"),
+    "stroke_linejoin": _one_of("miter", "bevel", "round", "miter-clip", "arcs"),
+    "stroke_miterlimit": _miterlimit,
+    "stroke_dasharray": _dasharray,
+    "stroke_dashoffset": _dashoffset,
+    "paint_order": _paint_order,
+    "visibility": _one_of("visible", "hidden", "collapse"),
+    "font_size": _font_size,
+    "opacity": _opacity,
+    "display": _any_text,
+    "overflow": _any_text,
+    "vector_effect": _any_text,
+    "clip_path": _clip_path,
+    "transform_origin": _any_text,
+    "transform_box": _one_of("view-box", "fill-box", "stroke-box", "content-box", "border-box"),
+    "stop_color": _stop_color,
+    "stop_opacity": _opacity,
+    "background_color": _color,
+}
+
+
+def transform_origin(
+    text: str, box: Sequence[float], viewport: Viewport, font_size: float
+) -> tuple[float, float]:
+    """Parse `transform-origin`, relative to the reference box (x, y, width, height).
+
+    Raises `ValueError` for text that is no origin.
+
+    **Source:** *CSS Transforms 1*, section 5.
+    """
+    words = text.lower().split()
+    if not 1 <= len(words) <= 3:
+        raise ValueError("transform-origin: expected one to three values.")
+    words = words[:2]
+    if len(words) == 1:
+        words.append("center")
+        if words[0] in ("top", "bottom"):
+            words.reverse()
+    elif words[0] in ("top", "bottom") or words[1] in ("left", "right"):
+        words.reverse()
+    x, y, width, height = box
+    return (
+        x + _origin_along(words[0], ("left", "center", "right"), width, viewport, font_size),
+        y + _origin_along(words[1], ("top", "center", "bottom"), height, viewport, font_size),
+    )
+
+
+def _origin_along(
+    word: str, keywords: Sequence[str], side: float, viewport: Viewport, font_size: float
+) -> float:
+    if word in keywords:
+        return keywords.index(word) / 2 * side
+    return viewport.length(word, side, font_size)

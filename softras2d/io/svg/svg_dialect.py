@@ -1,320 +1,425 @@
 """Draws standard SVG, and the course's additional elements `colortri`, `textri` and `texture`.
 
-It is the dialect `"svg"` of `read_svg`.
+It is the dialect `"svg"` of `read_svg`. Elements are visited in document order with an explicit
+stack, since documents may be nested deeply. What has an error is left out as SVG 2 says, and noted.
 """
 
-import math
-from typing import NamedTuple
+import contextlib
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+import shapely
 
 from ...geometry import affine_maps
-from ..shapes.strokes import Outline
-from .context import Context
-from .document import Attributes
-from .numbers import length, number_list
-from .style import INITIAL, Rgba, Style, computed
-from .transform_attribute import transform_list
+from .cascade import Declarations
+from .clip_paths import ClipPaths
+from .document import LIBRARY_ERRORS, SvgError, reason
+from .extensions import draw_colortri, draw_image, draw_textri
+from .notices import APPROXIMATE, INVALID, NOT_DRAWN, WITHOUT_EFFECT
+from .page import Page
+from .page_background import becomes_background
+from .painting import Painter, Place
+from .shape_elements import SHAPES, ElementLengths
+from .sinks import Canvas, Layer, Sink
+from .style import INITIAL, Style, transform_origin
+from .transform_attribute import css_transform, transform_list
+from .tree import Element
+from .units import Viewport
+from .user_space_bounds import bounds_of
 from .view_box import Box, document_size, fit, round_up, view_box
 
-_SVG = "http://www.w3.org/2000/svg"
+_EXTENSIONS = {"colortri": draw_colortri, "image": draw_image, "textri": draw_textri}
+
+_CONTAINERS = frozenset({"a", "g", "svg", "switch", "symbol", "use"})
+
+_NEVER_DRAWN = frozenset(
+    # Elements that draw nothing where they are.
+    [
+        "clipPath",
+        "defs",
+        "desc",
+        "filter",
+        "linearGradient",
+        "marker",
+        "mask",
+        "metadata",
+        "pattern",
+        "radialGradient",
+        "script",
+        "stop",
+        "style",
+        "title",
+        "view",
+        "cursor",
+        "font",
+        "font-face",
+        "color-profile",
+        "texture",
+    ]
+)
+
+_NOT_SUPPORTED = frozenset(
+    [
+        "text",
+        "foreignObject",
+        "animate",
+        "animateColor",
+        "animateMotion",
+        "animateTransform",
+        "set",
+        "audio",
+        "canvas",
+        "iframe",
+        "video",
+    ]
+)
+
+LANGUAGE = "en"
+"""The language of the user, for `systemLanguage`."""
 
 
 class _State(NamedTuple):
     """What an element passes on to its children.
 
-    - `map3`: homogeneous map `[3, 3]` from the element's units to pixels.
-    - `is_flat`: whether `map3` maps the plane to a line or a point.
-    - `scale`: largest stretch of `map3`, in pixels per unit.
+    - `instances`: the elements of which `use` is drawing a copy, the innermost first, as a chain.
     """
 
     style: Style
-    map3: np.ndarray
-    is_flat: bool
-    scale: float
-
-    @staticmethod
-    def of(style: Style, map3: np.ndarray) -> "_State":
-        """The state with a style and a map; `ValueError` if the map is not finite."""
-        if not np.isfinite(map3).all():
-            raise ValueError("transform: the numbers are too large.")
-        stretch = float(np.linalg.norm(map3[:2, :2], 2) / abs(map3[2, 2] or 1.0))
-        return _State(style, map3, bool(np.linalg.det(map3) == 0.0), stretch)
+    place: Place
+    viewport: Viewport
+    instances: tuple[Any, ...] | None = None
 
 
-class StandardDialect:
-    """Draws elements with their meaning in SVG.
+class _Close(NamedTuple):
+    """The end of a group that is composited as a whole into `sink`."""
 
-    A group's opacity is multiplied into that of its children. This differs from blending the
-    finished group where its children overlap. A transform that flattens the plane draws nothing.
-    """
+    element: Element
+    layer: Layer
+    sink: Sink
+    opacity: float
 
-    groups = frozenset({"a", "g"})
-    definitions = frozenset({"defs"})
 
-    def __init__(self, context: Context):
-        self._context = context
-        self._namespaces: Attributes = {}
+class Drawing:
+    """Draws the elements of a page."""
+
+    def __init__(self, page: Page):
+        self._page = page
+        self._context = page.context
+        self._clips = ClipPaths(page)
+        self.painter = Painter(page)
+        self.canvas = Canvas(page.context.display)
+        self._pending: list[tuple[Element, _State] | _Close] = []
         self._box = Box(0.0, 0.0, 0.0, 0.0)
-        self._diagonal = 0.0
-        self.shapes = {
-            "colortri": self._colortri,
-            "image": self._image,
-            "line": self._line,
-            "polygon": self._polygon,
-            "polyline": self._polyline,
-            "rect": self._rect,
-            "textri": self._textri,
-        }
 
-    def local_name(self, tag: str, attributes: Attributes) -> str:
-        """The name without a prefix whose namespace is SVG; empty for other prefixes.
+    @property
+    def root(self) -> Element:
+        """The root of the document."""
+        return self._page.root
 
-        The element itself or the root must declare the prefix. Names without prefix count as SVG,
-        whatever the default namespace is.
-        """
-        prefix, colon, name = tag.rpartition(":")
-        if not colon:
-            return name
-        declaration = f"xmlns:{prefix}"
-        namespace = attributes.get(declaration, self._namespaces.get(declaration))
-        return name if namespace == _SVG else ""
+    def draw(self) -> None:
+        """Draw the whole document. Raises `SvgError` with the line of the element."""
+        root = self._page.root
+        self._guarded(root, lambda: self._pending.append((root, self._root_state())))
+        while self._pending:
+            step = self._pending.pop()
+            if isinstance(step, _Close):
+                self._guarded(step.element, lambda step=step: self._close(step))
+            else:
+                self._guarded(step[0], lambda step=step: self._open(*step))
 
-    def root_state(self, tag: str, attributes: Attributes) -> _State | None:
+    def _guarded(self, element: Element, action: Any) -> None:
+        """Run an action, whose errors get the name of the document, the line and the element."""
+        self._context.display.line = element.line
+        try:
+            action()
+        except SvgError:
+            raise
+        except (ValueError, *LIBRARY_ERRORS) as error:
+            where = f"{self._context.name}:{element.line}: <{element.tag[:60]}>"
+            raise SvgError(f"{where} {reason(error)}") from None
+
+    def _root_state(self) -> _State:
         """Fit the viewBox into the canvas."""
-        self._namespaces = {k: v for k, v in attributes.items() if k.startswith("xmlns:")}
-        if self.local_name(tag, attributes) != "svg":
-            raise ValueError("is the root, which must be <svg>.")
-        context = self._context
-        size = document_size(attributes, "svg")
-        box = view_box(attributes)
+        context, attributes = self._context, self._page.root.attrib
+        canvas, box = (float(context.height), float(context.width)), None
+        size = document_size(attributes, "svg", self._page.report(self._page.root))
+        # An invalid viewBox is noted by `document_size`.
+        with contextlib.suppress(ValueError):
+            box = view_box(attributes)
         if box is None:
-            height, width = size or (float(context.height), float(context.width))
+            height, width = size or canvas
             box = Box(0.0, 0.0, width, height)
         self._box = box
         map3 = context.transform
+        if size is not None and round_up(size) == (context.height, context.width):
+            # The canvas has the document's size, rounded up: do not stretch to the rounding.
+            canvas = size
         if map3 is None:
-            height, width = float(context.height), float(context.width)
-            if size is not None and round_up(size) == (context.height, context.width):
-                # The canvas has the document's size, rounded up: do not stretch to the rounding.
-                height, width = size
-            map3 = fit(box, height, width, attributes.get("preserveAspectRatio", ""))
-        # 100 % of a length that is neither horizontal nor vertical (SVG 2, section 8.9).
-        self._diagonal = math.hypot(box.width, box.height) / math.sqrt(2.0)
-        return self.child_state(_State.of(INITIAL, map3), attributes)
+            map3 = self._fitted(self._page.root, box, *canvas)
+        height, width = size or canvas
+        self._page.pixels_per_px = min(canvas[0] / height, canvas[1] / width)
+        viewport = Viewport(box.width, box.height, width, height)
+        self._page.viewport = viewport
+        root_style = self._page.style_in_place(self._page.root)
+        viewport = viewport._replace(root_font_size=root_style.font_size)
+        self._paint_canvas(root_style)
+        return _State(INITIAL, self._placed(map3, None, self.canvas), viewport)
 
-    def child_state(self, parent: _State, attributes: Attributes) -> _State | None:
-        """Apply the element's style and transform to those of its parent."""
-        style = computed(attributes, parent.style, self._diagonal, self._ignore)
-        state = parent._replace(style=style)
-        if "transform" in attributes:
-            state = _State.of(style, parent.map3 @ transform_list(attributes["transform"]))
-        return None if style.display == "none" else state
+    def _paint_canvas(self, style: Style) -> None:
+        """Paint the canvas in the `background-color` of the root (CSS Backgrounds 3, 2.11.2)."""
+        red, green, blue, alpha = style.background_color
+        if alpha == 0:
+            return
+        alpha = alpha if self._context.opacity else 1.0
+        if alpha == 1:
+            self._context.background = (red, green, blue)
+            return
+        height, width = self._context.height, self._context.width
+        corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
+        self.canvas.add_polygon([corners], (red, green, blue, alpha), False, -1)
 
-    def is_flat(self, state: _State) -> bool:
-        """Whether the map to pixels has no inverse."""
-        return state.is_flat
-
-    def undrawn_child(self, name: str, attributes: Attributes) -> None:
-        """Declare a texture; count elements that would not be supported elsewhere either."""
-        if name == "texture":
-            self._context.declare_texture(attributes)
-        elif not (name in self.shapes or name in self.groups or name in self.definitions):
-            self._context.elements[name] += 1
-
-    def close_root(self, state: _State) -> None:
-        """Nothing is drawn after the elements."""
-
-    def _ignore(self, name: str) -> None:
-        self._context.ignored[name] += 1
-
-    def _length(self, attributes: Attributes, name: str, default: float = 0.0) -> float:
-        """Parse a length attribute, in user units; `default` if it is missing or `auto`."""
-        if name not in attributes or attributes[name].strip() == "auto":
-            return default
-        along_x = name in ("x", "x1", "x2", "width")
+    def _fitted(self, element: Element, box: Box, height: float, width: float) -> np.ndarray:
+        aspect = element.attrib.get("preserveAspectRatio", "")
+        if element is self._page.root and self._context.fit is not None:
+            aspect = self._context.fit
         try:
-            return length(attributes[name], self._box.width if along_x else self._box.height)
+            return fit(box, height, width, aspect)
         except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
+            self._page.report(element)(INVALID, "preserveAspectRatio", str(error))
+            return fit(box, height, width)
 
-    def _rect(self, state: _State, attributes: Attributes) -> None:
-        box = Box(*(self._length(attributes, name) for name in ("x", "y", "width", "height")))
-        if any(name in attributes and self._length(attributes, name) != 0 for name in ("rx", "ry")):
-            self._ignore("rx or ry of rect")
-        if box.width < 0 or box.height < 0:
-            self._ignore("rect of negative size")
-        if box.width <= 0 or box.height <= 0:
+    def _placed(self, map3: np.ndarray, clip: Any, sink: Sink) -> Place:
+        """The place with a map; `ValueError` if the map is not finite."""
+        if not np.isfinite(map3).all():
+            raise ValueError("transform: the numbers are too large to be finite.")
+        scale = float(np.linalg.norm(map3[:2, :2], 2) / abs(map3[2, 2] or 1.0))
+        return Place(map3, scale, clip, sink)
+
+    def _open(self, element: Element, parent: _State) -> None:
+        """Draw a shape, or put the children of a group on the stack."""
+        self._page.budget.charge("elements" if parent.instances is None else "copies", 1)
+        self._page.viewport = parent.viewport
+        name = element.name
+        if name == "texture":
+            self._context.declare_texture(element.attrib)
             return
-        points = _box_corners(box)
-        fill = state.style.fill_rgba(self._context.opacity)
-        if fill is not None and self._becomes_background(state, box, points, fill):
-            self._context.background = fill[:3]
+        if name == "defs":
+            self._declare_textures(element)
+        if name == "" or name in _NEVER_DRAWN or "data-fallback" in element.attrib:
             return
-        self._fill(state, points)
-        self._stroke(state, points, closed=True)
+        if name == "symbol" and (parent.instances is None or parent.instances[0] is not element):
+            return
+        declared = self._page.declared(element)
+        style = self._page.computed(element, parent.style, declared)
+        if style.display == "none" or not self._meets_conditions(element):
+            return
+        if name not in SHAPES and name not in _EXTENSIONS and name not in _CONTAINERS:
+            self._page.not_drawn(NOT_DRAWN, element)
+            return
+        map3 = self._transformed(element, declared, style, parent.place.map3)
+        if np.linalg.det(map3) == 0:
+            return
+        opacity = style.opacity if self._context.opacity else 1.0
+        if opacity == 0:
+            return
+        place = self._placed(map3, parent.place.clip, parent.place.sink)
+        state = _State(style, place, parent.viewport, parent.instances)
+        if style.clip_path is not None:
+            box = bounds_of(self._page, element, style) if self._clips.needs_box(style) else None
+            clip = self._clips.clipped(element, style, map3, box, place.clip)
+            state = state._replace(place=place._replace(clip=clip))
+        if name in _CONTAINERS:
+            self._open_group(element, declared, state, opacity)
+        else:
+            self._draw_shape(element, declared, state, opacity)
 
-    def _becomes_background(self, state: _State, box: Box, points: np.ndarray, fill: Rgba) -> bool:
-        """Whether a rect is the first shape, opaque, and covers the viewBox and the canvas.
+    def _declare_textures(self, element: Element) -> None:
+        for child in element.children:
+            if child.name == "texture":
+                self._context.display.line = child.line
+                self._context.declare_texture(child.attrib)
 
-        A viewBox may leave margins on the canvas. They show the page, not the rect, so a rect that
-        covers the viewBox alone is no background.
-        """
-        context = self._context
-        if (
-            len(context.display)
-            or context.background
-            or fill[3] < 1
-            or not _fits_float32(fill)
-            or box != self._box
-        ):
+    def _meets_conditions(self, element: Element) -> bool:
+        """Whether the conditional attributes of an element hold (SVG 2, section 5.9)."""
+        attributes = element.attrib
+        if "requiredExtensions" in attributes:
             return False
-        if state.style.stroke_rgba(context.opacity) is not None:
-            return False
-        corners = affine_maps.apply(state.map3, points)
-        x0, y0 = corners.min(axis=0)
-        x1, y1 = corners.max(axis=0)
-        is_upright = all(len(set(axis.round(9))) == 2 for axis in corners.T)
-        tolerance = 1e-6 * max(context.height, context.width)
-        return bool(
-            is_upright
-            and max(x0, y0) <= tolerance
-            and x1 >= context.width - tolerance
-            and y1 >= context.height - tolerance
-        )
+        languages = attributes.get("systemLanguage")
+        if languages is None:
+            return True
+        tags = [tag.strip().lower() for tag in languages.split(",")]
+        return any(tag == LANGUAGE or tag.startswith(f"{LANGUAGE}-") for tag in tags)
 
-    def _polygon(self, state: _State, attributes: Attributes) -> None:
-        points = self._points(attributes)
-        self._fill(state, points)
-        self._stroke(state, points, closed=True)
+    def _transformed(
+        self, element: Element, declared: Declarations, style: Style, map3: np.ndarray
+    ) -> np.ndarray:
+        """The parent's map after the element's own transform."""
+        text = declared.css.get("transform")
+        report = self._page.report(element)
+        viewport = self._page.viewport
+        try:
+            if text is not None:
+                own = css_transform(text, viewport, style.font_size)
+            elif "transform" in element.attrib:
+                own = transform_list(element.attrib["transform"])
+            else:
+                return map3
+        except ValueError as error:
+            report(INVALID, "transform", str(error))
+            return map3
+        if style.transform_origin not in ("0 0", "0"):
+            own = self._about_origin(element, style, own)
+        return map3 @ own
 
-    def _polyline(self, state: _State, attributes: Attributes) -> None:
-        points = self._points(attributes)
-        self._fill(state, points)
-        self._stroke(state, points, closed=False)
+    def _about_origin(self, element: Element, style: Style, own: np.ndarray) -> np.ndarray:
+        viewport, report = self._page.viewport, self._page.report(element)
+        box = Box(0.0, 0.0, viewport.width, viewport.height)
+        if style.transform_box != "view-box":
+            bounds = bounds_of(self._page, element, style)
+            box = bounds or Box(0.0, 0.0, 0.0, 0.0)
+        try:
+            x, y = transform_origin(style.transform_origin, box, viewport, style.font_size)
+        except ValueError as error:
+            report(INVALID, "transform-origin", str(error))
+            return own
+        return affine_maps.translate(x, y) @ own @ affine_maps.translate(-x, -y)
 
-    def _line(self, state: _State, attributes: Attributes) -> None:
-        ends = [self._length(attributes, name) for name in ("x1", "y1", "x2", "y2")]
-        self._stroke(state, np.array(ends).reshape(2, 2), closed=False)
+    def _open_group(
+        self, element: Element, declared: Declarations, state: _State, opacity: float
+    ) -> None:
+        """Put the children of a group on the stack, after the end of the group if it needs one."""
+        if opacity < 1:
+            layer = Layer(self._page.budget)
+            self._pending.append(_Close(element, layer, state.place.sink, opacity))
+            state = state._replace(place=state.place._replace(sink=layer))
+        children = element.children
+        if element.name == "use":
+            state, children = self._instance(element, declared, state)
+        elif element.name in ("svg", "symbol") and element is not self._page.root:
+            inner = self._nested_viewport(element, declared, state)
+            if inner is None:
+                return
+            state = inner
+        elif element.name == "switch":
+            children = self._chosen(element)
+        self._pending += [(child, state) for child in reversed(children)]
 
-    def _points(self, attributes: Attributes) -> np.ndarray:
-        numbers = number_list(attributes.get("points", ""))
-        if len(numbers) % 2:
-            # SVG draws what comes before an error in the list.
-            self._ignore("last of an odd number of coordinates")
-            numbers.pop()
-        return np.array(numbers, np.float64).reshape(-1, 2)
-
-    def _fill(self, state: _State, points: np.ndarray) -> None:
-        color = state.style.fill_rgba(self._context.opacity)
-        if color is not None and len(points) > 2:
-            evenodd = state.style.fill_rule == "evenodd"
-            self._context.display.add_polygon(affine_maps.apply(state.map3, points), color, evenodd)
-
-    def _stroke(self, state: _State, points: np.ndarray, *, closed: bool) -> None:
-        style = state.style
-        color = style.stroke_rgba(self._context.opacity)
-        if color is None or len(points) == 0:
-            return
-        outline = Outline(
-            points,
-            closed,
-            style.stroke_width,
-            style.stroke_linecap,
-            style.stroke_linejoin,
-            style.stroke_miterlimit,
-            state.scale,
-        )
-        self._context.display.add_stroke(outline, state.map3, color)
-
-    def _colortri(self, state: _State, attributes: Attributes) -> None:
-        points = _numbers(attributes, "points", 6).reshape(3, 2)
-        colors = _numbers(attributes, "colors", 12).reshape(3, 4)
-        if not ((colors[:, 3] >= 0) & (colors[:, 3] <= 1)).all():
-            raise ValueError(f"colors: alpha must be in 0..1, got {attributes['colors']!r}.")
-        white = self._white(state)
-        if white is not None:
-            if not self._context.opacity:
-                colors[:, 3] = 1.0
-            self._context.display.add_triangles(
-                affine_maps.apply(state.map3, points)[None], colors * white
+    def _close(self, group: _Close) -> None:
+        """Composite a group."""
+        if not group.layer.finish(group.sink, group.opacity):
+            self._page.report(group.element)(
+                APPROXIMATE, "opacity", "translucent shapes overlap in it"
             )
 
-    def _textri(self, state: _State, attributes: Attributes) -> None:
-        points = _numbers(attributes, "points", 6).reshape(3, 2)
-        uv = _numbers(attributes, "uvs", 6).reshape(3, 2)
-        texture = self._context.assets.texture(attributes.get("texid", ""))
-        white = self._white(state)
-        if white is not None:
-            corners = affine_maps.apply(state.map3, points)
-            self._context.display.add_textured(corners, white, uv, texture, False)
+    def _chosen(self, element: Element) -> list[Element]:
+        """The child of a `switch` that is drawn: the first whose conditions hold."""
+        for child in element.children:
+            is_known = (
+                child.name in SHAPES or child.name in _CONTAINERS or child.name in _EXTENSIONS
+                or child.name in _NOT_SUPPORTED
+            )  # fmt: skip
+            if is_known and self._meets_conditions(child):
+                return [child]
+        return []
 
-    def _white(self, state: _State) -> Rgba | None:
-        """White with the opacities of the element; None if it is hidden."""
-        style = state.style._replace(fill=(1.0, 1.0, 1.0, 1.0))
-        return style.fill_rgba(self._context.opacity)
+    def _instance(
+        self, element: Element, declared: Declarations, state: _State
+    ) -> tuple[_State, list[Element]]:
+        """The element that a `use` draws, and the state in which it draws it."""
+        report = self._page.report(element)
+        href = element.attrib.get("href")
+        target = self._page.target(href)
+        if target is None:
+            if href is not None:
+                is_local = href.strip().startswith("#")
+                kind = INVALID if is_local else NOT_DRAWN
+                report(kind, "href", f"refers to no element of the file ({href[:40]!r})")
+            return state, []
+        chain, depth = state.instances, 0
+        while chain is not None:
+            depth += 1
+            if chain[0] is target:
+                report(INVALID, "href", "refers to itself")
+                return state, []
+            chain = chain[1]
+        self._page.budget.charge("copies", depth)
+        if state.instances is None and any(ancestor is target for ancestor in element.ancestors):
+            report(INVALID, "href", "refers to an ancestor")
+            return state, []
+        lengths = ElementLengths(self._page, element, declared, state.style)
+        moved = affine_maps.translate(lengths.read("x"), lengths.read("y"))
+        place = self._placed(state.place.map3 @ moved, state.place.clip, state.place.sink)
+        return state._replace(place=place, instances=(target, state.instances, element)), [target]
 
-    def _image(self, state: _State, attributes: Attributes) -> None:
-        href = attributes.get("href", attributes.get("xlink:href"))
-        if href is None:
-            self._ignore("image without href")
-            return
-        assets = self._context.assets
-        texture = assets.linked(href)
-        picture_height, picture_width = map(float, assets.textures[texture].shape[:2])
-        width = self._length(attributes, "width", math.inf)
-        height = self._length(attributes, "height", math.inf)
+    def _nested_viewport(
+        self, element: Element, declared: Declarations, state: _State
+    ) -> _State | None:
+        """The state inside of a nested `svg` or an instance of a `symbol`; None if it has no area.
+
+        **Source:** SVG 2, sections 5.5 and 8.2.
+        """
+        lengths = ElementLengths(self._page, element, declared, state.style)
+        viewport = state.viewport
+        width = lengths.size("width", viewport.width)
+        height = lengths.size("height", viewport.height)
+        x, y = lengths.read("x"), lengths.read("y")
+        if state.instances is not None and state.instances[0] is element:
+            # The size of `use` replaces that of its target.
+            use = state.instances[2]
+            use_lengths = ElementLengths(self._page, use, self._page.declared(use), state.style)
+            width, height = use_lengths.size("width", width), use_lengths.size("height", height)
         if width <= 0 or height <= 0:
-            return
-        # Infinity stands for `auto`: the side follows from the picture (SVG 2, section 12.3).
-        if width == math.inf:
-            is_auto = height == math.inf
-            width = picture_width if is_auto else height * picture_width / picture_height
-        if height == math.inf:
-            height = width * picture_height / picture_width
-        to_viewport = fit(
-            Box(0.0, 0.0, picture_width, picture_height),
-            height,
-            width,
-            attributes.get("preserveAspectRatio", ""),
+            return None
+        map3 = state.place.map3 @ affine_maps.translate(x, y)
+        clip = state.place.clip
+        if state.style.overflow not in ("visible", "auto"):
+            corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]
+            clip = shapely.Polygon(affine_maps.apply(map3, corners))
+            if state.place.clip is not None:
+                clip = shapely.intersection(clip, state.place.clip)
+            shapely.prepare(clip)
+        box = self._view_box(element)
+        if box is not None:
+            map3 = map3 @ self._fitted(element, box, height, width)
+        inner = viewport._replace(
+            width=box.width if box else width, height=box.height if box else height
         )
-        # With `slice`, the picture reaches beyond the viewport, which clips it. Texture coordinates
-        # are fractions of the picture.
-        low, high = affine_maps.apply(to_viewport, [[0.0, 0.0], [picture_width, picture_height]])
-        start, end = np.maximum(low, 0.0), np.minimum(high, [width, height])
-        uv = _box_corners(Box(*((start - low) / (high - low)), *((end - start) / (high - low))))
-        origin = np.array([self._length(attributes, "x"), self._length(attributes, "y")])
-        points = affine_maps.apply(state.map3, _box_corners(Box(*(origin + start), *(end - start))))
-        # `fill-opacity` does not apply to images.
-        white = self._white(state._replace(style=state.style._replace(fill_opacity=1.0)))
-        if white is not None:
-            translucent = white[3] < 1 or assets.textures[texture].shape[-1] == 4
-            self._context.display.add_textured(points, white, uv, texture, translucent)
+        place = self._placed(map3, clip, state.place.sink)
+        return state._replace(place=place, viewport=inner)
 
+    def _view_box(self, element: Element) -> Box | None:
+        try:
+            return view_box(element.attrib)
+        except ValueError as error:
+            self._page.report(element)(INVALID, "viewBox", str(error))
+            return None
 
-def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray, " {count}"]:
-    """Parse an attribute of exactly `count` numbers."""
-    try:
-        numbers = number_list(attributes.get(name, ""))
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
-    if len(numbers) != count:
-        raise ValueError(f"{name}: expected {count} numbers, got {len(numbers)}.")
-    return np.array(numbers)
-
-
-def _fits_float32(color: Rgba) -> bool:
-    """Whether all channels of a colour are finite in float32.
-
-    Other colours are drawn as shapes, so that the error names their line.
-    """
-    return all(abs(value) <= np.finfo(np.float32).max for value in color)
-
-
-def _box_corners(box: Box) -> Float[np.ndarray, "4 2"]:
-    """Corners in the order top left, top right, bottom right, bottom left."""
-    x, y = box.x, box.y
-    return np.array(
-        [[x, y], [x + box.width, y], [x + box.width, y + box.height], [x, y + box.height]]
-    )
+    def _draw_shape(
+        self, element: Element, declared: Declarations, state: _State, opacity: float
+    ) -> None:
+        """Draw a shape, composited as a whole if it has an opacity."""
+        for child in element.children:
+            if child.name in _NOT_SUPPORTED:
+                self._page.not_drawn(NOT_DRAWN, child)
+            elif child.name == "texture":
+                self._context.declare_texture(child.attrib)
+        lengths = ElementLengths(self._page, element, declared, state.style)
+        place, style = state.place, state.style
+        if element.name in _EXTENSIONS:
+            if style.visibility == "visible":
+                _EXTENSIONS[element.name](self._page, element, lengths, place, style, opacity)
+            return
+        path = SHAPES[element.name](lengths)
+        if path is None or not path.points:
+            return
+        is_plain_rect = element.name == "rect" and opacity == 1 and style.visibility == "visible"
+        if is_plain_rect and becomes_background(self._page, path, style, place, self._box):
+            return
+        if opacity < 1 and self.painter.paints_both(style):
+            layer = Layer(self._page.budget)
+            self.painter.paint(element, path, style, place._replace(sink=layer), 1.0)
+            self._close(_Close(element, layer, place.sink, opacity))
+        else:
+            self.painter.paint(element, path, style, place, opacity)
+        if style.stroke_linejoin == "arcs" and style.stroke is not None:
+            self._page.report(element)(WITHOUT_EFFECT, "stroke-linejoin", "drawn as miter")

@@ -1,13 +1,16 @@
 """Computes the size of a drawing, and the map from its user units to the pixels of a canvas."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
 
 from ...geometry import affine_maps
+from .notices import INVALID
 from .numbers import leading_float, length, number_list
+from .units import MEDIUM
 
 MAX_SIDE = 2**16
 """Maximum side of a canvas, in pixels. The spacing of float32 is at most 1/256 pixel there."""
@@ -36,19 +39,29 @@ def view_box(attributes: dict[str, str]) -> Box | None:
     return Box(*numbers)
 
 
-def document_size(attributes: dict[str, str], dialect: str) -> tuple[float, float] | None:
+def document_size(
+    attributes: dict[str, str],
+    dialect: str,
+    report: Callable[[str, str, str], None] | None = None,
+) -> tuple[float, float] | None:
     """The (height, width) of a document in px, not rounded; None if its root does not give them.
 
     `attributes` are those of the root. In dialect `svg`, percentages are relative to the viewBox.
     A side that is missing, `auto` or 100 % is computed from the other side and the aspect ratio of
-    the viewBox. If both are, the size is that of the viewBox.
+    the viewBox. If both are, the size is that of the viewBox. An invalid attribute counts as
+    missing, and `report` is called with the kind of a notice, its name, and what is wrong.
     """
     if dialect == "course":
         size = leading_float(attributes.get("height")), leading_float(attributes.get("width"))
         return size if max(size) > 0 else None
-    box = view_box(attributes)
-    height = _side(attributes, "height", box and box.height)
-    width = _side(attributes, "width", box and box.width)
+    note = report or (lambda *_: None)
+    box = None
+    try:
+        box = view_box(attributes)
+    except ValueError as error:
+        note(INVALID, "viewBox", str(error))
+    height = _side(attributes, "height", box and box.height, note)
+    width = _side(attributes, "width", box and box.width, note)
     if box is not None:
         if height is None:
             height = box.height if width is None else width * box.height / box.width
@@ -57,14 +70,24 @@ def document_size(attributes: dict[str, str], dialect: str) -> tuple[float, floa
     return None if height is None or width is None else (height, width)
 
 
-def _side(attributes: dict[str, str], name: str, full: float | None) -> float | None:
+def _side(
+    attributes: dict[str, str],
+    name: str,
+    full: float | None,
+    note: Callable[[str, str, str], None],
+) -> float | None:
     """Parse `width` or `height` in px, of which 100 % are `full`; None if it is `auto`."""
     text = attributes.get(name, "auto").strip()
     if text == "auto" or text == "100%" or (text.endswith("%") and full is None):
         return None
-    side = length(text, full)
+    try:
+        side = length(text, full, {"em": MEDIUM, "rem": MEDIUM, "ex": MEDIUM / 2})
+    except ValueError as error:
+        note(INVALID, name, str(error))
+        return None
     if side <= 0:
-        raise ValueError(f"{name}: expected a positive length, got {text!r}.")
+        note(INVALID, name, f"expected a positive length, got {text!r}")
+        return None
     return side
 
 

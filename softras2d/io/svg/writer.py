@@ -17,6 +17,7 @@ from ...scene import Scene, check
 from ...texture.pyramid import TexturePyramid
 from ..drafts import atomic_file
 from .browsers import elements_for_browsers
+from .control_points import SvgControls
 
 _POLYGON = '<polygon points="{},{} {},{} {},{}" {}/>'
 _COLORTRI = '<colortri points="{} {} {} {} {} {}" colors="{}"/>'
@@ -25,13 +26,16 @@ _TEXTRI = '<textri points="{} {} {} {} {} {}" uvs="{}" texid="{}"/>'
 
 def write_svg(
     path: str | os.PathLike[str],
-    scene: Scene,
+    scene: Scene | SvgControls,
     *,
-    height: int,
-    width: int,
+    height: int | None = None,
+    width: int | None = None,
     fallback: bool = False,
 ) -> None:
     """Write `scene` as an SVG file of `width` x `height` pixels that `read_svg` reads back.
+
+    `SvgControls` are written as the file that they were read from, with their control points in
+    place of those of the file, and without `height` and `width`. All else is about a `Scene`.
 
     - A triangle whose corners have equal colours becomes a `<polygon>` without stroke. Its fill is
       `rgb(p% p% p%)`, or `color(srgb r g b)` for colours outside 0..1; its alpha is `fill-opacity`.
@@ -61,6 +65,15 @@ def write_svg(
     `depth`, `inverse_w`, colours of textured triangles, and textures that do not clamp.
     """
     path = Path(path)
+    if isinstance(scene, SvgControls):
+        if height is not None or width is not None or fallback:
+            raise ValueError("`height`, `width` and `fallback` are not for control points.")
+        text = scene.text()
+        with atomic_file(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        return
+    if height is None or width is None:
+        raise ValueError(f"`height` and `width` must be given; got {height} and {width}.")
     _check(path, scene, height, width)
     images = {} if scene.textures is None else _base_levels(path.stem, scene.textures)
     lines = [

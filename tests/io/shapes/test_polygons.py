@@ -9,7 +9,8 @@ from hypothesis.extra import numpy as hnp
 
 from softras2d.io.budget import BudgetError
 from softras2d.io.shapes.ear_clipping import clip_ears
-from softras2d.io.shapes.polygons import is_convex, triangulate, winding_number
+from softras2d.io.shapes.fill_rules import winding_number
+from softras2d.io.shapes.polygons import is_convex, triangulate
 
 SQUARE = np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]])
 ELL = np.array([[0.0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4]])

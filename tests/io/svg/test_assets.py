@@ -155,9 +155,12 @@ def test_missing_image_sizes_follow_the_file(folder, attributes, size):
 
 
 def test_hidden_and_empty_images_draw_nothing(folder):
-    for attributes in ('width="0"', 'height="-3"', 'visibility="hidden"', 'display="none"'):
+    for attributes in ('width="0"', 'visibility="hidden"', 'display="none"'):
         scene = read(folder, f'<image href="a.png" {attributes}/>')
         assert scene.triangles.size == 0
+    with pytest.warns(UserWarning, match="height of <image>.*negative"):
+        scene = read(folder, '<image href="a.png" height="-3"/>')
+    assert scene.triangles.size == 0
     with pytest.warns(UserWarning, match="image without href"):
         read(folder, "<image/>")
 

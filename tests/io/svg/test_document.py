@@ -23,16 +23,27 @@ def test_nested_entities_are_refused():
     entities = "".join(
         f'<!ENTITY l{i} "{"&l" + str(i - 1) + ";" if i else "lol"}">\n' * 1 for i in range(9)
     )
-    assert_refused(f"<!DOCTYPE svg [\n{entities}]>{HEAD}&l8;</svg>", ":2: .*entity")
+    # The first refers to nothing; the second, on the next line, refers to it.
+    assert_refused(f"<!DOCTYPE svg [\n{entities}]>{HEAD}&l8;</svg>", ":3: .*entity")
+    for dialect in ("svg", "course"):
+        assert_refused(f"<!DOCTYPE svg [\n{entities}]>{HEAD}&l8;</svg>", "entity", dialect=dialect)
 
 
 @pytest.mark.parametrize(
     "declaration",
     ['<!ENTITY x SYSTEM "file:///etc/passwd">', '<!ENTITY % x SYSTEM "http://localhost:1/x">%x;',
-     '<!ENTITY x "1">', '<!ENTITY x SYSTEM "a.gif" NDATA gif>'],
+     '<!ENTITY x SYSTEM "a.gif" NDATA gif>', '<!ENTITY x "&#38;y;">', '<!ENTITY x "<rect/>">',
+     f'<!ENTITY x "{"1" * 1000}">', "".join(f'<!ENTITY x{i} "1">' for i in range(1000))],
 )  # fmt: skip
 def test_entities_are_refused(declaration):
     assert_refused(f"<!DOCTYPE svg [{declaration}]>\n{HEAD}</svg>", "<svg>:1: .*entity")
+
+
+def test_short_texts_are_read_as_entities_outside_of_the_course():
+    """Drawing programs declare them for namespaces."""
+    text = f'<!DOCTYPE svg [<!ENTITY x "5">]>{HEAD}<rect width="&x;" height="5"/></svg>'
+    assert float(np.asarray(parse_svg(text).positions).max()) == 5
+    assert_refused(text, "<svg>:1: .*entity", dialect="course")
 
 
 def test_undeclared_entities_are_refused():
@@ -71,7 +82,10 @@ def test_encodings_are_read(encoding):
         ('<?xml version="1.0" encoding="big5"?><svg/>', ":1: .*(encoding|decoded)"),
         (b'<svg width="1" height="1">\n\xff\xfe</svg>', ":2: not well-formed"),
         (b"\0\0\0", ":1: not well-formed"),
-        (gzip.compress(b"<svg/>", mtime=0), "compressed"),
+        (gzip.compress(b"<svg/>" * 50, mtime=0)[:-9], "decompressed: it is cut short"),
+        (b"\x1f\x8bnonsense", "cannot be decompressed"),
+        (gzip.compress(b"<svg", mtime=0), ":1: not well-formed"),
+        (gzip.compress(bytes(65 * 2**20), mtime=0), "larger than 64 MB when decompressed"),
     ],
 )
 @pytest.mark.parametrize("dialect", ["svg", "course"])
@@ -80,12 +94,12 @@ def test_malformed_files_are_refused(text, match, dialect):
 
 
 def test_nesting_is_limited():
-    for opening in ("<g>", '<g opacity="1" transform="scale(1)">', "<circle>", "<defs>"):
+    for opening in ("<g>", '<g opacity="1" transform="scale(1)">', "<circle>", "<text>", "<defs>"):
         count = 5_000
         name = opening.strip("<>").split()[0]
         text = HEAD + opening * count + RECT + f"</{name}>" * count + "</svg>"
-        if name == "circle":
-            with pytest.warns(UserWarning, match="circle"):
+        if name == "text":
+            with pytest.warns(UserWarning, match="text"):
                 parse_svg(text)
         else:
             assert parse_svg(text).triangles.shape[0] == (2 if name == "g" else 0)
@@ -115,6 +129,13 @@ def test_missing_files_are_refused(tmp_path):
         assert "\n" not in str(caught.value)
 
 
+def test_compressed_files_are_read(tmp_path):
+    path = tmp_path / "a.svgz"
+    path.write_bytes(gzip.compress(f"{HEAD}{RECT}</svg>".encode()))
+    assert read_svg(path).triangles.shape[0] == 2
+    assert svg_size(path) == (10, 10)
+
+
 @pytest.mark.parametrize("dialect", ["svg", "course"])
 @pytest.mark.parametrize(
     "element",
@@ -139,8 +160,38 @@ def test_missing_files_are_refused(tmp_path):
 )
 def test_bad_values_name_line_and_element(element, dialect):
     name = element[1:].split()[0]
-    message = assert_refused(f"{HEAD}\n\n{element}\n</svg>", r"<svg>:3: ", dialect=dialect)
+    text = f"{HEAD}\n\n{element}\n</svg>"
+    message = assert_refused(text, r"<svg>:3: ", dialect=dialect, strict=True)
     assert f"<{name}>" in message or "finite" in message
+
+
+@pytest.mark.parametrize(
+    ("element", "attribute"),
+    [
+        ('<rect x="nan" width="1" height="1"/>', "x"),
+        ('<rect x="44mmx" width="1" height="1"/>', "x"),
+        ('<line x1="inf" stroke="#f00"/>', "x1"),
+        ('<polygon points="1,2 3,nan 5,6"/>', "points"),
+        ('<polygon points="1,2 3,4 5,6,"/>', "points"),
+        ('<polygon points="0,0 1,0 1,1" transform="rotate(30 5)"/>', "transform"),
+        ('<g transform="matrix(1 2 3)"/>', "transform"),
+        ('<path d="M 1 2 L 3 x"/>', "d"),
+        ('<rect width="1" height="1" fill-opacity="x"/>', "fill-opacity"),
+        ('<rect width="1" height="1" style="fill:nothing"/>', "fill"),
+    ],
+)
+def test_bad_attributes_do_not_hide_the_rest(element, attribute):
+    """One warning names the attribute, the element and the line, and everything else is drawn."""
+    name = element[1:].split()[0]
+    rest = '<rect x="2" y="3" width="4" height="5" fill="red"/>'
+    with pytest.warns(UserWarning) as caught:
+        scene = parse_svg(f"{HEAD}\n\n{element}{element}\n{rest}</svg>")
+    assert len(caught) == 1
+    warning = str(caught[0].message)
+    assert f"{attribute} of <{name}> (2 times, first in line 3" in warning
+    corners = np.asarray(scene.positions)[np.asarray(scene.triangles)][-2:]
+    assert corners.min(axis=(0, 1)).tolist() == [2, 3]
+    assert corners.max(axis=(0, 1)).tolist() == [6, 8]
 
 
 def test_numbers_beyond_float32_are_refused_when_drawn():

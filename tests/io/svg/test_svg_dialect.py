@@ -172,7 +172,7 @@ def test_the_transform_of_the_root_moves_its_content():
 def test_points_may_be_separated_in_any_way():
     for points in ("0,0 9,0 9,9", "0 0 9 0 9 9", "0,0,9,0,9,9", " 0 ,0\n9, 0\t9 9 ", "0-0 9+0 9 9"):
         assert shape(read(f'<polygon points="{points}"/>')).area == 40.5
-    with pytest.warns(UserWarning, match="odd number of coordinates"):
+    with pytest.warns(UserWarning, match="points of <polygon>.*odd number of coordinates"):
         assert shape(read('<polygon points="0,0 9,0 9,9 7"/>')).area == 40.5
 
 
@@ -284,22 +284,29 @@ def test_colortri_has_corner_colours_and_opacity():
 
 def test_one_warning_names_everything_ignored():
     body = (
-        '<circle r="3"><title/></circle><circle r="4"/><path d=""/><text>hi<tspan>x</tspan></text>'
-        '<defs><linearGradient id="a"><stop/></linearGradient><style>a{}</style></defs>'
-        '<use href="#a"/><rect width="4" height="4" rx="1" fill="url(#a) red"><animate/></rect>'
-        '<rect width="-4" height="4"/><line stroke-dasharray="3" clip-path="url(#b)"/>'
-        '<i:namedview xmlns:i="urn:i"><i:x/></i:namedview><svg><rect width="9" height="9"/></svg>'
+        "<text>hi<tspan>x</tspan></text>\n<text/>"
+        '<rect width="4" height="4" rx="1" fill="url(#a) red" filter="url(#f)"><animate/></rect>'
+        '<defs><pattern id="p"/></defs>\n<rect width="9" height="9" style="fill: url(#p) lime"/>'
+        '<rect width="-4" height="4"/><i:namedview xmlns:i="urn:i"><i:x/></i:namedview>'
     )
     with pytest.warns(UserWarning) as caught:
         scene = read(body)
-    assert scene.triangles.shape[0] == 2
+    assert np.asarray(scene.colors)[-1, 0].tolist() == [0, 1, 0]
     assert str(caught[0].message) == (
-        "<svg>: not drawn: animate (1), circle (2), linearGradient (1), path (1), style (1), "
-        "svg (1), text (1), use (1); without effect: clip-path (1), rect of negative size (1), "
-        "rx or ry of rect (1), stroke-dasharray (1), url(...) paint (1)."
+        "<svg>: not drawn: <text> (2 times, first in line 1), <animate> (line 2); "
+        "without effect: filter of <rect> (line 2: url(#f)), "
+        "fill of <rect> (line 3: patterns are not drawn); "
+        "ignored as invalid: width of <rect> (line 3: must not be negative)."
     )
     assert len(caught) == 1
     assert caught[0].filename == __file__ or "parse_svg" not in str(caught[0].filename)
+
+
+def test_strict_refuses_the_first_thing_that_is_not_drawn():
+    with pytest.raises(ValueError, match=r"^<svg>:2: <rect> filter: url\(#f\)\.$"):
+        read('<circle r="3"/>\n<rect width="4" height="4" filter="url(#f)"/>', strict=True)
+    with pytest.raises(ValueError, match=r"^<svg>:1: <text> not drawn\.$"):
+        read("<text>a</text>", strict=True)
 
 
 def test_prefixed_elements_are_read():
@@ -315,8 +322,18 @@ def test_the_namespace_of_an_element_decides_not_its_prefix():
     root = f'width="9" height="9" xmlns:svg="{NS[7:-1]}" xmlns:other="urn:x"'
     body = '<svg:g><svg:rect width="3" height="3"/></svg:g><other:rect width="5" height="5"/>'
     assert shape(read(body, root)).equals(shapely.box(0, 0, 3, 3))
-    with pytest.warns(UserWarning, match=r"not drawn: circle \(1\)\.$"):
-        read('<svg:circle r="3"/>', root)
+    with pytest.warns(UserWarning, match=r"not drawn: <svg:text> \(line 1\)\.$"):
+        read("<svg:text/>", root)
+
+
+def test_a_foreign_default_namespace_is_not_svg():
+    """Names without prefix are in the default namespace, wherever it is declared."""
+    rect = '<rect width="5" height="5"/>'
+    assert read(f'<g xmlns="urn:x">{rect}</g>').triangles.size == 0
+    mixed = f'<s:g xmlns="urn:x" xmlns:s="{NS[7:-1]}"><s:rect width="3" height="3"/>{rect}</s:g>'
+    assert shape(read(mixed)).equals(shapely.box(0, 0, 3, 3))
+    with pytest.raises(ValueError, match="must be <svg>"):
+        parse_svg(f'<svg xmlns="urn:x" width="9" height="9">{rect}</svg>')
 
 
 def test_no_warning_without_need():

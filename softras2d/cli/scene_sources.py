@@ -1,0 +1,60 @@
+"""Where a scene comes from: a file, standard input (`-`), or a bundled scene by its name.
+
+A file takes precedence over a bundled scene of the same name. This file imports JAX: for use within
+a command.
+"""
+
+import sys
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from .. import scenes
+from ..io.svg.document import MAX_BYTES
+from ..io.svg.reader import parse_svg, parse_svg_size, read_svg, svg_size
+from ..scene import Scene
+
+
+@dataclass(frozen=True)
+class SceneSource:
+    """A scene that the command line names `path`, to be read in `dialect`."""
+
+    path: Path
+    dialect: str
+
+    @property
+    def is_bundled(self) -> bool:
+        """Whether it is a bundled scene."""
+        return str(self.path) in scenes.names() and not self.path.exists()
+
+    @cached_property
+    def _standard_input(self) -> bytes | None:
+        """The content of standard input; None for other sources."""
+        if str(self.path) != "-":
+            return None
+        return sys.stdin.buffer.read(MAX_BYTES + 1)
+
+    def size(self) -> tuple[int, int]:
+        """The (height, width) that the scene gives, in pixels."""
+        if self.is_bundled:
+            return scenes.SIZE, scenes.SIZE
+        try:
+            if self._standard_input is not None:
+                return parse_svg_size(self._standard_input, name="-", dialect=self.dialect)
+            return svg_size(self.path, dialect=self.dialect)
+        except ValueError as error:
+            # Here the size is an option, not an argument.
+            message = str(error).replace("pass `height` and `width`", "use --size WIDTHxHEIGHT")
+            raise ValueError(message) from None
+
+    def read(self, **keywords: Any) -> Scene:
+        """Read the scene; `keywords` are those of `read_svg` without `dialect`."""
+        if self.is_bundled:
+            name = str(self.path)
+            if scenes.is_scripted(name):
+                keywords = {key: keywords[key] for key in ("height", "width")}
+            return scenes.read(name, **keywords)
+        if self._standard_input is not None:
+            return parse_svg(self._standard_input, name="-", dialect=self.dialect, **keywords)
+        return read_svg(self.path, dialect=self.dialect, **keywords)

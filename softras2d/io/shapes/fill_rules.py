@@ -1,0 +1,227 @@
+"""Finds the regions that a fill rule fills, for shapes of one or more closed contours.
+
+GEOS divides the plane into faces along the contours. The winding number of a shape is constant in a
+face, so the fill rule fills each face or leaves it empty.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from jaxtyping import Float, Int
+
+from ..budget import Budget
+from .overlaps import FEW, charge_crossings
+
+
+class _Edges(NamedTuple):
+    """The edges of a shape, from `starts` to `ends`."""
+
+    starts: Float[np.ndarray, "n 2"]
+    ends: Float[np.ndarray, "n 2"]
+
+
+def fill_rule_regions(
+    shapes: Sequence[Sequence[np.ndarray]],
+    evenodd: Sequence[bool],
+    error_indices: Sequence[int],
+    budget: Budget,
+) -> tuple[np.ndarray, Int[np.ndarray, " regions"]]:
+    """Make the shapely polygons that fill shapes; returns them and the shape of each, in order.
+
+    - `shapes`: the contours `[n, 2]` of each shape.
+    - `evenodd`: whether each is filled by the even-odd rule instead of the nonzero rule.
+    - `error_indices`: the indices by which errors name the shapes.
+    """
+    shapes = [_with_area(contours) for contours in shapes]
+    kept = np.flatnonzero([len(contours) > 0 for contours in shapes])
+    shapes = [shapes[i] for i in kept.tolist()]
+    is_evenodd = np.array([evenodd[i] for i in kept.tolist()], bool)
+    error_indices = [error_indices[i] for i in kept.tolist()]
+    if not shapes:
+        return np.zeros(0, object), np.zeros(0, np.int64)
+    edges = [_edges(contours) for contours in shapes]
+    lengths = np.array([len(shape.starts) for shape in edges])
+    is_single = np.array([len(contours) == 1 for contours in shapes])
+    repeats = np.zeros(len(shapes), bool)
+    lines = np.empty(len(shapes), object)
+    for index in np.flatnonzero((lengths > FEW) | ~is_single).tolist():
+        starts, ends = distinct_edges(*edges[index])
+        if lengths[index] > FEW:
+            charge_crossings(starts, ends, budget, error_indices[index])
+        repeats[index] = len(starts) < lengths[index]
+        segments: Any = shapely.linestrings(np.stack([starts, ends], axis=1))
+        lines[index] = shapely.multilinestrings(segments)
+    # A contour with repeated edges is not simple; GEOS would take long to find that out.
+    candidates = np.flatnonzero(is_single & ~repeats)
+    polygons, is_simple = np.empty(len(shapes), object), np.zeros(len(shapes), bool)
+    if len(candidates):
+        contours = [shapes[i][0] for i in candidates.tolist()]
+        rings: Any = shapely.linearrings(
+            np.concatenate(contours),
+            indices=np.repeat(np.arange(len(contours)), [*map(len, contours)]),
+        )
+        polygons[candidates] = shapely.polygons(rings)
+        is_simple[candidates] = shapely.is_valid(polygons[candidates])
+        lines[candidates] = rings
+    faces, shape_of_face = _faces(lines, np.flatnonzero(~is_simple), lengths, error_indices, budget)
+    inside = shapely.get_coordinates(shapely.point_on_surface(faces))
+    winding = _windings(edges, lengths, inside, shape_of_face, error_indices, budget)
+    is_filled = np.where(is_evenodd[shape_of_face], winding % 2 != 0, winding != 0)
+    shape = np.concatenate([np.flatnonzero(is_simple), shape_of_face[is_filled]])
+    order = np.argsort(shape, kind="stable")
+    regions = np.concatenate([polygons[is_simple], faces[is_filled]])
+    return regions[order], kept[shape[order]]
+
+
+def _with_area(contours: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Contours of at least three points, without points that equal the point before them."""
+    tidy = [c[(c != np.roll(c, 1, axis=0)).any(axis=1)] if len(c) > 3 else c for c in contours]
+    return [contour for contour in tidy if len(contour) > 2]
+
+
+def _edges(contours: Sequence[np.ndarray]) -> _Edges:
+    ends = [np.roll(contour, -1, axis=0) for contour in contours]
+    return _Edges(np.concatenate(contours), np.concatenate(ends))
+
+
+def distinct_edges(starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges `[edges, 2]` without repetitions, also in reverse."""
+    swap = (starts[:, 0] > ends[:, 0]) | (
+        (starts[:, 0] == ends[:, 0]) & (starts[:, 1] > ends[:, 1])
+    )
+    keys = np.where(
+        swap[:, None], np.concatenate([ends, starts], 1), np.concatenate([starts, ends], 1)
+    )
+    _, first = np.unique(keys, axis=0, return_index=True)
+    first.sort()
+    return starts[first], ends[first]
+
+
+def _faces(
+    lines: np.ndarray,
+    crossing: Int[np.ndarray, " crossing"],
+    lengths: Int[np.ndarray, " shapes"],
+    error_indices: Sequence[int],
+    budget: Budget,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Faces into which contours divide the plane, and the shape of each.
+
+    - `lines`: the edges of every shape, as shapely lines; `lengths`: their numbers.
+    - `crossing`: the indices of the shapes that cross themselves or have several contours.
+    """
+    all_faces, owners = [np.zeros(0, object)], [np.zeros(0, np.int64)]
+    # Crossings of large shapes have been charged. Small shapes are processed in blocks, which
+    # bounds the number of faces, and then charged for the faces beyond their number of vertices.
+    weights = np.cumsum(lengths[crossing] * np.minimum(lengths[crossing], FEW))
+    start = 0
+    while start < len(crossing):
+        done = weights[start - 1] if start else 0
+        stop = max(int(np.searchsorted(weights, done + 2**19, side="right")), start + 1)
+        chosen = crossing[start:stop]
+        noded: Any = shapely.node(lines[chosen])
+        faces, row = shapely.get_parts(shapely.polygonize(noded[:, None]), return_index=True)
+        face_counts = np.bincount(row, minlength=len(chosen))
+        indices = [error_indices[index] for index in chosen.tolist()]
+        is_small = lengths[chosen] <= FEW
+        excess = np.where(is_small, np.maximum(face_counts - lengths[chosen], 0), 0)
+        budget.charge_each("crossings", excess, indices)
+        budget.charge_each("triangles", face_counts, indices)
+        all_faces.append(faces)
+        owners.append(chosen[row])
+        start = stop
+    return np.concatenate(all_faces), np.concatenate(owners)
+
+
+def _windings(
+    edges: Sequence[_Edges],
+    lengths: Int[np.ndarray, " shapes"],
+    points: Float[np.ndarray, "points 2"],
+    shape_of_point: Int[np.ndarray, " points"],
+    error_indices: Sequence[int],
+    budget: Budget,
+) -> Int[np.ndarray, " points"]:
+    """Winding number of one shape around each point: that of index `shape_of_point`."""
+    winding = np.zeros(len(points), np.int64)
+    for length in np.unique(lengths[shape_of_point]).tolist():
+        members = np.flatnonzero(lengths[shape_of_point] == length)
+        if length > FEW:
+            for index in np.unique(shape_of_point[members]).tolist():
+                chosen = members[shape_of_point[members] == index]
+                winding[chosen] = _winding_by_rays(
+                    edges[index], points[chosen], budget, error_indices[index]
+                )
+            continue
+        block_size = 2**20 // length + 1
+        for start in range(0, len(members), block_size):
+            chosen = members[start : start + block_size]
+            owners = shape_of_point[chosen].tolist()
+            starts = np.stack([edges[index].starts for index in owners])
+            ends = np.stack([edges[index].ends for index in owners])
+            winding[chosen] = _ray_turns(starts, ends, points[chosen][:, None]).sum(axis=1)
+    return winding
+
+
+def _winding_by_rays(
+    edges: _Edges, points: Float[np.ndarray, "points 2"], budget: Budget, error_index: int
+) -> Int[np.ndarray, " points"]:
+    """Winding number of one shape of many edges around many points.
+
+    Only edges that a ray from the point may meet are tested. Rays run along x or along y, whichever
+    meets fewer edges.
+    """
+    starts, ends = edges
+    low, high = np.minimum(starts, ends), np.maximum(starts, ends)
+    # For each axis: a bound on the edges that the ray of each point may meet.
+    max_edges = [
+        np.searchsorted(np.sort(low[:, axis]), points[:, axis], side="right")
+        - np.searchsorted(np.sort(high[:, axis]), points[:, axis], side="left")
+        for axis in (0, 1)
+    ]
+    axis = int(np.argmin([counts.sum() for counts in max_edges]))
+    budget.charge("pairs", int(max_edges[axis].sum()), error_index)
+    if axis == 0:
+        # Swap x and y, so that the ray runs along x. This reverses the sign of the winding number.
+        starts, ends, points = starts[:, ::-1], ends[:, ::-1], points[:, ::-1]
+        low, high = low[:, ::-1], high[:, ::-1]
+    tree = shapely.STRtree(shapely.box(*low.T, *high.T))
+    right = np.full(len(points), high[:, 0].max())
+    rays: Any = shapely.box(points[:, 0], points[:, 1], right, points[:, 1])
+    # Points are processed in blocks that meet at most 2^20 edges, or one point each.
+    edges_up_to = np.cumsum(max_edges[axis])
+    winding = np.zeros(len(points), np.int64)
+    start = 0
+    while start < len(points):
+        done = edges_up_to[start - 1] if start else 0
+        stop = max(int(np.searchsorted(edges_up_to, done + 2**20, side="right")), start + 1)
+        point, edge = tree.query(rays[start:stop])
+        turns = _ray_turns(starts[edge], ends[edge], points[start + point])
+        winding[start:stop] = np.bincount(point, turns, minlength=stop - start)
+        start = stop
+    return winding if axis == 1 else -winding
+
+
+def winding_number(
+    contours: Float[np.ndarray, "m n 2"], points: Float[np.ndarray, "m 2"]
+) -> Int[np.ndarray, " m"]:
+    """Winding number of each closed contour around its point.
+
+    It is the number of edges that cross the ray from the point to the right, with a sign for their
+    direction in y.
+
+    **Source:** Sunday, *Inclusion of a point in a polygon* (2001).
+    """
+    return _ray_turns(contours, np.roll(contours, -1, axis=1), points[:, None]).sum(axis=1)
+
+
+def _ray_turns(a: np.ndarray, b: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Sign of the crossing of edge a-b with the ray to the right of a point; 0 if there is none.
+
+    It is 1 if y increases from a to b, and -1 if it decreases.
+    """
+    up = (a[..., 1] <= points[..., 1]) & (b[..., 1] > points[..., 1])
+    down = (a[..., 1] > points[..., 1]) & (b[..., 1] <= points[..., 1])
+    edge, to_point = b - a, points - a
+    side = edge[..., 0] * to_point[..., 1] - edge[..., 1] * to_point[..., 0]
+    return (up & (side > 0)).astype(np.int64) - (down & (side < 0))

@@ -1,0 +1,279 @@
+"""Flattens paths of lines, Bezier curves and elliptical arcs to polygons, within a tolerance.
+
+A curve is evaluated at parameters that depend on its control points only through their number. Each
+vertex of the polygon is therefore a fixed linear combination of control points, with Bernstein
+polynomials as weights, and can be moved with them.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..budget import Budget
+
+TOLERANCE = 0.02
+"""Default for the largest distance between a curve and its polygon, in pixels."""
+
+_MAX_SEGMENTS = 2**16
+"""Limit of segments of one curve, which a curve within float32 reaches only at a great scale."""
+
+
+@dataclass
+class Path:
+    """Subpaths of lines, curves and arcs, in user units.
+
+    - `points`: all control points, `(x, y)`.
+    - `subpaths`: for each, its segments, and whether it is closed.
+    - `fixed`: points that are no control points, as they follow from an arc or a radius.
+    """
+
+    points: list[tuple[float, float]] = field(default_factory=list)
+    subpaths: list["Subpath"] = field(default_factory=list)
+    fixed: set[int] = field(default_factory=set)
+
+    def add_point(self, x: float, y: float) -> int:
+        """Add a control point; returns its index."""
+        self.points.append((x, y))
+        return len(self.points) - 1
+
+
+@dataclass
+class Subpath:
+    """A chain of segments from the point of index `start`.
+
+    `segments` are the indices of the other control points of each: one for a line, two for a
+    quadratic Bezier curve, three for a cubic one. An `Arc` stands for an elliptical arc.
+    """
+
+    start: int
+    segments: list["tuple[int, ...] | Arc"] = field(default_factory=list)
+    closed: bool = False
+
+
+class Arc(NamedTuple):
+    """An elliptical arc: center + cos(angle) major + sin(angle) minor.
+
+    The angle, in radians, runs from `start_angle` through `turn`. `end` is the index of the last
+    point.
+    """
+
+    end: int
+    center: tuple[float, float]
+    major: tuple[float, float]
+    minor: tuple[float, float]
+    start_angle: float
+    turn: float
+
+
+class FlatPath(NamedTuple):
+    """Polygons or chains, one after the other.
+
+    - `points`: `[n, 2]`, in user units.
+    - `starts`: index of the first point of each contour.
+    - `closed`: whether each contour is closed; its last point never equals its first then.
+    - `smooth`: whether a point lies inside a curve.
+    - `controls`, `weights`: the control points of which each point is a linear combination;
+      controls of weight 0 are arbitrary. A point of negative `controls` is constant.
+    """
+
+    points: Float[np.ndarray, "n 2"]
+    starts: Int[np.ndarray, " contours"]
+    closed: Bool[np.ndarray, " contours"]
+    smooth: Bool[np.ndarray, " n"]
+    controls: Int[np.ndarray, "n 4"]
+    weights: Float[np.ndarray, "n 4"]
+
+    def contours(self, points: np.ndarray) -> list[np.ndarray]:
+        """Cut one array with a row for each point into the contours."""
+        return np.split(points, self.starts[1:]) if len(self.starts) else []
+
+
+def arc_between(
+    start: tuple[float, float],
+    end: tuple[float, float],
+    radii: tuple[float, float],
+    rotation: float,
+    large: bool,
+    sweep: bool,
+) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float], float, float] | None:
+    """The ellipse of an SVG arc: center, both half axes, start angle and turn.
+
+    None for an arc that is a straight line, because a radius is zero or the ends are equal.
+
+    **Source:** SVG 2, appendix B.2.4 and B.2.5.
+    """
+    rx, ry = abs(radii[0]), abs(radii[1])
+    if rx == 0 or ry == 0 or start == end:
+        return None
+    cos, sin = math.cos(math.radians(rotation)), math.sin(math.radians(rotation))
+    half_x, half_y = (start[0] - end[0]) / 2, (start[1] - end[1]) / 2
+    # Half of the chord, in units in which the ellipse is a unit circle.
+    u, v = (cos * half_x + sin * half_y) / rx, (-sin * half_x + cos * half_y) / ry
+    squared = u * u + v * v
+    if squared > 1:
+        scale = math.sqrt(squared)
+        rx, ry, u, v, squared = rx * scale, ry * scale, u / scale, v / scale, 1.0
+    if not 0 < squared < math.inf:
+        return None
+    to_center = math.sqrt(max(1 / squared - 1, 0.0)) * (-1 if large == sweep else 1)
+    center_u, center_v = to_center * v, -to_center * u
+    middle_x, middle_y = (start[0] + end[0]) / 2, (start[1] + end[1]) / 2
+    center = (
+        middle_x + cos * center_u * rx - sin * center_v * ry,
+        middle_y + sin * center_u * rx + cos * center_v * ry,
+    )
+    first = math.atan2(v - center_v, u - center_u)
+    last = math.atan2(-v - center_v, -u - center_u)
+    turn = (last - first) % (2 * math.pi)
+    if not sweep:
+        turn -= 2 * math.pi
+    return center, (rx * cos, rx * sin), (-ry * sin, ry * cos), first, turn
+
+
+def flatten(
+    path: Path,
+    linear: Float[np.ndarray, "2 2"],
+    tolerance: float,
+    budget: Budget,
+) -> FlatPath:
+    """Flatten a path, so that no curve is farther than `tolerance` pixels from its polygon.
+
+    `linear` maps vectors in user units to pixels.
+    """
+    control = np.array(path.points, np.float64).reshape(-1, 2)
+    if all(len(s) == 1 for subpath in path.subpaths for s in subpath.segments):
+        return _polygons(path, control, budget)
+    # Rows of segments: indices of control points padded to four, degree, ends of contours.
+    rows, degrees, contour_rows = [], [], [0]
+    arcs: list[tuple[int, Arc]] = []
+    closed = []
+    for subpath in path.subpaths:
+        previous = subpath.start
+        for segment in subpath.segments:
+            if isinstance(segment, Arc):
+                arcs.append((len(rows), segment))
+                rows.append((previous, previous, previous, segment.end))
+                degrees.append(0)
+                previous = segment.end
+                continue
+            rows.append(_padded(previous, segment))
+            degrees.append(len(segment))
+            previous = segment[-1]
+        is_closed = subpath.closed and (
+            not subpath.segments or path.points[previous] == path.points[subpath.start]
+        )
+        # The last point of an open contour is a segment of one point.
+        if not (is_closed and subpath.segments):
+            rows.append((previous,) * 4)
+            degrees.append(-1)
+        closed.append(subpath.closed)
+        contour_rows.append(len(rows))
+    rows = np.array(rows, np.int64).reshape(-1, 4)
+    degrees = np.array(degrees, np.int64)
+    counts = _segment_counts(control, rows, degrees, linear, tolerance)
+    for row, arc in arcs:
+        counts[row] = _arc_segments(arc, linear, tolerance)
+    budget.charge("points", int(counts.sum()))
+    segment = np.repeat(np.arange(len(rows)), counts)
+    first_point = np.cumsum(counts) - counts
+    step = np.arange(len(segment)) - first_point[segment]
+    t = step / counts[segment]
+    controls, weights = rows[segment], _bernstein(degrees[segment], t)
+    points = np.einsum("nk,nkc->nc", weights, control[controls]) if len(control) else control
+    smooth = step > 0
+    for row, arc in arcs:
+        inside = slice(first_point[row] + 1, first_point[row] + counts[row])
+        angle = arc.start_angle + arc.turn * t[inside, None]
+        points[inside] = arc.center + np.cos(angle) * arc.major + np.sin(angle) * arc.minor
+        controls[inside] = -1
+    if path.fixed:
+        controls[np.isin(controls, list(path.fixed)).any(axis=1)] = -1
+    starts = np.append(first_point, len(segment))[np.array(contour_rows[:-1], np.int64)]
+    return FlatPath(points, starts, np.array(closed, bool), smooth, controls, weights)
+
+
+def _polygons(path: Path, control: np.ndarray, budget: Budget) -> FlatPath:
+    """The contours of a path of lines alone, each point of which is a control point."""
+    indices: list[int] = []
+    starts, closed = [], []
+    for subpath in path.subpaths:
+        starts.append(len(indices))
+        closed.append(subpath.closed)
+        indices.append(subpath.start)
+        indices += [segment[-1] for segment in subpath.segments if not isinstance(segment, Arc)]
+        if subpath.closed and len(subpath.segments) and indices[-1] == subpath.start:
+            indices.pop()
+    budget.charge("points", len(indices))
+    index = np.array(indices, np.int64)
+    controls = np.repeat(index[:, None], 4, axis=1)
+    if path.fixed:
+        controls[np.isin(index, list(path.fixed))] = -1
+    weights = np.zeros((len(index), 4))
+    weights[:, 0] = 1.0
+    smooth = np.zeros(len(index), bool)
+    points = control[index] if len(index) else np.zeros((0, 2))
+    return FlatPath(
+        points, np.array(starts, np.int64), np.array(closed, bool), smooth, controls, weights
+    )
+
+
+def _padded(start: int, segment: tuple[int, ...]) -> tuple[int, int, int, int]:
+    if len(segment) == 3:
+        return start, *segment
+    return (start, segment[0], segment[-1], segment[-1])
+
+
+def _segment_counts(
+    control: np.ndarray,
+    rows: Int[np.ndarray, "segments 4"],
+    degrees: Int[np.ndarray, " segments"],
+    linear: np.ndarray,
+    tolerance: float,
+) -> Int[np.ndarray, " segments"]:
+    """Numbers of chords that keep curves within `tolerance`; 1 for lines.
+
+    The distance between a curve of degree d and the chord of a parameter interval h is at most
+    h^2 / 8 times the largest second derivative, which is d (d - 1) times a second difference of
+    control points.
+
+    **Source:** Wang, *The subdivision method for finding the intersection between two Bezier
+    curves or surfaces* (1984).
+    """
+    counts = np.ones(len(rows), np.int64)
+    is_curve = degrees >= 2
+    if not is_curve.any():
+        return counts
+    a, b, c, d = np.moveaxis(control[rows[is_curve]] @ linear.T, 1, 0)
+    is_cubic = degrees[is_curve] == 3
+    first = np.hypot(*(a - 2 * b + c).T)
+    second = np.where(is_cubic, np.hypot(*(b - 2 * c + d).T), 0.0)
+    derivative = np.where(is_cubic, 6.0, 2.0) * np.maximum(first, second)
+    wanted = np.ceil(np.sqrt(derivative / (8 * tolerance)))
+    counts[is_curve] = np.clip(np.nan_to_num(wanted, nan=1.0), 1, _MAX_SEGMENTS).astype(np.int64)
+    return counts
+
+
+def _arc_segments(arc: Arc, linear: np.ndarray, tolerance: float) -> int:
+    """Number of chords of an arc: the sagitta of the larger radius is at most `tolerance`."""
+    axes = linear @ np.array([arc.major, arc.minor]).T
+    radius = float(np.linalg.norm(axes, 2)) if np.isfinite(axes).all() else 0.0
+    if radius <= tolerance:
+        return max(1, math.ceil(abs(arc.turn) / (math.pi / 2)))
+    max_angle = 2 * math.acos(1 - tolerance / radius)
+    return int(min(max(1, math.ceil(abs(arc.turn) / max(max_angle, 1e-6))), _MAX_SEGMENTS))
+
+
+def _bernstein(
+    degree: Int[np.ndarray, " n"], t: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n 4"]:
+    """Weights of four control points, of which curves of lower degree use the first ones."""
+    s = 1 - t
+    weights = np.zeros((len(t), 4))
+    weights[:, 0] = np.where(degree == 3, s**3, np.where(degree == 2, s**2, s))
+    weights[:, 1] = np.where(degree == 3, 3 * s**2 * t, np.where(degree == 2, 2 * s * t, t))
+    weights[:, 2] = np.where(degree == 3, 3 * s * t**2, np.where(degree == 2, t**2, 0.0))
+    weights[:, 3] = np.where(degree == 3, t**3, 0.0)
+    return weights

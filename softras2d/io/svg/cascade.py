@@ -1,0 +1,269 @@
+"""Finds the declarations of every element: attributes, style sheets and `style`, in their order.
+
+tinycss2 parses style sheets, and cssselect2 matches selectors. What is left to do here is to sort
+declarations by importance and to bound the work.
+
+**Source:** *CSS Cascading and Inheritance 4*, section 6; SVG 2, section 6.6 (presentation
+attributes precede all style sheets, with specificity 0).
+"""
+
+from typing import Any, NamedTuple
+
+import cssselect2
+import tinycss2
+
+from ..budget import Budget
+from .css_color import nesting
+from .notices import INVALID, WITHOUT_EFFECT, Notices
+from .tree import Element
+
+_MAX_NESTING = 32
+"""Limit of brackets within brackets in CSS, since tinycss2 recurses for each."""
+
+_MAX_SELECTORS = 20_000
+"""Limit of selectors of a document, since each is compiled by Python."""
+
+_PSEUDO_CLASSES = frozenset(
+    [
+        "root",
+        "empty",
+        "first-child",
+        "last-child",
+        "only-child",
+        "link",
+        "visited",
+        "hover",
+        "active",
+        "focus",
+        "target",
+        "focus-within",
+        "focus-visible",
+        "any-link",
+        "enabled",
+        "disabled",
+        "checked",
+    ]
+)
+"""Pseudo-classes that take constant time."""
+
+_COSTLY_PSEUDO_CLASSES = frozenset(["first-of-type", "last-of-type", "only-of-type"])
+"""Pseudo-classes that look at all siblings."""
+
+_FUNCTIONS = {
+    "not": False, "is": False, "where": False, "matches": False, "nth-child": False,
+    "nth-last-child": False, "nth-of-type": True, "nth-last-of-type": True,
+}  # fmt: skip
+"""Functional pseudo-classes, and whether they look at all siblings. `has` is left out."""
+
+
+class Declarations(NamedTuple):
+    """Values by property name.
+
+    - `css`: from style sheets and the attribute `style`.
+    - `attributes`: all attributes of the element; those that are presentation attributes have an
+      effect where `css` has no value.
+    """
+
+    css: dict[str, str]
+    attributes: dict[str, str]
+
+
+class _Rule(NamedTuple):
+    """Declarations of a rule: (important, normal), and the cost of testing its selector."""
+
+    important: dict[str, str]
+    normal: dict[str, str]
+    descendants: int
+    looks_at_siblings: bool
+
+
+class Cascade:
+    """The style sheets of a document.
+
+    `notices` receives what is invalid; `budget` is charged for tests of selectors.
+    """
+
+    def __init__(self, notices: Notices, budget: Budget):
+        self._notices = notices
+        self._matcher = _ChargedMatcher(budget)
+        self._selectors = 0
+
+    def add_sheet(self, element: Element) -> None:
+        """Add the rules of a `<style>` element."""
+        kind = element.attrib.get("type", "text/css").strip().lower() or "text/css"
+        if kind != "text/css":
+            return
+        if not _is_for_screens(element.attrib.get("media", "")):
+            return
+        text = "".join(element.texts)
+        if nesting(text) > _MAX_NESTING:
+            detail = f"brackets are nested deeper than {_MAX_NESTING}"
+            self._notices.add(INVALID, element.tag, element.line, "text", detail)
+            return
+        try:
+            rules = tinycss2.parse_stylesheet(text, skip_comments=True, skip_whitespace=True)
+        except ValueError as error:
+            # Raised for integers of thousands of digits.
+            self._notices.add(INVALID, element.tag, element.line, "text", str(error))
+            return
+        self._add_rules(rules, element)
+
+    def _add_rules(self, rules: list[Any], element: Element) -> None:
+        for rule in rules:
+            if rule.type == "qualified-rule":
+                self._add_rule(rule, element)
+            elif rule.type == "at-rule" and rule.lower_at_keyword == "media" and rule.content:
+                if _is_for_screens(tinycss2.serialize(rule.prelude)):
+                    inner = tinycss2.parse_rule_list(
+                        rule.content, skip_comments=True, skip_whitespace=True
+                    )
+                    self._add_rules(inner, element)
+            elif rule.type == "at-rule":
+                # Character sets and namespaces change nothing here.
+                if rule.lower_at_keyword not in ("charset", "namespace"):
+                    name = f"@{rule.lower_at_keyword}"
+                    self._notices.add(WITHOUT_EFFECT, element.tag, element.line, name)
+            else:
+                self._notices.add(INVALID, element.tag, element.line, "rule", str(rule.message))
+
+    def _add_rule(self, rule: Any, element: Element) -> None:
+        important, normal = self._parsed(rule.content, element, "rule")
+        selector_text = tinycss2.serialize(rule.prelude).strip()
+        cost = _selector_cost(rule.prelude)
+        try:
+            if cost is None:
+                raise cssselect2.SelectorError("is not supported")
+            selectors = cssselect2.compile_selector_list(rule.prelude)
+        except (cssselect2.SelectorError, NotImplementedError, SyntaxError, ValueError):
+            # A rule with one invalid selector is dropped as a whole.
+            self._notices.add(WITHOUT_EFFECT, element.tag, element.line, "selector", selector_text)
+            return
+        self._selectors += len(selectors)
+        if self._selectors > _MAX_SELECTORS:
+            raise ValueError(f"brings the style sheets to more than {_MAX_SELECTORS} selectors.")
+        for selector in selectors:
+            if selector.pseudo_element is None:
+                self._matcher.add_selector(selector, _Rule(important, normal, *cost))
+
+    def declarations(self, element: Element) -> Declarations:
+        """The declarations of an element that take effect."""
+        text = element.attrib.get("style")
+        if not self._selectors:
+            if text is None:
+                return Declarations({}, element.attrib)
+            important, normal = self._style_attribute(text, element)
+            return Declarations(normal | important if important else normal, element.attrib)
+        rules = [payload for _, _, _, payload in self._matcher.match(element)]
+        inline = ({}, {}) if text is None else self._style_attribute(text, element)
+        if not rules:
+            return Declarations(inline[1] | inline[0], element.attrib)
+        css: dict[str, str] = {}
+        for rule in rules:
+            css |= rule.normal
+        css |= inline[1]
+        for rule in rules:
+            css |= rule.important
+        return Declarations(css | inline[0], element.attrib)
+
+    def _style_attribute(self, text: str, element: Element) -> tuple[dict, dict]:
+        if not set("\"'\\{}[]@/(!") & set(text):
+            # This common form takes a tenth of the time of the parser.
+            pairs = (declaration.partition(":") for declaration in text.split(";"))
+            plain = {n.strip().lower(): v.strip() for n, colon, v in pairs if colon and v.strip()}
+            if all(name.replace("-", "").isalpha() for name in plain):
+                return {}, plain
+        return self._parsed(text, element, "style")
+
+    def _parsed(self, content: Any, element: Element, attribute: str) -> tuple[dict, dict]:
+        """Important and normal declarations of a block, or of the text of a `style` attribute."""
+        if isinstance(content, str) and nesting(content) > _MAX_NESTING:
+            detail = f"brackets are nested deeper than {_MAX_NESTING}"
+            self._notices.add(INVALID, element.tag, element.line, attribute, detail)
+            return {}, {}
+        important: dict[str, str] = {}
+        normal: dict[str, str] = {}
+        try:
+            nodes = tinycss2.parse_blocks_contents(
+                content, skip_comments=True, skip_whitespace=True
+            )
+        except ValueError as error:
+            self._notices.add(INVALID, element.tag, element.line, attribute, str(error))
+            return {}, {}
+        for node in nodes:
+            if node.type != "declaration":
+                detail = getattr(node, "message", node.type)
+                self._notices.add(INVALID, element.tag, element.line, attribute, detail)
+                continue
+            values = important if node.important else normal
+            # Moved to the end, so that the order of shorthands and longhands counts.
+            values.pop(node.lower_name, None)
+            values[node.lower_name] = tinycss2.serialize(node.value).strip()
+        return important, normal
+
+
+class _ChargedMatcher(cssselect2.Matcher):
+    """A matcher that charges `selector_tests` to a budget before it tests selectors."""
+
+    def __init__(self, budget: Budget):
+        super().__init__()
+        self._budget = budget
+
+    def add_relevant_selectors(self, element: Element, selectors: list, relevant: list) -> None:
+        """Test selectors; called by `match`."""
+        if not selectors:
+            return
+        tests = len(selectors)
+        depth = None
+        for *_, rule in selectors:
+            if rule.descendants:
+                depth = sum(1 for _ in element.ancestors) if depth is None else depth
+                tests += _choices(depth, rule.descendants)
+            if rule.looks_at_siblings:
+                tests += len(element.etree_siblings)
+        self._budget.charge("selector_tests", tests)
+        super().add_relevant_selectors(element, selectors, relevant)
+
+
+def _choices(depth: int, count: int) -> int:
+    """An upper bound on the ways to choose `count` nested ancestors among `depth`."""
+    choices = 1
+    for k in range(min(count, depth)):
+        choices = choices * (depth - k) // (k + 1)
+        if choices > 2**40:
+            break
+    return max(choices, depth)
+
+
+def _selector_cost(prelude: list[Any]) -> tuple[int, bool] | None:
+    """Number of descendant combinators, and whether siblings are looked at.
+
+    None for selectors that are not supported because of the time that they take.
+    """
+    descendants, looks_at_siblings = 0, False
+    previous = None
+    for token in prelude:
+        if token.type == "whitespace":
+            descendants += 1
+        elif token.type == "literal" and token.value == "~":
+            looks_at_siblings = True
+            descendants += 1
+        elif token.type == "ident" and previous == ":":
+            if token.lower_value in _COSTLY_PSEUDO_CLASSES:
+                looks_at_siblings = True
+            elif token.lower_value not in _PSEUDO_CLASSES:
+                return None
+        elif token.type == "function":
+            if token.lower_name not in _FUNCTIONS:
+                return None
+            looks_at_siblings |= _FUNCTIONS[token.lower_name]
+            if any(argument.type == "function" for argument in token.arguments):
+                return None
+            descendants += sum(argument.type == "whitespace" for argument in token.arguments)
+        previous = token.value if token.type == "literal" else None
+    return descendants, looks_at_siblings
+
+
+def _is_for_screens(media: str) -> bool:
+    """Whether a list of media is empty or names screens or all media, without conditions."""
+    names = [name.strip().lower() for name in media.split(",")]
+    return not media.strip() or any(name in ("all", "screen", "only screen") for name in names)

@@ -1,0 +1,323 @@
+"""Maps the control points of a drawing to the vertices of its triangles.
+
+A curve is flattened at fixed parameters, so that each vertex of a filled path is a fixed linear
+combination of at most four control points. The map is therefore affine, and exact as long as the
+points keep the order of the triangulation: it moves the triangles, and makes no new ones.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+from xml.parsers import expat
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ...scene import Scene
+from ..shapes.paths import Arc, Path
+from .display_list import Triangles
+from .document import Document, SvgError
+from .page import elements
+from .painting import Source
+from .sinks import Canvas
+from .tree import Element
+
+_ATTRIBUTE = {"path": "d", "polygon": "points", "polyline": "points"}
+"""The attribute that holds the control points of an element."""
+
+
+class ControlledPath(NamedTuple):
+    """The control points of one element of a file.
+
+    - `element`: its number in document order; `attribute`: where its points are written.
+    - `first`: index of its first control point.
+    - `path`: its path, whose points are those of the file.
+    """
+
+    element: int
+    attribute: str
+    first: int
+    path: Path
+
+
+class SvgControls(eqx.Module):
+    """A drawing, its control points, and the affine map from these to the scene's vertices.
+
+    - `scene`: the scene as `read_svg` returns it.
+    - `points`: `[points, 2]`, control points of all filled paths, polygons and polylines, in the
+      units of their elements, in document order.
+    - `controls`, `weights`: four control points for each vertex, and their weights.
+    - `linear`, `offset`: for each vertex, the map from the element's units to pixels; a constant
+      vertex has weights of zero and itself as offset.
+    - `constant_vertices`: numbers of vertices that are constants in the map, by their cause:
+      `"cut"` (made where shapes cross, are clipped, cut or divided), `"radius"` (on arcs, circles,
+      ellipses and rects), and `"other"` (of strokes, images and triangles of their own).
+
+    Vertices inside of a translucent fill count as cut. The image does not depend on them.
+    """
+
+    scene: Scene
+    points: Float[Array, "points 2"]
+    controls: Int[Array, "vertices 4"]
+    weights: Float[Array, "vertices 4"]
+    linear: Float[Array, "vertices 2 2"]
+    offset: Float[Array, "vertices 2"]
+    constant_vertices: Mapping[str, int] = eqx.field(static=True)
+    _document: Document = eqx.field(static=True)
+    _paths: tuple[ControlledPath, ...] = eqx.field(static=True)
+
+    def positions(self, points: Float[Array, "points 2"]) -> Float[Array, "vertices 2"]:
+        """The vertices of the scene, in pixels, for these control points. Differentiable.
+
+        They have the dtype of `points`.
+        """
+        weights, linear, offset = (
+            array.astype(points.dtype) for array in (self.weights, self.linear, self.offset)
+        )
+        if len(points) == 0:
+            return offset
+        combined = jnp.einsum("vk,vkc->vc", weights, points[self.controls])
+        return jnp.einsum("vij,vj->vi", linear, combined) + offset
+
+    def moved(self, points: Float[Array, "points 2"]) -> Scene:
+        """The scene with its vertices at `positions(points)`."""
+        return replace(self.scene, positions=self.positions(points))
+
+    def matrix(self) -> Any:
+        """The linear part of the map as a `scipy.sparse` matrix.
+
+        It maps `points.ravel()` to `positions(points).ravel() - offset.ravel()`.
+        """
+        from scipy import sparse
+
+        count = len(self.controls)
+        weights, linear = np.asarray(self.weights, np.float64), np.asarray(self.linear, np.float64)
+        controls = np.asarray(self.controls)
+        # [vertices, axis of the vertex, control, axis of the control]
+        values = np.einsum("vk,vij->vikj", weights, linear)
+        rows = np.broadcast_to(
+            2 * np.arange(count)[:, None, None, None] + np.arange(2)[:, None, None], values.shape
+        )
+        columns = np.broadcast_to(
+            2 * controls[:, None, :, None] + np.arange(2)[None, None, None], values.shape
+        )
+        shape = (2 * count, 2 * max(len(self.points), 1))
+        matrix = sparse.coo_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape)
+        matrix = matrix.tocsr()
+        matrix.eliminate_zeros()
+        return matrix
+
+    def text(self, points: Any = None) -> str:
+        """The text of the file with these control points, by default with `self.points`.
+
+        Only the attributes that hold the points change; numbers are rounded to float32.
+        """
+        points = np.asarray(self.points if points is None else points, np.float64)
+        if points.shape != self.points.shape or not np.isfinite(points).all():
+            raise ValueError(
+                f"`points` must be finite and of shape {self.points.shape}; got {points.shape}."
+            )
+        texts = {}
+        for path in self._paths:
+            own = points[path.first : path.first + len(path.path.points)]
+            written = _path_data if path.attribute == "d" else _point_list
+            texts[path.element] = (path.attribute, written(path.path, own))
+        return _with_attributes(self._document, texts)
+
+
+def make_controls(
+    document: Document,
+    root: Element,
+    scene: Scene,
+    triangles: Triangles,
+    canvas: Canvas,
+    sources: list[Source],
+) -> SvgControls:
+    """Find the control points of each vertex. Raises `ValueError` for a map in perspective."""
+    paths = _controlled_paths(root, sources)
+    first = {id(element): path.first for element, path in paths}
+    points = np.array([p for _, path in paths for p in path.path.points]).reshape(-1, 2)
+    vertices = np.asarray(triangles.corners).reshape(-1, 2)
+    source_of_draw = np.full(int(triangles.draw.max(initial=-1)) + 1, -1)
+    for draw, source in canvas.sources.items():
+        if draw < len(source_of_draw):
+            source_of_draw[draw] = source
+    source = np.repeat(source_of_draw[triangles.draw], 3)
+    row = _matching_rows(vertices, source, sources)
+    controls, weights, linear, offset = _rows(sources, first)
+    is_found = row >= 0
+    is_linear = is_found & (np.append(controls, np.full((1, 4), -1), axis=0)[row] >= 0).all(axis=1)
+    kept = row[is_linear]
+    result_controls = np.zeros((len(vertices), 4), np.int32)
+    result_weights = np.zeros((len(vertices), 4))
+    result_linear = np.zeros((len(vertices), 2, 2))
+    result_offset = vertices.astype(np.float64)
+    result_controls[is_linear] = controls[kept]
+    result_weights[is_linear] = weights[kept]
+    result_linear[is_linear] = linear[kept]
+    result_offset[is_linear] = offset[kept]
+    counts = {
+        "cut": int(((source >= 0) & ~is_found).sum()),
+        "radius": int((is_found & ~is_linear).sum()),
+        "other": int((source < 0).sum()),
+    }
+    dtype = scene.positions.dtype
+    return SvgControls(
+        scene,
+        jnp.asarray(points, dtype),
+        jnp.asarray(result_controls),
+        jnp.asarray(result_weights, dtype),
+        jnp.asarray(result_linear, dtype),
+        jnp.asarray(result_offset, dtype),
+        _Counts(counts),
+        document,
+        _Paths(path for _, path in paths),
+    )
+
+
+class _Counts(dict):
+    """Counts by name, hashable by identity, as static fields of modules must be."""
+
+    __hash__ = object.__hash__  # type: ignore[assignment]
+
+
+class _Paths(tuple):
+    """Paths that are hashable by identity, since their parts are not."""
+
+    __hash__ = object.__hash__  # type: ignore[assignment]
+
+
+def _controlled_paths(root: Element, sources: list[Source]) -> list[tuple[Element, ControlledPath]]:
+    """The elements whose control points are kept, in document order, each once."""
+    by_element = {id(source.element): source for source in sources}
+    paths, first = [], 0
+    for number, element in enumerate(elements(root)):
+        source = by_element.get(id(element))
+        attribute = _ATTRIBUTE.get(element.name)
+        if source is None or attribute is None or attribute not in element.attrib:
+            continue
+        paths.append((element, ControlledPath(number, attribute, first, source.path)))
+        first += len(source.path.points)
+    return paths
+
+
+def _rows(
+    sources: list[Source], first: dict[int, int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Controls, weights, linear map and offset of every point of every source, in one list."""
+    controls, weights, linear, offset = [], [], [], []
+    for source in sources:
+        count = len(source.outline.points)
+        start = first.get(id(source.element), -1)
+        own = source.outline.controls
+        controls.append(np.where((own >= 0) & (start >= 0), own + start, -1))
+        weights.append(source.outline.weights)
+        if source.map3[2, :2].any():
+            raise ValueError(
+                "control points have no affine map under a `transform` in perspective."
+            )
+        map3 = source.map3 / source.map3[2, 2]
+        linear.append(np.broadcast_to(map3[:2, :2], (count, 2, 2)))
+        offset.append(np.broadcast_to(map3[:2, 2], (count, 2)))
+    if not controls:
+        return np.zeros((0, 4), int), np.zeros((0, 4)), np.zeros((0, 2, 2)), np.zeros((0, 2))
+    return (
+        np.concatenate(controls),
+        np.concatenate(weights),
+        np.concatenate(linear),
+        np.concatenate(offset),
+    )
+
+
+def _matching_rows(
+    vertices: Float[np.ndarray, "vertices 2"],
+    source: Int[np.ndarray, " vertices"],
+    sources: list[Source],
+) -> Int[np.ndarray, " vertices"]:
+    """For each vertex, the point of its source at the same place in float32, or -1."""
+    if not sources:
+        return np.full(len(vertices), -1)
+    mapped, owner = [], []
+    for index, one in enumerate(sources):
+        homogeneous = one.outline.points @ one.map3[:, :2].T + one.map3[:, 2]
+        mapped.append(homogeneous[:, :2] / homogeneous[:, 2:])
+        owner.append(np.full(len(homogeneous), index))
+    # Adding zero makes -0 and 0 the same bits.
+    keys = [
+        np.ascontiguousarray(points.astype(np.float32) + np.float32(0)).view(np.uint64).ravel()
+        for points in (np.concatenate(mapped), vertices)
+    ]
+    owners = [np.concatenate(owner), source]
+    unique, inverse = np.unique(np.concatenate(keys), return_inverse=True)
+    combined = np.concatenate(owners) * len(unique) + inverse.ravel()
+    known, wanted = combined[: len(keys[0])], combined[len(keys[0]) :]
+    order = np.argsort(known, kind="stable")
+    place = np.searchsorted(known[order], wanted)
+    place = np.minimum(place, len(order) - 1)
+    row = order[place]
+    return np.where((known[row] == wanted) & (source >= 0), row, -1)
+
+
+def _number(value: float) -> str:
+    """The shortest decimal that is rounded to the same float32."""
+    return str(np.float32(value)).removesuffix(".0")
+
+
+def _pair(point: np.ndarray) -> str:
+    return f"{_number(point[0])} {_number(point[1])}"
+
+
+def _point_list(path: Path, points: np.ndarray) -> str:
+    return " ".join(map(_pair, points))
+
+
+def _path_data(path: Path, points: np.ndarray) -> str:
+    """Path data with absolute commands."""
+    words = []
+    for subpath in path.subpaths:
+        words.append(f"M{_pair(points[subpath.start])}")
+        for segment in subpath.segments:
+            if isinstance(segment, Arc):
+                words.append(_arc_data(segment, points[segment.end]))
+            else:
+                command = "LQC"[len(segment) - 1]
+                words.append(command + " ".join(_pair(points[index]) for index in segment))
+        if subpath.closed:
+            words.append("Z")
+    return "".join(words)
+
+
+def _arc_data(arc: Arc, end: np.ndarray) -> str:
+    rx, ry = np.hypot(*arc.major), np.hypot(*arc.minor)
+    rotation = np.degrees(np.arctan2(arc.major[1], arc.major[0]))
+    flags = f"{int(abs(arc.turn) > np.pi)} {int(arc.turn > 0)}"
+    return f"A{_number(rx)} {_number(ry)} {_number(rotation)} {flags} {_pair(end)}"
+
+
+_PAIR = re.compile(rb"""([^\s=/<>"']++)\s*+=\s*+("[^"]*+"|'[^']*+')""")
+
+
+def _with_attributes(document: Document, texts: dict[int, tuple[str, str]]) -> str:
+    """The document with new values of attributes, by the numbers of their elements."""
+    data = document.data
+    starts: list[int] = []
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = lambda *_: starts.append(parser.CurrentByteIndex)
+    parser.Parse(data, True)
+    pieces, end = [], 0
+    for number in sorted(texts):
+        name, value = texts[number]
+        position = starts[number] + 1
+        # The name of the element, then its attributes.
+        while (match := _PAIR.search(data, position)) and match[1] != name.encode():
+            position = match.end()
+        if match is None:
+            raise SvgError(
+                f"{document.name}: control points can be written to ASCII or UTF-8 only."
+            )
+        pieces += [data[end : match.start(2)], b'"', value.encode(), b'"']
+        end = match.end(2)
+    return b"".join([*pieces, data[end:]]).decode()

@@ -1,0 +1,89 @@
+"""Collects what a drawing holds that is not drawn as the standard says, for one warning at the end.
+
+Every notice names an element, the attribute or property that is the cause, and a line.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from .document import SvgError, in_one_line
+
+NOT_DRAWN = "not drawn"
+"""The element is left out, with its children."""
+
+WITHOUT_EFFECT = "without effect"
+"""The element is drawn as if the attribute were missing, since the reader does not support it."""
+
+INVALID = "ignored as invalid"
+"""The standard says that the attribute has an error and how to go on."""
+
+APPROXIMATE = "drawn approximately"
+"""The element is drawn with the nearest equivalent."""
+
+_MAX_NAMES = 50
+"""Maximum number of causes in a warning, since each element may have another."""
+
+
+class _Cause(NamedTuple):
+    """What notices have in common that are counted together."""
+
+    kind: str
+    element: str
+    attribute: str | None
+
+
+class Notices:
+    """Counts notices by their cause, and keeps the first line and value of each.
+
+    - `name`: name of the document.
+    - `strict`: whether the first notice is raised as an error instead.
+    """
+
+    def __init__(self, name: str, strict: bool):
+        self._name = name
+        self._strict = strict
+        self._counts: dict[_Cause, int] = {}
+        self._first: dict[_Cause, str] = {}
+
+    def add(
+        self, kind: str, element: str, line: int, attribute: str | None = None, detail: str = ""
+    ) -> None:
+        """Count a notice.
+
+        - `kind`: one of the constants above.
+        - `element`, `line`: tag and line number of the element.
+        - `attribute`: the attribute or property that is the cause, if it is not the element itself.
+        - `detail`: its value, or what is wrong with it.
+
+        Raises `SvgError` if notices are errors.
+        """
+        cause = _Cause(kind, element[:60], attribute and attribute[:60])
+        if self._strict:
+            what = f"{attribute}: {detail or kind}" if attribute else detail or kind
+            raise SvgError(f"{self._name}:{line}: <{cause.element}> {what.rstrip('.')[:300]}.")
+        if cause not in self._counts:
+            self._first[cause] = f"line {line}" + (f": {detail[:100]}" if detail else "")
+        self._counts[cause] = self._counts.get(cause, 0) + 1
+
+    def warning(self) -> str | None:
+        """One line with every cause and its count; None if there is none."""
+        if not self._counts:
+            return None
+        return in_one_line(f"{self._name}: {'; '.join(self._parts())}.")
+
+    def _parts(self) -> Iterator[str]:
+        for kind in (NOT_DRAWN, WITHOUT_EFFECT, APPROXIMATE, INVALID):
+            causes = [cause for cause in self._counts if cause.kind == kind]
+            names = [self._named(cause) for cause in causes[:_MAX_NAMES]]
+            if len(causes) > _MAX_NAMES:
+                names.append(f"{len(causes) - _MAX_NAMES} more")
+            if names:
+                yield f"{kind}: {', '.join(names)}"
+
+    def _named(self, cause: _Cause) -> str:
+        count, first = self._counts[cause], self._first[cause]
+        name = f"<{cause.element}>"
+        if cause.attribute:
+            name = f"{cause.attribute} of {name}"
+        times = f"{count} times, first in " if count > 1 else ""
+        return f"{name} ({times}{first})"

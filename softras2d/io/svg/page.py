@@ -1,0 +1,154 @@
+"""Holds what all parts of the dialect `svg` share while one document is read."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..budget import Budget
+from .cascade import Cascade, Declarations
+from .context import FALLBACK, Context
+from .document import LIBRARY_ERRORS, SvgError, reason
+from .notices import WITHOUT_EFFECT, Notices
+from .style import INITIAL, Style, computed
+from .tree import Element
+from .units import Viewport
+
+_GEOMETRY = {
+    # Attributes that style sheets can set too (SVG 2, section 7.2 and chapter 10).
+    "circle": ("cx", "cy", "r"),
+    "ellipse": ("cx", "cy", "rx", "ry"),
+    "rect": ("x", "y", "width", "height", "rx", "ry"),
+    "image": ("x", "y", "width", "height"),
+    "svg": ("x", "y", "width", "height"),
+    "symbol": ("x", "y", "width", "height"),
+    "use": ("x", "y", "width", "height"),
+    "path": ("d",),
+}
+
+
+class Page:
+    """A document of the dialect `svg`, with its style sheets.
+
+    - `root`: its root; `ids`: the first element of each `id`.
+    - `tolerance`: largest distance between a curve and its polygon, in pixels.
+    - `pixels_per_px`: pixels of the canvas per px of the document.
+    """
+
+    def __init__(self, root: Element, context: Context, notices: Notices, tolerance: float):
+        self.root = root
+        self.context = context
+        self.notices = notices
+        self.budget: Budget = context.display.budget
+        self.tolerance = tolerance
+        self.pixels_per_px = 1.0
+        self.viewport = Viewport(0.0, 0.0, 0.0, 0.0)
+        self.ids: dict[str, Element] = {}
+        self.cascade = Cascade(notices, self.budget)
+        self._styles: dict[int, Style] = {}
+        # Elements and properties that are noted already, since one element may be drawn twice.
+        self._noted: set[tuple[int, str, str]] = set()
+        for element in elements(root):
+            if (name := element.id) is not None:
+                self.ids.setdefault(name, element)
+            if element.name == "style" and FALLBACK not in element.attrib:
+                self._add_sheet(element)
+
+    def _add_sheet(self, element: Element) -> None:
+        try:
+            self.cascade.add_sheet(element)
+        except SvgError:
+            raise
+        except (ValueError, *LIBRARY_ERRORS) as error:
+            name = self.context.name
+            raise SvgError(f"{name}:{element.line}: <style> {reason(error)}") from None
+
+    def report(self, element: Element) -> "Report":
+        """What notes the errors of an element."""
+        return Report(self, element)
+
+    def note(self, element: Element, kind: str, attribute: str, detail: str) -> None:
+        """Note what is wrong with an attribute of an element, unless it is noted already."""
+        key = (id(element), kind, attribute)
+        if key not in self._noted:
+            self._noted.add(key)
+            self.notices.add(kind, element.tag, element.line, attribute, detail)
+
+    def not_drawn(self, kind: str, element: Element) -> None:
+        """Note an element that is not drawn, whatever its attributes are."""
+        key = (id(element), kind, "")
+        if key not in self._noted:
+            self._noted.add(key)
+            self.notices.add(kind, element.tag, element.line)
+
+    def declared(self, element: Element) -> Declarations:
+        """The declarations of an element."""
+        return self.cascade.declarations(element)
+
+    def computed(self, element: Element, parent: Style, declared: Declarations) -> Style:
+        """The style of an element inside a parent of this style."""
+        return computed(declared, parent, self.viewport, self.report(element))
+
+    def clip_child_style(self, element: Element, parent: Style, declared: Declarations) -> Style:
+        """The style of a child of a clip path, where filters and masks have no effect."""
+        return computed(declared, parent, self.viewport, Report(self, element, (WITHOUT_EFFECT,)))
+
+    def style_in_place(self, element: Element) -> Style:
+        """The style of an element that is not drawn where it is, such as a gradient's stop."""
+        chain = []
+        ancestor: Element | None = element
+        while ancestor is not None and id(ancestor) not in self._styles:
+            chain.append(ancestor)
+            ancestor = ancestor.parent
+        style = INITIAL if ancestor is None else self._styles[id(ancestor)]
+        for one in reversed(chain):
+            style = self.computed(one, style, self.declared(one))
+            self._styles[id(one)] = style
+        return style
+
+    def geometry(self, element: Element, declared: Declarations, name: str) -> str | None:
+        """The text of a geometry property: from style sheets if they can set it."""
+        if name in declared.css and name in _GEOMETRY.get(element.name, ()):
+            return declared.css[name]
+        return element.attrib.get(name)
+
+    def target(self, reference: str | None) -> Element | None:
+        """The element of the document to which `#id` refers; None for any other reference."""
+        if reference is None or not reference.strip().startswith("#"):
+            return None
+        return self.ids.get(reference.strip()[1:])
+
+
+class Report(NamedTuple):
+    """Notes what is wrong with one element.
+
+    Notices of the kinds `without` are dropped.
+    """
+
+    page: Page
+    element: Element
+    without: tuple[str, ...] = ()
+
+    def __call__(self, kind: str, attribute: str, detail: str) -> None:
+        """Note the kind of a notice, an attribute, and what is wrong."""
+        if kind not in self.without:
+            self.page.note(self.element, kind, attribute, detail)
+
+
+def elements(root: Element) -> Iterator[Element]:
+    """All elements of a document, in its order."""
+    pending = [root]
+    while pending:
+        element = pending.pop()
+        yield element
+        pending += reversed(element.children)
+
+
+def affine_part(map3: np.ndarray) -> np.ndarray:
+    """A map whose third row is (0, 0, 1).
+
+    Raises `ValueError` for a map in perspective, under which a gradient is not affine.
+    """
+    if map3[2, :2].any():
+        raise ValueError("is not drawn under a `transform` in perspective.")
+    return map3 / map3[2, 2]

@@ -1,0 +1,105 @@
+"""Selectors and the order of declarations, and the bounds on their work."""
+
+import warnings
+
+import pytest
+
+from softras2d.io.svg.reader import parse_svg
+
+from ...cases.drawings import colors_at
+
+RED, LIME, BLACK = [1, 0, 0], [0, 1, 0], [0, 0, 0]
+
+
+def color(sheet, rect='<rect width="9" height="9" class="a b" id="r"/>', **options):
+    """The colour of a rect inside of a group, under a style sheet."""
+    text = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="20" height="9"><style>{sheet}</style>'
+        f'<g class="group">{rect}</g></svg>'
+    )
+    return colors_at(parse_svg(text, **options), [[5.03, 4.07]])[0].tolist()
+
+
+@pytest.mark.parametrize(
+    "selector",
+    ["*", "rect", ".a", "rect.a.b", "#r", "g rect", "g > rect", ".group #r", "[width]",
+     'rect[width="9"]', "[class~=b]", "svg .a", "circle, rect", "g rect:first-child", ":not(g)",
+     "rect:nth-child(1)", "g > *"],
+)  # fmt: skip
+def test_selectors_that_match(selector):
+    assert color(f"{selector} {{ fill: red }}") == RED
+
+
+@pytest.mark.parametrize(
+    "selector", ["circle", ".c", "#a", "svg > rect", "rect + rect", "[height='3']", "rect:hover"]
+)
+def test_selectors_that_do_not_match(selector):
+    assert color(f"{selector} {{ fill: red }}") == BLACK
+
+
+@pytest.mark.parametrize(
+    ("sheet", "attributes"),
+    [
+        # More specific rules win, and later ones among equals.
+        ("#r { fill: lime } .a { fill: red }", ""),
+        (".a.b { fill: lime } .a { fill: red }", ""),
+        (".a { fill: red } .b { fill: lime }", ""),
+        # Attributes have the lowest rank, `style` the highest but for importance.
+        ("* { fill: lime }", 'fill="red"'),
+        ("#r { fill: red }", 'style="fill: lime"'),
+        ("* { fill: lime !important }", 'style="fill: red"'),
+        ("* { fill: red !important }", 'style="fill: lime !important"'),
+        (".a { fill: lime !important } #r { fill: red !important; fill: blue }", 'class="a"'),
+        # What is invalid has no effect.
+        ("* { fill: lime } rect { fill: redd }", ""),
+        ("* { fill: lime } rect:has(a), rect { fill: red }", ""),
+        ("@media print { rect { fill: red } } @media all { rect { fill: lime } }", ""),
+        ("/* a */ <!-- --> rect { fill: lime; ; stroke: none }".replace("<!-- -->", ""), ""),
+    ],
+)
+def test_the_winner_is_lime(sheet, attributes):
+    id_ = "" if "class" in attributes else 'id="r"'
+    rect = f'<rect width="9" height="9" class="a b" {id_} {attributes}/>'
+    if "class" in attributes:
+        rect = '<rect width="9" height="9" class="a"/>'
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert color(sheet, rect) == LIME
+
+
+def test_what_is_not_supported_is_named():
+    for sheet, name in (
+        ("@import 'a.css';", "@import of <style>"),
+        ("rect:has(a) { fill: red }", "selector of <style>"),
+        ("rect { fill: }", "fill of <rect>"),
+    ):
+        with pytest.warns(UserWarning, match=name):
+            color(sheet)
+    with pytest.raises(ValueError, match=r"<svg>:1: <style> @import"):
+        color("@import 'a.css';", strict=True)
+
+
+def test_sheets_of_other_types_and_media_are_skipped():
+    text = (
+        '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><style type="text/x">'
+        'rect { fill: red }</style><style media="print">rect { fill: red }</style>'
+        '<rect width="9" height="8"/></svg>'
+    )
+    assert colors_at(parse_svg(text), [[5.03, 4.07]])[0].tolist() == BLACK
+
+
+@pytest.mark.parametrize(
+    ("sheet", "body", "message"),
+    [
+        # A chain of descendants tries every choice of ancestors.
+        ("g g g g g g g x { fill: red } g g g g g g g .n { fill: red }",
+         "<g>" * 300 + '<rect class="n"/>' + "</g>" * 300, "selectors; at most"),
+        ("rect ~ rect { fill: red }", "<rect/>" * 9000, "selectors; at most"),
+        ("rect{}" * 25_000, "<rect/>", "more than 20000 selectors"),
+    ],
+)  # fmt: skip
+def test_costly_selectors_are_refused(sheet, body, message):
+    text = f'<svg width="9" height="9"><style>{sheet}</style>{body}</svg>'
+    with pytest.raises(ValueError, match=message) as caught:
+        parse_svg(text)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,153 @@
+"""Gradients against their definition, at points away from edges."""
+
+import numpy as np
+import pytest
+
+from softras2d.io.svg.reader import parse_svg
+
+from ...cases.drawings import colors_at
+
+STOPS = '<stop offset="0" stop-color="#000"/><stop offset="1" stop-color="#fff"/>'
+RNG = np.random.default_rng(0)
+POINTS = RNG.random((40, 2)) * [96, 76] + [2.03, 2.07]
+
+
+def read(gradient, shape='<rect width="100" height="80" fill="url(#g)"/>', **options):
+    head = '<svg xmlns="http://www.w3.org/2000/svg" width="100" height="80">'
+    # The first shape is no background, so that the second is drawn as triangles.
+    return parse_svg(f"{head}{gradient}{shape}</svg>", **options)
+
+
+def grey(scene):
+    colors = colors_at(scene, POINTS)
+    np.testing.assert_allclose(colors, colors[:, :1] * np.ones(3), atol=1e-6)
+    return colors[:, 0]
+
+
+SPREADS = {
+    "pad": lambda t: np.clip(t, 0, 1),
+    "repeat": lambda t: t % 1,
+    "reflect": lambda t: 1 - np.abs(t % 2 - 1),
+}
+
+
+@pytest.mark.parametrize("spread", SPREADS)
+def test_linear_gradients_are_exact(spread):
+    gradient = (
+        f'<linearGradient id="g" gradientUnits="userSpaceOnUse" x1="30" y1="20" x2="50" y2="30" '
+        f'spreadMethod="{spread}">{STOPS}</linearGradient>'
+    )
+    t = ((POINTS - [30, 20]) @ [20, 10]) / 500
+    wanted = SPREADS[spread](t)
+    # Borders between strips lie 4e-5 of the gradient's length beside the stops.
+    is_smooth = np.abs((t + 0.5) % 1 - 0.5) > 1e-3
+    np.testing.assert_allclose(grey(read(gradient))[is_smooth], wanted[is_smooth], atol=2e-4)
+
+
+def test_units_of_the_bounding_box_and_transforms():
+    gradient = f'<linearGradient id="g" gradientTransform="rotate(90)">{STOPS}</linearGradient>'
+    np.testing.assert_allclose(grey(read(gradient)), POINTS[:, 1] / 80, atol=2e-4)
+    moved = '<g transform="scale(2)"><rect width="50" height="40" fill="url(#g)"/></g>'
+    np.testing.assert_allclose(grey(read(gradient, moved)), POINTS[:, 1] / 80, atol=2e-4)
+
+
+@pytest.mark.parametrize("spread", SPREADS)
+@pytest.mark.parametrize("focus", [(50, 40), (40, 30)])
+def test_radial_gradients_are_within_the_tolerance(spread, focus):
+    gradient = (
+        '<radialGradient id="g" gradientUnits="userSpaceOnUse" cx="50" cy="40" r="30" '
+        f'fx="{focus[0]}" fy="{focus[1]}" spreadMethod="{spread}">{STOPS}</radialGradient>'
+    )
+    # The circle that a ray from the focus meets at 1: |focus + s d - center| = r.
+    d, f = POINTS - focus, np.subtract(focus, [50, 40])
+    a, b, c = (d**2).sum(axis=1), d @ f, f @ f - 900
+    t = a / (-b + np.sqrt(b**2 - a * c))
+    is_smooth = np.abs((t + 0.5) % 1 - 0.5) > 5e-3
+    wanted = SPREADS[spread](t)
+    np.testing.assert_allclose(grey(read(gradient))[is_smooth], wanted[is_smooth], atol=3e-3)
+
+
+def test_halving_the_tolerance_takes_more_rays():
+    gradient = f'<radialGradient id="g" spreadMethod="repeat" r=".2">{STOPS}</radialGradient>'
+    coarse, fine = (
+        read(gradient, tolerance=tolerance).triangles.shape[0] for tolerance in (0.4, 0.1)
+    )
+    assert fine == pytest.approx(2 * coarse, rel=0.2)
+
+
+def test_start_circles_and_cones():
+    head = '<radialGradient id="g" gradientUnits="userSpaceOnUse" cx="50" cy="40"'
+    ring = read(f'{head} r="30" fr="10">{STOPS}</radialGradient>')
+    distance = np.hypot(*(POINTS - [50, 40]).T)
+    np.testing.assert_allclose(grey(ring), np.clip((distance - 10) / 20, 0, 1), atol=3e-3)
+    # From the larger circle to the smaller one, the same colours from the other end.
+    shrinking = read(f'{head} r="10" fr="30">{STOPS}</radialGradient>')
+    np.testing.assert_allclose(grey(shrinking), 1 - np.clip((distance - 10) / 20, 0, 1), atol=3e-3)
+    cone = read(f'{head} r="10" fx="10">{STOPS}</radialGradient>')
+    # Outside of the cone from (10, 40) around the circle, nothing is painted.
+    assert colors_at(cone, [[50.3, 75.2], [5.1, 40.2]]).tolist() == [[1, 1, 1]] * 2
+    # On its axis, a circle of position t begins at 10 + 30 t.
+    np.testing.assert_allclose(
+        colors_at(cone, [[25.01, 40.02], [31.03, 40.02]])[:, 0], [0.5, 0.7], atol=3e-3
+    )
+
+
+def test_stops_by_hand():
+    stops = (
+        '<stop offset="20%" stop-color="red"/><stop offset=".1" stop-color="lime"/>'
+        '<stop offset=".5" stop-color="blue" stop-opacity=".5"/><stop offset="2" color="red" '
+        'stop-color="currentColor"/>'
+    )
+    scene = read(f'<linearGradient id="g">{stops}</linearGradient>')
+    # A smaller offset counts as that before it: red up to 20 %, and lime after it.
+    colors = colors_at(scene, [[10.1, 33.3], [20.1, 33.3], [50, 33.3], [99.9, 33.3]])
+    wanted = [[1, 0, 0], [0, 1, 0], [0.5, 0.5, 1], [1, 0, 0]]
+    np.testing.assert_allclose(colors, wanted, atol=1e-2)
+
+
+def test_gradients_inherit_from_each_other():
+    first = f'<linearGradient id="f" x2="0" y2="1">{STOPS}</linearGradient>'
+    np.testing.assert_allclose(
+        grey(read(first + '<linearGradient id="g" href="#f"/>')), POINTS[:, 1] / 80, atol=2e-4
+    )
+    # Geometry is inherited from gradients of the same kind alone.
+    radial = read(first + '<radialGradient id="g" href="#f"/>')
+    centre = colors_at(radial, [[50.1, 40.2], [2, 2]])[:, 0]
+    assert centre[0] < 0.02 and centre[1] == 1
+
+
+def test_gradients_that_paint_nothing_or_one_colour():
+    for gradient, wanted in (
+        ('<linearGradient id="g"/>', [1, 1, 1]),
+        ('<linearGradient id="g"><stop stop-color="red"/></linearGradient>', [1, 0, 0]),
+        (f'<linearGradient id="g" x2="0">{STOPS}</linearGradient>', [1, 1, 1]),
+        (f'<radialGradient id="g" r="0">{STOPS}</radialGradient>', [1, 1, 1]),
+    ):
+        assert colors_at(read(gradient), [[33.3, 22.2]]).tolist() == [wanted]
+    with pytest.warns(UserWarning, match=r"fill of <rect> \(line 1: refers to no paint"):
+        assert read("").triangles.size == 0
+
+
+def test_a_gradient_on_a_shape_without_area_is_not_applied():
+    gradient = f'<linearGradient id="g">{STOPS}</linearGradient>'
+    line = '<line x1="10" y1="40" x2="90" y2="40" stroke-width="9" stroke="url(#g) red"/>'
+    assert colors_at(read(gradient, line), [[50.1, 41.2]]).tolist() == [[1, 0, 0]]
+
+
+def test_strokes_and_opacity_of_gradients():
+    gradient = f'<linearGradient id="g" gradientUnits="userSpaceOnUse">{STOPS}</linearGradient>'
+    line = (
+        '<line y1="40" x2="100" y2="40.001" stroke-width="60" stroke="url(#g)" '
+        'stroke-opacity=".5" opacity=".5"/>'
+    )
+    colors = colors_at(read(gradient, line), [[25.02, 33.3], [75.03, 44.1]])[:, 0]
+    np.testing.assert_allclose(colors, [0.75 + 0.25 * 0.25, 0.75 + 0.25 * 0.75], atol=1e-3)
+
+
+def test_gradients_that_repeat_without_end_are_refused():
+    gradient = (
+        '<linearGradient id="g" gradientUnits="userSpaceOnUse" x2="1e-9" spreadMethod="repeat">'
+        f"{STOPS}</linearGradient>"
+    )
+    with pytest.raises(ValueError, match="vertices of regions to clip and cut; at most"):
+        read(gradient)

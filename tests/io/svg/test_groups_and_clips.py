@@ -1,0 +1,234 @@
+"""Opacity of groups, clip paths, references and viewports, at points away from edges."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from softras2d.io.svg.reader import parse_svg
+
+from ...cases.drawings import colors_at, corners_of
+
+WHITE, RED, LIME, BLUE = [1, 1, 1], [1, 0, 0], [0, 1, 0], [0, 0, 1]
+
+
+def read(body, **options):
+    head = '<svg xmlns="http://www.w3.org/2000/svg" width="100" height="80">'
+    return parse_svg(f"{head}{body}</svg>", **options)
+
+
+def colors(body, *points, **options):
+    return colors_at(read(body, **options), np.add(points, [0.013, 0.017]))
+
+
+def half(color):
+    return [(1 + channel) / 2 for channel in color]
+
+
+def test_a_shape_with_opacity_is_composited_as_a_whole():
+    """The stroke hides the fill below it, although both are translucent at last."""
+    rect = '<rect x="20" y="20" width="40" height="40" fill="red" stroke="blue" stroke-width="10"'
+    result = colors(f'{rect} opacity=".5"/>', [40, 40], [22, 40], [17, 40])
+    np.testing.assert_allclose(result, [half(RED), half(BLUE), half(BLUE)])
+    # Their own opacities let the fill show through.
+    result = colors(f'{rect} stroke-opacity=".5"/>', [22, 40], [17, 40])
+    np.testing.assert_allclose(result, [[0.5, 0, 0.5], half(BLUE)])
+
+
+def test_a_group_with_opacity_is_composited_as_a_whole():
+    body = (
+        '<g opacity=".5"><rect width="40" height="40" fill="red"/><circle cx="40" cy="40" r="20" '
+        'fill="lime"/><path d="M35 35H90V45H35Z" fill="blue"/></g>'
+    )
+    result = colors(body, [10, 10], [30, 30], [38, 40], [80, 40], [50, 50], [90, 70])
+    wanted = [half(RED), half(LIME), half(BLUE), half(BLUE), half(LIME), WHITE]
+    np.testing.assert_allclose(result, wanted)
+
+
+def test_translucent_members_that_overlap_are_exact():
+    body = (
+        '<g opacity=".5"><rect width="40" height="40" fill="red" fill-opacity=".5"/>'
+        '<rect x="20" width="40" height="40" fill="lime" fill-opacity=".25"/>'
+        '<rect x="30" width="4" height="40" fill="blue"/></g>'
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = colors(body, [10, 10], [25, 10], [50, 10], [32, 10])
+    # In the overlap: lime over red, premultiplied, then half of it over white.
+    alpha = 0.25 + 0.75 * 0.5
+    overlap = [0.75 * 0.5 / 2 + 1 - alpha / 2, 0.25 / 2 + 1 - alpha / 2, 1 - alpha / 2]
+    np.testing.assert_allclose(
+        result, [[1, 0.75, 0.75], overlap, [0.875, 1, 0.875], half(BLUE)], atol=1e-12
+    )
+
+
+def test_what_cannot_be_exact_is_named():
+    stops = '<stop stop-color="red" stop-opacity="0"/><stop offset="1" stop-color="red"/>'
+    body = (
+        f'<linearGradient id="g">{stops}</linearGradient>\n<g opacity=".5"><rect width="40" '
+        'height="40" fill="url(#g)"/><rect x="20" width="40" height="40" fill="url(#g)"/></g>'
+    )
+    with pytest.warns(UserWarning, match=r"drawn approximately: opacity of <g> \(line 2: "):
+        read(body)
+
+
+def test_groups_within_groups():
+    inner = '<g opacity=".5"><rect width="40" height="40"/><rect width="20" height="20"/></g>'
+    result = colors(f'<g opacity=".5">{inner}<rect x="30" width="30" height="30"/></g>',
+                    [10, 10], [25, 35], [35, 10], [55, 10])  # fmt: skip
+    np.testing.assert_allclose(result[:, 0], [0.75, 0.75, 0.5, 0.5])
+    assert read(f'<g opacity="0">{inner}</g>').triangles.size == 0
+    assert read(inner, opacity=False).colors.shape[-1] == 3
+
+
+def test_clip_paths_by_hand():
+    clip = '<clipPath id="c"><circle cx="40" cy="40" r="20"/><path d="M0 0h9v9H0z"/></clipPath>'
+    rect = '<rect width="100" height="80" fill="red"'
+    for body in (f'{rect} clip-path="url(#c)"/>', f'<g clip-path="url(#c)">{rect}/></g>'):
+        result = colors(clip + body, [5, 5], [40, 40], [15, 15], [57, 55], [58, 45])
+        assert result.tolist() == [RED, RED, WHITE, WHITE, RED]
+
+
+@pytest.mark.parametrize(
+    ("clip", "inside"),
+    [
+        ('<clipPath id="c" clipPathUnits="objectBoundingBox"><rect width=".5" height=".5"/>'
+         "</clipPath>", [True, False, False]),
+        ('<clipPath id="c" transform="translate(40)"><rect x="-40" width="60" height="80"/>'
+         "</clipPath>", [True, True, False]),
+        ('<clipPath id="c"><path clip-rule="evenodd" d="M0 0H100V80H0Z M30 0h20v80h-20z"/>'
+         "</clipPath>", [True, False, True]),
+        ('<clipPath id="d"><rect width="30" height="80"/></clipPath>'
+         '<clipPath id="c" clip-path="url(#d)"><rect width="60" height="80"/></clipPath>',
+         [True, False, False]),
+        ('<clipPath id="d"><rect width="30" height="80"/></clipPath><clipPath id="c">'
+         '<rect width="60" height="80" clip-path="url(#d)"/><rect x="70" width="9" height="80"/>'
+         "</clipPath>", [True, False, True]),
+        ('<clipPath id="c"/>', [False, False, False]),
+        ('<clipPath id="c"><g><rect width="60" height="80"/></g></clipPath>', [False] * 3),
+        ('<rect id="r" width="30" height="80" fill="none"/><clipPath id="c">'
+         '<use href="#r" x="30"/></clipPath>', [False, True, False]),
+    ],
+)  # fmt: skip
+def test_clip_paths_of_every_kind(clip, inside):
+    rect = '<g clip-path="url(#c)"><rect width="80" height="80" fill="red"/></g>'
+    result = colors(clip + rect, [20, 20], [40, 20], [75, 20])
+    assert result.tolist() == [RED if shown else WHITE for shown in inside]
+
+
+def test_clipped_translucent_shapes_with_gradients():
+    body = (
+        '<linearGradient id="g"><stop stop-color="red"/><stop offset="1" stop-color="red"/>'
+        '</linearGradient><clipPath id="c"><circle cx="40" cy="40" r="20"/></clipPath>'
+        '<g opacity=".5" clip-path="url(#c)"><rect width="90" height="80" fill="url(#g)"/>'
+        '<rect x="40" width="50" height="80"/></g>'
+    )
+    result = colors(body, [30, 40], [50, 40], [5, 40])
+    np.testing.assert_allclose(result, [half(RED), [0.5] * 3, WHITE], atol=1e-6)
+
+
+def test_use_draws_copies_with_inherited_style():
+    body = (
+        '<defs><g id="g"><rect id="r" width="10" height="10"/></g></defs>'
+        '<use href="#g" x="20" fill="red"/><use href="#r" transform="translate(40)" fill="lime"/>'
+    )
+    result = colors(body, [25, 5], [45, 5], [5, 5])
+    assert result.tolist() == [RED, LIME, WHITE]
+
+
+def test_symbols_and_nested_viewports_clip_what_they_scale():
+    symbol = '<symbol id="s" viewBox="0 0 10 10"><rect x="5" width="10" height="10"/></symbol>'
+    result = colors(symbol + '<use href="#s" width="40" height="40"/>',
+                    [10, 10], [30, 10], [45, 10])  # fmt: skip
+    assert result[:, 0].tolist() == [1, 0, 1]
+    nested = '<svg x="10" y="10" width="50%" height="40" {}><rect width="100%" height="50"/></svg>'
+    for overflow, below in (("", 1), ('overflow="visible"', 0)):
+        result = colors(nested.format(overflow), [5, 20], [55, 20], [65, 20], [20, 55])
+        assert result[:, 0].tolist() == [1, 0, 1, below]
+
+
+def test_switch_and_system_language():
+    rects = '<rect width="9" height="9" fill="red" {}/><rect width="9" height="9" fill="lime" {}/>'
+    for first, second, wanted in (
+        ('systemLanguage="fr"', "", LIME),
+        ('systemLanguage="fr, en-GB"', "", RED),
+        ('requiredExtensions="x"', "", LIME),
+        ('requiredExtensions="x"', 'systemLanguage="fr"', WHITE),
+    ):
+        result = colors(f"<switch>{rects.format(first, second)}</switch>", [5, 5])
+        assert result.tolist() == [wanted]
+    # Outside of a switch, the attribute hides elements too.
+    assert read('<rect width="9" height="9" systemLanguage="fr"/>').triangles.size == 0
+
+
+def test_transform_origin():
+    for origin, transform in (
+        ('transform-origin="50 40"', 'transform="rotate(180)"'),
+        ('transform-origin="center"', 'transform="rotate(180)"'),
+        ('style="transform-origin: 50% 50%; transform: rotate(.5turn)"', ""),
+        ('style="transform-origin: right bottom; transform: translateX(-2px)" '
+         'transform-box="view-box"', ""),
+    ):  # fmt: skip
+        result = colors(f'<rect width="10" height="10" {origin} {transform}/>', [95, 75], [5, 5])
+        assert result[:, 0].tolist() == ([1, 0] if "translateX" in origin else [0, 1])
+    own = 'style="transform-box: fill-box; transform-origin: 100% 0; transform: scale(2)"'
+    result = colors(f'<rect x="40" y="10" width="10" height="10" {own}/>', [35, 25], [55, 15])
+    assert result[:, 0].tolist() == [0, 1]
+
+
+def test_geometry_in_style_sheets():
+    body = "<style>rect { width: 20px; height: 50%; x: 10px } circle { r: 5px }</style>"
+    result = colors(body + '<rect width="90"/><circle cx="50" cy="9"/>',
+                    [15, 35], [5, 5], [35, 5], [53, 9])  # fmt: skip
+    assert result[:, 0].tolist() == [0, 1, 1, 0]
+
+
+def test_strokes_of_curves_dashes_and_order():
+    circle = '<circle cx="40" cy="40" r="20" fill="red" stroke="blue" stroke-width="8"'
+    result = colors(f"{circle}/>", [40, 40], [57, 40], [63, 40], [65, 40])
+    assert result.tolist() == [RED, BLUE, BLUE, WHITE]
+    result = colors(f'{circle} paint-order="stroke"/>', [57, 40], [63, 40])
+    assert result.tolist() == [RED, BLUE]
+    dashed = '<path d="M10 10H90" stroke="red" stroke-width="4" stroke-dasharray="20 10"/>'
+    assert colors(dashed, [20, 10], [35, 10], [50, 10]).tolist() == [RED, WHITE, RED]
+    thin = (
+        '<g transform="scale(10 2)"><path d="M1 1V30" stroke="red" stroke-width="4" '
+        'vector-effect="non-scaling-stroke"/></g>'
+    )
+    result = colors(thin, [8.5, 20], [11.5, 20], [7, 20], [13, 20])
+    assert result.tolist() == [RED, RED, WHITE, WHITE]
+
+
+def test_joins_that_are_clipped():
+    spike = '<path d="M10 38L60 40L10 42" fill="none" stroke="red" stroke-width="4" {}/>'
+    reach = {}
+    for join in ("bevel", "miter", "miter-clip"):
+        scene = read(spike.format(f'stroke-linejoin="{join}" stroke-miterlimit="3"'))
+        reach[join] = corners_of(scene)[..., 0].max()
+    # A miter over the limit is a bevel; cut off, it ends three half widths from the corner.
+    assert reach["miter"] == reach["bevel"] < 61
+    assert reach["miter-clip"] == pytest.approx(66)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<use id="u" href="#u"/>',
+        '<g id="g"><use href="#g"/></g>',
+        '<defs><g id="a"><use href="#b"/></g><g id="b"><use href="#a"/></g></defs><use href="#a"/>',
+        '<clipPath id="c" clip-path="url(#c)"/><rect width="9" height="9" clip-path="url(#c)"/>',
+        '<linearGradient id="g" href="#g"/><rect width="9" height="9" fill="url(#g)"/>',
+    ],
+)
+def test_references_to_themselves_are_named(body):
+    with pytest.warns(UserWarning, match="refers to (itself|an ancestor)"):
+        read(body)
+
+
+def test_copies_of_copies_are_refused_beyond_a_limit():
+    levels = "".join(
+        f'<g id="g{k}">' + f'<use href="#g{k - 1}"/>' * 10 + "</g>" for k in range(1, 10)
+    )
+    body = f'<defs><g id="g0"><rect width="1" height="1"/></g>{levels}</defs><use href="#g9"/>'
+    with pytest.raises(ValueError, match="copies of elements; at most 131,072"):
+        read(body)

@@ -1,0 +1,98 @@
+"""Drawings of a public test suite against their pictures, if SOFTRAS2D_DATA holds them.
+
+The data's README says how to compare: pixels whose neighbourhood in the picture is flat, on every
+fifth row and column. A drawing agrees if fewer than three of them differ by more than 8 levels.
+"""
+
+import os
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import softras2d as sr
+from softras2d.io.svg.reader import read_svg
+
+SUITE = Path(os.environ.get("SOFTRAS2D_DATA", "")) / "svg_suite"
+
+pytestmark = pytest.mark.skipif(
+    not os.environ.get("SOFTRAS2D_DATA"), reason="SOFTRAS2D_DATA is not set"
+)
+
+STANDARD_IS_RIGHT = {
+    "shapes/rect/ch-values": "CSS Values 4, 6.1.1: `ch` is half an em without a font",
+    "shapes/rect/q-values": "CSS Values 4, 6.2: `Q` is a quarter of a millimetre",
+    "shapes/rect/rem-values": "CSS Values 4, 6.1.2: `rem` is the font size of the root",
+    "shapes/rect/rlh-values": "CSS Values 4, 6.1.2: `rlh` is the line height of the root",
+    "shapes/rect/vi-and-vb-values": "CSS Values 4, 6.1.3: lengths relative to the viewport",
+    "shapes/rect/vmin-and-vmax-values": "CSS Values 4, 6.1.3: lengths relative to the viewport",
+    "structure/style/non-presentational-attribute": "SVG 2, 7.2: `height` is a property",
+}
+"""Drawings that differ without a warning, and the clause that the picture contradicts."""
+
+
+def picture_of(path: Path) -> np.ndarray:
+    """The picture of a drawing over white, in levels of 255."""
+    picture = sr.read_image(path.with_suffix(".png"))
+    alpha = picture[..., 3:] if picture.shape[-1] == 4 else 1.0
+    return np.rint(255 * (picture[..., :3] * alpha + 1 - alpha))
+
+
+def compared(picture: np.ndarray) -> np.ndarray:
+    """The pixels that are compared."""
+    padded = np.pad(picture, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    height, width = picture.shape[:2]
+    around = [padded[i : i + height, j : j + width] for i in range(3) for j in range(3)]
+    is_flat = (np.max(around, axis=0) - np.min(around, axis=0)).max(axis=-1) <= 3
+    chosen = np.zeros_like(is_flat)
+    chosen[::5, ::5] = True
+    return chosen & is_flat
+
+
+def judged(path: Path) -> tuple[bool, list[str]]:
+    """Whether a drawing agrees with its picture, and its warnings."""
+    picture = picture_of(path)
+    height, width = picture.shape[:2]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = read_svg(path, height=height, width=width)
+        plan = sr.plan(scene, height=height, width=width, coverage=sr.Hard(samples=4))
+        image = np.asarray(sr.render(scene, plan))
+    differs = np.abs(np.rint(255 * image[..., :3]) - picture).max(axis=-1) > 8
+    return int((differs & compared(picture)).sum()) < 3, [str(w.message) for w in caught]
+
+
+FEW = (
+    "masking/clipPath/mixed-clip-rule",
+    "paint-servers/linearGradient/spreadMethod=repeat",
+    "paint-servers/radialGradient/focal-point-correction",
+    "painting/opacity/group-opacity",
+    "painting/stroke-linejoin/miter-clip",
+    "structure/style/resolve-order",
+    "structure/use/nested-xlink-to-svg-element-with-rect-and-size",
+    "structure/transform-origin/on-gradient-object-bounding-box",
+)
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_a_few_drawings_agree(name):
+    path = SUITE / f"{name}.svg"
+    assert path.exists()
+    assert judged(path) == (True, [])
+
+
+@pytest.mark.slow
+def test_no_drawing_is_silently_wrong():
+    agree, named = [], []
+    for path in sorted(SUITE.rglob("*.svg")):
+        name = path.relative_to(SUITE).with_suffix("").as_posix()
+        agrees, messages = judged(path)
+        assert all("<" in message and "line " in message for message in messages), name
+        if agrees:
+            agree.append(name)
+        elif name not in STANDARD_IS_RIGHT:
+            assert messages, name
+            named.append(name)
+    assert len(agree) >= 305
+    assert len(agree) + len(named) + len(STANDARD_IS_RIGHT) == 343
