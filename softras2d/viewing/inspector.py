@@ -7,7 +7,9 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..color import premultiply, unpremultiply
+from ..geometry.fixed_point import Grid
 from ..io.images import to_bytes
+from ..planning.size_classes import pad
 from ..scene import Scene
 from .draw import Artist
 from .settings import Settings
@@ -42,42 +44,66 @@ def inspect_pixel(
     of the canvas, but for edges cut at the guard band, within two grid units.
     """
     half = LENS // 2
-    window = replace(
-        view, x=view.x + column - half, y=view.y + row - half, height=LENS, width=LENS
-    )
-    near, index = cull(scene, window, margin=2.0 + 2.0 * settings.soft_width)
+    window, near, index = _window(scene, view, settings, column, row)
     bits = _grid_bits(view, settings)
     layers, plan = artist.with_plan(find_layers, near, window, settings, bits)
     layers = WindowLayers(*(None if a is None else np.asarray(a) for a in layers))
-    background = np.asarray(scene.background, np.float64)
-    colors = composite_samples(layers, background)
-    image, _ = artist.render(near, window, settings, bits)
-    value = np.asarray(image)[half, half]
-    rate = plan.grid.rate if settings.coverage == "sampled" else 1
-    if rate == 1:
-        colors = np.asarray(image)[:, :, None]
-    reference, reference_value = _reference(artist, near, window, settings, bits)
+    is_sampled = settings.coverage == "sampled"
+    if is_sampled:
+        colors = composite_samples(layers, np.asarray(scene.background, np.float64))
+    else:
+        # With depth, soft coverage does not composite in draw order.
+        colors = np.asarray(artist.render(near, window, settings)[0])[:, :, None]
+    rate = plan.grid.rate if is_sampled else 1
     facts = {
         "column": column,
         "row": row,
         "lens": LENS,
         "rate": rate,
-        "value": value.tolist(),
-        "reference": reference,
-        "reference_value": reference_value[half, half].tolist(),
+        "value": unpremultiply(premultiply(colors[half, half]).mean(axis=0)).tolist(),
         "samples": [
             {"triangle": _name(triangle, index), "color": color.tolist()}
             for triangle, color in zip(
                 layers.triangle[half, half, :, 0], colors[half, half], strict=True
             )
         ]
-        if settings.coverage == "sampled"
+        if is_sampled
         else [],
         "layers": list_layers(layers, index, half),
         "most_layers": LAYERS,
         "edges": _edges(near, index, layers, window, half),
     }
     return PixelReport(facts, _in_rows(_as_rgba(colors), rate))
+
+
+def reference_value(
+    artist: Artist, scene: Scene, view: View, settings: Settings, column: int, row: int
+) -> tuple[str, list[float]]:
+    """The value that a pixel of a view should have, and what it is called.
+
+    It is the pixel's exact area value, or for scenes with depth, which have none, the value with
+    256 samples.
+    """
+    window, near, _ = _window(scene, view, settings, column, row)
+    if scene.depth is None:
+        name, exact, bits = "exact area", replace(settings, coverage="area"), None
+    else:
+        name = f"{_REFERENCE_SAMPLES} samples"
+        exact = replace(settings, coverage="sampled", samples=_REFERENCE_SAMPLES)
+        bits = _grid_bits(view, exact)
+    image = np.asarray(artist.render(near, window, exact, bits)[0])
+    return name, image[LENS // 2, LENS // 2].tolist()
+
+
+def _window(
+    scene: Scene, view: View, settings: Settings, column: int, row: int
+) -> tuple[View, Scene, Int[np.ndarray, " triangles"]]:
+    """The window of the lens, the triangles near it, and the index of each in the whole scene."""
+    x, y = view.x + column - LENS // 2, view.y + row - LENS // 2
+    window = replace(view, x=x, y=y, height=LENS, width=LENS)
+    near, index = cull(scene, window, margin=2.0 + 2.0 * settings.soft_width)
+    # Windows with few triangles have arrays of one size, so that they share programs.
+    return window, pad(near), index
 
 
 def composite_samples(
@@ -135,24 +161,10 @@ def list_layers(
 
 
 def _grid_bits(view: View, settings: Settings) -> int | None:
-    """The grid of the whole canvas, for a window of it."""
-    from ..geometry.fixed_point import Grid
-
+    """The grid of the whole canvas, for a window of it; None for analytic coverage."""
     if settings.coverage != "sampled":
         return None
     return Grid.for_canvas(view.height, view.width, settings.hard().rate).bits
-
-
-def _reference(
-    artist: Artist, scene: Scene, window: View, settings: Settings, bits: int | None
-) -> tuple[str, np.ndarray]:
-    """The value to compare the pixels of the window with, and what it is called."""
-    if scene.depth is None:
-        exact = replace(settings, coverage="area")
-        return "exact area", np.asarray(artist.render(scene, window, exact)[0])
-    many = replace(settings, coverage="sampled", samples=_REFERENCE_SAMPLES)
-    name = f"{_REFERENCE_SAMPLES} samples"
-    return name, np.asarray(artist.render(scene, window, many, bits)[0])
 
 
 def _name(triangle: int, index: Int[np.ndarray, " triangles"]) -> int:

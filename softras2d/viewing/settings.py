@@ -41,13 +41,8 @@ class Settings:
         self.filter_option()
 
     def hard(self) -> Hard:
-        """The option for sampled coverage, whatever the coverage is; without edge gradients."""
-        return Hard(
-            samples=self.samples,
-            fill_rule=self.fill_rule,
-            shading=self.shading,
-            edge_gradients=False,
-        )
+        """The option for sampled coverage, whatever the coverage is."""
+        return Hard(samples=self.samples, fill_rule=self.fill_rule, shading=self.shading)
 
     def coverage_option(self) -> Coverage:
         """The coverage as an option of `plan`."""

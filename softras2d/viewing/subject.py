@@ -2,6 +2,7 @@
 
 import abc
 from collections import OrderedDict
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -72,7 +73,9 @@ class EnlargedScenes:
     def __init__(self):
         self._scenes: OrderedDict[tuple[int, int, int], Scene] = OrderedDict()
 
-    def get(self, subject: Subject, zoom: float, make) -> Scene:
+    def get(
+        self, subject: Subject, zoom: float, make: Callable[[int, int], Scene]
+    ) -> Scene:
         """The scene of this zoom, from `make(height, width)` if it is not kept."""
         version = subject.version
         height, width = enlarged_size(*subject.size(), zoom)
