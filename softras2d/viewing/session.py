@@ -4,6 +4,7 @@ A request is a dictionary that a page sends as JSON: its `kind`, an `id` that th
 and fields that depend on the kind. A reply has a header, for JSON, and bytes.
 """
 
+import dataclasses
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -96,6 +97,7 @@ class Session:
         facts |= {
             "height": view.height,
             "width": view.width,
+            "view": dataclasses.asdict(view),
             "version": subject.version,
             "notes": list(subject.notes()),
             "command": subject.command(view, settings),
