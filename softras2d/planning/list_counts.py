@@ -107,9 +107,7 @@ def _project(
     scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray
 ) -> tuple[Corners, GridTriangles, Edges, SampleBounds]:
     """Corners and edges of a scene on the host, with far triangles cut to the guard band."""
-    return project(
-        scene.positions, scene.triangles, origin, grid, coverage.fill_rule, cut=True
-    )[:4]
+    return project(scene.positions, scene.triangles, origin, grid, coverage.fill_rule, cut=True)[:4]
 
 
 def _lengths_by_tile(listed: ListedPairs, tiling: Tiling) -> Int[np.ndarray, "rows columns"]:

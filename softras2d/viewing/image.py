@@ -43,7 +43,8 @@ class Image(Subject):
 
     def size(self) -> tuple[int, int]:
         """Height and width of the image."""
-        return self.values().shape[:2]
+        height, width, _ = self.values().shape
+        return height, width
 
     def values(self) -> Float[np.ndarray, "height width channels"]:
         """The image itself. Raises `ValueError` if it cannot be read."""
@@ -55,7 +56,7 @@ class Image(Subject):
     def pixels(self, view: View) -> UInt8[np.ndarray, "height width 4"]:
         """The pixels of the image under each pixel of the canvas."""
         image = self.values()
-        height, width = enlarged_size(*image.shape[:2], view.zoom)
+        height, width = enlarged_size(image.shape[0], image.shape[1], view.zoom)
         if view.zoom < 1:
             image = _shrink(image, height, width)
         rows = _source_indices(view.y, view.height, height, image.shape[0])

@@ -14,7 +14,7 @@ from ..scene import Scene
 from .draw import Artist
 from .settings import Settings
 from .view import View
-from .window_layers import LAYERS, WindowLayers, cull, find_layers
+from .window_layers import LAYERS, WindowLayers, cull, find_layers, on_host
 
 LENS = 11
 """Pixels along a side of the lens; the inspected one is in the middle."""
@@ -47,7 +47,7 @@ def inspect_pixel(
     window, near, index = _window(scene, view, settings, column, row)
     bits = _grid_bits(view, settings)
     layers, plan = artist.with_plan(find_layers, near, window, settings, bits)
-    layers = WindowLayers(*(None if a is None else np.asarray(a) for a in layers))
+    layers = on_host(layers)
     is_sampled = settings.coverage == "sampled"
     if is_sampled:
         colors = composite_samples(layers, np.asarray(scene.background, np.float64))

@@ -51,9 +51,7 @@ class ViewPlans:
     ) -> Plan:
         """A plan for this view, which may turn out to be too small; `grid_bits` as in `plan`."""
         kind, octave = _kind_of(scene, view, settings, grid_bits), _octave(view)
-        near = sorted(
-            (abs(other - octave), other) for known, other in self._plans if known == kind
-        )
+        near = sorted((abs(other - octave), other) for known, other in self._plans if known == kind)
         if not near:
             return self.enlarge(scene, view, settings, grid_bits)
         plan = self._plans[kind, near[0][1]]

@@ -18,7 +18,8 @@ MAX_MESSAGE_BYTES = 2**16
 """Longest message of a page; requests are far shorter."""
 
 _END_SECONDS = 20.0
-"""Longest time to wait for a picture that is being drawn. Python must not end while XLA compiles."""
+"""Longest time to wait for the picture that is being drawn. Python must not end while XLA
+compiles."""
 
 
 class ViewerServer:

@@ -137,5 +137,3 @@ def _request(text: str | None) -> dict[str, Any] | None:
     except (ValueError, RecursionError):
         return None
     return request if isinstance(request, dict) else None
-
-

@@ -73,9 +73,7 @@ class EnlargedScenes:
     def __init__(self):
         self._scenes: OrderedDict[tuple[int, int, int], Scene] = OrderedDict()
 
-    def get(
-        self, subject: Subject, zoom: float, make: Callable[[int, int], Scene]
-    ) -> Scene:
+    def get(self, subject: Subject, zoom: float, make: Callable[[int, int], Scene]) -> Scene:
         """The scene of this zoom, from `make(height, width)` if it is not kept."""
         version = subject.version
         height, width = enlarged_size(*subject.size(), zoom)

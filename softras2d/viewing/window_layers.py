@@ -3,11 +3,13 @@
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..color import premultiply
+from ..numerics.array_types import HostOrDeviceArray
 from ..numerics.device import to_device
 from ..options import Filter
 from ..planning.plan import Plan
@@ -37,13 +39,13 @@ class WindowLayers(NamedTuple):
     - `depth`, `uv`, `level`: None where the scene has none; `level` is the mip level of detail.
     """
 
-    triangle: Int[Array, "height width samples layers"]
-    coverage: Float[Array, "height width samples layers"]
-    weights: Float[Array, "height width samples layers 3"]
-    color: Float[Array, "height width samples layers 4"]
-    depth: Float[Array, "height width samples layers"] | None
-    uv: Float[Array, "height width samples layers 2"] | None
-    level: Float[Array, "height width samples layers"] | None
+    triangle: Int[HostOrDeviceArray, "height width samples layers"]
+    coverage: Float[HostOrDeviceArray, "height width samples layers"]
+    weights: Float[HostOrDeviceArray, "height width samples layers 3"]
+    color: Float[HostOrDeviceArray, "height width samples layers 4"]
+    depth: Float[HostOrDeviceArray, "height width samples layers"] | None
+    uv: Float[HostOrDeviceArray, "height width samples layers 2"] | None
+    level: Float[HostOrDeviceArray, "height width samples layers"] | None
 
 
 def cull(scene: Scene, view: View, margin: float) -> tuple[Scene, Int[np.ndarray, " triangles"]]:
@@ -69,9 +71,11 @@ def find_layers(scene: Scene, plan: Plan) -> tuple[WindowLayers, Bool[Array, ""]
         # Where all depths are equal the picture is the same, but no triangle of a tile is left out
         # because others hide it.
         depth = np.zeros(len(scene.positions), np.asarray(scene.positions).dtype)
-        scene = eqx.tree_at(
+        flat = eqx.tree_at(
             lambda scene: scene.depth, scene, to_device(depth), is_leaf=lambda leaf: leaf is None
         )
+        layers, overflow = _shade_samples(pad_concrete(flat, plan), plan)
+        return layers._replace(depth=None), overflow
     return _shade_samples(pad_concrete(scene, plan), plan)
 
 
@@ -79,8 +83,13 @@ def _no_layers(plan: Plan) -> WindowLayers:
     shape = (plan.height, plan.width, plan.grid.samples, LAYERS)
     zeros = np.zeros((*shape, 4), np.float32)
     nobody = to_device(np.full(shape, -1, np.int32))
-    numbers = [to_device(array) for array in (zeros[..., 0], zeros[..., :3], zeros)]
-    return WindowLayers(nobody, *numbers, None, None, None)
+    coverage, weights, color = map(to_device, (zeros[..., 0], zeros[..., :3], zeros))
+    return WindowLayers(nobody, coverage, weights, color, None, None, None)
+
+
+def on_host(layers: WindowLayers) -> WindowLayers:
+    """The same layers as NumPy arrays."""
+    return jax.tree.map(np.asarray, layers)
 
 
 @eqx.filter_jit

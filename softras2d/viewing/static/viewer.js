@@ -131,6 +131,8 @@ function h(tag, properties = {}, ...children) {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(properties)) {
     if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    // The content security policy forbids the attribute, and allows the property.
+    else if (name === "style") Object.assign(element.style, value);
     else if (value === true) element.setAttribute(name, "");
     else if (value !== false && value != null) element.setAttribute(name, value);
   }
@@ -198,7 +200,7 @@ class Viewer {
         class: "sr-stage", tabindex: 0, role: "application",
         "aria-label": "Picture. Drag to pan, scroll to zoom; press ? for the keys.",
       },
-      this.still, this.picture, this.overlay, this.slider, this.buildBar(),
+      this.still, this.picture, this.overlay, this.slider, (this.bar = this.buildBar()),
     );
     this.fitCard = h("div", { class: "sr-card sr-fit", hidden: true });
     this.toast = h("div", { class: "sr-toast", role: "status", hidden: true });
@@ -333,8 +335,8 @@ class Viewer {
   }
 
   buildLens() {
-    this.lensCanvas = h("canvas", { width: 396, height: 396, style: "width:198px;height:198px" });
-    this.pixelCanvas = h("canvas", { width: 272, height: 272, style: "width:136px;height:136px" });
+    this.lensCanvas = h("canvas", { width: 396, height: 396, style: { width: "198px", height: "198px" } });
+    this.pixelCanvas = h("canvas", { width: 272, height: 272, style: { width: "136px", height: "136px" } });
     this.lensTitle = h("h3");
     this.lensValues = h("div", { class: "sr-values" });
     this.lensTable = h("div");
@@ -515,10 +517,10 @@ class Viewer {
     const box = this.stage.getBoundingClientRect();
     const ratio = window.devicePixelRatio || 1;
     if (box.width < 40 || box.height < 40) return;
-    // In whole steps, so that a window that grows needs few programs.
+    // In whole steps, so that a window that grows needs few programs; the stage cuts off the rest.
     const step = Math.max(2, CANVAS_STEP / this.pixelSize);
     const side = (length) =>
-      clamp(Math.floor((length * ratio) / this.pixelSize / step) * step, step, MOST_CANVAS / 2);
+      clamp(Math.ceil((length * ratio) / this.pixelSize / step) * step, step, MOST_CANVAS / 2);
     const [width, height] = [side(box.width), side(box.height)];
     this.margin = [
       Math.floor(((box.width * ratio - width * this.pixelSize) / 2)) / ratio,
@@ -538,9 +540,9 @@ class Viewer {
     if (view && view.width === width && view.height === height) return this.schedule();
     this.picture.width = width;
     this.picture.height = height;
-    if (!view) {
+    if (!view || this.isFitted) {
       this.view = { zoom: 1, x: 0, y: 0, height, width };
-      if (this.subjects.length) this.fit();
+      this.fit();
     } else {
       this.changeView({
         ...view, height, width,
@@ -561,15 +563,21 @@ class Viewer {
     this.schedule();
   }
 
+  // Shows the whole drawing, below the bar and above what compares.
   fit() {
     if (!this.view || !this.subjects.length) return;
     const { height, width } = this.subject();
     const { view } = this;
-    const zoom = Math.min(view.width / width, view.height / height) * 0.96;
+    const scale = this.screenScale();
+    const top = (this.bar.offsetTop + this.bar.offsetHeight + 8 - this.margin[1]) * scale;
+    const room = [
+      (this.stage.clientWidth - 24) * scale, (this.stage.clientHeight - this.margin[1] - 12) * scale - top,
+    ];
+    const zoom = Math.max(Math.min(room[0] / width, room[1] / height), 4 / Math.max(height, width));
     this.changeView({
       ...view, zoom,
       x: Math.round((width * zoom - view.width) / 2),
-      y: Math.round((height * zoom - view.height) / 2),
+      y: Math.round((height * zoom - room[1]) / 2 - top),
     });
     this.isFitted = true;
   }
@@ -1320,7 +1328,7 @@ class Viewer {
   paintLensValues() {
     const { report, reference } = this.lens;
     const row = (name, value) => [
-      h("span", { class: "sr-swatch", style: `background:${css(value)}` }),
+      h("span", { class: "sr-swatch", style: { background: css(value) } }),
       h("span", {}, name),
       h("span", {}, value.map((v) => v.toFixed(4)).join("  ")),
     ];
@@ -1335,7 +1343,7 @@ class Viewer {
     }
     const has = (name) => layers.some((layer) => layer[name] != null);
     const columns = [
-      ["triangle", ({ triangle, color }) => [h("span", { class: "sr-swatch", style: `background:${css(color)}` }), ` ${triangle}`]],
+      ["triangle", ({ triangle, color }) => [h("span", { class: "sr-swatch", style: { background: css(color) } }), ` ${triangle}`]],
       ["covers", (layer) => (samples.length ? `${new Set(layer.samples).size} / ${rate ** 2}` : layer.coverage.toFixed(3))],
       ["weights", ({ weights }) => weights.map((w) => w.toFixed(2)).join(" ")],
       ...(has("depth") ? [["depth", ({ depth }) => depth.toFixed(4)]] : []),
