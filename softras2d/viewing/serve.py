@@ -3,6 +3,7 @@
 import secrets
 import socket
 import threading
+import time
 from types import TracebackType
 
 import uvicorn
@@ -20,6 +21,10 @@ MAX_MESSAGE_BYTES = 2**16
 _END_SECONDS = 20.0
 """Longest time to wait for the picture that is being drawn. Python must not end while XLA
 compiles."""
+
+
+_SEND_SECONDS = 0.2
+"""Time in which the last picture is sent to the pages."""
 
 
 class ViewerServer:
@@ -65,9 +70,10 @@ class ViewerServer:
             self._thread.join(0.5)
 
     def close(self) -> None:
-        """End the server and its worker."""
-        self._server.should_exit = True
+        """End the server and its worker, after the picture that is being drawn."""
         self._worker.close(_END_SECONDS)
+        time.sleep(_SEND_SECONDS)
+        self._server.should_exit = True
         self._thread.join(_END_SECONDS)
         self._socket.close()
 
