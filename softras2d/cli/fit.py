@@ -20,7 +20,7 @@ _ANIMATION_SECONDS = 5.0
 _BROWSER_SECONDS = 4.0
 """Time reserved for drawing an SVG's gradients as browsers do; at most a fifth of the limit."""
 
-_LAST_PICTURE_SECONDS = 3.0
+_LAST_PICTURE_SECONDS = 10.0
 """Longest time to wait until the page that watches a fit has its last picture."""
 
 _BUNDLED = "valley"
@@ -75,21 +75,19 @@ def fit_picture(
         if steps is None:
             gradients = bool(find_suffix(outputs, ".svg")) and _has_corner_colors(family, shading)
             seconds = _seconds_of_fit(seconds, began, frames is not None, gradients)
-        with (
-            _watched(picture, target, watch, browser) as watched,
-            _progress_bar(console, [frames, watched]) as report,
-        ):
-            result = fit(
-                picture, triangles=triangles, family=family, shading=shading,
-                translucent=translucent, seconds=seconds, steps=steps, solver=solver, size=size,
-                seed=seed, softness=_parse_softness(softness), colors=colors, loss=loss,
-                light=light, weights=pixel_weights, start=initial, resume=earlier, report=report,
-                checkpoint=find_suffix(outputs, ".npz"),
-            )  # fmt: skip
+        with _watched(picture, target, watch, browser) as watched:
+            with _progress_bar(console, [frames, watched]) as report:
+                result = fit(
+                    picture, triangles=triangles, family=family, shading=shading,
+                    translucent=translucent, seconds=seconds, steps=steps, solver=solver, size=size,
+                    seed=seed, softness=_parse_softness(softness), colors=colors, loss=loss,
+                    light=light, weights=pixel_weights, start=initial, resume=earlier,
+                    report=report, checkpoint=find_suffix(outputs, ".npz"),
+                )  # fmt: skip
+            write_all(outputs, result, frames)
+            _print_summary(outputs, result, began)
             if watched is not None:
                 watched.finish(result, _LAST_PICTURE_SECONDS)
-        write_all(outputs, result, frames)
-        _print_summary(outputs, result, began)
         if result.interrupted:
             raise KeyboardInterrupt
 

@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, TypeVar
 
+from ..names import check_name
+
 T = TypeVar("T")
 
 
@@ -24,7 +26,7 @@ def read_fields(kind: type[T], message: Any) -> T:
 
 
 def read_value(name: str, expected: Any, value: Any) -> Any:
-    """Return `value` as an `int`, a `float` or, for any other type, a `str`.
+    """Return `value` as an `int`, a `float`, or one of the strings of a `Literal`.
 
     Raises `ValueError` that begins with `name` for a value of another type.
     """
@@ -38,10 +40,11 @@ def read_value(name: str, expected: Any, value: Any) -> Any:
         return expected(value)
     if not isinstance(value, str):
         raise ValueError(f"`{name}` must be a string; got {str(value)[:40]!r}.")
+    check_name(name, value[:40], expected)
     return value
 
 
-def check_range(name: str, value: float, least: float, most: float) -> None:
+def check_range(name: str, value: int | float, least: int | float, most: int | float) -> None:
     """Raise `ValueError` unless `value` is from `least` to `most`."""
     if not least <= value <= most:
         raise ValueError(f"`{name}` must be {least:g} to {most:g}; got {value:g}.")

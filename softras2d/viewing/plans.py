@@ -31,7 +31,12 @@ from .settings import Settings
 from .view import View
 
 HEADROOM = 1.25
-"""How many times as long as these two views need the lists of a plan may become."""
+"""How many times as long as these two views need the lists of a plan may become.
+
+It doubles whenever a plan is outgrown, as it is again and again by the scenes of a fit that runs.
+"""
+
+_MOST_HEADROOM = 5.0
 
 _KEPT = 64
 """Plans that are kept."""
@@ -45,6 +50,7 @@ class ViewPlans:
 
     def __init__(self):
         self._plans: OrderedDict[tuple[Hashable, int], Plan] = OrderedDict()
+        self._headroom: dict[tuple[Hashable, int], float] = {}
 
     def choose(
         self, scene: Scene, view: View, settings: Settings, grid_bits: int | None = None
@@ -63,6 +69,8 @@ class ViewPlans:
     ) -> Plan:
         """A new plan, which holds this view and has headroom; for its octave from now on."""
         coverage = settings.coverage_option()
+        key = _kind_of(scene, view, settings, grid_bits), _octave(view)
+        headroom = self._headroom.get(key, HEADROOM)
         plan = make_plan(
             [scene, _at_twice_the_zoom(scene, view)],
             height=view.height,
@@ -72,7 +80,7 @@ class ViewPlans:
             origin=(view.x, view.y),
             max_width=settings.planned_width(),
             grid_bits=grid_bits,
-            headroom=HEADROOM,
+            headroom=headroom,
             # Such a program calls no host function, so that JAX can keep it on disk.
             on_overflow="nan",
         )
@@ -83,14 +91,16 @@ class ViewPlans:
             )
         if GUARD_BAND in mode_of(coverage).effects and not plan.cuts_far_triangles:
             plan = replace(plan, effects=(*plan.effects, GUARD_BAND))
-        self._keep((_kind_of(scene, view, settings, grid_bits), _octave(view)), plan)
+        self._headroom[key] = min(2 * headroom, _MOST_HEADROOM)
+        self._keep(key, plan)
         return plan
 
     def _keep(self, key: tuple[Hashable, int], plan: Plan) -> None:
         self._plans[key] = plan
         self._plans.move_to_end(key)
         while len(self._plans) > _KEPT:
-            self._plans.popitem(last=False)
+            oldest, _ = self._plans.popitem(last=False)
+            self._headroom.pop(oldest, None)
 
 
 def _octave(view: View) -> int:

@@ -70,7 +70,7 @@ class SceneFile(Subject):
             self._size = version, svg_size(self._path, dialect=self._options.dialect)
         return self._size[1]
 
-    def scene_at(self, zoom: float) -> Scene:
+    def scene_at(self, zoom: int | float) -> Scene:
         """Read the file at the size of this zoom."""
         return self._scenes.get(self, zoom, self._read)
 

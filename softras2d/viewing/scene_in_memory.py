@@ -37,7 +37,7 @@ class SceneInMemory(Subject):
         """Height and width of the canvas."""
         return self._height, self._width
 
-    def scene_at(self, zoom: float) -> Scene:
+    def scene_at(self, zoom: int | float) -> Scene:
         """The scene with its positions multiplied by the zoom."""
         return self._scenes.get(self, zoom, self._enlarge)
 
@@ -58,7 +58,7 @@ class SceneInMemory(Subject):
         return enlarge(self._scene, width / self._width, height / self._height)
 
 
-def enlarge(scene: Scene, x_scale: float, y_scale: float) -> Scene:
+def enlarge(scene: Scene, x_scale: int | float, y_scale: int | float) -> Scene:
     """Multiply the positions of a scene; on the host, where nothing is compiled."""
     positions = np.asarray(scene.positions)
     # In float64, so that each coordinate is rounded once.

@@ -46,7 +46,7 @@ class Subject(abc.ABC):
     def size(self) -> tuple[int, int]:
         """Height and width, in pixels, at zoom 1. Raises `ValueError` if it cannot be read."""
 
-    def scene_at(self, zoom: float) -> Scene:
+    def scene_at(self, zoom: int | float) -> Scene:
         """The scene enlarged by `zoom`, in pixels. Raises `ValueError` if it cannot be read."""
         raise ValueError(f"{self.name} is an image, and has no triangles.")
 
@@ -73,7 +73,7 @@ class EnlargedScenes:
     def __init__(self):
         self._scenes: OrderedDict[tuple[int, int, int], Scene] = OrderedDict()
 
-    def get(self, subject: Subject, zoom: float, make: Callable[[int, int], Scene]) -> Scene:
+    def get(self, subject: Subject, zoom: int | float, make: Callable[[int, int], Scene]) -> Scene:
         """The scene of this zoom, from `make(height, width)` if it is not kept."""
         version = subject.version
         height, width = enlarged_size(*subject.size(), zoom)

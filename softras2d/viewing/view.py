@@ -36,7 +36,7 @@ class View:
         check_range("height x width", self.height * self.width, 1, MAX_CANVAS_PIXELS)
 
 
-def enlarged_size(height: int, width: int, zoom: float) -> tuple[int, int]:
+def enlarged_size(height: int, width: int, zoom: int | float) -> tuple[int, int]:
     """Height and width, in whole pixels, of a drawing that is enlarged by `zoom`.
 
     Raises `ValueError` beyond the size at which coordinates in float32 are too coarse.

@@ -17,6 +17,7 @@ class WatchedFit(SceneInMemory):
         super().__init__(name, empty, height, width, FitState((), is_running=True))
         self._records: list[Record] = []
         self._is_seen = threading.Event()
+        self._is_watched = False
 
     def add(self, report: ProgressReport) -> None:
         """Show the state of the fit after a chunk of steps.
@@ -28,17 +29,20 @@ class WatchedFit(SceneInMemory):
         if self._version == 1 or self._is_seen.is_set():
             self._show(report.scene(), is_running=True)
 
-    def finish(self, result: FitResult, seconds: float) -> None:
-        """Show the result, and wait for up to some seconds until a page has asked for it."""
+    def finish(self, result: FitResult, seconds: int | float) -> None:
+        """Show the result, and wait for up to some seconds until a page has drawn it.
+
+        Returns at once if no page has looked at the fit.
+        """
         self._records = list(result.history)
-        was_watched = self._is_seen.is_set()
         self._show(result.scene, is_running=False)
-        if was_watched:
+        if self._is_watched:
             self._is_seen.wait(seconds)
 
-    def scene_at(self, zoom: float) -> Scene:
+    def scene_at(self, zoom: int | float) -> Scene:
         """The scene so far, with its positions multiplied by the zoom."""
         scene = super().scene_at(zoom)
+        self._is_watched = True
         self._is_seen.set()
         return scene
 

@@ -54,7 +54,7 @@ class Worker:
             for key in [key for key in self._jobs if key[0] == owner]:
                 del self._jobs[key]
 
-    def close(self, seconds: float = 0.0) -> None:
+    def close(self, seconds: int | float = 0) -> None:
         """Drop all jobs, and wait this long for the step that is computed at the moment."""
         with self._changed:
             self._jobs.clear()

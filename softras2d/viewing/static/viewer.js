@@ -1026,17 +1026,23 @@ class Viewer {
     }
   }
 
-  // The outline of the drawing's canvas.
+  // The outline of the drawing's canvas; what lies outside of it is dimmed.
   paintFrame(context, size) {
     if (!this.subjects.length) return;
     const { view } = this;
     const { width, height } = this.subject();
-    context.strokeStyle = "rgb(128 128 128 / 55%)";
+    const frame = [
+      -view.x * size, -view.y * size,
+      Math.round(width * view.zoom) * size, Math.round(height * view.zoom) * size,
+    ];
+    context.beginPath();
+    context.rect(0, 0, this.overlay.width, this.overlay.height);
+    context.rect(...frame);
+    context.fillStyle = "rgb(128 128 128 / 30%)";
+    context.fill("evenodd");
+    context.strokeStyle = "rgb(128 128 128 / 60%)";
     context.lineWidth = 1;
-    context.strokeRect(
-      -view.x * size - 0.5, -view.y * size - 0.5,
-      Math.round(width * view.zoom) * size + 1, Math.round(height * view.zoom) * size + 1,
-    );
+    context.strokeRect(frame[0] - 0.5, frame[1] - 0.5, frame[2] + 1, frame[3] + 1);
   }
 
   paintGrid(context, width, height, size) {
@@ -1455,8 +1461,9 @@ class Viewer {
     const seconds = history.map((row) => row[1]);
     const psnr = history.map((row) => row[2]);
     const [low, high] = [Math.min(...psnr), Math.max(...psnr)];
-    const points = history.map((row) =>
-      `${(100 * row[1]) / Math.max(...seconds)},${60 - (56 * (row[2] - low)) / Math.max(high - low, 1e-6)}`);
+    const [first, last] = [seconds[0], Math.max(seconds.at(-1), seconds[0] + 1e-3)];
+    const points = history.map(([, time, value]) =>
+      `${(100 * (time - first)) / (last - first)},${60 - (56 * (value - low)) / Math.max(high - low, 1e-6)}`);
     const space = "http://www.w3.org/2000/svg";
     const svg = document.createElementNS(space, "svg");
     svg.setAttribute("viewBox", "0 0 100 62");
@@ -1466,10 +1473,10 @@ class Viewer {
     const line = document.createElementNS(space, "polyline");
     line.setAttribute("points", points.join(" "));
     svg.append(line);
-    const [steps, time, last, active] = history.at(-1);
+    const [steps, time, value, active] = history.at(-1);
     const state = fit.is_running ? "fitting" : "fitted";
     this.fitCard.replaceChildren(
-      h("div", { class: "sr-label" }, `${state}, ${active} triangles`, h("strong", {}, `${last.toFixed(2)} dB`)),
+      h("div", { class: "sr-label" }, `${state}, ${active} triangles`, h("strong", {}, `${value.toFixed(2)} dB`)),
       svg,
       h("div", { class: "sr-label" }, `step ${steps}`, h("span", {}, `${time.toFixed(1)} s`)),
     );
