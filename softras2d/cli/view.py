@@ -59,8 +59,8 @@ def view_files(
 
         subjects = open_files(files, ReadOptions(dialect, assets, frame, opacity))
         with ViewerServer(Session(subjects), port) as server:
-            show_address(server.url, browser)
             try:
+                show_address(server.url, browser)
                 server.wait()
             except KeyboardInterrupt:
                 # The usual end of a viewer.

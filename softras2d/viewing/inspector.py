@@ -64,7 +64,7 @@ def inspect_pixel(
         "samples": [
             {"triangle": _name(triangle, index), "color": color.tolist()}
             for triangle, color in zip(
-                layers.triangle[half, half, :, 0], colors[half, half], strict=True
+                layers.triangle[half, half, :, 0].tolist(), colors[half, half], strict=True
             )
         ]
         if is_sampled

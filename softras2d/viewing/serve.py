@@ -39,6 +39,8 @@ class ViewerServer:
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._socket.bind((ADDRESS, port))
+            # From now on pages may connect; they are served when the server has started.
+            self._socket.listen()
         except OSError:
             self._socket.close()
             raise

@@ -150,7 +150,9 @@ def test_edges_are_the_triangles_in_view(session):
 
 
 @pytest.mark.parametrize("coverage", ["sampled", "area"])
-def test_tiles_list_the_triangles_that_touch_them(session, coverage):
+def test_tiles_list_the_triangles_that_touch_them(coverage):
+    # Translucent triangles hide none.
+    session = Session([SceneInMemory("glass", small_scene(channels=4), HEIGHT, WIDTH)])
     (reply,) = ask(session, "tiles", settings={"coverage": coverage, "samples": 1})
     facts = reply.header
     lengths = np.frombuffer(reply.payload, np.uint32).reshape(facts["rows"], facts["columns"])
@@ -160,18 +162,15 @@ def test_tiles_list_the_triangles_that_touch_them(session, coverage):
     height, width = facts["tile_height"], facts["tile_width"]
     touching = np.zeros(lengths.shape, int)
     for footprint in footprints(corners, canvas):
-        inside = np.zeros((canvas.height, canvas.width), bool)
-        inside[footprint.rows, footprint.columns] = footprint.inside
-        for row in range(facts["rows"]):
-            for column in range(facts["columns"]):
-                tile = np.s_[
-                    row * height : (row + 1) * height, column * width : (column + 1) * width
-                ]
-                touching[row, column] += inside[tile].any()
-    # A tile need not list triangles behind one that covers all of it.
-    assert lengths.sum() > 0 and facts["most"] == lengths.max()
-    assert ((lengths > 0) == (touching > 0)).mean() > 0.9
-    assert (lengths <= 20).all() and np.corrcoef(lengths.ravel(), touching.ravel())[0, 1] > 0.7
+        inside = np.zeros((facts["rows"] * height, facts["columns"] * width), bool)
+        inside[: canvas.height, : canvas.width][footprint.rows, footprint.columns] = (
+            footprint.inside
+        )
+        touching += inside.reshape(facts["rows"], height, -1, width).any(axis=(1, 3))
+    # A triangle may touch a tile and cover none of its samples.
+    assert (lengths >= touching).all() and touching.max() >= 5
+    assert (lengths - touching).mean() < 1
+    assert facts["most"] == lengths.max()
 
 
 def test_gradients_are_those_of_the_difference(session):
