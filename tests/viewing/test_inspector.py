@@ -75,13 +75,14 @@ def test_samples_are_those_of_the_oracle(session):
 
 
 def test_the_lens_holds_the_samples_of_its_pixels(session):
-    report, _ = inspect(session, 40, 30)
+    column, row = 14, 43
+    report, _ = inspect(session, column, row)
     lens, rate = report.header["lens"], report.header["rate"]
     samples = np.frombuffer(report.payload, np.uint8).reshape(lens * rate, lens * rate, 4)
     means = samples.reshape(lens, rate, lens, rate, 4).mean(axis=(1, 3))[..., :3]
     picture = bytes_of(enlarge(small_scene(), 1.5, 1.5), VIEW, sr.Hard(samples=4))
     half = lens // 2
-    expected = picture[30 - half : 31 + half, 40 - half : 41 + half]
+    expected = picture[row - half : row + half + 1, column - half : column + half + 1]
     assert len(np.unique(expected.reshape(-1, 3), axis=0)) > 5
     assert np.abs(means - expected).max() <= 1
 
@@ -124,17 +125,17 @@ def test_textures_and_depth_are_listed():
     )
     session = Session([SceneInMemory("ground", scene, HEIGHT, WIDTH)])
     view = {"zoom": 0.5, "x": 0, "y": 0, "height": 32, "width": 32}
-    report, reference = inspect(session, 5, 5, view=view)
+    report, reference = inspect(session, 20, 5, view=view)
     plan = sr.plan(
         enlarge(scene, 0.5, 0.5), height=32, width=32, coverage=sr.Hard(4), filter=sr.Filter()
     )
-    expected = np.asarray(sr.render(enlarge(scene, 0.5, 0.5), plan))[5, 5]
+    expected = np.asarray(sr.render(enlarge(scene, 0.5, 0.5), plan))[5, 20]
     np.testing.assert_allclose(report.header["value"], expected, atol=1e-5)
     first = report.header["layers"][0]
     assert first["triangle"] == 0 and first["depth"] == pytest.approx(1.0)
     # Half the size on the screen: 32 texels across 32 pixels along x, and 32 across 24 along y.
     assert first["level"] == pytest.approx(np.log2(32 / 24), abs=1e-4)
-    assert first["uv"] == pytest.approx([5.5 / 32, 5.5 / 24], abs=1e-4)
+    assert first["uv"] == pytest.approx([20.5 / 32, 5.5 / 24], abs=1e-4)
     assert reference.header["name"] == "256 samples"
 
 

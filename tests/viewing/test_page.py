@@ -104,9 +104,7 @@ def press(page: Any, *keys: str) -> None:
 def test_keys_change_what_is_drawn(page, folder):
     steps = [
         ((), sr.Hard(16)),
-        (("-", "-"), sr.Hard(4)),
-        (("-",), sr.Hard(1)),
-        (("=", "f"), sr.Hard(4, "top_left")),
+        (("-", "-", "f"), sr.Hard(4, "top_left")),
         (("c", "c"), sr.Area()),
     ]
     pictures = set()
@@ -117,24 +115,18 @@ def test_keys_change_what_is_drawn(page, folder):
         np.testing.assert_array_equal(shown[..., :3], expected, err_msg=str(coverage))
         assert (shown[..., 3] == 255).all()
         pictures.add(shown.tobytes())
-    # The two fill rules may agree.
-    assert len(pictures) >= len(steps) - 1
+    assert len(pictures) == len(steps)
 
 
 def test_texture_keys_change_what_is_drawn(page, folder):
-    press(page, "2", "-", "-", "-")
-    pictures = set()
-    for keys, filter in [
-        ((), sr.Filter()),
-        (("p",), sr.Filter("nearest", "linear")),
-        (("l",), sr.Filter("nearest", "zero")),
-    ]:
-        press(page, *keys)
-        shown = canvas_of(page)
-        expected = drawn(folder, "stretched.svg", view_of(page), sr.Hard(1), filter)
-        np.testing.assert_array_equal(shown[..., :3], expected, err_msg=str(filter))
-        pictures.add(shown.tobytes())
-    assert len(pictures) == 3
+    press(page, "-", "-", "-", "2")
+    before = canvas_of(page)
+    press(page, "p", "l")
+    shown = canvas_of(page)
+    filter = sr.Filter("nearest", "zero")
+    expected = drawn(folder, "stretched.svg", view_of(page), sr.Hard(1), filter)
+    np.testing.assert_array_equal(shown[..., :3], expected)
+    assert (shown != before).any()
 
 
 def test_wheel_and_drag_move_the_view(page, folder):

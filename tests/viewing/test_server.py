@@ -95,7 +95,8 @@ def test_nothing_listens_on_other_addresses(server):
     connections = []
     for family, *_, address in socket.getaddrinfo(socket.gethostname(), server.port):
         if family == socket.AF_INET and not address[0].startswith("127."):
-            connections.append(socket.socket(family).connect_ex(address))
+            with socket.socket(family) as attempt:
+                connections.append(attempt.connect_ex(address))
     assert all(connections)
 
 
@@ -161,7 +162,8 @@ def test_a_server_ends_while_pages_are_open():
         server.close()
         with pytest.raises(ConnectionClosed):
             page.recv(20)
-    assert socket.socket().connect_ex(("127.0.0.1", server.port)) != 0
+    with socket.socket() as attempt:
+        assert attempt.connect_ex(("127.0.0.1", server.port)) != 0
 
 
 def test_the_page_loads_nothing_from_the_net():
