@@ -102,7 +102,7 @@ class Session:
             "notes": list(subject.notes()),
             "command": subject.command(view, settings),
         }
-        yield Reply(facts, np.ascontiguousarray(rgba).data)
+        yield Reply(facts, _bytes(rgba))
 
     def png(self, request: Mapping[str, Any]) -> Iterator[Reply]:
         """Draw a view as a PNG file."""
@@ -119,7 +119,7 @@ class Session:
         check_range("row", row, 0, view.height - 1)
         scene = subject.scene_at(view.zoom)
         report = inspect_pixel(self._artist, scene, view, settings, column, row)
-        yield Reply(report.facts, report.samples.data)
+        yield Reply(report.facts, _bytes(report.samples))
         name, value = reference_value(self._artist, scene, view, settings, column, row)
         facts = {"column": column, "row": row, "name": name, "value": value}
         yield Reply({"kind": "reference"} | facts)
@@ -128,7 +128,7 @@ class Session:
         """The corners of the triangles in view, as float32."""
         subject, view, _ = self._read(request)
         corners = triangle_edges(subject.scene_at(view.zoom), view)
-        yield Reply({"triangles": len(corners)}, corners.data)
+        yield Reply({"triangles": len(corners)}, _bytes(corners))
 
     def tiles(self, request: Mapping[str, Any]) -> Iterator[Reply]:
         """How many triangles each tile lists, as uint32 in rows."""
@@ -146,7 +146,7 @@ class Session:
             "pairs_listed": int(lengths.sum()),
             "pairs_capacity": plan.capacity_of(len(scene.triangles)).pairs,
         }
-        yield Reply(facts, np.ascontiguousarray(lengths, np.uint32).data)
+        yield Reply(facts, _bytes(lengths.astype(np.uint32)))
 
     def gradients(self, request: Mapping[str, Any]) -> Iterator[Reply]:
         """Gradients by the positions, against an image: rows of (x, y, dx, dy) as float32."""
@@ -155,7 +155,7 @@ class Session:
         rows = position_gradients(
             self._artist, subject.scene_at(view.zoom), view, settings, target.pixels(view)
         )
-        yield Reply({"vertices": len(rows)}, rows.data)
+        yield Reply({"vertices": len(rows)}, _bytes(rows))
 
     def costs(self, request: Mapping[str, Any]) -> Iterator[Reply]:
         """Measure what each effect costs, one reply after another."""
@@ -192,6 +192,11 @@ _ANSWERS: dict[str, Callable[[Session, Mapping[str, Any]], Iterator[Reply]]] = {
 
 URGENCY = {kind: rank for rank, kind in enumerate(_ANSWERS)}
 """Rank of each kind of request: of those that wait, the one with the least is answered first."""
+
+
+def _bytes(array: np.ndarray) -> memoryview:
+    """The bytes of an array, row by row."""
+    return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
 
 
 def _describe(subject: Subject) -> dict[str, Any]:

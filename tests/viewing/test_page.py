@@ -32,7 +32,7 @@ from ..oracles.coverage import Canvas, footprints
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
-WINDOW = {"width": 800, "height": 560}
+WINDOW = {"width": 920, "height": 560}
 
 
 @pytest.fixture(scope="module")
@@ -356,7 +356,7 @@ def test_a_fit_is_watched(browser, tmp_path):
     output = tmp_path / "fit.svg"
     command = [
         sys.executable, "-m", "softras2d", "fit", "--watch", "--no-browser",
-        "-n", "20", "--size", "48", "--seconds", "45", "-o", str(output),
+        "-n", "20", "--size", "48", "--steps", "1000000", "-o", str(output),
     ]  # fmt: skip
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:

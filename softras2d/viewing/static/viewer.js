@@ -13,6 +13,7 @@ const ZOOM_STEP = 1.25;
 const CANVAS_STEP = 32; // Canvas sides are multiples of this many screen pixels.
 const MOST_CANVAS = 8192;
 const DIFFERENCE_GAIN = 4;
+const NARROW = 900; // A viewer of at most this width, in CSS pixels, starts without its panel.
 const BUSY_MS = 150; // A picture that takes longer is announced.
 const ARROW_PIXELS = 48; // Length of the longest gradient, in screen pixels.
 
@@ -193,14 +194,14 @@ class Viewer {
       oninput: () => this.moveSplit(+this.split.value),
     });
     this.sideNames = [h("span", { class: "sr-side-name" }), h("span", { class: "sr-side-name" })];
-    this.slider = h("div", { class: "sr-slider", hidden: true }, ...this.sideNames, this.split);
+    this.slider = h("div", { class: "sr-slider", hidden: true }, this.split);
     this.stage = h(
       "div",
       {
         class: "sr-stage", tabindex: 0, role: "application",
         "aria-label": "Picture. Drag to pan, scroll to zoom; press ? for the keys.",
       },
-      this.still, this.picture, this.overlay, this.slider, (this.bar = this.buildBar()),
+      this.still, this.picture, this.overlay, this.slider, ...this.sideNames, (this.bar = this.buildBar()),
     );
     this.fitCard = h("div", { class: "sr-card sr-fit", hidden: true });
     this.toast = h("div", { class: "sr-toast", role: "status", hidden: true });
@@ -517,6 +518,8 @@ class Viewer {
     const box = this.stage.getBoundingClientRect();
     const ratio = window.devicePixelRatio || 1;
     if (box.width < 40 || box.height < 40) return;
+    // In a narrow window the picture comes first; the panel opens with its button.
+    if (!this.view && !this.panel.hidden && this.root.clientWidth <= NARROW) this.togglePanel();
     // In whole steps, so that a window that grows needs few programs; the stage cuts off the rest.
     const step = Math.max(2, CANVAS_STEP / this.pixelSize);
     const side = (length) =>
@@ -839,7 +842,6 @@ class Viewer {
     const shown = this.pictures[slot];
     if (shown && shown.id > header.id) return;
     const wanted = this.wanted[slot];
-    const request = wanted && JSON.parse(wanted.key)[0];
     const { height, width } = header;
     const rgba = new Uint8ClampedArray(payload.buffer, payload.byteOffset, payload.byteLength);
     let canvas = shown?.canvas;
@@ -853,10 +855,9 @@ class Viewer {
     if (slot === "a") this.updatePlan(header);
     this.paint();
     if (this.isExact()) {
-      this.drawnIn = performance.now() - this.askedAt;
+      this.root.dataset.drawnMs = (performance.now() - this.askedAt).toFixed(1);
       this.onExact();
     }
-    return request;
   }
 
   onError({ request, message, slot, id }) {
@@ -1063,11 +1064,11 @@ class Viewer {
       context.closePath();
     }
     context.lineJoin = "bevel";
-    context.lineWidth = 2.5 / scale;
-    context.strokeStyle = "rgb(255 255 255 / 45%)";
+    context.lineWidth = 2.2 / scale;
+    context.strokeStyle = "rgb(255 255 255 / 28%)";
     context.stroke();
-    context.lineWidth = 1 / scale;
-    context.strokeStyle = "rgb(20 24 30 / 85%)";
+    context.lineWidth = 0.9 / scale;
+    context.strokeStyle = "rgb(20 24 30 / 80%)";
     context.stroke();
   }
 
@@ -1383,7 +1384,7 @@ class Viewer {
     for (const name of ["samples", "fill_rule", "shading"]) controls[name].hidden = !isSampled;
     controls.soft_width.hidden = settings.coverage !== "soft";
     for (const [name, isOn] of Object.entries(this.overlays)) controls[name].querySelector("input").checked = isOn;
-    this.slider.hidden = comparison.mode !== "slider";
+    for (const part of [this.slider, ...this.sideNames]) part.hidden = comparison.mode !== "slider";
     this.differenceNote.hidden = comparison.mode !== "difference";
     this.sideNames[0].textContent = this.describe(settings);
     this.fillAgainst();
