@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import anywidget
 import traitlets
+from IPython.display import display
 
 from .frames import finite
 from .session import URGENCY, Reply, Session
@@ -65,5 +66,16 @@ class ViewerWidget(anywidget.AnyWidget):
         """The widget, and a picture for front ends that show no widgets."""
         bundle = super()._repr_mimebundle_(**keywords)
         if bundle is not None:
-            bundle[0]["image/png"] = self._png
+            bundle[0].update({"image/png": self._png, "text/plain": "The viewer of softras2d."})
         return bundle
+
+    def _ipython_display_(self) -> None:
+        """Show the picture and the widget, which hides the picture when it runs.
+
+        JupyterLab shows nothing but an error for a widget without a kernel, and ignores the picture
+        that comes with it.
+        """
+        display({"image/png": self._png, "text/plain": ""}, raw=True)
+        bundle = self._repr_mimebundle_()
+        if bundle is not None:
+            display(bundle[0], raw=True)

@@ -1,9 +1,12 @@
 """A real browser that shows the viewer, driven by playwright."""
 
+import base64
+import json
 import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -29,11 +32,10 @@ _CANVAS = """() => {
 def require_playwright() -> Any:
     """Playwright's module; without it the calling test is skipped, or fails under `REQUIRE`."""
     try:
-        from playwright import sync_api
+        return import_module("playwright.sync_api")
     except ModuleNotFoundError:
         message = "no playwright: pip install '.[browser]'"
         (pytest.fail if os.environ.get(REQUIRE) else pytest.skip)(message)
-    return sync_api
 
 
 @contextmanager
@@ -74,8 +76,6 @@ def state_of(page: Any) -> str:
 
 def canvas_of(page: Any) -> np.ndarray:
     """The pixels that the page shows, `[height, width, 4]` bytes."""
-    import base64
-
     shown = page.evaluate(_CANVAS)
     pixels = np.frombuffer(base64.b64decode(shown["bytes"]), np.uint8)
     return pixels.reshape(shown["height"], shown["width"], 4)
@@ -83,8 +83,6 @@ def canvas_of(page: Any) -> np.ndarray:
 
 def frames_of(page: Any) -> list[tuple[dict[str, Any], bytes]]:
     """A list to which header and payload of each frame are added that the page receives."""
-    import json
-
     frames: list[tuple[dict[str, Any], bytes]] = []
 
     def receive(frame: Any) -> None:

@@ -145,9 +145,20 @@ def test_the_widget_in_jupyterlab(lab, tmp_path):
             (204, 51, 26, 255), (26, 77, 179, 255), (255, 255, 255, 255),
         }  # fmt: skip
         assert page.locator(".jp-CodeCell").count() >= 1
+        # The picture for pages without a kernel is hidden while the widget runs.
+        image = page.locator(".jp-OutputArea img[src^='data:image/png']:not(.sr-still)")
+        assert image.count() == 1 and not image.is_visible()
         page.keyboard.press("Control+s")
         saved = tmp_path / "view.ipynb"
         wait_for(lambda: "image/png" in saved.read_text(), "the saved notebook")
+        # Without its kernel the notebook still shows the picture.
+        address, _, _ = lab.partition("/lab")
+        kernels = page.request.get(f"{address}/api/kernels?token=viewer").json()
+        for kernel in kernels:
+            page.request.delete(f"{address}/api/kernels/{kernel['id']}?token=viewer")
+        page.goto("about:blank")
+        page.goto(lab)
+        image.first.wait_for(state="visible", timeout=180_000)
     notebook = json.loads(saved.read_text())
-    (output,) = notebook["cells"][0]["outputs"]
-    assert base64.b64decode(output["data"]["image/png"]).startswith(b"\x89PNG")
+    first, _ = notebook["cells"][0]["outputs"]
+    assert base64.b64decode(first["data"]["image/png"]).startswith(b"\x89PNG")

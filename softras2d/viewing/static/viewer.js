@@ -1525,13 +1525,26 @@ export function mount(root, transport, options) {
   return new Viewer(root, transport, options);
 }
 
+// Hides the picture that a notebook shows above the widget for pages without a kernel.
+function hideStill(el, still) {
+  const outputs = el.closest(".jp-OutputArea, .output, .cell-output") ?? el.parentElement;
+  for (const image of outputs?.querySelectorAll("img") ?? []) {
+    // Line breaks in the data of an output are not part of its picture.
+    if (image.closest(".sr-viewer") || image.src.replace(/\s|%0A/g, "") !== still) continue;
+    (image.closest(".jp-OutputArea-child, .output_area") ?? image).style.display = "none";
+  }
+}
+
 // The notebook widget, as anywidget calls it.
 export default {
   render({ model, el }) {
     const root = document.createElement("div");
     root.style.height = `${model.get("height")}px`;
     el.append(root);
-    const viewer = mount(root, openModel(model), { isWidget: true, still: model.get("still") });
+    const still = model.get("still");
+    const viewer = mount(root, openModel(model), { isWidget: true, still });
+    // The element may not be part of the page yet.
+    requestAnimationFrame(() => hideStill(el, still));
     return () => viewer.close();
   },
 };
