@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .scene import Scene, check
     from .shading.sample_texture import sample_texture
     from .texture.pyramid import TexturePyramid
+    from .viewing.notebook import view
 
 __version__ = "0.1.0"
 
@@ -71,6 +72,7 @@ _DEFINED_IN = {
     "sample_texture": ".shading.sample_texture",
     "simplify": ".planning.simplify",
     "value_and_grad_replanning": ".rendering.replanning",
+    "view": ".viewing.notebook",
     "write_image": ".io.images",
     "write_svg": ".io.svg.writer",
 }
@@ -116,6 +118,7 @@ __all__ = [
     "simplify",
     "testing",
     "value_and_grad_replanning",
+    "view",
     "write_image",
     "write_svg",
 ]

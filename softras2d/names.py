@@ -6,6 +6,7 @@ loading JAX.
 
 from typing import Any, Literal, get_args
 
+CoverageKind = Literal["sampled", "soft", "area"]
 FillRule = Literal["inclusive", "top_left"]
 Shading = Literal["sample", "pixel"]
 SoftProfile = Literal["logistic", "softras", "window"]

@@ -5,7 +5,18 @@ import sys
 
 import pytest
 
-HEAVY = ("jax", "jaxlib", "equinox", "numpy", "OpenImageIO", "matplotlib")
+HEAVY = (
+    "jax",
+    "jaxlib",
+    "equinox",
+    "numpy",
+    "OpenImageIO",
+    "matplotlib",
+    "starlette",
+    "uvicorn",
+    "websockets",
+    "anywidget",
+)
 
 
 def heavy_modules(code: str) -> set[str]:
@@ -38,6 +49,8 @@ def test_importing_the_package_imports_nothing_heavy():
         ["compare", "-h"],
         ["info", "-h"],
         ["demo", "-h"],
+        ["view", "-h"],
+        ["fit", "-h"],
     ],
 )
 def test_help_imports_nothing_heavy(arguments):

@@ -105,6 +105,7 @@ simplify: scene, *height, *width, *filter=
 testing.assert_image_matches: image, path, *tolerance=, *update=
 value_and_grad_replanning: loss, scene_of, *height, *width, *coverage=, *filter=, *headroom=,
     *has_aux=
+view: subjects, *height=, *width=, *widget_height=
 write_image: path, image, *linear=, *truncate=
 write_svg: path, scene, *height=, *width=, *fallback=
 """

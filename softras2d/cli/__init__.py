@@ -1,4 +1,4 @@
-"""The command line: `softras2d render`, `fit`, `compare`, `info` and `demo`.
+"""The command line: `softras2d render`, `view`, `fit`, `compare`, `info` and `demo`.
 
 There is one file per command. Heavy packages (JAX, OpenImageIO) are imported inside the commands,
 so that `--help` answers at once.
@@ -15,6 +15,7 @@ from .demo import make_demo
 from .fit import fit_picture
 from .info import describe_scene
 from .render import render_scenes
+from .view import view_files
 
 app = typer.Typer(
     name="softras2d",
@@ -24,6 +25,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("render")(render_scenes)
+app.command("view")(view_files)
 app.command("fit")(fit_picture)
 app.command("compare")(compare_files)
 app.command("info")(describe_scene)
@@ -48,7 +50,8 @@ def _about(
 ) -> None:
     """Render triangle scenes exactly, and fit triangles to pictures.
 
-    Try it:  [bold]softras2d demo pictures/[/bold]   [bold]softras2d fit[/bold]
+    Try it:  [bold]softras2d demo pictures/[/bold]   [bold]softras2d fit[/bold]   [bold]softras2d
+    view scene.svg[/bold]
 
     Compiled programs are kept in your cache folder, so that the next run starts faster.
     Set SOFTRAS2D_DEBUG=1 to see the whole traceback of an error.

@@ -1,7 +1,7 @@
 """`softras2d fit`: fits triangles to a picture."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,16 @@ from rich.progress import BarColumn, Progress, TextColumn
 from . import fit_options
 from .fit_options import SECONDS
 from .session import session
+from .view import import_server, show_address
 
 _ANIMATION_SECONDS = 5.0
 """Time reserved for drawing an animation; at most three tenths of the time limit."""
 
 _BROWSER_SECONDS = 4.0
 """Time reserved for drawing an SVG's gradients as browsers do; at most a fifth of the limit."""
+
+_LAST_PICTURE_SECONDS = 10.0
+"""Longest time to wait until the page that watches a fit has its last picture."""
 
 _BUNDLED = "valley"
 """The bundled picture that is fitted if the command names none."""
@@ -42,12 +46,16 @@ def fit_picture(
     weights: fit_options.Weights = None,
     start: fit_options.Start = "error",
     resume: fit_options.Resume = None,
+    watch: fit_options.Watch = False,
+    browser: fit_options.Browser = True,
 ) -> None:
     """Fit triangles to a picture: yours, or a bundled one.
 
     [bold]softras2d fit photo.jpg -n 1000 -o photo.svg -o photo.png[/bold]
 
     [bold]softras2d fit photo.jpg --family mesh -n 5000 --seconds 240 -o photo.npz[/bold]
+
+    [bold]softras2d fit photo.jpg --watch[/bold]
 
     Ctrl-C stops the fit early: the best result so far is written, and the exit code is 130.
     """
@@ -67,16 +75,19 @@ def fit_picture(
         if steps is None:
             gradients = bool(find_suffix(outputs, ".svg")) and _has_corner_colors(family, shading)
             seconds = _seconds_of_fit(seconds, began, frames is not None, gradients)
-        with _progress_bar(console, frames) as report:
-            result = fit(
-                picture, triangles=triangles, family=family, shading=shading,
-                translucent=translucent, seconds=seconds, steps=steps, solver=solver, size=size,
-                seed=seed, softness=_parse_softness(softness), colors=colors, loss=loss,
-                light=light, weights=pixel_weights, start=initial, resume=earlier, report=report,
-                checkpoint=find_suffix(outputs, ".npz"),
-            )  # fmt: skip
-        write_all(outputs, result, frames)
-        _print_summary(outputs, result, began)
+        with _watched(picture, target, watch, browser) as watched:
+            with _progress_bar(console, [frames, watched]) as report:
+                result = fit(
+                    picture, triangles=triangles, family=family, shading=shading,
+                    translucent=translucent, seconds=seconds, steps=steps, solver=solver, size=size,
+                    seed=seed, softness=_parse_softness(softness), colors=colors, loss=loss,
+                    light=light, weights=pixel_weights, start=initial, resume=earlier,
+                    report=report, checkpoint=find_suffix(outputs, ".npz"),
+                )  # fmt: skip
+            write_all(outputs, result, frames)
+            _print_summary(outputs, result, began)
+            if watched is not None:
+                watched.finish(result, _LAST_PICTURE_SECONDS)
         if result.interrupted:
             raise KeyboardInterrupt
 
@@ -154,10 +165,32 @@ def _parse_softness(text: str) -> Any:
 
 
 @contextmanager
-def _progress_bar(console: Console, frames: Any) -> Iterator[Callable[[Any], None]]:
+def _watched(picture: Any, target: Path | None, watch: bool, browser: bool) -> Iterator[Any]:
+    """Serve a page that shows the fit; yields what the fit reports to, or None without --watch.
+
+    The picture to fit is the second file of the page, to compare the fit with.
+    """
+    if not watch:
+        yield None
+        return
+    import_server()
+    from ..viewing.image import Image
+    from ..viewing.serve import ViewerServer
+    from ..viewing.session import Session
+    from ..viewing.watched_fit import WatchedFit
+
+    name = _BUNDLED if target is None else target.name
+    fit = WatchedFit(f"fit of {name}", *picture.shape[:2])
+    with ViewerServer(Session([fit, Image(name, lambda: picture)])) as server:
+        show_address(server.url, browser)
+        yield fit
+
+
+@contextmanager
+def _progress_bar(console: Console, followers: Sequence[Any]) -> Iterator[Callable[[Any], None]]:
     """Show a progress bar, and yield the function that the fit calls after each chunk of steps.
 
-    `frames` is an `AnimationFrames` that collects the scenes of the fit, or None.
+    `followers` have a method `add` that takes each progress report, or are None.
     """
     columns = (
         TextColumn("fitting"),
@@ -180,8 +213,9 @@ def _progress_bar(console: Console, frames: Any) -> Iterator[Callable[[Any], Non
             if moment.seconds_left == moment.seconds_left:
                 status += f", {moment.seconds_left:.0f} s left"
             progress.update(task, completed=moment.share, status=status)
-            if frames is not None:
-                frames.add(moment)
+            for follower in followers:
+                if follower is not None:
+                    follower.add(moment)
 
         yield report
 

@@ -143,3 +143,14 @@ Resume = Annotated[
         rich_help_panel=_SEARCH,
     ),
 ]
+Watch = Annotated[
+    bool,
+    typer.Option("--watch", help="Show the fit in the browser while it runs."),
+]
+Browser = Annotated[
+    bool,
+    typer.Option(
+        "--browser/--no-browser",
+        help="With --watch: open the page in the browser, or only print its address.",
+    ),
+]

@@ -101,6 +101,41 @@ Origin = Annotated[
         rich_help_panel=_PICTURE,
     ),
 ]
+Window = Annotated[
+    Size | None,
+    typer.Option(
+        metavar="WIDTHxHEIGHT",
+        parser=parse_size,
+        help="Size of the image where it shows only a part of the drawing: --size is then that of "
+        "the whole drawing, and --origin says where the part begins.",
+        rich_help_panel=_PICTURE,
+    ),
+]
+CoverageKind = Annotated[
+    names.CoverageKind,
+    typer.Option(
+        "--coverage",
+        help="Supersampling, soft edges, or the exact area of each triangle in each pixel.",
+        rich_help_panel=_PICTURE,
+    ),
+]
+SoftWidth = Annotated[
+    float,
+    typer.Option(
+        "--soft-width",
+        metavar="PIXELS",
+        help="Width of soft edges, in pixels, with --coverage soft.",
+        rich_help_panel=_PICTURE,
+    ),
+]
+LodBias = Annotated[
+    float,
+    typer.Option(
+        "--lod-bias",
+        help="Added to the mip level of textures.",
+        rich_help_panel=_PICTURE,
+    ),
+]
 Background = Annotated[
     Color | None,
     typer.Option(
@@ -233,3 +268,7 @@ class RenderOptions:
     tolerance: float = 0.02
     strict: bool = False
     fit: names.SvgFit | None = None
+    window: Size | None = None
+    coverage: names.CoverageKind = "sampled"
+    soft_width: float = 1.0
+    lod_bias: float = 0.0

@@ -57,12 +57,16 @@ def render_scenes(
     samples: options.Samples = 16,
     size: options.SizeOption = None,
     origin: options.Origin = None,
+    window: options.Window = None,
     background: options.Background = None,
     fill_rule: options.FillRule = "inclusive",
     shading: options.Shading = "sample",
     pixel_filter: options.PixelFilter = "bilinear",
     level_filter: options.LevelFilter = "linear",
     anisotropy: options.Anisotropy = 1,
+    lod_bias: options.LodBias = 0.0,
+    coverage: options.CoverageKind = "sampled",
+    soft_width: options.SoftWidth = 1.0,
     linear: options.Linear = False,
     dialect: options.Dialect = "svg",
     assets: options.Assets = None,
@@ -84,7 +88,8 @@ def render_scenes(
     """
     settings = RenderOptions(
         samples, size, dialect, assets, fill_rule, shading, pixel_filter, level_filter,
-        anisotropy, frame, opacity, background, origin, linear, tolerance, strict, fit,
+        anisotropy, frame, opacity, background, origin, linear, tolerance, strict, fit, window,
+        coverage, soft_width, lod_bias,
     )  # fmt: skip
     with session() as console:
         targets = _targets(scenes, output, kind)
@@ -166,15 +171,16 @@ def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
 
 def _render(path: Path, target: Path, settings: RenderOptions, truncate: bool) -> str:
     """Render one scene to one file; returns a line about the image."""
-    from .render_steps import make_plan, read_scene, render_image
+    from .render_steps import make_plan, read_scene, render_image, window_size
 
     started = time.perf_counter()
     scene, height, width = read_scene(path, settings)
+    height, width = window_size(settings.window, height, width)
     image = render_image(scene, make_plan(scene, height, width, settings))
     seconds = time.perf_counter() - started
     _write(target, image, settings.linear, truncate)
     return (
-        f"{target}: {width} x {height} pixels at {settings.samples} samples per pixel, "
+        f"{target}: {width} x {height} pixels {_coverage_text(settings)}, "
         f"{scene.triangles.shape[0]} triangles, {1e3 * seconds:.0f} ms"
     )
 
@@ -198,6 +204,15 @@ def _write(target: Path, image: Any, linear: bool, truncate: bool) -> None:
             sys.stdout.buffer.flush()
     except (ValueError, OSError) as error:
         raise OutputError(one_line(error)) from error
+
+
+def _coverage_text(settings: RenderOptions) -> str:
+    """How an image was drawn, for the line about it."""
+    return {
+        "sampled": f"at {settings.samples} samples per pixel",
+        "soft": f"with edges {settings.soft_width:g} pixels wide",
+        "area": "with exact areas",
+    }[settings.coverage]
 
 
 @contextmanager

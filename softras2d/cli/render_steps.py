@@ -8,7 +8,7 @@ import numpy as np
 
 from ..color import srgb_to_linear
 from ..numerics.device import to_device
-from ..options import Filter, Hard
+from ..options import Area, Coverage, Filter, Hard, Soft
 from ..planning.plan import Plan
 from ..rendering.planner import plan
 from ..rendering.render import render_checked
@@ -82,17 +82,32 @@ def canvas_size(size: Size | None, file_size: tuple[int, int] | None) -> tuple[i
     return height, width
 
 
+def window_size(window: Size | None, height: int, width: int) -> tuple[int, int]:
+    """Height and width of the image, where that of the whole drawing is `height` x `width`."""
+    if window is None:
+        return height, width
+    if window.height is None:
+        raise ValueError(f"--window must be WIDTHxHEIGHT, such as 800x600; got {window.width}.")
+    return window.height, window.width
+
+
 def make_plan(scene: Scene, height: int, width: int, options: RenderOptions) -> Plan:
-    """Plan a hard-mode image of `height` x `width` pixels."""
+    """Plan an image of `height` x `width` pixels."""
+    coverage: Coverage = {
+        "sampled": lambda: Hard(options.samples, options.fill_rule, options.shading),
+        "soft": lambda: Soft(options.soft_width),
+        "area": Area,
+    }[options.coverage]()
     return plan(
         scene,
         height=height,
         width=width,
-        coverage=Hard(
-            samples=options.samples, fill_rule=options.fill_rule, shading=options.shading
-        ),
+        coverage=coverage,
         filter=Filter(
-            pixel=options.pixel_filter, level=options.level_filter, anisotropy=options.anisotropy
+            pixel=options.pixel_filter,
+            level=options.level_filter,
+            anisotropy=options.anisotropy,
+            lod_bias=options.lod_bias,
         ),
         origin=(0, 0) if options.origin is None else tuple(options.origin),
     )

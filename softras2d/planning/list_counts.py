@@ -7,11 +7,19 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import Int
 
 from ..binning.expansion import Expansion, expand_on_host
 from ..binning.pairs import find_pairs
 from ..binning.reach import Lines, reached_triangles
-from ..geometry.fixed_point import Edges, Grid, SampleBounds, corners_of
+from ..geometry.fixed_point import (
+    Corners,
+    Edges,
+    Grid,
+    GridTriangles,
+    SampleBounds,
+    corners_of,
+)
 from ..geometry.projection import project
 from ..geometry.tiling import Tiling
 from ..gradients.crossings import lines_crossed, runs_of
@@ -44,10 +52,7 @@ def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.nda
     """Count the lists of sampled coverage; raises `ValueError` for too many pairs."""
     tiling = Tiling.one_word_wide(grid)
     scene = jax.tree.map(np.asarray, scene)
-    projection = project(
-        scene.positions, scene.triangles, origin, grid, coverage.fill_rule, cut=True
-    )
-    corners, segments, edges, bounds = projection[:4]
+    corners, segments, edges, bounds = _project(scene, grid, coverage, origin)
     occluders = is_occluder(scene, segments.orientation)
     counts, listed = _count_pairs(edges, bounds, occluders, tiling)
     fragments = 0
@@ -73,6 +78,41 @@ def count_analytic_lists(
     triangles = reached_triangles(corners, tiling.grid, np.float32(reach))
     occluders = is_occluder(scene, triangles.orientation) & (not summed)
     return _count_pairs(triangles.lines, triangles.bounds, occluders, tiling)[0]
+
+
+def sampled_list_lengths(
+    scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray
+) -> Int[np.ndarray, "rows columns"]:
+    """Number of listed pairs of each tile under sampled coverage, where the tile lies."""
+    tiling = Tiling.one_word_wide(grid)
+    scene = jax.tree.map(np.asarray, scene)
+    _, segments, edges, bounds = _project(scene, grid, coverage, origin)
+    occluders = is_occluder(scene, segments.orientation)
+    return _lengths_by_tile(_count_pairs(edges, bounds, occluders, tiling)[1], tiling)
+
+
+def analytic_list_lengths(
+    scene: Scene, tiling: Tiling, reach: float, origin: np.ndarray, *, summed: bool
+) -> Int[np.ndarray, "rows columns"]:
+    """Number of listed pairs of each tile under analytic coverage, where the tile lies."""
+    scene = jax.tree.map(np.asarray, scene)
+    corners = corners_of(scene.positions, scene.triangles, origin)
+    triangles = reached_triangles(corners, tiling.grid, np.float32(reach))
+    occluders = is_occluder(scene, triangles.orientation) & (not summed)
+    _, listed = _count_pairs(triangles.lines, triangles.bounds, occluders, tiling)
+    return _lengths_by_tile(listed, tiling)
+
+
+def _project(
+    scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray
+) -> tuple[Corners, GridTriangles, Edges, SampleBounds]:
+    """Corners and edges of a scene on the host, with far triangles cut to the guard band."""
+    return project(scene.positions, scene.triangles, origin, grid, coverage.fill_rule, cut=True)[:4]
+
+
+def _lengths_by_tile(listed: ListedPairs, tiling: Tiling) -> Int[np.ndarray, "rows columns"]:
+    lengths = np.bincount(listed.tile, minlength=tiling.count)
+    return lengths.reshape(tiling.rows, tiling.columns)
 
 
 def _count_pairs(

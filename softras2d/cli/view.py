@@ -1,0 +1,86 @@
+"""`softras2d view`: shows scenes and images in the browser."""
+
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from . import options
+from .session import session
+
+Files = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="SCENE.svg ...",
+        show_default=False,
+        help="SVG files to view, and images to compare them with. A changed file is drawn again.",
+    ),
+]
+Port = Annotated[
+    int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1. Default: a free one.")
+]
+Browser = Annotated[
+    bool,
+    typer.Option(
+        "--browser/--no-browser", help="Open the page in the browser, or only print its address."
+    ),
+]
+
+
+def view_files(
+    files: Files,
+    port: Port = 0,
+    browser: Browser = True,
+    dialect: options.Dialect = "svg",
+    assets: options.Assets = None,
+    frame: options.Frame = None,
+    opacity: options.Opacity = True,
+) -> None:
+    """View scenes in the browser: zoom, pan, switch settings and inspect pixels.
+
+    [bold]softras2d view scene.svg[/bold]
+
+    [bold]softras2d view scenes/*.svg mine.png[/bold]
+
+    The page is served on this machine alone. Ctrl-C ends the server.
+    """
+    with session(long_running=True) as console:
+        # Refused before the heavy imports.
+        for path in files:
+            if not path.is_file():
+                raise ValueError(f"{path}: no such file.")
+        import_server()
+        from ..viewing.open_files import open_files
+        from ..viewing.scene_file import ReadOptions
+        from ..viewing.serve import ViewerServer
+        from ..viewing.session import Session
+
+        subjects = open_files(files, ReadOptions(dialect, assets, frame, opacity))
+        with ViewerServer(Session(subjects), port) as server:
+            try:
+                show_address(server.url, browser)
+                server.wait()
+            except KeyboardInterrupt:
+                # The usual end of a viewer.
+                console.print("closed")
+
+
+def show_address(url: str, browser: bool) -> None:
+    """Print the address of the page, and open it in the browser if `browser` is true."""
+    Console(soft_wrap=True, highlight=False).print(f"viewer: {url}", markup=False)
+    if browser:
+        webbrowser.open(url)
+
+
+def import_server() -> None:
+    """Raise `ValueError`, one line, if the packages of the server are missing."""
+    try:
+        import starlette  # noqa: F401
+        import uvicorn  # noqa: F401
+        import websockets  # noqa: F401
+    except ModuleNotFoundError as missing:
+        raise ValueError(
+            f'the viewer needs more packages: pip install "softras2d[view]" ({missing}).'
+        ) from None

@@ -1,0 +1,52 @@
+"""Refuses requests that do not come from a page of this server.
+
+Any web page may send requests to 127.0.0.1, and through a name that it lets resolve to that address
+it may also read the answers. So each request must name this server as its host, must not come from
+a page of another origin, and must have the token, which only the printed address contains.
+
+**Source:** OWASP, *Cross-Site WebSocket Hijacking*, for the origin; Jackson et al., *Protecting
+Browsers from DNS Rebinding Attacks* (CCS 2007), for the host.
+"""
+
+import secrets
+
+from starlette.datastructures import Headers
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
+
+NAMES = ("127.0.0.1", "localhost")
+"""Names under which a browser may call the server."""
+
+
+class Guard:
+    """Passes a request on to `app` if it is allowed, with the token removed from its path."""
+
+    def __init__(self, app: ASGIApp, token: str, port: int):
+        self._app = app
+        self._prefix = f"/{token}"
+        self._hosts = {f"{name}:{port}" for name in NAMES}
+        self._origins = {f"http://{host}" for host in self._hosts}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request, as ASGI says."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+        elif self._is_allowed(scope):
+            path = scope["path"][len(self._prefix) :]
+            await self._app({**scope, "path": path, "raw_path": path.encode()}, receive, send)
+        elif scope["type"] == "websocket":
+            # Before it is accepted, closing a WebSocket is answered with 403.
+            await WebSocketClose()(scope, receive, send)
+        else:
+            await PlainTextResponse("refused\n", 403)(scope, receive, send)
+
+    def _is_allowed(self, scope: Scope) -> bool:
+        headers = Headers(scope=scope)
+        origin = headers.get("origin")
+        start = scope["path"][: len(self._prefix) + 1]
+        return (
+            headers.get("host") in self._hosts
+            and (origin is None or origin in self._origins)
+            and secrets.compare_digest(start.encode(), f"{self._prefix}/".encode())
+        )

@@ -1,0 +1,128 @@
+"""A subject that is an image: a file of pixels, or the levels of a texture pyramid."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from ..color import premultiply, unpremultiply
+from ..io.images import read_image, to_bytes
+from ..texture.pyramid import TexturePyramid
+from .subject import Subject
+from .view import View, enlarged_size
+
+_OUTSIDE = (0, 0, 0, 0)
+"""RGBA of what lies outside of an image."""
+
+
+class Image(Subject):
+    """An image, enlarged without smoothing; shrunk, each pixel is the mean of those that it shows.
+
+    - `read`: returns the image, `[height, width, 3 or 4]` in 0..1 with straight alpha.
+    - `version_of`: a number that changes whenever the image does.
+    """
+
+    is_image = True
+
+    def __init__(
+        self,
+        name: str,
+        read: Callable[[], Float[np.ndarray, "height width channels"]],
+        version_of: Callable[[], int] = lambda: 1,
+    ):
+        super().__init__(name)
+        self._read = read
+        self._version_of = version_of
+        self._image: tuple[int, np.ndarray] | None = None
+
+    @property
+    def version(self) -> int:
+        """The number that `version_of` returns."""
+        return self._version_of()
+
+    def size(self) -> tuple[int, int]:
+        """Height and width of the image."""
+        height, width, _ = self.values().shape
+        return height, width
+
+    def values(self) -> Float[np.ndarray, "height width channels"]:
+        """The image itself. Raises `ValueError` if it cannot be read."""
+        version = self.version
+        if self._image is None or self._image[0] != version:
+            self._image = version, self._read()
+        return self._image[1]
+
+    def pixels(self, view: View) -> UInt8[np.ndarray, "height width 4"]:
+        """The pixels of the image under each pixel of the canvas."""
+        image = self.values()
+        height, width = enlarged_size(image.shape[0], image.shape[1], view.zoom)
+        if view.zoom < 1:
+            image = _shrink(image, height, width)
+        rows = _source_indices(view.y, view.height, height, image.shape[0])
+        columns = _source_indices(view.x, view.width, width, image.shape[1])
+        shown = np.empty((view.height, view.width, 4), np.uint8)
+        shown[...] = _OUTSIDE
+        inside = np.ix_(rows >= 0, columns >= 0)
+        part = to_bytes(np.asarray(image[np.ix_(rows[rows >= 0], columns[columns >= 0])]))
+        shown[..., :3][inside] = part[..., :3]
+        shown[..., 3][inside] = part[..., 3] if part.shape[2] == 4 else 255
+        return shown
+
+
+def image_file(path: Path) -> Image:
+    """A subject for an image file, which is read again when it changes."""
+
+    def version_of() -> int:
+        try:
+            return path.stat().st_mtime_ns
+        except OSError:
+            return 0
+
+    return Image(path.name, lambda: read_image(path), version_of)
+
+
+def pyramid_image(name: str, textures: TexturePyramid) -> Image:
+    """A subject for a texture pyramid: one row per texture, with its levels side by side."""
+    picture = _mosaic(textures)
+    return Image(name, lambda: picture)
+
+
+def _source_indices(start: int, count: int, enlarged: int, source: int) -> np.ndarray:
+    """For each pixel of a canvas the index in the image, or -1 outside of it."""
+    at = start + np.arange(count)
+    index = (2 * at + 1) * source // (2 * enlarged)
+    return np.where((at >= 0) & (at < enlarged), index, -1)
+
+
+def _shrink(image: np.ndarray, height: int, width: int) -> np.ndarray:
+    """The means over blocks of pixels, `height` x `width` of them."""
+    # Premultiplied, so that transparent pixels do not bleed their colour.
+    sums, weight = premultiply(image), np.ones((*image.shape[:2], 1), image.dtype)
+    for axis, count in ((0, height), (1, width)):
+        starts = np.arange(count) * image.shape[axis] // count
+        sums, weight = (np.add.reduceat(array, starts, axis) for array in (sums, weight))
+    return unpremultiply(sums / weight)
+
+
+def _mosaic(textures: TexturePyramid) -> Float[np.ndarray, "height width channels"]:
+    """The levels of every texture side by side, a pixel apart, with straight alpha."""
+    table, texels = np.asarray(textures.levels), np.asarray(textures.texels, np.float32)
+    heights = table[:, 0, 1]
+    tops = np.concatenate([[0], np.cumsum(heights + 1)])
+    width = int((table[:, :, 2] + 1).sum(axis=1).max()) - 1
+    picture = np.zeros((int(tops[-1]) - 1, width, 4), np.float32)
+    for rows, top in zip(table, tops, strict=False):
+        left, seen = 0, set()
+        for offset, level_height, level_width in rows.tolist():
+            # A texture with fewer levels repeats its last.
+            if offset in seen:
+                continue
+            seen.add(offset)
+            level = texels[offset : offset + level_height * level_width]
+            level = unpremultiply(level.reshape(level_height, level_width, -1))
+            place = picture[top : top + level_height, left : left + level_width]
+            place[..., :3] = level[..., :3]
+            place[..., 3] = level[..., 3] if level.shape[2] == 4 else 1
+            left += level_width + 1
+    return picture

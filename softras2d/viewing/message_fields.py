@@ -1,0 +1,50 @@
+"""Reads the fields of a message, which may hold anything, into a frozen dataclass."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, TypeVar
+
+from ..names import check_name
+
+T = TypeVar("T")
+
+
+def read_fields(kind: type[T], message: Any) -> T:
+    """Make a dataclass of numbers and strings from a message.
+
+    A field that is missing has its default. Raises `ValueError` that names the field for another
+    type than annotated, for NaN and infinity, and for a field that does not exist.
+    """
+    if not isinstance(message, Mapping):
+        raise ValueError(f"{kind.__name__} must be an object; got {type(message).__name__}.")
+    known: dict[str, Any] = {field.name: field.type for field in fields(kind)}  # pyright: ignore
+    for name in message:
+        if name not in known:
+            raise ValueError(f"{kind.__name__} has no field {str(name)[:40]!r}.")
+    return kind(**{name: read_value(name, known[name], value) for name, value in message.items()})
+
+
+def read_value(name: str, expected: Any, value: Any) -> Any:
+    """Return `value` as an `int`, a `float`, or one of the strings of a `Literal`.
+
+    Raises `ValueError` that begins with `name` for a value of another type.
+    """
+    if expected in (int, float):
+        # In Python, true and false are integers.
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        is_whole = is_number and math.isfinite(value) and (expected is float or value == int(value))
+        if not is_whole:
+            wanted = "a whole number" if expected is int else "a finite number"
+            raise ValueError(f"`{name}` must be {wanted}; got {str(value)[:40]!r}.")
+        return expected(value)
+    if not isinstance(value, str):
+        raise ValueError(f"`{name}` must be a string; got {str(value)[:40]!r}.")
+    check_name(name, value[:40], expected)
+    return value
+
+
+def check_range(name: str, value: int | float, least: int | float, most: int | float) -> None:
+    """Raise `ValueError` unless `value` is from `least` to `most`."""
+    if not least <= value <= most:
+        raise ValueError(f"`{name}` must be {least:g} to {most:g}; got {value:g}.")

@@ -1,0 +1,92 @@
+"""`view`: shows scenes, fits, textures and images in a notebook."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..fitting.result import FitResult
+from ..io.images import as_pixels
+from ..scene import Scene
+from ..texture.pyramid import TexturePyramid
+from .image import Image, pyramid_image
+from .open_files import fit_subject, open_files
+from .scene_file import ReadOptions
+from .scene_in_memory import SceneInMemory, default_size
+from .session import Session
+from .subject import Subject
+
+if TYPE_CHECKING:
+    from .widget import ViewerWidget
+else:
+    # The type alone would import anywidget, which is optional.
+    ViewerWidget = Any
+
+_LEAST_WIDGET, _MOST_WIDGET = 200, 2000
+
+
+def view(
+    *subjects: Any,
+    height: int | None = None,
+    width: int | None = None,
+    widget_height: int = 480,
+) -> ViewerWidget:
+    """Show what is given in a notebook: zoom, pan, switch settings, inspect pixels, compare.
+
+    - `subjects`: one or several, of any kinds: a `Scene`, a `FitResult`, a `TexturePyramid`, an
+      image `[height, width, 3 or 4]` in 0..1, or the path of an SVG file, an image or a saved fit.
+      Images can be compared with the others, and gradients are taken against them.
+    - `height`, `width`: of the canvas of scenes, in pixels; by default the smallest canvas from
+      (0, 0) that holds all triangles.
+    - `widget_height`: of the widget on the screen, 200 to 2000 pixels.
+
+    Returns the widget, which a notebook shows if it is the last value of a cell. Where no kernel
+    runs, it shows a picture of the first subject. Press ? in it for the keys.
+
+    Raises `ImportError`, one line, if anywidget is missing, and `ValueError` for subjects of other
+    kinds and for batches of scenes.
+    """
+    if not _LEAST_WIDGET <= widget_height <= _MOST_WIDGET:
+        raise ValueError(
+            f"`widget_height` must be {_LEAST_WIDGET} to {_MOST_WIDGET}; got {widget_height!r}."
+        )
+    session = Session([_subject_of(given, at, height, width) for at, given in enumerate(subjects)])
+    try:
+        from .widget import ViewerWidget
+    except ModuleNotFoundError as missing:
+        raise ImportError(
+            f'softras2d.view needs anywidget: pip install "softras2d[view]" ({missing}).'
+        ) from missing
+    return ViewerWidget(session, widget_height)
+
+
+def _subject_of(given: Any, number: int, height: int | None, width: int | None) -> Subject:
+    """The subject of an argument of `view`."""
+    if isinstance(given, Scene):
+        if np.ndim(given.positions) != 2:
+            raise ValueError(f"subject {number} is a batch of scenes: give them one by one.")
+        fitting = default_size(given)
+        return SceneInMemory(
+            f"scene {number + 1}",
+            given,
+            fitting[0] if height is None else height,
+            fitting[1] if width is None else width,
+        )
+    if isinstance(given, FitResult):
+        return fit_subject(f"fit {number + 1}", given)
+    if isinstance(given, TexturePyramid):
+        return pyramid_image(f"textures {number + 1}", given)
+    if isinstance(given, str | os.PathLike):
+        path = Path(given)
+        if not path.is_file():
+            raise ValueError(f"{path}: no such file.")
+        return open_files([path], ReadOptions())[0]
+    try:
+        pixels = as_pixels(f"subject {number}", np.asarray(given))
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"subject {number} must be a scene, a fit, a texture pyramid, an image or a path; got "
+            f"{type(given).__name__} ({error})"
+        ) from None
+    return Image(f"image {number + 1}", lambda: pixels)

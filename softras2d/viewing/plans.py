@@ -1,0 +1,146 @@
+"""Plans of views, which are kept so that panning and small zooms compile nothing.
+
+JAX compiles a program for each set of capacities. A view that moves needs lists of other lengths in
+every frame, so the plan of one frame is used for as long as it is large enough, with another
+origin. Plans have headroom, and they always foresee triangles past the guard band, where zooming
+puts most of them.
+
+A plan holds the view that it is made for, and the same view at twice the zoom. Each octave of zoom
+has a plan of its own, because unused capacity costs time: it begins with the plan of the nearest
+octave, and gets another when it outgrows that.
+"""
+
+import math
+from collections import OrderedDict
+from collections.abc import Hashable
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ..numerics.device import to_device
+from ..planning.effects import GUARD_BAND
+from ..planning.plan import Plan
+from ..planning.size_classes import triangle_class
+from ..rendering.modes import mode_of
+from ..rendering.planner import plan as make_plan
+from ..scene import Scene
+from .settings import Settings
+from .view import View
+
+HEADROOM = 1.25
+"""How many times as long as these two views need the lists of a plan may become.
+
+It doubles whenever a plan is outgrown, as it is again and again by the scenes of a fit that runs.
+"""
+
+_MOST_HEADROOM = 5.0
+
+_KEPT = 64
+"""Plans that are kept."""
+
+_MAX_MEMORY = 4 * 2**30
+"""Bytes of a render beyond which a view is refused."""
+
+
+class ViewPlans:
+    """The plans of recent views."""
+
+    def __init__(self):
+        self._plans: OrderedDict[tuple[Hashable, int], Plan] = OrderedDict()
+        self._headroom: dict[tuple[Hashable, int], float] = {}
+
+    def choose(
+        self, scene: Scene, view: View, settings: Settings, grid_bits: int | None = None
+    ) -> Plan:
+        """A plan for this view, which may turn out to be too small; `grid_bits` as in `plan`."""
+        kind, octave = _kind_of(scene, view, settings, grid_bits), _octave(view)
+        near = sorted((abs(other - octave), other) for known, other in self._plans if known == kind)
+        if not near:
+            return self.enlarge(scene, view, settings, grid_bits)
+        plan = self._plans[kind, near[0][1]]
+        self._keep((kind, octave), plan)
+        return _at(plan, view, settings)
+
+    def enlarge(
+        self, scene: Scene, view: View, settings: Settings, grid_bits: int | None = None
+    ) -> Plan:
+        """A new plan, which holds this view and has headroom; for its octave from now on."""
+        coverage = settings.coverage_option()
+        key = _kind_of(scene, view, settings, grid_bits), _octave(view)
+        headroom = self._headroom.get(key, HEADROOM)
+        plan = make_plan(
+            [scene, _at_twice_the_zoom(scene, view)],
+            height=view.height,
+            width=view.width,
+            coverage=coverage,
+            filter=settings.filter_option(),
+            origin=(view.x, view.y),
+            max_width=settings.planned_width(),
+            grid_bits=grid_bits,
+            headroom=headroom,
+            # Such a program calls no host function, so that JAX can keep it on disk.
+            on_overflow="nan",
+        )
+        if plan.memory > _MAX_MEMORY:
+            raise ValueError(
+                f"the view would take {plan.memory / 2**30:.1f} GiB: choose fewer samples, or a "
+                "smaller window."
+            )
+        if GUARD_BAND in mode_of(coverage).effects and not plan.cuts_far_triangles:
+            plan = replace(plan, effects=(*plan.effects, GUARD_BAND))
+        self._headroom[key] = min(2 * headroom, _MOST_HEADROOM)
+        self._keep(key, plan)
+        return plan
+
+    def _keep(self, key: tuple[Hashable, int], plan: Plan) -> None:
+        self._plans[key] = plan
+        self._plans.move_to_end(key)
+        while len(self._plans) > _KEPT:
+            oldest, _ = self._plans.popitem(last=False)
+            self._headroom.pop(oldest, None)
+
+
+def _octave(view: View) -> int:
+    return math.floor(math.log2(view.zoom) + 0.5)
+
+
+def _kind_of(scene: Scene, view: View, settings: Settings, grid_bits: int | None) -> Hashable:
+    """What two views must share to be drawn by one program."""
+    textures = scene.textures
+    return (
+        jax.tree.structure(scene),
+        triangle_class(scene.triangles.shape[0]),
+        scene.positions.dtype,
+        scene.colors.shape[1:],
+        scene.background.shape,
+        None if textures is None else (textures.texels.shape, textures.levels.shape),
+        (view.height, view.width, grid_bits),
+        settings.without_arrays(),
+    )
+
+
+def _at_twice_the_zoom(scene: Scene, view: View) -> Scene:
+    """The scene enlarged about the middle of a view."""
+    positions = np.asarray(scene.positions)
+    middle = np.array([view.x + view.width / 2, view.y + view.height / 2])
+    moved = 2 * positions.astype(np.float64) - middle
+    return eqx.tree_at(lambda scene: scene.positions, scene, moved.astype(positions.dtype))
+
+
+def _at(plan: Plan, view: View, settings: Settings) -> Plan:
+    """The plan at the place of another view, with that view's values of all array leaves."""
+    wanted = eqx.tree_at(lambda plan: plan.origin, plan, _like([view.x, view.y], plan.origin))
+    bias = _like(settings.lod_bias, plan.filter.lod_bias)
+    wanted = eqx.tree_at(lambda plan: plan.filter.lod_bias, wanted, bias)
+    if settings.coverage == "soft":
+        soft: Any = plan.coverage
+        width = _like(settings.soft_width, soft.width)
+        wanted = eqx.tree_at(lambda plan: plan.coverage.width, wanted, width)
+    return wanted
+
+
+def _like(value: Any, leaf: Any) -> Any:
+    return to_device(np.asarray(value, leaf.dtype))

@@ -1,0 +1,124 @@
+"""A subject that is an SVG file, read again for each zoom and whenever the file changes."""
+
+import shlex
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..io.svg.reader import read_svg, svg_size
+from ..names import SvgDialect
+from ..options import Filter, Hard
+from ..scene import Scene
+from .settings import Settings
+from .subject import EnlargedScenes, Subject
+from .view import View, enlarged_size
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How SVG files are read; the fields are arguments of `read_svg`."""
+
+    dialect: SvgDialect = "svg"
+    assets: Path | None = None
+    frame: bool | None = None
+    opacity: bool = True
+
+    def arguments(self) -> dict[str, Any]:
+        """The keywords of `read_svg`."""
+        return {
+            "dialect": self.dialect,
+            "assets": self.assets,
+            "frame": self.frame,
+            "opacity": self.opacity,
+        }
+
+    def flags(self) -> list[str]:
+        """The options of `softras2d render` that differ from their defaults."""
+        flags = [] if self.dialect == "svg" else ["--dialect", self.dialect]
+        flags += [] if self.assets is None else ["--assets", str(self.assets)]
+        flags += [] if self.frame is None else ["--frame" if self.frame else "--no-frame"]
+        return flags + ([] if self.opacity else ["--no-opacity"])
+
+
+class SceneFile(Subject):
+    """An SVG file.
+
+    It is read again at each zoom, so that curves, and lines of one pixel, are those of that size.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions):
+        super().__init__(path.name)
+        self._path = path
+        self._options = options
+        self._scenes = EnlargedScenes()
+        self._size: tuple[int, tuple[int, int]] | None = None
+        self._notes: tuple[str, ...] = ()
+
+    @property
+    def version(self) -> int:
+        """The time of the last change of the file, in nanoseconds; 0 if there is no file."""
+        try:
+            return self._path.stat().st_mtime_ns
+        except OSError:
+            return 0
+
+    def size(self) -> tuple[int, int]:
+        """The size that the file declares."""
+        version = self.version
+        if self._size is None or self._size[0] != version:
+            self._size = version, svg_size(self._path, dialect=self._options.dialect)
+        return self._size[1]
+
+    def scene_at(self, zoom: int | float) -> Scene:
+        """Read the file at the size of this zoom."""
+        return self._scenes.get(self, zoom, self._read)
+
+    def _read(self, height: int, width: int) -> Scene:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            scene = read_svg(self._path, height=height, width=width, **self._options.arguments())
+        self._notes = tuple(str(warning.message) for warning in caught)
+        return scene
+
+    def notes(self) -> tuple[str, ...]:
+        """What was not drawn of the file."""
+        return self._notes
+
+    def command(self, view: View, settings: Settings) -> str:
+        """The command `softras2d render` of the same picture."""
+        height, width = enlarged_size(*self.size(), view.zoom)
+        words = ["softras2d", "render", str(self._path), "-o", f"{self._path.stem}.png"]
+        words += ["--size", f"{width}x{height}", "--origin", f"{view.x},{view.y}"]
+        words += ["--window", f"{view.width}x{view.height}"]
+        words += self._options.flags() + settings_flags(settings)
+        return shlex.join(words)
+
+
+def settings_flags(settings: Settings) -> list[str]:
+    """The options of `softras2d render` for settings that differ from its defaults."""
+    flags = []
+    if settings.coverage == "sampled":
+        hard = Hard()
+        flags += ["--samples", str(settings.samples)]
+        for name in ("fill_rule", "shading"):
+            value = getattr(settings, name)
+            flags += [] if value == getattr(hard, name) else [_flag(name), value]
+    else:
+        flags += ["--coverage", settings.coverage]
+        flags += ["--soft-width", f"{settings.soft_width:g}"] * (settings.coverage == "soft")
+    default = Filter()
+    for name, option in (
+        ("pixel_filter", default.pixel),
+        ("level_filter", default.level),
+        ("anisotropy", default.anisotropy),
+        ("lod_bias", default.lod_bias),
+    ):
+        value = getattr(settings, name)
+        text = f"{value:g}" if isinstance(value, float) else str(value)
+        flags += [] if value == option else [_flag(name), text]
+    return flags
+
+
+def _flag(name: str) -> str:
+    return f"--{name.replace('_', '-')}"

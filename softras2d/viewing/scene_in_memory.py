@@ -1,0 +1,105 @@
+"""A subject that is a scene in memory, such as the scene of a fit."""
+
+import math
+
+import equinox as eqx
+import numpy as np
+
+from ..numerics.device import to_device
+from ..scene import Scene
+from .settings import Settings
+from .subject import EnlargedScenes, FitState, Subject
+from .view import View
+
+_MAX_DEFAULT_SIDE = 4096
+"""Longest side of the canvas that is chosen for a scene without a size, in pixels."""
+
+
+class SceneInMemory(Subject):
+    """A scene whose positions are in pixels at zoom 1."""
+
+    def __init__(
+        self, name: str, scene: Scene, height: int, width: int, fit: FitState | None = None
+    ):
+        super().__init__(name)
+        self._scene = scene
+        self._height, self._width = height, width
+        self._fit = fit
+        self._version = 1
+        self._scenes = EnlargedScenes()
+
+    @property
+    def version(self) -> int:
+        """The number of scenes so far."""
+        return self._version
+
+    def size(self) -> tuple[int, int]:
+        """Height and width of the canvas."""
+        return self._height, self._width
+
+    def scene_at(self, zoom: int | float) -> Scene:
+        """The scene with its positions multiplied by the zoom."""
+        return self._scenes.get(self, zoom, self._enlarge)
+
+    def fit_state(self) -> FitState | None:
+        """The progress of the fit that ended with this scene."""
+        return self._fit
+
+    def replace(self, scene: Scene, fit: FitState | None) -> None:
+        """Show another scene of the same size from now on."""
+        self._scene, self._fit = scene, fit
+        self._version += 1
+
+    def command(self, view: View, settings: Settings) -> str:
+        """Python code of the same picture, for a variable `scene`."""
+        return python_code(view, settings, enlarged=(self._height, self._width))
+
+    def _enlarge(self, height: int, width: int) -> Scene:
+        return enlarge(self._scene, width / self._width, height / self._height)
+
+
+def enlarge(scene: Scene, x_scale: int | float, y_scale: int | float) -> Scene:
+    """Multiply the positions of a scene; on the host, where nothing is compiled."""
+    positions = np.asarray(scene.positions)
+    # In float64, so that each coordinate is rounded once.
+    moved = positions.astype(np.float64) * np.array([x_scale, y_scale])
+    # `dataclasses.replace` would check the scene again.
+    return eqx.tree_at(lambda scene: scene.positions, scene, to_device(moved, positions.dtype))
+
+
+def default_size(scene: Scene) -> tuple[int, int]:
+    """Height and width of the smallest canvas from (0, 0) that holds all triangles of a scene.
+
+    A scene that reaches further than 4096 pixels gets a canvas of 4096 pixels.
+    """
+    corners = np.asarray(scene.positions)[np.asarray(scene.triangles).reshape(-1)]
+    corners = corners[np.isfinite(corners).all(axis=1)]
+    right, bottom = corners.max(axis=0).tolist() if len(corners) else (1.0, 1.0)
+    height, width = (
+        max(1, math.ceil(min(side, float(_MAX_DEFAULT_SIDE)))) for side in (bottom, right)
+    )
+    return height, width
+
+
+def python_code(view: View, settings: Settings, enlarged: tuple[int, int]) -> str:
+    """Python code that draws a view of a scene; `enlarged` is the canvas at zoom 1."""
+    from .view import enlarged_size
+
+    height, width = enlarged_size(*enlarged, view.zoom)
+    x_scale, y_scale = width / enlarged[1], height / enlarged[0]
+    coverage = {
+        "sampled": f"sr.Hard({settings.samples}, {settings.fill_rule!r}, {settings.shading!r})",
+        "soft": f"sr.Soft({settings.soft_width:g})",
+        "area": "sr.Area()",
+    }[settings.coverage]
+    filter = (
+        f"sr.Filter({settings.pixel_filter!r}, {settings.level_filter!r}, "
+        f"{settings.anisotropy}, {settings.lod_bias:g})"
+    )
+    return (
+        "view = dataclasses.replace(scene, positions=scene.positions * "
+        f"np.float32([{x_scale!r}, {y_scale!r}]))\n"
+        f"plan = sr.plan(view, height={view.height}, width={view.width}, "
+        f"origin=({view.x}, {view.y}), coverage={coverage}, filter={filter})\n"
+        "image = sr.render(view, plan)"
+    )

@@ -1,0 +1,224 @@
+"""Answers the requests of a page: pictures, pixels, overlays and costs. Knows nothing of the web.
+
+A request is a dictionary that a page sends as JSON: its `kind`, an `id` that the replies repeat,
+and fields that depend on the kind. A reply has a header, for JSON, and bytes.
+"""
+
+import dataclasses
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..rendering.cost import price_effects
+from .draw import Artist
+from .inspector import inspect_pixel, reference_value
+from .message_fields import check_range, read_fields, read_value
+from .overlays import position_gradients, tile_lengths, triangle_edges
+from .png import png_of
+from .settings import Settings
+from .subject import Subject
+from .view import View
+
+_LOGGER = logging.getLogger(__name__)
+
+_COST_REPEATS = 3
+"""Renders of which the median time is taken, for each effect."""
+
+
+class Reply(NamedTuple):
+    """A reply to a request: a header for JSON, and bytes."""
+
+    header: dict[str, Any]
+    payload: Any = b""
+
+
+class Session:
+    """Subjects to look at, and what draws them. One thread at a time may call `answer`."""
+
+    def __init__(self, subjects: Sequence[Subject]):
+        if not subjects:
+            raise ValueError("there is nothing to view: give at least one scene or image.")
+        self.subjects = tuple(subjects)
+        self._artist = Artist()
+
+    def versions(self) -> list[int]:
+        """The version of each subject, which changes with its contents."""
+        return [subject.version for subject in self.subjects]
+
+    def answer(self, request: Mapping[str, Any]) -> Iterator[Reply]:
+        """Reply to a request, in one step or several.
+
+        What is wrong with a request, or with a file, becomes a reply of kind `"error"`, whose
+        `message` is one line.
+        """
+        kind = request.get("kind")
+        common = {"kind": kind, "id": request.get("id"), "slot": request.get("slot")}
+        try:
+            if kind not in _ANSWERS:
+                raise ValueError(f"no request of kind {str(kind)[:40]!r}.")
+            for reply in _ANSWERS[kind](self, request):
+                yield reply._replace(header=common | reply.header)
+        except (ValueError, OSError, MemoryError) as error:
+            message = " ".join(str(error).split()) or type(error).__name__
+            yield Reply(common | {"kind": "error", "request": kind, "message": message})
+        except Exception as error:
+            # A mistake in one overlay must not end the viewer.
+            _LOGGER.exception("a request of kind %r failed", kind)
+            message = f"unexpected {type(error).__name__}: {' '.join(str(error).split())[:300]}"
+            yield Reply(common | {"kind": "error", "request": kind, "message": message})
+
+    def subject_of(self, request: Mapping[str, Any], name: str = "subject") -> Subject:
+        """The subject that a request names by its number."""
+        number = read_value(name, int, request.get(name, 0))
+        check_range(name, number, 0, len(self.subjects) - 1)
+        return self.subjects[number]
+
+    def describe(self, request: Mapping[str, Any]) -> Iterator[Reply]:
+        """List the subjects."""
+        yield Reply({"subjects": [_describe(subject) for subject in self.subjects]})
+
+    def picture(self, request: Mapping[str, Any]) -> Iterator[Reply]:
+        """Draw a view: raw RGBA, row by row."""
+        subject, view, settings = self._read(request)
+        if subject.is_image:
+            rgba = subject.pixels(view)
+            facts = {"milliseconds": 0, "compile_seconds": 0, "effects": [], "plan": "an image"}
+        else:
+            drawn = self._artist.draw(subject.scene_at(view.zoom), view, settings)
+            rgba = drawn.rgba
+            facts = {
+                "milliseconds": 1e3 * drawn.seconds,
+                "compile_seconds": drawn.compile_seconds,
+                "effects": list(drawn.plan.effects),
+                "plan": str(drawn.plan),
+            }
+        facts |= {
+            "height": view.height,
+            "width": view.width,
+            "view": dataclasses.asdict(view),
+            "version": subject.version,
+            "notes": list(subject.notes()),
+            "command": subject.command(view, settings),
+        }
+        yield Reply(facts, _bytes(rgba))
+
+    def png(self, request: Mapping[str, Any]) -> Iterator[Reply]:
+        """Draw a view as a PNG file."""
+        (reply,) = self.picture(request)
+        shape = (reply.header["height"], reply.header["width"], 4)
+        rgba = np.frombuffer(reply.payload, np.uint8).reshape(shape)
+        yield Reply({"name": self.subject_of(request).name}, png_of(rgba))
+
+    def inspect(self, request: Mapping[str, Any]) -> Iterator[Reply]:
+        """Look at a pixel: its samples first, then the value that it should have."""
+        subject, view, settings = self._read(request)
+        column, row = (read_value(name, int, request.get(name)) for name in ("column", "row"))
+        check_range("column", column, 0, view.width - 1)
+        check_range("row", row, 0, view.height - 1)
+        scene = subject.scene_at(view.zoom)
+        report = inspect_pixel(self._artist, scene, view, settings, column, row)
+        yield Reply(report.facts, _bytes(report.samples))
+        name, value = reference_value(self._artist, scene, view, settings, column, row)
+        facts = {"column": column, "row": row, "name": name, "value": value}
+        yield Reply({"kind": "reference"} | facts)
+
+    def edges(self, request: Mapping[str, Any]) -> Iterator[Reply]:
+        """The corners of the triangles in view, as float32."""
+        subject, view, _ = self._read(request)
+        corners = triangle_edges(subject.scene_at(view.zoom), view)
+        yield Reply({"triangles": len(corners)}, _bytes(corners))
+
+    def tiles(self, request: Mapping[str, Any]) -> Iterator[Reply]:
+        """How many triangles each tile lists, as uint32 in rows."""
+        subject, view, settings = self._read(request)
+        scene = subject.scene_at(view.zoom)
+        plan = self._artist.render(scene, view, settings)[1]
+        lengths, tiling = tile_lengths(scene, plan), plan.tiling
+        facts = {
+            "rows": tiling.rows,
+            "columns": tiling.columns,
+            "tile_height": tiling.height,
+            "tile_width": tiling.width,
+            "most": int(lengths.max()),
+            "mean": float(lengths.mean()),
+            "pairs_listed": int(lengths.sum()),
+            "pairs_capacity": plan.capacity_of(len(scene.triangles)).pairs,
+        }
+        yield Reply(facts, _bytes(lengths.astype(np.uint32)))
+
+    def gradients(self, request: Mapping[str, Any]) -> Iterator[Reply]:
+        """Gradients by the positions, against an image: rows of (x, y, dx, dy) as float32."""
+        subject, view, settings = self._read(request)
+        target = self.subject_of(request, "target")
+        rows = position_gradients(
+            self._artist, subject.scene_at(view.zoom), view, settings, target.pixels(view)
+        )
+        yield Reply({"vertices": len(rows)}, _bytes(rows))
+
+    def costs(self, request: Mapping[str, Any]) -> Iterator[Reply]:
+        """Measure what each effect costs, one reply after another."""
+        subject, view, settings = self._read(request)
+        scene = subject.scene_at(view.zoom)
+        plan = self._artist.render(scene, view, settings)[1]
+        for effect, whole, less in price_effects(scene, plan, repeats=_COST_REPEATS):
+            yield Reply(
+                {
+                    "effect": effect,
+                    "milliseconds": 1e3 * whole.seconds,
+                    "milliseconds_without": 1e3 * less.seconds,
+                    "is_last": effect == plan.effects[-1] if plan.effects else True,
+                }
+            )
+
+    def _read(self, request: Mapping[str, Any]) -> tuple[Subject, View, Settings]:
+        subject = self.subject_of(request)
+        view = read_fields(View, request.get("view"))
+        return subject, view, read_fields(Settings, request.get("settings", {}))
+
+
+_ANSWERS: dict[str, Callable[[Session, Mapping[str, Any]], Iterator[Reply]]] = {
+    "subjects": Session.describe,
+    "picture": Session.picture,
+    "png": Session.png,
+    "inspect": Session.inspect,
+    "edges": Session.edges,
+    "tiles": Session.tiles,
+    "gradients": Session.gradients,
+    "costs": Session.costs,
+}
+"""The method that answers each kind of request, most urgent kinds first."""
+
+URGENCY = {kind: rank for rank, kind in enumerate(_ANSWERS)}
+"""Rank of each kind of request: of those that wait, the one with the least is answered first."""
+
+
+def _bytes(array: np.ndarray) -> memoryview:
+    """The bytes of an array, row by row."""
+    return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+
+
+def _describe(subject: Subject) -> dict[str, Any]:
+    """What a page needs to know of a subject before it draws it."""
+    facts: dict[str, Any] = {
+        "name": subject.name,
+        "version": subject.version,
+        "is_image": subject.is_image,
+    }
+    try:
+        facts["height"], facts["width"] = subject.size()
+    except (ValueError, OSError) as error:
+        facts |= {"height": 1, "width": 1, "error": " ".join(str(error).split())}
+    fit = subject.fit_state()
+    if fit is not None:
+        facts["fit"] = {
+            "is_running": fit.is_running,
+            "history": [
+                [record.steps, record.seconds, record.psnr, record.active]
+                for record in fit.history
+                # JSON has no infinity.
+                if np.isfinite(record.psnr)
+            ],
+        }
+    return facts

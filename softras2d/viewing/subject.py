@@ -1,0 +1,86 @@
+"""The interface of a subject, which is something that the viewer shows."""
+
+import abc
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import UInt8
+
+from ..fitting.result import Record
+from ..scene import Scene
+from .settings import Settings
+from .view import View, enlarged_size
+
+_KEPT_SCENES = 4
+"""Enlarged scenes that a subject keeps, for pages that show different zooms."""
+
+
+class FitState(NamedTuple):
+    """The progress of a fit: its records so far, and whether it still runs."""
+
+    history: tuple[Record, ...]
+    is_running: bool = False
+
+
+class Subject(abc.ABC):
+    """A drawing or an image that is shown at any zoom.
+
+    A member implements `scene_at` if it is made of triangles, and `pixels` if it is an image.
+
+    - `name`: what a page calls it; several subjects may have the same name.
+    """
+
+    is_image = False
+
+    def __init__(self, name: str):
+        self.name = name
+
+    @property
+    @abc.abstractmethod
+    def version(self) -> int:
+        """A number that changes whenever the contents do."""
+
+    @abc.abstractmethod
+    def size(self) -> tuple[int, int]:
+        """Height and width, in pixels, at zoom 1. Raises `ValueError` if it cannot be read."""
+
+    def scene_at(self, zoom: int | float) -> Scene:
+        """The scene enlarged by `zoom`, in pixels. Raises `ValueError` if it cannot be read."""
+        raise ValueError(f"{self.name} is an image, and has no triangles.")
+
+    def pixels(self, view: View) -> UInt8[np.ndarray, "height width 4"]:
+        """The part of the image that a view shows, as straight RGBA in sRGB."""
+        raise ValueError(f"{self.name} is made of triangles, and is not an image.")
+
+    def command(self, view: View, settings: Settings) -> str:
+        """The command line, or the Python code, that draws the same picture."""
+        return ""
+
+    def notes(self) -> tuple[str, ...]:
+        """What the reader of the subject warned of."""
+        return ()
+
+    def fit_state(self) -> FitState | None:
+        """The progress of the fit that the subject is a result of; None for other subjects."""
+        return None
+
+
+class EnlargedScenes:
+    """The last few scenes of a subject, by version and size in pixels."""
+
+    def __init__(self):
+        self._scenes: OrderedDict[tuple[int, int, int], Scene] = OrderedDict()
+
+    def get(self, subject: Subject, zoom: int | float, make: Callable[[int, int], Scene]) -> Scene:
+        """The scene of this zoom, from `make(height, width)` if it is not kept."""
+        version = subject.version
+        height, width = enlarged_size(*subject.size(), zoom)
+        key = (version, height, width)
+        if key not in self._scenes:
+            self._scenes[key] = make(height, width)
+            while len(self._scenes) > _KEPT_SCENES:
+                self._scenes.popitem(last=False)
+        self._scenes.move_to_end(key)
+        return self._scenes[key]

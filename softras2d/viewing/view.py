@@ -1,0 +1,49 @@
+"""A view: the part of a drawing that is shown, and how large."""
+
+from dataclasses import dataclass
+
+from ..io.svg.view_box import MAX_SIDE
+from .message_fields import check_range
+
+MAX_CANVAS_SIDE = 8192
+MAX_CANVAS_PIXELS = 2**24
+"""Largest canvas of a view, along a side and as a whole."""
+
+
+@dataclass(frozen=True)
+class View:
+    """The part of a drawing that a canvas shows.
+
+    - `zoom`: pixels of the canvas for one pixel of the drawing.
+    - `x`, `y`: the pixel of the enlarged drawing at the canvas's upper left, as `origin` of a plan.
+    - `height`, `width`: of the canvas, in pixels.
+
+    Raises `ValueError` for values that are too large to be drawn.
+    """
+
+    zoom: float
+    x: int
+    y: int
+    height: int
+    width: int
+
+    def __post_init__(self):
+        check_range("zoom", self.zoom, 1e-4, 1e5)
+        for name in ("x", "y"):
+            check_range(name, getattr(self, name), -(2.0**20), 2.0**20)
+        for name in ("height", "width"):
+            check_range(name, getattr(self, name), 1, MAX_CANVAS_SIDE)
+        check_range("height x width", self.height * self.width, 1, MAX_CANVAS_PIXELS)
+
+
+def enlarged_size(height: int, width: int, zoom: int | float) -> tuple[int, int]:
+    """Height and width, in whole pixels, of a drawing that is enlarged by `zoom`.
+
+    Raises `ValueError` beyond the size at which coordinates in float32 are too coarse.
+    """
+    enlarged = max(1, round(height * zoom)), max(1, round(width * zoom))
+    if max(enlarged) > MAX_SIDE:
+        raise ValueError(
+            f"the drawing would be {enlarged[1]} x {enlarged[0]} pixels; {MAX_SIDE} at most."
+        )
+    return enlarged

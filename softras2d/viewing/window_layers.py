@@ -1,0 +1,171 @@
+"""The triangles that cover each sample of a small window, with all that the inspector shows."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..color import premultiply
+from ..numerics.array_types import HostOrDeviceArray
+from ..numerics.device import to_device
+from ..options import Filter
+from ..planning.plan import Plan
+from ..planning.size_classes import pad_concrete
+from ..rendering.find_pixel_layers import pixel_layers
+from ..rendering.pixel_layers import PixelLayers
+from ..rendering.visibility import Visibility, interpolate, rasterize
+from ..scene import Scene, take_triangles
+from ..shading.sample_texture import sample_texture
+from ..texture.level_of_detail import Footprint, probes
+from ..texture.pyramid import TexturePyramid
+from .view import View
+
+LAYERS = 8
+"""Triangles of a sample or pixel that are looked at, from the nearest on."""
+
+
+class WindowLayers(NamedTuple):
+    """The nearest triangles at each sample, or under analytic coverage at each pixel.
+
+    Arrays are `[height, width, samples, layers, ...]`; analytic coverage has one sample. Entries
+    of unused layers, whose triangle is -1, have no meaning.
+
+    - `triangle`: index in the scene; `weights`: barycentric weights of its corners.
+    - `coverage`: 1 at a covered sample; the coverage of the pixel under analytic coverage.
+    - `color`: premultiplied RGBA, before coverage.
+    - `depth`, `uv`, `level`: None where the scene has none; `level` is the mip level of detail.
+    """
+
+    triangle: Int[HostOrDeviceArray, "height width samples layers"]
+    coverage: Float[HostOrDeviceArray, "height width samples layers"]
+    weights: Float[HostOrDeviceArray, "height width samples layers 3"]
+    color: Float[HostOrDeviceArray, "height width samples layers 4"]
+    depth: Float[HostOrDeviceArray, "height width samples layers"] | None
+    uv: Float[HostOrDeviceArray, "height width samples layers 2"] | None
+    level: Float[HostOrDeviceArray, "height width samples layers"] | None
+
+
+def cull(scene: Scene, view: View, margin: float) -> tuple[Scene, Int[np.ndarray, " triangles"]]:
+    """Keep the triangles whose bounding box comes within `margin` pixels of the window of a view.
+
+    Returns also the index of each triangle in the whole scene. Colours at the window are unchanged.
+    """
+    corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
+    low = np.array([view.x, view.y]) - margin
+    high = np.array([view.x + view.width, view.y + view.height]) + margin
+    is_near = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
+    return take_triangles(scene, is_near), np.flatnonzero(is_near)
+
+
+def find_layers(scene: Scene, plan: Plan) -> tuple[WindowLayers, Bool[Array, ""]]:
+    """The layers of a small canvas, and whether the scene outgrew the plan."""
+    if not len(scene.triangles):
+        return _no_layers(plan), to_device(False)
+    if plan.side:
+        found = pixel_layers(scene, plan, layers=LAYERS)
+        return _shade_pixels(pad_concrete(scene, plan), found), to_device(False)
+    if scene.depth is None:
+        # Where all depths are equal the picture is the same, but no triangle of a tile is left out
+        # because others hide it.
+        depth = np.zeros(len(scene.positions), np.asarray(scene.positions).dtype)
+        flat = eqx.tree_at(
+            lambda scene: scene.depth, scene, to_device(depth), is_leaf=lambda leaf: leaf is None
+        )
+        layers, overflow = _shade_samples(pad_concrete(flat, plan), plan)
+        return layers._replace(depth=None), overflow
+    return _shade_samples(pad_concrete(scene, plan), plan)
+
+
+def _no_layers(plan: Plan) -> WindowLayers:
+    shape = (plan.height, plan.width, plan.grid.samples, LAYERS)
+    zeros = np.zeros((*shape, 4), np.float32)
+    nobody = to_device(np.full(shape, -1, np.int32))
+    coverage, weights, color = map(to_device, (zeros[..., 0], zeros[..., :3], zeros))
+    return WindowLayers(nobody, coverage, weights, color, None, None, None)
+
+
+def on_host(layers: WindowLayers) -> WindowLayers:
+    """The same layers as NumPy arrays."""
+    return jax.tree.map(np.asarray, layers)
+
+
+@eqx.filter_jit
+def _shade_samples(scene: Scene, plan: Plan) -> tuple[WindowLayers, Bool[Array, ""]]:
+    visible = rasterize(scene, plan, layers=LAYERS)
+    triangle, weights = visible.triangle, visible.barycentric
+    uv = level = None
+    if scene.uv is not None and scene.textures is not None and scene.texture_index is not None:
+        uv = interpolate(visible, scene.uv)
+        known = jnp.maximum(triangle, 0)
+        footprint = visible.footprint(known, weights, scene.uv)
+        index = scene.texture_index[known]
+        level = _level(scene.textures, index, footprint, plan.filter)
+        texel = sample_texture(scene.textures, uv, footprint, plan.filter, texture_index=index)
+        color = _modulate(_colors(scene, visible), texel)
+    else:
+        color = _colors(scene, visible)
+    coverage = (triangle >= 0).astype(weights.dtype)
+    depth = visible.depth
+    return WindowLayers(triangle, coverage, weights, color, depth, uv, level), visible.overflow
+
+
+@eqx.filter_jit
+def _shade_pixels(scene: Scene, found: PixelLayers) -> WindowLayers:
+    """Colours by the first corner and weights; textures are left out."""
+    triangle, coverage, weights = (
+        array[:, :, None] for array in (found.triangle, found.coverage, found.barycentric)
+    )
+    corners = scene.colors[jnp.maximum(triangle, 0)]
+    color = (
+        corners[..., 0, :]
+        if corners.shape[-2] == 1
+        else jnp.einsum("...k,...kc->...c", weights, corners)
+    )
+    uv = None
+    if scene.uv is not None:
+        uv = jnp.einsum("...k,...kc->...c", weights, scene.uv[jnp.maximum(triangle, 0)])
+    return WindowLayers(triangle, coverage, weights, _with_alpha(color), None, uv, None)
+
+
+def _colors(scene: Scene, visible: Visibility) -> Array:
+    """Premultiplied RGBA of each layer, without texture."""
+    if scene.colors.shape[1] == 3:
+        return _with_alpha(interpolate(visible, scene.colors))
+    return _with_alpha(scene.colors[jnp.maximum(visible.triangle, 0), 0])
+
+
+def _with_alpha(color: Array) -> Array:
+    """Premultiplied RGBA, from RGB or straight RGBA."""
+    if color.shape[-1] == 3:
+        return jnp.concatenate([color, jnp.ones_like(color[..., :1])], axis=-1)
+    return premultiply(color)
+
+
+def _modulate(color: Array, texel: Array) -> Array:
+    """Premultiplied colour times premultiplied texel."""
+    if texel.shape[-1] == 3:
+        texel = jnp.concatenate([texel, jnp.ones_like(texel[..., :1])], axis=-1)
+    return color * texel
+
+
+def _level(
+    textures: TexturePyramid,
+    index: Int[Array, "*points"],
+    footprint: Float[Array, "*points 2 2"],
+    filter: Filter,
+) -> Float[Array, "*points"]:
+    """The level of detail, within the levels that the pyramid has."""
+    base = textures.levels[jnp.maximum(index, 0), 0]
+    height, width = base[..., 1].astype(footprint.dtype), base[..., 2].astype(footprint.dtype)
+    texels = Footprint(
+        footprint[..., 0, 0] * width,
+        footprint[..., 1, 0] * height,
+        footprint[..., 0, 1] * width,
+        footprint[..., 1, 1] * height,
+    )
+    if filter.level == "zero":
+        return jnp.zeros(index.shape, footprint.dtype)
+    return jnp.clip(probes(texels, filter).level, 0.0, textures.depth - 1.0)

@@ -1,0 +1,79 @@
+"""A thread that answers requests one after another, and drops those that were superseded."""
+
+import itertools
+import threading
+from collections.abc import Callable, Hashable, Iterator
+from typing import NamedTuple
+
+from .session import Reply
+
+
+class _Job(NamedTuple):
+    """Replies that are still to be computed, and where they go."""
+
+    urgency: int
+    number: int
+    replies: Iterator[Reply]
+    deliver: Callable[[Reply], None]
+
+
+class Worker:
+    """Computes replies in a thread of its own, the most urgent first.
+
+    A job that takes several steps waits after each for more urgent ones.
+    """
+
+    def __init__(self):
+        self._jobs: dict[tuple[Hashable, Hashable], _Job] = {}
+        self._numbers = itertools.count()
+        self._changed = threading.Condition()
+        self._is_closed = False
+        self._thread = threading.Thread(target=self._run, name="softras2d viewer", daemon=True)
+        self._thread.start()
+
+    def submit(
+        self,
+        owner: Hashable,
+        name: Hashable,
+        urgency: int,
+        replies: Iterator[Reply],
+        deliver: Callable[[Reply], None],
+    ) -> None:
+        """Compute `replies`, and call `deliver` with each, from the thread of the worker.
+
+        An earlier job of the same owner and name is dropped, unless it runs at the moment: then its
+        next reply is its last.
+        """
+        with self._changed:
+            self._jobs[owner, name] = _Job(urgency, next(self._numbers), replies, deliver)
+            self._changed.notify()
+
+    def forget(self, owner: Hashable) -> None:
+        """Drop all jobs of an owner."""
+        with self._changed:
+            for key in [key for key in self._jobs if key[0] == owner]:
+                del self._jobs[key]
+
+    def close(self, seconds: int | float = 0) -> None:
+        """Drop all jobs, and wait this long for the step that is computed at the moment."""
+        with self._changed:
+            self._jobs.clear()
+            self._is_closed = True
+            self._changed.notify()
+        self._thread.join(seconds)
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                while not self._jobs and not self._is_closed:
+                    self._changed.wait()
+                if self._is_closed:
+                    return
+                key, job = min(self._jobs.items(), key=lambda item: item[1][:2])
+            reply = next(job.replies, None)
+            with self._changed:
+                # Another job may have taken the place of this one meanwhile.
+                if reply is None and self._jobs.get(key) is job:
+                    del self._jobs[key]
+            if reply is not None:
+                job.deliver(reply)

@@ -1,0 +1,94 @@
+"""A real browser that shows the viewer, driven by playwright."""
+
+import base64
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+import pytest
+
+from .browser import REQUIRE, require_browser
+
+SECONDS = 180.0
+"""Longest time to wait for a picture: it may have to be compiled on a busy machine."""
+
+_CANVAS = """() => {
+  const canvas = document.querySelector(".sr-picture");
+  const {width, height} = canvas;
+  const bytes = canvas.getContext("2d").getImageData(0, 0, width, height).data;
+  let text = "";
+  for (let at = 0; at < bytes.length; at += 32768) {
+    text += String.fromCharCode(...bytes.subarray(at, at + 32768));
+  }
+  return {width, height, bytes: btoa(text)};
+}"""
+
+
+def require_playwright() -> Any:
+    """Playwright's module; without it the calling test is skipped, or fails under `REQUIRE`."""
+    try:
+        return import_module("playwright.sync_api")
+    except ModuleNotFoundError:
+        message = "no playwright: pip install '.[browser]'"
+        (pytest.fail if os.environ.get(REQUIRE) else pytest.skip)(message)
+
+
+@contextmanager
+def running_browser() -> Iterator[Any]:
+    """Debian's Chromium, without a window."""
+    path, sync_api = require_browser(), require_playwright()
+    with sync_api.sync_playwright() as playwright:
+        # The browser runs as root in containers, where its sandbox does not work.
+        arguments = ["--no-sandbox", "--force-color-profile=srgb"]
+        browser = playwright.chromium.launch(executable_path=path, args=arguments)
+        yield browser
+        browser.close()
+
+
+def wait_for(is_true: Callable[[], Any], what: str) -> None:
+    """Wait until a condition holds; fails the test after `SECONDS`.
+
+    Playwright's own function evaluates strings in the page, which the viewer's policy forbids.
+    """
+    until = time.monotonic() + SECONDS
+    while not is_true():
+        assert time.monotonic() < until, f"waited for {what}"
+        time.sleep(0.05)
+
+
+def wait_for_picture(page: Any) -> None:
+    """Wait until the exact picture is shown."""
+    # A key is answered within a frame.
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))")
+    wait_for(lambda: state_of(page) in ("exact", "error"), "a picture")
+    assert state_of(page) == "exact", page.locator(".sr-status").inner_text()
+
+
+def state_of(page: Any) -> str:
+    """What the page says of its picture: "pending", "exact", "error" or "closed"."""
+    return page.locator(".sr-viewer").first.get_attribute("data-state") or ""
+
+
+def canvas_of(page: Any) -> np.ndarray:
+    """The pixels that the page shows, `[height, width, 4]` bytes."""
+    shown = page.evaluate(_CANVAS)
+    pixels = np.frombuffer(base64.b64decode(shown["bytes"]), np.uint8)
+    return pixels.reshape(shown["height"], shown["width"], 4)
+
+
+def frames_of(page: Any) -> list[tuple[dict[str, Any], bytes]]:
+    """A list to which header and payload of each frame are added that the page receives."""
+    frames: list[tuple[dict[str, Any], bytes]] = []
+
+    def receive(frame: Any) -> None:
+        if isinstance(frame, bytes):
+            length = int.from_bytes(frame[:4], "little")
+            frames.append((json.loads(frame[4 : 4 + length]), frame[4 + length :]))
+
+    page.on("websocket", lambda opened: opened.on("framereceived", receive))
+    return frames

@@ -1,0 +1,64 @@
+"""What the tests of the viewer look at, and how they ask for it."""
+
+from typing import Any
+
+import numpy as np
+
+import softras2d as sr
+from softras2d.viewing.image import Image
+from softras2d.viewing.scene_in_memory import SceneInMemory
+from softras2d.viewing.session import Reply, Session
+
+HEIGHT, WIDTH = 48, 64
+"""The canvas of the scene at zoom 1."""
+
+VIEW = {"zoom": 1.5, "x": 10, "y": 5, "height": 64, "width": 96}
+
+
+def small_scene(channels: int = 3) -> sr.Scene:
+    """Twenty flat triangles, some of which share samples, over a grey background."""
+    rng = np.random.default_rng(0)
+    corners = rng.uniform(0, 1, (20, 3, 2)) * [WIDTH, HEIGHT]
+    colors = rng.uniform(0, 1, (20, channels))
+    return sr.Scene.from_soup(corners.astype(np.float32), colors, background=[0.8, 0.8, 0.8])
+
+
+def small_image() -> np.ndarray:
+    """An image of the size of the scene."""
+    return np.random.default_rng(1).uniform(0, 1, (HEIGHT, WIDTH, 3)).astype(np.float32)
+
+
+def small_session() -> Session:
+    """The scene, and an image."""
+    return Session(
+        [
+            SceneInMemory("scene", small_scene(), HEIGHT, WIDTH),
+            Image("image", small_image),
+        ]
+    )
+
+
+def ask(session: Session, kind: str, **fields: Any) -> list[Reply]:
+    """The replies to a request for `VIEW` with 4 samples, unless `fields` say otherwise."""
+    request = {"kind": kind, "id": 7, "view": VIEW, "settings": {"samples": 4}} | fields
+    return list(session.answer(request))
+
+
+def pixels_of(reply: Reply) -> np.ndarray:
+    """The picture of a reply, `[height, width, 4]` bytes."""
+    shape = (reply.header["height"], reply.header["width"], 4)
+    return np.frombuffer(reply.payload, np.uint8).reshape(shape)
+
+
+def bytes_of(scene: sr.Scene, view: dict[str, Any], coverage: Any, filter: Any = None) -> Any:
+    """The RGB bytes of `render` for a view of an enlarged scene, by a plan for it alone."""
+    plan = sr.plan(
+        scene,
+        height=view["height"],
+        width=view["width"],
+        origin=(view["x"], view["y"]),
+        coverage=coverage,
+        filter=filter,
+    )
+    image = np.asarray(sr.render(scene, plan))
+    return np.floor(np.clip(image, 0, 1) * np.float32(255) + np.float32(0.5)).astype(np.uint8)

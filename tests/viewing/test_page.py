@@ -1,0 +1,384 @@
+"""The page in a real browser: what it shows is what `render` draws, byte for byte."""
+
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softras2d as sr
+from softras2d import scenes
+from softras2d.viewing.open_files import open_files
+from softras2d.viewing.scene_file import ReadOptions
+from softras2d.viewing.serve import ViewerServer
+from softras2d.viewing.session import Session
+
+from ..cases.pages import (
+    canvas_of,
+    frames_of,
+    running_browser,
+    state_of,
+    wait_for,
+    wait_for_picture,
+)
+from ..cases.viewing import bytes_of
+from ..oracles.coverage import Canvas, footprints
+
+pytestmark = [pytest.mark.slow, pytest.mark.browser]
+
+WINDOW = {"width": 920, "height": 560}
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with running_browser() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two drawings, one with textures, and an image of the first that differs in one corner."""
+    folder = tmp_path_factory.mktemp("scenes")
+    for name in ("squares", "stretched"):
+        shutil.copy(scenes.path(name), folder)
+    shutil.copytree(scenes.path("squares").parent / "textures", folder / "textures")
+    scene = scenes.read("squares")
+    image = np.array(sr.render(scene, sr.plan(scene, height=300, width=300)))
+    image[:20, :20] = 0
+    sr.write_image(folder / "mine.png", image)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def server(folder: Path) -> Iterator[ViewerServer]:
+    files = [folder / name for name in ("squares.svg", "stretched.svg", "mine.png")]
+    with ViewerServer(Session(open_files(files, ReadOptions()))) as server:
+        yield server
+
+
+@pytest.fixture
+def page(browser: Any, server: ViewerServer) -> Iterator[Any]:
+    """A page that shows the first drawing, and in which nothing may go wrong."""
+    page = browser.new_page(viewport=WINDOW)
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda message: errors.append(message.text))
+    page.on("request", lambda request: errors.append(request.url) if _is_outside(request) else None)
+    page.frames_seen = frames_of(page)
+    page.goto(server.url)
+    wait_for_picture(page)
+    yield page
+    page.close()
+    assert errors == []
+
+
+def _is_outside(request: Any) -> bool:
+    return not request.url.startswith(("http://127.0.0.1:", "ws://127.0.0.1:", "data:", "blob:"))
+
+
+def view_of(page: Any) -> dict[str, Any]:
+    """The view of the last picture that the page received for its own settings."""
+    pictures = [header for header, _ in page.frames_seen if header["kind"] == "picture"]
+    return [header for header in pictures if header["slot"] == "a"][-1]["view"]
+
+
+def drawn(folder: Path, name: str, view: dict[str, Any], coverage: Any, filter: Any = None) -> Any:
+    """What `render` draws of a file at a view, as bytes."""
+    height, width = (max(1, round(300 * view["zoom"])) for _ in range(2))
+    scene = sr.read_svg(folder / name, height=height, width=width)
+    return bytes_of(scene, view, coverage, filter)
+
+
+def press(page: Any, *keys: str) -> None:
+    for key in keys:
+        page.keyboard.press(key)
+    wait_for_picture(page)
+
+
+def test_keys_change_what_is_drawn(page, folder):
+    steps = [
+        ((), sr.Hard(16)),
+        (("-", "-", "f"), sr.Hard(4, "top_left")),
+        (("c", "c"), sr.Area()),
+    ]
+    pictures = set()
+    for keys, coverage in steps:
+        press(page, *keys)
+        shown = canvas_of(page)
+        expected = drawn(folder, "squares.svg", view_of(page), coverage)
+        np.testing.assert_array_equal(shown[..., :3], expected, err_msg=str(coverage))
+        assert (shown[..., 3] == 255).all()
+        pictures.add(shown.tobytes())
+    assert len(pictures) == len(steps)
+
+
+def test_texture_keys_change_what_is_drawn(page, folder):
+    press(page, "-", "-", "-", "2")
+    before = canvas_of(page)
+    press(page, "p", "l")
+    shown = canvas_of(page)
+    filter = sr.Filter("nearest", "zero")
+    expected = drawn(folder, "stretched.svg", view_of(page), sr.Hard(1), filter)
+    np.testing.assert_array_equal(shown[..., :3], expected)
+    assert (shown != before).any()
+
+
+def test_wheel_and_drag_move_the_view(page, folder):
+    before = view_of(page)
+    page.mouse.move(300, 250)
+    page.mouse.wheel(0, -400)
+    wait_for_picture(page)
+    zoomed = view_of(page)
+    assert zoomed["zoom"] > 1.5 * before["zoom"]
+    scale = zoomed["zoom"] / before["zoom"]
+    # The point under the pointer stays, to a pixel. Margins are below 32 pixels.
+    for axis, at in (("x", 300), ("y", 250)):
+        assert abs((before[axis] + at) * scale - at - zoomed[axis]) <= 32 * scale
+    page.mouse.down()
+    page.mouse.move(240, 280, steps=4)
+    page.mouse.up()
+    wait_for_picture(page)
+    moved = view_of(page)
+    assert (moved["x"] - zoomed["x"], moved["y"] - zoomed["y"]) == (60, -30)
+    shown = canvas_of(page)
+    expected = drawn(folder, "squares.svg", moved, sr.Hard(16))
+    np.testing.assert_array_equal(shown[..., :3], expected)
+    press(page, "Space")
+    assert view_of(page) == before
+
+
+def test_the_last_picture_moves_while_the_exact_one_is_drawn(page):
+    before = canvas_of(page)
+    # Within the frame of the key, before any answer: the shown picture is the last one, moved.
+    moved = page.evaluate("""() => new Promise((done) => {
+        const viewer = document.querySelector(".sr-stage");
+        viewer.dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowLeft", bubbles: true}));
+        requestAnimationFrame(() => {
+            const canvas = document.querySelector(".sr-picture");
+            const row = canvas.getContext("2d").getImageData(0, 200, canvas.width, 1).data;
+            done([...row]);
+        });
+    })""")
+    row = np.array(moved, np.uint8).reshape(-1, 4)
+    np.testing.assert_array_equal(row[64:], before[200, :-64])
+    wait_for_picture(page)
+
+
+def test_the_inspector_shows_the_samples_of_the_oracle(page, folder):
+    press(page, "-", "-", "z")
+    lens = page.locator(".sr-lens")
+    lens.wait_for(state="visible", timeout=180_000)
+    # To the corner of a square, where edges cross the pixel.
+    press(page, *["ArrowRight"] * 3, *["ArrowDown"] * 2)
+    view = view_of(page)
+    column, row = view["width"] // 2 + 3, view["height"] // 2 + 2
+    title = f"Pixel {column + view['x']}, {row + view['y']}"
+    wait_for(lambda: title in lens.inner_text(), title)
+    reports = [header for header, _ in page.frames_seen if header["kind"] == "inspect"]
+    report = reports[-1]
+    assert (report["column"], report["row"], report["rate"]) == (column, row, 2)
+    side = round(300 * view["zoom"])
+    scene = sr.read_svg(folder / "squares.svg", height=side, width=side)
+    canvas = Canvas(view["height"], view["width"], 2, origin=(view["x"], view["y"]))
+    corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
+    expected = {}
+    for triangle, footprint in enumerate(footprints(corners, canvas)):
+        inside = np.zeros((canvas.height * 2, canvas.width * 2), bool)
+        inside[footprint.rows, footprint.columns] = footprint.inside
+        of_pixel = inside[2 * row : 2 * row + 2, 2 * column : 2 * column + 2]
+        if of_pixel.any():
+            expected[triangle] = set(np.flatnonzero(of_pixel).tolist())
+    nearest = dict(list(sorted(expected.items(), reverse=True))[: report["most_layers"]])
+    listed = {layer["triangle"]: set(layer["samples"]) for layer in report["layers"]}
+    assert listed and listed.items() <= expected.items()
+    assert max(listed) == max(nearest)
+    rows = page.locator(".sr-lens tbody tr").all_inner_texts()
+    first = max(expected)
+    assert any(re.match(rf"\s*{first}\s+{len(expected[first])} / 4", text) for text in rows)
+    # The canvas holds the mean of the samples.
+    value = np.array([sample["color"] for sample in report["samples"]]).mean(axis=0)
+    assert np.abs(255 * value - canvas_of(page)[row, column, :3]).max() <= 0.51
+    wait_for(lambda: "exact area" in lens.inner_text(), "the exact area")
+
+
+def test_the_slider_shows_two_settings(page, folder):
+    press(page, "v")
+    view = view_of(page)
+    edge = round(0.5 * view["width"])
+    shown = canvas_of(page)[..., :3]
+    left = drawn(folder, "squares.svg", view, sr.Hard(16))
+    right = drawn(folder, "squares.svg", view, sr.Hard(1))
+    np.testing.assert_array_equal(shown[:, :edge], left[:, :edge])
+    np.testing.assert_array_equal(shown[:, edge:], right[:, edge:])
+    assert (left[:, edge:] != right[:, edge:]).any()
+    page.get_by_label("Comparison slider").focus()
+    page.keyboard.press("Home")
+    wait_for(lambda: (canvas_of(page)[..., :3] == right).all(), "the slider at its left end")
+
+
+def test_an_image_file_is_compared(page, folder):
+    press(page, "0")
+    page.get_by_label("Compare with").select_option(label="mine.png")
+    press(page, "d")
+    wait_for(lambda: "pixels differ" in page.locator(".sr-panel").inner_text(), "the difference")
+    view = view_of(page)
+    other = [h for h, _ in page.frames_seen if h["kind"] == "picture" and h["slot"] == "b"]
+    assert other[-1]["plan"] == "an image" and other[-1]["view"] == view
+    shown = canvas_of(page)
+    x, y = -view["x"], -view["y"]
+    inside = shown[y : y + 300, x : x + 300, :3]
+    assert inside[:20, :20].any() and not inside[20:, 20:].any()
+
+
+def test_overlays_leave_the_picture_as_it_is(page):
+    before = canvas_of(page)
+    for key, kind in (("e", "edges"), ("t", "tiles"), ("g", "gradients")):
+        press(page, key)
+        wait_for(lambda kind=kind: kind in [h["kind"] for h, _ in page.frames_seen], kind)
+    headers = {header["kind"]: header for header, _ in page.frames_seen}
+    assert headers["edges"]["triangles"] > 10 and headers["gradients"]["vertices"] > 10
+    np.testing.assert_array_equal(canvas_of(page), before)
+
+
+def test_every_control_is_reached_by_the_keyboard(page):
+    seen = []
+    page.locator(".sr-stage").focus()
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        seen.append(
+            page.evaluate("""() => {
+                const element = document.activeElement;
+                const box = element.getBoundingClientRect();
+                const style = getComputedStyle(element);
+                const name = element.getAttribute("aria-label") || element.textContent;
+                return [element.tagName, name.trim(), box.width > 0, style.outlineStyle];
+            }""")
+        )
+    names = {name for _, name, *_ in seen}
+    assert {"Fit", "1:1", "Inspect", "Compare", "Save", "Copy", "?", "Panel", "Plan"} <= names
+    assert any(name.startswith("Samples per pixel") for name in names)
+    assert "Compare with" in names
+    for tag, name, is_visible, outline in seen:
+        # Radio buttons show their focus by the label beside them.
+        if tag in ("BUTTON", "SELECT", "SUMMARY"):
+            assert is_visible and outline == "solid", name
+
+
+def test_the_list_of_keys_opens_and_closes(page):
+    page.keyboard.press("?")
+    dialog = page.locator("dialog")
+    assert "pixel inspector" in dialog.inner_text()
+    page.keyboard.press("Escape")
+    assert not dialog.is_visible()
+    assert page.evaluate("() => document.activeElement.className").startswith("sr-stage")
+
+
+def test_nothing_is_cut_off_at_800_pixels(page):
+    page.set_viewport_size({"width": 800, "height": 600})
+    wait_for_picture(page)
+    overflowing = page.evaluate("""() => [
+            ...document.querySelectorAll(".sr-bar button, .sr-bar select, .sr-panel *")
+        ].filter((element) => element.getBoundingClientRect().right > innerWidth + 1)
+        .map((element) => element.outerHTML.slice(0, 80))""")
+    assert overflowing == []
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= 800
+
+
+def test_a_changed_file_is_drawn_again(browser, tmp_path):
+    path = tmp_path / "scene.svg"
+    drawing = (
+        '<svg xmlns="http://www.w3.org/2000/svg" width="60" height="60">'
+        '<rect x="10" y="10" width="40" height="40" fill="{color}"/></svg>'
+    )
+    path.write_text(drawing.format(color="#204060"))
+    with ViewerServer(Session(open_files([path], ReadOptions()))) as server:
+        page = browser.new_page(viewport=WINDOW)
+        page.goto(server.url)
+        wait_for_picture(page)
+        middle = lambda: canvas_of(page)[300, 280].tolist()  # noqa: E731
+        assert middle() == [0x20, 0x40, 0x60, 255]
+        path.write_text(drawing.format(color="#a0b0c0"))
+        wait_for(lambda: middle() == [0xA0, 0xB0, 0xC0, 255], "the changed file")
+        path.write_text("<svg")
+        wait_for(lambda: state_of(page) == "error", "an error")
+        assert "scene.svg" in page.locator(".sr-status").inner_text()
+        path.write_text(drawing.format(color="#102030"))
+        wait_for(lambda: middle() == [0x10, 0x20, 0x30, 255], "the repaired file")
+        page.close()
+
+
+def test_pages_are_independent(browser, server, page):
+    other = browser.new_page(viewport=WINDOW)
+    other.goto(server.url)
+    wait_for_picture(other)
+    press(other, "i", "i")
+    before = canvas_of(page)
+    assert not np.array_equal(canvas_of(other), before)
+    other.close()
+    press(page, "-", "=")
+    np.testing.assert_array_equal(canvas_of(page), before)
+
+
+def test_a_server_that_ends_leaves_its_picture(browser, folder):
+    with ViewerServer(Session(open_files([folder / "squares.svg"], ReadOptions()))) as server:
+        page = browser.new_page(viewport=WINDOW)
+        page.goto(server.url)
+        wait_for_picture(page)
+        before = canvas_of(page)
+    wait_for(lambda: state_of(page) == "closed", "the end")
+    assert "has ended" in page.locator(".sr-status").inner_text()
+    np.testing.assert_array_equal(canvas_of(page), before)
+    page.close()
+
+
+def test_the_copied_command_draws_the_same_picture(page, folder, tmp_path):
+    press(page, "i", "i", "-", "f")
+    (header, payload) = [
+        (header, payload) for header, payload in page.frames_seen if header["kind"] == "picture"
+    ][-1]
+    command = header["command"].split()
+    assert command[:2] == ["softras2d", "render"]
+    command[command.index("-o") + 1] = str(tmp_path / "same.png")
+    subprocess.run([sys.executable, "-m", *command], check=True, capture_output=True, timeout=300)
+    written = np.round(255 * sr.read_image(tmp_path / "same.png")).astype(np.uint8)
+    sent = np.frombuffer(payload, np.uint8).reshape(header["height"], header["width"], 4)
+    np.testing.assert_array_equal(written[..., :3], sent[..., :3])
+    np.testing.assert_array_equal(canvas_of(page), sent)
+
+
+def test_a_fit_is_watched(browser, tmp_path):
+    output = tmp_path / "fit.svg"
+    command = [
+        sys.executable, "-m", "softras2d", "fit", "--watch", "--no-browser",
+        "-n", "20", "--size", "48", "--steps", "1000000", "-o", str(output),
+    ]  # fmt: skip
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        address = re.search(r"http\S+", process.stdout.readline())
+        assert address is not None
+        page = browser.new_page(viewport=WINDOW)
+        page.goto(address.group())
+        curve = page.locator(".sr-fit")
+        wait_for(lambda: curve.is_visible() and "fitting" in curve.inner_text(), "the curve")
+        steps = lambda: int(page.locator(".sr-viewer").get_attribute("data-fit-steps"))  # noqa: E731
+        first = steps()
+        wait_for(lambda: steps() > first, "more steps")
+        wait_for_picture(page)
+        assert len(np.unique(canvas_of(page).reshape(-1, 4), axis=0)) > 5
+        # Ctrl-C ends a fit with the best result so far, which the page shows last.
+        process.send_signal(signal.SIGINT)
+        wait_for(lambda: "fitted" in curve.inner_text(), "the end of the fit")
+        process.wait(120)
+        wait_for(lambda: state_of(page) == "closed", "the end")
+        page.close()
+    finally:
+        process.kill()
+        process.communicate()
+    assert output.is_file()
