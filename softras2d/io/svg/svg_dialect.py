@@ -214,7 +214,8 @@ class Drawing:
         if style.display == "none" or not self._meets_conditions(element):
             return
         if name not in SHAPES and name not in _EXTENSIONS and name not in _CONTAINERS:
-            self._page.not_drawn(NOT_DRAWN, element)
+            # Names that SVG does not define are not drawn by any program.
+            self._page.not_drawn(NOT_DRAWN if name in _NOT_SUPPORTED else INVALID, element)
             return
         map3 = self._transformed(element, declared, style, parent.place.map3)
         if np.linalg.det(map3) == 0:
