@@ -94,7 +94,7 @@ def test_only_reading_is_allowed(server):
 def test_nothing_listens_on_other_addresses(server):
     connections = []
     for family, *_, address in socket.getaddrinfo(socket.gethostname(), server.port):
-        if family == socket.AF_INET and not address[0].startswith("127."):
+        if family == socket.AF_INET and not str(address[0]).startswith("127."):
             with socket.socket(family) as attempt:
                 connections.append(attempt.connect_ex(address))
     assert all(connections)

@@ -127,6 +127,8 @@ def test_the_widget_in_jupyterlab(lab, tmp_path):
         page = browser.new_page(viewport={"width": 1200, "height": 900})
         page.goto(lab)
         page.locator(".jp-Notebook .jp-CodeCell").first.wait_for(timeout=180_000)
+        # JupyterLab forgets a cell that is run before its kernel has started.
+        page.get_by_text("| Idle").wait_for(timeout=180_000)
         page.locator(".jp-CodeCell .cm-content").first.click()
         page.keyboard.press("Shift+Enter")
         page.locator(".sr-viewer .sr-picture").wait_for(timeout=180_000)

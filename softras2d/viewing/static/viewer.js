@@ -137,6 +137,10 @@ function h(tag, properties = {}, ...children) {
     else if (value === true) element.setAttribute(name, "");
     else if (value !== false && value != null) element.setAttribute(name, value);
   }
+  // JupyterLab leaves the keys of such an element alone; it looks at the focused element first.
+  if (/^(button|input|select|summary)$/.test(tag) || "tabindex" in properties) {
+    element.setAttribute("data-lm-suppress-shortcuts", "true");
+  }
   element.append(...children);
   return element;
 }
@@ -184,8 +188,6 @@ class Viewer {
     const { root } = this;
     root.classList.add("sr-viewer");
     root.classList.toggle("sr-widget", this.isWidget);
-    // JupyterLab then leaves keys to the widget.
-    root.setAttribute("data-lm-suppress-shortcuts", "true");
     this.picture = h("canvas", { class: "sr-picture", width: 1, height: 1 });
     this.overlay = h("canvas", { class: "sr-overlay", width: 1, height: 1 });
     this.still = h("img", { class: "sr-still", alt: "", src: still || null, hidden: !still });
