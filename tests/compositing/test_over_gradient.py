@@ -42,6 +42,7 @@ def test_image_and_gradient_by_colors_equal_the_dense_ones(count, corners):
         np.testing.assert_allclose(tangent, jnp.sum(gradient * direction), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_batch_has_the_gradients_of_its_scenes():
     """The lists of its scenes have different lengths, in segments and in layers."""
     count, side = 40, 128
@@ -71,7 +72,8 @@ def test_a_batch_has_the_gradients_of_its_scenes():
             np.testing.assert_allclose(ours[index], expected, atol=1e-5 * scale)
 
 
-@pytest.mark.parametrize("corners", [1, slowly(3)])
+@pytest.mark.slow
+@pytest.mark.parametrize("corners", [1, 3])
 def test_layers_that_are_fully_transparent_change_no_gradient(corners):
     """Forty of them make each list longer than one mask of layers."""
     scene = layered_scene(8, corners)
