@@ -3,6 +3,7 @@
 from typing import cast
 
 import equinox as eqx
+import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Int
 
@@ -102,6 +103,12 @@ class Plan(eqx.Module):
             steps = 4 * tiling.sample_rows * (2 * capacity.pairs + capacity.steps * BLOCK)
         return lists + fragments + steps
 
+    @property
+    def buffer_memory(self) -> int:
+        """Bytes of the triangle indices of one layer of `rasterize` (`Hard`) or `pixel_layers`."""
+        samples = self.height * self.width * self.grid.samples
+        return samples * np.dtype(np.int32).itemsize
+
     def __repr__(self) -> str:
         try:
             coverage = self.coverage.describe()
@@ -136,6 +143,7 @@ class Plan(eqx.Module):
                 f"          {capacity.chunks:,} chunks of {capacity.layers}, "
                 f"at most {capacity.max_chunks} in a tile",
                 *more,
-                f"memory    {self.memory / 2**20:,.0f} MiB",
+                f"memory    {self.memory / 2**20:,.0f} MiB to render, "
+                f"{self.buffer_memory / 2**20:,.0f} MiB for each layer of visibility buffers",
             ]
         )

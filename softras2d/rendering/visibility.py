@@ -172,7 +172,7 @@ def _check(plan: Plan, layers: int) -> None:
             f"`rasterize` needs a plan for Hard(...), and `pixel_layers` one for Soft(...) or "
             f"Area(...); got {plan.coverage!r}."
         )
-    size = plan.height * plan.width * plan.grid.samples * layers * 4
+    size = plan.buffer_memory * layers
     if size > MOST_BYTES:
         raise ValueError(
             f"the triangle indices would take {size:,} bytes, more than {MOST_BYTES:,}: draw the "
