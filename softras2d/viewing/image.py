@@ -64,9 +64,9 @@ class Image(Subject):
         shown = np.empty((view.height, view.width, 4), np.uint8)
         shown[...] = _OUTSIDE
         inside = np.ix_(rows >= 0, columns >= 0)
-        part = to_bytes(np.asarray(image[np.ix_(rows[rows >= 0], columns[columns >= 0])]))
-        shown[..., :3][inside] = part[..., :3]
-        shown[..., 3][inside] = part[..., 3] if part.shape[2] == 4 else 255
+        visible_pixels = to_bytes(np.asarray(image[np.ix_(rows[rows >= 0], columns[columns >= 0])]))
+        shown[..., :3][inside] = visible_pixels[..., :3]
+        shown[..., 3][inside] = visible_pixels[..., 3] if visible_pixels.shape[2] == 4 else 255
         return shown
 
 
@@ -121,8 +121,8 @@ def _mosaic(textures: TexturePyramid) -> Float[np.ndarray, "height width channel
             seen.add(offset)
             level = texels[offset : offset + level_height * level_width]
             level = unpremultiply(level.reshape(level_height, level_width, -1))
-            place = picture[top : top + level_height, left : left + level_width]
-            place[..., :3] = level[..., :3]
-            place[..., 3] = level[..., 3] if level.shape[2] == 4 else 1
+            level_pixels = picture[top : top + level_height, left : left + level_width]
+            level_pixels[..., :3] = level[..., :3]
+            level_pixels[..., 3] = level[..., 3] if level.shape[2] == 4 else 1
             left += level_width + 1
     return picture

@@ -51,7 +51,7 @@ class SceneInMemory(Subject):
         self._version += 1
 
     def command(self, view: View, settings: Settings) -> str:
-        """Python code of the same picture, for a variable `scene`."""
+        """Python code that draws the same picture from a variable `scene`."""
         return python_code(view, settings, enlarged=(self._height, self._width))
 
     def _enlarge(self, height: int, width: int) -> Scene:

@@ -59,7 +59,7 @@ class Subject(abc.ABC):
         return ""
 
     def notes(self) -> tuple[str, ...]:
-        """What the reader of the subject warned of."""
+        """Warnings from reading the subject."""
         return ()
 
     def fit_state(self) -> FitState | None:

@@ -55,7 +55,7 @@ class Worker:
                 del self._jobs[key]
 
     def close(self, seconds: int | float = 0) -> None:
-        """Drop all jobs, and wait this long for the step that is computed at the moment."""
+        """Drop all jobs, and wait up to `seconds` for the current step."""
         with self._changed:
             self._jobs.clear()
             self._is_closed = True

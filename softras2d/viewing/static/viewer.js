@@ -1396,7 +1396,7 @@ class Viewer {
         h("tr", {}, ...columns.map(([, cell]) => h("td", {}, ...[cell(layer)].flat()))))),
     );
     const hints = [];
-    if (layers.length >= most) hints.push("Nearest first; there may be more behind.");
+    if (layers.length > 10 || layers.length >= most) hints.push("Nearest first; there may be more behind.");
     if (!samples.length && this.effectNames?.includes("texture")) hints.push("Colours without texture.");
     this.lensTable.replaceChildren(table, ...hints.map((text) => h("p", { class: "sr-hint" }, text)));
   }
