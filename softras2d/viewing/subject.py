@@ -62,6 +62,9 @@ class Subject(abc.ABC):
         """Warnings from reading the subject."""
         return ()
 
+    def watch(self, is_watched: bool) -> None:  # noqa: B027
+        """Be told whether a page shows this subject at the moment."""
+
     def fit_state(self) -> FitState | None:
         """The progress of the fit that the subject is a result of; None for other subjects."""
         return None
