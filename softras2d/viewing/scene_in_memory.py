@@ -97,15 +97,16 @@ def python_code(view: View, settings: Settings, size: tuple[int, int], source: s
     x_scale, y_scale = width / size[1], height / size[0]
     coverage = {
         "sampled": f"sr.Hard({settings.samples}, {settings.fill_rule!r}, {settings.shading!r})",
-        "soft": f"sr.Soft({settings.soft_width:g})",
+        "soft": f"sr.Soft({settings.soft_width!r})",
         "area": "sr.Area()",
     }[settings.coverage]
     filter = (
         f"sr.Filter({settings.pixel_filter!r}, {settings.level_filter!r}, "
-        f"{settings.anisotropy}, {settings.lod_bias:g})"
+        f"{settings.anisotropy}, {settings.lod_bias!r})"
     )
     return (
-        "import dataclasses\n\nimport jax.numpy as jnp\nimport numpy as np\nimport softras2d as sr\n\n"
+        "import dataclasses\n\n"
+        "import jax.numpy as jnp\nimport numpy as np\nimport softras2d as sr\n\n"
         f"{source}positions = np.asarray(scene.positions, np.float64)\n"
         f"positions = jnp.asarray(positions * [{x_scale!r}, {y_scale!r}], jnp.float32)\n"
         "view = dataclasses.replace(scene, positions=positions)\n"

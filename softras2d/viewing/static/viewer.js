@@ -1025,7 +1025,7 @@ class Viewer {
   }
 
   paintOverlay(width, height) {
-    const context = this.overlay.getContext("2d");
+    const context = this.overlay.getContext("2d", { willReadFrequently: false });
     const size = this.pixelSize;
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.clearRect(0, 0, this.overlay.width, this.overlay.height);
@@ -1037,7 +1037,10 @@ class Viewer {
       const scale = this.view.zoom / data.view.zoom;
       const offset = [data.view.x * scale - this.view.x, data.view.y * scale - this.view.y];
       context.setTransform(scale * size, 0, 0, scale * size, offset[0] * size, offset[1] * size);
+      // Line styles of one overlay must not reach the next frame.
+      context.save();
       this[paint](context, data, scale * size);
+      context.restore();
     }
     context.setTransform(1, 0, 0, 1, 0, 0);
     if (this.comparison.mode === "slider") {
