@@ -93,8 +93,12 @@ class Image(Subject):
         return shown
 
 
-def image_file(path: Path, kept_images: KeptImages) -> Image:
-    """A subject for an image file, which is read when it is shown, and again when it changes."""
+def image_file(path: Path, kept_images: KeptImages | None = None) -> Image:
+    """A subject for an image file, which is read when it is shown, and again when it changes.
+
+    - `kept_images`: what keeps the image in memory; all files of a viewer share one.
+    """
+    kept = KeptImages() if kept_images is None else kept_images
 
     def version_of() -> int:
         try:
@@ -104,7 +108,7 @@ def image_file(path: Path, kept_images: KeptImages) -> Image:
 
     return Image(
         path.name,
-        lambda: kept_images.get(path, version_of()),
+        lambda: kept.get(path, version_of()),
         version_of,
         lambda: image_size(path),
     )
