@@ -9,9 +9,11 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from softras2d.cli import app
 from softras2d.viewing.serve import MAX_MESSAGE_BYTES, ViewerServer
 from softras2d.viewing.server import STATIC
 
@@ -185,6 +187,15 @@ def test_the_page_loads_nothing_from_the_net():
 def test_a_port_in_use_is_an_error(server):
     with pytest.raises(OSError, match=f"port {server.port} of 127.0.0.1: Address already in use"):
         ViewerServer(small_session(), server.port)
+
+
+@pytest.mark.parametrize("port", ["0", "80", "1023", "65536"])
+def test_ports_that_a_user_cannot_open_are_refused(port, tmp_path):
+    path = tmp_path / "scene.svg"
+    path.write_text("<svg/>")
+    result = CliRunner().invoke(app, ["view", "--no-browser", "--port", port, str(path)])
+    assert result.exit_code == 2
+    assert "'--port'" in result.output and "1024" in result.output
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
