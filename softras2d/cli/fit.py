@@ -200,22 +200,22 @@ def _progress_bar(console: Console, followers: Sequence[Any]) -> Iterator[Callab
     )
     # When stderr is not a terminal, rich would still print an empty line.
     is_shown = console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=not is_shown) as progress:
-        task = progress.add_task("", total=1.0, status="starting")
+    with Progress(*columns, console=console, transient=True, disable=not is_shown) as bar:
+        task = bar.add_task("", total=1.0, status="starting")
 
-        def report(moment: Any) -> None:
-            record = moment.record
+        def report(progress: Any) -> None:
+            record = progress.record
             status = (
-                f"PSNR {record.psnr:.2f} dB, {record.active} of {moment.triangles} triangles, "
+                f"PSNR {record.psnr:.2f} dB, {record.active} of {progress.triangles} triangles, "
                 f"step {record.steps}"
             )
             # NaN means that the time left is not known yet.
-            if moment.seconds_left == moment.seconds_left:
-                status += f", {moment.seconds_left:.0f} s left"
-            progress.update(task, completed=moment.share, status=status)
+            if progress.seconds_left == progress.seconds_left:
+                status += f", {progress.seconds_left:.0f} s left"
+            bar.update(task, completed=progress.share, status=status)
             for follower in followers:
                 if follower is not None:
-                    follower.add(moment)
+                    follower.add(progress)
 
         yield report
 

@@ -15,11 +15,15 @@ Files = Annotated[
     typer.Argument(
         metavar="SCENE.svg ...",
         show_default=False,
-        help="SVG files to view, and images to compare them with. A changed file is drawn again.",
+        help="SVG files to view, and images to compare them with. A changed SVG file or image is "
+        "drawn again; its textures and saved fits are not.",
     ),
 ]
 Port = Annotated[
-    int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1. Default: a free one.")
+    int | None,
+    typer.Option(
+        min=1024, max=65535, show_default=False, help="Port on 127.0.0.1. Default: a free one."
+    ),
 ]
 Browser = Annotated[
     bool,
@@ -31,7 +35,7 @@ Browser = Annotated[
 
 def view_files(
     files: Files,
-    port: Port = 0,
+    port: Port = None,
     browser: Browser = True,
     dialect: options.Dialect = "svg",
     assets: options.Assets = None,
@@ -58,13 +62,14 @@ def view_files(
         from ..viewing.session import Session
 
         subjects = open_files(files, ReadOptions(dialect, assets, frame, opacity))
-        with ViewerServer(Session(subjects), port) as server:
+        with ViewerServer(Session(subjects), port or 0) as server:
             try:
                 show_address(server.url, browser)
                 server.wait()
             except KeyboardInterrupt:
-                # The usual end of a viewer.
-                console.print("closed")
+                # The usual end of a viewer. A picture that is being drawn is finished first.
+                console.print("closing")
+        console.print("closed")
 
 
 def show_address(url: str, browser: bool) -> None:

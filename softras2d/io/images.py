@@ -54,6 +54,26 @@ def read_image(
     return _load(Path(path), str(path), linear)
 
 
+def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
+    """Height and width of an image file, upright, from its header; no pixels are read.
+
+    Raises `ValueError`, one line, if the file is missing, not an image, or too large.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ValueError(f"{path}: no such file.")
+    source = oiio.ImageInput.open(str(path))
+    if source is None:
+        raise ValueError(f"{path}: not an image that can be read{_reason(oiio.geterror(), path)}.")
+    try:
+        spec = source.spec()
+    finally:
+        source.close()
+    _check_size(str(path), spec)
+    is_turned = spec.get_int_attribute("Orientation", 1) in (5, 6, 7, 8)
+    return (spec.width, spec.height) if is_turned else (spec.height, spec.width)
+
+
 def read_charged(
     source: Path | bytes, name: str, charge: Callable[[int], None]
 ) -> Float32[np.ndarray, "height width channels"]:

@@ -1,5 +1,6 @@
 """A subject that is an image: a file of pixels, or the levels of a texture pyramid."""
 
+from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from ..color import premultiply, unpremultiply
-from ..io.images import read_image, to_bytes
+from ..io.images import image_size, read_image, to_bytes
 from ..texture.pyramid import TexturePyramid
 from .subject import Subject
 from .view import View, enlarged_size
@@ -16,11 +17,33 @@ _OUTSIDE = (0, 0, 0, 0)
 """RGBA of what lies outside of an image."""
 
 
+_KEPT_IMAGES = 2
+"""Images of files that are kept in memory: the one that is shown, and one that is compared."""
+
+
+class KeptImages:
+    """The last images that were read, of all files of a viewer."""
+
+    def __init__(self):
+        self._images: OrderedDict[tuple[str, int], np.ndarray] = OrderedDict()
+
+    def get(self, path: Path, version: int) -> Float[np.ndarray, "height width channels"]:
+        """The image of a file, which is read if it is not kept in this version."""
+        key = (str(path), version)
+        if key not in self._images:
+            self._images[key] = read_image(path)
+            while len(self._images) > _KEPT_IMAGES:
+                self._images.popitem(last=False)
+        self._images.move_to_end(key)
+        return self._images[key]
+
+
 class Image(Subject):
     """An image, enlarged without smoothing; shrunk, each pixel is the mean of those that it shows.
 
     - `read`: returns the image, `[height, width, 3 or 4]` in 0..1 with straight alpha.
     - `version_of`: a number that changes whenever the image does.
+    - `size_of`: returns height and width; by default those of the image that `read` returns.
     """
 
     is_image = True
@@ -30,11 +53,12 @@ class Image(Subject):
         name: str,
         read: Callable[[], Float[np.ndarray, "height width channels"]],
         version_of: Callable[[], int] = lambda: 1,
+        size_of: Callable[[], tuple[int, int]] | None = None,
     ):
         super().__init__(name)
         self._read = read
         self._version_of = version_of
-        self._image: tuple[int, np.ndarray] | None = None
+        self._size_of = size_of
 
     @property
     def version(self) -> int:
@@ -43,15 +67,14 @@ class Image(Subject):
 
     def size(self) -> tuple[int, int]:
         """Height and width of the image."""
+        if self._size_of is not None:
+            return self._size_of()
         height, width, _ = self.values().shape
         return height, width
 
     def values(self) -> Float[np.ndarray, "height width channels"]:
         """The image itself. Raises `ValueError` if it cannot be read."""
-        version = self.version
-        if self._image is None or self._image[0] != version:
-            self._image = version, self._read()
-        return self._image[1]
+        return self._read()
 
     def pixels(self, view: View) -> UInt8[np.ndarray, "height width 4"]:
         """The pixels of the image under each pixel of the canvas."""
@@ -64,14 +87,18 @@ class Image(Subject):
         shown = np.empty((view.height, view.width, 4), np.uint8)
         shown[...] = _OUTSIDE
         inside = np.ix_(rows >= 0, columns >= 0)
-        part = to_bytes(np.asarray(image[np.ix_(rows[rows >= 0], columns[columns >= 0])]))
-        shown[..., :3][inside] = part[..., :3]
-        shown[..., 3][inside] = part[..., 3] if part.shape[2] == 4 else 255
+        visible_pixels = to_bytes(np.asarray(image[np.ix_(rows[rows >= 0], columns[columns >= 0])]))
+        shown[..., :3][inside] = visible_pixels[..., :3]
+        shown[..., 3][inside] = visible_pixels[..., 3] if visible_pixels.shape[2] == 4 else 255
         return shown
 
 
-def image_file(path: Path) -> Image:
-    """A subject for an image file, which is read again when it changes."""
+def image_file(path: Path, kept_images: KeptImages | None = None) -> Image:
+    """A subject for an image file, which is read when it is shown, and again when it changes.
+
+    - `kept_images`: what keeps the image in memory; all files of a viewer share one.
+    """
+    kept = KeptImages() if kept_images is None else kept_images
 
     def version_of() -> int:
         try:
@@ -79,7 +106,12 @@ def image_file(path: Path) -> Image:
         except OSError:
             return 0
 
-    return Image(path.name, lambda: read_image(path), version_of)
+    return Image(
+        path.name,
+        lambda: kept.get(path, version_of()),
+        version_of,
+        lambda: image_size(path),
+    )
 
 
 def pyramid_image(name: str, textures: TexturePyramid) -> Image:
@@ -121,8 +153,8 @@ def _mosaic(textures: TexturePyramid) -> Float[np.ndarray, "height width channel
             seen.add(offset)
             level = texels[offset : offset + level_height * level_width]
             level = unpremultiply(level.reshape(level_height, level_width, -1))
-            place = picture[top : top + level_height, left : left + level_width]
-            place[..., :3] = level[..., :3]
-            place[..., 3] = level[..., 3] if level.shape[2] == 4 else 1
+            level_pixels = picture[top : top + level_height, left : left + level_width]
+            level_pixels[..., :3] = level[..., :3]
+            level_pixels[..., 3] = level[..., 3] if level.shape[2] == 4 else 1
             left += level_width + 1
     return picture

@@ -1,6 +1,7 @@
-"""The pixel inspector: what lies under each sample of a pixel, and what becomes of it."""
+"""The pixel inspector: triangles, samples and value of one pixel."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,10 +15,20 @@ from ..scene import Scene
 from .draw import Artist
 from .settings import Settings
 from .view import View
-from .window_layers import LAYERS, WindowLayers, cull, find_layers, on_host
+from .window_layers import (
+    LAYERS,
+    WindowLayers,
+    cull,
+    find_layers,
+    on_host,
+    with_flat_depth,
+)
 
 LENS = 11
 """Pixels along a side of the lens; the inspected one is in the middle."""
+
+_MOST_LAYERS = 128
+"""Layers that are composited at a sample, if so many are translucent."""
 
 _REFERENCE_SAMPLES = 256
 """Samples per pixel of the reference value of a scene with depth, which has no exact area."""
@@ -44,23 +55,23 @@ def inspect_pixel(
     of the canvas, but for edges cut at the guard band, within two grid units.
     """
     half = LENS // 2
-    window, near, index = _window(scene, view, settings, column, row)
+    window, nearby_scene, index = _window(scene, view, settings, column, row)
     bits = _grid_bits(view, settings)
-    layers, plan = artist.with_plan(find_layers, near, window, settings, bits)
-    layers = on_host(layers)
+    # The first of the two, so that the plan is large enough for the layers of analytic coverage.
+    drawn = np.asarray(artist.render(nearby_scene, window, settings, bits)[0])
     is_sampled = settings.coverage == "sampled"
     if is_sampled:
+        layers, rate = _sample_layers(artist, nearby_scene, window, settings, bits)
         colors = composite_samples(layers, np.asarray(scene.background, np.float64))
     else:
-        # With depth, soft coverage does not composite in draw order.
-        colors = np.asarray(artist.render(near, window, settings)[0])[:, :, None]
-    rate = plan.grid.rate if is_sampled else 1
+        layers = on_host(artist.with_plan(find_layers, nearby_scene, window, settings)[0])
+        colors, rate = drawn[:, :, None], 1
     facts = {
         "column": column,
         "row": row,
         "lens": LENS,
         "rate": rate,
-        "value": unpremultiply(premultiply(colors[half, half]).mean(axis=0)).tolist(),
+        "value": drawn[half, half].tolist(),
         "samples": [
             {"triangle": _name(triangle, index), "color": color.tolist()}
             for triangle, color in zip(
@@ -70,8 +81,8 @@ def inspect_pixel(
         if is_sampled
         else [],
         "layers": list_layers(layers, index, half),
-        "most_layers": LAYERS,
-        "edges": _edges(near, index, layers, window, half),
+        "most_layers": layers.triangle.shape[3],
+        "edges": _edges(nearby_scene, index, layers, window, half),
     }
     return PixelReport(facts, _in_rows(_as_rgba(colors), rate))
 
@@ -84,14 +95,14 @@ def reference_value(
     It is the pixel's exact area value, or for scenes with depth, which have none, the value with
     256 samples.
     """
-    window, near, _ = _window(scene, view, settings, column, row)
+    window, nearby_scene, _ = _window(scene, view, settings, column, row)
     if scene.depth is None:
         name, exact, bits = "exact area", replace(settings, coverage="area"), None
     else:
         name = f"{_REFERENCE_SAMPLES} samples"
         exact = replace(settings, coverage="sampled", samples=_REFERENCE_SAMPLES)
         bits = _grid_bits(view, exact)
-    image = np.asarray(artist.render(near, window, exact, bits)[0])
+    image = np.asarray(artist.render(nearby_scene, window, exact, bits)[0])
     return name, image[LENS // 2, LENS // 2].tolist()
 
 
@@ -101,9 +112,27 @@ def _window(
     """The window of the lens, the triangles near it, and the index of each in the whole scene."""
     x, y = view.x + column - LENS // 2, view.y + row - LENS // 2
     window = replace(view, x=x, y=y, height=LENS, width=LENS)
-    near, index = cull(scene, window, margin=2.0 + 2.0 * settings.soft_width)
+    nearby_scene, index = cull(scene, window, margin=2.0 + 2.0 * settings.soft_width)
     # Windows with few triangles have arrays of one size, so that they share programs.
-    return window, pad(near), index
+    return window, pad(nearby_scene), index
+
+
+def _sample_layers(
+    artist: Artist, scene: Scene, window: View, settings: Settings, bits: int | None
+) -> tuple[WindowLayers, int]:
+    """The layers of each sample of a window, down to one that is opaque, and the sampling rate."""
+    deep_scene = with_flat_depth(scene) if scene.depth is None else scene
+    count = LAYERS
+    while True:
+        compute = partial(find_layers, layers=count)
+        layers, plan = artist.with_plan(compute, deep_scene, window, settings, bits)
+        layers = on_host(layers)
+        is_used = layers.triangle >= 0
+        is_translucent = (is_used & (layers.color[..., 3] < 1.0)).all(axis=3)
+        if count >= _MOST_LAYERS or not is_translucent.any():
+            break
+        count *= 2
+    return layers if scene.depth is not None else layers._replace(depth=None), plan.grid.rate
 
 
 def composite_samples(
@@ -130,12 +159,13 @@ def list_layers(
 
     Weights, depth, uv and level are means over the samples that the triangle covers.
     """
-    at: dict[str, np.ndarray] = {
+    pixel_arrays: dict[str, np.ndarray] = {
         name: np.asarray(value)[half, half]
         for name, value in layers._asdict().items()
         if value is not None
     }
-    order = np.stack([at["triangle"].ravel(), np.indices(at["triangle"].shape)[1].ravel()], axis=1)
+    triangles = pixel_arrays["triangle"]
+    order = np.stack([triangles.ravel(), np.indices(triangles.shape)[1].ravel()], axis=1)
     listed = []
     # A triangle lies behind all that lie in front of it in some sample.
     position = {
@@ -144,12 +174,16 @@ def list_layers(
         if triangle >= 0
     }
     for triangle in sorted(position, key=lambda t: (position[t], -t)):
-        sample, layer = np.nonzero(at["triangle"] == triangle)
-        mean = {name: at[name][sample, layer].mean(axis=0) for name in at if name != "triangle"}
+        sample, layer = np.nonzero(triangles == triangle)
+        mean = {
+            name: array[sample, layer].mean(axis=0)
+            for name, array in pixel_arrays.items()
+            if name != "triangle"
+        }
         row = {
             "triangle": _name(triangle, index),
             "samples": sample.tolist(),
-            "coverage": float(at["coverage"][sample, layer].sum() / at["triangle"].shape[0]),
+            "coverage": float(pixel_arrays["coverage"][sample, layer].sum() / len(triangles)),
             "weights": mean["weights"].tolist(),
             "color": unpremultiply(mean["color"]).tolist(),
         }
@@ -200,7 +234,10 @@ def _as_rgba(colors: Float[np.ndarray, "*shape channels"]) -> UInt8[np.ndarray, 
 def _in_rows(
     colors: UInt8[np.ndarray, "height width samples 4"], rate: int
 ) -> UInt8[np.ndarray, "rows columns 4"]:
-    """The samples at their places: sample i lies in sub-column i % rate, sub-row i // rate."""
+    """Arrange the samples of each pixel as its S x S grid.
+
+    Sample i lies in column i % S and row i // S of the grid; `rate` is S.
+    """
     height, width = colors.shape[:2]
     grid = colors.reshape(height, width, rate, rate, 4)
     return np.ascontiguousarray(grid.transpose(0, 2, 1, 3, 4).reshape(height * rate, -1, 4))

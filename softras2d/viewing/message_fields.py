@@ -31,10 +31,7 @@ def read_value(name: str, expected: Any, value: Any) -> Any:
     Raises `ValueError` that begins with `name` for a value of another type.
     """
     if expected in (int, float):
-        # In Python, true and false are integers.
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        is_whole = is_number and math.isfinite(value) and (expected is float or value == int(value))
-        if not is_whole:
+        if not _is_finite(value) or (expected is int and value != int(value)):
             wanted = "a whole number" if expected is int else "a finite number"
             raise ValueError(f"`{name}` must be {wanted}; got {str(value)[:40]!r}.")
         return expected(value)
@@ -42,6 +39,17 @@ def read_value(name: str, expected: Any, value: Any) -> Any:
         raise ValueError(f"`{name}` must be a string; got {str(value)[:40]!r}.")
     check_name(name, value[:40], expected)
     return value
+
+
+def _is_finite(value: Any) -> bool:
+    """Whether a value is a number that a float can hold."""
+    # In Python, true and false are integers.
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 def check_range(name: str, value: int | float, least: int | float, most: int | float) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..fitting.result import FitResult
-from .image import image_file
+from .image import KeptImages, image_file
 from .scene_file import ReadOptions, SceneFile
 from .scene_in_memory import SceneInMemory
 from .subject import FitState, Subject
@@ -15,20 +15,21 @@ def open_files(paths: Sequence[Path], options: ReadOptions) -> list[Subject]:
 
     Drawings and images are read when they are shown, and again whenever they change.
     """
-    return [_open(path, options) for path in paths]
+    kept_images = KeptImages()
+    return [_open(path, options, kept_images) for path in paths]
 
 
-def fit_subject(name: str, result: FitResult) -> SceneInMemory:
-    """The scene of a fit, with the records of the fit."""
-    return SceneInMemory(
-        name, result.scene, result.height, result.width, FitState(tuple(result.history))
-    )
+def fit_subject(name: str, result: FitResult, source: str = "") -> SceneInMemory:
+    """The scene of a fit, with the records of the fit; `source` as in `SceneInMemory`."""
+    state = FitState(tuple(result.history))
+    return SceneInMemory(name, result.scene, result.height, result.width, state, source)
 
 
-def _open(path: Path, options: ReadOptions) -> Subject:
+def _open(path: Path, options: ReadOptions, kept_images: KeptImages) -> Subject:
     suffix = path.suffix.lower()
     if suffix == ".svg":
         return SceneFile(path, options)
     if suffix == ".npz":
-        return fit_subject(path.name, FitResult.load(path))
-    return image_file(path)
+        source = f"scene = sr.FitResult.load({str(path)!r}).scene\n"
+        return fit_subject(path.name, FitResult.load(path), source)
+    return image_file(path, kept_images)

@@ -2,8 +2,8 @@
 
 JAX compiles a program for each set of capacities. A view that moves needs lists of other lengths in
 every frame, so the plan of one frame is used for as long as it is large enough, with another
-origin. Plans have headroom, and they always foresee triangles past the guard band, where zooming
-puts most of them.
+origin. Plans have headroom. Every plan also has the guard band, because zooming moves most
+triangles past it.
 
 A plan holds the view that it is made for, and the same view at twice the zoom. Each octave of zoom
 has a plan of its own, because unused capacity costs time: it begins with the plan of the nearest
@@ -67,7 +67,7 @@ class ViewPlans:
     def enlarge(
         self, scene: Scene, view: View, settings: Settings, grid_bits: int | None = None
     ) -> Plan:
-        """A new plan, which holds this view and has headroom; for its octave from now on."""
+        """Make a larger plan for this view, and keep it for the view's octave of zoom."""
         coverage = settings.coverage_option()
         key = _kind_of(scene, view, settings, grid_bits), _octave(view)
         headroom = self._headroom.get(key, HEADROOM)

@@ -82,13 +82,13 @@ class SceneFile(Subject):
         return scene
 
     def notes(self) -> tuple[str, ...]:
-        """What was not drawn of the file."""
+        """Warnings about elements that were not drawn."""
         return self._notes
 
     def command(self, view: View, settings: Settings) -> str:
         """The command `softras2d render` of the same picture."""
         height, width = enlarged_size(*self.size(), view.zoom)
-        words = ["softras2d", "render", str(self._path), "-o", f"{self._path.stem}.png"]
+        words = ["softras2d", "render", str(self._path), "-o", f"{self._path.stem}-view.png"]
         words += ["--size", f"{width}x{height}", "--origin", f"{view.x},{view.y}"]
         words += ["--window", f"{view.width}x{view.height}"]
         words += self._options.flags() + settings_flags(settings)

@@ -9,22 +9,32 @@ from ..numerics.device import to_device
 from ..scene import Scene
 from .settings import Settings
 from .subject import EnlargedScenes, FitState, Subject
-from .view import View
+from .view import View, enlarged_size
 
 _MAX_DEFAULT_SIDE = 4096
 """Longest side of the canvas that is chosen for a scene without a size, in pixels."""
 
 
 class SceneInMemory(Subject):
-    """A scene whose positions are in pixels at zoom 1."""
+    """A scene whose positions are in pixels at zoom 1.
+
+    - `source`: a line of Python that makes the variable `scene`, if there is one.
+    """
 
     def __init__(
-        self, name: str, scene: Scene, height: int, width: int, fit: FitState | None = None
+        self,
+        name: str,
+        scene: Scene,
+        height: int,
+        width: int,
+        fit: FitState | None = None,
+        source: str = "",
     ):
         super().__init__(name)
         self._scene = scene
         self._height, self._width = height, width
         self._fit = fit
+        self._source = source
         self._version = 1
         self._scenes = EnlargedScenes()
 
@@ -51,8 +61,8 @@ class SceneInMemory(Subject):
         self._version += 1
 
     def command(self, view: View, settings: Settings) -> str:
-        """Python code of the same picture, for a variable `scene`."""
-        return python_code(view, settings, enlarged=(self._height, self._width))
+        """Python code that draws the same picture from a variable `scene`."""
+        return python_code(view, settings, (self._height, self._width), self._source)
 
     def _enlarge(self, height: int, width: int) -> Scene:
         return enlarge(self._scene, width / self._width, height / self._height)
@@ -81,24 +91,25 @@ def default_size(scene: Scene) -> tuple[int, int]:
     return height, width
 
 
-def python_code(view: View, settings: Settings, enlarged: tuple[int, int]) -> str:
-    """Python code that draws a view of a scene; `enlarged` is the canvas at zoom 1."""
-    from .view import enlarged_size
-
-    height, width = enlarged_size(*enlarged, view.zoom)
-    x_scale, y_scale = width / enlarged[1], height / enlarged[0]
+def python_code(view: View, settings: Settings, size: tuple[int, int], source: str) -> str:
+    """Python code that draws a view of a scene; `size` is height and width at zoom 1."""
+    height, width = enlarged_size(*size, view.zoom)
+    x_scale, y_scale = width / size[1], height / size[0]
     coverage = {
         "sampled": f"sr.Hard({settings.samples}, {settings.fill_rule!r}, {settings.shading!r})",
-        "soft": f"sr.Soft({settings.soft_width:g})",
+        "soft": f"sr.Soft({settings.soft_width!r})",
         "area": "sr.Area()",
     }[settings.coverage]
     filter = (
         f"sr.Filter({settings.pixel_filter!r}, {settings.level_filter!r}, "
-        f"{settings.anisotropy}, {settings.lod_bias:g})"
+        f"{settings.anisotropy}, {settings.lod_bias!r})"
     )
     return (
-        "view = dataclasses.replace(scene, positions=scene.positions * "
-        f"np.float32([{x_scale!r}, {y_scale!r}]))\n"
+        "import dataclasses\n\n"
+        "import jax.numpy as jnp\nimport numpy as np\nimport softras2d as sr\n\n"
+        f"{source}positions = np.asarray(scene.positions, np.float64)\n"
+        f"positions = jnp.asarray(positions * [{x_scale!r}, {y_scale!r}], jnp.float32)\n"
+        "view = dataclasses.replace(scene, positions=positions)\n"
         f"plan = sr.plan(view, height={view.height}, width={view.width}, "
         f"origin=({view.x}, {view.y}), coverage={coverage}, filter={filter})\n"
         "image = sr.render(view, plan)"

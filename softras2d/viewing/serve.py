@@ -41,9 +41,10 @@ class ViewerServer:
             self._socket.bind((ADDRESS, port))
             # From now on pages may connect; they are served when the server has started.
             self._socket.listen()
-        except OSError:
+        except OSError as error:
             self._socket.close()
-            raise
+            message = f"port {port} of {ADDRESS}: {error.strerror}"
+            raise OSError(error.errno, message) from None
         self.port: int = self._socket.getsockname()[1]
         token = secrets.token_urlsafe(16)
         self.url = f"http://{ADDRESS}:{self.port}/{token}/"
@@ -73,11 +74,17 @@ class ViewerServer:
 
     def close(self) -> None:
         """End the server and its worker, after the picture that is being drawn."""
-        self._worker.close(_END_SECONDS)
-        time.sleep(_SEND_SECONDS)
-        self._server.should_exit = True
-        self._thread.join(_END_SECONDS)
-        self._socket.close()
+        try:
+            try:
+                self._worker.close(_END_SECONDS)
+            except KeyboardInterrupt:
+                # After a second Ctrl-C it still waits; a third one ends the wait.
+                self._worker.close(_END_SECONDS)
+            time.sleep(_SEND_SECONDS)
+        finally:
+            self._server.should_exit = True
+            self._thread.join(_END_SECONDS)
+            self._socket.close()
 
     def __enter__(self) -> "ViewerServer":
         return self

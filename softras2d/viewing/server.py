@@ -13,7 +13,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from .frames import frame_of
-from .session import URGENCY, Reply, Session
+from .session import URGENCY, Reply, Session, scalar
 from .worker import Worker
 
 STATIC = Path(__file__).parent / "static"
@@ -74,6 +74,7 @@ class _Connection:
             await self._receive()
         finally:
             self._worker.forget(self)
+            self._session.show(self, None)
             for task in tasks:
                 task.cancel()
             for task in tasks:
@@ -90,7 +91,9 @@ class _Connection:
             if request is None:
                 await self._websocket.close(1003)
                 return
-            kind, slot = str(request.get("kind")), str(request.get("slot"))
+            kind, slot = (str(scalar(request.get(name))) for name in ("kind", "slot"))
+            if (kind, slot) == ("picture", "a"):
+                self._session.show(self, scalar(request.get("subject")))
             replies = self._session.answer(request)
             self._worker.submit(
                 self, (kind, slot), URGENCY.get(kind, 0), replies, self._deliver_from_worker

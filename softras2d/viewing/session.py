@@ -6,7 +6,8 @@ and fields that depend on the kind. A reply has a header, for JSON, and bytes.
 
 import dataclasses
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import os
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,10 +43,19 @@ class Session:
             raise ValueError("there is nothing to view: give at least one scene or image.")
         self.subjects = tuple(subjects)
         self._artist = Artist()
+        self._shown: dict[Hashable, object] = {}
 
     def versions(self) -> list[int]:
         """The version of each subject, which changes with its contents."""
         return [subject.version for subject in self.subjects]
+
+    def show(self, page: Hashable, number: object) -> None:
+        """Note the number of the subject that a page shows; None when the page is closed."""
+        self._shown[page] = number
+        if number is None:
+            del self._shown[page]
+        for subject_number, subject in enumerate(self.subjects):
+            subject.watch(subject_number in self._shown.values())
 
     def answer(self, request: Mapping[str, Any]) -> Iterator[Reply]:
         """Reply to a request, in one step or several.
@@ -53,20 +63,21 @@ class Session:
         What is wrong with a request, or with a file, becomes a reply of kind `"error"`, whose
         `message` is one line.
         """
-        kind = request.get("kind")
-        common = {"kind": kind, "id": request.get("id"), "slot": request.get("slot")}
+        common = {name: scalar(request.get(name)) for name in ("kind", "id", "slot")}
+        kind = common["kind"]
         try:
             if kind not in _ANSWERS:
                 raise ValueError(f"no request of kind {str(kind)[:40]!r}.")
             for reply in _ANSWERS[kind](self, request):
                 yield reply._replace(header=common | reply.header)
-        except (ValueError, OSError, MemoryError) as error:
-            message = " ".join(str(error).split()) or type(error).__name__
-            yield Reply(common | {"kind": "error", "request": kind, "message": message})
         except Exception as error:
             # A mistake in one overlay must not end the viewer.
-            _LOGGER.exception("a request of kind %r failed", kind)
-            message = f"unexpected {type(error).__name__}: {' '.join(str(error).split())[:300]}"
+            message = _one_line(error)
+            if not _is_expected(error):
+                message = f"unexpected {type(error).__name__}: {message}"
+                _LOGGER.error(
+                    "a request of kind %r failed: %s", kind, message, exc_info=_is_debugging()
+                )
             yield Reply(common | {"kind": "error", "request": kind, "message": message})
 
     def subject_of(self, request: Mapping[str, Any], name: str = "subject") -> Subject:
@@ -194,6 +205,26 @@ URGENCY = {kind: rank for rank, kind in enumerate(_ANSWERS)}
 """Rank of each kind of request: of those that wait, the one with the least is answered first."""
 
 
+def scalar(value: Any) -> str | int | float | None:
+    """A value that a reply may repeat; None for lists and objects, which may be nested deeply."""
+    return value if isinstance(value, str | int | float) else None
+
+
+def _is_expected(error: Exception) -> bool:
+    """Whether an error is about the request, a file or the machine, rather than a bug."""
+    is_out_of_memory = "RESOURCE_EXHAUSTED" in str(error)
+    return is_out_of_memory or isinstance(error, ValueError | OSError | MemoryError)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:300] or type(error).__name__
+
+
+def _is_debugging() -> bool:
+    """Whether tracebacks are wanted, as for the commands (environment variable SOFTRAS2D_DEBUG)."""
+    return os.environ.get("SOFTRAS2D_DEBUG", "") not in ("", "0")
+
+
 def _bytes(array: np.ndarray) -> memoryview:
     """The bytes of an array, row by row."""
     return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
@@ -208,8 +239,9 @@ def _describe(subject: Subject) -> dict[str, Any]:
     }
     try:
         facts["height"], facts["width"] = subject.size()
-    except (ValueError, OSError) as error:
-        facts |= {"height": 1, "width": 1, "error": " ".join(str(error).split())}
+    except Exception as error:
+        # Whatever is wrong with one file, the others are shown.
+        facts |= {"height": 1, "width": 1, "error": _one_line(error)}
     fit = subject.fit_state()
     if fit is not None:
         facts["fit"] = {

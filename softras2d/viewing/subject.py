@@ -59,8 +59,11 @@ class Subject(abc.ABC):
         return ""
 
     def notes(self) -> tuple[str, ...]:
-        """What the reader of the subject warned of."""
+        """Warnings from reading the subject."""
         return ()
+
+    def watch(self, is_watched: bool) -> None:  # noqa: B027
+        """Be told whether a page shows this subject at the moment."""
 
     def fit_state(self) -> FitState | None:
         """The progress of the fit that the subject is a result of; None for other subjects."""

@@ -11,7 +11,7 @@ import traitlets
 from IPython.display import display
 
 from .frames import finite
-from .session import URGENCY, Reply, Session
+from .session import URGENCY, Reply, Session, scalar
 from .still import still_png
 from .worker import Worker
 
@@ -52,7 +52,7 @@ class ViewerWidget(anywidget.AnyWidget):
         if request.get("kind") == "closed":
             self._worker.forget(owner)
             return
-        kind, slot = str(request.get("kind")), str(request.get("slot"))
+        kind, slot = (str(scalar(request.get(name))) for name in ("kind", "slot"))
 
         def deliver(reply: Reply) -> None:
             buffers = [reply.payload] if len(reply.payload) else None

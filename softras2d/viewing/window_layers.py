@@ -24,7 +24,7 @@ from ..texture.pyramid import TexturePyramid
 from .view import View
 
 LAYERS = 8
-"""Triangles of a sample or pixel that are looked at, from the nearest on."""
+"""Maximum number of triangles listed per sample or pixel, nearest first."""
 
 
 class WindowLayers(NamedTuple):
@@ -60,31 +60,36 @@ def cull(scene: Scene, view: View, margin: float) -> tuple[Scene, Int[np.ndarray
     return take_triangles(scene, is_near), np.flatnonzero(is_near)
 
 
-def find_layers(scene: Scene, plan: Plan) -> tuple[WindowLayers, Bool[Array, ""]]:
-    """The layers of a small canvas, and whether the scene outgrew the plan."""
+def with_flat_depth(scene: Scene) -> Scene:
+    """Give a scene without depth the same depth everywhere.
+
+    Its picture is the same, but no triangle is left out of a tile because others hide it. A plan
+    for `find_layers` must be made for this scene, whose lists are longer.
+    """
+    depth = np.zeros(len(scene.positions), np.asarray(scene.positions).dtype)
+    return eqx.tree_at(
+        lambda scene: scene.depth, scene, to_device(depth), is_leaf=lambda leaf: leaf is None
+    )
+
+
+def find_layers(
+    scene: Scene, plan: Plan, layers: int = LAYERS
+) -> tuple[WindowLayers, Bool[Array, ""]]:
+    """The nearest `layers` triangles on a small canvas, and whether the scene outgrew the plan."""
     if not len(scene.triangles):
-        return _no_layers(plan), to_device(False)
+        return _no_layers(plan, layers), to_device(False)
     if plan.side:
-        found = pixel_layers(scene, plan, layers=LAYERS)
-        return _shade_pixels(pad_concrete(scene, plan), found), to_device(False)
-    if scene.depth is None:
-        # Where all depths are equal the picture is the same, but no triangle of a tile is left out
-        # because others hide it.
-        depth = np.zeros(len(scene.positions), np.asarray(scene.positions).dtype)
-        flat = eqx.tree_at(
-            lambda scene: scene.depth, scene, to_device(depth), is_leaf=lambda leaf: leaf is None
-        )
-        layers, overflow = _shade_samples(pad_concrete(flat, plan), plan)
-        return layers._replace(depth=None), overflow
-    return _shade_samples(pad_concrete(scene, plan), plan)
+        layers_of_pixels = pixel_layers(scene, plan, layers=layers)
+        return _shade_pixels(pad_concrete(scene, plan), layers_of_pixels), to_device(False)
+    return _shade_samples(pad_concrete(scene, plan), plan, layers)
 
 
-def _no_layers(plan: Plan) -> WindowLayers:
-    shape = (plan.height, plan.width, plan.grid.samples, LAYERS)
+def _no_layers(plan: Plan, layers: int) -> WindowLayers:
+    shape = (plan.height, plan.width, plan.grid.samples, layers)
     zeros = np.zeros((*shape, 4), np.float32)
-    nobody = to_device(np.full(shape, -1, np.int32))
+    no_triangle = to_device(np.full(shape, -1, np.int32))
     coverage, weights, color = map(to_device, (zeros[..., 0], zeros[..., :3], zeros))
-    return WindowLayers(nobody, coverage, weights, color, None, None, None)
+    return WindowLayers(no_triangle, coverage, weights, color, None, None, None)
 
 
 def on_host(layers: WindowLayers) -> WindowLayers:
@@ -93,15 +98,15 @@ def on_host(layers: WindowLayers) -> WindowLayers:
 
 
 @eqx.filter_jit
-def _shade_samples(scene: Scene, plan: Plan) -> tuple[WindowLayers, Bool[Array, ""]]:
-    visible = rasterize(scene, plan, layers=LAYERS)
+def _shade_samples(scene: Scene, plan: Plan, layers: int) -> tuple[WindowLayers, Bool[Array, ""]]:
+    visible = rasterize(scene, plan, layers=layers)
     triangle, weights = visible.triangle, visible.barycentric
     uv = level = None
     if scene.uv is not None and scene.textures is not None and scene.texture_index is not None:
         uv = interpolate(visible, scene.uv)
-        known = jnp.maximum(triangle, 0)
-        footprint = visible.footprint(known, weights, scene.uv)
-        index = scene.texture_index[known]
+        valid_triangle = jnp.maximum(triangle, 0)
+        footprint = visible.footprint(valid_triangle, weights, scene.uv)
+        index = scene.texture_index[valid_triangle]
         level = _level(scene.textures, index, footprint, plan.filter)
         texel = sample_texture(scene.textures, uv, footprint, plan.filter, texture_index=index)
         color = _modulate(_colors(scene, visible), texel)
@@ -113,10 +118,15 @@ def _shade_samples(scene: Scene, plan: Plan) -> tuple[WindowLayers, Bool[Array, 
 
 
 @eqx.filter_jit
-def _shade_pixels(scene: Scene, found: PixelLayers) -> WindowLayers:
+def _shade_pixels(scene: Scene, layers_of_pixels: PixelLayers) -> WindowLayers:
     """Colours by the first corner and weights; textures are left out."""
     triangle, coverage, weights = (
-        array[:, :, None] for array in (found.triangle, found.coverage, found.barycentric)
+        array[:, :, None]
+        for array in (
+            layers_of_pixels.triangle,
+            layers_of_pixels.coverage,
+            layers_of_pixels.barycentric,
+        )
     )
     corners = scene.colors[jnp.maximum(triangle, 0)]
     color = (

@@ -1,11 +1,14 @@
 """A thread that answers requests one after another, and drops those that were superseded."""
 
 import itertools
+import logging
 import threading
 from collections.abc import Callable, Hashable, Iterator
 from typing import NamedTuple
 
 from .session import Reply
+
+_LOGGER = logging.getLogger(__name__)
 
 
 class _Job(NamedTuple):
@@ -55,7 +58,7 @@ class Worker:
                 del self._jobs[key]
 
     def close(self, seconds: int | float = 0) -> None:
-        """Drop all jobs, and wait this long for the step that is computed at the moment."""
+        """Drop all jobs, and wait up to `seconds` for the current step."""
         with self._changed:
             self._jobs.clear()
             self._is_closed = True
@@ -76,4 +79,11 @@ class Worker:
                 if reply is None and self._jobs.get(key) is job:
                     del self._jobs[key]
             if reply is not None:
-                job.deliver(reply)
+                self._deliver(job, reply)
+
+    def _deliver(self, job: _Job, reply: Reply) -> None:
+        try:
+            job.deliver(reply)
+        except Exception as error:
+            # A page that cannot be reached must not end the thread, which serves others too.
+            _LOGGER.error("a reply was not delivered: %s", " ".join(str(error).split())[:300])

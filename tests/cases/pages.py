@@ -17,8 +17,8 @@ from .browser import REQUIRE, require_browser
 SECONDS = 180.0
 """Longest time to wait for a picture: it may have to be compiled on a busy machine."""
 
-_CANVAS = """() => {
-  const canvas = document.querySelector(".sr-picture");
+_CANVAS = """(selector) => {
+  const canvas = document.querySelector(selector);
   const {width, height} = canvas;
   const bytes = canvas.getContext("2d").getImageData(0, 0, width, height).data;
   let text = "";
@@ -74,9 +74,9 @@ def state_of(page: Any) -> str:
     return page.locator(".sr-viewer").first.get_attribute("data-state") or ""
 
 
-def canvas_of(page: Any) -> np.ndarray:
-    """The pixels that the page shows, `[height, width, 4]` bytes."""
-    shown = page.evaluate(_CANVAS)
+def canvas_of(page: Any, selector: str = ".sr-picture") -> np.ndarray:
+    """The pixels that a canvas of the page shows, `[height, width, 4]` bytes."""
+    shown = page.evaluate(_CANVAS, selector)
     pixels = np.frombuffer(base64.b64decode(shown["bytes"]), np.uint8)
     return pixels.reshape(shown["height"], shown["width"], 4)
 

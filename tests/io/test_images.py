@@ -14,6 +14,7 @@ import pytest
 from softras2d.io.images import (
     WRITABLE,
     decode_image,
+    image_size,
     linear_to_srgb,
     read_image,
     srgb_to_linear,
@@ -183,6 +184,7 @@ def test_images_are_rotated_by_their_exif_orientation(tmp_path, orientation):
     save(tmp_path / "image.jpg", pixels, Orientation=orientation, compression="jpeg:100")
     read = read_image(tmp_path / "image.jpg")
     assert read.shape == ((16, 32, 3) if orientation < 5 else (32, 16, 3))
+    assert image_size(tmp_path / "image.jpg") == read.shape[:2]
     side = {"top": read[:4], "bottom": read[-4:], "left": read[:, :4], "right": read[:, -4:]}
     assert side[row][..., 0].min() > 0.8
     assert side[column][..., 2].min() > 0.8

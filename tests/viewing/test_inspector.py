@@ -139,6 +139,38 @@ def test_textures_and_depth_are_listed():
     assert reference.header["name"] == "256 samples"
 
 
+def test_the_value_is_drawn_through_more_layers_than_are_listed():
+    rng = np.random.default_rng(3)
+    corners = np.array([[[-20, -20], [150, -20], [-20, 150]]], np.float32) * np.ones((12, 1, 1))
+    colors = np.concatenate([rng.uniform(0, 1, (12, 3)), np.full((12, 1), 0.3)], axis=1)
+    scene = sr.Scene.from_soup(corners.astype(np.float32), colors, background=[0.9, 0.1, 0.5])
+    session = Session([SceneInMemory("glass", scene, HEIGHT, WIDTH)])
+    view = {"zoom": 1.0, "x": 0, "y": 0, "height": 32, "width": 32}
+    report, _ = inspect(session, 16, 16, view=view)
+    expected = np.array([0.9, 0.1, 0.5])
+    for color in colors:
+        expected = 0.3 * color[:3] + 0.7 * expected
+    np.testing.assert_allclose(report.header["value"], expected, atol=1e-5)
+    for sample in report.header["samples"]:
+        np.testing.assert_allclose(sample["color"], expected, atol=1e-5)
+    assert [layer["triangle"] for layer in report.header["layers"]] == list(range(11, -1, -1))
+
+
+def test_many_opaque_triangles_that_hide_each_other_are_inspected():
+    rng = np.random.default_rng(4)
+    centres = 16 + rng.uniform(-6, 6, (3000, 1, 2))
+    corners = centres + np.array([[-4, -4], [4, -4], [0, 5]]) + rng.uniform(-1, 1, (3000, 3, 2))
+    scene = sr.Scene.from_soup(corners.astype(np.float32), rng.uniform(0, 1, (3000, 3)))
+    session = Session([SceneInMemory("heap", scene, HEIGHT, WIDTH)])
+    view = {"zoom": 1.0, "x": 0, "y": 0, "height": 32, "width": 32}
+    report, reference = inspect(session, 16, 16, view=view)
+    assert len(report.header["layers"]) >= 8
+    expected = bytes_of(scene, view, sr.Hard(samples=4))[16, 16]
+    value = to_bytes(np.asarray(report.header["value"], np.float32))
+    assert np.abs(value.astype(int) - expected).max() <= 1
+    assert reference.header["name"] == "exact area"
+
+
 def test_edges_are_the_triangles_in_view(session):
     (reply,) = ask(session, "edges")
     corners = np.frombuffer(reply.payload, np.float32).reshape(-1, 3, 2)

@@ -138,17 +138,20 @@ def test_texture_keys_change_what_is_drawn(page, folder):
 
 def test_wheel_and_drag_move_the_view(page, folder):
     before = view_of(page)
-    page.mouse.move(300, 250)
+    # Far from the middle, about which keys zoom.
+    page.mouse.move(120, 430)
     page.mouse.wheel(0, -400)
     wait_for_picture(page)
     zoomed = view_of(page)
     assert zoomed["zoom"] > 1.5 * before["zoom"]
     scale = zoomed["zoom"] / before["zoom"]
-    # The point under the pointer stays, to a pixel. Margins are below 32 pixels.
-    for axis, at in (("x", 300), ("y", 250)):
-        assert abs((before[axis] + at) * scale - at - zoomed[axis]) <= 32 * scale
+    # The point under the pointer stays, to the rounding of the view to whole pixels.
+    box = page.locator(".sr-picture").bounding_box()
+    for axis, pointer in (("x", 120), ("y", 430)):
+        at = pointer - box[axis]
+        assert abs((before[axis] + at) * scale - at - zoomed[axis]) <= 0.51
     page.mouse.down()
-    page.mouse.move(240, 280, steps=4)
+    page.mouse.move(60, 460, steps=4)
     page.mouse.up()
     wait_for_picture(page)
     moved = view_of(page)
@@ -229,6 +232,45 @@ def test_the_slider_shows_two_settings(page, folder):
     wait_for(lambda: (canvas_of(page)[..., :3] == right).all(), "the slider at its left end")
 
 
+def test_comparing_is_turned_off_and_on_again(page, folder):
+    plain = canvas_of(page)
+    press(page, "v")
+    view = view_of(page)
+    left = drawn(folder, "squares.svg", view, sr.Hard(16)).astype(int)
+    right = drawn(folder, "squares.svg", view, sr.Hard(1)).astype(int)
+    edge = round(0.5 * view["width"])
+    halves = np.concatenate([left[:, :edge], right[:, edge:]], axis=1)
+    np.testing.assert_array_equal(canvas_of(page)[..., :3], halves)
+    assert (halves != plain[..., :3]).any()
+    press(page, "v")
+    np.testing.assert_array_equal(canvas_of(page), plain)
+    press(page, "v")
+    np.testing.assert_array_equal(canvas_of(page)[..., :3], halves)
+    press(page, "d")
+    difference = np.minimum(4 * np.abs(left - right), 255)
+    np.testing.assert_array_equal(canvas_of(page)[..., :3], difference)
+    press(page, "d")
+    np.testing.assert_array_equal(canvas_of(page), plain)
+
+
+def test_the_inspector_is_closed_over_an_image(page):
+    stage = page.locator(".sr-stage")
+    press(page, "z", "3")
+    assert "sr-inspecting" in stage.get_attribute("class")
+    press(page, "z")
+    assert "sr-inspecting" not in stage.get_attribute("class")
+    press(page, "z")
+    assert "sr-inspecting" not in stage.get_attribute("class")
+    assert "no samples" in page.locator(".sr-toast").inner_text()
+
+
+def test_a_double_click_zooms(page):
+    before = view_of(page)
+    page.mouse.dblclick(200, 300)
+    wait_for_picture(page)
+    assert view_of(page)["zoom"] == pytest.approx(2 * before["zoom"])
+
+
 def test_an_image_file_is_compared(page, folder):
     press(page, "0")
     page.get_by_label("Compare with").select_option(label="mine.png")
@@ -244,10 +286,15 @@ def test_an_image_file_is_compared(page, folder):
 
 
 def test_overlays_leave_the_picture_as_it_is(page):
-    before = canvas_of(page)
+    before, plain = canvas_of(page), canvas_of(page, ".sr-overlay")
     for key, kind in (("e", "edges"), ("t", "tiles"), ("g", "gradients")):
         press(page, key)
         wait_for(lambda kind=kind: kind in kinds_received(page), kind)
+        is_shown = lambda: (canvas_of(page, ".sr-overlay") != plain).sum() > 200  # noqa: E731
+        wait_for(is_shown, f"{kind} on the overlay")
+        np.testing.assert_array_equal(canvas_of(page), before)
+        press(page, key)
+        np.testing.assert_array_equal(canvas_of(page, ".sr-overlay"), plain)
     headers = {header["kind"]: header for header, _ in page.frames_seen}
     assert headers["edges"]["triangles"] > 10 and headers["gradients"]["vertices"] > 10
     np.testing.assert_array_equal(canvas_of(page), before)
@@ -317,6 +364,26 @@ def test_a_changed_file_is_drawn_again(browser, tmp_path):
         assert "scene.svg" in page.locator(".sr-status").inner_text()
         path.write_text(drawing.format(color="#102030"))
         wait_for(lambda: middle() == [0x10, 0x20, 0x30, 255], "the repaired file")
+        page.close()
+
+
+def test_a_half_written_file_keeps_the_view(browser, tmp_path):
+    path = tmp_path / "scene.svg"
+    drawing = scenes.path("squares").read_text()
+    path.write_text(drawing)
+    with ViewerServer(Session(open_files([path], ReadOptions()))) as server:
+        page = browser.new_page(viewport=WINDOW)
+        page.frames_seen = frames_of(page)
+        page.goto(server.url)
+        wait_for_picture(page)
+        press(page, "-", "-", "-", "i", "i", "ArrowLeft")
+        before, shown = view_of(page), canvas_of(page)
+        path.write_text(drawing[: len(drawing) // 2])
+        wait_for(lambda: state_of(page) == "error", "an error")
+        path.write_text(drawing)
+        wait_for(lambda: state_of(page) == "exact", "the whole file")
+        assert view_of(page) == before
+        np.testing.assert_array_equal(canvas_of(page), shown)
         page.close()
 
 

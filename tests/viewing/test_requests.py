@@ -18,6 +18,8 @@ from ..cases.viewing import VIEW, ask, small_session
     ("fields", "told"),
     [
         ({"kind": "nothing"}, "no request of kind 'nothing'"),
+        ({"view": VIEW | {"x": 10**400}}, "`x` must be a whole number"),
+        ({"view": VIEW | {"zoom": 10**400}}, "`zoom` must be a finite number"),
         ({"subject": 2}, "`subject` must be 0 to 1"),
         ({"subject": "a"}, "`subject` must be a whole number"),
         ({"subject": True}, "`subject` must be a whole number"),
@@ -48,6 +50,51 @@ def test_a_wrong_request_is_answered_with_one_line(fields, told):
     assert "\n" not in replies[0].header["message"]
     assert replies[0].header["request"] == kind
     assert replies[0].header["id"] == 7
+
+
+@pytest.mark.parametrize("kind", [["picture"], {"a": 1}, None, True])
+def test_a_kind_of_another_type_is_refused(kind, caplog):
+    (reply,) = small_session().answer({"kind": kind, "id": 7})
+    assert reply.header["kind"] == "error" and reply.header["id"] == 7
+    assert "no request of kind" in reply.header["message"]
+    assert caplog.records == []
+
+
+def test_replies_do_not_repeat_nested_values():
+    nested: list = []
+    for _ in range(900):
+        nested = [nested]
+    (reply,) = ask(small_session(), "subjects", id=nested, slot={"a": nested})
+    assert reply.header["id"] is None and reply.header["slot"] is None
+    assert len(frame_of(reply)) > 20
+
+
+@pytest.mark.parametrize("is_debugging", [False, True])
+def test_tracebacks_are_logged_when_they_are_wanted(monkeypatch, caplog, is_debugging):
+    monkeypatch.setenv("SOFTRAS2D_DEBUG", str(int(is_debugging)))
+    session = small_session()
+
+    def fail(*arguments, **keywords):
+        raise TypeError("a mistake\nof two lines")
+
+    monkeypatch.setattr(session._artist, "draw", fail)
+    (reply,) = ask(session, "picture")
+    assert reply.header["message"] == "unexpected TypeError: a mistake of two lines"
+    (record,) = caplog.records
+    assert "\n" not in record.getMessage()
+    assert bool(record.exc_info) == is_debugging
+
+
+def test_missing_memory_is_told_in_one_line(monkeypatch, caplog):
+    session = small_session()
+
+    def fail(*arguments, **keywords):
+        raise RuntimeError("RESOURCE_EXHAUSTED: Out of memory\nallocating 8 GiB")
+
+    monkeypatch.setattr(session._artist, "draw", fail)
+    (reply,) = ask(session, "picture")
+    assert reply.header["message"] == "RESOURCE_EXHAUSTED: Out of memory allocating 8 GiB"
+    assert caplog.records == []
 
 
 def test_missing_fields_have_defaults_and_whole_floats_are_integers():

@@ -9,9 +9,11 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from softras2d.cli import app
 from softras2d.viewing.serve import MAX_MESSAGE_BYTES, ViewerServer
 from softras2d.viewing.server import STATIC
 
@@ -98,6 +100,12 @@ def test_nothing_listens_on_other_addresses(server):
             with socket.socket(family) as attempt:
                 connections.append(attempt.connect_ex(address))
     assert all(connections)
+    with socket.socket() as attempt:
+        # Every address of 127.0.0.0/8 is this machine's on Linux.
+        attempt.settimeout(10)
+        assert attempt.connect_ex(("127.0.0.2", server.port)) != 0
+    with socket.socket() as attempt:
+        assert attempt.connect_ex(("127.0.0.1", server.port)) == 0
 
 
 @pytest.mark.parametrize(
@@ -177,8 +185,17 @@ def test_the_page_loads_nothing_from_the_net():
 
 
 def test_a_port_in_use_is_an_error(server):
-    with pytest.raises(OSError):
+    with pytest.raises(OSError, match=f"port {server.port} of 127.0.0.1: Address already in use"):
         ViewerServer(small_session(), server.port)
+
+
+@pytest.mark.parametrize("port", ["0", "80", "1023", "65536"])
+def test_ports_that_a_user_cannot_open_are_refused(port, tmp_path):
+    path = tmp_path / "scene.svg"
+    path.write_text("<svg/>")
+    result = CliRunner().invoke(app, ["view", "--no-browser", "--port", port, str(path)])
+    assert result.exit_code == 2
+    assert "Invalid value for '--port'" in result.output
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
@@ -203,4 +220,4 @@ def test_ctrl_c_ends_the_command(tmp_path):
         process.kill()
         process.communicate()
     assert process.returncode == 0
-    assert errors.strip() == "closed"
+    assert errors.split() == ["closing", "closed"]

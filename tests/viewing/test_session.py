@@ -1,14 +1,18 @@
 """Answers of a session: pictures equal those of `render`, and panning compiles nothing."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import softras2d as sr
 from softras2d.io.images import to_bytes
 from softras2d.viewing.image import Image, pyramid_image
+from softras2d.viewing.open_files import open_files
 from softras2d.viewing.scene_file import ReadOptions, SceneFile
 from softras2d.viewing.scene_in_memory import default_size, enlarge
 from softras2d.viewing.session import Session
+from softras2d.viewing.settings import Settings
 from softras2d.viewing.view import View
 
 from ..cases.marks import slowly
@@ -137,6 +141,55 @@ def test_a_missing_file_is_an_error_of_its_subject_alone(tmp_path):
     first, second = reply.header["subjects"]
     assert "No such file" in first["error"]
     assert (second["height"], second["width"]) == (HEIGHT, WIDTH)
+
+
+def test_a_broken_file_does_not_empty_the_page(monkeypatch):
+    session = small_session()
+
+    def fail() -> tuple[int, int]:
+        raise KeyError("size")
+
+    monkeypatch.setattr(session.subjects[0], "size", fail)
+    (reply,) = ask(session, "subjects")
+    first, second = reply.header["subjects"]
+    assert "size" in first["error"] and (second["height"], second["width"]) == (HEIGHT, WIDTH)
+
+
+def test_images_are_listed_by_their_headers_and_two_are_kept(tmp_path, monkeypatch):
+    paths = [tmp_path / f"{number}.png" for number in range(3)]
+    for number, path in enumerate(paths):
+        sr.write_image(path, small_image()[: 10 + number])
+    read: list[str] = []
+    monkeypatch.setattr(
+        "softras2d.viewing.image.read_image", lambda path: read.append(path.name) or small_image()
+    )
+    session = Session(open_files(paths, ReadOptions()))
+    (reply,) = ask(session, "subjects")
+    assert [subject["height"] for subject in reply.header["subjects"]] == [10, 11, 12]
+    assert read == []
+    for number in (0, 1, 0, 2, 0, 1):
+        ask(session, "picture", subject=number)
+    assert read == ["0.png", "1.png", "2.png", "1.png"]
+
+
+@pytest.mark.slow
+def test_the_python_code_of_a_fit_draws_the_same_picture(tmp_path):
+    path = tmp_path / "fit.npz"
+    sr.fit(small_image(), triangles=6, steps=2, size=WIDTH).save(path)
+    session = Session(open_files([path], ReadOptions()))
+    (reply,) = ask(session, "picture", view=VIEW | {"zoom": 1.37})
+    names: dict[str, Any] = {}
+    exec(reply.header["command"], names)
+    image = np.asarray(names["image"], np.float32)
+    np.testing.assert_array_equal(pixels_of(reply)[..., :3], to_bytes(image)[..., :3])
+    assert len(np.unique(image)) > 3
+
+
+def test_the_copied_command_does_not_replace_an_image_of_the_scene(tmp_path):
+    path = tmp_path / "scene.svg"
+    path.write_text('<svg xmlns="http://www.w3.org/2000/svg" width="4" height="4"/>')
+    command = SceneFile(path, ReadOptions()).command(View(**VIEW), Settings())
+    assert " -o scene-view.png " in command
 
 
 def test_the_default_canvas_holds_all_triangles():

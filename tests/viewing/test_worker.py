@@ -87,3 +87,18 @@ def test_jobs_of_a_closed_page_are_forgotten(worker):
     gate.open.set()
     assert done.wait(10)
     assert answered == ["first", "last"]
+
+
+def test_a_reply_that_cannot_be_delivered_ends_its_job_alone(worker, caplog):
+    done = threading.Event()
+
+    def fail(reply: Reply) -> None:
+        raise RuntimeError("the page is gone")
+
+    worker.submit("page", "picture", 0, replies("a"), fail)
+    worker.submit("other", "picture", 1, replies("b"), lambda reply: done.set())
+    assert done.wait(10)
+    assert [record.getMessage() for record in caplog.records] == [
+        "a reply was not delivered: the page is gone"
+    ]
+    assert not caplog.records[0].exc_info

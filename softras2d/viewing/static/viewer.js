@@ -1,6 +1,6 @@
 // The viewer's front-end: one module for the page of `softras2d view` and for the notebook widget.
 //
-// It keeps a view (zoom and place), settings and overlays, asks for exact pictures of them, and
+// It keeps a view (zoom and position), settings and overlays, asks for exact pictures of them, and
 // shows the last picture moved and scaled until the exact one arrives. It loads nothing from the
 // net. Coordinates: a drawing at zoom 1 has pixels of its own; `view.x, view.y` is the pixel of the
 // enlarged drawing at the upper left of the canvas; a canvas pixel covers `pixelSize` screen pixels.
@@ -105,7 +105,8 @@ export function openSocket(url) {
 }
 
 function openModel(model) {
-  const owner = crypto.randomUUID();
+  // `crypto.randomUUID` exists only in secure contexts, and notebooks are also served over HTTP.
+  const owner = crypto.getRandomValues(new Uint32Array(4)).join("-");
   const transport = { onmessage: () => {}, onclose: () => {} };
   const receive = (content, buffers) => {
     if (content.owner && content.owner !== owner) return;
@@ -169,7 +170,7 @@ class Viewer {
     this.pictures = {}; // By slot "a" or "b": {canvas, rgba, view, header, id}
     this.wanted = {}; // By slot: the id of the last request
     this.overlayData = {}; // By kind: {view, header, values}
-    this.lens = { isOn: false, isHeld: false, column: 0, row: 0, report: null };
+    this.lens = { isOn: false, isLocked: false, column: 0, row: 0, report: null };
     this.costs = new Map();
     this.nextId = 1;
     this.isScheduled = false;
@@ -231,7 +232,7 @@ class Viewer {
       },
       ...PIXEL_SIZES.map((size) => h("option", { value: size }, `pixels × ${size}`)),
     );
-    this.inspectButton = button("Inspect", "Pixel inspector (z)", () => this.toggleInspector());
+    this.inspectButton = button("Inspect", "Pixel inspector (z)", () => this.isReady() && this.toggleInspector());
     this.compareButton = button("Compare", "Compare (v)", () => this.toggleCompare("slider"));
     this.panelButton = button("Panel", "Show or hide the panel (h)", () => this.togglePanel());
     return h(
@@ -362,7 +363,7 @@ class Viewer {
     };
     return h(
       "footer", { class: "sr-status" }, part("coverage"), part("size"), part("zoom"),
-      part("place", true), h("span", { class: "sr-space" }), part("notes"), part("time"),
+      part("position", true), h("span", { class: "sr-space" }), part("notes"), part("time"),
     );
   }
 
@@ -399,7 +400,7 @@ class Viewer {
     stage.addEventListener("pointerup", (event) => this.release(event));
     stage.addEventListener("pointercancel", (event) => this.release(event));
     stage.addEventListener("dblclick", (event) => {
-      if (event.target === stage) this.zoomBy(2, this.pointOf(event));
+      if (this.isOnPicture(event) && !this.lens.isOn) this.zoomBy(2, this.pointOf(event));
     });
     this.pointers = new Map();
   }
@@ -412,6 +413,7 @@ class Viewer {
     if (isControl && /^( |Enter|Arrow.*)$/.test(event.key)) return;
     const arrow = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
     const digit = /^[1-9]$/.test(event.key);
+    if (!this.isReady() && !["?", "h"].includes(event.key)) return;
     const row = KEYS.find(([key, , act]) => act && key === event.key) ??
       (event.key === "+" ? KEYS.find(([key]) => key === "=") : undefined);
     if (arrow) this.pressArrow(arrow, event.shiftKey);
@@ -424,7 +426,7 @@ class Viewer {
 
   pressArrow([x, y], isFast) {
     if (this.lens.isOn) {
-      this.lens.isHeld = true;
+      this.lens.isLocked = true;
       const step = isFast ? 10 : 1;
       this.lookAt(this.lens.column + x * step, this.lens.row + y * step);
     } else {
@@ -455,7 +457,7 @@ class Viewer {
   scroll(event) {
     // In a notebook, scrolling past a widget must not zoom it.
     if (this.isWidget && !this.root.contains(document.activeElement) && !event.ctrlKey) return;
-    if (event.target.closest(".sr-lens.sr-held") || !this.view) return;
+    if (event.target.closest(".sr-lens.sr-locked") || !this.isReady()) return;
     event.preventDefault();
     const lines = event.deltaMode === 1 ? 16 : 1;
     const speed = event.ctrlKey ? 0.01 : 0.0015;
@@ -463,7 +465,7 @@ class Viewer {
   }
 
   press(event) {
-    if (!this.isOnPicture(event) || event.button !== 0 || !this.view) return;
+    if (!this.isOnPicture(event) || event.button !== 0 || !this.isReady()) return;
     this.stage.focus({ preventScroll: true });
     this.stage.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
@@ -472,10 +474,10 @@ class Viewer {
   }
 
   move(event) {
-    if (!this.view) return;
+    if (!this.isReady()) return;
     const before = this.pointers.get(event.pointerId);
     if (!before) {
-      if (this.lens.isOn && !this.lens.isHeld && this.isOnPicture(event)) {
+      if (this.lens.isOn && !this.lens.isLocked && this.isOnPicture(event)) {
         this.lookAt(...this.pointOf(event).map(Math.floor));
       }
       return;
@@ -504,12 +506,17 @@ class Viewer {
     if (!this.pointers.delete(event.pointerId)) return;
     this.stage.classList.remove("sr-dragging");
     if (event.type === "pointerup" && this.dragged <= 3 && this.lens.isOn) {
-      this.lens.isHeld = !this.lens.isHeld;
+      this.lens.isLocked = !this.lens.isLocked;
       this.lookAt(...this.pointOf(event).map(Math.floor));
     }
   }
 
   // The view.
+
+  // Whether there is something to show, and a canvas to show it on.
+  isReady() {
+    return Boolean(this.view && this.subjects.length);
+  }
 
   subject() {
     return this.subjects[this.current];
@@ -545,7 +552,7 @@ class Viewer {
     if (view && view.width === width && view.height === height) return this.schedule();
     this.picture.width = width;
     this.picture.height = height;
-    if (!view || this.isFitted) {
+    if (!view || this.isFitted || !this.subjects.length) {
       this.view = { zoom: 1, x: 0, y: 0, height, width };
       this.fit();
     } else {
@@ -564,35 +571,40 @@ class Viewer {
     view.x = clamp(Math.round(view.x), -1e6, 1e6);
     view.y = clamp(Math.round(view.y), -1e6, 1e6);
     this.view = view;
+    this.lens.column = clamp(this.lens.column, 0, view.width - 1);
+    this.lens.row = clamp(this.lens.row, 0, view.height - 1);
     this.isFitted = false;
     this.schedule();
   }
 
   // Shows the whole drawing, below the bar and above what compares.
   fit() {
-    if (!this.view || !this.subjects.length) return;
+    if (!this.isReady()) return;
     const { height, width } = this.subject();
     const { view } = this;
     const scale = this.screenScale();
     const top = (this.bar.offsetTop + this.bar.offsetHeight + 8 - this.margin[1]) * scale;
-    const room = [
+    const available = [
       (this.stage.clientWidth - 24) * scale, (this.stage.clientHeight - this.margin[1] - 12) * scale - top,
     ];
-    const zoom = Math.max(Math.min(room[0] / width, room[1] / height), 4 / Math.max(height, width));
+    const zoom = Math.max(Math.min(available[0] / width, available[1] / height), 4 / Math.max(height, width));
     this.changeView({
       ...view, zoom,
       x: Math.round((width * zoom - view.width) / 2),
-      y: Math.round((height * zoom - room[1]) / 2 - top),
+      y: Math.round((height * zoom - available[1]) / 2 - top),
     });
     this.isFitted = true;
   }
 
   oneToOne() {
-    this.zoomBy(1 / this.view.zoom);
+    if (this.isReady()) this.zoomBy(1 / this.view.zoom);
   }
 
-  zoomBy(factor, [px, py] = [this.view.width / 2, this.view.height / 2]) {
+  // Zooms about a point of the canvas, or about its middle.
+  zoomBy(factor, point) {
+    if (!this.isReady()) return;
     const { view } = this;
+    const [px, py] = point ?? [view.width / 2, view.height / 2];
     const { height, width } = this.subject();
     const longest = Math.max(height, width);
     const zoom = clamp(view.zoom * factor, 4 / longest, MOST_SIDE / longest);
@@ -611,7 +623,7 @@ class Viewer {
 
   // Larger pixels of a smaller picture: the drawing keeps its size on the screen.
   setPixelSize(size) {
-    if (size === this.pixelSize || !this.view) return;
+    if (size === this.pixelSize || !this.isReady()) return;
     const { view } = this;
     const middle = [view.x + view.width / 2, view.y + view.height / 2];
     const scale = this.pixelSize / size;
@@ -629,9 +641,10 @@ class Viewer {
     const count = this.subjects.length;
     if (!count || number < 0 || number >= count || number === this.current) return;
     this.current = number;
-    this.costs.clear();
+    this.cancelCosts();
     this.overlayData = {};
     this.pictures = {};
+    this.wanted = {};
     this.hideReport();
     this.fit();
     this.updateControls();
@@ -642,7 +655,7 @@ class Viewer {
 
   set(name, value) {
     this.settings = { ...this.settings, [name]: value };
-    this.costs.clear();
+    this.cancelCosts();
     this.updateControls();
     this.schedule();
   }
@@ -691,6 +704,8 @@ class Viewer {
     this.comparison = { ...this.comparison, ...change };
     if (change.against && this.comparison.mode === "off") this.comparison.mode = "slider";
     delete this.pictures.b;
+    // The same picture is requested again, even if only the mode changes.
+    delete this.wanted.b;
     this.updateControls();
     this.schedule();
   }
@@ -753,17 +768,17 @@ class Viewer {
   }
 
   askPictures() {
-    if (!this.view || !this.subjects.length) return;
-    const asked = [this.subject()?.version];
+    if (!this.isReady()) return;
+    let hasAsked = false;
     for (const slot of this.slots()) {
       const request = this.request(slot);
       const key = JSON.stringify([request, this.subjects[request.subject]?.version]);
       if (this.wanted[slot]?.key === key) continue;
       this.wanted[slot] = { id: this.ask("picture", request), key };
       this.askedAt = performance.now();
-      asked.push(slot);
+      hasAsked = true;
     }
-    if (asked.length > 1) this.setState("pending");
+    if (hasAsked) this.setState("pending");
     else if (this.isExact()) this.onExact();
     clearTimeout(this.busyTimer);
     this.busyTimer = setTimeout(() => this.updateStatus(), BUSY_MS + 10);
@@ -785,7 +800,7 @@ class Viewer {
     this.updateStatus();
   }
 
-  // What belongs to a picture is asked for when the picture is there.
+  // Overlays and the inspector are requested once the exact picture is shown.
   onExact() {
     this.setState("exact");
     for (const kind of ["edges", "tiles", "gradients"]) {
@@ -795,7 +810,7 @@ class Viewer {
       const key = JSON.stringify([fields, this.subject().version]);
       if (this.overlayData[kind]?.key === key) continue;
       const view = copyOf(this.view);
-      this.overlayData[kind] = { ...this.overlayData[kind], key, asked: { id: this.ask(kind, fields), view } };
+      this.overlayData[kind] = { ...this.overlayData[kind], key, requested: { id: this.ask(kind, fields), view } };
     }
     if (this.lens.isOn) this.askReport();
   }
@@ -820,7 +835,13 @@ class Viewer {
   onSubjects({ subjects }) {
     const isFirst = !this.subjects.length;
     const before = this.subject();
+    // A file that cannot be read, such as one that is half written, keeps its last size.
+    subjects.forEach((subject, number) => {
+      const { height, width } = this.subjects[number] ?? subject;
+      if (subject.error) Object.assign(subject, { height, width });
+    });
     this.subjects = subjects;
+    if (before && before.version !== this.subject().version) this.cancelCosts();
     this.files.hidden = subjects.length < 2;
     this.subjectChoice.replaceChildren(
       ...subjects.map(({ name }, at) => h("option", { value: at }, `${at + 1}  ${name}`)),
@@ -868,12 +889,17 @@ class Viewer {
       this.error = message;
       this.setState("error");
     } else if (request === "inspect") {
+      if (id !== this.lens.requested?.id) return;
+      const { key } = this.lens;
       this.hideReport();
+      // The same request would fail again.
+      this.lens.key = key;
     } else if (request === "gradients" || request === "tiles" || request === "edges") {
       this.overlays[request] = false;
       this.updateControls();
     } else if (request === "costs") {
-      this.isMeasuring = false;
+      if (id !== this.costId) return;
+      this.cancelCosts();
       this.updateEffects();
     }
     this.say(message);
@@ -886,23 +912,29 @@ class Viewer {
 
   onOverlay(header, payload, kind) {
     const data = this.overlayData[header.kind];
-    if (data?.asked?.id !== header.id) return;
+    if (data?.requested?.id !== header.id) return;
     const bytes = payload.buffer.slice(payload.byteOffset, payload.byteOffset + payload.byteLength);
-    this.overlayData[header.kind] = { ...data, view: data.asked.view, header, values: new kind(bytes) };
+    this.overlayData[header.kind] = { ...data, view: data.requested.view, header, values: new kind(bytes) };
     this.paint();
   }
 
   // Saving and copying.
 
   save() {
-    if (this.view) this.ask("png", this.request());
+    if (!this.isReady()) return;
+    if (this.comparison.mode === "off") return this.ask("png", this.request());
+    // A comparison is saved as it is shown.
+    this.picture.toBlob((blob) => this.download(blob, this.subject().name, "comparison"));
+  }
+
+  download(blob, name, suffix) {
+    const url = URL.createObjectURL(blob);
+    h("a", { href: url, download: `${name.replace(/\.[^.]*$/, "")}-${suffix}.png` }).click();
+    setTimeout(() => URL.revokeObjectURL(url), 1e4);
   }
 
   onPng({ name }, payload) {
-    const url = URL.createObjectURL(new Blob([payload], { type: "image/png" }));
-    const link = h("a", { href: url, download: `${name.replace(/\.[^.]*$/, "")}-view.png` });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(url), 1e4);
+    this.download(new Blob([payload], { type: "image/png" }), name, "view");
   }
 
   async copyCommand() {
@@ -939,8 +971,6 @@ class Viewer {
       this.paintPicture(a, 0, edge);
       if (comparison.mode === "slider") {
         this.paintPicture(b ?? a, edge, width);
-        context.fillStyle = "#888";
-        if (this.isExact()) context.fillRect(edge, 0, 1, 0);
       }
     }
     this.paintOverlay(width, height);
@@ -995,7 +1025,7 @@ class Viewer {
   }
 
   paintOverlay(width, height) {
-    const context = this.overlay.getContext("2d");
+    const context = this.overlay.getContext("2d", { willReadFrequently: false });
     const size = this.pixelSize;
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.clearRect(0, 0, this.overlay.width, this.overlay.height);
@@ -1005,9 +1035,12 @@ class Viewer {
       const data = this.overlayData[kind];
       if (!this.overlays[kind] || !data?.values) continue;
       const scale = this.view.zoom / data.view.zoom;
-      const place = [data.view.x * scale - this.view.x, data.view.y * scale - this.view.y];
-      context.setTransform(scale * size, 0, 0, scale * size, place[0] * size, place[1] * size);
+      const offset = [data.view.x * scale - this.view.x, data.view.y * scale - this.view.y];
+      context.setTransform(scale * size, 0, 0, scale * size, offset[0] * size, offset[1] * size);
+      // Line styles of one overlay must not reach the next frame.
+      context.save();
       this[paint](context, data, scale * size);
+      context.restore();
     }
     context.setTransform(1, 0, 0, 1, 0, 0);
     if (this.comparison.mode === "slider") {
@@ -1141,13 +1174,12 @@ class Viewer {
   // The pixel inspector.
 
   toggleInspector() {
-    if (!this.view || this.subject()?.is_image) return this.say("An image has no samples to inspect.");
     const { lens } = this;
+    if (!lens.isOn && this.subject().is_image) return this.say("An image has no samples to inspect.");
     lens.isOn = !lens.isOn;
-    lens.isHeld = lens.isOn;
     this.stage.classList.toggle("sr-inspecting", lens.isOn);
     if (lens.isOn) {
-      lens.isHeld = false;
+      lens.isLocked = false;
       this.lookAt(Math.floor(this.view.width / 2), Math.floor(this.view.height / 2));
     } else this.hideReport();
     this.updateControls();
@@ -1167,19 +1199,21 @@ class Viewer {
   // One request at a time: the next one is for where the pointer is then.
   askReport() {
     const { lens } = this;
+    if (!lens.isOn || this.subject().is_image) return;
     const fields = { ...this.request(), slot: "lens", column: lens.column, row: lens.row };
     const key = JSON.stringify([fields, this.subject().version]);
     if (lens.key === key || lens.isAsking || this.root.dataset.state !== "exact") return;
     lens.key = key;
     lens.isAsking = true;
-    lens.asked = this.ask("inspect", fields);
+    lens.requested = { id: this.ask("inspect", fields), view: fields.view };
   }
 
   onReport(header, payload) {
     const { lens } = this;
+    if (header.id !== lens.requested?.id) return;
     lens.isAsking = false;
     if (!lens.isOn) return;
-    lens.report = { ...header, bytes: new Uint8ClampedArray(payload.buffer, payload.byteOffset, payload.byteLength) };
+    lens.report = { ...header, view: lens.requested.view, bytes: new Uint8ClampedArray(payload.buffer, payload.byteOffset, payload.byteLength) };
     lens.reference = null;
     this.paintLens();
     this.askReport();
@@ -1193,22 +1227,22 @@ class Viewer {
   }
 
   hideReport() {
-    Object.assign(this.lens, { report: null, reference: null, key: null, isAsking: false });
+    Object.assign(this.lens, { report: null, reference: null, key: null, isAsking: false, requested: null });
     this.lensCard.hidden = true;
   }
 
-  // Beside the pixel, where there is room.
+  // Puts the lens beside the pixel, where it fits.
   placeLens() {
     const { lens, lensCard } = this;
-    lensCard.classList.toggle("sr-held", lens.isHeld);
+    lensCard.classList.toggle("sr-locked", lens.isLocked);
     if (!lens.report) return;
     const box = this.stage.getBoundingClientRect();
     const scale = this.screenScale();
     const at = [this.margin[0] + (lens.column + 0.5) / scale, this.margin[1] + (lens.row + 0.5) / scale];
     const size = [lensCard.offsetWidth, lensCard.offsetHeight];
-    const side = (axis, room) => {
+    const side = (axis, length) => {
       const after = at[axis] + 26;
-      return after + size[axis] < room - 6 ? after : Math.max(6, at[axis] - 26 - size[axis]);
+      return after + size[axis] < length - 6 ? after : Math.max(6, at[axis] - 26 - size[axis]);
     };
     const left = side(0, box.width);
     const isBeside = left > at[0] || left + size[0] < at[0];
@@ -1223,7 +1257,7 @@ class Viewer {
     this.paintLensPixels(report);
     this.paintLensSamples(report);
     const noun = report.rate > 1 ? `${report.rate ** 2} samples` : "1 sample";
-    this.lensTitle.textContent = `Pixel ${report.column + this.view.x}, ${report.row + this.view.y}`;
+    this.lensTitle.textContent = `Pixel ${report.column + report.view.x}, ${report.row + report.view.y}`;
     this.lensTitle.title = noun;
     this.paintLensValues();
     this.paintLayers(report);
@@ -1234,7 +1268,7 @@ class Viewer {
   paintLensPixels(report) {
     const context = this.lensCanvas.getContext("2d");
     const side = this.lensCanvas.width / report.lens;
-    const picture = this.pictures.a;
+    const picture = sameView(this.pictures.a?.view, report.view) ? this.pictures.a : null;
     const half = (report.lens - 1) / 2;
     const sampleSide = side / report.rate;
     context.clearRect(0, 0, this.lensCanvas.width, this.lensCanvas.height);
@@ -1314,8 +1348,7 @@ class Viewer {
   paintCorners(context, report, side, left, top) {
     context.save();
     context.beginPath();
-    const room = [report.lens - 2 * left, report.lens - 2 * top];
-    context.rect(0, 0, room[0] * side, room[1] * side);
+    context.rect(0, 0, (report.lens - 2 * left) * side, (report.lens - 2 * top) * side);
     context.clip();
     context.beginPath();
     for (const { corners } of report.edges) {
@@ -1365,8 +1398,10 @@ class Viewer {
       h("tbody", {}, ...layers.slice(0, 10).map((layer) =>
         h("tr", {}, ...columns.map(([, cell]) => h("td", {}, ...[cell(layer)].flat()))))),
     );
-    const more = layers.length >= most ? [h("p", { class: "sr-hint" }, "Nearest first; there may be more behind.")] : [];
-    this.lensTable.replaceChildren(table, ...more);
+    const hints = [];
+    if (layers.length > 10 || layers.length >= most) hints.push("Nearest first; there may be more behind.");
+    if (!samples.length && this.effectNames?.includes("texture")) hints.push("Colours without texture.");
+    this.lensTable.replaceChildren(table, ...hints.map((text) => h("p", { class: "sr-hint" }, text)));
   }
 
   // What the panel and the status line say.
@@ -1442,7 +1477,15 @@ class Viewer {
     this.measureButton.hidden = !effects.length;
   }
 
+  // Forgets the costs of other settings or another file, also those that are being measured.
+  cancelCosts() {
+    this.costs.clear();
+    this.costId = null;
+    this.isMeasuring = false;
+  }
+
   measure() {
+    if (!this.isReady()) return;
     this.costs.clear();
     this.isMeasuring = true;
     this.costId = this.ask("costs", { ...this.request(), slot: "costs" });
@@ -1493,7 +1536,7 @@ class Viewer {
     parts.coverage.textContent = subject?.is_image ? "image" : this.describe(settings);
     parts.size.textContent = view ? `${view.width} × ${view.height} px` : "";
     parts.zoom.textContent = view ? percent(view.zoom) : "";
-    parts.place.textContent = view ? `at ${view.x}, ${view.y}` : "";
+    parts.position.textContent = view ? `at ${view.x}, ${view.y}` : "";
     const state = this.root.dataset.state;
     const message = subject?.error || this.error || header?.notes?.[0] || "";
     parts.notes.textContent = this.isClosed ? "The viewer has ended." : message;

@@ -1,0 +1,70 @@
+"""A fit that is watched ends as soon as no page waits for its last picture."""
+
+import threading
+
+import numpy as np
+import pytest
+
+import softras2d as sr
+from softras2d.viewing.image import Image
+from softras2d.viewing.session import Session
+from softras2d.viewing.watched_fit import WatchedFit
+
+from ..cases.viewing import HEIGHT, WIDTH, small_image, small_scene
+
+HOUR = 3600.0
+"""Longer than any test may take: a test that waits for it fails."""
+
+RESULT = sr.FitResult(small_scene(), np.zeros((HEIGHT, WIDTH, 3), np.float32), 9.0, 0.5, (), {})
+
+
+class Finishing:
+    """A thread that calls `finish`."""
+
+    def __init__(self, fit: WatchedFit):
+        self._has_ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, args=[fit], daemon=True)
+        self._thread.start()
+
+    def _run(self, fit: WatchedFit) -> None:
+        fit.finish(RESULT, HOUR)
+        self._has_ended.set()
+
+    def has_ended(self, seconds: float) -> bool:
+        """Whether `finish` returns within some seconds."""
+        return self._has_ended.wait(seconds)
+
+
+@pytest.fixture
+def fit() -> WatchedFit:
+    return WatchedFit("fit", HEIGHT, WIDTH)
+
+
+@pytest.fixture
+def session(fit: WatchedFit) -> Session:
+    return Session([fit, Image("image", small_image)])
+
+
+def test_without_a_page_a_fit_ends_at_once(fit):
+    assert Finishing(fit).has_ended(30)
+    assert np.array_equal(fit.scene_at(1.0).triangles, small_scene().triangles)
+
+
+def test_a_fit_waits_for_the_picture_of_its_last_scene(fit, session):
+    session.show("page", 0)
+    fit.scene_at(1.0)
+    finishing = Finishing(fit)
+    assert not finishing.has_ended(0.3)
+    fit.scene_at(1.0)
+    assert finishing.has_ended(30)
+
+
+@pytest.mark.parametrize("number", [1, None])
+def test_a_fit_does_not_wait_for_pages_that_show_something_else(fit, session, number):
+    session.show("page", 0)
+    session.show("other", 1)
+    fit.scene_at(1.0)
+    finishing = Finishing(fit)
+    assert not finishing.has_ended(0.3)
+    session.show("page", number)
+    assert finishing.has_ended(30)
