@@ -95,13 +95,14 @@ def _intervals(gradient, low: float, high: float, budget: Budget):
     """
     stops = gradient.stops
     if gradient.spread == "pad":
-        if low < stops[0].offset:
+        if low < stops[0].offset + _GENERIC:
             yield -math.inf, stops[0].offset + _GENERIC, stops[0].color, stops[0].color
         yield from _period(stops, 0, False)
         if high > stops[-1].offset:
             yield stops[-1].offset + _GENERIC, math.inf, stops[-1].color, stops[-1].color
         return
-    first, last = math.floor(low), math.ceil(high)
+    # Pieces lie `_GENERIC` beyond the periods.
+    first, last = math.floor(low - _GENERIC), math.ceil(high)
     if not last - first < 2**40:
         raise ValueError("has a gradient that repeats too often.")
     budget.charge("overlays", 8 * len(stops) * (last - first))
@@ -165,7 +166,8 @@ def radial_pieces(
     # The circle at `high` contains the box, as far as the cone reaches.
     farthest = float(np.hypot(*(local - cone.apex).T).max())
     high = max(cone.position(farthest / max(cone.shortest, 1e-9)), 1.0)
-    rings = list(_intervals(gradient, 0.0, high, budget))
+    # From where the first ring begins, so that there is none inside of the start circle.
+    rings = list(_intervals(gradient, _GENERIC, high, budget))
     finite = [ring for ring in rings if ring[0] > -math.inf and ring[1] < math.inf]
     sectors = _sectors(gradient, finite, tolerance, farthest)
     budget.charge("overlays", 8 * sectors * len(rings))

@@ -107,7 +107,7 @@ def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.nd
             report(INVALID, "gradientTransform", str(error))
             break
         style, viewport = page.style_in_place(gradient), page.viewport
-        if style.transform_origin in ("0 0", "0"):
+        if style.transform_origin == "0 0":
             return own
         box = Box(0.0, 0.0, 1.0, 1.0) if in_box else Box(0.0, 0.0, viewport.width, viewport.height)
         try:
@@ -229,7 +229,7 @@ def _radial(
     if fr == r:
         report(NOT_DRAWN, "fr", "both circles have the same radius")
         return None
-    if abs(distance + fr - r) < r * _TOUCHING:
+    if distance > 0 and abs(distance + fr - r) < r * _TOUCHING:
         # Circles that touch from inside have no area in common with a ray at their common tangent.
         share = max(r * (1 - _TOUCHING) - fr, 0.0) / distance
         focus = (

@@ -268,7 +268,7 @@ class Drawing:
         except ValueError as error:
             report(INVALID, "transform", str(error))
             return map3
-        if style.transform_origin not in ("0 0", "0"):
+        if style.transform_origin != "0 0":
             own = self._about_origin(element, style, own)
         return map3 @ own
 
