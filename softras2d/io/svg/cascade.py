@@ -59,13 +59,23 @@ _FUNCTIONS = {
 class Declarations(NamedTuple):
     """Values by property name.
 
-    - `css`: from style sheets and the attribute `style`.
+    - `css`: from style sheets and the attribute `style`; of several, the one of highest rank.
     - `attributes`: all attributes of the element; those that are presentation attributes have an
       effect where `css` has no value.
+    - `outranked`: the other values of `css`, in order of rank. An invalid declaration has no
+      effect, so that one of these then counts.
     """
 
     css: dict[str, str]
     attributes: dict[str, str]
+    outranked: dict[str, list[str]]
+
+
+_Block = dict[str, list[str]]
+"""Values of each property that a block of declarations gives, in order."""
+
+_MAX_OUTRANKED = 16
+"""Limit of values of one property that are tried after an invalid one."""
 
 
 class _Cost(NamedTuple):
@@ -85,8 +95,8 @@ class _Cost(NamedTuple):
 class _Rule(NamedTuple):
     """Declarations of a rule, and the cost of testing its selector."""
 
-    important: dict[str, str]
-    normal: dict[str, str]
+    important: _Block
+    normal: _Block
     cost: _Cost
 
 
@@ -163,38 +173,35 @@ class Cascade:
         text = element.attrib.get("style")
         if not self._selectors:
             if text is None:
-                return Declarations({}, element.attrib)
+                return Declarations({}, element.attrib, {})
             important, normal = self._style_attribute(text, element)
-            return Declarations(normal | important if important else normal, element.attrib)
+            return _ranked([normal, important], element)
         rules = [payload for _, _, _, payload in self._matcher.match(element)]
         inline = ({}, {}) if text is None else self._style_attribute(text, element)
-        if not rules:
-            return Declarations(inline[1] | inline[0], element.attrib)
-        css: dict[str, str] = {}
-        for rule in rules:
-            css |= rule.normal
-        css |= inline[1]
-        for rule in rules:
-            css |= rule.important
-        return Declarations(css | inline[0], element.attrib)
+        blocks = [rule.normal for rule in rules]
+        blocks += [inline[1], *(rule.important for rule in rules), inline[0]]
+        return _ranked(blocks, element)
 
-    def _style_attribute(self, text: str, element: Element) -> tuple[dict, dict]:
+    def _style_attribute(self, text: str, element: Element) -> tuple[_Block, _Block]:
         if not set("\"'\\{}[]@/(!") & set(text):
             # This common form takes a tenth of the time of the parser.
             pairs = (declaration.partition(":") for declaration in text.split(";"))
-            plain = {n.strip().lower(): v.strip() for n, colon, v in pairs if colon and v.strip()}
-            if all(name.replace("-", "").isalpha() for name in plain):
-                return {}, plain
+            plain = [(n.strip().lower(), v.strip()) for n, colon, v in pairs if colon and v.strip()]
+            if all(name.replace("-", "").isalpha() for name, _ in plain):
+                block: _Block = {}
+                for name, value in plain:
+                    _append(block, name, [value])
+                return {}, block
         return self._parsed(text, element, "style")
 
-    def _parsed(self, content: Any, element: Element, attribute: str) -> tuple[dict, dict]:
+    def _parsed(self, content: Any, element: Element, attribute: str) -> tuple[_Block, _Block]:
         """Important and normal declarations of a block, or of the text of a `style` attribute."""
         if isinstance(content, str) and nesting(content) > _MAX_NESTING:
             detail = f"brackets are nested deeper than {_MAX_NESTING}"
             self._notices.add(INVALID, element.tag, element.line, attribute, detail)
             return {}, {}
-        important: dict[str, str] = {}
-        normal: dict[str, str] = {}
+        important: _Block = {}
+        normal: _Block = {}
         try:
             nodes = tinycss2.parse_blocks_contents(
                 content, skip_comments=True, skip_whitespace=True
@@ -208,10 +215,24 @@ class Cascade:
                 self._notices.add(INVALID, element.tag, element.line, attribute, detail)
                 continue
             values = important if node.important else normal
-            # Moved to the end, so that the order of shorthands and longhands counts.
-            values.pop(node.lower_name, None)
-            values[node.lower_name] = tinycss2.serialize(node.value).strip()
+            _append(values, node.lower_name, [tinycss2.serialize(node.value).strip()])
         return important, normal
+
+
+def _append(block: _Block, name: str, values: list[str]) -> None:
+    # The name moves to the end, so that the order of shorthands and longhands counts.
+    block[name] = [*block.pop(name, ()), *values][-_MAX_OUTRANKED - 1 :]
+
+
+def _ranked(blocks: list[_Block], element: Element) -> Declarations:
+    """The declarations of an element from blocks of increasing rank."""
+    merged: _Block = {}
+    for block in blocks:
+        for name, values in block.items():
+            _append(merged, name, values)
+    css = {name: values[-1] for name, values in merged.items()}
+    outranked = {name: values[:-1] for name, values in merged.items() if len(values) > 1}
+    return Declarations(css, element.attrib, outranked)
 
 
 class _ChargedMatcher(cssselect2.Matcher):

@@ -64,12 +64,6 @@ class Piece(NamedTuple):
     paint: Paint
 
 
-def with_opacity(gradient, opacity: float):
-    """A gradient of either kind, whose colours have their alpha multiplied."""
-    stops = tuple(Stop(s.offset, s.color * [1, 1, 1, opacity]) for s in gradient.stops)
-    return gradient._replace(stops=stops)
-
-
 def linear_pieces(
     gradient: LinearGradient, bounds: tuple[float, float, float, float], budget: Budget
 ) -> list[Piece]:
@@ -95,6 +89,7 @@ def _intervals(gradient, low: float, high: float, budget: Budget):
     """
     stops = gradient.stops
     if gradient.spread == "pad":
+        budget.charge("overlays", 8 * len(stops))
         if low < stops[0].offset + _GENERIC:
             yield -math.inf, stops[0].offset + _GENERIC, stops[0].color, stops[0].color
         yield from _period(stops, 0, False)
@@ -199,8 +194,8 @@ def radial_pieces(
 class _Cone(NamedTuple):
     """Rays from the apex of the circles of a gradient, where the radius is zero.
 
-    The circle at scale 1 is the end circle. A point of a ray at scale s is the nearest point to the
-    apex, or the only one, in which the ray meets the circle at scale s.
+    The circle at scale 1 is the end circle. Each ray from the apex meets the circle at scale s once
+    or twice. The nearer point is used.
 
     - `apex`: in the units of the gradient; `offset`: from there to the center of the end circle.
     - `radius`: of the end circle. `start`: the scale of the start circle.

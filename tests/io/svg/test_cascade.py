@@ -51,7 +51,10 @@ def test_selectors_that_do_not_match(selector):
         ("* { fill: red !important }", 'style="fill: lime !important"'),
         (".a { fill: lime !important } #r { fill: red !important; fill: blue }", 'class="a"'),
         # What is invalid has no effect.
-        ("* { fill: lime } rect { fill: redd }", ""),
+        (".a { fill: lime } rect.b { fill: redd }", ""),
+        ("rect.b { fill: lime !important; fill: redd !important } .a { fill: red }", ""),
+        ("#r { fill: redd !important } .a { fill: red }", 'style="fill: lime; fill: redd"'),
+        ("#r { fill: redd }", 'fill="lime" style="fill: 3px"'),
         ("* { fill: lime } rect:has(a), rect { fill: red }", ""),
         ("@media print { rect { fill: red } } @media all { rect { fill: lime } }", ""),
         ("/* a */ <!-- --> rect { fill: lime; ; stroke: none }".replace("<!-- -->", ""), ""),
