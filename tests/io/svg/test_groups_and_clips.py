@@ -104,6 +104,23 @@ def test_clip_paths_by_hand():
         ('<clipPath id="d"><rect width="30" height="80"/></clipPath><clipPath id="c">'
          '<rect width="60" height="80" clip-path="url(#d)"/><rect x="70" width="9" height="80"/>'
          "</clipPath>", [True, False, True]),
+        # A clip path of a clip path does not have its transform, but that of the element.
+        ('<clipPath id="d"><rect width="30" height="80"/></clipPath><clipPath id="c" '
+         'clip-path="url(#d)" transform="translate(30)"><rect x="-30" width="60" height="80"/>'
+         "</clipPath>", [True, False, False]),
+        # Its box is that of the element; that of a clipped child is the child's.
+        ('<clipPath id="d" clipPathUnits="objectBoundingBox"><rect width=".4" height="1"/>'
+         '</clipPath><clipPath id="c" clip-path="url(#d)"><rect width="80" height="80"/>'
+         "</clipPath>", [True, False, False]),
+        ('<clipPath id="d" clipPathUnits="objectBoundingBox"><rect width=".5" height="1"/>'
+         '</clipPath><clipPath id="c"><rect x="30" width="40" height="80" clip-path="url(#d)"/>'
+         "</clipPath>", [False, True, False]),
+        ('<clipPath id="c" style="transform: translateX(30px)"><rect width="30" height="80" '
+         'transform="scale(.5 1)" style="transform-box: fill-box; transform-origin: right"/>'
+         "</clipPath>", [False, False, False]),
+        ('<clipPath id="c" style="transform: translateX(10px)"><rect width="60" height="80" '
+         'transform="scale(.5 1)" style="transform-box: fill-box; transform-origin: right"/>'
+         "</clipPath>", [False, True, False]),
         ('<clipPath id="c"/>', [False, False, False]),
         ('<clipPath id="c"><g><rect width="60" height="80"/></g></clipPath>', [False] * 3),
         ('<rect id="r" width="30" height="80" fill="none"/><clipPath id="c">'
