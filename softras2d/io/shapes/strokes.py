@@ -19,6 +19,10 @@ from .overlaps import charge_overlaps
 _TOLERANCE = 0.02
 """Maximum distance, in pixels, between the chords of round joins and caps and the circle."""
 
+_ROUNDING = 1e-12
+"""Length of segments that rounding may make of none, in units of the largest coordinate. Their
+direction is arbitrary, so that their joins would be spikes."""
+
 
 class Outline(NamedTuple):
     """A chain of segments to stroke.
@@ -48,9 +52,10 @@ def stroke(
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
     """Triangulate strokes; returns the triangles, and the index of the outline of each.
 
-    Triangles are in the order of the outlines, and in their units. Segments of zero length are
-    dropped; an outline without segments draws a dot if its caps are round or square. Raises
-    `BudgetError`, with the index of the outline, if the triangles exceed `budget`.
+    Triangles are in the order of the outlines, and in their units. Segments of zero length, and
+    those that rounding may make of them, are dropped; an outline without segments draws a dot if
+    its caps are round or square. Raises `BudgetError`, with the index of the outline, if the
+    triangles exceed `budget`.
 
     **Source:** SVG 2, sections 13.5.4 to 13.5.6.
     """
@@ -191,7 +196,10 @@ def _segments(outlines: Sequence[Outline]) -> _Segments:
     outline = np.repeat(np.arange(len(chains)), [len(points) for points in chains])
     step = np.diff(points, axis=0)
     lengths = np.hypot(step[:, 0], step[:, 1])
-    starts = np.flatnonzero((np.diff(outline) == 0) & (lengths > 0))
+    largest = np.zeros(len(chains))
+    np.maximum.at(largest, outline, np.abs(points).max(axis=1))
+    is_long = (lengths > _ROUNDING * largest[outline[:-1]]) | np.isinf(lengths)
+    starts = np.flatnonzero((np.diff(outline) == 0) & is_long)
     direction = step[starts] / lengths[starts, None]
     smooth = np.zeros(len(points), bool)
     if any(line.smooth is not None for line in outlines):

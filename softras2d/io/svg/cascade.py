@@ -59,22 +59,45 @@ _FUNCTIONS = {
 class Declarations(NamedTuple):
     """Values by property name.
 
-    - `css`: from style sheets and the attribute `style`.
+    - `css`: from style sheets and the attribute `style`; of several, the one of highest rank.
     - `attributes`: all attributes of the element; those that are presentation attributes have an
       effect where `css` has no value.
+    - `outranked`: the other values of `css`, in order of rank. An invalid declaration has no
+      effect, so that one of these then counts.
     """
 
     css: dict[str, str]
     attributes: dict[str, str]
+    outranked: dict[str, list[str]]
+
+
+_Block = dict[str, list[str]]
+"""Values of each property that a block of declarations gives, in order."""
+
+_MAX_OUTRANKED = 16
+"""Limit of values of one property that are tried after an invalid one."""
+
+
+class _Cost(NamedTuple):
+    """What the time of testing a selector depends on.
+
+    - `descendants`, `tildes`: numbers of combinators that leave a choice of ancestors or siblings.
+    - `last_looks_at_siblings`: whether a pseudo-class of the last compound looks at all siblings.
+    - `others_look_at_siblings`: whether one of another compound does.
+    """
+
+    descendants: int
+    tildes: int
+    last_looks_at_siblings: bool
+    others_look_at_siblings: bool
 
 
 class _Rule(NamedTuple):
-    """Declarations of a rule: (important, normal), and the cost of testing its selector."""
+    """Declarations of a rule, and the cost of testing its selector."""
 
-    important: dict[str, str]
-    normal: dict[str, str]
-    descendants: int
-    looks_at_siblings: bool
+    important: _Block
+    normal: _Block
+    cost: _Cost
 
 
 class Cascade:
@@ -129,9 +152,9 @@ class Cascade:
     def _add_rule(self, rule: Any, element: Element) -> None:
         important, normal = self._parsed(rule.content, element, "rule")
         selector_text = tinycss2.serialize(rule.prelude).strip()
-        cost = _selector_cost(rule.prelude)
+        costs = _selector_costs(rule.prelude)
         try:
-            if cost is None:
+            if costs is None:
                 raise cssselect2.SelectorError("is not supported")
             selectors = cssselect2.compile_selector_list(rule.prelude)
         except (cssselect2.SelectorError, NotImplementedError, SyntaxError, ValueError):
@@ -141,47 +164,44 @@ class Cascade:
         self._selectors += len(selectors)
         if self._selectors > _MAX_SELECTORS:
             raise ValueError(f"brings the style sheets to more than {_MAX_SELECTORS} selectors.")
-        for selector in selectors:
+        for selector, cost in zip(selectors, costs, strict=True):
             if selector.pseudo_element is None:
-                self._matcher.add_selector(selector, _Rule(important, normal, *cost))
+                self._matcher.add_selector(selector, _Rule(important, normal, cost))
 
     def declarations(self, element: Element) -> Declarations:
         """The declarations of an element that take effect."""
         text = element.attrib.get("style")
         if not self._selectors:
             if text is None:
-                return Declarations({}, element.attrib)
+                return Declarations({}, element.attrib, {})
             important, normal = self._style_attribute(text, element)
-            return Declarations(normal | important if important else normal, element.attrib)
+            return _ranked([normal, important], element)
         rules = [payload for _, _, _, payload in self._matcher.match(element)]
         inline = ({}, {}) if text is None else self._style_attribute(text, element)
-        if not rules:
-            return Declarations(inline[1] | inline[0], element.attrib)
-        css: dict[str, str] = {}
-        for rule in rules:
-            css |= rule.normal
-        css |= inline[1]
-        for rule in rules:
-            css |= rule.important
-        return Declarations(css | inline[0], element.attrib)
+        blocks = [rule.normal for rule in rules]
+        blocks += [inline[1], *(rule.important for rule in rules), inline[0]]
+        return _ranked(blocks, element)
 
-    def _style_attribute(self, text: str, element: Element) -> tuple[dict, dict]:
+    def _style_attribute(self, text: str, element: Element) -> tuple[_Block, _Block]:
         if not set("\"'\\{}[]@/(!") & set(text):
             # This common form takes a tenth of the time of the parser.
             pairs = (declaration.partition(":") for declaration in text.split(";"))
-            plain = {n.strip().lower(): v.strip() for n, colon, v in pairs if colon and v.strip()}
-            if all(name.replace("-", "").isalpha() for name in plain):
-                return {}, plain
+            plain = [(n.strip().lower(), v.strip()) for n, colon, v in pairs if colon and v.strip()]
+            if all(name.replace("-", "").isalpha() for name, _ in plain):
+                block: _Block = {}
+                for name, value in plain:
+                    _append(block, name, [value])
+                return {}, block
         return self._parsed(text, element, "style")
 
-    def _parsed(self, content: Any, element: Element, attribute: str) -> tuple[dict, dict]:
+    def _parsed(self, content: Any, element: Element, attribute: str) -> tuple[_Block, _Block]:
         """Important and normal declarations of a block, or of the text of a `style` attribute."""
         if isinstance(content, str) and nesting(content) > _MAX_NESTING:
             detail = f"brackets are nested deeper than {_MAX_NESTING}"
             self._notices.add(INVALID, element.tag, element.line, attribute, detail)
             return {}, {}
-        important: dict[str, str] = {}
-        normal: dict[str, str] = {}
+        important: _Block = {}
+        normal: _Block = {}
         try:
             nodes = tinycss2.parse_blocks_contents(
                 content, skip_comments=True, skip_whitespace=True
@@ -195,10 +215,24 @@ class Cascade:
                 self._notices.add(INVALID, element.tag, element.line, attribute, detail)
                 continue
             values = important if node.important else normal
-            # Moved to the end, so that the order of shorthands and longhands counts.
-            values.pop(node.lower_name, None)
-            values[node.lower_name] = tinycss2.serialize(node.value).strip()
+            _append(values, node.lower_name, [tinycss2.serialize(node.value).strip()])
         return important, normal
+
+
+def _append(block: _Block, name: str, values: list[str]) -> None:
+    # The name moves to the end, so that the order of shorthands and longhands counts.
+    block[name] = [*block.pop(name, ()), *values][-_MAX_OUTRANKED - 1 :]
+
+
+def _ranked(blocks: list[_Block], element: Element) -> Declarations:
+    """The declarations of an element from blocks of increasing rank."""
+    merged: _Block = {}
+    for block in blocks:
+        for name, values in block.items():
+            _append(merged, name, values)
+    css = {name: values[-1] for name, values in merged.items()}
+    outranked = {name: values[:-1] for name, values in merged.items() if len(values) > 1}
+    return Declarations(css, element.attrib, outranked)
 
 
 class _ChargedMatcher(cssselect2.Matcher):
@@ -213,54 +247,106 @@ class _ChargedMatcher(cssselect2.Matcher):
         if not selectors:
             return
         tests = len(selectors)
-        depth = None
+        depth = siblings = None
         for *_, rule in selectors:
-            if rule.descendants:
-                depth = sum(1 for _ in element.ancestors) if depth is None else depth
-                tests += _choices(depth, rule.descendants)
-            if rule.looks_at_siblings:
-                tests += len(element.etree_siblings)
+            if not any(rule.cost):
+                continue
+            if depth is None or siblings is None:
+                ancestors = list(element.ancestors)
+                depth = len(ancestors)
+                # Combinators above a descendant combinator choose siblings of an ancestor.
+                siblings = sum(len(one.etree_siblings) for one in (element, *ancestors))
+            tests += _tests(rule.cost, depth, siblings)
         self._budget.charge("selector_tests", tests)
         super().add_relevant_selectors(element, selectors, relevant)
 
 
-def _choices(depth: int, count: int) -> int:
-    """An upper bound on the ways to choose `count` nested ancestors among `depth`."""
-    choices = 1
-    for k in range(min(count, depth)):
-        choices = choices * (depth - k) // (k + 1)
-        if choices > 2**40:
-            break
-    return max(choices, depth)
+def _tests(cost: _Cost, depth: int, siblings: int) -> int:
+    """An upper bound on the tests of compounds that one test of a selector causes.
 
-
-def _selector_cost(prelude: list[Any]) -> tuple[int, bool] | None:
-    """Number of descendant combinators, and whether siblings are looked at.
-
-    None for selectors that are not supported because of the time that they take.
+    - `depth`: number of ancestors of the element.
+    - `siblings`: number of siblings of the element and of all its ancestors together.
     """
-    descendants, looks_at_siblings = 0, False
+    tests = _choices(depth, cost.descendants) * _choices(siblings, cost.tildes)
+    if cost.others_look_at_siblings:
+        tests *= siblings
+    return tests + siblings * cost.last_looks_at_siblings
+
+
+def _choices(among: int, count: int) -> int:
+    """Number of ways to choose at most `count` of `among` elements, in a fixed order.
+
+    This bounds the tests that a chain of combinators causes, since every prefix of a choice is
+    tested. The result stops growing where it exceeds every limit.
+    """
+    choices = total = 1
+    for k in range(min(count, among)):
+        choices = choices * (among - k) // (k + 1)
+        total += choices
+        if total > 2**40:
+            break
+    return total
+
+
+def _selector_costs(prelude: list[Any]) -> list[_Cost] | None:
+    """The cost of each selector of a list.
+
+    None if one of them is not supported because of the time that it takes.
+    """
+    costs, selector = [], []
+    for token in [*prelude, None]:
+        if token is not None and not (token.type == "literal" and token.value == ","):
+            selector.append(token)
+            continue
+        cost = _selector_cost(selector)
+        if cost is None:
+            return None
+        costs.append(cost)
+        selector = []
+    return costs
+
+
+def _selector_cost(tokens: list[Any]) -> _Cost | None:
+    while tokens and tokens[-1].type == "whitespace":
+        tokens = tokens[:-1]
+    descendants, tildes = _combinators(tokens)
+    below = above = False
     previous = None
-    for token in prelude:
-        if token.type == "whitespace":
-            descendants += 1
-        elif token.type == "literal" and token.value == "~":
-            looks_at_siblings = True
-            descendants += 1
+    for token in tokens:
+        if token.type == "whitespace" or (token.type == "literal" and token.value in ">+~"):
+            above, below = above or below, False
         elif token.type == "ident" and previous == ":":
             if token.lower_value in _COSTLY_PSEUDO_CLASSES:
-                looks_at_siblings = True
+                below = True
             elif token.lower_value not in _PSEUDO_CLASSES:
                 return None
         elif token.type == "function":
             if token.lower_name not in _FUNCTIONS:
                 return None
-            looks_at_siblings |= _FUNCTIONS[token.lower_name]
+            below |= _FUNCTIONS[token.lower_name]
             if any(argument.type == "function" for argument in token.arguments):
                 return None
-            descendants += sum(argument.type == "whitespace" for argument in token.arguments)
+            inner = _combinators(token.arguments)
+            descendants, tildes = descendants + inner[0], tildes + inner[1]
         previous = token.value if token.type == "literal" else None
-    return descendants, looks_at_siblings
+    return _Cost(descendants, tildes, below, above)
+
+
+def _combinators(tokens: list[Any]) -> tuple[int, int]:
+    """Numbers of descendant combinators, which are whitespace between compounds, and of `~`."""
+    descendants = tildes = 0
+    is_separated, is_after_compound = False, False
+    for token in tokens:
+        if token.type == "comment":
+            continue
+        if token.type == "whitespace":
+            is_separated = True
+            continue
+        is_combinator = token.type == "literal" and token.value in (">", "+", "~", ",")
+        tildes += is_combinator and token.value == "~"
+        descendants += is_separated and is_after_compound and not is_combinator
+        is_separated, is_after_compound = False, not is_combinator
+    return descendants, tildes
 
 
 def _is_for_screens(media: str) -> bool:

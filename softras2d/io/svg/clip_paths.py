@@ -11,12 +11,14 @@ import shapely
 from ...geometry import affine_maps
 from ..shapes.paths import flatten
 from ..shapes.regions import EMPTY, filled, intersection, united
+from .cascade import Declarations
+from .element_transform import own_transform
 from .notices import INVALID, NOT_DRAWN, WITHOUT_EFFECT
 from .page import Page
 from .shape_elements import SHAPES, ElementLengths
 from .style import Style, reference_of
-from .transform_attribute import transform_list
 from .tree import Element
+from .user_space_bounds import bounds_of
 from .view_box import Box
 
 _MAX_NESTING = 32
@@ -47,10 +49,17 @@ class ClipPaths:
 
     def needs_box(self, style: Style) -> bool:
         """Whether the clip path of a style depends on the bounding box of its element."""
-        if style.clip_path is None:
-            return False
-        target = self._page.target(reference_of(style.clip_path))
-        return target is not None and "objectBoundingBox" in target.attrib.get("clipPathUnits", "")
+        # A clip path of a clip path is relative to the same box.
+        for _ in range(_MAX_NESTING):
+            if style.clip_path is None:
+                return False
+            target = self._page.target(reference_of(style.clip_path))
+            if target is None or target.name != "clipPath":
+                return False
+            if target.attrib.get("clipPathUnits", "").strip() == "objectBoundingBox":
+                return True
+            style = self._page.style_in_place(target)
+        return False
 
     def _own_region(
         self, element: Element, style: Style, map3: np.ndarray, box: Box | None,
@@ -77,7 +86,7 @@ class ClipPaths:
         in_box = target.attrib.get("clipPathUnits", "").strip() == "objectBoundingBox"
         if in_box and (box is None or box.width <= 0 or box.height <= 0):
             return EMPTY
-        key = (id(target), map3.tobytes(), box if in_box or chain else None)
+        key = (id(target), map3.tobytes(), box)
         if key not in self._regions:
             self._regions[key] = self._region(target, map3, box, in_box, (*chain, target))
         return self._regions[key]
@@ -87,40 +96,38 @@ class ClipPaths:
         chain: tuple[Element, ...],
     ) -> Any:  # fmt: skip
         """The region of a clip path: the union of its children, within its own clip path."""
-        style = self._page.style_in_place(target)
-        map3 = self._transformed(target, map3)
+        style, outer_map = self._page.style_in_place(target), map3
+        map3 = self._transformed(target, self._page.declared(target), style, map3)
         if in_box and box is not None:
             map3 = map3 @ affine_maps.matrix(box.width, 0.0, 0.0, box.height, box.x, box.y)
         regions = []
         for child in target.children:
-            region = self._child_region(child, style, map3, box, chain)
+            region = self._child_region(child, style, map3, chain)
             if region is not None:
                 regions.append(region)
         region = united(regions, self._page.budget) if regions else EMPTY
-        own = self._own_region(target, style, map3, box, chain)
+        # It is in the units of the element, without the transform of this clip path.
+        own = self._own_region(target, style, outer_map, box, chain)
         return region if own is None else intersection(region, own, self._page.budget)
 
-    def _transformed(self, element: Element, map3: np.ndarray) -> np.ndarray:
-        text = self._page.declared(element).css.get("transform", element.attrib.get("transform"))
-        if text is None:
-            return map3
-        try:
-            return map3 @ transform_list(text)
-        except ValueError as error:
-            self._page.report(element)(INVALID, "transform", str(error))
-            return map3
+    def _transformed(
+        self, element: Element, declared: Declarations, style: Style, map3: np.ndarray
+    ) -> np.ndarray:
+        own = own_transform(
+            self._page, element, declared, style, lambda: bounds_of(self._page, element, style)
+        )
+        return map3 if own is None else map3 @ own
 
     def _child_region(
-        self, child: Element, parent: Style, map3: np.ndarray, box: Box | None,
-        chain: tuple[Element, ...],
-    ) -> Any:  # fmt: skip
+        self, child: Element, parent: Style, map3: np.ndarray, chain: tuple[Element, ...]
+    ) -> Any:
         """The region of a shape, or of a `use` of a shape; None for other elements."""
         self._page.budget.charge("copies", 1)
         declared = self._page.declared(child)
         style = self._page.clip_child_style(child, parent, declared)
         if style.display == "none":
             return None
-        map3 = self._transformed(child, map3)
+        map3 = child_map = self._transformed(child, declared, style, map3)
         shape, shape_style = child, style
         if child.name == "use":
             lengths = ElementLengths(self._page, child, declared, style)
@@ -132,7 +139,7 @@ class ClipPaths:
             shape_style = self._page.clip_child_style(shape, style, declared)
             if shape_style.display == "none":
                 return None
-            map3 = self._transformed(shape, map3)
+            map3 = self._transformed(shape, declared, shape_style, map3)
         if shape.name == "text":
             self._page.not_drawn(NOT_DRAWN, shape)
         if shape.name not in SHAPES or shape_style.visibility != "visible":
@@ -149,11 +156,12 @@ class ClipPaths:
         if not contours:
             return None
         region = filled(contours, shape_style.clip_rule == "evenodd", self._page.budget)
-        for clipped, its_style in {
-            id(child): (child, style),
-            id(shape): (shape, shape_style),
+        for clipped, its_style, its_map in {
+            id(child): (child, style, child_map),
+            id(shape): (shape, shape_style, map3),
         }.values():
-            own = self._own_region(clipped, its_style, map3, box, chain)
+            box = bounds_of(self._page, clipped, its_style) if self.needs_box(its_style) else None
+            own = self._own_region(clipped, its_style, its_map, box, chain)
             if own is not None:
                 region = intersection(region, own, self._page.budget)
         return region

@@ -319,19 +319,25 @@ class DisplayList:
         corners = self._mapped(np.array(maps), corners, owner, draw)
         is_translucent = self._is_translucent(draw)
         is_opaque = ~is_translucent[owner]
-        all_corners, all_draws = [corners[is_opaque]], [draw[owner[is_opaque]]]
-        for one in np.unique(draw[is_translucent]).tolist():
-            # The triangles of a stroke overlap at joins, where a translucent one would be blended
-            # twice.
-            start, end = np.searchsorted(draw[owner], [one, one + 1])
+        # The triangles of a stroke overlap at joins, where a translucent one would be blended
+        # twice.
+        translucent_draws, triangle_draws = np.unique(draw[is_translucent]), draw[owner]
+        starts = np.searchsorted(triangle_draws, translucent_draws)
+        ends = np.searchsorted(triangle_draws, translucent_draws + 1)
+        regions = np.empty(len(translucent_draws), object)
+        for k, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
             try:
-                region = np.array([union(corners[start:end], self.budget)])
+                regions[k] = union(corners[start:end], self.budget)
             except BudgetError as error:
-                raise self._error(one, f"the translucent stroke {error}") from None
-            filled, draws = fill_regions(region, np.ones(1, bool), np.array([one]))
-            all_corners.append(filled)
-            all_draws.append(draws)
-        return self._batch(np.concatenate(all_draws), np.concatenate(all_corners))
+                stroke_draw = int(translucent_draws[k])
+                raise self._error(stroke_draw, f"the translucent stroke {error}") from None
+        if len(regions) == 0:
+            return self._batch(triangle_draws, corners)
+        filled, filled_draws = fill_regions(regions, np.ones(len(regions), bool), translucent_draws)
+        return self._batch(
+            np.concatenate([triangle_draws[is_opaque], filled_draws]),
+            np.concatenate([corners[is_opaque], filled]),
+        )
 
     def _mapped(
         self, maps: np.ndarray, corners: np.ndarray, owner: np.ndarray, draw: np.ndarray

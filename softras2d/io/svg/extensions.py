@@ -60,10 +60,12 @@ def draw_textri(
     attributes = element.attrib
     points = _numbers(attributes, "points", 6).reshape(3, 2)
     uv = _numbers(attributes, "uvs", 6).reshape(3, 2)
-    texture = page.context.assets.texture(attributes.get("texid", ""))
+    assets = page.context.assets
+    texture = assets.texture(attributes.get("texid", ""))
     alpha = style.fill_opacity * opacity if page.context.opacity else 1.0
+    translucent = alpha < 1 or assets.textures[texture].shape[-1] == 4
     corners = affine_maps.apply(place.map3, points)
-    _add_textured(page, place, Textured(corners, (1.0, 1.0, 1.0, alpha), uv, texture, False))
+    _add_textured(page, place, Textured(corners, (1.0, 1.0, 1.0, alpha), uv, texture, translucent))
 
 
 def draw_image(

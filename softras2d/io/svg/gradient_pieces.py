@@ -64,12 +64,6 @@ class Piece(NamedTuple):
     paint: Paint
 
 
-def with_opacity(gradient, opacity: float):
-    """A gradient of either kind, whose colours have their alpha multiplied."""
-    stops = tuple(Stop(s.offset, s.color * [1, 1, 1, opacity]) for s in gradient.stops)
-    return gradient._replace(stops=stops)
-
-
 def linear_pieces(
     gradient: LinearGradient, bounds: tuple[float, float, float, float], budget: Budget
 ) -> list[Piece]:
@@ -95,13 +89,15 @@ def _intervals(gradient, low: float, high: float, budget: Budget):
     """
     stops = gradient.stops
     if gradient.spread == "pad":
-        if low < stops[0].offset:
+        budget.charge("overlays", 8 * len(stops))
+        if low < stops[0].offset + _GENERIC:
             yield -math.inf, stops[0].offset + _GENERIC, stops[0].color, stops[0].color
         yield from _period(stops, 0, False)
         if high > stops[-1].offset:
             yield stops[-1].offset + _GENERIC, math.inf, stops[-1].color, stops[-1].color
         return
-    first, last = math.floor(low), math.ceil(high)
+    # Pieces lie `_GENERIC` beyond the periods.
+    first, last = math.floor(low - _GENERIC), math.ceil(high)
     if not last - first < 2**40:
         raise ValueError("has a gradient that repeats too often.")
     budget.charge("overlays", 8 * len(stops) * (last - first))
@@ -165,7 +161,8 @@ def radial_pieces(
     # The circle at `high` contains the box, as far as the cone reaches.
     farthest = float(np.hypot(*(local - cone.apex).T).max())
     high = max(cone.position(farthest / max(cone.shortest, 1e-9)), 1.0)
-    rings = list(_intervals(gradient, 0.0, high, budget))
+    # From where the first ring begins, so that there is none inside of the start circle.
+    rings = list(_intervals(gradient, _GENERIC, high, budget))
     finite = [ring for ring in rings if ring[0] > -math.inf and ring[1] < math.inf]
     sectors = _sectors(gradient, finite, tolerance, farthest)
     budget.charge("overlays", 8 * sectors * len(rings))
@@ -197,8 +194,8 @@ def radial_pieces(
 class _Cone(NamedTuple):
     """Rays from the apex of the circles of a gradient, where the radius is zero.
 
-    The circle at scale 1 is the end circle. A point of a ray at scale s is the nearest point to the
-    apex, or the only one, in which the ray meets the circle at scale s.
+    The circle at scale 1 is the end circle. Each ray from the apex meets the circle at scale s once
+    or twice. The nearer point is used.
 
     - `apex`: in the units of the gradient; `offset`: from there to the center of the end circle.
     - `radius`: of the end circle. `start`: the scale of the start circle.

@@ -9,6 +9,7 @@ from ..budget import Budget
 from .cascade import Cascade, Declarations
 from .context import FALLBACK, Context
 from .document import LIBRARY_ERRORS, SvgError, reason
+from .gradient_pieces import Stop
 from .notices import WITHOUT_EFFECT, Notices
 from .style import INITIAL, Style, computed
 from .tree import Element
@@ -46,6 +47,8 @@ class Page:
         self.ids: dict[str, Element] = {}
         self.cascade = Cascade(notices, self.budget)
         self._styles: dict[int, Style] = {}
+        # By the id of a gradient, as many shapes may have the same gradient.
+        self.gradient_stops: dict[int, list[Stop]] = {}
         # Elements and properties that are noted already, since one element may be drawn twice.
         self._noted: set[tuple[int, str, str]] = set()
         for element in elements(root):

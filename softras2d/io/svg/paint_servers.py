@@ -41,8 +41,6 @@ def gradient_fill(
     **Source:** SVG 2, section 14.2.
     """
     chain = _templates(page, gradient)
-    if chain is None:
-        return None
     stops = _stops(page, chain, opacity)
     if not stops:
         return None
@@ -64,8 +62,8 @@ def gradient_fill(
     return _radial(page, chain, stops, spread, to_pixels, in_box)
 
 
-def _templates(page: Page, gradient: Element) -> list[Element] | None:
-    """The gradient and those that it refers to, in turn; None if it refers to itself."""
+def _templates(page: Page, gradient: Element) -> list[Element]:
+    """The gradient and those that it refers to, in turn, until one is there already."""
     chain, seen = [gradient], {id(gradient)}
     while (href := chain[-1].attrib.get("href")) is not None:
         target = page.target(href)
@@ -107,7 +105,7 @@ def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.nd
             report(INVALID, "gradientTransform", str(error))
             break
         style, viewport = page.style_in_place(gradient), page.viewport
-        if style.transform_origin in ("0 0", "0"):
+        if style.transform_origin == "0 0":
             return own
         box = Box(0.0, 0.0, 1.0, 1.0) if in_box else Box(0.0, 0.0, viewport.width, viewport.height)
         try:
@@ -120,15 +118,23 @@ def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.nd
 
 
 def _stops(page: Page, chain: list[Element], opacity: float) -> list[Stop]:
-    """The stops of the first gradient that has any."""
-    for gradient in chain:
-        children = [child for child in gradient.children if child.name == "stop"]
-        if children:
-            return _in_order([_stop(page, child, opacity) for child in children])
-    return []
+    """The stops of the first gradient that has any, with their alpha multiplied."""
+    stops = page.gradient_stops.get(id(chain[0]))
+    if stops is None:
+        children: list[Element] = []
+        for gradient in chain:
+            children = [child for child in gradient.children if child.name == "stop"]
+            if children:
+                break
+        stops = _in_order([_stop(page, child) for child in children])
+        page.gradient_stops[id(chain[0])] = stops
+    page.budget.charge("overlays", len(chain) + len(stops))
+    if opacity == 1 or not page.context.opacity:
+        return stops
+    return [Stop(stop.offset, stop.color * [1.0, 1.0, 1.0, opacity]) for stop in stops]
 
 
-def _stop(page: Page, element: Element, opacity: float) -> Stop:
+def _stop(page: Page, element: Element) -> Stop:
     style = page.style_in_place(element)
     color: Any = style.color if style.stop_color == CURRENT else style.stop_color
     offset = 0.0
@@ -137,7 +143,7 @@ def _stop(page: Page, element: Element, opacity: float) -> Stop:
             offset = fraction(text)
         except ValueError as error:
             page.report(element)(INVALID, "offset", str(error))
-    alpha = color[3] * style.stop_opacity * opacity if page.context.opacity else 1.0
+    alpha = color[3] * style.stop_opacity if page.context.opacity else 1.0
     return Stop(offset, np.array([*color[:3], alpha]))
 
 
@@ -229,7 +235,7 @@ def _radial(
     if fr == r:
         report(NOT_DRAWN, "fr", "both circles have the same radius")
         return None
-    if abs(distance + fr - r) < r * _TOUCHING:
+    if distance > 0 and abs(distance + fr - r) < r * _TOUCHING:
         # Circles that touch from inside have no area in common with a ray at their common tangent.
         share = max(r * (1 - _TOUCHING) - fr, 0.0) / distance
         focus = (

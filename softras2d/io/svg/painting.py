@@ -4,6 +4,7 @@ A shape of one colour that is not clipped stays a set of contours or outlines, w
 list triangulates many at a time. A clipped shape or one with a gradient becomes regions.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from ..shapes.strokes import Outline
 from .gradient_pieces import LinearGradient, RadialGradient, linear_pieces, radial_pieces
 from .layers import Item
 from .notices import INVALID, WITHOUT_EFFECT
+from .numbers import finite
 from .page import Page
 from .paint import flat
 from .paint_servers import GRADIENTS, Fill, gradient_fill
@@ -122,7 +124,7 @@ class Painter:
             # The outline is made in pixels, whatever the element's own units are. Chromium too
             # ignores the size at which the whole drawing is shown.
             scale, points, map3 = 1.0, affine_maps.apply(map3, points), affine_maps.identity()
-        outlines = self._outlines(path, points, style, scale)
+        outlines = self._outlines(element, path, points, style, scale)
         if not outlines:
             return
         if isinstance(color, tuple) and not isinstance(color, (LinearGradient, RadialGradient)):
@@ -135,19 +137,21 @@ class Painter:
         self.add_region(element, region, color, place, -1)
 
     def _outlines(
-        self, path: FlatPath, points: np.ndarray, style: Style, scale: float
+        self, element: Element, path: FlatPath, points: np.ndarray, style: Style, scale: float
     ) -> list[Outline]:
         outlines = []
-        chains = zip(
-            path.contours(points), path.contours(path.smooth), path.closed.tolist(), strict=True
-        )
+        contours, closed_contours = path.contours(points), path.closed.tolist()
+        chains = zip(contours, path.contours(path.smooth), closed_contours, strict=True)
+        pattern, offset = style.stroke_dasharray, style.stroke_dashoffset
+        if pattern and "pathLength" in element.attrib:
+            pattern, offset = self._scaled_dashes(element, contours, closed_contours, style)
         for chain, smooth, closed in chains:
+            if len(chain) == 1 and not closed:
+                # A lone `M` draws nothing; a segment of zero length has two points and is a dot.
+                continue
             pieces = [(chain, smooth, closed)]
-            if style.stroke_dasharray and len(chain) > 1:
-                cut = dashes(
-                    chain, smooth, closed, style.stroke_dasharray, style.stroke_dashoffset,
-                    self._page.budget,
-                )  # fmt: skip
+            if pattern and len(chain) > 1:
+                cut = dashes(chain, smooth, closed, pattern, offset, self._page.budget)
                 pieces = [(part, is_smooth, False) for part, is_smooth in cut]
             outlines += [
                 Outline(
@@ -157,6 +161,32 @@ class Painter:
                 for part, is_smooth, is_closed in pieces
             ]  # fmt: skip
         return outlines
+
+    def _scaled_dashes(
+        self, element: Element, contours: list[np.ndarray], closed: list[bool], style: Style
+    ) -> tuple[tuple[float, ...], float]:
+        """The dash pattern and its offset, in units of which the path has `pathLength`.
+
+        **Source:** SVG 2, section 9.6.1.
+        """
+        pattern, offset = style.stroke_dasharray, style.stroke_dashoffset
+        report = self._page.report(element)
+        try:
+            stated = finite(element.attrib["pathLength"])
+        except ValueError:
+            report(INVALID, "pathLength", "is not a finite number")
+            return pattern, offset
+        if stated <= 0:
+            report(INVALID, "pathLength", "must be positive")
+            return pattern, offset
+        total = 0.0
+        for contour, is_closed in zip(contours, closed, strict=True):
+            chain = np.concatenate([contour, contour[:1]]) if is_closed else contour
+            total += float(np.hypot(*np.diff(chain, axis=0).T).sum())
+        factor = total / stated
+        if not 0 < factor * sum(pattern) < math.inf:
+            return (), 0.0
+        return tuple(factor * length for length in pattern), factor * offset
 
     def add_region(
         self, element: Element, region: Any, fill: Fill, place: Place, source: int

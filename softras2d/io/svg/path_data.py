@@ -16,11 +16,9 @@ _SEPARATOR = r"[ \t\r\n\f]*+,?+[ \t\r\n\f]*+"
 _COMMAND = re.compile(r"[ \t\r\n\f]*+([MmZzLlHhVvCcSsQqTtAa])[ \t\r\n\f]*+")
 _ARGUMENT = re.compile(rf"({_NUMBER}){_SEPARATOR}")
 _FLAG = re.compile(rf"([01]){_SEPARATOR}")
-_PLAIN = re.compile(
-    # What fontTools reads as the standard says: no arcs, no numbers such as `1.` or `007`.
-    r"(?:[ \t\r\n,MmZzLlHhVvCcSsQqTt]++|[+-]?+(?:0|[1-9][0-9]*+)?+(?:\.[0-9]++)?+"
-    r"(?:[eE][+-]?+[0-9]++)?+(?![0-9.]))*+\Z"
-)
+
+_SAME_POINT = 1e-9
+"""Distance between points that count as one, in units of the largest coordinate of a subpath."""
 
 _ARGUMENTS = {"M": 2, "L": 2, "T": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "A": 7, "Z": 0}
 
@@ -132,7 +130,7 @@ class PathPen:
         subpath.closed = True
         last = _last(subpath)
         segment = subpath.segments[-1] if subpath.segments else None
-        if last == subpath.start or self.path.points[last] != self.path.points[subpath.start]:
+        if last == subpath.start or not self._is_at_start(subpath, last):
             return
         # A segment that ends where the subpath begins ends in the same control point.
         if isinstance(segment, Arc):
@@ -141,6 +139,14 @@ class PathPen:
             subpath.segments[-1] = (*segment[:-1], subpath.start)
         # No later segment can refer to the other point.
         del self.path.points[last:]
+
+    def _is_at_start(self, subpath: Subpath, index: int) -> bool:
+        """Whether a point is where a subpath begins, apart from the rounding of relative moves."""
+        (x, y), (start_x, start_y) = self.path.points[index], self.path.points[subpath.start]
+        if (x, y) == (start_x, start_y):
+            return True
+        largest = max(max(abs(x), abs(y)) for x, y in self.path.points[subpath.start :])
+        return max(abs(x - start_x), abs(y - start_y)) < _SAME_POINT * largest
 
     def endPath(self) -> None:
         """Leave the subpath open."""

@@ -19,7 +19,7 @@ BLACK: Rgba = (0.0, 0.0, 0.0, 1.0)
 class PaintServer(NamedTuple):
     """A reference to a gradient or pattern, and the paint to use where there is none.
 
-    `fallback` is False if the file gives none, which is an error where the reference is broken.
+    `fallback` is the paint to use if the reference is broken. False means that the file gives none.
     """
 
     reference: str
@@ -33,7 +33,7 @@ Paint = Rgba | str | PaintServer | None
 class Style(NamedTuple):
     """Computed style of an element. The fields below `opacity` are not inherited.
 
-    Lengths are in user units. `clip_path` is a reference, or None. `transform` is text, or None.
+    Lengths are in user units. `clip_path` is a reference, or None.
     """
 
     fill: Paint = BLACK
@@ -62,14 +62,6 @@ class Style(NamedTuple):
     stop_color: Any = BLACK
     stop_opacity: float = 1.0
     background_color: Any = (0.0, 0.0, 0.0, 0.0)
-
-    def with_alpha(self, paint: Paint, opacity: float) -> Rgba | None:
-        """The colour of a paint that is no reference, times an opacity; None if it is invisible."""
-        paint = self.color if paint == CURRENT else paint
-        if not isinstance(paint, tuple) or isinstance(paint, PaintServer):
-            return None
-        red, green, blue, alpha = paint
-        return (red, green, blue, alpha * opacity) if alpha * opacity > 0 else None
 
 
 INITIAL = Style()
@@ -100,15 +92,17 @@ Note = Callable[[str, str, str], None]
 def computed(declared: Declarations, parent: Style, viewport: Viewport, note: Note) -> Style:
     """Compute the style of an element from its declarations and the style of its parent.
 
-    An invalid declaration is noted and has no effect, as CSS says.
+    An invalid declaration is noted and has no effect, as CSS says: the one of the next lower rank
+    counts.
     """
     changes: dict[str, Any] = {}
     font_size = parent.font_size
     if "font-size" in declared.css or "font-size" in declared.attributes:
         # Parsed first, since other lengths may depend on it; if it is invalid, noted below.
-        text = declared.css.get("font-size", declared.attributes.get("font-size", "")).strip()
-        with contextlib.suppress(ValueError):
-            font_size = _font_size(text, parent, viewport, font_size)
+        for text in _texts(declared, "font-size"):
+            with contextlib.suppress(ValueError):
+                font_size = _value("font_size", text, parent, viewport, font_size)
+                break
     for source in (declared.attributes, declared.css):
         for name, value in source.items():
             field = _FIELDS.get(name)
@@ -120,21 +114,37 @@ def computed(declared: Declarations, parent: Style, viewport: Viewport, note: No
                 continue
             if source is declared.attributes and name in declared.css:
                 continue
-            value = value.strip()
-            keyword = value.lower()
-            if keyword in ("inherit", "initial", "unset", "revert", "revert-layer"):
-                is_inherited = field not in _NOT_INHERITED
-                takes_parent = keyword == "inherit" or (is_inherited and keyword != "initial")
-                changes[field] = getattr(parent if takes_parent else INITIAL, field)
-                continue
-            try:
-                changes[field] = _PARSERS[field](value, parent, viewport, font_size)
-            except ValueError as error:
-                note(INVALID, name, f"{str(error).rstrip('.')} ({value[:40]!r})")
+            for text in _texts(declared, name):
+                try:
+                    changes[field] = _value(field, text, parent, viewport, font_size)
+                    break
+                except ValueError as error:
+                    note(INVALID, name, f"{str(error).rstrip('.')} ({text.strip()[:40]!r})")
     return parent._replace(**(_NOT_INHERITED | changes))
 
 
 _FIELDS = {name.replace("_", "-"): name for name in Style._fields}
+
+
+def _texts(declared: Declarations, name: str) -> list[str]:
+    """The values that are declared for a property, from the highest rank down."""
+    texts = []
+    if name in declared.css:
+        texts = [declared.css[name], *reversed(declared.outranked.get(name, ()))]
+    if name in declared.attributes and name not in _CSS_ONLY:
+        texts.append(declared.attributes[name])
+    return texts
+
+
+def _value(field: str, text: str, parent: Style, viewport: Viewport, font_size: float) -> Any:
+    """Parse the value of a property. Raises `ValueError` for text that is none."""
+    text = text.strip()
+    keyword = text.lower()
+    if keyword in ("inherit", "initial", "unset", "revert", "revert-layer"):
+        is_inherited = field not in _NOT_INHERITED
+        takes_parent = keyword == "inherit" or (is_inherited and keyword != "initial")
+        return getattr(parent if takes_parent else INITIAL, field)
+    return _PARSERS[field](text, parent, viewport, font_size)
 
 
 def _paint(text: str, *_: object) -> Paint:

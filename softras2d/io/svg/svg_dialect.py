@@ -11,9 +11,11 @@ import numpy as np
 import shapely
 
 from ...geometry import affine_maps
+from ..shapes.regions import intersection
 from .cascade import Declarations
 from .clip_paths import ClipPaths
 from .document import LIBRARY_ERRORS, SvgError, reason
+from .element_transform import own_transform
 from .extensions import draw_colortri, draw_image, draw_textri
 from .notices import APPROXIMATE, INVALID, NOT_DRAWN, WITHOUT_EFFECT
 from .page import Page
@@ -21,8 +23,7 @@ from .page_background import becomes_background
 from .painting import Painter, Place
 from .shape_elements import SHAPES, ElementLengths
 from .sinks import Canvas, Layer, Sink
-from .style import INITIAL, Style, transform_origin
-from .transform_attribute import css_transform, transform_list
+from .style import INITIAL, Style
 from .tree import Element
 from .units import Viewport
 from .user_space_bounds import bounds_of
@@ -255,35 +256,10 @@ class Drawing:
         self, element: Element, declared: Declarations, style: Style, map3: np.ndarray
     ) -> np.ndarray:
         """The parent's map after the element's own transform."""
-        text = declared.css.get("transform")
-        report = self._page.report(element)
-        viewport = self._page.viewport
-        try:
-            if text is not None:
-                own = css_transform(text, viewport, style.font_size)
-            elif "transform" in element.attrib:
-                own = transform_list(element.attrib["transform"])
-            else:
-                return map3
-        except ValueError as error:
-            report(INVALID, "transform", str(error))
-            return map3
-        if style.transform_origin not in ("0 0", "0"):
-            own = self._about_origin(element, style, own)
-        return map3 @ own
-
-    def _about_origin(self, element: Element, style: Style, own: np.ndarray) -> np.ndarray:
-        viewport, report = self._page.viewport, self._page.report(element)
-        box = Box(0.0, 0.0, viewport.width, viewport.height)
-        if style.transform_box != "view-box":
-            bounds = bounds_of(self._page, element, style)
-            box = bounds or Box(0.0, 0.0, 0.0, 0.0)
-        try:
-            x, y = transform_origin(style.transform_origin, box, viewport, style.font_size)
-        except ValueError as error:
-            report(INVALID, "transform-origin", str(error))
-            return own
-        return affine_maps.translate(x, y) @ own @ affine_maps.translate(-x, -y)
+        own = own_transform(
+            self._page, element, declared, style, lambda: bounds_of(self._page, element, style)
+        )
+        return map3 if own is None else map3 @ own
 
     def _open_group(
         self, element: Element, declared: Declarations, state: _State, opacity: float
@@ -344,9 +320,13 @@ class Drawing:
                 return state, []
             chain = chain[1]
         self._page.budget.charge("copies", depth)
-        if state.instances is None and any(ancestor is target for ancestor in element.ancestors):
-            report(INVALID, "href", "refers to an ancestor")
-            return state, []
+        if state.instances is None:
+            ancestors = list(element.ancestors)
+            # About as many steps as take the time of one test.
+            self._page.budget.charge("selector_tests", len(ancestors))
+            if any(ancestor is target for ancestor in ancestors):
+                report(INVALID, "href", "refers to an ancestor")
+                return state, []
         lengths = ElementLengths(self._page, element, declared, state.style)
         moved = affine_maps.translate(lengths.read("x"), lengths.read("y"))
         place = self._placed(state.place.map3 @ moved, state.place.clip, state.place.sink)
@@ -377,7 +357,7 @@ class Drawing:
             corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]
             clip = shapely.Polygon(affine_maps.apply(map3, corners))
             if state.place.clip is not None:
-                clip = shapely.intersection(clip, state.place.clip)
+                clip = intersection(clip, state.place.clip, self._page.budget)
             shapely.prepare(clip)
         box = self._view_box(element)
         if box is not None:

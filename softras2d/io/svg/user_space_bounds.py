@@ -1,27 +1,34 @@
 """Computes bounding boxes of elements in their own user units, for `objectBoundingBox`."""
 
-import contextlib
+from functools import partial
 
 import numpy as np
 
 from ...geometry import affine_maps
 from ..shapes.paths import flatten
+from .element_transform import own_transform
 from .page import Page
 from .shape_elements import SHAPES, ElementLengths
 from .style import Style
-from .transform_attribute import transform_list
 from .tree import Element
 from .view_box import Box
 
+_MAX_NESTING = 32
+"""Limit of boxes that depend on boxes within them, by `transform-box`."""
 
-def bounds_of(page: Page, element: Element, style: Style) -> Box | None:
+
+def bounds_of(page: Page, element: Element, style: Style, nesting: int = 0) -> Box | None:
     """The bounding box of the fills in an element, without strokes; None if it is empty.
+
+    `nesting` is the number of boxes that depend on this one; too deep ones count as empty.
 
     Each element that is visited counts as a copy in the budget, as it is visited again.
 
     **Source:** SVG 2, section 8.10.
     """
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    if nesting > _MAX_NESTING:
+        return None
     pending = [(element, affine_maps.identity(), style, 0)]
     while pending:
         one, map3, its_style, uses = pending.pop()
@@ -52,17 +59,13 @@ def bounds_of(page: Page, element: Element, style: Style) -> Box | None:
         elif one.name not in ("g", "a", "svg", "switch", "symbol"):
             continue
         for child in children:
-            child_style = page.computed(child, its_style, page.declared(child))
-            if child_style.display != "none":
-                pending.append((child, map3 @ _own_map(child), child_style, uses))
+            child_declared = page.declared(child)
+            child_style = page.computed(child, its_style, child_declared)
+            if child_style.display == "none":
+                continue
+            inner = partial(bounds_of, page, child, child_style, nesting + 1)
+            own = own_transform(page, child, child_declared, child_style, inner)
+            pending.append((child, map3 if own is None else map3 @ own, child_style, uses))
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         return None
     return Box(*low.tolist(), *(high - low).tolist())
-
-
-def _own_map(element: Element) -> np.ndarray:
-    """The transform of an element; the identity if it is invalid, which is noted elsewhere."""
-    if "transform" in element.attrib:
-        with contextlib.suppress(ValueError):
-            return transform_list(element.attrib["transform"])
-    return affine_maps.identity()

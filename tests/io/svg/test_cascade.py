@@ -51,7 +51,10 @@ def test_selectors_that_do_not_match(selector):
         ("* { fill: red !important }", 'style="fill: lime !important"'),
         (".a { fill: lime !important } #r { fill: red !important; fill: blue }", 'class="a"'),
         # What is invalid has no effect.
-        ("* { fill: lime } rect { fill: redd }", ""),
+        (".a { fill: lime } rect.b { fill: redd }", ""),
+        ("rect.b { fill: lime !important; fill: redd !important } .a { fill: red }", ""),
+        ("#r { fill: redd !important } .a { fill: red }", 'style="fill: lime; fill: redd"'),
+        ("#r { fill: redd }", 'fill="lime" style="fill: 3px"'),
         ("* { fill: lime } rect:has(a), rect { fill: red }", ""),
         ("@media print { rect { fill: red } } @media all { rect { fill: lime } }", ""),
         ("/* a */ <!-- --> rect { fill: lime; ; stroke: none }".replace("<!-- -->", ""), ""),
@@ -95,6 +98,10 @@ def test_sheets_of_other_types_and_media_are_skipped():
         ("g g g g g g g x { fill: red } g g g g g g g .n { fill: red }",
          "<g>" * 300 + '<rect class="n"/>' + "</g>" * 300, "selectors; at most"),
         ("rect ~ rect { fill: red }", "<rect/>" * 9000, "selectors; at most"),
+        # Every choice of 40 among 40 ancestors is tried, although only one has all of them.
+        ("g " * 40 + ".n { fill: red }",
+         "<g>" * 40 + '<rect class="n"/>' + "</g>" * 40, "selectors; at most"),
+        ("x ~ rect ~ rect ~ rect { fill: red }", "<rect/>" * 600, "selectors; at most"),
         ("rect{}" * 25_000, "<rect/>", "more than 20000 selectors"),
     ],
 )  # fmt: skip
@@ -103,3 +110,10 @@ def test_costly_selectors_are_refused(sheet, body, message):
     with pytest.raises(ValueError, match=message) as caught:
         parse_svg(text)
     assert "\n" not in str(caught.value)
+
+
+def test_blanks_around_combinators_cost_nothing():
+    sheet = "g  >  g > g > g , g > g>g , x  +  y { fill: red }"
+    body = "<g>" * 300 + '<rect class="n"/>' * 3 + "</g>" * 300
+    for text in (sheet, sheet * 40):
+        parse_svg(f'<svg width="9" height="9"><style>{text}</style>{body}</svg>')

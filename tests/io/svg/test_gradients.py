@@ -151,3 +151,21 @@ def test_gradients_that_repeat_without_end_are_refused():
     )
     with pytest.raises(ValueError, match="vertices of regions to clip and cut; at most"):
         read(gradient)
+
+
+@pytest.mark.parametrize("spread", SPREADS)
+def test_the_border_before_the_first_stop_is_painted(spread):
+    """The first piece begins beside the stop, which is at the border of the shape."""
+    gradient = f'<linearGradient id="g" spreadMethod="{spread}">{STOPS}</linearGradient>'
+    scene = parse_svg(
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="2000" height="8">{gradient}'
+        '<rect width="2000" height="8" fill="red"/>'
+        '<rect width="2000" height="8" fill="url(#g)"/></svg>'
+    )
+    wanted = 1.0 if spread == "repeat" else 0.0
+    np.testing.assert_allclose(colors_at(scene, [[0.01, 3.07]])[0], wanted, atol=1e-4)
+
+
+def test_concentric_circles_of_almost_one_radius():
+    gradient = f'<radialGradient id="g" r="0.5" fr="0.4999">{STOPS}</radialGradient>'
+    assert colors_at(read(gradient), [[50.1, 40.2], [2, 2]])[:, 0].tolist() == [0, 1]

@@ -104,6 +104,23 @@ def test_clip_paths_by_hand():
         ('<clipPath id="d"><rect width="30" height="80"/></clipPath><clipPath id="c">'
          '<rect width="60" height="80" clip-path="url(#d)"/><rect x="70" width="9" height="80"/>'
          "</clipPath>", [True, False, True]),
+        # A clip path of a clip path does not have its transform, but that of the element.
+        ('<clipPath id="d"><rect width="30" height="80"/></clipPath><clipPath id="c" '
+         'clip-path="url(#d)" transform="translate(30)"><rect x="-30" width="60" height="80"/>'
+         "</clipPath>", [True, False, False]),
+        # Its box is that of the element; that of a clipped child is the child's.
+        ('<clipPath id="d" clipPathUnits="objectBoundingBox"><rect width=".4" height="1"/>'
+         '</clipPath><clipPath id="c" clip-path="url(#d)"><rect width="80" height="80"/>'
+         "</clipPath>", [True, False, False]),
+        ('<clipPath id="d" clipPathUnits="objectBoundingBox"><rect width=".5" height="1"/>'
+         '</clipPath><clipPath id="c"><rect x="30" width="40" height="80" clip-path="url(#d)"/>'
+         "</clipPath>", [False, True, False]),
+        ('<clipPath id="c" style="transform: translateX(30px)"><rect width="30" height="80" '
+         'transform="scale(.5 1)" style="transform-box: fill-box; transform-origin: right"/>'
+         "</clipPath>", [False, False, False]),
+        ('<clipPath id="c" style="transform: translateX(10px)"><rect width="60" height="80" '
+         'transform="scale(.5 1)" style="transform-box: fill-box; transform-origin: right"/>'
+         "</clipPath>", [False, True, False]),
         ('<clipPath id="c"/>', [False, False, False]),
         ('<clipPath id="c"><g><rect width="60" height="80"/></g></clipPath>', [False] * 3),
         ('<rect id="r" width="30" height="80" fill="none"/><clipPath id="c">'
@@ -171,6 +188,10 @@ def test_transform_origin():
     ):  # fmt: skip
         result = colors(f'<rect width="10" height="10" {origin} {transform}/>', [95, 75], [5, 5])
         assert result[:, 0].tolist() == ([1, 0] if "translateX" in origin else [0, 1])
+    # One value leaves the other one at the center.
+    one = 'transform-origin="0" transform="scale(1 -1)"'
+    result = colors(f'<rect width="10" height="10" {one}/>', [5, 75], [5, 5])
+    assert result[:, 0].tolist() == [0, 1]
     own = 'style="transform-box: fill-box; transform-origin: 100% 0; transform: scale(2)"'
     result = colors(f'<rect x="40" y="10" width="10" height="10" {own}/>', [35, 25], [55, 15])
     assert result[:, 0].tolist() == [0, 1]
@@ -197,6 +218,51 @@ def test_strokes_of_curves_dashes_and_order():
     )
     result = colors(thin, [8.5, 20], [11.5, 20], [7, 20], [13, 20])
     assert result.tolist() == [RED, RED, WHITE, WHITE]
+
+
+def test_a_lone_moveto_draws_no_dot():
+    pen = 'stroke="red" stroke-width="8" stroke-linecap="round"'
+    for data, wanted in (("M20 20", WHITE), ("M20 20L20 20", RED), ("M20 20Z", RED)):
+        assert colors(f'<path d="{data}" {pen}/>', [20, 20]).tolist() == [wanted]
+
+
+def test_translucent_strokes_in_order():
+    body = "".join(
+        f'<path d="M10 {y}H50V{y - 5}" fill="none" stroke="{color}" stroke-width="8" '
+        f'stroke-opacity="{opacity}"/>'
+        for y, color, opacity in (
+            (20, "red", 0.5),
+            (20, "blue", 1),
+            (20, "red", 0.5),
+            (50, "lime", 0.5),
+        )
+    )
+    result = colors(body, [20, 20], [50, 20], [20, 50], [50, 50])
+    np.testing.assert_allclose(result, [[0.5, 0, 0.5]] * 2 + [half(LIME)] * 2)
+
+
+def test_path_length_scales_dashes():
+    path = '<path d="M10 20H50M50 20H90" stroke="red" stroke-width="8" stroke-dasharray="1 1" {}/>'
+    at = [[15, 20], [25, 20], [35, 20]]
+    assert colors(path.format('pathLength="8"'), *at)[:, 1].tolist() == [0, 1, 0]
+    moved = 'pathLength="8" stroke-dashoffset="1"'
+    assert colors(path.format(moved), *at)[:, 1].tolist() == [1, 0, 1]
+    for text in ("0", "-8", "x"):
+        with pytest.warns(UserWarning, match="pathLength of <path>"):
+            scene = read(path.format(f'pathLength="{text}"'))
+        assert scene.triangles.size == read(path.format("")).triangles.size
+
+
+@pytest.mark.parametrize("join", ["miter", "round"])
+def test_relative_paths_close_without_a_spike(join):
+    """In float64, the steps add up to about 1e-15 instead of 0."""
+    steps = "l.1 .2l.2 .1l-.1 .2l-.2-.5"
+    path = '<g transform="scale(80)"><path d="M.3 .3{}{}" stroke="red" stroke-width=".01" {}/></g>'
+    pen = f'fill="none" stroke-linejoin="{join}" stroke-miterlimit="99"'
+    closed = corners_of(read(path.format(steps, "z", pen)))
+    exact = corners_of(read(path.format("l.1 .2l.2 .1l-.1 .2", "z", pen)))
+    assert closed.shape == exact.shape
+    np.testing.assert_allclose(closed, exact, atol=1e-4)
 
 
 def test_joins_that_are_clipped():

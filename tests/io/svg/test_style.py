@@ -7,7 +7,7 @@ import pytest
 
 from softras2d.io.budget import Budget
 from softras2d.io.svg.cascade import Cascade
-from softras2d.io.svg.css_color import color_of
+from softras2d.io.svg.css_color import CURRENT, color_of
 from softras2d.io.svg.notices import Notices
 from softras2d.io.svg.style import INITIAL, PaintServer, computed
 from softras2d.io.svg.tree import Element
@@ -78,7 +78,12 @@ def style(parent=INITIAL, **attributes):
 
 
 def fill_of(result):
-    return result.with_alpha(result.fill, result.fill_opacity)
+    """The colour of a fill that is no reference, with its opacity; None if it is invisible."""
+    rgba = result.color if result.fill == CURRENT else result.fill
+    if rgba is None:
+        return None
+    *color, alpha = rgba
+    return (*color, alpha * result.fill_opacity) if alpha * result.fill_opacity > 0 else None
 
 
 def test_attributes_are_inherited_and_replaced():
