@@ -118,7 +118,9 @@ def _add_block(
     tiling: Tiling,
 ) -> GradientState:
     """Compute the gradients of the pairs of a block, segment by segment from the back."""
-    longest = jnp.max(lists.block.count)
+    # A scene of a batch that has outgrown its plan must not lengthen the loops of the others.
+    capacity = state.segment_transmittance.shape[0] * _SEGMENT
+    longest = jnp.minimum(jnp.max(lists.block.count), capacity)
     segments = -(-longest // _SEGMENT)
     clear = jnp.ones_like(state.layer_transmittance[0])
     starts = _put(state.segment_transmittance, clear, jnp.zeros((), jnp.int32))

@@ -184,7 +184,7 @@ def edge_gains(
         )
         return state, _set_flags(flags, compared)
 
-    planes = _count_planes(samples.lists)
+    planes = _count_planes(masks)
     state, flags = repeat(planes, visit_plane, (state, _SampleFlags(false, false, false)))
     in_front_inside, covers_inside = _visit_inside(
         samples, masks, crossings, edge_layer, where, flags, tiling
@@ -194,9 +194,10 @@ def edge_gains(
 
 
 @materialized
-def _count_planes(lists: TileLists) -> Int[Array, ""]:
-    """Number of planes that hold the longest list."""
-    return -(-jnp.max(lists.count) // PLANE)
+def _count_planes(masks: LayerMasks) -> Int[Array, ""]:
+    """Number of planes that hold the longest list, as far as there are planes."""
+    # A scene of a batch that has outgrown its plan must not lengthen the loops of the others.
+    return jnp.minimum(-(-jnp.max(masks.lists.count) // PLANE), masks.masks.shape[0])
 
 
 def _locate_lists(
@@ -429,7 +430,7 @@ def _look_inside(
 
     clear = jnp.ones(triangle.shape, samples.background.dtype)
     state = _InsideState(clear, jnp.zeros(triangle.shape, bool))
-    in_front, covers = repeat(_count_planes(samples.lists), visit_plane, state)
+    in_front, covers = repeat(_count_planes(masks), visit_plane, state)
     return in_front, covers
 
 
