@@ -166,9 +166,10 @@ def _add_segment(
     carry: tuple[GradientState, Float[Array, "*samples"]],
     tiling: Tiling,
 ) -> tuple[GradientState, Float[Array, "*samples"]]:
-    """Compute the gradients of the pairs of a segment, and the value behind the one in front.
+    """Add the gradients of the pairs in one segment of the lists, from its last layer to its first.
 
-    Nothing changes if the segment is negative.
+    Returns the state, and `value_behind` composited with all layers of the segment. Nothing changes
+    if the segment is negative.
     """
     state, value_behind = carry
     first = segment * _SEGMENT
@@ -233,7 +234,7 @@ def _add_behind(
     *,
     tiling: Tiling,
 ) -> Float[Array, "*samples"]:
-    """Composite the layer over `value_behind`."""
+    """Return the value behind the layer in front: the layer composited over `value_behind`."""
     opacity = all_bits(layer.words, tiling, value_behind.dtype) * alpha_at_samples(layer)
     return value_behind + opacity * _gain(layer, corner_values, value_behind)
 
@@ -304,7 +305,10 @@ def _sum_tiles(
     *,
     height: int,
 ) -> Float[Array, "entries block"]:
-    """Sum the gradients of colour and alpha over the pixels of each tile."""
+    """Add up what the pixels of each tile contribute to the gradient of its pair.
+
+    Entries are red, green, blue and alpha of each corner in turn.
+    """
     rows = []
     for alpha_gradient, visible_sum in zip(by_alpha, visible, strict=True):
         rows.extend([*(cotangent[:3] * visible_sum[None]), alpha_gradient])

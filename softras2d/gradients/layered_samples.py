@@ -277,7 +277,7 @@ def _later_is_in_front(
     depth: Float[Array, "*samples"] | None,
     triangle_depth: Float[Array, "*samples"] | None,
 ) -> Bool[Array, "*samples"]:
-    """Whether draw order and depth agree: the layer that is drawn later is in front."""
+    """Whether the layer that is drawn later lies in front, of each triangle and another layer."""
     if depth is None or triangle_depth is None:
         return jnp.ones(other.shape, bool)
     # Of equal depths the later is in front.
@@ -359,7 +359,10 @@ def _visit_inside(
     flags: _SampleFlags,
     tiling: Tiling,
 ) -> tuple[Float[Array, "lines runs"], Bool[Array, "lines runs"]]:
-    """Visit the layers that cover the sample inside alone, or whose tile is another.
+    """Visit the layers at samples inside that the visit to the samples outside has missed.
+
+    These are layers in front that cover the sample inside alone, and, where the two samples lie in
+    different tiles, all layers at the sample inside.
 
     Returns the transmittance of those in front of the triangle, and whether that covers the sample.
     """
@@ -393,7 +396,7 @@ def _visit_inside(
 
 @materialized
 def _gather_lanes(lanes: _InsideLanes, group: Int[Array, " group"]) -> _InsideLanes:
-    """Gather the crossings of a group."""
+    """Gather the data of the crossings whose indices are in `group`."""
     return jax.tree.map(lambda entry: entry.at[group].get(mode="clip"), lanes)
 
 
