@@ -34,94 +34,22 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
 
 from ..coverage.depth_test import depth_at, depth_on_edge
-from ..geometry.fixed_point import Edges, Grid
+from ..geometry.fixed_point import Edges
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from .crossings import LINES, Crossings, Sides, find_crossings, list_runs
+from .edge_gains import EdgeGain, EdgeLayer, edge_gains
+from .edge_motion import Sweep, edge_speeds, image_tangent
 from .interpenetration import depth_changes, image_change
 from .layer_masks import LayerMasks, layer_masks
-from .layered_samples import EdgeGain, EdgeLayer, LayeredSamples, edge_gains, rgba_on_edge
+from .layer_pairs import LayerPairs
+from .layered_samples import LayeredSamples, rgba_on_edge
+from .opaque_pairs import OpaquePairs
 from .sample_colors import OpaqueSamples
+from .sample_pairs import PairSearch
 from .thin_strips import covers, ends_before_edge, fill_strips
 from .visible_front import triangle_at
-
-
-class Sweep(NamedTuple):
-    """How the image changes when edges move, crossing by crossing.
-
-    - `edge`, `t`, `pixel`: as in `Crossings`.
-    - `jump`: change of the pixel's colour for each pixel that the edge moves towards greater x or
-      y, along the line of samples that it crosses.
-    """
-
-    edge: Int[Array, " runs"]
-    t: Float[Array, "lines runs"]
-    pixel: Int[Array, "lines runs"]
-    jump: Float[Array, "channels lines runs"]
-
-
-@materialized
-def edge_speeds(
-    velocity: Float[Array, "vertices 2"], vertex: Int[Array, "triangles 3"], sides: Sides
-) -> tuple[Float[Array, " edges"], Float[Array, " edges"]]:
-    """Speed of both ends of each edge along the lines of samples that it crosses."""
-    slope = sides.slope
-
-    def speed(vertex: Int[Array, "triangles 3"]) -> Float[Array, " edges"]:
-        x, y = velocity[:, 0][vertex], velocity[:, 1][vertex]
-        along, across = jnp.where(sides.steep, x, y), jnp.where(sides.steep, y, x)
-        return (along - slope * across).reshape(-1)
-
-    return speed(vertex), speed(jnp.roll(vertex, -1, 1))
-
-
-def image_tangent(
-    speeds: tuple[Float[Array, " edges"], Float[Array, " edges"]], sweep: Sweep, grid: Grid
-) -> Float[Array, "height width channels"]:
-    """Change of the image per unit of time as edges move. Linear in the speeds."""
-    ends = materialized(_gather_speeds)(speeds, sweep.edge)
-    speed = materialized(_interpolate)(materialized(_repeat_lines)(ends), sweep.t)
-    add = materialized(functools.partial(_add_to_pixels, pixels=grid.height * grid.width))
-    image = [add(speed, jump, sweep.pixel) for jump in sweep.jump]
-    return jnp.stack(image, -1).reshape(grid.height, grid.width, -1)
-
-
-def _gather_speeds(
-    speeds: tuple[Float[Array, " edges"], Float[Array, " edges"]], edge: Int[Array, " runs"]
-) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
-    """Speeds of the start and the end of each run's edge."""
-    return speeds[0][edge], speeds[1][edge]
-
-
-def _repeat_lines(
-    ends: tuple[Float[Array, " runs"], Float[Array, " runs"]],
-) -> tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]]:
-    """Copy the speeds to every line of a run."""
-    # Not a broadcast: its transpose is a sum over lines that is not vectorised.
-    start, end = (jnp.concatenate([end[None]] * LINES) for end in ends)
-    return start, end
-
-
-def _interpolate(
-    ends: tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]],
-    t: Float[Array, "lines runs"],
-) -> Float[Array, "lines runs"]:
-    """Speed of each crossing, which lies at `t` between the ends of its edge."""
-    start, end = ends
-    return start * (1.0 - t) + end * t
-
-
-def _add_to_pixels(
-    speed: Float[Array, "lines runs"],
-    jump: Float[Array, "lines runs"],
-    pixel: Int[Array, "lines runs"],
-    *,
-    pixels: int,
-) -> Float[Array, " pixels"]:
-    """Add speed times jump of each crossing to its pixel; pixels past the last are dropped."""
-    unchanged = jnp.zeros(pixels, speed.dtype)
-    return unchanged.at[pixel.reshape(-1)].add((jump * speed).reshape(-1), mode="drop")
 
 
 class Outlines(NamedTuple):
@@ -187,22 +115,37 @@ def _(shape, primals, tangents):
     velocity, depth_change = (
         None if isinstance(tangent, SymbolicZero) else tangent for tangent in tangents[:2]
     )
+    masks = None
+    if isinstance(samples, LayeredSamples):
+        masks = layer_masks(samples.passed, samples.lists, shape.tiling, longest=shape.longest)
     change = jnp.zeros_like(value)
     if velocity is not None:
         with jax.named_scope("edge_slopes"):
-            sweep = _sweep(shape, outlines, samples)
+            sweep = _sweep(shape, outlines, samples, masks)
         speeds = edge_speeds(velocity, outlines.vertex, outlines.sides)
         change = image_tangent(speeds, sweep, shape.tiling.grid)
-    if depth is None or not isinstance(samples, OpaqueSamples) or samples.depths is None:
+    depths = samples.depths
+    if depth is None or depths is None:
         return value, change
     if velocity is not None or depth_change is not None:
         velocity = jnp.zeros_like(positions) if velocity is None else velocity
         depth_change = jnp.zeros_like(depth) if depth_change is None else depth_change
         tiling = shape.tiling
         with jax.named_scope("interpenetration"):
-            changes = depth_changes(velocity, depth_change, outlines.vertex, samples.depths, tiling)
-            change = change + image_change(samples, changes, tiling, max_chunks=shape.max_chunks)
+            changes = depth_changes(velocity, depth_change, outlines.vertex, depths, tiling)
+            search = _pair_search(shape, samples, masks)
+            change = change + image_change(search, depths, changes, tiling, channels=shape.channels)
     return value, change
+
+
+def _pair_search(
+    shape: BoundaryShape, samples: OpaqueSamples | LayeredSamples, masks: LayerMasks | None
+) -> PairSearch:
+    """The search for pairs of samples that may lie on both sides of a line of equal depth."""
+    if isinstance(samples, OpaqueSamples):
+        return OpaquePairs(samples, shape.tiling, shape.max_chunks)
+    assert masks is not None
+    return LayerPairs(samples, masks, shape.tiling)
 
 
 _OPAQUE_BLOCK, _LAYERED_BLOCK = 4096, 1024
@@ -211,9 +154,12 @@ layers is smaller, as a block takes as many steps as the sample with most layers
 
 
 def _sweep(
-    shape: BoundaryShape, outlines: Outlines, samples: OpaqueSamples | LayeredSamples
+    shape: BoundaryShape,
+    outlines: Outlines,
+    samples: OpaqueSamples | LayeredSamples,
+    masks: LayerMasks | None,
 ) -> Sweep:
-    """Find all crossings and their jumps, block by block."""
+    """Find all crossings and their jumps, block by block; `masks` are those of the layers."""
     grid, channels = shape.tiling.grid, shape.channels
     is_opaque = isinstance(samples, OpaqueSamples)
     block = min(_OPAQUE_BLOCK if is_opaque else _LAYERED_BLOCK, max(shape.crossings, 1))
@@ -224,7 +170,7 @@ def _sweep(
     if isinstance(samples, OpaqueSamples):
         jumps_at = functools.partial(_opaque_jumps, shape, samples)
     else:
-        masks = layer_masks(samples.passed, samples.lists, shape.tiling, longest=shape.longest)
+        assert masks is not None
         jumps_at = functools.partial(_layered_jumps, shape, samples, masks)
 
     def visit(
@@ -263,7 +209,7 @@ def _opaque_jumps(
     crossings count.
     """
     tiling = shape.tiling
-    inner, outer = (
+    triangle_inside, triangle_outside = (
         triangle_at(samples.front, sample, tiling, max_chunks=shape.max_chunks)
         for sample in (crossings.inside, crossings.outside)
     )
@@ -271,21 +217,29 @@ def _opaque_jumps(
     edge_depths = None
     if samples.depths is not None:
         on_edge = depth_on_edge(samples.depths, crossings.edge, crossings.t)
-        owner = jnp.broadcast_to((crossings.edge // 3)[None], inner.shape)
+        edge_triangle = jnp.broadcast_to((crossings.edge // 3)[None], triangle_inside.shape)
         depth, behind = (
             depth_at(samples.depths, jnp.maximum(triangle, 0), crossings.outside, tiling)
-            for triangle in (owner, outer)
+            for triangle in (edge_triangle, triangle_outside)
         )
         edge_depths = EdgeDepths(on_edge, depth, behind)
 
-    shown, owned = materialized(_ownership)(crossings, inner, outer, edge_depths)
-    is_strip = materialized(ends_before_edge)(samples.edges, crossings, outer, shown)
-    far_triangle, owned = fill_strips(samples, crossings, outer, owned, is_strip, tiling)
-    owned = owned & samples.colors.are_known(shown, far_triangle == outer)
-    near = samples.colors.on_edge(crossings, tiling)
-    far = samples.colors.at(far_triangle, crossings.outside, tiling)
+    shows_inside, is_visible = materialized(_find_visible)(
+        crossings, triangle_inside, triangle_outside, edge_depths
+    )
+    is_strip = materialized(ends_before_edge)(
+        samples.edges, crossings, triangle_outside, shows_inside
+    )
+    triangle_beyond, is_visible = fill_strips(
+        samples, crossings, triangle_outside, is_visible, is_strip, tiling
+    )
+    is_visible = is_visible & samples.colors.are_known(
+        shows_inside, triangle_beyond == triangle_outside
+    )
+    color_inside = samples.colors.on_edge(crossings, tiling)
+    color_beyond = samples.colors.at(triangle_beyond, crossings.outside, tiling)
     return materialized(functools.partial(_jump, tiling=tiling))(
-        owned, crossings.outwards, near, far
+        is_visible, crossings.outwards, color_inside, color_beyond
     )
 
 
@@ -302,42 +256,43 @@ class EdgeDepths(NamedTuple):
     behind: Float[Array, "lines runs"]
 
 
-def _ownership(
+def _find_visible(
     crossings: Crossings,
-    inner: Int[Array, "lines runs"],
-    outer: Int[Array, "lines runs"],
+    triangle_inside: Int[Array, "lines runs"],
+    triangle_outside: Int[Array, "lines runs"],
     depths: EdgeDepths | None,
 ) -> tuple[Bool[Array, "lines runs"], Bool[Array, "lines runs"]]:
     """Whether the edge's triangle is visible at the sample inside, and whether the edge is visible.
 
-    `inner` and `outer` are the triangles that are visible at the samples inside and outside, -1 for
-    the background.
+    `triangle_inside` and `triangle_outside` are the triangles that are visible at both samples, -1
+    for the background.
     """
     triangle = (crossings.edge // 3)[None]
-    shows_inside, is_in_front = inner == triangle, outer < triangle
+    shows_inside, is_in_front = triangle_inside == triangle, triangle_outside < triangle
     # A triangle that covers neither sample is visible between two that show the same triangle.
-    is_thin = (inner == outer) & ~shows_inside
+    is_thin = (triangle_inside == triangle_outside) & ~shows_inside
     if depths is not None:
         depth = jnp.where(shows_inside, depths.outside, depths.on_edge)
         is_later = (depth == depths.behind) & is_in_front
-        is_in_front = (outer < 0) | (depth < depths.behind) | is_later
-    owned = crossings.valid & (shows_inside | is_thin) & is_in_front
-    return crossings.valid & shows_inside, owned
+        is_in_front = (triangle_outside < 0) | (depth < depths.behind) | is_later
+    is_visible = crossings.valid & (shows_inside | is_thin) & is_in_front
+    return crossings.valid & shows_inside, is_visible
 
 
 def _jump(
-    owned: Bool[Array, "lines runs"],
+    is_visible: Bool[Array, "lines runs"],
     outwards: Float[Array, " runs"],
-    near: Float[Array, "channels lines runs"],
-    far: Float[Array, "channels lines runs"],
+    color_inside: Float[Array, "channels lines runs"],
+    color_beyond: Float[Array, "channels lines runs"],
     *,
     tiling: Tiling,
 ) -> Float[Array, "channels lines runs"]:
     """Change of a pixel's colour as each edge moves by a pixel towards greater x or y.
 
-    `near` and `far` are the colours inside and outside of the edge.
+    `color_inside` and `color_beyond` are the colours inside and outside of the edge.
     """
-    return jnp.where(owned[None], (near - far) * _signed_edge_length(outwards, tiling), 0.0)
+    jump = (color_inside - color_beyond) * _signed_edge_length(outwards, tiling)
+    return jnp.where(is_visible[None], jump, 0.0)
 
 
 def _layered_jumps(

@@ -3,6 +3,7 @@
 Where two triangles cross each other in depth, each is visible on one side of the line on which both
 are equally deep. The line moves with the corners and with their depths. A pixel on it then gains
 the colour of one triangle and loses that of the other, as it does along an edge (`boundary_term`).
+In a translucent scene, the triangle that is drawn later appears on one side of the line.
 
 The line passes between two neighbouring samples if both triangles cover both samples, and one is in
 front at the first, the other at the second. With f the first depth less the second, the line lies
@@ -11,8 +12,8 @@ point the depth of a triangle changes by sum_k w_k (dz_k - grad z . dv_k), where
 of the corners there, z_k their depths and v_k their positions: linear in both, like the change of
 the image.
 
-Pairs of samples are searched (`sample_pairs.py`) and processed in blocks, so that no list of all
-pairs is stored.
+Pairs of samples are searched (`sample_pairs`) and processed in blocks, so that no list of all pairs
+is stored.
 """
 
 import functools
@@ -30,16 +31,8 @@ from ..numerics import safe
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
-from .crossings import Sample
 from .interior_term import weight_gradients
-from .sample_colors import OpaqueSamples
-from .sample_pairs import (
-    CANDIDATES,
-    SamplePairs,
-    candidate_words,
-    changed_pairs,
-    count_candidates,
-)
+from .sample_pairs import CANDIDATES, PairSearch, SamplePairs, count_candidates
 
 Total = TypeVar("Total")
 """An array to which exchanges are added."""
@@ -67,9 +60,9 @@ class _DepthPlanes(NamedTuple):
 
 
 class _Exchange(NamedTuple):
-    """Pairs of samples between which the nearest triangle changes, in `lanes`.
+    """Pairs of samples between which two triangles change places in depth, in `lanes`.
 
-    - `before`, `after`: the triangles that are visible at the first and at the second sample.
+    - `before`, `after`: the triangles that lie in front at the first and at the second sample.
     - `before_weights`, `after_weights`: weights of their corners at the point of equal depth.
     - `gain`: change of the pixel's colour for each unit by which `before` becomes deeper than
       `after`; 0 in unused lanes.
@@ -112,18 +105,18 @@ def _corner_depth_changes(
 
 
 def image_change(
-    samples: OpaqueSamples,
+    search: PairSearch,
+    depths: Depths,
     changes: Float[Array, "3 triangles"],
     tiling: Tiling,
     *,
-    max_chunks: int,
+    channels: int,
 ) -> Float[Array, "height width channels"]:
     """Change of the image per unit of time for the given `depth_changes`. Linear in them."""
     grid = tiling.grid
-    channels = samples.colors.background.shape[0]
 
     def forward(
-        samples: OpaqueSamples, changes: Float[Array, "3 triangles"]
+        scene: tuple[PairSearch, Depths], changes: Float[Array, "3 triangles"]
     ) -> Float[Array, "channels pixels"]:
         def add_to_image(
             image: Float[Array, "channels pixels"], exchange: _Exchange
@@ -134,10 +127,10 @@ def image_change(
             return image.at[:, exchange.pixel].add(gained, mode="drop")
 
         empty = jnp.zeros((channels, grid.height * grid.width), changes.dtype)
-        return _for_each_exchange(samples, tiling, max_chunks, add_to_image, empty)
+        return _for_each_exchange(*scene, tiling, add_to_image, empty)
 
     def backward(
-        samples: OpaqueSamples, cotangent: Float[Array, "channels pixels"]
+        scene: tuple[PairSearch, Depths], cotangent: Float[Array, "channels pixels"]
     ) -> Float[Array, "3 triangles"]:
         def add_to_changes(
             changes: Float[Array, "3 triangles"], exchange: _Exchange
@@ -147,63 +140,51 @@ def image_change(
             changes = changes.at[:, exchange.before].add(weight * exchange.before_weights)
             return changes.at[:, exchange.after].add(-weight * exchange.after_weights)
 
-        assert samples.depths is not None
-        empty = jnp.zeros(samples.depths.depth.shape, cotangent.dtype)
-        return _for_each_exchange(samples, tiling, max_chunks, add_to_changes, empty)
+        empty = jnp.zeros(scene[1].depth.shape, cotangent.dtype)
+        return _for_each_exchange(*scene, tiling, add_to_changes, empty)
 
-    image = linear_map(forward, backward)(samples, changes)
+    image = linear_map(forward, backward)((search, depths), changes)
     return image.T.reshape(grid.height, grid.width, channels)
 
 
 def _for_each_exchange(
-    samples: OpaqueSamples,
+    search: PairSearch,
+    depths: Depths,
     tiling: Tiling,
-    max_chunks: int,
     add: Callable[[Total, _Exchange], Total],
     total: Total,
 ) -> Total:
     """Fold `add(total, exchange)` over all exchanges of the image, block by block."""
-    rows = tiling.sample_rows
-    slots = max(_WORDS // (2 * rows), 1)
-    slot_count = samples.front.chunks.triangle.size
-    blocks = -(-slot_count // slots)
-    planes = _depth_planes(samples, tiling)
-    visible, covered = (
-        jnp.pad(words.reshape(slot_count, rows), ((0, blocks * slots - slot_count), (0, 0)))
-        for words in (samples.front.visible, samples.covered)
-    )
+    slots = max(_WORDS // (2 * tiling.sample_rows), 1)
+    planes = _depth_planes(depths, tiling)
 
     def visit_block(block: Int[Array, ""], total: Total) -> Total:
-        first_slot = block * slots
-        block_visible, block_covered = (
-            jax.lax.dynamic_slice_in_dim(words, first_slot, slots) for words in (visible, covered)
-        )
-        candidates = candidate_words(block_visible, block_covered, tiling).reshape(-1)
+        slot = block * slots + jnp.arange(slots, dtype=jnp.int32)
+        candidates = search.candidates(slot).reshape(-1)
         ends = count_candidates(candidates)
 
         def visit_candidates(group: Int[Array, ""], total: Total) -> Total:
-            pairs, count = changed_pairs(
-                samples, tiling, max_chunks, candidates, ends, first_slot, group
-            )
+            pairs, count = search.pairs(candidates, ends, slot, group)
 
             def visit_pairs(pair_group: Int[Array, ""], total: Total) -> Total:
                 start = pair_group * _PAIRS
                 group_pairs = jax.tree.map(
                     lambda entry: jax.lax.dynamic_slice_in_dim(entry, start, _PAIRS), pairs
                 )
-                return materialized(add)(total, _exchange(samples, planes, group_pairs, tiling))
+                crossings = _line_crossings(depths, planes, group_pairs, tiling)
+                color_changes = search.color_changes(group_pairs)
+                exchange = _exchange(group_pairs, crossings, color_changes, tiling)
+                return materialized(add)(total, exchange)
 
             return repeat(-(-count // _PAIRS), visit_pairs, total)
 
         return repeat(-(-ends[-1] // CANDIDATES), visit_candidates, total)
 
-    return jax.lax.fori_loop(0, blocks, visit_block, total)
+    return jax.lax.fori_loop(0, -(-search.slot_count // slots), visit_block, total)
 
 
-def _depth_planes(samples: OpaqueSamples, tiling: Tiling) -> _DepthPlanes:
+def _depth_planes(depths: Depths, tiling: Tiling) -> _DepthPlanes:
     """Compute the plane of each triangle's depth."""
-    depths = samples.depths
-    assert depths is not None
     dtype = depths.depth.dtype
     area = materialized(functools.partial(twice_area, dtype=dtype))(depths.edges)
     gradients = weight_gradients(depths.edges, depths.planes, tiling.grid, dtype)
@@ -230,27 +211,6 @@ class _LineCrossings(NamedTuple):
     after_weights: Float[Array, "3 lanes"]
     gap_change: Float[Array, " lanes"]
     pixel: Int[Array, " lanes"]
-
-
-def _exchange(
-    samples: OpaqueSamples, planes: _DepthPlanes, pairs: SamplePairs, tiling: Tiling
-) -> _Exchange:
-    """Compute what each pair exchanges; the gain is 0 if no line of equal depth passes between."""
-    depths = samples.depths
-    assert depths is not None
-    after = jnp.maximum(pairs.after, 0)
-    crossings = _line_crossings(depths, planes, pairs, tiling)
-    first_color, second_color = (
-        samples.colors.at(triangle[None], Sample(sample.column[None], sample.row[None]), tiling)[
-            :, 0
-        ]
-        for triangle, sample in ((pairs.before, pairs.first), (after, pairs.second))
-    )
-    gain = _gain_per_depth(
-        first_color, second_color, crossings.gap_change, samples=tiling.grid.samples
-    )
-    weights = crossings.before_weights, crossings.after_weights
-    return _Exchange(pairs.before, after, *weights, gain, crossings.pixel)
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
@@ -299,15 +259,17 @@ def _line_crossings(
     return _LineCrossings(before_weights, after_weights, jnp.where(valid, gap_change, 0.0), pixel)
 
 
-@functools.partial(materialized, static_argnames=("samples",))
-def _gain_per_depth(
-    first_color: Float[Array, "channels lanes"],
-    second_color: Float[Array, "channels lanes"],
-    gap_change: Float[Array, " lanes"],
-    *,
-    samples: int,
-) -> Float[Array, "channels lanes"]:
-    """Compute `_Exchange.gain` from the colours at the first and second sample of each pair."""
+@functools.partial(materialized, static_argnames=("tiling",))
+def _exchange(
+    pairs: SamplePairs,
+    crossings: _LineCrossings,
+    color_changes: Float[Array, "channels lanes"],
+    tiling: Tiling,
+) -> _Exchange:
+    """Compute what each pair exchanges; the gain is 0 if no line of equal depth passes between."""
     # A sample is 1 / rate of a pixel wide and high.
-    difference = (second_color - first_color) / samples
-    return safe.divide(difference, jnp.broadcast_to(gap_change[None], difference.shape))
+    difference = color_changes / tiling.grid.samples
+    gap_change = jnp.broadcast_to(crossings.gap_change[None], difference.shape)
+    gain = safe.divide(difference, gap_change)
+    weights = crossings.before_weights, crossings.after_weights
+    return _Exchange(pairs.before, jnp.maximum(pairs.after, 0), *weights, gain, crossings.pixel)

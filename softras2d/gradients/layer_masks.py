@@ -107,26 +107,24 @@ def _gather(
     return plane.at[entry].get(mode="promise_in_bounds")
 
 
+@functools.partial(materialized, static_argnames=("longest",))
 def find_in_lists(
-    masks: LayerMasks, where: SampleAddress, triangle: Int[Array, "*samples"]
+    lists: TileLists,
+    tile: Int[Array, "*samples"],
+    triangle: Int[Array, "*samples"],
+    *,
+    longest: int,
 ) -> tuple[Int[Array, "*samples"], Bool[Array, "*samples"]]:
-    """Find a triangle in the list of each sample's tile.
+    """Find a triangle in the list of each tile, which is no longer than `longest`.
 
     Returns the number of entries in front of it, by draw order, and whether the next is the
     triangle. By binary search: triangles descend along a list.
     """
-    return _search(masks.lists, where, triangle, longest=masks.longest)
-
-
-@functools.partial(materialized, static_argnames=("longest",))
-def _search(
-    lists: TileLists, where: SampleAddress, triangle: Int[Array, "*samples"], *, longest: int
-) -> tuple[Int[Array, "*samples"], Bool[Array, "*samples"]]:
-    count = lists.count[where.tile]
+    start, count = lists.start[tile], lists.count[tile]
     last = lists.triangle.shape[0] - 1
 
     def read(position: Int[Array, "*samples"]) -> Int[Array, "*samples"]:
-        pair = jnp.clip(where.start + position, 0, last)
+        pair = jnp.clip(start + position, 0, last)
         return lists.triangle.at[pair].get(mode="promise_in_bounds")
 
     position = jnp.zeros_like(triangle)
@@ -137,6 +135,13 @@ def _search(
         position = jnp.where(is_in_front, probe, position)
         step //= 2
     return position, (position < count) & (read(position) == triangle)
+
+
+@materialized
+def count_planes(masks: LayerMasks) -> Int[Array, ""]:
+    """Number of planes that hold the longest list, as far as there are planes."""
+    # A scene of a batch that has outgrown its plan must not lengthen the loops of the others.
+    return jnp.minimum(-(-jnp.max(masks.lists.count) // PLANE), masks.masks.shape[0])
 
 
 @materialized

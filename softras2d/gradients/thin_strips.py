@@ -32,68 +32,72 @@ ignored."""
 def ends_before_edge(
     edges: Edges,
     crossings: Crossings,
-    outer: Int[Array, "lines runs"],
-    shown: Bool[Array, "lines runs"],
+    triangle_outside: Int[Array, "lines runs"],
+    shows_inside: Bool[Array, "lines runs"],
 ) -> Bool[Array, "lines runs"]:
     """Whether the triangle that is visible at the sample outside ends before it reaches the edge.
 
-    `outer` is that triangle, -1 for the background, which has no end. `shown` is whether the edge's
-    own triangle is visible at the sample inside. At the border of the canvas both samples are the
-    same, and what lies beyond the edge is unknown.
+    - `triangle_outside`: that triangle, -1 for the background, which has no end.
+    - `shows_inside`: whether the edge's own triangle is visible at the sample inside.
+
+    At the border of the canvas both samples are the same, and what lies beyond the edge is unknown.
     """
-    triangle = jnp.maximum(outer, 0)
+    triangle = jnp.maximum(triangle_outside, 0)
     reaches_edge = _covers_near(edges, triangle, crossings.outside, _offset_outside(crossings))
-    at_border = outer == (crossings.edge // 3)[None]
-    return shown & (outer >= 0) & (at_border | ~reaches_edge)
+    at_border = triangle_outside == (crossings.edge // 3)[None]
+    return shows_inside & (triangle_outside >= 0) & (at_border | ~reaches_edge)
 
 
 def fill_strips(
     samples: OpaqueSamples,
     crossings: Crossings,
-    outer: Int[Array, "lines runs"],
-    owned: Bool[Array, "lines runs"],
+    triangle_outside: Int[Array, "lines runs"],
+    is_visible: Bool[Array, "lines runs"],
     is_strip: Bool[Array, "lines runs"],
     tiling: Tiling,
 ) -> tuple[Int[Array, "lines runs"], Bool[Array, "lines runs"]]:
     """Find the triangle just outside each edge, and whether the edge is visible there.
 
-    Without a strip (`is_strip`) these are `outer` and `owned`.
+    Without a strip (`is_strip`) these are `triangle_outside` and `is_visible`.
     """
     depth_of_edge = None
     if samples.depths is not None:
         depth_of_edge = depth_on_edge(samples.depths, crossings.edge, crossings.t).reshape(-1)
-    owner = jnp.broadcast_to((crossings.edge // 3)[None], outer.shape)
+    edge_triangle = jnp.broadcast_to((crossings.edge // 3)[None], triangle_outside.shape)
     offset = jnp.stack(_offset_outside(crossings))
 
     def visit(
         lanes: Int[Array, " group"],
         state: tuple[Int[Array, " crossings"], Bool[Array, " crossings"]],
     ) -> tuple[Int[Array, " crossings"], Bool[Array, " crossings"]]:
-        triangle, outside, lane_offset = _gather_crossings(lanes, owner, crossings.outside, offset)
-        own_depth = None
-        if depth_of_edge is not None:
-            own_depth = depth_of_edge.at[lanes].get(mode="clip")
-        behind, is_visible = _nearest_other(
-            samples, triangle, outside, lane_offset, own_depth, tiling
+        triangle, outside, lane_offset = _gather_crossings(
+            lanes, edge_triangle, crossings.outside, offset
         )
-        far, owned = state
-        return far.at[lanes].set(behind, mode="drop"), owned.at[lanes].set(is_visible, mode="drop")
+        edge_depth = None
+        if depth_of_edge is not None:
+            edge_depth = depth_of_edge.at[lanes].get(mode="clip")
+        behind, is_nearer = _nearest_other(
+            samples, triangle, outside, lane_offset, edge_depth, tiling
+        )
+        beyond, visible = state
+        beyond = beyond.at[lanes].set(behind, mode="drop")
+        return beyond, visible.at[lanes].set(is_nearer, mode="drop")
 
-    state = outer.reshape(-1), owned.reshape(-1)
-    far, owned = visit_selected(is_strip.reshape(-1), visit, state)
-    return far.reshape(outer.shape), owned.reshape(outer.shape)
+    shape, state = triangle_outside.shape, (triangle_outside.reshape(-1), is_visible.reshape(-1))
+    triangle_beyond, is_visible = visit_selected(is_strip.reshape(-1), visit, state)
+    return triangle_beyond.reshape(shape), is_visible.reshape(shape)
 
 
 @materialized
 def _gather_crossings(
     lanes: Int[Array, " lanes"],
-    owner: Int[Array, "lines runs"],
+    edge_triangle: Int[Array, "lines runs"],
     outside: Sample,
     offset: Float[Array, "2 lines runs"],
 ) -> tuple[Int[Array, " lanes"], Sample, Float[Array, "2 lanes"]]:
     """Gather the data of the crossings of a group."""
     return (
-        owner.reshape(-1).at[lanes].get(mode="clip"),
+        edge_triangle.reshape(-1).at[lanes].get(mode="clip"),
         Sample(*(entry.reshape(-1).at[lanes].get(mode="clip") for entry in outside)),
         offset.reshape(2, -1).at[:, lanes].get(mode="clip"),
     )
@@ -139,16 +143,16 @@ def _covers_near(
 
 def _nearest_other(
     samples: OpaqueSamples,
-    owner: Int[Array, " lanes"],
+    edge_triangle: Int[Array, " lanes"],
     sample: Sample,
     offset: Float[Array, "2 lanes"],
-    own_depth: Float[Array, " lanes"] | None,
+    edge_depth: Float[Array, " lanes"] | None,
     tiling: Tiling,
 ) -> tuple[Int[Array, " lanes"], Bool[Array, " lanes"]]:
-    """Find the nearest triangle other than `owner` at each point; also whether `owner` is nearer.
+    """Find the nearest triangle at each point but the edge's own, and whether the latter is nearer.
 
     The nearest is -1 where none covers the point. `offset` is that of the point from `sample`, in
-    samples. `own_depth` is the depth of `owner`, None without depth.
+    samples. `edge_depth` is the depth of `edge_triangle`, None without depth.
     """
     chunks, depths = samples.front.chunks, samples.depths
     area = None
@@ -167,7 +171,7 @@ def _nearest_other(
         nearest, least = state
         slot = jnp.minimum(first + k, triangles.size - 1)
         triangle = triangles.reshape(-1)[slot]
-        is_other = (k < count) & filled.reshape(-1)[slot] & (triangle != owner)
+        is_other = (k < count) & filled.reshape(-1)[slot] & (triangle != edge_triangle)
         is_covering = is_other & _covers_near(
             samples.edges, triangle, sample, (offset[0], offset[1])
         )
@@ -178,15 +182,15 @@ def _nearest_other(
         return jnp.where(is_nearer, triangle, nearest), jnp.where(is_nearer, depth, least)
 
     first, count = _locate_slots(chunks, sample, tiling)
-    least = jnp.full(owner.shape, jnp.inf, samples.colors.background.dtype)
+    least = jnp.full(edge_triangle.shape, jnp.inf, samples.colors.background.dtype)
     nearest, least = repeat(
         jnp.max(count),
         lambda k, state: visit(k, state, first, count, chunks.triangle, chunks.filled),
-        (jnp.full_like(owner, -1), least),
+        (jnp.full_like(edge_triangle, -1), least),
     )
-    if own_depth is None:
-        return nearest, nearest < owner
-    return nearest, (own_depth < least) | ((own_depth == least) & (nearest < owner))
+    if edge_depth is None:
+        return nearest, nearest < edge_triangle
+    return nearest, (edge_depth < least) | ((edge_depth == least) & (nearest < edge_triangle))
 
 
 @functools.partial(materialized, static_argnames=("tiling",))

@@ -32,7 +32,7 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     colours, texture coordinates, texels, `inverse_w` and background are exact, forwards and
     backwards. Those to positions are of the box-filtered image, evaluated on the grid of samples
     (`gradients`), unless `Hard.edge_gradients` is off. Those to depth are of the lines along which
-    opaque triangles cross in depth, and zero elsewhere; translucent scenes leave these lines out.
+    triangles cross in depth, and zero elsewhere.
 
     A concrete scene is padded to a size class first (`softras2d.pad`), so that scenes of similar
     size share a compiled program. Under a trace of your own the shapes are what comes in: pad

@@ -106,7 +106,9 @@ def _composite_translucent(
         sums = over.composite(projected.surface, pairs, steps, tiling, longest=longest)
     image = over.to_image(sums, background, tiling)
     if projected.outlines is not None:
-        samples = LayeredSamples(passed, lists, projected.surface, projected.depths, background)
+        samples = LayeredSamples(
+            covered, passed, lists, projected.surface, projected.depths, background
+        )
         shape = boundary_shape(tiling, image.shape[-1], capacity)
         image = image + boundary_term(
             shape, scene.positions, scene.depth, projected.outlines, samples

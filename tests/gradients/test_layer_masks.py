@@ -52,7 +52,9 @@ def test_a_triangle_is_found_in_the_list_of_a_tile():
     for tile in range(plan.tiling.count):
         first = plan.tiling.first_sample(jnp.full_like(triangle, tile))
         where = locate_layers(masks, Sample(*first), plan.tiling)
-        position, is_listed = find_in_lists(masks, where, triangle)
+        position, is_listed = find_in_lists(
+            masks.lists, where.tile, triangle, longest=masks.longest
+        )
         start, count = int(lists.start[tile]), int(lists.count[tile])
         listed = np.asarray(lists.triangle)[start : start + count]
         in_front = (listed[None] > np.asarray(triangle)[:, None]).sum(1)

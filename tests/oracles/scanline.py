@@ -1,9 +1,9 @@
 """The area image of crossing triangles in float64 numpy, exact along each scanline.
 
-A scanline is cut wherever the visible triangle can change: at the triangles' edges, where two
-planes of depth meet, and at the borders of pixels. Between two cuts one triangle is visible and its
-colour is affine, so that the colour in the middle times the length is the integral. Scanlines lie
-at the midpoints of equal steps, so that the sum is smooth in positions and depths.
+A scanline is cut wherever the visible triangles can change: at the triangles' edges, where two
+planes of depth meet, and at the borders of pixels. Between two cuts the same triangles are visible
+and the colour is affine, so that the colour in the middle times the length is the integral.
+Scanlines lie at the midpoints of equal steps, so that the sum is smooth in positions and depths.
 """
 
 import numpy as np
@@ -14,15 +14,17 @@ def area_image(
     depth: np.ndarray,
     colors: np.ndarray,
     background: np.ndarray,
+    alpha: np.ndarray,
     *,
     height: int,
     width: int,
     lines: int = 64,
 ) -> np.ndarray:
-    """Mean colour of each pixel, `[height, width, 3]`; the nearest triangle is visible.
+    """Mean colour of each pixel, `[height, width, 3]`.
 
-    `corners` is `[triangles, 3, 2]`, `depth` `[triangles, 3]`, and `colors`, one for each corner,
-    `[triangles, 3, 3]`. `lines`: scanlines per pixel.
+    A triangle is visible where it lies no deeper than all that were drawn before it, with its
+    `alpha`, `[triangles]`. `corners` is `[triangles, 3, 2]` and `depth` `[triangles, 3]`; `colors`,
+    one for each corner, are `[triangles, 3, 3]`. `lines`: scanlines per pixel.
     """
     planes = [
         _plane(c, np.column_stack([d, k])) for c, d, k in zip(corners, depth, colors, strict=True)
@@ -32,7 +34,7 @@ def area_image(
         y = (line + 0.5) / lines
         cuts = np.unique(np.clip(_cuts(corners, planes, y, width), 0, width))
         middle, length = (cuts[:-1] + cuts[1:]) / 2, np.diff(cuts)
-        color = _colors_at(corners, planes, background, middle, y)
+        color = _colors_at(corners, planes, background, alpha, middle, y)
         pixel = np.minimum(middle.astype(int), width - 1)
         np.add.at(image[int(y)], pixel, color * length[:, None] / lines)
     return image
@@ -58,11 +60,16 @@ def _cuts(corners: np.ndarray, planes: list[np.ndarray], y: float, width: int) -
 
 
 def _colors_at(
-    corners: np.ndarray, planes: list[np.ndarray], background: np.ndarray, x: np.ndarray, y: float
+    corners: np.ndarray,
+    planes: list[np.ndarray],
+    background: np.ndarray,
+    alpha: np.ndarray,
+    x: np.ndarray,
+    y: float,
 ) -> np.ndarray:
     color = np.broadcast_to(background, (len(x), 3)).copy()
     least_depth = np.full(len(x), np.inf)
-    for triangle, plane in zip(corners, planes, strict=True):
+    for triangle, plane, opacity in zip(corners, planes, alpha, strict=True):
         following = np.roll(triangle, -1, 0)
         edge_functions = (following[:, 0] - triangle[:, 0])[:, None] * (y - triangle[:, 1])[
             :, None
@@ -71,5 +78,6 @@ def _colors_at(
         values = plane[0] + x[:, None] * plane[1] + y * plane[2]
         nearest = inside & (values[:, 0] <= least_depth)
         least_depth = np.where(nearest, values[:, 0], least_depth)
-        color = np.where(nearest[:, None], values[:, 1:], color)
+        layer = opacity * values[:, 1:] + (1 - opacity) * color
+        color = np.where(nearest[:, None], layer, color)
     return color

@@ -1,0 +1,308 @@
+"""Find the pairs of samples between which a layer of a translucent scene passes behind another.
+
+A triangle that covers two neighbouring samples may pass the depth test at one of them alone. At the
+other, the nearest triangle that was drawn before it hides it: the last of those that passed. If
+that triangle covers both samples too, a line of equal depth lies between them, at which the later
+triangle appears or disappears. What it then adds is found at the sample where it passes: the
+transmittance in front of it, its own colour, and the layers behind it.
+"""
+
+import functools
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, UInt32
+
+from ..binning.tiles import TileLists
+from ..coverage.sampled import row_order
+from ..geometry.fixed_point import Edges
+from ..geometry.tiling import Tiling
+from ..numerics.batched_loops import repeat
+from ..numerics.fusion_barrier import materialized
+from .crossings import Sample
+from .layer_masks import (
+    LayerMasks,
+    SampleAddress,
+    bits_before,
+    count_planes,
+    find_in_lists,
+    first_layer,
+    gather_masks,
+    locate_layers,
+    most_layers,
+    without_first,
+)
+from .layered_samples import LayeredSamples, rgba_at_each
+from .sample_pairs import Candidates, PairSearch, SamplePairs, decode_group, keep_pairs
+from .visible_front import address
+
+
+class LayerPairs(PairSearch):
+    """The search in a translucent scene; `masks` are those of `samples.passed`.
+
+    A slot is an entry of the tile lists. Of the two triangles of a pair, the one that is drawn
+    later appears or disappears.
+    """
+
+    samples: LayeredSamples
+    masks: LayerMasks
+    tiling: Tiling = eqx.field(static=True)
+
+    @property
+    def slot_count(self) -> int:
+        """Number of entries of the tile lists, used or not."""
+        return self.samples.lists.triangle.shape[0]
+
+    def candidates(self, slot: Int[Array, " slots"]) -> UInt32[Array, "2 slots rows"]:
+        """Mark the pairs of samples that a triangle covers, and passes at one of them alone."""
+        lists, tiling, longest = self.samples.lists, self.tiling, self.masks.longest
+        tile, triangle, is_used = materialized(_read_entries)(lists, slot)
+        words = self.samples.covered, self.samples.passed
+        marked = []
+        for is_down in (False, True):
+            next_tile, exists = _next_tile(tile, tiling, is_down=is_down)
+            position, is_listed = find_in_lists(lists, next_tile, triangle, longest=longest)
+            mark = functools.partial(_mark_changes, is_down=is_down, tiling=tiling)
+            next_slot = lists.start[next_tile] + position
+            marked.append(materialized(mark)(*words, slot, is_used, next_slot, is_listed & exists))
+        return jnp.stack(marked)
+
+    def pairs(
+        self,
+        words: UInt32[Array, " words"],
+        ends: Int[Array, " words"],
+        slot: Int[Array, " slots"],
+        group: Int[Array, ""],
+    ) -> tuple[SamplePairs, Int[Array, ""]]:
+        """Keep the pairs at which the triangle that hides the other covers both samples."""
+        tiling, lists = self.tiling, self.samples.lists
+        decode = materialized(functools.partial(_decode, tiling=tiling))
+        changes = decode(words, ends, lists, self.samples.passed, slot, group)
+        where = locate_layers(self.masks, changes.hidden, tiling)
+        position, _ = find_in_lists(lists, where.tile, changes.triangle, longest=self.masks.longest)
+        hider = _first_behind(self.masks, where, position)
+        return materialized(_keep_covering)(self.samples.surface.edges, changes, hider)
+
+    def color_changes(self, pairs: SamplePairs) -> Float[Array, "channels lanes"]:
+        """What the later triangle adds, negative where it disappears at the second sample."""
+        later = jnp.maximum(pairs.before, pairs.after)
+        appears = pairs.before < pairs.after
+        shown = _choose(appears, pairs.second, pairs.first)
+        added = _added_color(self.samples, self.masks, later, shown, self.tiling)
+        return jnp.where(appears[None], added, -added)
+
+
+class _Changes(NamedTuple):
+    """Candidates, and what is known of each.
+
+    - `triangle`: passes the depth test at one of both samples, and fails at `hidden`, the other.
+    - `passes_first`: whether it passes at the first.
+    """
+
+    candidates: Candidates
+    triangle: Int[Array, " lanes"]
+    hidden: Sample
+    passes_first: Bool[Array, " lanes"]
+
+
+def _read_entries(
+    lists: TileLists, slot: Int[Array, " slots"]
+) -> tuple[Int[Array, " slots"], Int[Array, " slots"], Bool[Array, " slots"]]:
+    """Tile and triangle of each entry of the lists, and whether it is used."""
+    is_used = slot < jnp.sum(lists.count, dtype=jnp.int32)
+    tile = jnp.where(is_used, lists.tile.at[slot].get(mode="clip"), 0)
+    return tile, lists.triangle.at[slot].get(mode="clip"), is_used
+
+
+def _mark_changes(
+    covered: UInt32[Array, "pairs rows"],
+    passed: UInt32[Array, "pairs rows"],
+    slot: Int[Array, " slots"],
+    is_used: Bool[Array, " slots"],
+    next_slot: Int[Array, " slots"],
+    is_listed: Bool[Array, " slots"],
+    *,
+    is_down: bool,
+    tiling: Tiling,
+) -> UInt32[Array, "slots rows"]:
+    """Compute one entry of `LayerPairs.candidates`.
+
+    `next_slot` is the entry of the same triangle in the next tile, if it is listed there.
+    """
+
+    every_column = jnp.uint32((1 << tiling.sample_columns) - 1)
+
+    def here_and_next(
+        words: UInt32[Array, "pairs rows"],
+    ) -> tuple[UInt32[Array, "slots rows"], UInt32[Array, "slots rows"]]:
+        here, beyond = (
+            jnp.where(is_valid[:, None], words.at[entry].get(mode="clip"), jnp.uint32(0))
+            for entry, is_valid in ((slot, is_used), (next_slot, is_listed))
+        )
+        return here & every_column, _next_samples(here & every_column, beyond, tiling, is_down)
+
+    (covers, covers_next), (passes, passes_next) = map(here_and_next, (covered, passed))
+    return covers & covers_next & (passes ^ passes_next)
+
+
+def _next_tile(
+    tile: Int[Array, " slots"], tiling: Tiling, *, is_down: bool
+) -> tuple[Int[Array, " slots"], Bool[Array, " slots"]]:
+    """The tile to the right, or below if `is_down`, and whether the canvas has it."""
+    if is_down:
+        exists = tile // tiling.columns < tiling.rows - 1
+        return jnp.where(exists, tile + tiling.columns, tile), exists
+    exists = tile % tiling.columns < tiling.columns - 1
+    return jnp.where(exists, tile + 1, tile), exists
+
+
+def _next_samples(
+    words: UInt32[Array, "slots rows"],
+    beyond: UInt32[Array, "slots rows"],
+    tiling: Tiling,
+    is_down: bool,
+) -> UInt32[Array, "slots rows"]:
+    """Move to each bit that of the sample to the right, or below if `is_down`.
+
+    `beyond` are the words of the next tile in this direction.
+    """
+    if not is_down:
+        first_column = (beyond & jnp.uint32(1)) << jnp.uint32(tiling.sample_columns - 1)
+        return (words >> jnp.uint32(1)) | first_column
+    row = row_order(tiling)
+    word_of_row = jnp.argsort(row)
+    below = word_of_row[(row + 1) % tiling.sample_rows]
+    is_last = (row == tiling.sample_rows - 1)[None]
+    return jnp.where(is_last, beyond[:, below], words[:, below])
+
+
+def _decode(
+    words: UInt32[Array, " words"],
+    ends: Int[Array, " words"],
+    lists: TileLists,
+    passed: UInt32[Array, "pairs rows"],
+    slot: Int[Array, " slots"],
+    group: Int[Array, ""],
+    *,
+    tiling: Tiling,
+) -> _Changes:
+    """Decode a group of candidates, and find at which of both samples the triangle passes."""
+    tile, triangle, _ = _read_entries(lists, slot)
+    candidates = decode_group(words, ends, tile, group, tiling)
+    _, word_index, bit = address(candidates.first, tiling)
+    word = passed[jnp.minimum(slot[candidates.slot], passed.shape[0] - 1), word_index]
+    passes_first = (word >> bit) & jnp.uint32(1) == 1
+    hidden = _choose(passes_first, candidates.second, candidates.first)
+    return _Changes(candidates, triangle[candidates.slot], hidden, passes_first)
+
+
+def _choose(condition: Bool[Array, " lanes"], first: Sample, second: Sample) -> Sample:
+    """Choose the first sample where the condition holds, else the second."""
+    return jax.tree.map(functools.partial(jnp.where, condition), first, second)
+
+
+def _first_behind(
+    masks: LayerMasks, where: SampleAddress, position: Int[Array, " lanes"]
+) -> Int[Array, " lanes"]:
+    """The first layer of each sample's list at `position` or after it, -1 for none."""
+
+    def visit_plane(plane: Int[Array, ""], layer: Int[Array, " lanes"]) -> Int[Array, " lanes"]:
+        mask = gather_masks(masks, where, plane) & ~bits_before(position, plane)
+        entry = first_layer(mask, where, masks.lists.triangle, plane)
+        return jnp.where((layer < 0) & (mask != 0), entry, layer)
+
+    return repeat(count_planes(masks), visit_plane, jnp.full_like(position, -1))
+
+
+def _keep_covering(
+    edges: Edges, changes: _Changes, hider: Int[Array, " lanes"]
+) -> tuple[SamplePairs, Int[Array, ""]]:
+    """Keep the pairs at which the triangle `hider` covers the sample where the other passes."""
+    candidates, passes_first = changes.candidates, changes.passes_first
+    shown = _choose(passes_first, candidates.first, candidates.second)
+    is_pair = candidates.is_used & (hider >= 0)
+    triangle = jnp.maximum(hider, 0)
+    for edge in edges:
+        is_pair = is_pair & edge.gather(triangle).at(*shown).is_inside()
+    before = jnp.where(passes_first, changes.triangle, triangle)
+    after = jnp.where(passes_first, triangle, changes.triangle)
+    pairs = SamplePairs(before, after, candidates.first, candidates.second, candidates.is_down)
+    return keep_pairs(pairs, is_pair)
+
+
+class _Layers(NamedTuple):
+    """State of the visit to the layers at a sample, from the front, around one triangle.
+
+    - `in_front`: transmittance of the layers in front of the triangle.
+    - `color`, `alpha`: of the triangle.
+    - `behind`: premultiplied colour of the layers behind, and `transmittance` of these.
+    """
+
+    in_front: Float[Array, " lanes"]
+    color: Float[Array, "channels lanes"]
+    alpha: Float[Array, " lanes"]
+    behind: Float[Array, "channels lanes"]
+    transmittance: Float[Array, " lanes"]
+
+
+def _added_color(
+    samples: LayeredSamples,
+    masks: LayerMasks,
+    triangle: Int[Array, " lanes"],
+    sample: Sample,
+    tiling: Tiling,
+) -> Float[Array, "channels lanes"]:
+    """Change of the colour at samples where a triangle is a layer, due to this layer."""
+    background = samples.background
+    where = locate_layers(masks, sample, tiling)
+
+    def visit_plane(plane: Int[Array, ""], layers: _Layers) -> _Layers:
+        mask = gather_masks(masks, where, plane)
+
+        def visit(
+            _: Int[Array, ""], carry: tuple[UInt32[Array, " lanes"], _Layers]
+        ) -> tuple[UInt32[Array, " lanes"], _Layers]:
+            remaining, layers = carry
+            other = first_layer(remaining, where, samples.lists.triangle, plane)
+            rgba = rgba_at_each(samples.surface, other, sample, tiling)
+            added = _add_layer(layers, rgba, other - triangle, remaining != 0)
+            return without_first(remaining), added
+
+        return repeat(most_layers(mask), visit, (mask, layers))[1]
+
+    clear = jnp.ones(triangle.shape, background.dtype)
+    black = jnp.zeros((background.shape[0], *triangle.shape), background.dtype)
+    layers = _Layers(clear, black, jnp.zeros_like(clear), black, clear)
+    layers = repeat(count_planes(masks), visit_plane, layers)
+    return materialized(_over_behind)(layers, background)
+
+
+@materialized
+def _add_layer(
+    layers: _Layers,
+    rgba: Float[Array, "4 lanes"],
+    draws_ahead: Int[Array, " lanes"],
+    is_layer: Bool[Array, " lanes"],
+) -> _Layers:
+    """Add the next layer from the front; it is drawn `draws_ahead` triangles after the one."""
+    color, alpha = rgba[: layers.color.shape[0]], rgba[3]
+    is_in_front = is_layer & (draws_ahead > 0)
+    is_triangle = is_layer & (draws_ahead == 0)
+    is_behind = is_layer & (draws_ahead < 0)
+    return _Layers(
+        layers.in_front * jnp.where(is_in_front, 1.0 - alpha, 1.0),
+        jnp.where(is_triangle[None], color, layers.color),
+        jnp.where(is_triangle, alpha, layers.alpha),
+        layers.behind + jnp.where(is_behind, layers.transmittance, 0.0)[None] * color,
+        layers.transmittance * jnp.where(is_behind, 1.0 - alpha, 1.0),
+    )
+
+
+def _over_behind(
+    layers: _Layers, background: Float[Array, " channels"]
+) -> Float[Array, "channels lanes"]:
+    """What the triangle adds to the layers behind it, as seen through those in front."""
+    under = layers.behind + layers.transmittance[None] * background[:, None]
+    return layers.in_front[None] * (layers.color - layers.alpha[None] * under)

@@ -1,0 +1,128 @@
+"""The layers in front of a translucent edge at the samples inside it, where both samples differ.
+
+The visit to the samples outside (`edge_gains`) knows all layers that cover both samples. It misses
+those in front that cover the sample inside alone, and, where the two samples lie in different
+tiles, all layers at the sample inside. Few crossings have any: they are gathered and visited here.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, UInt32
+
+from ..coverage.depth_test import depth_at
+from ..geometry.tiling import Tiling
+from ..numerics.batched_loops import repeat
+from ..numerics.fusion_barrier import materialized
+from ..numerics.selected_lanes import visit_selected
+from .crossings import Sample
+from .layer_masks import (
+    LayerMasks,
+    SampleAddress,
+    bits_before,
+    count_planes,
+    first_layer,
+    gather_masks,
+    most_layers,
+    without_first,
+)
+from .layered_samples import LayeredSamples, later_is_in_front, rgba_at_each
+
+
+class InsideLanes(NamedTuple):
+    """The crossings of a group, one per lane.
+
+    - `inside`, `outside`: where the layers of both samples are.
+    - `is_one_list`: whether both samples are in one tile, so that their masks can be compared.
+    - `position`: number of entries before the edge's triangle in the list of the sample outside.
+    - `triangle`, `depth`: the edge's triangle, and its depth at the sample inside; None without.
+    - `sample`: the sample inside.
+    """
+
+    inside: SampleAddress
+    outside: SampleAddress
+    is_one_list: Bool[Array, " group"]
+    position: Int[Array, " group"]
+    triangle: Int[Array, " group"]
+    depth: Float[Array, " group"] | None
+    sample: Sample
+
+
+class InsideState(NamedTuple):
+    """State of the visits to samples inside, for every crossing.
+
+    - `in_front`: transmittance of the layers in front that do not cover the sample outside.
+    - `covers`: whether the edge's triangle covers the sample.
+    """
+
+    in_front: Float[Array, " crossings"]
+    covers: Bool[Array, " crossings"]
+
+
+def visit_inside(
+    samples: LayeredSamples,
+    masks: LayerMasks,
+    lanes: InsideLanes,
+    selected: Bool[Array, " crossings"],
+    covers: Bool[Array, " crossings"],
+    tiling: Tiling,
+) -> InsideState:
+    """Visit the missed layers at the samples inside of the selected crossings.
+
+    `lanes` holds all crossings; `covers` is what is known of `InsideState.covers`.
+    """
+
+    def visit_group(group: Int[Array, " group"], state: InsideState) -> InsideState:
+        in_front, covers = _look_inside(samples, masks, _gather_lanes(lanes, group), tiling)
+        covers = covers | state.covers.at[group].get(mode="clip")
+        return InsideState(
+            state.in_front.at[group].set(in_front, mode="drop"),
+            state.covers.at[group].set(covers, mode="drop"),
+        )
+
+    state = InsideState(jnp.ones(selected.shape, samples.background.dtype), covers)
+    return visit_selected(selected, visit_group, state)
+
+
+@materialized
+def _gather_lanes(lanes: InsideLanes, group: Int[Array, " group"]) -> InsideLanes:
+    """Gather the data of the crossings whose indices are in `group`."""
+    return jax.tree.map(lambda entry: entry.at[group].get(mode="clip"), lanes)
+
+
+def _look_inside(
+    samples: LayeredSamples, masks: LayerMasks, lanes: InsideLanes, tiling: Tiling
+) -> tuple[Float[Array, " group"], Bool[Array, " group"]]:
+    """Compute `InsideState` for the crossings of a group."""
+    surface, depths, triangle = samples.surface, samples.depths, lanes.triangle
+
+    def visit_plane(plane: Int[Array, ""], state: InsideState) -> InsideState:
+        inside, outside = (
+            gather_masks(masks, address, plane) for address in (lanes.inside, lanes.outside)
+        )
+        # Where lists differ, all layers are visited, and the triangle is recognized among them.
+        in_one_list = inside & ~outside & bits_before(lanes.position, plane)
+        remaining = jnp.where(lanes.is_one_list, in_one_list, inside)
+
+        def visit(
+            _: Int[Array, ""], carry: tuple[UInt32[Array, " group"], InsideState]
+        ) -> tuple[UInt32[Array, " group"], InsideState]:
+            remaining, state = carry
+            other = first_layer(remaining, lanes.inside, samples.lists.triangle, plane)
+            depth = None if depths is None else depth_at(depths, other, lanes.sample, tiling)
+            color = rgba_at_each(surface, other, lanes.sample, tiling)
+            is_layer = remaining != 0
+            is_in_front = is_layer & (other > triangle)
+            is_in_front = is_in_front & later_is_in_front(other, triangle, depth, lanes.depth)
+            return without_first(remaining), InsideState(
+                state.in_front * jnp.where(is_in_front, 1.0 - color[3], 1.0),
+                state.covers | (is_layer & (other == triangle)),
+            )
+
+        return repeat(most_layers(remaining), visit, (remaining, state))[1]
+
+    clear = jnp.ones(triangle.shape, samples.background.dtype)
+    state = InsideState(clear, jnp.zeros(triangle.shape, bool))
+    in_front, covers = repeat(count_planes(masks), visit_plane, state)
+    return in_front, covers

@@ -1,0 +1,148 @@
+"""Find the pairs of samples between which the nearest triangle of an opaque scene changes.
+
+Candidates are found in the coverage words: a triangle shows at a sample, and covers the next sample
+without showing there. Those at which another triangle shows at the next sample are kept.
+"""
+
+import functools
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, UInt32
+
+from ..coverage.sampled import row_order
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import materialized
+from .crossings import Sample
+from .sample_colors import OpaqueSamples
+from .sample_pairs import Candidates, PairSearch, SamplePairs, decode_group, keep_pairs
+from .visible_front import address, slot_at
+
+
+class OpaquePairs(PairSearch):
+    """The search in an opaque scene.
+
+    `max_chunks` is an upper bound on the number of chunks of a tile.
+    """
+
+    samples: OpaqueSamples
+    tiling: Tiling = eqx.field(static=True)
+    max_chunks: int = eqx.field(static=True)
+
+    @property
+    def slot_count(self) -> int:
+        """Number of slots of all chunks."""
+        return self.samples.front.chunks.triangle.size
+
+    def candidates(self, slot: Int[Array, " slots"]) -> UInt32[Array, "2 slots rows"]:
+        """Find the visible samples of each slot whose neighbour it covers but is not visible at.
+
+        At the right or lower border of a tile, where the neighbour is in another tile, every
+        visible sample is a candidate.
+        """
+        visible, covered = self.samples.front.visible, self.samples.covered
+        return _candidate_words(visible, covered, slot, tiling=self.tiling)
+
+    def pairs(
+        self,
+        words: UInt32[Array, " words"],
+        ends: Int[Array, " words"],
+        slot: Int[Array, " slots"],
+        group: Int[Array, ""],
+    ) -> tuple[SamplePairs, Int[Array, ""]]:
+        """Keep the candidates at which another triangle is visible at the second sample."""
+        front, tiling = self.samples.front, self.tiling
+        decode = materialized(functools.partial(_decode, tiling=tiling))
+        candidates, before = decode(
+            words, ends, front.chunks.tile, front.chunks.triangle, slot, group
+        )
+        after_slot = slot_at(front, candidates.second, tiling, max_chunks=self.max_chunks)
+        keep = materialized(functools.partial(_keep_changed, tiling=tiling))
+        return keep(candidates, before, after_slot, front.chunks.triangle, self.samples.covered)
+
+    def color_changes(self, pairs: SamplePairs) -> Float[Array, "channels lanes"]:
+        """The colour that the second sample shows minus that of the first."""
+        colors, tiling = self.samples.colors, self.tiling
+        first, second = (
+            colors.at(triangle[None], Sample(sample.column[None], sample.row[None]), tiling)[:, 0]
+            for triangle, sample in (
+                (pairs.before, pairs.first),
+                (jnp.maximum(pairs.after, 0), pairs.second),
+            )
+        )
+        return second - first
+
+
+@functools.partial(materialized, static_argnames=("tiling",))
+def _candidate_words(
+    visible: UInt32[Array, "chunks layers rows"],
+    covered: UInt32[Array, "chunks layers rows"],
+    slot: Int[Array, " slots"],
+    *,
+    tiling: Tiling,
+) -> UInt32[Array, "2 slots rows"]:
+    """Compute `OpaquePairs.candidates`."""
+    rows = tiling.sample_rows
+    visible, covered = (
+        words.reshape(-1, rows).at[slot].get(mode="fill", fill_value=0)
+        for words in (visible, covered)
+    )
+    last_column = jnp.uint32(1 << (tiling.sample_columns - 1))
+    right = visible & ~(visible >> 1) & ((covered >> 1) | last_column)
+    row = row_order(tiling)
+    below = jnp.argsort(row)[jnp.minimum(row + 1, rows - 1)]
+    is_last = (row == rows - 1)[None]
+    hidden_below = covered[:, below] & ~visible[:, below]
+    return jnp.stack([right, visible & jnp.where(is_last, ~jnp.uint32(0), hidden_below)])
+
+
+def _decode(
+    words: UInt32[Array, " words"],
+    ends: Int[Array, " words"],
+    chunk_tiles: Int[Array, " chunks"],
+    slot_triangles: Int[Array, "chunks layers"],
+    slot: Int[Array, " slots"],
+    group: Int[Array, ""],
+    *,
+    tiling: Tiling,
+) -> tuple[Candidates, Int[Array, " lanes"]]:
+    """Decode a group of candidates; also return the triangle of each one's slot."""
+    slot = jnp.minimum(slot, slot_triangles.size - 1)
+    candidates = decode_group(
+        words, ends, chunk_tiles[slot // slot_triangles.shape[1]], group, tiling
+    )
+    return candidates, slot_triangles.reshape(-1)[slot[candidates.slot]]
+
+
+def _keep_changed(
+    candidates: Candidates,
+    before: Int[Array, " lanes"],
+    after_slot: Int[Array, " lanes"],
+    slot_triangles: Int[Array, "chunks layers"],
+    covered: UInt32[Array, "chunks layers rows"],
+    *,
+    tiling: Tiling,
+) -> tuple[SamplePairs, Int[Array, ""]]:
+    """Keep the pairs whose second sample shows another triangle that may cover the first too.
+
+    `after_slot` is the slot that shows at the second sample, -1 for the background.
+    """
+    after = slot_triangles.reshape(-1)[jnp.maximum(after_slot, 0)]
+    covers_first = _may_cover_first(covered, candidates, after_slot, tiling)
+    changed = candidates.is_used & (after_slot >= 0) & (after != before) & covers_first
+    pairs = SamplePairs(before, after, candidates.first, candidates.second, candidates.is_down)
+    return keep_pairs(pairs, changed)
+
+
+def _may_cover_first(
+    covered: UInt32[Array, "chunks layers rows"],
+    candidates: Candidates,
+    after_slot: Int[Array, " lanes"],
+    tiling: Tiling,
+) -> Bool[Array, " lanes"]:
+    """Whether the triangle of a slot at the second sample may cover the first one."""
+    tile, word_index, bit = address(candidates.first, tiling)
+    word = covered.reshape(-1)[jnp.maximum(after_slot, 0) * tiling.sample_rows + word_index]
+    # In the next tile the triangle has another slot, so `interpenetration` decides.
+    leaves_tile = tile != address(candidates.second, tiling)[0]
+    return ((word >> bit) & jnp.uint32(1) == 1) | leaves_tile
