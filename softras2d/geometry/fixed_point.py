@@ -373,10 +373,18 @@ def _sample_range(
 ) -> tuple[Int[HostOrDeviceArray, " triangles"], Int[HostOrDeviceArray, " triangles"]]:
     """First and last sample in low..high, in grid units, along an axis of so many pixels."""
     xp = low.__array_namespace__()
-    half, samples = 1 << (grid.bits - 1), grid.rate * pixels
+    samples = grid.rate * pixels
+    half = 1 << (grid.bits - 1)
     first = (grid.rate * low + half - 1) >> grid.bits  # ceil((rate low - half) / 2^bits)
-    last = (grid.rate * high - half) >> grid.bits
-    return xp.clip(first, 0, samples), xp.clip(last, -1, samples - 1)
+    return xp.clip(first, 0, samples), xp.clip(last_sample_until(high, grid), -1, samples - 1)
+
+
+def last_sample_until(
+    position: Int[HostOrDeviceArray, "*positions"], grid: Grid
+) -> Int[HostOrDeviceArray, "*positions"]:
+    """Index of the last sample at or before a position along an axis, in grid units."""
+    # Sample i lies at (i + 1/2) / rate pixels, and a pixel has 2^bits grid units.
+    return (grid.rate * position - (1 << (grid.bits - 1))) >> grid.bits
 
 
 def within_guard(corners: Corners, grid: Grid) -> Bool[HostOrDeviceArray, " triangles"]:

@@ -10,11 +10,12 @@ Edges are cut into runs of `LINES` lines, so that the data of an edge are gather
 import functools
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..binning.expansion import expand
-from ..geometry.fixed_point import Edges, Grid, GridTriangles
+from ..geometry.fixed_point import Edges, Grid, GridTriangles, last_sample_until
 from ..geometry.wrapped_value import WrappedValue
 from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
@@ -88,11 +89,10 @@ def lines_crossed(segments: GridTriangles, grid: Grid) -> tuple[Any, Any]:
     steep = is_steep(segments)
     start = xp.where(steep, segments.y, segments.x)
     end = start + xp.where(steep, segments.dy, segments.dx)
-    half = 1 << (grid.bits - 1)
     size = xp.where(steep, grid.height, grid.width) * grid.rate
     # Open at the lesser end and closed at the greater: edges that meet count a line once.
-    first = ((grid.rate * xp.minimum(start, end) - half) >> grid.bits) + 1
-    last = (grid.rate * xp.maximum(start, end) - half) >> grid.bits
+    first = last_sample_until(xp.minimum(start, end), grid) + 1
+    last = last_sample_until(xp.maximum(start, end), grid)
     first, last = xp.maximum(first, 0), xp.minimum(last, size - 1)
     bounding = (segments.constant == 0) & (segments.orientation != 0)[None]
     count = xp.where(bounding, xp.maximum(last - first + 1, 0), 0)
@@ -118,7 +118,7 @@ class Run(NamedTuple):
     - `across_start`, `across_extent`: half the start and the extent of the edge across the lines,
       in pixels.
     - `along_start`, `along_extent`: the same along the lines.
-    - `value`, `estimate`: the edge value at sample 0 of line 0, as in `Edge`.
+    - `first_value`: the edge value at sample 0 of line 0.
     - `value_along`, `value_across`: its change from sample to sample, and from line to line.
     """
 
@@ -129,15 +129,17 @@ class Run(NamedTuple):
     across_extent: Float[Array, "*runs"]
     along_start: Float[Array, "*runs"]
     along_extent: Float[Array, "*runs"]
-    value: Int[Array, "*runs"]
-    estimate: Float[Array, "*runs"]
+    first_value: WrappedValue
     value_along: Int[Array, "*runs"]
     value_across: Int[Array, "*runs"]
 
     def value_at(self, along: Int[Array, "*samples"], line: Int[Array, "*samples"]) -> WrappedValue:
         """The edge value at a sample of a line."""
-        start = WrappedValue(self.value, self.estimate)
-        return start.moved((self.value_along, along), (self.value_across, line))
+        return self.first_value.moved((self.value_along, along), (self.value_across, line))
+
+    def by_line(self) -> "Run":
+        """The same with an axis in front, for the lines of each run."""
+        return jax.tree.map(lambda entry: entry[None], self)
 
 
 class Runs(NamedTuple):
@@ -212,8 +214,7 @@ def _gather_runs(
         across_extent=jnp.where(steep, y1, x1) - across_start,
         along_start=along_start,
         along_extent=jnp.where(steep, x1, y1) - along_start,
-        value=value,
-        estimate=estimate,
+        first_value=WrappedValue(value, estimate),
         value_along=jnp.where(steep, right, down),
         value_across=jnp.where(steep, down, right),
     )
@@ -243,8 +244,7 @@ def _gap_to_edge(
     # By the integers: where corners are far, float positions are some roundings off.
     dtype = run.across_start.dtype
     along = jnp.where(run.steep[None], outside.column, outside.row)
-    by_line = Run(*(entry[None] for entry in run))
-    value = by_line.value_at(along, line).to_float(dtype)
+    value = run.by_line().value_at(along, line).to_float(dtype)
     change = jnp.where(run.value_along != 0, run.value_along, 1).astype(dtype)
     return jnp.clip(-value / change[None], -1.0, 1.0)
 
@@ -264,7 +264,7 @@ def _follow(
     Returns the sample before each crossing, its line, how far along the edge it lies (0..1), its
     pixel, and whether it is valid.
     """
-    by_line = Run(*(entry[None] for entry in run))
+    by_line = run.by_line()
     number = jnp.arange(LINES, dtype=jnp.int32)[:, None]
     line = by_line.first_line + number
     size = jnp.where(by_line.steep, grid.width, grid.height) * grid.rate
@@ -285,7 +285,7 @@ def _follow(
     guess = jnp.clip(guess, -2.0, 2.0**20).astype(jnp.int32)
     guessed_value = by_line.value_at(guess, line)
     change = jnp.where(by_line.value_along != 0, by_line.value_along, 1)
-    samples = jnp.floor(-guessed_value.wrapped.astype(jnp.float32) / change.astype(jnp.float32))
+    samples = jnp.floor(-guessed_value.clamped().astype(jnp.float32) / change.astype(jnp.float32))
     guess = guess + jnp.where(guessed_value.is_near_zero, samples, 0.0).astype(jnp.int32)
     before = guess + (~is_past(guess + 1)).astype(jnp.int32) - is_past(guess).astype(jnp.int32)
     # The border of the canvas is half a sample before the first sample and after the last.
@@ -293,7 +293,7 @@ def _follow(
     valid = (number < by_line.lines) & (before >= -1) & (before < size) & on_canvas
     before, line = jnp.where(valid, before, 0), jnp.where(valid, line, 0)
     # If the samples are in two pixels, the border between these is half way between the samples.
-    middle = 2 * by_line.value_at(before, line).wrapped + by_line.value_along
+    middle = 2 * by_line.value_at(before, line).clamped() + by_line.value_along
     in_first = (middle >= 0) == (by_line.value_along > 0)
     along_px = jnp.clip(before + jnp.where(in_first, 0, 1), 0, size - 1) // grid.rate
     line_px = line // grid.rate
