@@ -110,7 +110,7 @@ VIEWPORT = units.Viewport(1.0, 1.0, 1.0, 1.0)
 
 def declarations(attributes):
     page_notices = notices.Notices("a.svg", False)
-    return cascade.Cascade(page_notices, Budget()).declarations(
+    return cascade.Cascade(page_notices, Budget(), 9, 9).declarations(
         tree.Element("rect", "rect", attributes, None, 1)
     )
 
@@ -118,7 +118,7 @@ def declarations(attributes):
 def style_sheet(text):
     element = tree.Element("style", "style", {}, None, 1)
     element.texts = [text]
-    cascade.Cascade(notices.Notices("a.svg", False), Budget()).add_sheet(element)
+    cascade.Cascade(notices.Notices("a.svg", False), Budget(), 9, 9).add_sheet(element)
 
 
 PARSERS = {

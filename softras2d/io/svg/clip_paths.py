@@ -12,7 +12,7 @@ from ...geometry import affine_maps
 from ..shapes.paths import flatten
 from ..shapes.regions import EMPTY, filled, intersection, united
 from .cascade import Declarations
-from .element_transform import own_transform
+from .element_transform import element_transform
 from .notices import INVALID, NOT_DRAWN, WITHOUT_EFFECT
 from .page import Page
 from .shape_elements import SHAPES, ElementLengths
@@ -113,7 +113,7 @@ class ClipPaths:
     def _transformed(
         self, element: Element, declared: Declarations, style: Style, map3: np.ndarray
     ) -> np.ndarray:
-        own = own_transform(
+        own = element_transform(
             self._page, element, declared, style, lambda: bounds_of(self._page, element, style)
         )
         return map3 if own is None else map3 @ own

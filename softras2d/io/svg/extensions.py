@@ -1,6 +1,7 @@
 """Draws images, and the course's elements `colortri` and `textri`, in the dialect `svg`.
 
-An error in one of these is raised, since such a file was damaged or moved without its images.
+An error in one of these two is raised, since no other program writes them. An image that cannot be
+read is left out, as browsers do.
 """
 
 import math
@@ -9,10 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ...geometry import affine_maps
+from ..budget import BudgetError
 from ..shapes.regions import intersection, is_empty
 from .document import Attributes
 from .layers import Item
-from .notices import INVALID
+from .notices import INVALID, NOT_DRAWN
 from .numbers import number_list
 from .page import Page
 from .painting import Place, is_clipped
@@ -82,7 +84,13 @@ def draw_image(
         lengths.report(INVALID, "href", "image without href")
         return
     assets = page.context.assets
-    texture = assets.linked(href)
+    try:
+        texture = assets.linked(href)
+    except BudgetError:
+        raise
+    except ValueError as error:
+        lengths.report(NOT_DRAWN, "href", str(error))
+        return
     picture_height, picture_width = map(float, assets.textures[texture].shape[:2])
     width, height = lengths.read("width", math.inf), lengths.read("height", math.inf)
     for name, side in (("width", width), ("height", height)):

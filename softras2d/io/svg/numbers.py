@@ -142,6 +142,12 @@ def length(text: str, full: float | None, units: Mapping[str, float] | None = No
     return value * _PIXELS_PER_UNIT[unit]
 
 
+def is_number(text: str) -> bool:
+    """Whether a text is one number, without a unit."""
+    match = _LENGTH.match(text)
+    return match is not None and not match[2]
+
+
 def fraction(text: str) -> float:
     """Parse an opacity, which is a number or a percentage, and clamp it to 0..1."""
     match = _LENGTH.match(text)

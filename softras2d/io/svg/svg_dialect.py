@@ -15,7 +15,7 @@ from ..shapes.regions import intersection
 from .cascade import Declarations
 from .clip_paths import ClipPaths
 from .document import LIBRARY_ERRORS, SvgError, reason
-from .element_transform import own_transform
+from .element_transform import element_transform
 from .extensions import draw_colortri, draw_image, draw_textri
 from .notices import APPROXIMATE, INVALID, NOT_DRAWN, WITHOUT_EFFECT
 from .page import Page
@@ -168,6 +168,11 @@ class Drawing:
 
     def _paint_canvas(self, style: Style) -> None:
         """Paint the canvas in the `background-color` of the root (CSS Backgrounds 3, 2.11.2)."""
+        root = self._page.root
+        css = self._page.declared(root).css
+        for name in ("background", "background-image"):
+            if any(function in css.get(name, "").lower() for function in ("url(", "gradient(")):
+                self._page.report(root)(WITHOUT_EFFECT, name, "images are not drawn")
         red, green, blue, alpha = style.background_color
         if alpha == 0:
             return
@@ -256,7 +261,7 @@ class Drawing:
         self, element: Element, declared: Declarations, style: Style, map3: np.ndarray
     ) -> np.ndarray:
         """The parent's map after the element's own transform."""
-        own = own_transform(
+        own = element_transform(
             self._page, element, declared, style, lambda: bounds_of(self._page, element, style)
         )
         return map3 if own is None else map3 @ own

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...geometry import affine_maps
 from ..shapes.paths import flatten
-from .element_transform import own_transform
+from .element_transform import element_transform
 from .page import Page
 from .shape_elements import SHAPES, ElementLengths
 from .style import Style
@@ -64,7 +64,7 @@ def bounds_of(page: Page, element: Element, style: Style, nesting: int = 0) -> B
             if child_style.display == "none":
                 continue
             inner = partial(bounds_of, page, child, child_style, nesting + 1)
-            own = own_transform(page, child, child_declared, child_style, inner)
+            own = element_transform(page, child, child_declared, child_style, inner)
             pending.append((child, map3 if own is None else map3 @ own, child_style, uses))
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         return None
