@@ -98,8 +98,8 @@ _UNSUPPORTED_IN_CSS = {
 _CSS_ONLY = ("background", "background-color")
 """Properties that are no presentation attributes."""
 
-_NEEDS_UNITS = ("font-size", "transform-origin")
-"""Properties whose lengths may lack a unit in attributes, but not in style sheets."""
+_NEEDS_UNITS = ("transform-origin",)
+"""Properties whose lengths may lack a unit in attributes, but not in CSS."""
 
 Note = Callable[[str, str, str], None]
 """Called with the kind of a notice, the name of a property, and what is wrong."""
@@ -177,7 +177,7 @@ def _value(
             if is_number(word) and finite(word):
                 raise ValueError("has no unit, such as `px`")
     if declaration.name == "background":
-        return _background(text, parent)
+        return _background(text)
     keyword = text.lower()
     if keyword in ("inherit", "initial", "unset", "revert", "revert-layer"):
         is_inherited = field not in _NOT_INHERITED
@@ -212,15 +212,15 @@ def _color(text: str, parent: Style, *_: object) -> Any:
     return parent.color if color == CURRENT else color
 
 
-def _background(text: str, parent: Style) -> Any:
+def _background(text: str) -> Any:
     """The colour of a `background` shorthand, which is transparent if it names none."""
     for word in _WORD.findall(text):
         if (color := color_of(word)) is not None:
-            return parent.color if color == CURRENT else color
+            return color
     return INITIAL.background_color
 
 
-def _stop_color(text: str, *_: object) -> Any:
+def _color_or_current(text: str, *_: object) -> Any:
     color = color_of(text)
     if color is None:
         raise ValueError("is no colour")
@@ -355,9 +355,9 @@ _PARSERS: dict[str, Callable[..., Any]] = {
     "clip_path": _clip_path,
     "transform_origin": _any_text,
     "transform_box": _one_of("view-box", "fill-box", "stroke-box", "content-box", "border-box"),
-    "stop_color": _stop_color,
+    "stop_color": _color_or_current,
     "stop_opacity": _opacity,
-    "background_color": _color,
+    "background_color": _color_or_current,
 }
 
 

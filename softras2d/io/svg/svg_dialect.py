@@ -14,6 +14,7 @@ from ...geometry import affine_maps
 from ..shapes.regions import intersection
 from .cascade import Declarations
 from .clip_paths import ClipPaths
+from .css_color import CURRENT
 from .document import LIBRARY_ERRORS, SvgError, reason
 from .element_transform import element_transform
 from .extensions import draw_colortri, draw_image, draw_textri
@@ -173,7 +174,8 @@ class Drawing:
         for name in ("background", "background-image"):
             if any(function in css.get(name, "").lower() for function in ("url(", "gradient(")):
                 self._page.report(root)(WITHOUT_EFFECT, name, "images are not drawn")
-        red, green, blue, alpha = style.background_color
+        color = style.background_color
+        red, green, blue, alpha = style.color if color == CURRENT else color
         if alpha == 0:
             return
         alpha = alpha if self._context.opacity else 1.0
