@@ -12,12 +12,14 @@ import numpy as np
 
 # Every quantifier is possessive (`++`, `*+`, `?+`), that is, it never backtracks, so that matching
 # takes linear time. Ordinary quantifiers try all ways to split a run of digits or blanks.
-_NUMBER = r"[+-]?+(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+"
-_NEXT = re.compile(rf"\s*+(,?+)\s*+({_NUMBER})")
-_LEADING = re.compile(rf"\s*+({_NUMBER})")
-_LENGTH = re.compile(rf"\s*+({_NUMBER})\s*+([a-zA-Z]++|%?+)\s*+\Z")
+NUMBER = r"[+-]?+(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+"
+"""Regular expression of a number in SVG."""
+
+_NEXT = re.compile(rf"\s*+(,?+)\s*+({NUMBER})")
+_LEADING = re.compile(rf"\s*+({NUMBER})")
+_LENGTH = re.compile(rf"\s*+({NUMBER})\s*+([a-zA-Z]++|%?+)\s*+\Z")
 # A number, one separator (a blank, or another character with blanks before it), and a number.
-_PAIR = re.compile(rf"\s*+({_NUMBER})(?:\s*+[^\s0-9.+-]|\s)\s*+({_NUMBER})")
+_PAIR = re.compile(rf"\s*+({NUMBER})(?:\s*+[^\s0-9.+-]|\s)\s*+({NUMBER})")
 _NOT_FINITE = re.compile(r"(?<![a-z])[+-]?+(nan|inf(inity)?+)(?![a-z])", re.IGNORECASE)
 _DOUBLE_COMMA = re.compile(r",\s*+,")
 
