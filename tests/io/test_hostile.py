@@ -24,6 +24,8 @@ from softras2d.io.svg import (
     assets,
     cascade,
     css_color,
+    css_transform,
+    media_queries,
     notices,
     numbers,
     path_data,
@@ -106,6 +108,7 @@ ADVERSARIAL = {
 
 
 VIEWPORT = units.Viewport(1.0, 1.0, 1.0, 1.0)
+UNITS = css_transform.Units(VIEWPORT, view_box.Box(0.0, 0.0, 1.0, 1.0), 16.0)
 
 
 def declarations(attributes):
@@ -137,7 +140,12 @@ PARSERS = {
     "leading numbers": numbers.leading_numbers,
     "path data": path_data.parse_path_data,
     "arcs": lambda text: path_data.parse_path_data(f"M0 0a{text}"),
-    "CSS transform": lambda text: transform_attribute.css_transform(text, VIEWPORT, 16.0),
+    "CSS transform": lambda text: css_transform.transform_property(text, UNITS),
+    "CSS translate": lambda text: css_transform.translate_property(text, UNITS),
+    "CSS rotate": lambda text: css_transform.rotate_property(text, UNITS),
+    "media query": lambda text: media_queries.matches(text, 9, 9),
+    "media feature": lambda text: media_queries.matches(f"(width < {text})", 9, 9),
+    "background": style._background,
     "origin": lambda text: style.transform_origin(text, (0.0, 0.0, 1.0, 1.0), VIEWPORT, 16.0),
     "dashes": lambda text: style._dasharray(text, style.INITIAL, VIEWPORT, 16.0),
     "url": style.reference_of,

@@ -89,8 +89,8 @@ def _query(tokens: list[Any], height: int, width: int) -> bool | None:
 
 def _condition(tokens: list[Any], height: int, width: int) -> bool | None:
     """The value of features that are joined by `and` or by `or`, or negated by `not`."""
-    if tokens and tokens[0].type == "ident" and tokens[0].value == "not":
-        return _not(_condition(tokens[1:], height, width))
+    if len(tokens) == 2 and tokens[0].type == "ident" and tokens[0].value == "not":
+        return _not(_feature(tokens[1], height, width))
     values = [_feature(token, height, width) for token in tokens[0::2]]
     joints = {token.value if token.type == "ident" else "" for token in tokens[1::2]}
     if len(tokens) % 2 == 0 or len(joints) > 1 or not joints <= {"and", "or"}:
