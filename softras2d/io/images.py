@@ -27,6 +27,7 @@ import OpenImageIO as oiio
 from jaxtyping import Float32, UInt8
 
 from ..color import linear_to_srgb, premultiply, srgb_to_linear, unpremultiply
+from .budget import BudgetError
 from .drafts import atomic_file
 
 WRITABLE = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -209,10 +210,10 @@ def _read_channels(
 
 
 def _check_size(name: str, spec: Any) -> None:
-    """Raise `ValueError` for a header that claims more than `MAX_IMAGE_BYTES`."""
+    """Raise `BudgetError` for a header that claims more than `MAX_IMAGE_BYTES`."""
     size = spec.width * spec.height * max(spec.depth, 1) * max(spec.nchannels, 3) * 4
     if size > MAX_IMAGE_BYTES:
-        raise ValueError(
+        raise BudgetError(
             f"{name}: {spec.width} x {spec.height} pixels are too many: {size / 2**30:.1f} GiB "
             f"as float32, of at most {MAX_IMAGE_BYTES >> 30}."
         )

@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter
 
+from ...geometry.vectors import cross
 from ..mesh.pixel_weights import PixelWeights, pixel_weights
-from ..mesh.triangulation import cross, greedy_disjoint
+from ..mesh.triangulation import greedy_disjoint
 from ..target import Image, PixelMap, Target
 
 Corners = Float[np.ndarray, "triangles 3 2"]

@@ -5,11 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...geometry.vectors import cross
 from ..target import Target
 from .colors import ColorModel, color_moments, solve_from_moments, target_at_pairs
 from .evaluation import Evaluation, error_of_colors, evaluate, solved_error
 from .pixel_weights import pixel_weights
-from .triangulation import Mesh, cross, greedy_disjoint, is_bound, make_mesh, signed_areas
+from .triangulation import Mesh, greedy_disjoint, is_bound, make_mesh, signed_areas
 
 LEAST_AREA = 0.5
 """Least area of a triangle that a collapse changes, in square pixels."""

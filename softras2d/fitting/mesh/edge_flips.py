@@ -3,11 +3,12 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...geometry.vectors import cross
 from ..target import Target
 from .colors import ColorModel, Moments, color_moments, normal_matrix, target_at_pairs
 from .evaluation import Evaluation, evaluate, solved_error
 from .pixel_weights import pixel_weights
-from .triangulation import Edges, Mesh, Triangles, cross, find_edges, greedy_disjoint
+from .triangulation import Edges, Mesh, Triangles, find_edges, greedy_disjoint
 
 _LEAST_AREA = 0.5
 """Least area of a triangle that a flip makes, in square pixels."""

@@ -11,6 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import Delaunay
 
+from ...geometry.vectors import cross
+
 Points = Float[np.ndarray, "vertices 2"]
 Triangles = Int[np.ndarray, "triangles 3"]
 
@@ -86,11 +88,6 @@ def signed_areas(positions: Points, triangles: Triangles) -> Float[np.ndarray, "
     """Areas of triangles in square pixels, positive for positive orientation."""
     a, b, c = (positions[triangles[:, i]] for i in range(3))
     return 0.5 * cross(b - a, c - a)
-
-
-def cross(u: Float[np.ndarray, "... 2"], v: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "..."]:
-    """Cross product u x v of 2-D vectors: twice the signed area of the triangle they span."""
-    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
 
 
 def find_edges(triangles: Triangles) -> Edges:

@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Float32, Int
 
+from ...geometry.vectors import cross
 from ..budget import Budget, BudgetError
 from .fill_rules import distinct_edges
 from .overlaps import FEW, charge_crossings
@@ -152,16 +153,12 @@ def _are_ears(
     """
     row = np.arange(len(points))[:, None]
     a, b, c = (points[row[:, 0], index][:, None] for index in neighbours.T)
-    turn = _cross(b - a, c - a)[:, 0]
+    turn = cross(b - a, c - a)[:, 0]
     is_inside = (
-        (_cross(c - b, points - b) >= 0)
-        & (_cross(b - a, points - a) >= 0)
-        & (_cross(a - c, points - c) >= 0)
+        (cross(c - b, points - b) >= 0)
+        & (cross(b - a, points - a) >= 0)
+        & (cross(a - c, points - c) >= 0)
         & (np.arange(points.shape[1]) < size[:, None])
     )
     is_inside[row, neighbours] = False
     return (turn >= _MIN_CROSS) & ~is_inside.any(axis=1)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -25,9 +25,8 @@ _MAX_SEGMENTS = 2**16
 class Path:
     """Subpaths of lines, curves and arcs, in user units.
 
-    - `points`: all control points, `(x, y)`.
-    - `subpaths`: for each, its segments, and whether it is closed.
-    - `fixed`: points that are no control points, as they follow from an arc or a radius.
+    - `points`: the points of all segments, `(x, y)`.
+    - `fixed`: indices of points that are no control points, as they follow from a radius.
     """
 
     points: list[tuple[float, float]] = field(default_factory=list)
@@ -66,6 +65,11 @@ class Arc(NamedTuple):
     minor: tuple[float, float]
     start_angle: float
     turn: float
+
+
+def end_of(segment: tuple[int, ...] | Arc) -> int:
+    """Index of the point in which a segment ends."""
+    return segment.end if isinstance(segment, Arc) else segment[-1]
 
 
 class FlatPath(NamedTuple):
@@ -203,7 +207,7 @@ def _polygons(path: Path, control: np.ndarray, budget: Budget) -> FlatPath:
         starts.append(len(indices))
         closed.append(subpath.closed)
         indices.append(subpath.start)
-        indices += [segment[-1] for segment in subpath.segments if not isinstance(segment, Arc)]
+        indices += [end_of(segment) for segment in subpath.segments]
         if subpath.closed and len(subpath.segments) and indices[-1] == subpath.start:
             indices.pop()
     budget.charge("points", len(indices))

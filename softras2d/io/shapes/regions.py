@@ -21,11 +21,9 @@ def filled(contours: Sequence[np.ndarray], evenodd: bool, budget: Budget) -> Any
     """The region that a fill rule fills."""
     regions, _ = fill_rule_regions([contours], [evenodd], [0], budget)
     # Faces of one shape share edges, so that they are a region only once united.
-    return shapely.union_all(regions) if len(regions) > 1 else _one(regions)
-
-
-def _one(regions: np.ndarray) -> Any:
-    return regions[0] if len(regions) else EMPTY
+    if len(regions) == 0:
+        return EMPTY
+    return shapely.union_all(regions) if len(regions) > 1 else regions[0]
 
 
 def intersection(first: Any, second: Any, budget: Budget) -> Any:
@@ -61,15 +59,13 @@ def polygons_of(geometry: Any) -> Any:
     """The polygons of a geometry as one region, without its lines and points."""
     if geometry.geom_type in ("Polygon", "MultiPolygon"):
         return geometry
-    parts = shapely.get_parts(geometry)
-    areas = [part for part in parts if part.geom_type in ("Polygon", "MultiPolygon")]
+    members = shapely.get_parts(geometry)
+    areas = [member for member in members if member.geom_type in ("Polygon", "MultiPolygon")]
     if not areas:
         return EMPTY
-    return (
-        areas[0]
-        if len(areas) == 1
-        else shapely.multipolygons(np.concatenate([shapely.get_parts(part) for part in areas]))
-    )
+    if len(areas) == 1:
+        return areas[0]
+    return shapely.multipolygons(np.concatenate([shapely.get_parts(area) for area in areas]))
 
 
 _OPERATION = 128

@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
+from ...geometry.vectors import cross
 from ..budget import Budget
 from .overlaps import charge_overlaps
 
@@ -224,7 +225,7 @@ def _joins(segments: _Segments, is_closed: np.ndarray, half_width: np.ndarray) -
     is_joined[firsts] = is_closed[segments.outline[firsts]]
     before, after = segments.direction[previous[is_joined]], segments.direction[is_joined]
     outline, position = segments.outline[is_joined], segments.start[is_joined]
-    turn = np.arctan2(_cross(before, after), (before * after).sum(axis=1))
+    turn = np.arctan2(cross(before, after), (before * after).sum(axis=1))
     # The outer border is to the right of a left turn and to the left of a right one.
     offset = np.where(turn > 0, -half_width[outline], half_width[outline])[:, None]
     smooth = segments.smooth[is_joined]
@@ -357,7 +358,3 @@ def _rotate(
 def _left(directions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
     """Rotate directions by 90 degrees, from x to y."""
     return np.stack([-directions[:, 1], directions[:, 0]], axis=-1)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

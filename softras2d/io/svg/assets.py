@@ -8,7 +8,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from ..budget import Budget
+from ..budget import Budget, BudgetError
 from .document import MAX_BYTES
 
 _SCHEME = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]++:|//|\\\\")
@@ -34,6 +34,7 @@ class Assets:
         self._declared: dict[str, Path] = {}
         self._indices: dict[Path | str, int] = {}
         self._pictures: dict[Path | str, np.ndarray] = {}
+        self._unreadable: dict[str, str] = {}
         self.textures: list[np.ndarray] = []
 
     def declare(self, texid: str, filename: str) -> None:
@@ -47,8 +48,19 @@ class Assets:
         return self._index(self._declared[texid])
 
     def linked(self, href: str) -> int:
-        """Index in `textures` of the image that the `href` of an `image` element refers to."""
-        return self._index(self._key(href))
+        """Index in `textures` of the image that the `href` of an `image` element refers to.
+
+        Raises `ValueError` for an image that cannot be read; it is tried only once.
+        """
+        if href in self._unreadable:
+            raise ValueError(self._unreadable[href])
+        try:
+            return self._index(self._key(href))
+        except BudgetError:
+            raise
+        except ValueError as error:
+            self._unreadable[href] = str(error)
+            raise
 
     def picture(self, href: str) -> np.ndarray:
         """The image `[height, width, 3 or 4]` that the `href` of an `image` element refers to."""

@@ -13,6 +13,7 @@ import cssselect2
 import tinycss2
 
 from ..budget import Budget
+from . import media_queries
 from .css_color import nesting
 from .notices import INVALID, WITHOUT_EFFECT, Notices
 from .tree import Element
@@ -70,6 +71,12 @@ class Declarations(NamedTuple):
     attributes: dict[str, str]
     outranked: dict[str, list[str]]
 
+    def css_values(self, name: str) -> list[str]:
+        """The values that `css` gives a property, from the highest rank down."""
+        if name not in self.css:
+            return []
+        return [self.css[name], *reversed(self.outranked.get(name, ()))]
+
 
 _Block = dict[str, list[str]]
 """Values of each property that a block of declarations gives, in order."""
@@ -103,10 +110,14 @@ class _Rule(NamedTuple):
 class Cascade:
     """The style sheets of a document.
 
-    `notices` receives what is invalid; `budget` is charged for tests of selectors.
+    - `notices`: receives what is invalid.
+    - `budget`: charged for tests of selectors.
+    - `height`, `width`: size of the canvas in pixels, for media queries.
     """
 
-    def __init__(self, notices: Notices, budget: Budget):
+    def __init__(self, notices: Notices, budget: Budget, height: int, width: int):
+        self._height = height
+        self._width = width
         self._notices = notices
         self._matcher = _ChargedMatcher(budget)
         self._selectors = 0
@@ -116,7 +127,7 @@ class Cascade:
         kind = element.attrib.get("type", "text/css").strip().lower() or "text/css"
         if kind != "text/css":
             return
-        if not _is_for_screens(element.attrib.get("media", "")):
+        if not self._matches(element.attrib.get("media", ""), element, "media"):
             return
         text = "".join(element.texts)
         if nesting(text) > _MAX_NESTING:
@@ -136,11 +147,11 @@ class Cascade:
             if rule.type == "qualified-rule":
                 self._add_rule(rule, element)
             elif rule.type == "at-rule" and rule.lower_at_keyword == "media" and rule.content:
-                if _is_for_screens(tinycss2.serialize(rule.prelude)):
-                    inner = tinycss2.parse_rule_list(
+                if self._matches(tinycss2.serialize(rule.prelude), element, "@media"):
+                    rules_within = tinycss2.parse_rule_list(
                         rule.content, skip_comments=True, skip_whitespace=True
                     )
-                    self._add_rules(inner, element)
+                    self._add_rules(rules_within, element)
             elif rule.type == "at-rule":
                 # Character sets and namespaces change nothing here.
                 if rule.lower_at_keyword not in ("charset", "namespace"):
@@ -148,6 +159,13 @@ class Cascade:
                     self._notices.add(WITHOUT_EFFECT, element.tag, element.line, name)
             else:
                 self._notices.add(INVALID, element.tag, element.line, "rule", str(rule.message))
+
+    def _matches(self, media: str, element: Element, attribute: str) -> bool:
+        """Whether a media query list matches. One whose value is unknown is noted, and does not."""
+        is_match = media_queries.matches(media, self._height, self._width)
+        if is_match is None:
+            self._notices.add(WITHOUT_EFFECT, element.tag, element.line, attribute, media.strip())
+        return bool(is_match)
 
     def _add_rule(self, rule: Any, element: Element) -> None:
         important, normal = self._parsed(rule.content, element, "rule")
@@ -347,9 +365,3 @@ def _combinators(tokens: list[Any]) -> tuple[int, int]:
         descendants += is_separated and is_after_compound and not is_combinator
         is_separated, is_after_compound = False, not is_combinator
     return descendants, tildes
-
-
-def _is_for_screens(media: str) -> bool:
-    """Whether a list of media is empty or names screens or all media, without conditions."""
-    names = [name.strip().lower() for name in media.split(",")]
-    return not media.strip() or any(name in ("all", "screen", "only screen") for name in names)

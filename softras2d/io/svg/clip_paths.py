@@ -11,14 +11,12 @@ import shapely
 from ...geometry import affine_maps
 from ..shapes.paths import flatten
 from ..shapes.regions import EMPTY, filled, intersection, united
-from .cascade import Declarations
-from .element_transform import own_transform
 from .notices import INVALID, NOT_DRAWN, WITHOUT_EFFECT
 from .page import Page
 from .shape_elements import SHAPES, ElementLengths
 from .style import Style, reference_of
 from .tree import Element
-from .user_space_bounds import bounds_of
+from .user_space_bounds import bounds_of, transformed
 from .view_box import Box
 
 _MAX_NESTING = 32
@@ -39,13 +37,13 @@ class ClipPaths:
 
         `box` is the bounding box of the element in its user units, if it is needed and has one.
         """
-        own = self._own_region(element, style, map3, box, ())
-        if own is None:
+        region = self._declared_region(element, style, map3, box, ())
+        if region is None:
             return clip
         if clip is not None:
-            own = intersection(own, clip, self._page.budget)
-        shapely.prepare(own)
-        return own
+            region = intersection(region, clip, self._page.budget)
+        shapely.prepare(region)
+        return region
 
     def needs_box(self, style: Style) -> bool:
         """Whether the clip path of a style depends on the bounding box of its element."""
@@ -61,10 +59,14 @@ class ClipPaths:
             style = self._page.style_in_place(target)
         return False
 
-    def _own_region(
+    def _declared_region(
         self, element: Element, style: Style, map3: np.ndarray, box: Box | None,
         chain: tuple[Element, ...],
     ) -> Any:  # fmt: skip
+        """The region of the `clip-path` that a style declares; None for the whole plane.
+
+        `chain` are the clip paths that depend on it.
+        """
         if style.clip_path is None:
             return None
         reference = reference_of(style.clip_path)
@@ -95,9 +97,9 @@ class ClipPaths:
         self, target: Element, map3: np.ndarray, box: Box | None, in_box: bool,
         chain: tuple[Element, ...],
     ) -> Any:  # fmt: skip
-        """The region of a clip path: the union of its children, within its own clip path."""
+        """The region of a `clipPath`: the union of its children, clipped by its own `clip-path`."""
         style, outer_map = self._page.style_in_place(target), map3
-        map3 = self._transformed(target, self._page.declared(target), style, map3)
+        map3 = transformed(self._page, target, self._page.declared(target), style, map3)
         if in_box and box is not None:
             map3 = map3 @ affine_maps.matrix(box.width, 0.0, 0.0, box.height, box.x, box.y)
         regions = []
@@ -106,62 +108,66 @@ class ClipPaths:
             if region is not None:
                 regions.append(region)
         region = united(regions, self._page.budget) if regions else EMPTY
-        # It is in the units of the element, without the transform of this clip path.
-        own = self._own_region(target, style, outer_map, box, chain)
-        return region if own is None else intersection(region, own, self._page.budget)
-
-    def _transformed(
-        self, element: Element, declared: Declarations, style: Style, map3: np.ndarray
-    ) -> np.ndarray:
-        own = own_transform(
-            self._page, element, declared, style, lambda: bounds_of(self._page, element, style)
-        )
-        return map3 if own is None else map3 @ own
+        # The other clip path is in the units of the element, without the transform of this one.
+        clip = self._declared_region(target, style, outer_map, box, chain)
+        return region if clip is None else intersection(region, clip, self._page.budget)
 
     def _child_region(
         self, child: Element, parent: Style, map3: np.ndarray, chain: tuple[Element, ...]
     ) -> Any:
         """The region of a shape, or of a `use` of a shape; None for other elements."""
-        self._page.budget.charge("copies", 1)
-        declared = self._page.declared(child)
-        style = self._page.clip_child_style(child, parent, declared)
+        page = self._page
+        page.budget.charge("copies", 1)
+        declared = page.declared(child)
+        style = page.clip_child_style(child, parent, declared)
         if style.display == "none":
             return None
-        map3 = child_map = self._transformed(child, declared, style, map3)
-        shape, shape_style = child, style
+        map3 = transformed(page, child, declared, style, map3)
+        # The elements whose `clip-path` clips the shape, with their styles and maps.
+        clipped = [(child, style, map3)]
+        shape = child
         if child.name == "use":
-            lengths = ElementLengths(self._page, child, declared, style)
+            lengths = ElementLengths(page, child, declared, style)
             map3 = map3 @ affine_maps.translate(lengths.read("x"), lengths.read("y"))
-            shape = self._page.target(child.attrib.get("href"))
+            shape = page.target(child.attrib.get("href"))
             if shape is None or shape.name not in SHAPES:
                 return None
-            declared = self._page.declared(shape)
-            shape_style = self._page.clip_child_style(shape, style, declared)
-            if shape_style.display == "none":
+            declared = page.declared(shape)
+            style = page.clip_child_style(shape, style, declared)
+            if style.display == "none":
                 return None
-            map3 = self._transformed(shape, declared, shape_style, map3)
+            map3 = transformed(page, shape, declared, style, map3)
+            clipped.append((shape, style, map3))
         if shape.name == "text":
-            self._page.not_drawn(NOT_DRAWN, shape)
-        if shape.name not in SHAPES or shape_style.visibility != "visible":
+            page.not_drawn(NOT_DRAWN, shape)
+        if shape.name not in SHAPES or style.visibility != "visible":
             return None
-        path = SHAPES[shape.name](ElementLengths(self._page, shape, declared, shape_style))
+        region = self._shape_region(
+            shape, ElementLengths(page, shape, declared, style), style, map3
+        )
+        if region is None:
+            return None
+        for element, its_style, its_map in clipped:
+            box = bounds_of(page, element, its_style) if self.needs_box(its_style) else None
+            clip = self._declared_region(element, its_style, its_map, box, chain)
+            if clip is not None:
+                region = intersection(region, clip, page.budget)
+        return region
+
+    def _shape_region(
+        self, shape: Element, lengths: ElementLengths, style: Style, map3: np.ndarray
+    ) -> Any:
+        """The inside of a shape by its `clip-rule`, in pixels; None for one without area."""
+        page = self._page
+        path = SHAPES[shape.name](lengths)
         if path is None or abs(np.linalg.det(map3)) == 0:
             return None
         linear = map3[:2, :2] / (map3[2, 2] or 1.0)
-        outline = flatten(path, linear, self._page.tolerance, self._page.budget)
+        outline = flatten(path, linear, page.tolerance, page.budget)
         points = affine_maps.apply(map3, outline.points)
         if not np.isfinite(points).all():
             raise ValueError("clip-path: a coordinate is not finite in float32.")
         contours = [contour for contour in outline.contours(points) if len(contour) > 2]
         if not contours:
             return None
-        region = filled(contours, shape_style.clip_rule == "evenodd", self._page.budget)
-        for clipped, its_style, its_map in {
-            id(child): (child, style, child_map),
-            id(shape): (shape, shape_style, map3),
-        }.values():
-            box = bounds_of(self._page, clipped, its_style) if self.needs_box(its_style) else None
-            own = self._own_region(clipped, its_style, its_map, box, chain)
-            if own is not None:
-                region = intersection(region, own, self._page.budget)
-        return region
+        return filled(contours, style.clip_rule == "evenodd", page.budget)

@@ -21,7 +21,7 @@ from ..shapes.paths import Arc, Path
 from .display_list import Triangles
 from .document import Document, SvgError
 from .page import elements
-from .painting import Source
+from .painting import FillSource
 from .sinks import Canvas
 from .tree import Element
 
@@ -134,7 +134,7 @@ def make_controls(
     scene: Scene,
     triangles: Triangles,
     canvas: Canvas,
-    sources: list[Source],
+    sources: list[FillSource],
 ) -> SvgControls:
     """Find the control points of each vertex. Raises `ValueError` for a map in perspective."""
     paths = _controlled_paths(root, sources)
@@ -190,7 +190,9 @@ class _Paths(tuple):
     __hash__ = object.__hash__  # type: ignore[assignment]
 
 
-def _controlled_paths(root: Element, sources: list[Source]) -> list[tuple[Element, ControlledPath]]:
+def _controlled_paths(
+    root: Element, sources: list[FillSource]
+) -> list[tuple[Element, ControlledPath]]:
     """The elements whose control points are kept, in document order, each once."""
     by_element = {id(source.element): source for source in sources}
     paths, first = [], 0
@@ -205,7 +207,7 @@ def _controlled_paths(root: Element, sources: list[Source]) -> list[tuple[Elemen
 
 
 def _rows(
-    sources: list[Source], first: dict[int, int]
+    sources: list[FillSource], first: dict[int, int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Controls, weights, linear map and offset of every point of every source, in one list."""
     controls, weights, linear, offset = [], [], [], []
@@ -235,7 +237,7 @@ def _rows(
 def _matching_rows(
     vertices: Float[np.ndarray, "vertices 2"],
     source: Int[np.ndarray, " vertices"],
-    sources: list[Source],
+    sources: list[FillSource],
 ) -> Int[np.ndarray, " vertices"]:
     """For each vertex, the point of its source at the same place in float32, or -1."""
     if not sources:

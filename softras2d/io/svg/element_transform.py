@@ -1,4 +1,4 @@
-"""Computes the map of an element's `transform`, a property or an attribute, about its origin."""
+"""Computes the map of an element's transform, from its properties or its attribute."""
 
 from collections.abc import Callable
 
@@ -7,15 +7,30 @@ from numpy import ndarray
 
 from ...geometry import affine_maps
 from .cascade import Declarations
+from .css_transform import (
+    Units,
+    rotate_property,
+    scale_property,
+    transform_property,
+    translate_property,
+)
 from .notices import INVALID
-from .page import Page
+from .page import Page, Report
 from .style import Style, transform_origin
-from .transform_attribute import css_transform, transform_list
+from .transform_attribute import transform_list
 from .tree import Element
 from .view_box import Box
 
+_PROPERTIES = {
+    # In the order in which their maps are multiplied (CSS Transforms 2, section 6).
+    "translate": translate_property,
+    "rotate": rotate_property,
+    "scale": scale_property,
+    "transform": transform_property,
+}
 
-def own_transform(
+
+def element_transform(
     page: Page,
     element: Element,
     declared: Declarations,
@@ -25,29 +40,45 @@ def own_transform(
     """The map from an element's user units to those around it; None if they are the same.
 
     An invalid transform is noted and has no effect. `bounds` is called for the bounding box of the
-    element if its `transform-origin` is relative to that.
+    element if its `transform-box` is that.
 
-    **Source:** *CSS Transforms 1*, sections 4 to 8.
+    **Source:** *CSS Transforms 1*, sections 4 to 8; *CSS Transforms 2*, sections 5 and 6.
     """
-    text, report, viewport = declared.css.get("transform"), page.report(element), page.viewport
-    try:
-        if text is not None:
-            own = css_transform(text, viewport, style.font_size)
-        elif "transform" in element.attrib:
-            own = transform_list(element.attrib["transform"])
-        else:
-            return None
-    except ValueError as error:
-        report(INVALID, "transform", str(error))
+    names = [name for name in _PROPERTIES if name in declared.css]
+    if "transform" in element.attrib and "transform" not in names:
+        names.append("transform")
+    if not names:
         return None
-    if style.transform_origin == "0 0":
-        return own
+    report, viewport = page.report(element), page.viewport
     box = Box(0.0, 0.0, viewport.width, viewport.height)
     if style.transform_box != "view-box":
         box = bounds() or Box(0.0, 0.0, 0.0, 0.0)
+    units = Units(viewport, box, style.font_size)
+    product = affine_maps.identity()
+    for name in names:
+        product = product @ _declared_map(name, element, declared, units, report)
+    if style.transform_origin == "0 0":
+        return product
     try:
         x, y = transform_origin(style.transform_origin, box, viewport, style.font_size)
     except ValueError as error:
         report(INVALID, "transform-origin", str(error))
-        return own
-    return affine_maps.translate(x, y) @ own @ affine_maps.translate(-x, -y)
+        return product
+    return affine_maps.translate(x, y) @ product @ affine_maps.translate(-x, -y)
+
+
+def _declared_map(
+    name: str, element: Element, declared: Declarations, units: Units, report: Report
+) -> Float64[ndarray, "3 3"]:
+    """The map of the valid declaration of highest rank; the identity if none is valid."""
+    for text in declared.css_values(name):
+        try:
+            return _PROPERTIES[name](text, units)
+        except ValueError as error:
+            report(INVALID, name, str(error))
+    if name == "transform" and "transform" in element.attrib:
+        try:
+            return transform_list(element.attrib["transform"])
+        except ValueError as error:
+            report(INVALID, name, str(error))
+    return affine_maps.identity()

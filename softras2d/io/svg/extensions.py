@@ -1,6 +1,7 @@
 """Draws images, and the course's elements `colortri` and `textri`, in the dialect `svg`.
 
-An error in one of these is raised, since such a file was damaged or moved without its images.
+An error in one of these two is raised, since no other program writes them. An image that cannot be
+read is left out, as browsers do.
 """
 
 import math
@@ -9,13 +10,14 @@ import numpy as np
 from jaxtyping import Float
 
 from ...geometry import affine_maps
+from ..budget import BudgetError
 from ..shapes.regions import intersection, is_empty
 from .document import Attributes
 from .layers import Item
-from .notices import INVALID
+from .notices import INVALID, NOT_DRAWN
 from .numbers import number_list
 from .page import Page
-from .painting import Place, is_clipped
+from .placement import Placement
 from .shape_elements import ElementLengths
 from .sinks import Textured, textured_items, triangle_items
 from .style import Style
@@ -23,57 +25,47 @@ from .tree import Element
 from .view_box import Box, fit
 
 
-def draw_colortri(
+def draw_extension(
     page: Page,
     element: Element,
     lengths: ElementLengths,
-    place: Place,
+    placement: Placement,
     style: Style,
     opacity: float,
 ) -> None:
-    """Draw a triangle with a colour for each corner."""
+    """Draw an `image`, a `colortri` or a `textri`."""
+    if element.name == "image":
+        # `fill-opacity` does not apply to images.
+        _draw_image(page, element, lengths, placement, opacity)
+    else:
+        _draw_triangle(page, element, placement, style.fill_opacity * opacity)
+
+
+def _draw_triangle(page: Page, element: Element, placement: Placement, opacity: float) -> None:
+    """Draw a triangle with a colour for each corner, or with a texture."""
     attributes = element.attrib
     points = _numbers(attributes, "points", 6).reshape(3, 2)
+    corners = affine_maps.apply(placement.map3, points)
+    if element.name == "textri":
+        uv = _numbers(attributes, "uvs", 6).reshape(3, 2)
+        texture = page.context.assets.texture(attributes.get("texid", ""))
+        _add_textured(page, placement, corners, uv, texture, opacity)
+        return
     colors = _numbers(attributes, "colors", 12).reshape(3, 4)
     if not ((colors[:, 3] >= 0) & (colors[:, 3] <= 1)).all():
         raise ValueError(f"colors: alpha must be in 0..1, got {attributes['colors']!r}.")
-    if page.context.opacity:
-        colors[:, 3] *= style.fill_opacity * opacity
+    colors[:, 3] = colors[:, 3] * opacity if page.context.opacity else 1.0
+    if placement.clips(corners):
+        _add_clipped(page, placement, triangle_items(corners, colors))
     else:
-        colors[:, 3] = 1.0
-    corners = affine_maps.apply(place.map3, points)
-    if is_clipped(place.clip, corners):
-        _add_clipped(page, place, triangle_items(corners, colors))
-    else:
-        place.sink.add_triangle(corners, colors)
+        placement.sink.add_triangle(corners, colors)
 
 
-def draw_textri(
+def _draw_image(
     page: Page,
     element: Element,
     lengths: ElementLengths,
-    place: Place,
-    style: Style,
-    opacity: float,
-) -> None:
-    """Draw a triangle with a texture."""
-    attributes = element.attrib
-    points = _numbers(attributes, "points", 6).reshape(3, 2)
-    uv = _numbers(attributes, "uvs", 6).reshape(3, 2)
-    assets = page.context.assets
-    texture = assets.texture(attributes.get("texid", ""))
-    alpha = style.fill_opacity * opacity if page.context.opacity else 1.0
-    translucent = alpha < 1 or assets.textures[texture].shape[-1] == 4
-    corners = affine_maps.apply(place.map3, points)
-    _add_textured(page, place, Textured(corners, (1.0, 1.0, 1.0, alpha), uv, texture, translucent))
-
-
-def draw_image(
-    page: Page,
-    element: Element,
-    lengths: ElementLengths,
-    place: Place,
-    style: Style,
+    placement: Placement,
     opacity: float,
 ) -> None:
     """Draw an image file as a texture (SVG 2, section 12.3)."""
@@ -82,7 +74,13 @@ def draw_image(
         lengths.report(INVALID, "href", "image without href")
         return
     assets = page.context.assets
-    texture = assets.linked(href)
+    try:
+        texture = assets.linked(href)
+    except BudgetError:
+        raise
+    except ValueError as error:
+        lengths.report(NOT_DRAWN, "href", str(error))
+        return
     picture_height, picture_width = map(float, assets.textures[texture].shape[:2])
     width, height = lengths.read("width", math.inf), lengths.read("height", math.inf)
     for name, side in (("width", width), ("height", height)):
@@ -108,26 +106,34 @@ def draw_image(
     start, end = np.maximum(low, 0.0), np.minimum(high, [width, height])
     uv = _box_corners(Box(*((start - low) / (high - low)), *((end - start) / (high - low))))
     origin = np.array([lengths.read("x"), lengths.read("y")])
-    points = affine_maps.apply(place.map3, _box_corners(Box(*(origin + start), *(end - start))))
-    # `fill-opacity` does not apply to images.
+    corners = _box_corners(Box(*(origin + start), *(end - start)))
+    points = affine_maps.apply(placement.map3, corners)
+    _add_textured(page, placement, points, uv, texture, opacity)
+
+
+def _add_textured(
+    page: Page,
+    placement: Placement,
+    points: Float[np.ndarray, "n 2"],
+    uv: Float[np.ndarray, "n 2"],
+    texture: int,
+    opacity: float,
+) -> None:
+    """Add a convex polygon, in pixels, with a texture."""
     alpha = opacity if page.context.opacity else 1.0
-    translucent = alpha < 1 or assets.textures[texture].shape[-1] == 4
-    white = (1.0, 1.0, 1.0, alpha)
-    _add_textured(page, place, Textured(points, white, uv, texture, translucent))
-
-
-def _add_textured(page: Page, place: Place, textured: Textured) -> None:
-    if is_clipped(place.clip, textured.points):
-        _add_clipped(page, place, textured_items(textured))
+    translucent = alpha < 1 or page.context.assets.textures[texture].shape[-1] == 4
+    textured = Textured(points, (1.0, 1.0, 1.0, alpha), uv, texture, translucent)
+    if placement.clips(points):
+        _add_clipped(page, placement, textured_items(textured))
     else:
-        place.sink.add_textured(textured)
+        placement.sink.add_textured(textured)
 
 
-def _add_clipped(page: Page, place: Place, items: list[Item]) -> None:
+def _add_clipped(page: Page, placement: Placement, items: list[Item]) -> None:
     for item in items:
-        region = intersection(item.region, place.clip, page.budget)
+        region = intersection(item.region, placement.clip, page.budget)
         if not is_empty(region):
-            place.sink.add_items([item._replace(region=region)])
+            placement.sink.add_items([item._replace(region=region)])
 
 
 def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray, " {count}"]:

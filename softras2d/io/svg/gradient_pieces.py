@@ -57,6 +57,9 @@ class RadialGradient(NamedTuple):
     focal_radius: float
 
 
+Gradient = LinearGradient | RadialGradient
+
+
 class Piece(NamedTuple):
     """A convex polygon `[n, 2]`, and its paint."""
 

@@ -12,12 +12,14 @@ import numpy as np
 
 # Every quantifier is possessive (`++`, `*+`, `?+`), that is, it never backtracks, so that matching
 # takes linear time. Ordinary quantifiers try all ways to split a run of digits or blanks.
-_NUMBER = r"[+-]?+(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+"
-_NEXT = re.compile(rf"\s*+(,?+)\s*+({_NUMBER})")
-_LEADING = re.compile(rf"\s*+({_NUMBER})")
-_LENGTH = re.compile(rf"\s*+({_NUMBER})\s*+([a-zA-Z]++|%?+)\s*+\Z")
+NUMBER = r"[+-]?+(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+"
+"""Regular expression of a number in SVG."""
+
+_NEXT = re.compile(rf"\s*+(,?+)\s*+({NUMBER})")
+_LEADING = re.compile(rf"\s*+({NUMBER})")
+_LENGTH = re.compile(rf"\s*+({NUMBER})\s*+([a-zA-Z]++|%?+)\s*+\Z")
 # A number, one separator (a blank, or another character with blanks before it), and a number.
-_PAIR = re.compile(rf"\s*+({_NUMBER})(?:\s*+[^\s0-9.+-]|\s)\s*+({_NUMBER})")
+_PAIR = re.compile(rf"\s*+({NUMBER})(?:\s*+[^\s0-9.+-]|\s)\s*+({NUMBER})")
 _NOT_FINITE = re.compile(r"(?<![a-z])[+-]?+(nan|inf(inity)?+)(?![a-z])", re.IGNORECASE)
 _DOUBLE_COMMA = re.compile(r",\s*+,")
 
@@ -140,6 +142,12 @@ def length(text: str, full: float | None, units: Mapping[str, float] | None = No
             "use px, pt, pc, mm, cm or in."
         )
     return value * _PIXELS_PER_UNIT[unit]
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is one number, without a unit."""
+    match = _LENGTH.match(text)
+    return match is not None and not match[2]
 
 
 def fraction(text: str) -> float:

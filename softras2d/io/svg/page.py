@@ -15,18 +15,6 @@ from .style import INITIAL, Style, computed
 from .tree import Element
 from .units import Viewport
 
-_GEOMETRY = {
-    # Attributes that style sheets can set too (SVG 2, section 7.2 and chapter 10).
-    "circle": ("cx", "cy", "r"),
-    "ellipse": ("cx", "cy", "rx", "ry"),
-    "rect": ("x", "y", "width", "height", "rx", "ry"),
-    "image": ("x", "y", "width", "height"),
-    "svg": ("x", "y", "width", "height"),
-    "symbol": ("x", "y", "width", "height"),
-    "use": ("x", "y", "width", "height"),
-    "path": ("d",),
-}
-
 
 class Page:
     """A document of the dialect `svg`, with its style sheets.
@@ -45,7 +33,7 @@ class Page:
         self.pixels_per_px = 1.0
         self.viewport = Viewport(0.0, 0.0, 0.0, 0.0)
         self.ids: dict[str, Element] = {}
-        self.cascade = Cascade(notices, self.budget)
+        self.cascade = Cascade(notices, self.budget, context.height, context.width)
         self._styles: dict[int, Style] = {}
         # By the id of a gradient, as many shapes may have the same gradient.
         self.gradient_stops: dict[int, list[Stop]] = {}
@@ -108,12 +96,6 @@ class Page:
             style = self.computed(one, style, self.declared(one))
             self._styles[id(one)] = style
         return style
-
-    def geometry(self, element: Element, declared: Declarations, name: str) -> str | None:
-        """The text of a geometry property: from style sheets if they can set it."""
-        if name in declared.css and name in _GEOMETRY.get(element.name, ()):
-            return declared.css[name]
-        return element.attrib.get(name)
 
     def target(self, reference: str | None) -> Element | None:
         """The element of the document to which `#id` refers; None for any other reference."""

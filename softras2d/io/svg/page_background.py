@@ -1,17 +1,40 @@
-"""Recognizes a first rect that covers the canvas, which becomes the background of the scene."""
+"""Gives the scene its background: the root's colour, or a first rect that covers the canvas."""
 
 import numpy as np
 
 from ...geometry import affine_maps
 from ..shapes.paths import Path
+from .css_color import CURRENT
+from .notices import WITHOUT_EFFECT
 from .page import Page
-from .painting import Place, is_clipped
-from .sinks import Canvas
-from .style import CURRENT, PaintServer, Style
+from .placement import Placement
+from .sinks import Canvas, Sink
+from .style import PaintServer, Style
 from .view_box import Box
 
 
-def becomes_background(page: Page, path: Path, style: Style, place: Place, box: Box) -> bool:
+def paint_root_background(page: Page, style: Style, canvas: Sink) -> None:
+    """Paint the canvas in the `background-color` of the root (CSS Backgrounds 3, 2.11.2)."""
+    context, css = page.context, page.declared(page.root).css
+    for name in ("background", "background-image"):
+        if any(function in css.get(name, "").lower() for function in ("url(", "gradient(")):
+            page.report(page.root)(WITHOUT_EFFECT, name, "images are not drawn")
+    color = style.background_color
+    red, green, blue, alpha = style.color if color == CURRENT else color
+    if alpha == 0:
+        return
+    alpha = alpha if context.opacity else 1.0
+    if alpha == 1:
+        context.background = (red, green, blue)
+        return
+    height, width = float(context.height), float(context.width)
+    corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
+    canvas.add_polygon([corners], (red, green, blue, alpha), False, -1)
+
+
+def becomes_background(
+    page: Page, path: Path, style: Style, placement: Placement, box: Box
+) -> bool:
     """Make a rect the background if it is the first shape, opaque, and covers viewBox and canvas.
 
     Returns whether it has become the background. A viewBox, `box`, may leave margins on the canvas.
@@ -25,8 +48,8 @@ def becomes_background(page: Page, path: Path, style: Style, place: Place, box: 
         len(context.display)
         or context.background
         or (style.stroke is not None and style.stroke_width > 0)
-        or not isinstance(place.sink, Canvas)
-        or any(len(points.segments) != 3 for points in path.subpaths)
+        or not isinstance(placement.sink, Canvas)
+        or any(len(subpath.segments) != 3 for subpath in path.subpaths)
     ):
         return False
     alpha = paint[3] * style.fill_opacity if context.opacity else 1.0
@@ -36,7 +59,7 @@ def becomes_background(page: Page, path: Path, style: Style, place: Place, box: 
     low, high = corners.min(axis=0), corners.max(axis=0)
     if (*low, *(high - low)) != tuple(box):
         return False
-    corners = affine_maps.apply(place.map3, corners)
+    corners = affine_maps.apply(placement.map3, corners)
     x0, y0 = corners.min(axis=0)
     x1, y1 = corners.max(axis=0)
     is_upright = all(len(set(axis.round(9))) == 2 for axis in corners.T)
@@ -47,7 +70,7 @@ def becomes_background(page: Page, path: Path, style: Style, place: Place, box: 
         and x1 >= context.width - tolerance
         and y1 >= context.height - tolerance
     )
-    if not covers or is_clipped(place.clip, corners):
+    if not covers or placement.clips(corners):
         return False
     context.background = paint[:3]
     return True

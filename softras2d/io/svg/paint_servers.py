@@ -1,13 +1,13 @@
 """Reads `linearGradient` and `radialGradient`, with references between them."""
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from ...geometry import affine_maps
 from .css_color import CURRENT, Rgba
-from .gradient_pieces import LinearGradient, RadialGradient, Stop
+from .gradient_pieces import Gradient, LinearGradient, RadialGradient, Stop
 from .notices import INVALID, NOT_DRAWN
 from .numbers import fraction
 from .page import Page, affine_part
@@ -19,7 +19,7 @@ from .view_box import Box
 
 GRADIENTS = ("linearGradient", "radialGradient")
 
-Fill = Rgba | LinearGradient | RadialGradient | None
+Fill = Rgba | Gradient | None
 """What a paint server paints: one colour, a gradient, or nothing."""
 
 _TOUCHING = 1e-3
@@ -30,11 +30,11 @@ _MAX_TEMPLATES = 1000
 
 
 def gradient_fill(
-    page: Page, gradient: Element, box: Box | None, map3: np.ndarray, opacity: float
-) -> Fill | bool:
-    """What a gradient element paints; False if it cannot be applied.
+    page: Page, gradient: Element, box: Box, map3: np.ndarray, opacity: float
+) -> Fill | Literal[False]:
+    """What a gradient element paints; False if it is relative to a box without area.
 
-    - `box`: bounding box of the shape in user units; None for a shape without points.
+    - `box`: bounding box of the shape in user units.
     - `map3`: from the shape's units to pixels.
     - `opacity`: factor of the alpha of all colours.
 
@@ -50,7 +50,7 @@ def gradient_fill(
     in_box = units != "userSpaceOnUse"
     to_pixels = affine_part(map3)
     if in_box:
-        if box is None or box.width <= 0 or box.height <= 0:
+        if box.width <= 0 or box.height <= 0:
             return False
         to_pixels = to_pixels @ affine_maps.matrix(box.width, 0.0, 0.0, box.height, box.x, box.y)
     to_pixels = to_pixels @ _gradient_transform(page, chain, in_box)
@@ -78,13 +78,17 @@ def _templates(page: Page, gradient: Element) -> list[Element]:
     return chain
 
 
-def _inherited(
-    page: Page, chain: list[Element], name: str, words: tuple[str, ...] | None = None
-) -> str | None:
+def pattern_applies(pattern: Element, box: Box) -> bool:
+    """Whether a pattern can be applied to a shape with this bounding box (SVG 2, section 14.3)."""
+    units = pattern.attrib.get("patternUnits", "").strip()
+    return units == "userSpaceOnUse" or "href" in pattern.attrib or min(box.width, box.height) > 0
+
+
+def _inherited(page: Page, chain: list[Element], name: str, words: tuple[str, ...]) -> str | None:
     """The value of an attribute of the first gradient that has it, if it is one of `words`."""
     for gradient in chain:
         if (text := gradient.attrib.get(name)) is not None:
-            if words is None or text.strip() in words:
+            if text.strip() in words:
                 return text.strip()
             page.report(gradient)(INVALID, name, f"is none of {', '.join(words)} ({text[:40]!r})")
             return None
@@ -98,22 +102,22 @@ def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.nd
             continue
         report = page.report(gradient)
         try:
-            own = transform_list(text)
-            if np.linalg.det(own) == 0:
+            transform = transform_list(text)
+            if np.linalg.det(transform) == 0:
                 raise ValueError("has no inverse")
         except ValueError as error:
             report(INVALID, "gradientTransform", str(error))
             break
         style, viewport = page.style_in_place(gradient), page.viewport
         if style.transform_origin == "0 0":
-            return own
+            return transform
         box = Box(0.0, 0.0, 1.0, 1.0) if in_box else Box(0.0, 0.0, viewport.width, viewport.height)
         try:
             x, y = transform_origin(style.transform_origin, box, viewport, style.font_size)
         except ValueError as error:
             report(INVALID, "transform-origin", str(error))
-            return own
-        return affine_maps.translate(x, y) @ own @ affine_maps.translate(-x, -y)
+            return transform
+        return affine_maps.translate(x, y) @ transform @ affine_maps.translate(-x, -y)
     return affine_maps.identity()
 
 
@@ -213,7 +217,7 @@ def _radial(
     spread: str,
     to_pixels: np.ndarray,
     in_box: bool,
-) -> Fill | bool:
+) -> Fill:
     lengths = _Lengths(page, chain, in_box)
     cx, cy, r = (lengths.read(name, "50%") for name in ("cx", "cy", "r"))
     fx, fy, fr = lengths.read("fx", cx), lengths.read("fy", cy), lengths.read("fr", 0.0)

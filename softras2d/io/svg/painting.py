@@ -1,4 +1,4 @@
-"""Fills and strokes paths: flattens them, resolves their paints, and passes on what results.
+"""Fills and strokes paths: flattens them, resolves their paints, and passes the shapes on.
 
 A shape of one colour that is not clipped stays a set of contours or outlines, which the display
 list triangulates many at a time. A clipped shape or one with a gradient becomes regions.
@@ -15,36 +15,27 @@ from ..shapes.dashes import dashes
 from ..shapes.paths import FlatPath, Path, flatten
 from ..shapes.regions import filled, intersection, is_empty, polygons_of
 from ..shapes.strokes import Outline
-from .gradient_pieces import LinearGradient, RadialGradient, linear_pieces, radial_pieces
+from .css_color import Rgba
+from .gradient_pieces import Gradient, LinearGradient, linear_pieces, radial_pieces
 from .layers import Item
 from .notices import INVALID, WITHOUT_EFFECT
 from .numbers import finite
 from .page import Page
 from .paint import flat
-from .paint_servers import GRADIENTS, Fill, gradient_fill
-from .sinks import Sink, stroked
+from .paint_servers import GRADIENTS, Fill, gradient_fill, pattern_applies
+from .placement import Placement
+from .sinks import stroked
 from .style import CURRENT, PaintServer, Style
 from .tree import Element
 from .view_box import Box
 
 
-class Place(NamedTuple):
-    """Where an element is drawn.
+class FillSource(NamedTuple):
+    """A shape that has been filled, from which `control_points.py` finds its control points.
 
-    - `map3`: homogeneous map `[3, 3]` from the element's units to pixels.
-    - `scale`: largest stretch of `map3`, in pixels per unit.
-    - `clip`: the region that is shown, in pixels; None for the whole plane.
-    - `sink`: what receives the shapes.
+    - `path`: the path of the file; `outline`: the same, flattened.
+    - `map3`: from the shape's user units to pixels.
     """
-
-    map3: np.ndarray
-    scale: float
-    clip: Any
-    sink: Sink
-
-
-class Source(NamedTuple):
-    """A fill with its control points, for `control_points.py`."""
 
     element: Element
     path: Path
@@ -53,46 +44,39 @@ class Source(NamedTuple):
 
 
 class Painter:
-    """Paints the shapes of a page.
-
-    `sources` are the fills whose control points are kept, if `keeps_sources`.
-    """
+    """Paints the shapes of a page. `sources` are all that it has filled, if `keeps_sources`."""
 
     def __init__(self, page: Page):
         self._page = page
-        self.sources: list[Source] = []
+        self.sources: list[FillSource] = []
         self.keeps_sources = False
 
     def paint(
-        self, element: Element, path: Path, style: Style, place: Place, opacity: float
+        self, element: Element, path: Path, style: Style, placement: Placement, opacity: float
     ) -> None:
         """Fill and stroke a path in the order that its style gives."""
         if style.visibility != "visible":
             return
-        linear = place.map3[:2, :2] / (place.map3[2, 2] or 1.0)
+        linear = placement.map3[:2, :2] / (placement.map3[2, 2] or 1.0)
         outline = flatten(path, linear, self._page.tolerance, self._page.budget)
         for kind in style.paint_order:
             if kind == "fill":
-                self._fill(element, path, outline, style, place, opacity)
+                self._fill(element, path, outline, style, placement, opacity)
             else:
-                self._stroke(element, outline, style, place, opacity)
-
-    def paints_both(self, style: Style) -> bool:
-        """Whether a shape of this style may have a fill and a stroke."""
-        return style.fill is not None and style.stroke is not None and style.stroke_width > 0
+                self._stroke(element, outline, style, placement, opacity)
 
     def _fill(
-        self, element: Element, original: Path, path: FlatPath, style: Style, place: Place,
+        self, element: Element, original: Path, path: FlatPath, style: Style, placement: Placement,
         opacity: float,
     ) -> None:  # fmt: skip
         if style.fill is None or element.name == "line" or len(path.points) < 3:
             return
-        fill = self.resolved(
-            element, "fill", style.fill, style, style.fill_opacity * opacity, path, place
+        fill = self._resolved(
+            element, "fill", style.fill, style, style.fill_opacity * opacity, path, placement
         )
         if fill is None:
             return
-        points = affine_maps.apply(place.map3, path.points)
+        points = affine_maps.apply(placement.map3, path.points)
         contours = [contour for contour in path.contours(points) if len(contour) > 2]
         if not contours:
             return
@@ -100,26 +84,24 @@ class Painter:
         source = -1
         if self.keeps_sources:
             source = len(self.sources)
-            self.sources.append(Source(element, original, path, place.map3))
-        if isinstance(fill, tuple) and not isinstance(fill, (LinearGradient, RadialGradient)):
-            box = np.concatenate(contours)
-            if not is_clipped(place.clip, box):
-                place.sink.add_polygon(contours, fill, evenodd, source)
-                return
+            self.sources.append(FillSource(element, original, path, placement.map3))
+        if not isinstance(fill, Gradient) and not placement.clips(np.concatenate(contours)):
+            placement.sink.add_polygon(contours, fill, evenodd, source)
+            return
         region = filled(contours, evenodd, self._page.budget)
-        self.add_region(element, region, fill, place, source)
+        self._add_region(region, fill, placement, source)
 
     def _stroke(
-        self, element: Element, path: FlatPath, style: Style, place: Place, opacity: float
+        self, element: Element, path: FlatPath, style: Style, placement: Placement, opacity: float
     ) -> None:
         if style.stroke is None or style.stroke_width <= 0 or len(path.points) == 0:
             return
-        color = self.resolved(
-            element, "stroke", style.stroke, style, style.stroke_opacity * opacity, path, place
+        paint = self._resolved(
+            element, "stroke", style.stroke, style, style.stroke_opacity * opacity, path, placement
         )
-        if color is None:
+        if paint is None:
             return
-        points, map3, scale = path.points, place.map3, place.scale
+        points, map3, scale = path.points, placement.map3, placement.scale
         if style.vector_effect == "non-scaling-stroke":
             # The outline is made in pixels, whatever the element's own units are. Chromium too
             # ignores the size at which the whole drawing is shown.
@@ -127,14 +109,13 @@ class Painter:
         outlines = self._outlines(element, path, points, style, scale)
         if not outlines:
             return
-        if isinstance(color, tuple) and not isinstance(color, (LinearGradient, RadialGradient)):
-            reach = style.stroke_width / 2 * scale * max(style.stroke_miterlimit, 1.5)
-            corners = affine_maps.apply(map3, points)
-            if not is_clipped(place.clip, corners, reach):
-                place.sink.add_strokes(outlines, map3, color)
-                return
+        reach = style.stroke_width / 2 * scale * max(style.stroke_miterlimit, 1.5)
+        corners = affine_maps.apply(map3, points)
+        if not isinstance(paint, Gradient) and not placement.clips(corners, reach):
+            placement.sink.add_strokes(outlines, map3, paint)
+            return
         region = stroked(outlines, map3, self._page.budget)
-        self.add_region(element, region, color, place, -1)
+        self._add_region(region, paint, placement, -1)
 
     def _outlines(
         self, element: Element, path: FlatPath, points: np.ndarray, style: Style, scale: float
@@ -152,13 +133,13 @@ class Painter:
             pieces = [(chain, smooth, closed)]
             if pattern and len(chain) > 1:
                 cut = dashes(chain, smooth, closed, pattern, offset, self._page.budget)
-                pieces = [(part, is_smooth, False) for part, is_smooth in cut]
+                pieces = [(dash, is_smooth, False) for dash, is_smooth in cut]
             outlines += [
                 Outline(
-                    part, is_closed, style.stroke_width, style.stroke_linecap,
+                    line, is_closed, style.stroke_width, style.stroke_linecap,
                     style.stroke_linejoin, style.stroke_miterlimit, scale, is_smooth,
                 )
-                for part, is_smooth, is_closed in pieces
+                for line, is_smooth, is_closed in pieces
             ]  # fmt: skip
         return outlines
 
@@ -188,24 +169,24 @@ class Painter:
             return (), 0.0
         return tuple(factor * length for length in pattern), factor * offset
 
-    def add_region(
-        self, element: Element, region: Any, fill: Fill, place: Place, source: int
+    def _add_region(
+        self, region: Any, fill: Rgba | Gradient, placement: Placement, source: int
     ) -> None:
         """Clip a region in pixels, divide it into paints, and pass it on."""
-        if place.clip is not None:
-            region = intersection(region, place.clip, self._page.budget)
-        if is_empty(region) or fill is None:
+        if placement.clip is not None:
+            region = intersection(region, placement.clip, self._page.budget)
+        if is_empty(region):
+            return
+        if not isinstance(fill, Gradient):
+            placement.sink.add_items([Item(region, flat(fill), source)])
             return
         low_x, low_y, high_x, high_y = map(float, shapely.bounds(region))
         bounds = (low_x, low_y, high_x, high_y)
         if isinstance(fill, LinearGradient):
             pieces = linear_pieces(fill, bounds, self._page.budget)
-        elif isinstance(fill, RadialGradient):
-            pieces = radial_pieces(fill, bounds, self._page.tolerance, self._page.budget)
         else:
-            place.sink.add_items([Item(region, flat(fill), source)])
-            return
-        place.sink.add_items(self._cut(region, pieces, source))
+            pieces = radial_pieces(fill, bounds, self._page.tolerance, self._page.budget)
+        placement.sink.add_items(self._cut(region, pieces, source))
 
     def _cut(self, region: Any, pieces: list, source: int) -> list[Item]:
         """Intersect a region with convex pieces."""
@@ -227,9 +208,9 @@ class Painter:
             if not is_empty(polygons[k])
         ]
 
-    def resolved(
+    def _resolved(
         self, element: Element, name: str, paint: Any, style: Style, opacity: float,
-        path: FlatPath, place: Place,
+        path: FlatPath, placement: Placement,
     ) -> Fill:  # fmt: skip
         """What a paint paints on a shape: a colour, a gradient, or None."""
         opacity = opacity if self._page.context.opacity else 1.0
@@ -237,11 +218,12 @@ class Painter:
             server = self._page.target(paint.reference)
             report = self._page.report(element)
             if server is not None and server.name in GRADIENTS:
-                fill = gradient_fill(self._page, server, _bounds(path), place.map3, opacity)
-                if not isinstance(fill, bool):
+                fill = gradient_fill(self._page, server, _bounds(path), placement.map3, opacity)
+                if fill is not False:
                     return fill
             elif server is not None and server.name == "pattern":
-                report(WITHOUT_EFFECT, name, "patterns are not drawn")
+                if pattern_applies(server, _bounds(path)):
+                    report(WITHOUT_EFFECT, name, "patterns are not drawn")
             elif paint.fallback is False:
                 report(INVALID, name, f"refers to no paint ({paint.reference[:40]!r})")
             paint = None if paint.fallback is False else paint.fallback
@@ -255,17 +237,12 @@ class Painter:
         return red, green, blue, alpha * opacity if self._page.context.opacity else 1.0
 
 
-def _bounds(path: FlatPath) -> Box | None:
-    """The bounding box of the fill, in user units."""
-    if len(path.points) == 0:
-        return None
+def paints_both(style: Style) -> bool:
+    """Whether a shape of this style may have a fill and a stroke."""
+    return style.fill is not None and style.stroke is not None and style.stroke_width > 0
+
+
+def _bounds(path: FlatPath) -> Box:
+    """The bounding box of the fill of a path that has points, in user units."""
     low, high = path.points.min(axis=0).tolist(), path.points.max(axis=0).tolist()
     return Box(low[0], low[1], high[0] - low[0], high[1] - low[1])
-
-
-def is_clipped(clip: Any, points: np.ndarray, margin: float = 0.0) -> bool:
-    """Whether a clip may cut something within `margin` of points."""
-    if clip is None:
-        return False
-    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-    return not bool(shapely.covers(clip, shapely.box(*low, *high)))

@@ -8,13 +8,13 @@ import re
 
 from fontTools.svgLib.path import parse_path
 
-from ..shapes.paths import Arc, Path, Subpath, arc_between
+from ..shapes.paths import Arc, Path, Subpath, arc_between, end_of
+from .numbers import NUMBER
 
 # Possessive, so that matching takes linear time.
-_NUMBER = r"[+-]?+(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+"
 _SEPARATOR = r"[ \t\r\n\f]*+,?+[ \t\r\n\f]*+"
 _COMMAND = re.compile(r"[ \t\r\n\f]*+([MmZzLlHhVvCcSsQqTtAa])[ \t\r\n\f]*+")
-_ARGUMENT = re.compile(rf"({_NUMBER}){_SEPARATOR}")
+_ARGUMENT = re.compile(rf"({NUMBER}){_SEPARATOR}")
 _FLAG = re.compile(rf"([01]){_SEPARATOR}")
 
 _SAME_POINT = 1e-9
@@ -160,8 +160,7 @@ def _last(subpath: Subpath) -> int:
     """Index of the current point of a subpath."""
     if not subpath.segments:
         return subpath.start
-    segment = subpath.segments[-1]
-    return segment.end if isinstance(segment, Arc) else segment[-1]
+    return end_of(subpath.segments[-1])
 
 
 def polygon_path(points: list[tuple[float, float]], closed: bool) -> Path:

@@ -99,10 +99,13 @@ def read_svg(
     If the first shape is an opaque rect that covers viewBox and canvas, it becomes the
     `background`. Vertices are mapped to pixels in float64 and rounded to float32.
 
+    Media queries are about the canvas, on a screen with light colours. An image that is missing,
+    unreadable or outside `assets` is left out. In dialect `"course"`, it is an error.
+
     Raises `ValueError`, one line with file and line number, for a document that is not well-formed,
-    declares entities other than short texts, or is larger than 64 MB, for images that are missing
-    or outside `assets`, for invalid attributes of images, `colortri` and `textri`, and for a
-    `transform` that is singular or sends points to infinity. Also for a document that exceeds a
+    declares entities other than short texts, or is larger than 64 MB, for textures that are missing
+    or outside `assets`, for invalid attributes of `colortri` and `textri`, and for a `transform`
+    that is singular or sends points to infinity. Also for a document that exceeds a
     limit of `softras2d.io.budget`, such as 2,097,152 triangles, 4,194,304 points, 100,000 points in
     which polygons cross themselves, or 67,108,864 pixels in all images together (1 GiB). Limits are
     checked before the work is done.

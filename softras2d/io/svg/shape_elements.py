@@ -12,6 +12,18 @@ from .path_data import ellipse_path, parse_path_data, polygon_path, rect_path
 from .style import Style
 from .tree import Element
 
+_GEOMETRY = {
+    # Attributes that style sheets can set too (SVG 2, section 7.2 and chapter 10).
+    "circle": ("cx", "cy", "r"),
+    "ellipse": ("cx", "cy", "rx", "ry"),
+    "rect": ("x", "y", "width", "height", "rx", "ry"),
+    "image": ("x", "y", "width", "height"),
+    "svg": ("x", "y", "width", "height"),
+    "symbol": ("x", "y", "width", "height"),
+    "use": ("x", "y", "width", "height"),
+    "path": ("d",),
+}
+
 
 class ElementLengths:
     """Reads lengths of an element in user units; notes those that are invalid.
@@ -28,13 +40,17 @@ class ElementLengths:
 
     def text(self, name: str) -> str | None:
         """The text of a geometry property."""
-        return self._page.geometry(self._element, self._declared, name)
+        values = self._css_values(name)
+        return values[0] if values else self._element.attrib.get(name)
+
+    def _css_values(self, name: str) -> list[str]:
+        """The values from style sheets, where they may set the property."""
+        if name not in _GEOMETRY.get(self._element.name, ()):
+            return []
+        return self._declared.css_values(name)
 
     def read(self, name: str, default: float = 0.0) -> float:
         """A length; `default` if it is missing, `auto` or invalid."""
-        text = self.text(name)
-        if text is None or text.strip() in ("auto", "inherit", "initial", "unset"):
-            return default
         viewport = self._page.viewport
         if name in ("x", "x1", "x2", "cx", "width", "rx"):
             full = viewport.width
@@ -42,11 +58,18 @@ class ElementLengths:
             full = viewport.diagonal
         else:
             full = viewport.height
-        try:
-            return viewport.length(text, full, self._style.font_size)
-        except ValueError as error:
-            self.report(INVALID, name, str(error))
-            return default
+        texts = self._css_values(name)
+        if (text := self._element.attrib.get(name)) is not None:
+            texts.append(text)
+        # Browsers accept these lengths without units in `style` too, against the standard.
+        for text in texts:
+            if text.strip() in ("auto", "inherit", "initial", "unset"):
+                return default
+            try:
+                return viewport.length(text, full, self._style.font_size)
+            except ValueError as error:
+                self.report(INVALID, name, str(error))
+        return default
 
     def size(self, name: str, default: float = 0.0) -> float:
         """A length that must not be negative; `default` if it is."""

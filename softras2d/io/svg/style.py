@@ -8,10 +8,13 @@ from typing import Any, NamedTuple
 from .cascade import Declarations
 from .css_color import CURRENT, Rgba, color_of
 from .notices import INVALID, WITHOUT_EFFECT
-from .numbers import finite, fraction
+from .numbers import finite, fraction, is_number
 from .units import MEDIUM, Viewport
 
 _URL = re.compile(r"url\(\s*+(?:\"([^\"]*+)\"|'([^']*+)'|([^()\"'\s]*+))\s*+\)\s*+")
+
+_WORD = re.compile(r"[^\s()]++(?:\([^()]*+\))?+")
+"""A word of a value, or a function without functions in it."""
 
 BLACK: Rgba = (0.0, 0.0, 0.0, 1.0)
 
@@ -82,8 +85,21 @@ UNSUPPORTED = {
     "mix-blend-mode": ("normal",),
 }
 
-_CSS_ONLY = ("background-color",)
+_UNSUPPORTED_IN_CSS = {
+    # The same for properties that are no presentation attributes.
+    "animation": ("none",),
+    "animation-name": ("none",),
+    "mask-image": ("none",),
+    "offset": ("none",),
+    "offset-path": ("none",),
+    "zoom": ("1", "100%", "normal"),
+}
+
+_CSS_ONLY = ("background", "background-color")
 """Properties that are no presentation attributes."""
+
+_NEEDS_UNITS = ("transform-origin",)
+"""Properties whose lengths may lack a unit in attributes, but not in CSS."""
 
 Note = Callable[[str, str, str], None]
 """Called with the kind of a notice, the name of a property, and what is wrong."""
@@ -99,46 +115,69 @@ def computed(declared: Declarations, parent: Style, viewport: Viewport, note: No
     font_size = parent.font_size
     if "font-size" in declared.css or "font-size" in declared.attributes:
         # Parsed first, since other lengths may depend on it; if it is invalid, noted below.
-        for text in _texts(declared, "font-size"):
+        for declaration in _by_rank(declared, "font-size"):
             with contextlib.suppress(ValueError):
-                font_size = _value("font_size", text, parent, viewport, font_size)
+                font_size = _value(declaration, "font_size", parent, viewport, font_size)
                 break
     for source in (declared.attributes, declared.css):
         for name, value in source.items():
             field = _FIELDS.get(name)
             if field is None or (name in _CSS_ONLY and source is declared.attributes):
-                if name in UNSUPPORTED and value.strip() not in UNSUPPORTED[name]:
+                if _is_unsupported(name, value, source is declared.css):
                     note(WITHOUT_EFFECT, name, value)
                 elif name == "font" and source is declared.css:
                     changes |= _font_size_of_shorthand(value, font_size, viewport)
                 continue
             if source is declared.attributes and name in declared.css:
                 continue
-            for text in _texts(declared, name):
+            for declaration in _by_rank(declared, name):
                 try:
-                    changes[field] = _value(field, text, parent, viewport, font_size)
+                    changes[field] = _value(declaration, field, parent, viewport, font_size)
                     break
                 except ValueError as error:
-                    note(INVALID, name, f"{str(error).rstrip('.')} ({text.strip()[:40]!r})")
+                    excerpt = declaration.text.strip()[:40]
+                    note(INVALID, name, f"{str(error).rstrip('.')} ({excerpt!r})")
     return parent._replace(**(_NOT_INHERITED | changes))
 
 
-_FIELDS = {name.replace("_", "-"): name for name in Style._fields}
+_FIELDS = {name.replace("_", "-"): name for name in Style._fields} | {
+    "background": "background_color"
+}
 
 
-def _texts(declared: Declarations, name: str) -> list[str]:
-    """The values that are declared for a property, from the highest rank down."""
-    texts = []
-    if name in declared.css:
-        texts = [declared.css[name], *reversed(declared.outranked.get(name, ()))]
+def _is_unsupported(name: str, value: str, is_css: bool) -> bool:
+    """Whether a declaration changes the image in browsers, but has no effect here."""
+    harmless = UNSUPPORTED.get(name) or (_UNSUPPORTED_IN_CSS.get(name) if is_css else None)
+    return harmless is not None and value.strip() not in harmless
+
+
+class _Declaration(NamedTuple):
+    """The value of one property, and whether it is from CSS rather than from an attribute."""
+
+    name: str
+    text: str
+    is_css: bool
+
+
+def _by_rank(declared: Declarations, name: str) -> list[_Declaration]:
+    """The declarations of a property, from the highest rank down."""
+    declarations = [_Declaration(name, text, True) for text in declared.css_values(name)]
     if name in declared.attributes and name not in _CSS_ONLY:
-        texts.append(declared.attributes[name])
-    return texts
+        declarations.append(_Declaration(name, declared.attributes[name], False))
+    return declarations
 
 
-def _value(field: str, text: str, parent: Style, viewport: Viewport, font_size: float) -> Any:
+def _value(
+    declaration: _Declaration, field: str, parent: Style, viewport: Viewport, font_size: float
+) -> Any:
     """Parse the value of a property. Raises `ValueError` for text that is none."""
-    text = text.strip()
+    text = declaration.text.strip()
+    if declaration.name in _NEEDS_UNITS and declaration.is_css:
+        for word in text.split():
+            if is_number(word) and finite(word):
+                raise ValueError("has no unit, such as `px`")
+    if declaration.name == "background":
+        return _background(text)
     keyword = text.lower()
     if keyword in ("inherit", "initial", "unset", "revert", "revert-layer"):
         is_inherited = field not in _NOT_INHERITED
@@ -173,7 +212,15 @@ def _color(text: str, parent: Style, *_: object) -> Any:
     return parent.color if color == CURRENT else color
 
 
-def _stop_color(text: str, *_: object) -> Any:
+def _background(text: str) -> Any:
+    """The colour of a `background` shorthand, which is transparent if it names none."""
+    for word in _WORD.findall(text):
+        if (color := color_of(word)) is not None:
+            return color
+    return INITIAL.background_color
+
+
+def _color_or_current(text: str, *_: object) -> Any:
     color = color_of(text)
     if color is None:
         raise ValueError("is no colour")
@@ -308,9 +355,9 @@ _PARSERS: dict[str, Callable[..., Any]] = {
     "clip_path": _clip_path,
     "transform_origin": _any_text,
     "transform_box": _one_of("view-box", "fill-box", "stroke-box", "content-box", "border-box"),
-    "stop_color": _stop_color,
+    "stop_color": _color_or_current,
     "stop_opacity": _opacity,
-    "background_color": _color,
+    "background_color": _color_or_current,
 }
 
 

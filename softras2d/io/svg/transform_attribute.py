@@ -1,6 +1,5 @@
 """Parses the attribute `transform`, by the grammar of SVG and by that of the course."""
 
-import math
 import re
 from collections.abc import Callable
 
@@ -8,8 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from ...geometry import affine_maps
-from .numbers import blank_separated, finite, number_list
-from .units import Viewport
+from .numbers import blank_separated, number_list
 
 _FUNCTION = re.compile(r"[\s,]*+([a-zA-Z]++)\s*+\(([^()]*+)\)")
 
@@ -48,75 +46,6 @@ def transform_list(text: str) -> Float64[np.ndarray, "3 3"]:
         product = product @ make_matrix(*arguments)
         position = match.end()
     return product
-
-
-_CSS_ARGUMENTS = {
-    # For each CSS transform function: whether its arguments are angles.
-    "matrix": False, "translate": False, "translatex": False, "translatey": False, "scale": False,
-    "scalex": False, "scaley": False, "rotate": True, "skew": True, "skewx": True, "skewy": True,
-}  # fmt: skip
-
-_DEGREES = {"": 1.0, "deg": 1.0, "rad": 180 / math.pi, "grad": 0.9, "turn": 360.0}
-_ANGLE = re.compile(r"([^a-zA-Z%]*+(?:[eE][+-]?+[0-9]++)?+)([a-zA-Z]*+)\Z")
-
-
-def css_transform(text: str, viewport: Viewport, font_size: float) -> Float64[np.ndarray, "3 3"]:
-    """Parse the CSS property `transform`; returns its matrix. `ValueError` for any other text.
-
-    **Source:** *CSS Transforms 1*, section 7.
-    """
-    product, position = affine_maps.identity(), 0
-    text = text.strip()
-    if text == "none":
-        return product
-    while position < len(text):
-        match = _FUNCTION.match(text, position)
-        name = match[1].lower() if match else ""
-        if match is None or name not in _CSS_ARGUMENTS:
-            raise ValueError(f"transform: expected a function, got {text[position:][:24]!r}.")
-        words = match[2].replace(",", " ").split()
-        if _CSS_ARGUMENTS[name]:
-            values = [_degrees(word) for word in words]
-        elif name.startswith("translate"):
-            values = [
-                viewport.length(word, viewport.height if k or name[-1] == "y" else viewport.width,
-                                font_size)
-                for k, word in enumerate(words)
-            ]  # fmt: skip
-        else:
-            values = number_list(match[2])
-        product = product @ _css_function(name, values)
-        position = match.end()
-    return product
-
-
-def _degrees(word: str) -> float:
-    match = _ANGLE.match(word)
-    if match is None or match[2].lower() not in _DEGREES:
-        raise ValueError(f"transform: expected an angle, got {word[:24]!r}.")
-    return finite(match[1]) * _DEGREES[match[2].lower()]
-
-
-def _css_function(name: str, values: list[float]) -> Float64[np.ndarray, "3 3"]:
-    one, zero = (values[:1] or [0.0])[0], 0.0
-    counts, matrix = {
-        "matrix": ((6,), affine_maps.matrix),
-        "translate": ((1, 2), affine_maps.translate),
-        "translatex": ((1,), affine_maps.translate),
-        "translatey": ((1,), lambda y: affine_maps.translate(zero, y)),
-        "scale": ((1, 2), affine_maps.scale),
-        "scalex": ((1,), lambda x: affine_maps.scale(x, 1.0)),
-        "scaley": ((1,), lambda y: affine_maps.scale(1.0, y)),
-        "rotate": ((1,), affine_maps.rotate),
-        "skew": ((1, 2), lambda x, y=0.0: affine_maps.skew_x(x) + affine_maps.skew_y(y)
-                 - affine_maps.identity()),
-        "skewx": ((1,), affine_maps.skew_x),
-        "skewy": ((1,), affine_maps.skew_y),
-    }[name]  # fmt: skip
-    if len(values) not in counts:
-        wanted = " or ".join(map(str, counts))
-        raise ValueError(f"transform: {name} takes {wanted} values, got {len(values)} ({one}).")
-    return matrix(*values)
 
 
 def course_transform(text: str, unknown: Callable[[str], None]) -> Float64[np.ndarray, "3 3"]:

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from .numbers import length
+from .numbers import is_number, length
 
 MEDIUM = 16.0
 """Font size `medium`, in px, which browsers use unless told otherwise."""
@@ -35,6 +35,13 @@ class Viewport(NamedTuple):
         size, as CSS Values 4, section 6.1.1, says, and `cap` and `ic` are the whole.
         """
         return length(text, full, self._relative_units(font_size))
+
+    def css_length(self, text: str, full: float, font_size: float) -> float:
+        """Parse a length of a style sheet like `length`. There, only 0 may lack its unit."""
+        value = self.length(text, full, font_size)
+        if value and is_number(text):
+            raise ValueError(f"the length {text.strip()[:24]!r} has no unit, such as `px`")
+        return value
 
     def _relative_units(self, font_size: float) -> dict[str, float]:
         width, height = self.page_width / 100, self.page_height / 100

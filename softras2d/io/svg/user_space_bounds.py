@@ -1,12 +1,11 @@
-"""Computes bounding boxes of elements in their own user units, for `objectBoundingBox`."""
-
-from functools import partial
+"""Computes bounding boxes of elements in their own user units, and transforms relative to these."""
 
 import numpy as np
 
 from ...geometry import affine_maps
 from ..shapes.paths import flatten
-from .element_transform import own_transform
+from .cascade import Declarations
+from .element_transform import element_transform
 from .page import Page
 from .shape_elements import SHAPES, ElementLengths
 from .style import Style
@@ -14,58 +13,76 @@ from .tree import Element
 from .view_box import Box
 
 _MAX_NESTING = 32
-"""Limit of boxes that depend on boxes within them, by `transform-box`."""
+"""Limit of boxes that depend on boxes within them, by `transform-box`, and of `use` in `use`."""
 
 
-def bounds_of(page: Page, element: Element, style: Style, nesting: int = 0) -> Box | None:
+def transformed(
+    page: Page,
+    element: Element,
+    declared: Declarations,
+    style: Style,
+    map3: np.ndarray,
+    nesting: int = 0,
+) -> np.ndarray:
+    """The map of an element: that of its parent, `map3`, after the element's own transform.
+
+    `nesting` is the number of bounding boxes that are being computed.
+    """
+    own_map = element_transform(
+        page, element, declared, style, lambda: bounds_of(page, element, style, nesting)
+    )
+    return map3 if own_map is None else map3 @ own_map
+
+
+def bounds_of(page: Page, root: Element, style: Style, nesting: int = 0) -> Box | None:
     """The bounding box of the fills in an element, without strokes; None if it is empty.
 
-    `nesting` is the number of boxes that depend on this one; too deep ones count as empty.
-
-    Each element that is visited counts as a copy in the budget, as it is visited again.
+    `nesting` is the number of boxes that depend on this one; too deep ones count as empty. Each
+    element that is visited counts as a copy in the budget, as it is visited again.
 
     **Source:** SVG 2, section 8.10.
     """
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     if nesting > _MAX_NESTING:
         return None
-    pending = [(element, affine_maps.identity(), style, 0)]
+    pending = [(root, affine_maps.identity(), style, 0)]
     while pending:
-        one, map3, its_style, uses = pending.pop()
+        element, map3, style, uses = pending.pop()
         page.budget.charge("copies", 1)
-        declared = page.declared(one)
-        lengths = ElementLengths(page, one, declared, its_style)
-        children = one.children
-        if one.name in SHAPES:
-            path = SHAPES[one.name](lengths)
-            if path is None or not path.points:
-                continue
-            scale = float(np.linalg.norm(map3[:2, :2], 2)) * page.pixels_per_px
-            outline = flatten(path, np.eye(2) * scale, page.tolerance, page.budget)
-            points = affine_maps.apply(map3, outline.points)
-            low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+        lengths = ElementLengths(page, element, page.declared(element), style)
+        children = element.children
+        if element.name in SHAPES or element.name == "image":
+            points = _points(page, element, lengths, map3)
+            if len(points):
+                points = affine_maps.apply(map3, points)
+                low = np.minimum(low, points.min(axis=0))
+                high = np.maximum(high, points.max(axis=0))
             continue
-        if one.name == "image":
-            x, y = lengths.read("x"), lengths.read("y")
-            size = [lengths.size("width"), lengths.size("height")]
-            points = affine_maps.apply(map3, [[x, y], [x + size[0], y + size[1]]])
-            low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
-            continue
-        if one.name == "use":
-            target = page.target(one.attrib.get("href"))
+        if element.name == "use":
+            target = page.target(element.attrib.get("href"))
             map3 = map3 @ affine_maps.translate(lengths.read("x"), lengths.read("y"))
             uses += 1
-            children = [] if target is None or uses > 32 else [target]
-        elif one.name not in ("g", "a", "svg", "switch", "symbol"):
+            children = [] if target is None or uses > _MAX_NESTING else [target]
+        elif element.name not in ("g", "a", "svg", "switch", "symbol"):
             continue
         for child in children:
-            child_declared = page.declared(child)
-            child_style = page.computed(child, its_style, child_declared)
-            if child_style.display == "none":
-                continue
-            inner = partial(bounds_of, page, child, child_style, nesting + 1)
-            own = own_transform(page, child, child_declared, child_style, inner)
-            pending.append((child, map3 if own is None else map3 @ own, child_style, uses))
+            declared = page.declared(child)
+            child_style = page.computed(child, style, declared)
+            if child_style.display != "none":
+                child_map = transformed(page, child, declared, child_style, map3, nesting + 1)
+                pending.append((child, child_map, child_style, uses))
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         return None
     return Box(*low.tolist(), *(high - low).tolist())
+
+
+def _points(page: Page, element: Element, lengths: ElementLengths, map3: np.ndarray) -> np.ndarray:
+    """Points `[n, 2]` of the outline of a shape, or two corners of an image, in its user units."""
+    if element.name == "image":
+        x, y = lengths.read("x"), lengths.read("y")
+        return np.array([[x, y], [x + lengths.size("width"), y + lengths.size("height")]])
+    path = SHAPES[element.name](lengths)
+    if path is None or not path.points:
+        return np.zeros((0, 2))
+    scale = float(np.linalg.norm(map3[:2, :2], 2)) * page.pixels_per_px
+    return flatten(path, np.eye(2) * scale, page.tolerance, page.budget).points

@@ -6,6 +6,7 @@ import zlib
 import numpy as np
 import pytest
 
+from softras2d.io import budget
 from softras2d.io.svg.reader import parse_svg, read_svg
 
 from ...cases.drawings import corners_of
@@ -208,11 +209,33 @@ def test_files_elsewhere_are_refused(folder, name, dialect):
     (folder / "scenes" / "link.png").symlink_to(folder / "secret.png")
     (folder / "scenes" / "linked").symlink_to(folder / "img")
     (folder / "scenes" / "loop.png").symlink_to("loop.png")
-    for body in (textri(name), f'<image width="5" height="5" xlink:href="{name}"/>'):
+    image = f'<image width="5" height="5" xlink:href="{name}"/>'
+    for body in (textri(name), image):
         with pytest.raises(ValueError, match=REFUSED) as caught:
-            read(folder, body, dialect=dialect)
+            read(folder, body, dialect=dialect, strict=True)
         assert "s.svg:2: <" in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def test_images_that_cannot_be_read_are_left_out(folder):
+    (folder / "scenes" / "bad.png").write_bytes(b"not a picture")
+    rect = '<rect x="20" width="5" height="5"/>'
+    for name in ("missing.png", "bad.png", "../secret.png", "data:image/png;base64,AAAA"):
+        images = f'<image width="5" height="5" href="{name}"/>\n' * 2
+        named = r"s\.svg: not drawn: href of <image> \(2 times, first in line 2: .*\)\.$"
+        with pytest.warns(UserWarning, match=named):
+            scene = read(folder, images + rect)
+        assert scene.textures is None
+        assert scene.triangles.shape == (2, 3)
+        # Textures are the course's, and refused as it does.
+        with pytest.raises(ValueError, match=r"s\.svg:2: <text"):
+            read(folder, textri(name))
+
+
+def test_images_beyond_the_limit_are_refused(folder, monkeypatch):
+    monkeypatch.setitem(budget._LIMITS, "texels", budget._Limit(5, "pixels of pictures"))
+    with pytest.raises(ValueError, match=r"s\.svg:2: <image> .*at most 5"):
+        read(folder, '<image href="a.png"/>')
 
 
 def test_assets_opens_another_folder(folder):
@@ -248,7 +271,7 @@ def test_invalid_data_uris_are_refused(href, match, dialect):
     image = f'<image width="5" height="5" xlink:href="{href}"/>'
     text = f'<svg {NS} width="9" height="9">\n\n{image}</svg>'
     with pytest.raises(ValueError, match=rf"<svg>:3: <image> .*{match}") as caught:
-        parse_svg(text, dialect=dialect)
+        parse_svg(text, dialect=dialect, strict=True)
     assert "\n" not in str(caught.value)
 
 

@@ -49,7 +49,8 @@ def test_selectors_that_do_not_match(selector):
         ("#r { fill: red }", 'style="fill: lime"'),
         ("* { fill: lime !important }", 'style="fill: red"'),
         ("* { fill: red !important }", 'style="fill: lime !important"'),
-        (".a { fill: lime !important } #r { fill: red !important; fill: blue }", 'class="a"'),
+        (".a { fill: lime !important } #r { fill: red }", ""),
+        (".a { fill: red !important } #r { fill: lime !important; fill: blue }", ""),
         # What is invalid has no effect.
         (".a { fill: lime } rect.b { fill: redd }", ""),
         ("rect.b { fill: lime !important; fill: redd !important } .a { fill: red }", ""),
@@ -57,14 +58,13 @@ def test_selectors_that_do_not_match(selector):
         ("#r { fill: redd }", 'fill="lime" style="fill: 3px"'),
         ("* { fill: lime } rect:has(a), rect { fill: red }", ""),
         ("@media print { rect { fill: red } } @media all { rect { fill: lime } }", ""),
-        ("/* a */ <!-- --> rect { fill: lime; ; stroke: none }".replace("<!-- -->", ""), ""),
+        # Comments of CSS hide their text; those of HTML are skipped, and their text is not.
+        ("rect { fill: red; /* fill: blue; */ ; fill: lime } /* rect { fill: red } */", ""),
+        ("rect { fill: red } &lt;!-- rect { fill: lime } --&gt;", ""),
     ],
 )
 def test_the_winner_is_lime(sheet, attributes):
-    id_ = "" if "class" in attributes else 'id="r"'
-    rect = f'<rect width="9" height="9" class="a b" {id_} {attributes}/>'
-    if "class" in attributes:
-        rect = '<rect width="9" height="9" class="a"/>'
+    rect = f'<rect width="9" height="9" class="a b" id="r" {attributes}/>'
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         assert color(sheet, rect) == LIME
@@ -80,6 +80,39 @@ def test_what_is_not_supported_is_named():
             color(sheet)
     with pytest.raises(ValueError, match=r"<svg>:1: <style> @import"):
         color("@import 'a.css';", strict=True)
+
+
+@pytest.mark.parametrize(
+    ("media", "is_match"),
+    [
+        ("", True), ("screen", True), ("ALL", True), ("only screen", True), ("print", False),
+        ("not print", True), ("not all", False), ("print, screen", True),
+        ("(min-width: 20px)", True), ("(min-width: 21px)", False), ("(max-height: 9px)", True),
+        ("screen and (width >= 1em) and (height < 10px)", True),
+        ("(10px < width <= 20px)", True), ("(10px > width)", False), ("(width = 20px)", True),
+        ("(width: 19px) or (height: 9px)", True), ("not (width: 20px)", False),
+        ("screen and (not ((width: 20px) and (height: 8px)))", True), ("(orientation: portrait)",
+        False), ("(min-aspect-ratio: 2/1)", True), ("(aspect-ratio > 3)", False),
+        ("(prefers-color-scheme: dark)", False), ("(prefers-color-scheme: light)", True),
+        ("(hover)", False), ("(color)", True), ("screen print", False),
+        ("(width: 20px) and", False), ("(width: 19px) and (mystery: 3)", False),
+        ("screen, (mystery: 3)", True),
+    ],
+)  # fmt: skip
+def test_media_queries_about_the_canvas(media, is_match):
+    sheet = f"@media {media} {{ rect {{ fill: red }} }}".replace("<", "&lt;")
+    assert color(sheet) == (RED if is_match else BLACK)
+
+
+def test_unknown_media_queries_are_named():
+    for media in (
+        "(mystery: 3)",
+        "screen and (mystery: 3)",
+        "not (mystery: 3)",
+        "(width: 2furlong)",
+    ):
+        with pytest.warns(UserWarning, match=r"without effect: @media of <style> \(line 1: .*\("):
+            assert color(f"@media {media} {{ rect {{ fill: red }} }}") == BLACK
 
 
 def test_sheets_of_other_types_and_media_are_skipped():

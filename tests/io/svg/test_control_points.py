@@ -79,6 +79,17 @@ def test_moved_points_are_written_and_read_back(controls, tmp_path):
         sr.write_svg(tmp_path / "d.svg", controls, height=50, width=60)
 
 
+def test_the_gradient_of_positions_is_the_transposed_matrix(controls):
+    weights = np.random.default_rng(2).uniform(-1, 1, controls.offset.shape).astype(np.float32)
+    gradient = jax.grad(lambda points: (controls.positions(points) * weights).sum())(
+        controls.points
+    )
+    wanted = controls.matrix().T @ weights.ravel()
+    assert (np.abs(wanted) > 0.01).mean() > 0.8
+    np.testing.assert_allclose(np.ravel(gradient), wanted, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.slow
 def test_the_gradient_of_an_image_by_control_points(controls, tmp_path, float64):
     """Against central differences, of the exact image of the fills alone."""
     text = DRAWING.replace(' stroke="black"', "")

@@ -26,6 +26,8 @@ SHAPES = {
 }
 
 
+# `tests/io/shapes/test_paths.py` has cheaper tests of the tolerance, without images.
+@pytest.mark.slow
 @pytest.mark.parametrize("body", SHAPES, ids=["circle", "parabola"])
 def test_coverage_differs_by_no_more_than_the_tolerance_implies(body):
     """The curve passes through a pixel for at most 2 pixels, beside a band as wide as `tolerance`.

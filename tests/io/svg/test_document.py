@@ -95,7 +95,7 @@ def test_malformed_files_are_refused(text, match, dialect):
 
 def test_nesting_is_limited():
     for opening in ("<g>", '<g opacity="1" transform="scale(1)">', "<circle>", "<text>", "<defs>"):
-        count = 5_000
+        count = 2_000
         name = opening.strip("<>").split()[0]
         text = HEAD + opening * count + RECT + f"</{name}>" * count + "</svg>"
         if name == "text":
@@ -111,10 +111,10 @@ def test_large_files_are_refused(tmp_path):
     with path.open("wb") as file:
         file.write(HEAD.encode())
         file.truncate(100 * 2**20)
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(ValueError, match=r"large\.svg: larger than 64 MB"):
         read_svg(path)
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
 
 
 def test_endless_files_are_refused():
@@ -266,9 +266,9 @@ def test_five_thousand_polygons_are_read_in_seconds():
         ).tolist()
     ]
     text = '<svg width="1000" height="1000">' + "\n".join(lines) + "</svg>"
-    start = time.perf_counter()
+    start = time.process_time()
     scene = parse_svg(text)
-    assert time.perf_counter() - start < 10  # 0.3 s alone on a core
+    assert time.process_time() - start < 10  # 0.3 s alone on a core
     np.testing.assert_array_equal(
         np.asarray(scene.positions).reshape(-1, 3, 2), corners.astype(np.float32)
     )

@@ -90,13 +90,14 @@ def write_and_browse(path: Path, scene: sr.Scene) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "case", [case if case.startswith("flat") else slowly(case) for case in CASES]
+    "case", [case if case.startswith("flat mesh") else slowly(case) for case in CASES]
 )
 def test_browsers_draw_nearly_the_same_image(tmp_path, case):
     scene, least = CASES[case]
     assert psnr(write_and_browse(tmp_path / "scene.svg", scene), render(scene)) >= least
 
 
+@pytest.mark.slow
 def test_without_blend_modes_the_image_is_still_near(tmp_path):
     path = tmp_path / "scene.svg"
     for scene, least in ((flat_mesh(), 40.0), (shaded_mesh(), 35.0)):
@@ -107,6 +108,7 @@ def test_without_blend_modes_the_image_is_still_near(tmp_path):
         assert psnr(shown, render(scene)) >= least
 
 
+@pytest.mark.slow
 def test_in_browsers_estimates_the_image_of_a_browser(tmp_path):
     scene = shaded_mesh()
     shown = write_and_browse(tmp_path / "scene.svg", scene)

@@ -2,13 +2,18 @@
 
 from pathlib import Path
 
+import pytest
+
 import softras2d as sr
 from softras2d.io.svg.reader import parse_svg
 
+from ...cases.marks import slowly
 
-def test_drawings_of_200_sizes_compile_nothing(count_compilations):
+
+@pytest.mark.parametrize("step", [20, slowly(1)])
+def test_drawings_of_many_sizes_compile_nothing(count_compilations, step):
     with count_compilations() as compiled:
-        for count in range(200):
+        for count in range(0, 200, step):
             shapes = '<rect width="9" height="9" fill="#123456"/>' * (1 + count)
             glass = '<line stroke="red" stroke-opacity=".5" x2="9" y2="5"/>' * (count % 3)
             scene = parse_svg(

@@ -68,7 +68,7 @@ def style(parent=INITIAL, **attributes):
     """The computed style and the properties of its notices. Underscores stand for hyphens."""
     notes = []
     plain = {name.replace("_", "-"): value for name, value in attributes.items()}
-    declared = Cascade(Notices("a.svg", True), Budget()).declarations(
+    declared = Cascade(Notices("a.svg", True), Budget(), 9, 9).declarations(
         Element("rect", "rect", plain, None, 1)
     )
     result = computed(

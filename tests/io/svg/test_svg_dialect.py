@@ -342,15 +342,31 @@ def test_no_warning_without_need():
         read('<g id="a" class="b" stroke-dasharray="none" mask="none" xml:space="preserve"/>')
 
 
+SHAPES_ON_PIXELS = (
+    '<rect x="2" y="2" width="12" height="12" fill-opacity=".5"/>'
+    '<polygon points="16,2 30,2 30,6 20,6 20,14 16,14" fill-opacity=".5"/>'
+)
+
+
+def test_no_sample_lies_on_an_inner_edge_of_a_translucent_shape():
+    """It would be blended twice. Samples are at odd eighths of a pixel."""
+    corners = corners_of(read(SHAPES_ON_PIXELS, 'width="32" height="16"')).astype(np.float64)
+    x, y = np.meshgrid((np.arange(4 * 32) + 0.5) / 4, (np.arange(4 * 16) + 0.5) / 4)
+    samples = np.stack([x, y], axis=-1)[:, :, None]
+    sides = np.roll(corners, -1, axis=1) - corners
+    offsets = samples[..., None, :] - corners
+    areas = sides[..., 0] * offsets[..., 1] - sides[..., 1] * offsets[..., 0]
+    is_inside = (areas >= 0).all(axis=-1) | (areas <= 0).all(axis=-1)
+    wanted = np.zeros((16, 32), int)
+    wanted[2:14, 2:14] = wanted[2:14, 16:20] = wanted[2:6, 16:30] = 1
+    np.testing.assert_array_equal(is_inside.sum(axis=-1), wanted.repeat(4, 0).repeat(4, 1))
+
+
+@pytest.mark.slow
 def test_a_translucent_shape_on_whole_pixels_shows_no_seam():
-    """Samples on its inner edges would be blended twice."""
     import softras2d as sr
 
-    scene = read(
-        '<rect x="2" y="2" width="12" height="12" fill-opacity=".5"/>'
-        '<polygon points="16,2 30,2 30,6 20,6 20,14 16,14" fill-opacity=".5"/>',
-        'width="32" height="16"',
-    )
+    scene = read(SHAPES_ON_PIXELS, 'width="32" height="16"')
     plan = sr.plan(scene, height=16, width=32, coverage=sr.Hard(samples=16))
     image = np.asarray(sr.render(scene, plan))
     wanted = np.ones((16, 32, 3))

@@ -1,0 +1,52 @@
+"""Lists the names of elements by how they are drawn, and decides which conditions hold."""
+
+from .shape_elements import SHAPES
+from .tree import Element
+
+LANGUAGE = "en"
+"""The language of the user, for `systemLanguage`."""
+
+CONTAINERS = frozenset({"a", "g", "svg", "switch", "symbol", "use"})
+"""Elements whose children are drawn."""
+
+EXTENSIONS = frozenset({"colortri", "image", "textri"})
+"""Elements that `extensions.py` draws."""
+
+NEVER_DRAWN = frozenset({
+    "clipPath", "color-profile", "cursor", "defs", "desc", "filter", "font", "font-face",
+    "linearGradient", "marker", "mask", "metadata", "pattern", "radialGradient", "script", "stop",
+    "style", "texture", "title", "view",
+})  # fmt: skip
+"""Elements that draw nothing by themselves."""
+
+NOT_SUPPORTED = frozenset({
+    "animate", "animateColor", "animateMotion", "animateTransform", "audio", "canvas",
+    "foreignObject", "iframe", "set", "text", "video",
+})  # fmt: skip
+"""Elements that other programs draw, or that change what they draw."""
+
+_GRAPHICS = CONTAINERS | EXTENSIONS | NOT_SUPPORTED | SHAPES.keys()
+
+
+def is_drawable(name: str) -> bool:
+    """Whether elements of a name are drawn here."""
+    return name in SHAPES or name in EXTENSIONS or name in CONTAINERS
+
+
+def meets_conditions(element: Element) -> bool:
+    """Whether the conditional attributes of an element hold (SVG 2, section 5.9)."""
+    if "requiredExtensions" in element.attrib:
+        return False
+    languages = element.attrib.get("systemLanguage")
+    if languages is None:
+        return True
+    tags = [tag.strip().lower() for tag in languages.split(",")]
+    return any(tag == LANGUAGE or tag.startswith(f"{LANGUAGE}-") for tag in tags)
+
+
+def switched(element: Element) -> list[Element]:
+    """The child of a `switch` that is drawn: the first whose conditions hold."""
+    for child in element.children:
+        if child.name in _GRAPHICS and meets_conditions(child):
+            return [child]
+    return []

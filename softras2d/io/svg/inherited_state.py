@@ -1,0 +1,37 @@
+"""Holds what an element passes on to its children as they are drawn."""
+
+from typing import NamedTuple
+
+from .placement import Placement
+from .style import Style
+from .tree import Element
+from .units import Viewport
+
+
+class Instance(NamedTuple):
+    """A copy of an element that is being drawn.
+
+    - `target`: the element; `use`: what asks for the copy.
+    - `outer`: the copy inside of which this one is drawn, or None.
+    """
+
+    target: Element
+    use: Element
+    outer: "Instance | None"
+
+
+class InheritedState(NamedTuple):
+    """What an element passes on to its children.
+
+    - `viewport`: what their lengths are relative to.
+    - `instance`: the innermost copy of which they are a part; None outside of all copies.
+    """
+
+    style: Style
+    placement: Placement
+    viewport: Viewport
+    instance: Instance | None = None
+
+    def is_instance(self, element: Element) -> bool:
+        """Whether an element is what the innermost `use` asks for, rather than a part of it."""
+        return self.instance is not None and self.instance.target is element
