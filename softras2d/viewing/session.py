@@ -49,6 +49,11 @@ class Session:
         """The version of each subject, which changes with its contents."""
         return [subject.version for subject in self.subjects]
 
+    @property
+    def may_change(self) -> bool:
+        """Whether some subject may change while it is shown."""
+        return any(subject.may_change for subject in self.subjects)
+
     def show(self, page: Hashable, number: object) -> None:
         """Note the number of the subject that a page shows; None when the page is closed."""
         self._shown[page] = number
