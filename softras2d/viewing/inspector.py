@@ -13,6 +13,7 @@ from ..io.images import to_bytes
 from ..planning.size_classes import pad
 from ..scene import Scene
 from .draw import Artist
+from .exact_pixel import exact_pixel
 from .settings import Settings
 from .view import View
 from .window_layers import (
@@ -31,7 +32,7 @@ _MOST_LAYERS = 128
 """Layers that are composited at a sample, if so many are translucent."""
 
 _REFERENCE_SAMPLES = 256
-"""Samples per pixel of the reference value of a scene with depth, which has no exact area."""
+"""Samples per pixel of the reference value, where `exact_pixel` knows no exact one."""
 
 
 class PixelReport(NamedTuple):
@@ -92,18 +93,17 @@ def reference_value(
 ) -> tuple[str, list[float]]:
     """The value that a pixel of a view should have, and what it is called.
 
-    It is the pixel's exact area value, or for scenes with depth, which have none, the value with
-    256 samples.
+    It is the mean of the drawing over the exact area of the pixel, or the value with 256 samples
+    where `exact_pixel` has none.
     """
+    value = exact_pixel(scene, view.x + column, view.y + row)
+    if value is not None:
+        return "exact area", value
     window, nearby_scene, _ = _window(scene, view, settings, column, row)
-    if scene.depth is None:
-        name, exact, bits = "exact area", replace(settings, coverage="area"), None
-    else:
-        name = f"{_REFERENCE_SAMPLES} samples"
-        exact = replace(settings, coverage="sampled", samples=_REFERENCE_SAMPLES)
-        bits = _grid_bits(view, exact)
-    image = np.asarray(artist.render(nearby_scene, window, exact, bits)[0])
-    return name, image[LENS // 2, LENS // 2].tolist()
+    fine = replace(settings, coverage="sampled", samples=_REFERENCE_SAMPLES)
+    bits = _grid_bits(view, fine)
+    image = np.asarray(artist.render(nearby_scene, window, fine, bits)[0])
+    return f"{_REFERENCE_SAMPLES} samples", image[LENS // 2, LENS // 2].tolist()
 
 
 def _window(

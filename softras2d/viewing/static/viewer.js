@@ -34,12 +34,19 @@ const COMPARISONS = {
   "1 sample": { coverage: "sampled", samples: 1 },
   "4 samples": { coverage: "sampled", samples: 4 },
   "64 samples": { coverage: "sampled", samples: 64 },
-  "exact area": { coverage: "area" },
+  "area coverage": { coverage: "area" },
   "soft edges": { coverage: "soft" },
   "nearest texels": { pixel_filter: "nearest", level_filter: "zero" },
   trilinear: { pixel_filter: "bilinear", level_filter: "linear" },
   "top-left rule": { coverage: "sampled", fill_rule: "top_left" },
   "pixel shading": { coverage: "sampled", shading: "pixel" },
+};
+
+const COVERAGE_NOTES = {
+  sampled: "",
+  soft: "Triangles fade across their edges, so that the background shows at the seams of adjacent ones.",
+  area: "Each triangle covers its exact area of a pixel and is blended over those behind, so that the " +
+    "background shows at the seams of adjacent triangles. The inspector shows the exact value.",
 };
 
 // Keys, what they do, and the method to call. Those marked "course" are the keys of the viewer of
@@ -299,6 +306,7 @@ class Viewer {
     heading("Coverage");
     const kinds = [["sampled", "sampled"], ["soft", "soft"], ["area", "area"]];
     choices("coverage", "Kind", kinds, set("coverage"));
+    this.coverageNote = panel.appendChild(h("p", { class: "sr-hint", hidden: true }));
     choices("samples", "Samples per pixel", SAMPLES.map((n) => [n, `${n}`]), set("samples"));
     range("soft_width", "Width of soft edges", Math.log(0.1), Math.log(8), 0.01,
       (value) => `${+value.toPrecision(2)} px`, (t) => +Math.exp(t).toPrecision(3), Math.log);
@@ -1418,6 +1426,8 @@ class Viewer {
     controls.soft_width.show(settings.soft_width);
     controls.lod_bias.show(settings.lod_bias);
     const isSampled = settings.coverage === "sampled";
+    this.coverageNote.hidden = isSampled;
+    this.coverageNote.textContent = COVERAGE_NOTES[settings.coverage];
     for (const name of ["samples", "fill_rule", "shading"]) controls[name].hidden = !isSampled;
     controls.soft_width.hidden = settings.coverage !== "soft";
     for (const [name, isOn] of Object.entries(this.overlays)) controls[name].querySelector("input").checked = isOn;
@@ -1448,7 +1458,7 @@ class Viewer {
 
   describe(settings) {
     if (settings.coverage === "soft") return `soft edges, ${+settings.soft_width.toPrecision(2)} px`;
-    if (settings.coverage === "area") return "exact area";
+    if (settings.coverage === "area") return "area coverage";
     return settings.samples === 1 ? "1 sample" : `${settings.samples} samples`;
   }
 
