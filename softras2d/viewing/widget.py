@@ -10,7 +10,7 @@ import anywidget
 import traitlets
 from IPython.display import display
 
-from .frames import finite
+from .frames import finite, with_packed_picture
 from .session import URGENCY, Reply, Session, scalar
 from .shared_threads import shared_watcher, shared_worker
 from .still import still_png
@@ -70,6 +70,7 @@ class ViewerWidget(anywidget.AnyWidget):
         kind, slot = (str(scalar(request.get(name))) for name in ("kind", "slot"))
 
         def deliver(reply: Reply) -> None:
+            reply = with_packed_picture(reply)
             buffers = [reply.payload] if len(reply.payload) else None
             self.send({**finite(reply.header), "owner": output.name}, buffers=buffers)
 

@@ -14,6 +14,7 @@ const CANVAS_STEP = 32; // Canvas sides are multiples of this many screen pixels
 const MOST_CANVAS = 8192;
 const DIFFERENCE_GAIN = 4;
 const NARROW = 900; // A viewer of at most this width, in CSS pixels, starts without its panel.
+const BLOCK = 16; // Pixels of a block of a packed picture.
 const BUSY_MS = 150; // A picture that takes longer is announced.
 const ARROW_PIXELS = 48; // Length of the longest gradient, in screen pixels.
 
@@ -132,6 +133,39 @@ function openModel(model) {
     model.off("msg:custom", receive);
   };
   return transport;
+}
+
+// The RGBA of a picture, unpacked as `packed_pixels.py` says.
+function unpackPixels({ width, height, blocks, colors }, payload) {
+  const { buffer, byteOffset, byteLength } = payload;
+  if (blocks === undefined) return new Uint8ClampedArray(buffer, byteOffset, byteLength);
+  // A copy, because words must begin at a multiple of 4 bytes.
+  const bytes = buffer.slice(byteOffset, byteOffset + byteLength);
+  const bitBytes = 4 * Math.ceil(blocks / 32);
+  const bits = new Uint8Array(bytes, 0, bitBytes);
+  const words = new Uint32Array(bytes, bitBytes);
+  const pixels = new Uint32Array(width * height);
+  const hasOneColor = (block) => (bits[block >> 3] >> (block & 7)) & 1;
+  let [block, color, other] = [0, 0, colors];
+  while (block < blocks) {
+    const start = block;
+    if (hasOneColor(block)) {
+      const value = words[color];
+      do {
+        block++;
+        color++;
+      } while (block < blocks && hasOneColor(block) && words[color] === value);
+      pixels.fill(value, start * BLOCK, block * BLOCK);
+    } else {
+      do block++;
+      while (block < blocks && !hasOneColor(block));
+      const length = (block - start) * BLOCK;
+      pixels.set(words.subarray(other, other + length), start * BLOCK);
+      other += length;
+    }
+  }
+  pixels.set(words.subarray(other), blocks * BLOCK);
+  return new Uint8ClampedArray(pixels.buffer);
 }
 
 // Elements: h("div", {class: "x", onclick: f}, children...).
@@ -874,7 +908,7 @@ class Viewer {
     if (shown && shown.id > header.id) return;
     const wanted = this.wanted[slot];
     const { height, width } = header;
-    const rgba = new Uint8ClampedArray(payload.buffer, payload.byteOffset, payload.byteLength);
+    const rgba = unpackPixels(header, payload);
     let canvas = shown?.canvas;
     if (!canvas || canvas.width !== width || canvas.height !== height) {
       canvas = new OffscreenCanvas(width, height);
