@@ -52,27 +52,31 @@ def inspect_pixel(
 ) -> PixelReport:
     """Look at one pixel of a view, and at those around it.
 
-    A window is drawn instead of the whole canvas, on the grid of the canvas. Its samples are those
-    of the canvas, but for edges cut at the guard band, within two grid units.
+    Only a window is drawn, on the grid of the whole canvas. Its samples are those of the canvas,
+    but for edges cut at the guard band, within two grid units.
     """
     half = LENS // 2
     window, nearby_scene, index = _window(scene, view, settings, column, row)
     bits = _grid_bits(view, settings)
-    # The first of the two, so that the plan is large enough for the layers of analytic coverage.
-    drawn = np.asarray(artist.render(nearby_scene, window, settings, bits)[0])
     is_sampled = settings.coverage == "sampled"
     if is_sampled:
-        layers, rate = _sample_layers(artist, nearby_scene, window, settings, bits)
+        layers, rate, is_complete = _sample_layers(artist, nearby_scene, window, settings, bits)
         colors = composite_samples(layers, np.asarray(scene.background, np.float64))
+        value = unpremultiply(premultiply(colors[half, half]).mean(axis=0))
+        if settings.shading == "pixel" or not is_complete:
+            # The mean of these samples is not the pixel. Otherwise a program less is compiled.
+            value = np.asarray(artist.render(nearby_scene, window, settings, bits)[0])[half, half]
     else:
+        # Drawn first, so that the plan is large enough for the layers too.
+        colors = np.asarray(artist.render(nearby_scene, window, settings)[0])[:, :, None]
         layers = on_host(artist.with_plan(find_layers, nearby_scene, window, settings)[0])
-        colors, rate = drawn[:, :, None], 1
+        value, rate = colors[half, half, 0], 1
     facts = {
         "column": column,
         "row": row,
         "lens": LENS,
         "rate": rate,
-        "value": drawn[half, half].tolist(),
+        "value": value.tolist(),
         "samples": [
             {"triangle": _name(triangle, index), "color": color.tolist()}
             for triangle, color in zip(
@@ -119,8 +123,11 @@ def _window(
 
 def _sample_layers(
     artist: Artist, scene: Scene, window: View, settings: Settings, bits: int | None
-) -> tuple[WindowLayers, int]:
-    """The layers of each sample of a window, down to one that is opaque, and the sampling rate."""
+) -> tuple[WindowLayers, int, bool]:
+    """The layers of each sample of a window, down to one that is opaque, and the sampling rate.
+
+    Also whether the layers are complete, as they are unless more than 128 are translucent.
+    """
     deep_scene = with_flat_depth(scene) if scene.depth is None else scene
     count = LAYERS
     while True:
@@ -129,10 +136,12 @@ def _sample_layers(
         layers = on_host(layers)
         is_used = layers.triangle >= 0
         is_translucent = (is_used & (layers.color[..., 3] < 1.0)).all(axis=3)
-        if count >= _MOST_LAYERS or not is_translucent.any():
+        is_complete = not is_translucent.any()
+        if is_complete or count >= _MOST_LAYERS:
             break
         count *= 2
-    return layers if scene.depth is not None else layers._replace(depth=None), plan.grid.rate
+    listed_layers = layers if scene.depth is not None else layers._replace(depth=None)
+    return listed_layers, plan.grid.rate, is_complete
 
 
 def composite_samples(

@@ -1,7 +1,10 @@
 """Answers of a session: pictures equal those of `render`, and panning compiles nothing."""
 
+import gc
+import tracemalloc
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 
@@ -28,6 +31,8 @@ from ..cases.viewing import (
     small_session,
 )
 
+PICTURE_BYTES = 4 * VIEW["height"] * VIEW["width"]
+
 
 def test_a_picture_equals_render_byte_for_byte():
     (reply,) = ask(small_session(), "picture")
@@ -52,6 +57,29 @@ def test_panning_and_small_zooms_compile_nothing(count_compilations):
             pictures.append(pixels_of(reply).tobytes())
     assert compiled.names == []
     assert len(set(pictures)) == 30
+
+
+def test_memory_does_not_grow_with_the_views():
+    session = small_session()
+
+    def look(steps: range) -> int:
+        """Bytes that are held after some views, none of which is kept by the caller."""
+        for step in steps:
+            view = VIEW | {"x": step % 7, "y": step % 5, "zoom": 1.5 * 1.01 ** (step % 9)}
+            (reply,) = ask(session, "picture", view=view)
+            assert len(reply.payload) == PICTURE_BYTES
+        gc.collect()
+        on_devices = sum(array.nbytes for array in jax.live_arrays())
+        return on_devices + tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        before = look(range(40))
+        after = look(range(40, 120))
+    finally:
+        tracemalloc.stop()
+    # Far less than 80 pictures of 24 kB each.
+    assert after - before < 4 * PICTURE_BYTES
 
 
 @pytest.mark.parametrize(
