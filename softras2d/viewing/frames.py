@@ -28,7 +28,7 @@ def with_packed_picture(reply: Reply) -> Reply:
 
     The header then says how many `blocks` there are, and how many have one of the `colors`.
     """
-    if reply.header["kind"] != "picture":
+    if reply.header.get("kind") != "picture":
         return reply
     packed = pack_pixels(np.frombuffer(reply.payload, np.uint8))
     if packed is None:

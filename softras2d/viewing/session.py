@@ -54,6 +54,10 @@ class Session:
         """Whether some subject may change while it is shown."""
         return any(subject.may_change for subject in self.subjects)
 
+    def is_compiling(self) -> bool:
+        """Whether a plan for later views is being compiled in the background."""
+        return self._artist.is_compiling()
+
     def show(self, page: Hashable, number: object) -> None:
         """Note the number of the subject that a page shows; None when the page is closed."""
         self._shown[page] = number

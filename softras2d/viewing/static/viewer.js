@@ -958,6 +958,7 @@ class Viewer {
     const bytes = payload.buffer.slice(payload.byteOffset, payload.byteOffset + payload.byteLength);
     this.overlayData[header.kind] = { ...data, view: data.requested.view, header, values: new kind(bytes) };
     this.paint();
+    this.updateStatus();
   }
 
   // Saving and copying.
