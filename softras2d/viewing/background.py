@@ -26,6 +26,7 @@ class PlanCompiler:
     def __init__(self):
         self._thread = ThreadPoolExecutor(1, "softras2d compiler")
         self._plans: OrderedDict[Hashable, Future[Plan]] = OrderedDict()
+        self._is_closed = False
 
     def start(self, kind: Hashable, scene: Scene, view: View, settings: Settings) -> None:
         """Begin with the plan of a kind of views, unless it was asked for before.
@@ -33,7 +34,7 @@ class PlanCompiler:
         Plans of other kinds that have not begun are dropped: they are asked for again if they are
         still wanted.
         """
-        if kind in self._plans:
+        if kind in self._plans or self._is_closed:
             return
         for other in [other for other, plan in self._plans.items() if plan.cancel()]:
             del self._plans[other]
@@ -49,6 +50,11 @@ class PlanCompiler:
     def is_busy(self) -> bool:
         """Whether a program is being compiled."""
         return not all(plan.done() for plan in self._plans.values())
+
+    def close(self) -> None:
+        """Wait for the program that is being compiled, and begin with no other."""
+        self._is_closed = True
+        self._thread.shutdown(cancel_futures=True)
 
 
 def _compile(scene: Scene, view: View, settings: Settings) -> Plan:

@@ -55,10 +55,12 @@ class Artist:
             rgba = np.asarray(_to_rgba(image))
         if compile_seconds and not self._compiler.is_busy():
             drop_programs()
-        if view.height * view.width >= SNUG_PIXELS:
-            # For the first zoom that the snug plan is too small for.
-            self._compiler.start(kind_of(scene, view, settings), scene, view, settings)
         return Drawn(rgba, plan, time.perf_counter() - began, sum(compile_seconds))
+
+    def prepare_zoom(self, scene: Scene, view: View, settings: Settings) -> None:
+        """Compile a plan with room for zooming in another thread, if the view has a snug plan."""
+        if view.height * view.width >= SNUG_PIXELS:
+            self._compiler.start(kind_of(scene, view, settings), scene, view, settings)
 
     def render(
         self, scene: Scene, view: View, settings: Settings, grid_bits: int | None = None
@@ -95,6 +97,10 @@ class Artist:
     def is_compiling(self) -> bool:
         """Whether a plan for later views is being compiled in another thread."""
         return self._compiler.is_busy()
+
+    def close(self) -> None:
+        """Wait until nothing is compiled in another thread, and compile nothing there any more."""
+        self._compiler.close()
 
 
 @contextmanager

@@ -172,7 +172,7 @@ def _at_twice_the_zoom(scene: Scene, view: View) -> Scene:
 
 
 def _at(plan: Plan, view: View, settings: Settings) -> Plan:
-    """The plan at the place of another view, with that view's values of all array leaves."""
+    """The plan for another view: with its origin, and its values of the other array leaves."""
     wanted = eqx.tree_at(lambda plan: plan.origin, plan, _like([view.x, view.y], plan.origin))
     bias = _like(settings.lod_bias, plan.filter.lod_bias)
     wanted = eqx.tree_at(lambda plan: plan.filter.lod_bias, wanted, bias)

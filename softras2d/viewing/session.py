@@ -58,6 +58,10 @@ class Session:
         """Whether a plan for later views is being compiled in the background."""
         return self._artist.is_compiling()
 
+    def close(self) -> None:
+        """Wait until nothing is compiled in the background: Python must not end meanwhile."""
+        self._artist.close()
+
     def show(self, page: Hashable, number: object) -> None:
         """Note the number of the subject that a page shows; None when the page is closed."""
         self._shown[page] = number
@@ -106,7 +110,9 @@ class Session:
             rgba = subject.pixels(view)
             facts = {"milliseconds": 0, "compile_seconds": 0, "effects": [], "plan": "an image"}
         else:
-            drawn = self._artist.draw(subject.scene_at(view.zoom), view, settings)
+            scene = subject.scene_at(view.zoom)
+            drawn = self._artist.draw(scene, view, settings)
+            self._artist.prepare_zoom(scene, view, settings)
             rgba = drawn.rgba
             facts = {
                 "milliseconds": 1e3 * drawn.seconds,

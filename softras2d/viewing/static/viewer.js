@@ -1,4 +1,4 @@
-// The viewer's front-end: one module for the page of `softras2d view` and for the notebook widget.
+// The viewer's front end: one module for the page of `softras2d view` and for the notebook widget.
 //
 // It keeps a view (zoom and position), settings and overlays, asks for exact pictures of them, and
 // shows the last picture moved and scaled until the exact one arrives. It loads nothing from the
@@ -50,8 +50,8 @@ const COVERAGE_NOTES = {
     "background shows at the seams of adjacent triangles. The inspector shows the exact value.",
 };
 
-// Keys, what they do, and the method to call. Those marked "course" are the keys of the viewer of
-// the rasterizer course.
+// Keys, what they do, and the method to call. The first ones, down to the space bar, are those of
+// the rasterizer course's viewer.
 const KEYS = [
   ["-", "fewer samples", (v) => v.stepSetting("samples", SAMPLES, -1)],
   ["=", "more samples", (v) => v.stepSetting("samples", SAMPLES, 1)],
@@ -307,7 +307,13 @@ class Viewer {
     const set = (name) => (value) => this.set(name, value);
     this.controls = {};
     const panel = h("aside", { class: "sr-panel", "aria-label": "Settings" });
-    const heading = (text) => panel.append(h("h2", {}, text));
+    let section = panel;
+    // Sections that apply to drawings alone are hidden while an image is shown.
+    const begin = (text, isOfDrawings) => {
+      const style = isOfDrawings ? "sr-of-drawings" : null;
+      section = panel.appendChild(h("section", { class: style }, h("h2", {}, text)));
+      return section;
+    };
     const choices = (name, label, options, onchange) => {
       const inputs = options.map(([value, text]) => {
         const input = h("input", {
@@ -321,7 +327,7 @@ class Viewer {
         h("div", { class: "sr-choices" }, ...inputs),
       );
       this.controls[name] = field;
-      panel.append(field);
+      section.append(field);
     };
     const range = (name, label, minimum, maximum, step, toText, fromValue, toValue) => {
       const output = h("output");
@@ -335,48 +341,48 @@ class Viewer {
         input.value = toValue(value);
         output.textContent = toText(value);
       };
-      panel.append(field);
+      section.append(field);
     };
-    heading("Coverage");
+    begin("Coverage", true);
     const kinds = [["sampled", "sampled"], ["soft", "soft"], ["area", "area"]];
     choices("coverage", "Kind", kinds, set("coverage"));
-    this.coverageNote = panel.appendChild(h("p", { class: "sr-hint", hidden: true }));
+    this.coverageNote = section.appendChild(h("p", { class: "sr-hint", hidden: true }));
     choices("samples", "Samples per pixel", SAMPLES.map((n) => [n, `${n}`]), set("samples"));
     range("soft_width", "Width of soft edges", Math.log(0.1), Math.log(8), 0.01,
       (value) => `${+value.toPrecision(2)} px`, (t) => +Math.exp(t).toPrecision(3), Math.log);
     choices("fill_rule", "Fill rule", [["inclusive", "inclusive"], ["top_left", "top-left"]],
       set("fill_rule"));
     choices("shading", "Shading", [["sample", "per sample"], ["pixel", "per pixel"]], set("shading"));
-    this.textureHeading = panel.appendChild(h("h2", {}, "Textures"));
+    this.textureSection = begin("Textures", true);
     choices("pixel_filter", "Within a level", [["nearest", "nearest"], ["bilinear", "bilinear"]],
       set("pixel_filter"));
     choices("level_filter", "Between levels",
       [["zero", "zero"], ["nearest", "nearest"], ["linear", "linear"]], set("level_filter"));
     choices("anisotropy", "Anisotropy", ANISOTROPIES.map((n) => [n, `${n}`]), set("anisotropy"));
     range("lod_bias", "Level bias", -4, 4, 0.25, (value) => `${value}`, (t) => t, (value) => value);
-    heading("Overlays");
+    begin("Overlays", true);
     for (const [name, text] of [["edges", "Triangle edges"], ["tiles", "Tiles, and how full"],
       ["gradients", "Gradients by positions"]]) {
       const input = h("input", { type: "checkbox", onchange: () => this.toggleOverlay(name) });
       this.controls[name] = h("label", { class: "sr-check" }, input, text);
-      panel.append(this.controls[name]);
+      section.append(this.controls[name]);
     }
-    this.overlayNote = panel.appendChild(h("p", { class: "sr-hint", hidden: true }));
-    heading("Compare");
+    this.overlayNote = section.appendChild(h("p", { class: "sr-hint", hidden: true }));
+    begin("Compare", false);
     choices("mode", "Show", [["off", "off"], ["slider", "slider"], ["difference", "difference"]],
       (mode) => this.setCompare({ mode }));
     this.againstChoice = h("select", {
       "aria-label": "Compare with", onchange: () => this.setCompare({ against: this.againstChoice.value }),
     });
-    panel.append(h("div", { class: "sr-field" }, h("div", { class: "sr-label" }, "With"), this.againstChoice));
-    this.differenceNote = panel.appendChild(h("p", { class: "sr-hint", hidden: true }));
-    heading("Effects");
-    this.effects = panel.appendChild(h("ul", { class: "sr-effects" }));
-    this.measureButton = panel.appendChild(
+    section.append(h("div", { class: "sr-field" }, h("div", { class: "sr-label" }, "With"), this.againstChoice));
+    this.differenceNote = section.appendChild(h("p", { class: "sr-hint", hidden: true }));
+    begin("Effects", true);
+    this.effects = section.appendChild(h("ul", { class: "sr-effects" }));
+    this.measureButton = section.appendChild(
       h("button", { type: "button", class: "sr-wide", onclick: () => this.measure() }, "Measure what each costs"),
     );
     this.plan = h("pre");
-    panel.append(h("details", {}, h("summary", {}, "Plan"), this.plan));
+    section.append(h("details", {}, h("summary", {}, "Plan"), this.plan));
     return panel;
   }
 
@@ -776,6 +782,8 @@ class Viewer {
 
   showHelp() {
     this.help.showModal();
+    // The focus is on the button below the list.
+    this.help.scrollTop = 0;
   }
 
   // Requests.
@@ -1460,6 +1468,7 @@ class Viewer {
     check("mode", comparison.mode);
     controls.soft_width.show(settings.soft_width);
     controls.lod_bias.show(settings.lod_bias);
+    this.panel.classList.toggle("sr-of-image", Boolean(this.subject()?.is_image));
     const isSampled = settings.coverage === "sampled";
     this.coverageNote.hidden = isSampled;
     this.coverageNote.textContent = COVERAGE_NOTES[settings.coverage];
@@ -1505,8 +1514,7 @@ class Viewer {
       this.updateEffects();
     }
     const hasTexture = effects.includes("texture");
-    this.textureHeading.hidden = !hasTexture;
-    for (const name of ["pixel_filter", "level_filter", "anisotropy", "lod_bias"]) this.controls[name].hidden = !hasTexture;
+    this.textureSection.hidden = !hasTexture;
   }
 
   updateEffects() {
@@ -1592,7 +1600,7 @@ class Viewer {
     else if (header && state === "exact") {
       const compiled = header.compile_seconds > 0 ? `, of which ${header.compile_seconds.toFixed(1)} s compiling` : "";
       const time = header.milliseconds >= 1000 ? `${(header.milliseconds / 1000).toFixed(1)} s` : `${header.milliseconds.toFixed(0)} ms`;
-      parts.time.textContent = `${time}${compiled}`;
+      parts.time.textContent = subject?.is_image ? "" : `${time}${compiled}`;
     }
     const tiles = this.overlayData.tiles?.header;
     if (tiles) {
