@@ -2,6 +2,7 @@
 
 import gc
 import tracemalloc
+import warnings
 from typing import Any
 
 import jax
@@ -161,6 +162,21 @@ def test_a_file_is_read_again_when_it_changes(tmp_path):
     assert file.version == 0
     with pytest.raises(ValueError, match="No such file"):
         file.size()
+
+
+def test_what_is_not_drawn_becomes_a_note_and_no_warning(tmp_path):
+    path = tmp_path / "scene.svg"
+    path.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9">'
+        '<text>not drawn</text><rect width="4" height="5"/></svg>'
+    )
+    session = Session(open_files([path], ReadOptions()))
+    # Filters of warnings are shared by all threads, so that none may be issued and caught.
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        session.subjects[0].scene_at(1.0)
+    (note,) = session.subjects[0].notes()
+    assert "scene.svg" in note and "text" in note
 
 
 def test_a_missing_file_is_an_error_of_its_subject_alone(tmp_path):
