@@ -2,12 +2,13 @@
 
 JAX compiles a program for each set of capacities. A view that moves needs lists of other lengths in
 every frame, so the plan of one frame is used for as long as it is large enough, with another
-origin. Every plan has the guard band, because zooming moves most triangles past it.
+origin.
 
 Unused capacity costs time, so there are two kinds of plans. A snug plan holds the view that it is
-made for, and others that need no more. A roomy plan also holds the same view at twice the zoom, and
-has headroom. A large canvas is first drawn with a snug plan, while a roomy one is made and compiled
-in another thread (`background.py`); a small canvas always has a roomy one.
+made for, and others that need no more. A roomy plan also holds the same view at twice the zoom, has
+headroom, and has the guard band, because zooming moves most triangles past it. A large canvas is
+first drawn with a snug plan, while a roomy one is made and compiled in another thread
+(`background.py`); a small canvas always has a roomy one.
 
 Each octave of zoom has a plan of its own: it begins with the plan of the nearest octave, and gets
 another when it outgrows that.
@@ -107,9 +108,12 @@ def roomy_plan(
     grid_bits: int | None = None,
     headroom: float = _HEADROOM,
 ) -> Plan:
-    """A plan for a view and the same view at twice the zoom, with headroom."""
+    """A plan for a view and the same view at twice the zoom, with headroom and the guard band."""
     scenes = [scene, _at_twice_the_zoom(scene, view)]
-    return _make_plan(scenes, view, settings, grid_bits, headroom)
+    plan = _make_plan(scenes, view, settings, grid_bits, headroom)
+    if GUARD_BAND in mode_of(plan.coverage).effects and not plan.cuts_far_triangles:
+        plan = replace(plan, effects=(*plan.effects, GUARD_BAND))
+    return plan
 
 
 def _make_plan(
@@ -120,12 +124,11 @@ def _make_plan(
     headroom: float,
 ) -> Plan:
     """A plan for some scenes at the canvas of a view. Raises `ValueError` if it is too large."""
-    coverage = settings.coverage_option()
     plan = make_plan(
         scenes,
         height=view.height,
         width=view.width,
-        coverage=coverage,
+        coverage=settings.coverage_option(),
         filter=settings.filter_option(),
         origin=(view.x, view.y),
         max_width=settings.planned_width(),
@@ -139,8 +142,6 @@ def _make_plan(
             f"the view would take {plan.memory / 2**30:.1f} GiB: choose fewer samples, or a "
             "smaller window."
         )
-    if GUARD_BAND in mode_of(coverage).effects and not plan.cuts_far_triangles:
-        plan = replace(plan, effects=(*plan.effects, GUARD_BAND))
     return plan
 
 
