@@ -1,5 +1,6 @@
 """Screenshots of the viewer in Chromium, for the README."""
 
+import argparse
 import time
 from pathlib import Path
 from typing import Any
@@ -20,19 +21,23 @@ WINDOW = {"width": 1120, "height": 720}
 
 
 def main() -> None:
-    """Write the PNG files of `results`."""
+    """Write the PNG files of `results`, or only `inspector.png`, which needs no fit."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--inspector", action="store_true", help="Only the pixel inspector.")
+    only_inspector = parser.parse_args().inspector
     sr.keep_compiled_programs()
-    fit = sr.fit(sr.read_image(pictures.path("valley")), triangles=120, size=96, steps=400, seed=0)
     files = [scenes.path(name) for name in ("wheel", "glass", "stretched", "joints")]
-    subjects = [
-        *open_files(files, ReadOptions()),
-        fit_subject("valley.npz", fit),
-        image_file(pictures.path("valley")),
-    ]
+    subjects = open_files(files, ReadOptions())
+    if not only_inspector:
+        target = sr.read_image(pictures.path("valley"))
+        fit = sr.fit(target, triangles=120, size=96, steps=400, seed=0)
+        subjects += [fit_subject("valley.npz", fit), image_file(pictures.path("valley"))]
     with ViewerServer(Session(subjects)) as server, running_browser() as browser:
         page = browser.new_page(viewport=WINDOW)
         _inspect(page, server.url)
         page.close()
+        if only_inspector:
+            return
         page = browser.new_page(viewport=WINDOW, color_scheme="dark")
         _compare(page, server.url)
         _fit(page)

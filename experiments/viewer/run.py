@@ -1,4 +1,8 @@
-"""How fast the page answers: from a request to drawn pixels, for every bundled scene."""
+"""How fast the page answers: from a request to drawn pixels, for every bundled scene.
+
+On a busy machine the times of the clock are those of the other work too. So the processor time of
+an answer, of all threads of the server, is measured beside them.
+"""
 
 import argparse
 import json
@@ -7,12 +11,13 @@ import statistics
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 
 import softras2d as sr
 from softras2d import scenes
+from softras2d.viewing.frames import frame_of
 from softras2d.viewing.scene_file import ReadOptions, SceneFile
 from softras2d.viewing.scene_in_memory import SceneInMemory
 from softras2d.viewing.serve import ViewerServer
@@ -26,8 +31,9 @@ RESULTS = Path(__file__).parent / "results"
 HEIGHT, WIDTH = 1216, 1600
 """The canvas, in pixels; its sides are multiples of 32."""
 
-PANS, VIEWS = 11, 500
-"""Views of each scene of which the median is taken; views after which memory is measured."""
+PANS, RENDERS, VIEWS = 11, 7, 500
+"""Views of each scene of which the median is taken; renders of each; views after which memory is
+measured."""
 
 _FRAME = """() => new Promise((done) => {
   const stage = document.querySelector(".sr-stage");
@@ -45,8 +51,9 @@ def main() -> None:
     arguments = parser.parse_args()
     sr.keep_compiled_programs()
     subjects = [_subject(name) for name in arguments.scenes]
+    session = Session(subjects)
     rows = []
-    with ViewerServer(Session(subjects)) as server, running_browser() as browser:
+    with ViewerServer(session) as server, running_browser() as browser:
         page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT + 28})
         page.goto(server.url)
         page.keyboard.press("h")
@@ -54,7 +61,7 @@ def main() -> None:
         for number, name in enumerate(arguments.scenes):
             page.get_by_label("File").select_option(str(number)) if len(subjects) > 1 else None
             wait_for_picture(page)
-            rows.append({"scene": name} | _measure(page, subjects[number]))
+            rows.append({"scene": name} | _measure(page, session, number))
             print(rows[-1], flush=True)
         memory = _memory(page, arguments.views)
     result = {
@@ -74,23 +81,47 @@ def _subject(name: str) -> Subject:
     return SceneFile(scenes.path(name), ReadOptions(dialect))
 
 
-def _measure(page: Any, subject: Subject) -> dict[str, float]:
+def _measure(page: Any, session: Session, number: int) -> dict[str, Any]:
     """Milliseconds from request to drawn pixels, of `render` alone, and of a frame that pans."""
     page.locator(".sr-stage").focus()
     page.keyboard.press("ArrowRight")
     wait_for_picture(page)
+    _wait_until_compiled(session)
     answers = [_pan(page, key) for key in ("ArrowLeft", "ArrowRight") * (PANS // 2 + 1)]
     frames = [page.evaluate(_FRAME) for _ in range(PANS)]
     wait_for_picture(page)
+    subject = session.subjects[number]
     zoom = 0.96 * HEIGHT / subject.size()[0]
     scene = subject.scene_at(zoom)
-    plan = sr.plan(scene, height=HEIGHT, width=WIDTH, on_overflow="nan")
-    alone = _times(lambda: sr.render(scene, plan), 5)
+    left = round((zoom * subject.size()[1] - WIDTH) / 2)
+    plan = sr.plan(scene, height=HEIGHT, width=WIDTH, origin=(left, -24), on_overflow="nan")
+    alone = _times(lambda: jax.block_until_ready(sr.render(scene, plan)), RENDERS)
+    view = {"zoom": zoom, "x": left, "y": -24, "height": HEIGHT, "width": WIDTH}
+    request = {"kind": "picture", "id": 0, "subject": number, "view": view}
+    sizes: list[int] = []
+    answered = _times(lambda: sizes.append(_answer_bytes(session, request)), RENDERS)
     return {
         "answer_ms": round(statistics.median(answers), 1),
-        "render_ms": round(statistics.median(alone), 1),
+        "least_answer_ms": round(min(answers), 1),
+        "render_ms": round(statistics.median(alone.wall), 1),
+        "least_render_ms": round(min(alone.wall), 1),
+        "answer_processor_ms": round(min(answered.processor), 1),
+        "render_processor_ms": round(min(alone.processor), 1),
         "frame_ms": round(statistics.median(frames), 1),
+        "message_mb": round(sizes[-1] / 1e6, 2),
     }
+
+
+def _wait_until_compiled(session: Session) -> None:
+    """Wait until no plan is compiled in the background."""
+    while session.is_compiling():
+        time.sleep(0.1)
+
+
+def _answer_bytes(session: Session, request: dict[str, Any]) -> int:
+    """Answer a request as the server does; returns the length of its message."""
+    (reply,) = session.answer(request)
+    return len(frame_of(reply))
 
 
 def _pan(page: Any, key: str) -> float:
@@ -99,14 +130,22 @@ def _pan(page: Any, key: str) -> float:
     return float(page.locator(".sr-viewer").get_attribute("data-drawn-ms"))
 
 
-def _times(call: Callable[[], Any], count: int) -> list[float]:
-    """Milliseconds of each call, after one that compiles."""
-    jax.block_until_ready(call())
-    times = []
+class Times(NamedTuple):
+    """Milliseconds of several calls, by the clock and of the processor."""
+
+    wall: list[float]
+    processor: list[float]
+
+
+def _times(call: Callable[[], Any], count: int) -> Times:
+    """The times of some calls, after one that compiles."""
+    call()
+    times = Times([], [])
     for _ in range(count):
-        began = time.perf_counter()
-        jax.block_until_ready(call())
-        times.append(1e3 * (time.perf_counter() - began))
+        wall, processor = time.perf_counter(), time.process_time()
+        call()
+        times.wall.append(1e3 * (time.perf_counter() - wall))
+        times.processor.append(1e3 * (time.process_time() - processor))
     return times
 
 
@@ -132,13 +171,27 @@ def _resident() -> float:
 
 def table(result: dict[str, Any]) -> str:
     """The rows as a Markdown table."""
-    lines = ["| scene | request to pixels, ms | `sr.render` alone, ms | frame, ms |"]
-    lines += ["|---|---:|---:|---:|"]
+    columns = {
+        "request to pixels, ms": "answer_ms",
+        "`sr.render`, ms": "render_ms",
+        "least of each": ("least_answer_ms", "least_render_ms"),
+        "processor, answer, ms": "answer_processor_ms",
+        "processor, `sr.render`, ms": "render_processor_ms",
+        "frame, ms": "frame_ms",
+        "message, MB": "message_mb",
+    }
+    lines = ["| scene | " + " | ".join(columns) + " |", "|---|" + "---:|" * len(columns)]
     for row in result["rows"]:
-        numbers = [row[name] for name in ("answer_ms", "render_ms", "frame_ms")]
-        lines.append(f"| {row['scene']} | " + " | ".join(f"{n:.0f}" for n in numbers) + " |")
+        cells = [_cell(row, key) for key in columns.values()]
+        lines.append(f"| {row['scene']} | " + " | ".join(cells) + " |")
     held = ", ".join(f"{mib:.0f}" for mib in result["memory_mib"])
     return "\n".join([*lines, "", f"Memory: {held} MiB"])
+
+
+def _cell(row: dict[str, Any], key: str | tuple[str, str]) -> str:
+    """One or two numbers of a row; megabytes with a digit."""
+    keys = (key,) if isinstance(key, str) else key
+    return ", ".join(f"{row[k]:.1f}" if k.endswith("_mb") else f"{row[k]:.0f}" for k in keys)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from . import fit_options
 from .fit_options import SECONDS
 from .session import session
-from .view import import_server, show_address
+from .view import import_server, shown_address
 
 _ANIMATION_SECONDS = 5.0
 """Time reserved for drawing an animation; at most three tenths of the time limit."""
@@ -181,8 +181,8 @@ def _watched(picture: Any, target: Path | None, watch: bool, browser: bool) -> I
 
     name = _BUNDLED if target is None else target.name
     fit = WatchedFit(f"fit of {name}", *picture.shape[:2])
-    with ViewerServer(Session([fit, Image(name, lambda: picture)])) as server:
-        show_address(server.url, browser)
+    subjects = [fit, Image(name, lambda: picture)]
+    with ViewerServer(Session(subjects)) as server, shown_address(server.url, browser):
         yield fit
 
 

@@ -1,6 +1,7 @@
 """`softras2d view`: shows scenes and images in the browser."""
 
-import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -64,19 +65,22 @@ def view_files(
         subjects = open_files(files, ReadOptions(dialect, assets, frame, opacity))
         with ViewerServer(Session(subjects), port or 0) as server:
             try:
-                show_address(server.url, browser)
-                server.wait()
+                with shown_address(server.url, browser):
+                    server.wait()
             except KeyboardInterrupt:
                 # The usual end of a viewer. A picture that is being drawn is finished first.
                 console.print("closing")
         console.print("closed")
 
 
-def show_address(url: str, browser: bool) -> None:
-    """Print the address of the page, and open it in the browser if `browser` is true."""
+@contextmanager
+def shown_address(url: str, browser: bool) -> Iterator[None]:
+    """Print the address of the page; for the body, open it in the browser if `browser` is true."""
+    from ..viewing.browser import opened_page
+
     Console(soft_wrap=True, highlight=False).print(f"viewer: {url}", markup=False)
-    if browser:
-        webbrowser.open(url)
+    with opened_page(url) if browser else nullcontext():
+        yield
 
 
 def import_server() -> None:

@@ -17,7 +17,8 @@ from ..numerics.fusion_barrier import materialized
 from ..planning.plan import Plan
 from ..rendering.render import render_checked
 from ..scene import Scene
-from .plans import ViewPlans
+from .background import PlanCompiler
+from .plans import SNUG_PIXELS, ViewPlans, kind_of
 from .settings import Settings
 from .view import View
 
@@ -44,6 +45,7 @@ class Artist:
 
     def __init__(self):
         self._plans = ViewPlans()
+        self._compiler = PlanCompiler()
 
     def draw(self, scene: Scene, view: View, settings: Settings) -> Drawn:
         """Draw a view. Raises `ValueError` for what cannot be drawn."""
@@ -51,9 +53,14 @@ class Artist:
         with compile_times() as compile_seconds:
             image, plan = self.render(scene, view, settings)
             rgba = np.asarray(_to_rgba(image))
-        if compile_seconds:
+        if compile_seconds and not self._compiler.is_busy():
             drop_programs()
         return Drawn(rgba, plan, time.perf_counter() - began, sum(compile_seconds))
+
+    def prepare_zoom(self, scene: Scene, view: View, settings: Settings) -> None:
+        """Compile a plan with room for zooming in another thread, if the view has a snug plan."""
+        if view.height * view.width >= SNUG_PIXELS:
+            self._compiler.start(kind_of(scene, view, settings), scene, view, settings)
 
     def render(
         self, scene: Scene, view: View, settings: Settings, grid_bits: int | None = None
@@ -75,11 +82,25 @@ class Artist:
         """
         plan = self._plans.choose(scene, view, settings, grid_bits)
         value, overflow = compute(scene, plan)
+        compiled_plan = None
+        if bool(overflow) and grid_bits is None:
+            compiled_plan = self._compiler.take(kind_of(scene, view, settings))
+        if compiled_plan is not None:
+            plan = self._plans.adopt(scene, view, settings, compiled_plan)
+            value, overflow = compute(scene, plan)
         if bool(overflow):
             plan = self._plans.enlarge(scene, view, settings, grid_bits)
             value, overflow = compute(scene, plan)
             assert not bool(overflow), "a plan must hold the scene that it was made for"
         return value, plan
+
+    def is_compiling(self) -> bool:
+        """Whether a plan for later views is being compiled in another thread."""
+        return self._compiler.is_busy()
+
+    def close(self) -> None:
+        """Wait until nothing is compiled in another thread, and compile nothing there any more."""
+        self._compiler.close()
 
 
 @contextmanager

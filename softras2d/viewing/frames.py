@@ -1,19 +1,40 @@
-"""The bytes of a reply: the length of its header, the header as JSON, and its payload."""
+"""Replies as they are sent: pictures packed, and for a socket as bytes.
+
+A message of a socket has the length of its header, the header as JSON, and the payload.
+"""
 
 import json
 import math
 import struct
 from typing import Any
 
+import numpy as np
+
+from .packed_pixels import pack_pixels
 from .session import Reply
 
 _LENGTH = struct.Struct("<I")
 
 
 def frame_of(reply: Reply) -> bytes:
-    """Pack a reply into one binary message."""
+    """A reply as one binary message, with the picture packed if that saves much."""
+    reply = with_packed_picture(reply)
     header = header_text(reply).encode()
     return b"".join([_LENGTH.pack(len(header)), header, reply.payload])
+
+
+def with_packed_picture(reply: Reply) -> Reply:
+    """A reply that holds a picture, with its pixels packed if that saves much.
+
+    The header then says how many `blocks` there are, and how many have one of the `colors`.
+    """
+    if reply.header.get("kind") != "picture":
+        return reply
+    packed = pack_pixels(np.frombuffer(reply.payload, np.uint8))
+    if packed is None:
+        return reply
+    counts = {"blocks": packed.blocks, "colors": packed.colors}
+    return Reply(reply.header | counts, packed.payload)
 
 
 def header_text(reply: Reply) -> str:

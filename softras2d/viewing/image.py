@@ -42,7 +42,7 @@ class Image(Subject):
     """An image, enlarged without smoothing; shrunk, each pixel is the mean of those that it shows.
 
     - `read`: returns the image, `[height, width, 3 or 4]` in 0..1 with straight alpha.
-    - `version_of`: a number that changes whenever the image does.
+    - `version_of`: a number that changes whenever the image does; without it the image stays.
     - `size_of`: returns height and width; by default those of the image that `read` returns.
     """
 
@@ -52,18 +52,19 @@ class Image(Subject):
         self,
         name: str,
         read: Callable[[], Float[np.ndarray, "height width channels"]],
-        version_of: Callable[[], int] = lambda: 1,
+        version_of: Callable[[], int] | None = None,
         size_of: Callable[[], tuple[int, int]] | None = None,
     ):
         super().__init__(name)
         self._read = read
         self._version_of = version_of
+        self.may_change = version_of is not None
         self._size_of = size_of
 
     @property
     def version(self) -> int:
-        """The number that `version_of` returns."""
-        return self._version_of()
+        """The number that `version_of` returns; 1 without it."""
+        return 1 if self._version_of is None else self._version_of()
 
     def size(self) -> tuple[int, int]:
         """Height and width of the image."""

@@ -13,6 +13,7 @@ from ..io.images import to_bytes
 from ..planning.size_classes import pad
 from ..scene import Scene
 from .draw import Artist
+from .exact_pixel import exact_pixel
 from .settings import Settings
 from .view import View
 from .window_layers import (
@@ -31,7 +32,7 @@ _MOST_LAYERS = 128
 """Layers that are composited at a sample, if so many are translucent."""
 
 _REFERENCE_SAMPLES = 256
-"""Samples per pixel of the reference value of a scene with depth, which has no exact area."""
+"""Samples per pixel of the reference value, where `exact_pixel` knows no exact one."""
 
 
 class PixelReport(NamedTuple):
@@ -51,27 +52,31 @@ def inspect_pixel(
 ) -> PixelReport:
     """Look at one pixel of a view, and at those around it.
 
-    A window is drawn instead of the whole canvas, on the grid of the canvas. Its samples are those
-    of the canvas, but for edges cut at the guard band, within two grid units.
+    Only a window is drawn, on the grid of the whole canvas. Its samples are those of the canvas,
+    but for edges cut at the guard band, within two grid units.
     """
     half = LENS // 2
     window, nearby_scene, index = _window(scene, view, settings, column, row)
     bits = _grid_bits(view, settings)
-    # The first of the two, so that the plan is large enough for the layers of analytic coverage.
-    drawn = np.asarray(artist.render(nearby_scene, window, settings, bits)[0])
     is_sampled = settings.coverage == "sampled"
     if is_sampled:
-        layers, rate = _sample_layers(artist, nearby_scene, window, settings, bits)
+        layers, rate, is_complete = _sample_layers(artist, nearby_scene, window, settings, bits)
         colors = composite_samples(layers, np.asarray(scene.background, np.float64))
+        value = unpremultiply(premultiply(colors[half, half]).mean(axis=0))
+        if settings.shading == "pixel" or not is_complete:
+            # The mean of these samples is not the pixel. Otherwise a program less is compiled.
+            value = np.asarray(artist.render(nearby_scene, window, settings, bits)[0])[half, half]
     else:
+        # Drawn first, so that the plan is large enough for the layers too.
+        colors = np.asarray(artist.render(nearby_scene, window, settings)[0])[:, :, None]
         layers = on_host(artist.with_plan(find_layers, nearby_scene, window, settings)[0])
-        colors, rate = drawn[:, :, None], 1
+        value, rate = colors[half, half, 0], 1
     facts = {
         "column": column,
         "row": row,
         "lens": LENS,
         "rate": rate,
-        "value": drawn[half, half].tolist(),
+        "value": value.tolist(),
         "samples": [
             {"triangle": _name(triangle, index), "color": color.tolist()}
             for triangle, color in zip(
@@ -92,18 +97,17 @@ def reference_value(
 ) -> tuple[str, list[float]]:
     """The value that a pixel of a view should have, and what it is called.
 
-    It is the pixel's exact area value, or for scenes with depth, which have none, the value with
-    256 samples.
+    It is the mean of the drawing over the exact area of the pixel, or the value with 256 samples
+    where `exact_pixel` has none.
     """
+    value = exact_pixel(scene, view.x + column, view.y + row)
+    if value is not None:
+        return "exact area", value
     window, nearby_scene, _ = _window(scene, view, settings, column, row)
-    if scene.depth is None:
-        name, exact, bits = "exact area", replace(settings, coverage="area"), None
-    else:
-        name = f"{_REFERENCE_SAMPLES} samples"
-        exact = replace(settings, coverage="sampled", samples=_REFERENCE_SAMPLES)
-        bits = _grid_bits(view, exact)
-    image = np.asarray(artist.render(nearby_scene, window, exact, bits)[0])
-    return name, image[LENS // 2, LENS // 2].tolist()
+    fine = replace(settings, coverage="sampled", samples=_REFERENCE_SAMPLES)
+    bits = _grid_bits(view, fine)
+    image = np.asarray(artist.render(nearby_scene, window, fine, bits)[0])
+    return f"{_REFERENCE_SAMPLES} samples", image[LENS // 2, LENS // 2].tolist()
 
 
 def _window(
@@ -119,8 +123,11 @@ def _window(
 
 def _sample_layers(
     artist: Artist, scene: Scene, window: View, settings: Settings, bits: int | None
-) -> tuple[WindowLayers, int]:
-    """The layers of each sample of a window, down to one that is opaque, and the sampling rate."""
+) -> tuple[WindowLayers, int, bool]:
+    """The layers of each sample of a window, down to one that is opaque, and the sampling rate.
+
+    Also whether the layers are complete, as they are unless more than 128 are translucent.
+    """
     deep_scene = with_flat_depth(scene) if scene.depth is None else scene
     count = LAYERS
     while True:
@@ -129,10 +136,12 @@ def _sample_layers(
         layers = on_host(layers)
         is_used = layers.triangle >= 0
         is_translucent = (is_used & (layers.color[..., 3] < 1.0)).all(axis=3)
-        if count >= _MOST_LAYERS or not is_translucent.any():
+        is_complete = not is_translucent.any()
+        if is_complete or count >= _MOST_LAYERS:
             break
         count *= 2
-    return layers if scene.depth is not None else layers._replace(depth=None), plan.grid.rate
+    listed_layers = layers if scene.depth is not None else layers._replace(depth=None)
+    return listed_layers, plan.grid.rate, is_complete
 
 
 def composite_samples(

@@ -36,13 +36,15 @@ def view(
 
     - `subjects`: one or several, of any kinds: a `Scene`, a `FitResult`, a `TexturePyramid`, an
       image `[height, width, 3 or 4]` in 0..1, or the path of an SVG file, an image or a saved fit.
-      Images can be compared with the others, and gradients are taken against them.
+      Images can be compared with the others, and gradients are taken against them. An SVG file or
+      an image is drawn again when it changes.
     - `height`, `width`: of the canvas of scenes, in pixels; by default the smallest canvas from
       (0, 0) that holds all triangles.
     - `widget_height`: of the widget on the screen, 200 to 2000 pixels.
 
     Returns the widget, which a notebook shows if it is the last value of a cell. Where no kernel
-    runs, it shows a picture of the first subject. Press ? in it for the keys.
+    runs, it shows a picture of the first subject. Press ? in it for the keys. After
+    `softras2d.keep_compiled_programs()` the first pictures of the next session compile nothing.
 
     Raises `ImportError`, one line, if anywidget is missing, and `ValueError` for subjects of other
     kinds and for batches of scenes.

@@ -2,17 +2,21 @@
 
 JAX compiles a program for each set of capacities. A view that moves needs lists of other lengths in
 every frame, so the plan of one frame is used for as long as it is large enough, with another
-origin. Plans have headroom. Every plan also has the guard band, because zooming moves most
-triangles past it.
+origin.
 
-A plan holds the view that it is made for, and the same view at twice the zoom. Each octave of zoom
-has a plan of its own, because unused capacity costs time: it begins with the plan of the nearest
-octave, and gets another when it outgrows that.
+Unused capacity costs time, so there are two kinds of plans. A snug plan holds the view that it is
+made for, and others that need no more. A roomy plan also holds the same view at twice the zoom, has
+headroom, and has the guard band, because zooming moves most triangles past it. A large canvas is
+first drawn with a snug plan, while a roomy one is made and compiled in another thread
+(`background.py`); a small canvas always has a roomy one.
+
+Each octave of zoom has a plan of its own: it begins with the plan of the nearest octave, and gets
+another when it outgrows that.
 """
 
 import math
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -30,8 +34,12 @@ from ..scene import Scene
 from .settings import Settings
 from .view import View
 
-HEADROOM = 1.25
-"""How many times as long as these two views need the lists of a plan may become.
+SNUG_PIXELS = 2**20
+"""Pixels of a canvas from which its first plan is snug. On smaller ones the unused capacity of a
+roomy plan costs less than compiling twice."""
+
+_HEADROOM = 1.25
+"""How many times as long as its two views need the lists of a roomy plan may become.
 
 It doubles whenever a plan is outgrown, as it is again and again by the scenes of a fit that runs.
 """
@@ -56,44 +64,34 @@ class ViewPlans:
         self, scene: Scene, view: View, settings: Settings, grid_bits: int | None = None
     ) -> Plan:
         """A plan for this view, which may turn out to be too small; `grid_bits` as in `plan`."""
-        kind, octave = _kind_of(scene, view, settings, grid_bits), _octave(view)
+        kind, octave = kind_of(scene, view, settings, grid_bits), _octave(view)
         near = sorted((abs(other - octave), other) for known, other in self._plans if known == kind)
-        if not near:
+        if near:
+            plan = self._plans[kind, near[0][1]]
+        elif view.height * view.width >= SNUG_PIXELS:
+            plan = _make_plan([scene], view, settings, grid_bits, headroom=1.0)
+        else:
             return self.enlarge(scene, view, settings, grid_bits)
-        plan = self._plans[kind, near[0][1]]
         self._keep((kind, octave), plan)
         return _at(plan, view, settings)
 
     def enlarge(
         self, scene: Scene, view: View, settings: Settings, grid_bits: int | None = None
     ) -> Plan:
-        """Make a larger plan for this view, and keep it for the view's octave of zoom."""
-        coverage = settings.coverage_option()
-        key = _kind_of(scene, view, settings, grid_bits), _octave(view)
-        headroom = self._headroom.get(key, HEADROOM)
-        plan = make_plan(
-            [scene, _at_twice_the_zoom(scene, view)],
-            height=view.height,
-            width=view.width,
-            coverage=coverage,
-            filter=settings.filter_option(),
-            origin=(view.x, view.y),
-            max_width=settings.planned_width(),
-            grid_bits=grid_bits,
-            headroom=headroom,
-            # Such a program calls no host function, so that JAX can keep it on disk.
-            on_overflow="nan",
-        )
-        if plan.memory > _MAX_MEMORY:
-            raise ValueError(
-                f"the view would take {plan.memory / 2**30:.1f} GiB: choose fewer samples, or a "
-                "smaller window."
-            )
-        if GUARD_BAND in mode_of(coverage).effects and not plan.cuts_far_triangles:
-            plan = replace(plan, effects=(*plan.effects, GUARD_BAND))
+        """Make a roomier plan for this view, and keep it for the view's octave of zoom."""
+        key = kind_of(scene, view, settings, grid_bits), _octave(view)
+        headroom = self._headroom.get(key, _HEADROOM)
+        plan = roomy_plan(scene, view, settings, grid_bits, headroom)
         self._headroom[key] = min(2 * headroom, _MOST_HEADROOM)
         self._keep(key, plan)
         return plan
+
+    def adopt(self, scene: Scene, view: View, settings: Settings, plan: Plan) -> Plan:
+        """Use a roomy plan that another thread has made, for the view's octave of zoom."""
+        key = kind_of(scene, view, settings), _octave(view)
+        self._headroom[key] = 2 * _HEADROOM
+        self._keep(key, plan)
+        return _at(plan, view, settings)
 
     def _keep(self, key: tuple[Hashable, int], plan: Plan) -> None:
         self._plans[key] = plan
@@ -103,11 +101,55 @@ class ViewPlans:
             self._headroom.pop(oldest, None)
 
 
+def roomy_plan(
+    scene: Scene,
+    view: View,
+    settings: Settings,
+    grid_bits: int | None = None,
+    headroom: float = _HEADROOM,
+) -> Plan:
+    """A plan for a view and the same view at twice the zoom, with headroom and the guard band."""
+    scenes = [scene, _at_twice_the_zoom(scene, view)]
+    plan = _make_plan(scenes, view, settings, grid_bits, headroom)
+    if GUARD_BAND in mode_of(plan.coverage).effects and not plan.cuts_far_triangles:
+        plan = replace(plan, effects=(*plan.effects, GUARD_BAND))
+    return plan
+
+
+def _make_plan(
+    scenes: Sequence[Scene],
+    view: View,
+    settings: Settings,
+    grid_bits: int | None,
+    headroom: float,
+) -> Plan:
+    """A plan for some scenes at the canvas of a view. Raises `ValueError` if it is too large."""
+    plan = make_plan(
+        scenes,
+        height=view.height,
+        width=view.width,
+        coverage=settings.coverage_option(),
+        filter=settings.filter_option(),
+        origin=(view.x, view.y),
+        max_width=settings.planned_width(),
+        grid_bits=grid_bits,
+        headroom=headroom,
+        # Such a program calls no host function, so that JAX can keep it on disk.
+        on_overflow="nan",
+    )
+    if plan.memory > _MAX_MEMORY:
+        raise ValueError(
+            f"the view would take {plan.memory / 2**30:.1f} GiB: choose fewer samples, or a "
+            "smaller window."
+        )
+    return plan
+
+
 def _octave(view: View) -> int:
     return math.floor(math.log2(view.zoom) + 0.5)
 
 
-def _kind_of(scene: Scene, view: View, settings: Settings, grid_bits: int | None) -> Hashable:
+def kind_of(scene: Scene, view: View, settings: Settings, grid_bits: int | None = None) -> Hashable:
     """What two views must share to be drawn by one program."""
     textures = scene.textures
     return (
@@ -131,7 +173,7 @@ def _at_twice_the_zoom(scene: Scene, view: View) -> Scene:
 
 
 def _at(plan: Plan, view: View, settings: Settings) -> Plan:
-    """The plan at the place of another view, with that view's values of all array leaves."""
+    """The plan for another view: with its origin, and its values of the other array leaves."""
     wanted = eqx.tree_at(lambda plan: plan.origin, plan, _like([view.x, view.y], plan.origin))
     bias = _like(settings.lod_bias, plan.filter.lod_bias)
     wanted = eqx.tree_at(lambda plan: plan.filter.lod_bias, wanted, bias)

@@ -1,12 +1,11 @@
 """A subject that is an SVG file, read again for each zoom and whenever the file changes."""
 
 import shlex
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..io.svg.reader import read_svg, svg_size
+from ..io.svg.reader import read_svg_with_notice, svg_size
 from ..names import SvgDialect
 from ..options import Filter, Hard
 from ..scene import Scene
@@ -25,7 +24,7 @@ class ReadOptions:
     opacity: bool = True
 
     def arguments(self) -> dict[str, Any]:
-        """The keywords of `read_svg`."""
+        """The keywords of `read_svg_with_notice`."""
         return {
             "dialect": self.dialect,
             "assets": self.assets,
@@ -46,6 +45,8 @@ class SceneFile(Subject):
 
     It is read again at each zoom, so that curves, and lines of one pixel, are those of that size.
     """
+
+    may_change = True
 
     def __init__(self, path: Path, options: ReadOptions):
         super().__init__(path.name)
@@ -75,10 +76,10 @@ class SceneFile(Subject):
         return self._scenes.get(self, zoom, self._read)
 
     def _read(self, height: int, width: int) -> Scene:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            scene = read_svg(self._path, height=height, width=width, **self._options.arguments())
-        self._notes = tuple(str(warning.message) for warning in caught)
+        scene, notice = read_svg_with_notice(
+            self._path, height=height, width=width, **self._options.arguments()
+        )
+        self._notes = () if notice is None else (notice,)
         return scene
 
     def notes(self) -> tuple[str, ...]:

@@ -22,13 +22,12 @@ _END_SECONDS = 20.0
 """Longest time to wait for the picture that is being drawn. Python must not end while XLA
 compiles."""
 
-
 _SEND_SECONDS = 0.2
 """Time in which the last picture is sent to the pages."""
 
 
 class ViewerServer:
-    """A running server; `close` it, or use it in a `with` statement.
+    """A running server; `close` it, or use it in a `with` statement. It closes the session too.
 
     - `port`: a free one is chosen if it is 0. Raises `OSError` if it is in use.
     - `url`: the address of the page, with a secret token.
@@ -48,6 +47,7 @@ class ViewerServer:
         self.port: int = self._socket.getsockname()[1]
         token = secrets.token_urlsafe(16)
         self.url = f"http://{ADDRESS}:{self.port}/{token}/"
+        self._session = session
         self._worker = Worker()
         config = uvicorn.Config(
             Guard(make_app(session, self._worker), token, self.port),
@@ -85,6 +85,7 @@ class ViewerServer:
             self._server.should_exit = True
             self._thread.join(_END_SECONDS)
             self._socket.close()
+            self._session.close()
 
     def __enter__(self) -> "ViewerServer":
         return self

@@ -49,6 +49,19 @@ class Session:
         """The version of each subject, which changes with its contents."""
         return [subject.version for subject in self.subjects]
 
+    @property
+    def may_change(self) -> bool:
+        """Whether some subject may change while it is shown."""
+        return any(subject.may_change for subject in self.subjects)
+
+    def is_compiling(self) -> bool:
+        """Whether a plan for later views is being compiled in the background."""
+        return self._artist.is_compiling()
+
+    def close(self) -> None:
+        """Wait until nothing is compiled in the background: Python must not end meanwhile."""
+        self._artist.close()
+
     def show(self, page: Hashable, number: object) -> None:
         """Note the number of the subject that a page shows; None when the page is closed."""
         self._shown[page] = number
@@ -97,7 +110,9 @@ class Session:
             rgba = subject.pixels(view)
             facts = {"milliseconds": 0, "compile_seconds": 0, "effects": [], "plan": "an image"}
         else:
-            drawn = self._artist.draw(subject.scene_at(view.zoom), view, settings)
+            scene = subject.scene_at(view.zoom)
+            drawn = self._artist.draw(scene, view, settings)
+            self._artist.prepare_zoom(scene, view, settings)
             rgba = drawn.rgba
             facts = {
                 "milliseconds": 1e3 * drawn.seconds,

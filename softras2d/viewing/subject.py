@@ -30,9 +30,12 @@ class Subject(abc.ABC):
     A member implements `scene_at` if it is made of triangles, and `pixels` if it is an image.
 
     - `name`: what a page calls it; several subjects may have the same name.
+    - `is_image`: whether it is an image.
+    - `may_change`: whether its contents may change while it is shown, as those of a file.
     """
 
     is_image = False
+    may_change = False
 
     def __init__(self, name: str):
         self.name = name

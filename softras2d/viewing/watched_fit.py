@@ -15,6 +15,8 @@ class WatchedFit(SceneInMemory):
     Another thread draws the scenes, with `scene_at`.
     """
 
+    may_change = True
+
     def __init__(self, name: str, height: int, width: int):
         empty = Scene.from_soup([], [])
         super().__init__(name, empty, height, width, FitState((), is_running=True))

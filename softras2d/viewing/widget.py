@@ -4,25 +4,36 @@
 
 import base64
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import anywidget
 import traitlets
 from IPython.display import display
 
-from .frames import finite
+from .frames import finite, with_packed_picture
 from .session import URGENCY, Reply, Session, scalar
+from .shared_threads import shared_watcher, shared_worker
 from .still import still_png
-from .worker import Worker
 
 _STATIC = Path(__file__).parent / "static"
+
+
+class _Output(NamedTuple):
+    """A place on the page of a notebook that shows a widget.
+
+    - `widget`: identifies the widget; `name`: identifies the output among those of the widget.
+    """
+
+    widget: int
+    name: str
 
 
 class ViewerWidget(anywidget.AnyWidget):
     """Shows the subjects of a session. Made by `softras2d.view`.
 
-    Pictures are drawn in a thread, so that cells can run meanwhile. `still` is a picture for pages
-    without a running kernel, which a saved notebook holds.
+    Pictures are drawn in a thread, so that cells can run meanwhile. While an output shows the
+    widget, its files are watched. `still` is a picture for pages without a running kernel, which a
+    saved notebook holds.
     """
 
     _esm: ClassVar[Path] = _STATIC / "viewer.js"
@@ -34,13 +45,14 @@ class ViewerWidget(anywidget.AnyWidget):
     def __init__(self, session: Session, height: int):
         self._session = session
         self._png = base64.b64encode(still_png(session, height)).decode()
-        self._worker = Worker()
+        self._outputs: set[_Output] = set()
         super().__init__(height=height, still=f"data:image/png;base64,{self._png}")
         self.on_msg(self._receive)
 
     def close(self) -> None:
-        """Close the widget in every output that shows it, and end its thread."""
-        self._worker.close()
+        """Close the widget in every output that shows it."""
+        for output in tuple(self._outputs):
+            self._forget(output)
         super().close()
 
     def _receive(self, widget: Any, request: Any, buffers: Any) -> None:
@@ -48,19 +60,34 @@ class ViewerWidget(anywidget.AnyWidget):
         if not isinstance(request, dict):
             return
         # Each output that shows the widget has a view of its own.
-        owner = str(request.pop("owner", ""))
+        output = _Output(id(self), str(request.pop("owner", "")))
         if request.get("kind") == "closed":
-            self._worker.forget(owner)
+            self._forget(output)
             return
+        self._outputs.add(output)
+        if self._session.may_change:
+            shared_watcher().watch(id(self), self._session.versions, self._tell_versions)
         kind, slot = (str(scalar(request.get(name))) for name in ("kind", "slot"))
 
         def deliver(reply: Reply) -> None:
+            reply = with_packed_picture(reply)
             buffers = [reply.payload] if len(reply.payload) else None
-            self.send({**finite(reply.header), "owner": owner}, buffers=buffers)
+            self.send({**finite(reply.header), "owner": output.name}, buffers=buffers)
 
-        self._worker.submit(
-            owner, (kind, slot), URGENCY.get(kind, 0), self._session.answer(request), deliver
+        shared_worker().submit(
+            output, (kind, slot), URGENCY.get(kind, 0), self._session.answer(request), deliver
         )
+
+    def _forget(self, output: "_Output") -> None:
+        """Drop the requests of an output that is closed, and watch no files for nobody."""
+        shared_worker().forget(output)
+        self._outputs.discard(output)
+        if not self._outputs and self._session.may_change:
+            shared_watcher().forget(id(self))
+
+    def _tell_versions(self, versions: list[int]) -> None:
+        """Tell all outputs that the contents of a subject have changed."""
+        self.send({"kind": "changed", "versions": versions})
 
     def _repr_mimebundle_(self, **keywords: Any) -> Any:
         """The widget, and a picture for front ends that show no widgets."""

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from .browser import REQUIRE, require_browser
+from .viewing import unpacked
 
 SECONDS = 180.0
 """Longest time to wait for a picture: it may have to be compiled on a busy machine."""
@@ -82,13 +83,17 @@ def canvas_of(page: Any, selector: str = ".sr-picture") -> np.ndarray:
 
 
 def frames_of(page: Any) -> list[tuple[dict[str, Any], bytes]]:
-    """A list to which header and payload of each frame are added that the page receives."""
+    """A list to which header and payload of each frame are added that the page receives.
+
+    Pictures are unpacked.
+    """
     frames: list[tuple[dict[str, Any], bytes]] = []
 
     def receive(frame: Any) -> None:
         if isinstance(frame, bytes):
             length = int.from_bytes(frame[:4], "little")
-            frames.append((json.loads(frame[4 : 4 + length]), frame[4 + length :]))
+            header, payload = json.loads(frame[4 : 4 + length]), frame[4 + length :]
+            frames.append((header, unpacked(header, payload)))
 
     page.on("websocket", lambda opened: opened.on("framereceived", receive))
     return frames

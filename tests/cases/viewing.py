@@ -6,6 +6,7 @@ import numpy as np
 
 import softras2d as sr
 from softras2d.viewing.image import Image
+from softras2d.viewing.packed_pixels import BLOCK
 from softras2d.viewing.scene_in_memory import SceneInMemory
 from softras2d.viewing.session import Reply, Session
 
@@ -62,3 +63,23 @@ def bytes_of(scene: sr.Scene, view: dict[str, Any], coverage: Any, filter: Any =
     )
     image = np.asarray(sr.render(scene, plan))
     return np.floor(np.clip(image, 0, 1) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
+
+
+def unpacked(header: dict[str, Any], payload: bytes) -> bytes:
+    """The bytes of a message of which the pixels may be packed, block by block."""
+    if "blocks" not in header:
+        return payload
+    blocks, colors = header["blocks"], header["colors"]
+    bit_bytes = 4 * -(-blocks // 32)
+    bits = np.unpackbits(np.frombuffer(payload[:bit_bytes], np.uint8), bitorder="little")
+    words = np.frombuffer(payload[bit_bytes:], np.uint32)
+    at_color, at_other, pixels = 0, colors, []
+    for has_one_color in bits[:blocks]:
+        if has_one_color:
+            pixels.append(np.full(BLOCK, words[at_color]))
+            at_color += 1
+        else:
+            pixels.append(words[at_other : at_other + BLOCK])
+            at_other += BLOCK
+    assert at_color == colors
+    return np.concatenate([*pixels, words[at_other:]]).astype(np.uint32).tobytes()

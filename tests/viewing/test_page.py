@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ import softras2d as sr
 from softras2d import scenes
 from softras2d.viewing.open_files import open_files
 from softras2d.viewing.scene_file import ReadOptions
+from softras2d.viewing.scene_in_memory import SceneInMemory
 from softras2d.viewing.serve import ViewerServer
 from softras2d.viewing.session import Session
 
@@ -27,7 +30,7 @@ from ..cases.pages import (
     wait_for,
     wait_for_picture,
 )
-from ..cases.viewing import bytes_of
+from ..cases.viewing import HEIGHT, WIDTH, bytes_of, small_scene
 from ..oracles.coverage import Canvas, footprints
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
@@ -387,6 +390,27 @@ def test_a_half_written_file_keeps_the_view(browser, tmp_path):
         page.close()
 
 
+def test_an_image_with_alpha_is_shown_as_it_was_sent(browser):
+    scene = small_scene(channels=4)
+    scene = eqx.tree_at(lambda s: s.background, scene, jnp.array([0.1, 0.2, 0.3, 0.25]))
+    with ViewerServer(Session([SceneInMemory("glass", scene, HEIGHT, WIDTH)])) as server:
+        page = browser.new_page(viewport=WINDOW)
+        page.frames_seen = frames_of(page)
+        page.goto(server.url)
+        wait_for_picture(page)
+        page.evaluate("() => 0")
+        pictures = [frame for frame in page.frames_seen if frame[0]["kind"] == "picture"]
+        header, payload = pictures[-1]
+        sent = np.frombuffer(payload, np.uint8).reshape(header["height"], header["width"], 4)
+        shown = canvas_of(page)
+        page.close()
+    assert len(np.unique(sent[..., 3])) > 5
+    np.testing.assert_array_equal(shown[..., 3], sent[..., 3])
+    # A canvas keeps colours premultiplied, in bytes.
+    alpha = sent[..., 3:] / 255
+    assert np.abs(shown[..., :3] * alpha - sent[..., :3] * alpha).max() <= 1
+
+
 def test_pages_are_independent(browser, server, page):
     other = browser.new_page(viewport=WINDOW)
     other.goto(server.url)
@@ -446,6 +470,14 @@ def test_a_fit_is_watched(browser, tmp_path):
         wait_for(lambda: steps() > first, "more steps")
         wait_for_picture(page)
         assert len(np.unique(canvas_of(page).reshape(-1, 4), axis=0)) > 5
+        # Pages that are closed end nothing: the fit runs on, and another page shows it.
+        reached = steps()
+        page.close()
+        page = browser.new_page(viewport=WINDOW)
+        page.goto(address.group())
+        curve = page.locator(".sr-fit")
+        wait_for(lambda: curve.is_visible() and steps() > reached, "more steps in a second page")
+        assert process.poll() is None and "fitting" in curve.inner_text()
         # Ctrl-C ends a fit with the best result so far, which the page shows last.
         process.send_signal(signal.SIGINT)
         wait_for(lambda: "fitted" in curve.inner_text(), "the end of the fit")

@@ -1,7 +1,11 @@
 """Answers of a session: pictures equal those of `render`, and panning compiles nothing."""
 
+import gc
+import tracemalloc
+import warnings
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 
@@ -28,6 +32,8 @@ from ..cases.viewing import (
     small_session,
 )
 
+PICTURE_BYTES = 4 * VIEW["height"] * VIEW["width"]
+
 
 def test_a_picture_equals_render_byte_for_byte():
     (reply,) = ask(small_session(), "picture")
@@ -52,6 +58,29 @@ def test_panning_and_small_zooms_compile_nothing(count_compilations):
             pictures.append(pixels_of(reply).tobytes())
     assert compiled.names == []
     assert len(set(pictures)) == 30
+
+
+def test_memory_does_not_grow_with_the_views():
+    session = small_session()
+
+    def look(steps: range) -> int:
+        """Bytes that are held after some views, none of which is kept by the caller."""
+        for step in steps:
+            view = VIEW | {"x": step % 7, "y": step % 5, "zoom": 1.5 * 1.01 ** (step % 9)}
+            (reply,) = ask(session, "picture", view=view)
+            assert len(reply.payload) == PICTURE_BYTES
+        gc.collect()
+        on_devices = sum(array.nbytes for array in jax.live_arrays())
+        return on_devices + tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        before = look(range(40))
+        after = look(range(40, 120))
+    finally:
+        tracemalloc.stop()
+    # Far less than 80 pictures of 24 kB each.
+    assert after - before < 4 * PICTURE_BYTES
 
 
 @pytest.mark.parametrize(
@@ -133,6 +162,21 @@ def test_a_file_is_read_again_when_it_changes(tmp_path):
     assert file.version == 0
     with pytest.raises(ValueError, match="No such file"):
         file.size()
+
+
+def test_what_is_not_drawn_becomes_a_note_and_no_warning(tmp_path):
+    path = tmp_path / "scene.svg"
+    path.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9">'
+        '<text>not drawn</text><rect width="4" height="5"/></svg>'
+    )
+    session = Session(open_files([path], ReadOptions()))
+    # Filters of warnings are shared by all threads, so that none may be issued and caught.
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        session.subjects[0].scene_at(1.0)
+    (note,) = session.subjects[0].notes()
+    assert "scene.svg" in note and "text" in note
 
 
 def test_a_missing_file_is_an_error_of_its_subject_alone(tmp_path):

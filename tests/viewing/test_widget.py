@@ -7,6 +7,7 @@ import queue
 import re
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,48 @@ def test_messages_are_answered(widget, monkeypatch):
     widget._receive(widget, "nonsense", [])
     widget._receive(widget, {"kind": "subjects", "owner": "a"}, [])
     assert answers.get(timeout=60)[0]["kind"] == "subjects"
+
+
+def test_widgets_share_one_thread_and_closing_one_leaves_the_others(widget, monkeypatch):
+    def threads() -> list[str]:
+        names = [thread.name for thread in threading.enumerate()]
+        return sorted(name for name in names if name.startswith("softras2d"))
+
+    answers: queue.Queue[str] = queue.Queue()
+    others = [sr.view(small_image(), widget_height=240) for _ in range(3)]
+    for name, shown in zip("abcd", (widget, *others), strict=True):
+        deliver = lambda content, buffers, name=name: answers.put(name)  # noqa: E731
+        monkeypatch.setattr(shown, "send", deliver)
+        # Outputs of different widgets may have the same name.
+        shown._receive(shown, {"kind": "subjects", "owner": "a"}, [])
+    assert {answers.get(timeout=60) for _ in range(4)} == set("abcd")
+    assert threads().count("softras2d viewer") == 1
+    for other in others:
+        other.close()
+    widget._receive(widget, {"kind": "subjects", "owner": "a"}, [])
+    assert answers.get(timeout=60) == "a"
+
+
+def test_outputs_are_told_of_a_changed_file(tmp_path, monkeypatch):
+    path = tmp_path / "image.png"
+    sr.write_image(path, small_image())
+    widget = sr.view(path, small_image(), widget_height=240)
+    answers: queue.Queue[dict[str, Any]] = queue.Queue()
+    monkeypatch.setattr(widget, "send", lambda content, buffers=None: answers.put(content))
+    widget._receive(widget, {"kind": "subjects", "owner": "a"}, [])
+    before = answers.get(timeout=60)["subjects"][0]
+    sr.write_image(path, small_image()[:20])
+    told = answers.get(timeout=60)
+    assert told["kind"] == "changed" and told["versions"][0] != before["version"]
+    assert told["versions"][1] == 1 and "owner" not in told
+    widget._receive(widget, {"kind": "subjects", "owner": "a"}, [])
+    assert answers.get(timeout=60)["subjects"][0]["height"] == 20
+    # Without an output, nobody is told.
+    widget._receive(widget, {"kind": "closed", "owner": "a"}, [])
+    sr.write_image(path, small_image()[:10])
+    with pytest.raises(queue.Empty):
+        answers.get(timeout=1.2)
+    widget.close()
 
 
 def test_the_saved_output_has_a_picture(widget, tmp_path):

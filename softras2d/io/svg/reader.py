@@ -111,7 +111,22 @@ def read_svg(
     checked before the work is done.
     """
     options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
-    return _read(load(path), height, width, options, stacklevel=3).scene
+    drawn = _read(load(path), height, width, options)
+    _warn(drawn)
+    return drawn.scene
+
+
+def read_svg_with_notice(
+    path: str | os.PathLike[str], *, height: int, width: int, dialect: str = "svg",
+    assets: str | os.PathLike[str] | None = None, opacity: bool = True, frame: bool | None = None,
+) -> tuple[Scene, str | None]:  # fmt: skip
+    """Like `read_svg`, but return the text of the warning, or None, instead of issuing it.
+
+    Threads share the filters of `warnings`, so that a thread cannot safely catch what it issues.
+    """
+    options = _Options(dialect, None, assets, opacity, frame, False, TOLERANCE, False, None)
+    drawn = _read(load(path), height, width, options)
+    return drawn.scene, drawn.notice
 
 
 def parse_svg(
@@ -135,7 +150,9 @@ def parse_svg(
     Names of image files are relative to `assets`; without it, no file is read.
     """
     options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
-    return _read(from_text(text, name), height, width, options, stacklevel=3).scene
+    drawn = _read(from_text(text, name), height, width, options)
+    _warn(drawn)
+    return drawn.scene
 
 
 def read_svg_controls(
@@ -159,7 +176,8 @@ def read_svg_controls(
     """
     document = load(path)
     options = _Options("svg", transform, assets, opacity, None, linear, tolerance, strict, fit)
-    drawn = _read(document, height, width, options, stacklevel=3, keeps_sources=True)
+    drawn = _read(document, height, width, options, keeps_sources=True)
+    _warn(drawn)
     drawing = drawn.drawing
     assert drawing is not None
     with _errors_named(document):
@@ -202,12 +220,14 @@ def _document_size(document: Document, dialect: str) -> tuple[int, int]:
 class _Drawn(NamedTuple):
     """A document that has been read: its scene and triangles, and what has drawn it.
 
-    `drawing` is None in dialect `course`.
+    - `drawing`: None in dialect `course`.
+    - `notice`: what was left out or ignored, for a warning; None if nothing was.
     """
 
     scene: Scene
     triangles: Triangles
     drawing: Drawing | None
+    notice: str | None
 
 
 def _read(
@@ -215,7 +235,6 @@ def _read(
     height: int | None,
     width: int | None,
     options: _Options,
-    stacklevel: int,
     keeps_sources: bool = False,
 ) -> _Drawn:
     _check_options(options)
@@ -254,14 +273,18 @@ def _read(
         with _errors_named(document):
             triangles = context.display.finish(height, width)
     message = context.warning() if is_course else notices.warning()
-    if message:
-        if options.strict:
-            raise SvgError(message)
-        warnings.warn(message, UserWarning, stacklevel=stacklevel)
+    if message and options.strict:
+        raise SvgError(message)
     addressing = "corners" if is_course else "half_texel"
     with _errors_named(document), np.errstate(over="ignore", invalid="ignore"):
         scene = _make_scene(context, triangles, addressing, options.linear)
-    return _Drawn(scene, triangles, drawing)
+    return _Drawn(scene, triangles, drawing, message)
+
+
+def _warn(drawn: _Drawn) -> None:
+    """Issue the notice of a document as a warning of the function that called the reader."""
+    if drawn.notice:
+        warnings.warn(drawn.notice, UserWarning, stacklevel=3)
 
 
 @contextmanager

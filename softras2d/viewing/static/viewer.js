@@ -1,4 +1,4 @@
-// The viewer's front-end: one module for the page of `softras2d view` and for the notebook widget.
+// The viewer's front end: one module for the page of `softras2d view` and for the notebook widget.
 //
 // It keeps a view (zoom and position), settings and overlays, asks for exact pictures of them, and
 // shows the last picture moved and scaled until the exact one arrives. It loads nothing from the
@@ -14,6 +14,7 @@ const CANVAS_STEP = 32; // Canvas sides are multiples of this many screen pixels
 const MOST_CANVAS = 8192;
 const DIFFERENCE_GAIN = 4;
 const NARROW = 900; // A viewer of at most this width, in CSS pixels, starts without its panel.
+const BLOCK = 16; // Pixels of a block of a packed picture.
 const BUSY_MS = 150; // A picture that takes longer is announced.
 const ARROW_PIXELS = 48; // Length of the longest gradient, in screen pixels.
 
@@ -34,7 +35,7 @@ const COMPARISONS = {
   "1 sample": { coverage: "sampled", samples: 1 },
   "4 samples": { coverage: "sampled", samples: 4 },
   "64 samples": { coverage: "sampled", samples: 64 },
-  "exact area": { coverage: "area" },
+  "area coverage": { coverage: "area" },
   "soft edges": { coverage: "soft" },
   "nearest texels": { pixel_filter: "nearest", level_filter: "zero" },
   trilinear: { pixel_filter: "bilinear", level_filter: "linear" },
@@ -42,8 +43,15 @@ const COMPARISONS = {
   "pixel shading": { coverage: "sampled", shading: "pixel" },
 };
 
-// Keys, what they do, and the method to call. Those marked "course" are the keys of the viewer of
-// the rasterizer course.
+const COVERAGE_NOTES = {
+  sampled: "",
+  soft: "Triangles fade across their edges, so that the background shows at the seams of adjacent ones.",
+  area: "Each triangle covers its exact area of a pixel and is blended over those behind, so that the " +
+    "background shows at the seams of adjacent triangles. The inspector shows the exact value.",
+};
+
+// Keys, what they do, and the method to call. The first ones, down to the space bar, are those of
+// the rasterizer course's viewer.
 const KEYS = [
   ["-", "fewer samples", (v) => v.stepSetting("samples", SAMPLES, -1)],
   ["=", "more samples", (v) => v.stepSetting("samples", SAMPLES, 1)],
@@ -125,6 +133,39 @@ function openModel(model) {
     model.off("msg:custom", receive);
   };
   return transport;
+}
+
+// The RGBA of a picture, unpacked as `packed_pixels.py` says.
+function unpackPixels({ width, height, blocks, colors }, payload) {
+  const { buffer, byteOffset, byteLength } = payload;
+  if (blocks === undefined) return new Uint8ClampedArray(buffer, byteOffset, byteLength);
+  // A copy, because words must begin at a multiple of 4 bytes.
+  const bytes = buffer.slice(byteOffset, byteOffset + byteLength);
+  const bitBytes = 4 * Math.ceil(blocks / 32);
+  const bits = new Uint8Array(bytes, 0, bitBytes);
+  const words = new Uint32Array(bytes, bitBytes);
+  const pixels = new Uint32Array(width * height);
+  const hasOneColor = (block) => (bits[block >> 3] >> (block & 7)) & 1;
+  let [block, color, other] = [0, 0, colors];
+  while (block < blocks) {
+    const start = block;
+    if (hasOneColor(block)) {
+      const value = words[color];
+      do {
+        block++;
+        color++;
+      } while (block < blocks && hasOneColor(block) && words[color] === value);
+      pixels.fill(value, start * BLOCK, block * BLOCK);
+    } else {
+      do block++;
+      while (block < blocks && !hasOneColor(block));
+      const length = (block - start) * BLOCK;
+      pixels.set(words.subarray(other, other + length), start * BLOCK);
+      other += length;
+    }
+  }
+  pixels.set(words.subarray(other), blocks * BLOCK);
+  return new Uint8ClampedArray(pixels.buffer);
 }
 
 // Elements: h("div", {class: "x", onclick: f}, children...).
@@ -266,7 +307,13 @@ class Viewer {
     const set = (name) => (value) => this.set(name, value);
     this.controls = {};
     const panel = h("aside", { class: "sr-panel", "aria-label": "Settings" });
-    const heading = (text) => panel.append(h("h2", {}, text));
+    let section = panel;
+    // Sections that apply to drawings alone are hidden while an image is shown.
+    const begin = (text, isOfDrawings) => {
+      const style = isOfDrawings ? "sr-of-drawings" : null;
+      section = panel.appendChild(h("section", { class: style }, h("h2", {}, text)));
+      return section;
+    };
     const choices = (name, label, options, onchange) => {
       const inputs = options.map(([value, text]) => {
         const input = h("input", {
@@ -280,7 +327,7 @@ class Viewer {
         h("div", { class: "sr-choices" }, ...inputs),
       );
       this.controls[name] = field;
-      panel.append(field);
+      section.append(field);
     };
     const range = (name, label, minimum, maximum, step, toText, fromValue, toValue) => {
       const output = h("output");
@@ -294,47 +341,48 @@ class Viewer {
         input.value = toValue(value);
         output.textContent = toText(value);
       };
-      panel.append(field);
+      section.append(field);
     };
-    heading("Coverage");
+    begin("Coverage", true);
     const kinds = [["sampled", "sampled"], ["soft", "soft"], ["area", "area"]];
     choices("coverage", "Kind", kinds, set("coverage"));
+    this.coverageNote = section.appendChild(h("p", { class: "sr-hint", hidden: true }));
     choices("samples", "Samples per pixel", SAMPLES.map((n) => [n, `${n}`]), set("samples"));
     range("soft_width", "Width of soft edges", Math.log(0.1), Math.log(8), 0.01,
       (value) => `${+value.toPrecision(2)} px`, (t) => +Math.exp(t).toPrecision(3), Math.log);
     choices("fill_rule", "Fill rule", [["inclusive", "inclusive"], ["top_left", "top-left"]],
       set("fill_rule"));
     choices("shading", "Shading", [["sample", "per sample"], ["pixel", "per pixel"]], set("shading"));
-    this.textureHeading = panel.appendChild(h("h2", {}, "Textures"));
+    this.textureSection = begin("Textures", true);
     choices("pixel_filter", "Within a level", [["nearest", "nearest"], ["bilinear", "bilinear"]],
       set("pixel_filter"));
     choices("level_filter", "Between levels",
       [["zero", "zero"], ["nearest", "nearest"], ["linear", "linear"]], set("level_filter"));
     choices("anisotropy", "Anisotropy", ANISOTROPIES.map((n) => [n, `${n}`]), set("anisotropy"));
     range("lod_bias", "Level bias", -4, 4, 0.25, (value) => `${value}`, (t) => t, (value) => value);
-    heading("Overlays");
+    begin("Overlays", true);
     for (const [name, text] of [["edges", "Triangle edges"], ["tiles", "Tiles, and how full"],
       ["gradients", "Gradients by positions"]]) {
       const input = h("input", { type: "checkbox", onchange: () => this.toggleOverlay(name) });
       this.controls[name] = h("label", { class: "sr-check" }, input, text);
-      panel.append(this.controls[name]);
+      section.append(this.controls[name]);
     }
-    this.overlayNote = panel.appendChild(h("p", { class: "sr-hint", hidden: true }));
-    heading("Compare");
+    this.overlayNote = section.appendChild(h("p", { class: "sr-hint", hidden: true }));
+    begin("Compare", false);
     choices("mode", "Show", [["off", "off"], ["slider", "slider"], ["difference", "difference"]],
       (mode) => this.setCompare({ mode }));
     this.againstChoice = h("select", {
       "aria-label": "Compare with", onchange: () => this.setCompare({ against: this.againstChoice.value }),
     });
-    panel.append(h("div", { class: "sr-field" }, h("div", { class: "sr-label" }, "With"), this.againstChoice));
-    this.differenceNote = panel.appendChild(h("p", { class: "sr-hint", hidden: true }));
-    heading("Effects");
-    this.effects = panel.appendChild(h("ul", { class: "sr-effects" }));
-    this.measureButton = panel.appendChild(
+    section.append(h("div", { class: "sr-field" }, h("div", { class: "sr-label" }, "With"), this.againstChoice));
+    this.differenceNote = section.appendChild(h("p", { class: "sr-hint", hidden: true }));
+    begin("Effects", true);
+    this.effects = section.appendChild(h("ul", { class: "sr-effects" }));
+    this.measureButton = section.appendChild(
       h("button", { type: "button", class: "sr-wide", onclick: () => this.measure() }, "Measure what each costs"),
     );
     this.plan = h("pre");
-    panel.append(h("details", {}, h("summary", {}, "Plan"), this.plan));
+    section.append(h("details", {}, h("summary", {}, "Plan"), this.plan));
     return panel;
   }
 
@@ -734,6 +782,8 @@ class Viewer {
 
   showHelp() {
     this.help.showModal();
+    // The focus is on the button below the list.
+    this.help.scrollTop = 0;
   }
 
   // Requests.
@@ -866,7 +916,7 @@ class Viewer {
     if (shown && shown.id > header.id) return;
     const wanted = this.wanted[slot];
     const { height, width } = header;
-    const rgba = new Uint8ClampedArray(payload.buffer, payload.byteOffset, payload.byteLength);
+    const rgba = unpackPixels(header, payload);
     let canvas = shown?.canvas;
     if (!canvas || canvas.width !== width || canvas.height !== height) {
       canvas = new OffscreenCanvas(width, height);
@@ -916,6 +966,7 @@ class Viewer {
     const bytes = payload.buffer.slice(payload.byteOffset, payload.byteOffset + payload.byteLength);
     this.overlayData[header.kind] = { ...data, view: data.requested.view, header, values: new kind(bytes) };
     this.paint();
+    this.updateStatus();
   }
 
   // Saving and copying.
@@ -1417,7 +1468,10 @@ class Viewer {
     check("mode", comparison.mode);
     controls.soft_width.show(settings.soft_width);
     controls.lod_bias.show(settings.lod_bias);
+    this.panel.classList.toggle("sr-of-image", Boolean(this.subject()?.is_image));
     const isSampled = settings.coverage === "sampled";
+    this.coverageNote.hidden = isSampled;
+    this.coverageNote.textContent = COVERAGE_NOTES[settings.coverage];
     for (const name of ["samples", "fill_rule", "shading"]) controls[name].hidden = !isSampled;
     controls.soft_width.hidden = settings.coverage !== "soft";
     for (const [name, isOn] of Object.entries(this.overlays)) controls[name].querySelector("input").checked = isOn;
@@ -1448,7 +1502,7 @@ class Viewer {
 
   describe(settings) {
     if (settings.coverage === "soft") return `soft edges, ${+settings.soft_width.toPrecision(2)} px`;
-    if (settings.coverage === "area") return "exact area";
+    if (settings.coverage === "area") return "area coverage";
     return settings.samples === 1 ? "1 sample" : `${settings.samples} samples`;
   }
 
@@ -1460,8 +1514,7 @@ class Viewer {
       this.updateEffects();
     }
     const hasTexture = effects.includes("texture");
-    this.textureHeading.hidden = !hasTexture;
-    for (const name of ["pixel_filter", "level_filter", "anisotropy", "lod_bias"]) this.controls[name].hidden = !hasTexture;
+    this.textureSection.hidden = !hasTexture;
   }
 
   updateEffects() {
@@ -1547,7 +1600,7 @@ class Viewer {
     else if (header && state === "exact") {
       const compiled = header.compile_seconds > 0 ? `, of which ${header.compile_seconds.toFixed(1)} s compiling` : "";
       const time = header.milliseconds >= 1000 ? `${(header.milliseconds / 1000).toFixed(1)} s` : `${header.milliseconds.toFixed(0)} ms`;
-      parts.time.textContent = `${time}${compiled}`;
+      parts.time.textContent = subject?.is_image ? "" : `${time}${compiled}`;
     }
     const tiles = this.overlayData.tiles?.header;
     if (tiles) {

@@ -1,0 +1,64 @@
+"""Compiles roomy plans in another thread, while snug plans draw."""
+
+from collections import OrderedDict
+from collections.abc import Hashable
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import jax
+
+from ..planning.plan import Plan
+from ..rendering.render import render_checked
+from ..scene import Scene
+from .plans import roomy_plan
+from .settings import Settings
+from .view import View
+
+_KEPT = 16
+"""Kinds of views of which the plan is kept."""
+
+
+class PlanCompiler:
+    """Makes roomy plans and compiles their programs, in a thread of its own.
+
+    Python waits for the thread when it ends, as it must not end while XLA compiles.
+    """
+
+    def __init__(self):
+        self._thread = ThreadPoolExecutor(1, "softras2d compiler")
+        self._plans: OrderedDict[Hashable, Future[Plan]] = OrderedDict()
+        self._is_closed = False
+
+    def start(self, kind: Hashable, scene: Scene, view: View, settings: Settings) -> None:
+        """Begin with the plan of a kind of views, unless it was asked for before.
+
+        Plans of other kinds that have not begun are dropped: they are asked for again if they are
+        still wanted.
+        """
+        if kind in self._plans or self._is_closed:
+            return
+        for other in [other for other, plan in self._plans.items() if plan.cancel()]:
+            del self._plans[other]
+        self._plans[kind] = self._thread.submit(_compile, scene, view, settings)
+        while len(self._plans) > _KEPT:
+            self._plans.popitem(last=False)
+
+    def take(self, kind: Hashable) -> Plan | None:
+        """Wait for the plan of a kind of views; None if it was not asked for, or cannot be made."""
+        plan = self._plans.get(kind)
+        return None if plan is None or plan.exception() is not None else plan.result()
+
+    def is_busy(self) -> bool:
+        """Whether a program is being compiled."""
+        return not all(plan.done() for plan in self._plans.values())
+
+    def close(self) -> None:
+        """Wait for the program that is being compiled, and begin with no other."""
+        self._is_closed = True
+        self._thread.shutdown(cancel_futures=True)
+
+
+def _compile(scene: Scene, view: View, settings: Settings) -> Plan:
+    plan = roomy_plan(scene, view, settings)
+    # A call keeps its program for the next calls, which compiling ahead of time does not.
+    jax.block_until_ready(render_checked(scene, plan))
+    return plan

@@ -1,0 +1,40 @@
+"""Opens a page in the browser, whose address is a secret.
+
+Every user of a machine can read the command lines of its processes. So the browser is not given the
+address, but a file that only this user can read, and which sends the browser on to the address.
+
+**Source:** Jupyter Server does the same (`ServerApp.use_redirect_file`).
+"""
+
+import html
+import os
+import tempfile
+import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_PAGE = """\
+<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="referrer" content="no-referrer">
+<meta http-equiv="refresh" content="0; url={url}">
+<title>softras2d</title>
+</head>
+<body><a href="{url}">Open the viewer</a></body>
+</html>
+"""
+
+
+@contextmanager
+def opened_page(url: str) -> Iterator[None]:
+    """Open the page at `url` in the browser; the file that leads there exists for the body."""
+    with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
+        path = Path(folder) / "viewer.html"
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            file.write(_PAGE.format(url=html.escape(url)))
+        webbrowser.open(path.as_uri())
+        yield

@@ -1,0 +1,83 @@
+"""The threads that all widgets of a process share: one draws, and one looks for changed files.
+
+A notebook makes a widget each time that a cell runs, and the front end keeps the old ones.
+"""
+
+import functools
+import threading
+import time
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+
+from .worker import Worker
+
+_POLL_SECONDS = 0.5
+"""Time between two looks at the watched files."""
+
+
+@functools.cache
+def shared_worker() -> Worker:
+    """The worker of all widgets, which starts at the first call."""
+    return Worker()
+
+
+@functools.cache
+def shared_watcher() -> "Watcher":
+    """The watcher of all widgets, which starts at the first call."""
+    return Watcher(_POLL_SECONDS)
+
+
+@dataclass
+class _Watched:
+    """Contents that are watched: how to get their versions, the last ones, and whom to tell."""
+
+    versions: Callable[[], list[int]]
+    last_versions: list[int]
+    tell: Callable[[list[int]], None]
+
+
+class Watcher:
+    """Looks at the versions of contents again and again, in a thread of its own.
+
+    - `seconds`: time between two looks.
+    """
+
+    def __init__(self, seconds: float):
+        self._watched: dict[Hashable, _Watched] = {}
+        self._seconds = seconds
+        self._changed = threading.Condition()
+        thread = threading.Thread(target=self._run, name="softras2d watcher", daemon=True)
+        thread.start()
+
+    def watch(
+        self,
+        owner: Hashable,
+        versions: Callable[[], list[int]],
+        tell: Callable[[list[int]], None],
+    ) -> None:
+        """Call `tell` with the new versions, from the thread of the watcher, when they change.
+
+        Does nothing if the contents of this owner are watched already.
+        """
+        with self._changed:
+            if owner not in self._watched:
+                self._watched[owner] = _Watched(versions, versions(), tell)
+                self._changed.notify()
+
+    def forget(self, owner: Hashable) -> None:
+        """Stop watching the contents of an owner."""
+        with self._changed:
+            self._watched.pop(owner, None)
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                while not self._watched:
+                    self._changed.wait()
+                watched = list(self._watched.values())
+            for contents in watched:
+                versions = contents.versions()
+                if versions != contents.last_versions:
+                    contents.last_versions = versions
+                    contents.tell(versions)
+            time.sleep(self._seconds)
