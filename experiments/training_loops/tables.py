@@ -25,8 +25,9 @@ def lasting(rows: dict[str, Any]) -> str:
     """Each loop with one program: what went wrong in its steps, and its speed."""
     header = [
         "loop", "compiled: first step", "later", "outgrown: steps", "first", "not finite: steps",
-        "steps/s", "loss, first to last",
+        "steps per second", "over dense", "loss, first to last",
     ]  # fmt: skip
+    dense = rows["dense"]["steps_per_cpu_second"]
     body = [
         [
             name,
@@ -35,7 +36,8 @@ def lasting(rows: dict[str, Any]) -> str:
             f"{row['overflows']:,}",
             "-" if row["first_overflow"] is None else str(row["first_overflow"]),
             f"{row['not_finite']:,}",
-            f"{row['steps_per_second']:.0f}",
+            f"{row['steps_per_cpu_second']:.0f}",
+            f"{row['steps_per_cpu_second'] / dense:.1f}",
             f"{row['first_loss']:.3f} to {row['last_loss']:.4f}",
         ]
         for name, row in rows.items()
@@ -52,7 +54,7 @@ def replanning(rows: dict[str, Any]) -> str:
             name,
             str(row["replans"]),
             str(row["not_finite"]),
-            f"{row['seconds']:.0f}",
+            f"{row['cpu_seconds']:.0f}",
             f"{row['first_loss']:.3f} to {row['last_loss']:.4f}",
         ]
         for name, row in rows.items()
