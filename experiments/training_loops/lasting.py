@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 import softras2d as sr
 
+from ..common import progress
 from . import dense, motion
 from .compilations import Compilations
 
@@ -105,26 +106,42 @@ def first_scene() -> sr.Scene:
     return scene_of(*motion.start())
 
 
-def run(draw: Draw, target: Array, steps: int, compilations: Compilations) -> dict[str, Any]:
-    """Train with one program; count its compilations and what `Checks` finds."""
-    step_once = training_step(draw, target, steps)
-    state = begin()
-    before, began = compilations.count, time.perf_counter()
-    *state, first = jax.block_until_ready(step_once(*state))
-    first_s, compiled = time.perf_counter() - began, compilations.count - before
-    history, began = [first], time.perf_counter()
-    for _ in range(steps - 1):
-        *state, checks = step_once(*state)
-        history.append(checks)
-    jax.block_until_ready(state)
-    seconds = time.perf_counter() - began
-    return {
-        "compiled_in_first_step": compiled,
-        "compiled_later": compilations.count - before - compiled,
-        "first_step_s": first_s,
-        "steps_per_second": (steps - 1) / seconds,
-        **summary(history),
-    }
+class Loop:
+    """A training loop with one compiled program, advanced some steps at a time.
+
+    - `compiled`: number of programs compiled in the first step, and in all later ones.
+    - `first_step_s`, `cpu_s`: processor time of the first step, and of all later ones.
+    """
+
+    def __init__(self, draw: Draw, target: Array, steps: int, compilations: Compilations):
+        self._step_once = training_step(draw, target, steps)
+        self._state, self._compilations = begin(), compilations
+        self._history: list[Checks] = []
+        self.compiled = [0, 0]
+        self.first_step_s, self.cpu_s = self._advance(1, 0), 0.0
+
+    def advance(self, steps: int) -> None:
+        """Take some more steps."""
+        self.cpu_s += self._advance(steps, 1)
+
+    def _advance(self, steps: int, phase: int) -> float:
+        before, began = self._compilations.count, time.process_time()
+        for _ in range(steps):
+            *self._state, checks = self._step_once(*self._state)
+            self._history.append(checks)
+        jax.block_until_ready(self._state)
+        self.compiled[phase] += self._compilations.count - before
+        return time.process_time() - began
+
+    def row(self) -> dict[str, Any]:
+        """Results of all steps so far."""
+        return {
+            "compiled_in_first_step": self.compiled[0],
+            "compiled_later": self.compiled[1],
+            "first_step_cpu_s": self.first_step_s,
+            "steps_per_cpu_second": (len(self._history) - 1) / self.cpu_s,
+            **summary(self._history),
+        }
 
 
 def summary(history: list[Checks]) -> dict[str, Any]:
@@ -148,7 +165,7 @@ def summary(history: list[Checks]) -> dict[str, Any]:
 def run_replanning(
     coverage: Any, target: Array, steps: int, compilations: Compilations
 ) -> dict[str, Any]:
-    """The same loop with `value_and_grad_replanning`; compilations are part of its seconds."""
+    """The same loop with `value_and_grad_replanning`; compilations are part of its time."""
     motion_at = jax.jit(motion.motion(steps))
 
     def scene_at(parameters: Parameters, scale: Array, shift: Array) -> sr.Scene:
@@ -161,7 +178,7 @@ def run_replanning(
     gradient_of = sr.value_and_grad_replanning(loss, scene_at, **CANVAS, coverage=coverage)
     parameters, state, _ = begin()
     update = jax.jit(partial(_update, optax.adam(0.5)))
-    values, before, began = [], compilations.count, time.perf_counter()
+    values, before, began = [], compilations.count, time.process_time()
     for step in range(steps):
         value, gradient = gradient_of(parameters, *motion_at(jnp.int32(step)))
         parameters, state = update(parameters, state, gradient)
@@ -171,7 +188,7 @@ def run_replanning(
         "steps": steps,
         "replans": gradient_of.replans,
         "compiled": compilations.count - before,
-        "seconds": time.perf_counter() - began,
+        "cpu_seconds": time.process_time() - began,
         "not_finite": int((~np.isfinite(values)).sum()),
         "first_loss": values[0],
         "last_loss": values[-1],
@@ -183,17 +200,28 @@ def _update(optimizer: Any, parameters: Parameters, state: Any, gradient: Parame
     return optax.apply_updates(parameters, updates), state
 
 
+TURN = 50
+"""Steps that one loop takes before the next one's turn, so that the load affects all equally."""
+
+
 def measure(steps: int, compilations: Compilations) -> dict[str, Any]:
-    """Rows by name: a plan for any positions, the dense program, the default plan, replanning."""
+    """Rows by name: a plan for any positions, the default plan, the dense program, replanning.
+
+    The loops with one program take turns.
+    """
     target = motion.star()
-    rows: dict[str, Any] = {}
+    draws: dict[str, Draw] = {}
     for name, coverage in COVERAGES.items():
-        print(name, flush=True)
         options = {"coverage": coverage, **CANVAS}
-        lasting = sr.plan_for(triangles=motion.TRIANGLES, **options)
-        rows[f"{name}, plan_for"] = run(draw_with(lasting), target, steps, compilations)
-        default = sr.plan(first_scene(), **options)
-        rows[f"{name}, plan"] = run(draw_with(default), target, steps, compilations)
+        draws[f"{name}, plan_for"] = draw_with(sr.plan_for(triangles=motion.TRIANGLES, **options))
+        draws[f"{name}, plan"] = draw_with(sr.plan(first_scene(), **options))
+    draws["dense"] = draw_dense
+    loops = {name: Loop(draw, target, steps, compilations) for name, draw in draws.items()}
+    for first in progress.steps(range(1, steps, TURN), "turns"):
+        for loop in loops.values():
+            loop.advance(min(TURN, steps - first))
+    rows = {name: loop.row() for name, loop in loops.items()}
+    for name, coverage in COVERAGES.items():
+        print(f"{name}, replanning", flush=True)
         rows[f"{name}, replanning"] = run_replanning(coverage, target, steps, compilations)
-    rows["dense"] = run(draw_dense, target, steps, compilations)
     return rows

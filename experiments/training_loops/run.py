@@ -1,10 +1,11 @@
 """Measure training loops whose triangles move, and batches; see the README beside this.
 
-python -m experiments.training_loops.run [--quick] [--parts lasting,ways,batches]
+python -m experiments.training_loops.run [--quick] [--parts lasting,ways,batches] [--one-core]
 """
 
 import argparse
 import json
+import os
 import time
 from pathlib import Path
 
@@ -22,8 +23,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few steps and scenes, into cache/")
     parser.add_argument("--parts", default=",".join(PARTS), help="of the run, by comma")
+    parser.add_argument(
+        "--one-core", action="store_true", help="measure the ways on one core, and nothing else"
+    )
     options = parser.parse_args()
-    parts = options.parts.split(",")
+    parts = ["ways"] if options.one_core else options.parts.split(",")
+    if options.one_core:
+        # The compiler then splits no operation between threads.
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     results = HERE / "cache" if options.quick else HERE / "results"
     kinds = list(batches.KINDS)[: 1 if options.quick else None]
     budget_s = 2.0 if options.quick else 20.0
@@ -38,7 +45,8 @@ def main() -> None:
         rows = [
             row for k in progress.steps(kinds, "ways") for row in batches.compare_ways(k, budget_s)
         ]
-        report.write_csv(results / "ways.csv", rows)
+        name = "ways_one_core.csv" if options.one_core else "ways.csv"
+        report.write_csv(results / name, rows)
     if "batches" in parts:
         rows = [row for k in progress.steps(kinds, "batches") for row in batches.grow(k, budget_s)]
         report.write_csv(results / "batches.csv", rows)

@@ -23,8 +23,8 @@ class Buffers(Protocol):
     - `depth`: `[height, width, samples]`, or None if the scene has none.
     - `coverage`: `[height, width]`, the part of the pixel that triangles cover.
 
-    An optional field `overdraw`, `[height, width]` or None, is the mean number of triangles that
-    cover a sample.
+    An optional field `overdraw`, `[height, width, samples]` or None, is the number of triangles
+    that cover each sample.
     """
 
     @property
@@ -78,7 +78,7 @@ def buffers(visible: Buffers, *, figure: AnyFigure | None = None) -> AnyFigure:
     panels.append(_Panel("coverage", coverage[..., None]))
     overdraw = getattr(visible, "overdraw", None)
     if overdraw is not None:
-        panels.append(_overdraw_panel(_checked("overdraw", overdraw, size)))
+        panels.append(_overdraw_panel(_checked("overdraw", overdraw, numbers.shape)))
     return film_strip(
         [panel.image for panel in panels], titles=[panel.title for panel in panels], figure=figure
     )
@@ -123,8 +123,10 @@ def _depth_panel(
     )
 
 
-def _overdraw_panel(overdraw: Float[np.ndarray, "height width"]) -> _Panel:
-    """Overdraw in a colour map that begins with black."""
-    largest = float(np.nan_to_num(overdraw).max())
-    colors = import_pyplot().colormaps["inferno"](np.nan_to_num(overdraw) / (largest or 1.0))
+def _overdraw_panel(overdraw: Float[np.ndarray, "height width samples"]) -> _Panel:
+    """Mean overdraw of the samples, in a colour map that begins with black."""
+    # Negative numbers stand for overdraw that is not known.
+    mean = np.maximum(overdraw, 0).mean(axis=2)
+    largest = float(mean.max())
+    colors = import_pyplot().colormaps["inferno"](mean / (largest or 1.0))
     return _Panel(f"overdraw: 0 to {largest:.3g}", np.asarray(colors)[..., :3])

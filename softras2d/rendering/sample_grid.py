@@ -3,6 +3,9 @@
 Sample i of a pixel lies in its sub-column i % rate and its sub-row i // rate.
 """
 
+from collections.abc import Callable
+
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
@@ -20,6 +23,17 @@ def samples_of_rows(first_row: Int[Array, ""], rows: int, grid: Grid) -> Sample:
     x = column[None, :, None] * grid.rate + (sample % grid.rate)[None, None]
     y = (first_row + row)[:, None, None] * grid.rate + (sample // grid.rate)[None, None]
     return Sample(*(jnp.broadcast_to(entry, shape).reshape(rows, -1) for entry in (x, y)))
+
+
+def map_over_rows(look: Callable[..., Array], grid: Grid) -> Array:
+    """Call `look(sample=...)` for the samples of one row of pixels after another.
+
+    This bounds the memory. Returns `[height, 1, width * samples, ...]`.
+    """
+    return jax.lax.map(
+        lambda row: look(sample=samples_of_rows(row, 1, grid)),
+        jnp.arange(grid.height, dtype=jnp.int32),
+    )
 
 
 def number_of(sample: Sample, grid: Grid) -> Int[Array, "*samples"]:

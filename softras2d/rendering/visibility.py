@@ -12,18 +12,17 @@ from ..display.leaves import field_of, shape_of
 from ..display.notebook import buffers_html
 from ..display.scene_text import scene_text
 from ..gradients.crossings import Sample
-from ..gradients.visible_front import address, triangle_at
-from ..numerics.batched_loops import repeat
-from ..numerics.fusion_barrier import materialized
+from ..gradients.visible_front import triangle_at
 from ..planning.capacities import Needs
 from ..planning.plan import Plan
 from ..planning.size_classes import pad_concrete
 from ..scene import Scene, check_types
 from .corner_weights import buffer_weights, uv_change, with_unit_corners
+from .listed_samples import ListedSamples, count_covering, nearest_layers
 from .overflow import Outcome, compare, poison_if, raise_on_overflow
 from .projected_scene import project_scene
-from .sample_grid import samples_of_rows
-from .visible_samples import BinnedScene, bin_scene, find_visible, listed_words
+from .sample_grid import map_over_rows, samples_of_rows
+from .visible_samples import bin_scene, find_visible, listed_words
 
 MOST_BYTES = 2**31
 """Largest size of the triangle indices, in bytes."""
@@ -84,6 +83,15 @@ class Visibility(eqx.Module):
         first = self.triangle if self.triangle.ndim == 3 else self.triangle[..., 0]
         share = jnp.mean((first >= 0).astype(self.scene.positions.dtype), axis=-1)
         return self._checked(share)
+
+    @property
+    def overdraw(self) -> Int[Array, "height width samples"]:
+        """How many triangles cover each sample, hidden ones too; -1 if triangles are missing.
+
+        Its largest value is a number of `layers` with which no triangle is left out.
+        """
+        count = _count_covering(pad_concrete(self.scene, self.plan), self.plan)
+        return jnp.where(self.overflow, -1, count)
 
     def _checked(self, buffer: Array) -> Array:
         """The buffer, or NaN if triangles are missing in it."""
@@ -194,7 +202,7 @@ def _find_triangles(scene: Scene, plan: Plan, layers: int) -> tuple[Array, Outco
     if layers == 1:
         # Opaque triangles have the same nearest one, and no layers behind it are listed.
         scene = with_unit_corners(scene)
-    binned = bin_scene(scene, plan)
+    binned = bin_scene(scene, plan, list_hidden=layers > 1)
     needs = binned.needs
     if layers == 1:
         visible = find_visible(binned, scene, plan)
@@ -205,43 +213,27 @@ def _find_triangles(scene: Scene, plan: Plan, layers: int) -> tuple[Array, Outco
             triangle_at, visible.front, tiling=plan.tiling, max_chunks=max_chunks
         )
     else:
+        passed = listed_words(binned, plan)[1]
         look = functools.partial(
-            _nearest_layers, binned, listed_words(binned, plan)[1], plan=plan, layers=layers
+            nearest_layers, ListedSamples(binned.lists, passed), tiling=plan.tiling, layers=layers
         )
-    rows = jax.lax.map(
-        lambda row: look(sample=samples_of_rows(row, 1, grid)),
-        jnp.arange(grid.height, dtype=jnp.int32),
+    outcome = compare(needs, binned.projected.leaves_guard_band, plan)
+    return map_over_rows(look, grid).reshape(shape), outcome
+
+
+@eqx.filter_jit
+def _count_covering(scene: Scene, plan: Plan) -> Int[Array, "height width samples"]:
+    """Number of triangles that cover each sample, hidden ones too."""
+    grid = plan.grid
+    shape = (grid.height, grid.width, grid.samples)
+    if scene.triangles.shape[0] == 0:
+        return jnp.zeros(shape, jnp.int32)
+    binned = bin_scene(jax.lax.stop_gradient(scene), plan, list_hidden=True)
+    covered = listed_words(binned, plan)[0]
+    look = functools.partial(
+        count_covering, ListedSamples(binned.lists, covered), tiling=plan.tiling
     )
-    return rows.reshape(shape), compare(needs, binned.projected.leaves_guard_band, plan)
-
-
-def _nearest_layers(
-    binned: BinnedScene,
-    words: Array,
-    sample: Sample,
-    plan: Plan,
-    layers: int,
-) -> Int[Array, "lines runs layers"]:
-    """The first few triangles in the list of each sample that cover it; -1 beyond the last."""
-    lists, rows = binned.lists, words.shape[1]
-    tile, word_index, bit = address(sample, plan.tiling)
-    start, count = lists.start[tile], lists.count[tile]
-    flat_words, layer = words.reshape(-1), jnp.arange(layers, dtype=jnp.int32)
-
-    @materialized
-    def visit(
-        position: Int[Array, ""], state: tuple[Array, Array]
-    ) -> tuple[Int[Array, "lines runs"], Int[Array, "lines runs layers"]]:
-        covering, triangle = state
-        pair = jnp.clip(start + position, 0, lists.triangle.shape[0] - 1)
-        word = flat_words.at[pair * rows + word_index].get(mode="clip")
-        is_covering: Bool[Array, "lines runs"] = ((word >> bit) & 1 == 1) & (position < count)
-        is_next = is_covering[..., None] & (layer[None, None] == covering[..., None])
-        triangle = jnp.where(is_next, lists.triangle[pair][..., None], triangle)
-        return covering + is_covering.astype(jnp.int32), triangle
-
-    state = jnp.zeros_like(tile), jnp.full((*tile.shape, layers), -1, jnp.int32)
-    return repeat(jnp.max(count), visit, state)[1]
+    return map_over_rows(look, grid).reshape(shape)
 
 
 def _weights(visible: Visibility, *, perspective: bool) -> Array:

@@ -44,16 +44,24 @@ class VisibleSamples(NamedTuple):
     covered: UInt32[Array, "chunks layers rows"]
 
 
-def bin_scene(scene: Scene, plan: Plan) -> BinnedScene:
-    """Project a scene of at least one triangle, and list the triangles of every tile."""
+def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedScene:
+    """Project a scene of at least one triangle, and list the triangles of every tile.
+
+    `list_hidden`: whether to list also those that an opaque triangle hides in the whole tile. This
+    needs no larger plan, since the capacity for pairs counts them.
+    """
     capacity = plan.capacity_of(scene.triangles.shape[0])
     projected = project_scene(scene, plan)
-    lists = list_for_plan(projected.edges, projected.bounds, projected.is_occluder, plan)
+    occluders = projected.is_occluder
+    if list_hidden:
+        occluders = jnp.zeros_like(occluders)
+    lists = list_for_plan(projected.edges, projected.bounds, occluders, plan)
     needs = Needs(strips=lists.strips, pairs=lists.pairs)
     if projected.outlines is not None:
         needs = needs._replace(crossings=materialized(_count_runs)(projected.outlines.count))
     steps = None
-    if is_translucent(scene) or scene.depth is not None:
+    # The capacity for steps counts hidden triangles only with depth, where none is known to hide.
+    if scene.depth is not None or (is_translucent(scene) and not list_hidden):
         steps = cut_steps(lists, capacity=capacity.steps)
         needs = needs._replace(steps=steps.needed)
     return BinnedScene(projected, lists, steps, needs)

@@ -52,4 +52,4 @@ def visible(
         weights[is_nearest] = here[is_nearest]
     is_covered = triangle >= 0
     z = np.where(is_covered, nearest, np.nan)
-    return Visible(triangle, weights, z, is_covered.mean(axis=2), hits.mean(axis=2))
+    return Visible(triangle, weights, z, is_covered.mean(axis=2), hits)

@@ -17,12 +17,14 @@ class Shown(NamedTuple):
     - `triangle` `[height, width, samples, layers]`: nearest first, -1 for background.
     - `weights` `[height, width, samples, layers, 3]`: in perspective with `inverse_w`.
     - `depth` `[height, width, samples, layers]`: infinity for background, and without depth.
+    - `overdraw` `[height, width, samples]`: number of triangles that cover the sample.
     - `depth_margin` `[height, width, samples]`: least difference of two depths that were compared.
     """
 
     triangle: np.ndarray
     weights: np.ndarray
     depth: np.ndarray
+    overdraw: np.ndarray
     depth_margin: np.ndarray
 
 
@@ -37,7 +39,9 @@ def show(soup: Soup, canvas: Canvas, layers: int = 1, *, anywhere: bool = False)
     shape = (canvas.height * canvas.rate, canvas.width * canvas.rate, layers)
     triangle = np.full(shape, -1)
     weights, depth = np.zeros((*shape, 3)), np.full(shape, np.inf)
+    overdraw = np.zeros(shape[:2], np.int64)
     for index, (covered, drawn) in enumerate(zip(footprints, passes, strict=True)):
+        overdraw[covered.rows, covered.columns] += covered.inside
         projected, _ = scene.projected_weights(index, covered.weights[drawn])
         values = [(triangle, index), (weights, projected)]
         if soup.depth is not None:
@@ -49,7 +53,7 @@ def show(soup: Soup, canvas: Canvas, layers: int = 1, *, anywhere: bool = False)
             behind = target[drawn][:, :-1]
             target[drawn, 1:] = behind
             target[drawn, 0] = front
-    buffers = (triangle, weights, depth, depth_margin)
+    buffers = (triangle, weights, depth, overdraw, depth_margin)
     return Shown(*(by_pixel(buffer, canvas) for buffer in buffers))
 
 

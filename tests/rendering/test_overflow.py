@@ -137,12 +137,17 @@ def test_buffers_and_composited_layers_of_an_outgrown_plan_are_nan():
     """Also under `jit`, where the flag is known only when the program runs."""
     scene, plan = too_large_for_plan(sr.Hard(4))
     plan = replace(plan, on_overflow="nan")
+    # Layers need no lists but those of pairs, which hold these triangles unless they go far.
+    scene = replace(scene, positions=scene.positions * 20)
 
     @jax.jit
     def buffers(scene):
         visible = sr.rasterize(scene, plan, layers=2)
         red = jnp.ones((*visible.triangle.shape, 3))
-        return visible.barycentric, visible.coverage, sr.composite(visible, red)
+        image = sr.composite(visible, red)
+        return (visible.barycentric, visible.coverage, image), visible.overdraw
 
-    for buffer in buffers(scene):
+    floats, overdraw = buffers(scene)
+    for buffer in floats:
         assert np.isnan(buffer).all()
+    assert (overdraw == -1).all()

@@ -24,9 +24,9 @@ BLACK = np.zeros(3, np.float32)
 
 
 @eqx.filter_jit
-def buffers_of(visible: sr.Visibility) -> tuple[Any, Any, Any]:
-    """Weights, depth and coverage, in one program."""
-    return visible.barycentric, visible.depth, visible.coverage
+def buffers_of(visible: sr.Visibility) -> tuple[Any, Any, Any, Any]:
+    """Weights, depth, coverage and overdraw, in one program."""
+    return visible.barycentric, visible.depth, visible.coverage, visible.overdraw
 
 
 interpolate = eqx.filter_jit(sr.interpolate)
@@ -48,7 +48,9 @@ def assert_shows(
     if certain is not None:
         is_compared = is_compared & certain
     assert is_compared.mean() > 0.98
-    weights, depth, coverage = jax.tree.map(np.asarray, buffers_of(visible))
+    weights, depth, coverage, overdraw = jax.tree.map(np.asarray, buffers_of(visible))
+    is_certain = np.ones(overdraw.shape, bool) if certain is None else certain
+    np.testing.assert_array_equal(overdraw[is_certain], expected.overdraw[is_certain])
     triangle = np.asarray(visible.triangle)
     if triangle.ndim == 3:
         triangle, weights = triangle[..., None], weights[..., None, :]
@@ -223,6 +225,23 @@ def test_shared_vertices_and_interpolated_attributes_equal_the_oracle():
         assert "\n" not in str(raised.value)
 
 
+@pytest.mark.parametrize("alpha", [1.0, 0.5])
+def test_layers_and_overdraw_count_what_opaque_triangles_hide(alpha):
+    """Each covers all tiles of a canvas on which the lists leave out what is hidden in a tile."""
+    corners = np.array([[(-9, -9), (300, -9), (-9, 300)]] * 60, np.float32)
+    colors = np.full((60, 4), [0.2, 0.4, 0.6, 1.0], np.float32)
+    colors[58, 3] = alpha
+    scene = sr.Scene.from_soup(corners, colors)
+    plan = sr.plan(scene, height=96, width=96, coverage=sr.Hard(4))
+    assert not plan.lists_all
+    visible = sr.rasterize(scene, plan, layers=3)
+    expected = np.broadcast_to([59, 58, 57], (96, 96, 4, 3))
+    np.testing.assert_array_equal(visible.triangle, expected)
+    overdraw = visible.overdraw
+    assert overdraw.dtype == np.int32
+    np.testing.assert_array_equal(overdraw, np.full((96, 96, 4), 60))
+
+
 def test_an_empty_scene_shows_background():
     scene = sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)), background=[0.25, 0.5, 0.75])
     plan = sr.plan(scene, height=5, width=7, coverage=sr.Hard(4))
@@ -231,7 +250,8 @@ def test_an_empty_scene_shows_background():
         assert visible.triangle.shape == (5, 7, 4, *extra)
         assert (visible.triangle == -1).all()
         assert visible.barycentric.shape == (5, 7, 4, *extra, 3)
-        assert not np.asarray(visible.barycentric).any() and not np.asarray(visible.coverage).any()
+        for buffer in (visible.barycentric, visible.coverage, visible.overdraw):
+            assert not np.asarray(buffer).any()
         values = sr.interpolate(visible, np.zeros((0, 3, 2), np.float32))
         assert values.shape == (5, 7, 4, *extra, 2)
     image = sr.resolve(sr.rasterize(scene, plan), lambda triangle, weights: weights)
@@ -247,7 +267,7 @@ def test_vmap_and_jit_equal_a_loop():
 
         def buffers(scene: sr.Scene, layers: int = layers) -> tuple[Any, ...]:
             visible = sr.rasterize(scene, plan, layers=layers)
-            return visible.triangle, visible.barycentric, visible.depth, visible.coverage
+            return visible.triangle, *buffers_of(visible)
 
         together = jax.jit(jax.vmap(buffers))(batch)
         for number, scene in enumerate(drawn):
