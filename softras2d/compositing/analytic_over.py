@@ -35,6 +35,7 @@ Index = Int[Array, ""] | int
 
 Opacities = Float[Array, "chunks layers pixels"]
 Colors = Float[Array, "chunks layers 3 #pixels"]
+Channel = Float[Array, "chunks layers #pixels"]
 ChunkPixels = Float[Array, "chunks pixels"]
 TileColors = Float[Array, "4 tiles pixels"]
 
@@ -64,14 +65,14 @@ def composite(
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _composite(max_chunks: int, opacity: Opacities, colors: Colors, chunks: Chunks) -> TileColors:
-    return _join_chunks(_blend(opacity, colors), _alpha(opacity), chunks, max_chunks)
+    return join_chunks(_blend(opacity, colors), alpha_of_chunks(opacity), chunks, max_chunks)
 
 
 @functools.partial(_composite.defjvp, symbolic_zeros=True)
 def _composite_jvp(max_chunks, primals, tangents):
     opacity, colors, chunks = primals
-    sums, alpha = _blend(opacity, colors), _alpha(opacity)
-    out = _join_chunks(sums, alpha, chunks, max_chunks)
+    sums, alpha = _blend(opacity, colors), alpha_of_chunks(opacity)
+    out = join_chunks(sums, alpha, chunks, max_chunks)
     change = jnp.zeros_like(out)
     fixed = opacity, colors, chunks, sums, alpha
     if not isinstance(tangents[0], SymbolicZero):
@@ -79,12 +80,13 @@ def _composite_jvp(max_chunks, primals, tangents):
         def by_opacity(fixed: Fixed, opacity_change: Opacities) -> TileColors:
             opacity, colors, chunks, sums, alpha = fixed
             changes = _blend_change(opacity, opacity_change, colors)
-            alpha_change = _alpha_change(opacity, opacity_change)
-            return _join_changes(sums, alpha, changes, alpha_change, chunks, max_chunks)
+            alpha_change = alpha_change_of_chunks(opacity, opacity_change)
+            return join_changes(sums, alpha, changes, alpha_change, chunks, max_chunks)
 
         def to_opacity(fixed: Fixed, cotangent: TileColors) -> Opacities:
             opacity, colors, chunks, _, alpha = fixed
-            return _opacity_cotangent(max_chunks, opacity, colors, alpha, chunks, cotangent)
+            color_dots = _dot_with_cotangent(colors, cotangent, chunks)
+            return opacity_cotangent(max_chunks, opacity, color_dots, alpha, chunks)
 
         change = linear_map(by_opacity, to_opacity)(fixed, tangents[0])
     if not isinstance(tangents[1], SymbolicZero):
@@ -92,7 +94,7 @@ def _composite_jvp(max_chunks, primals, tangents):
         def by_color(fixed: Fixed, color_change: Colors) -> TileColors:
             opacity, _, chunks, _, alpha = fixed
             changes = _blend(opacity, color_change)
-            return _join_chunks(changes, alpha, chunks, max_chunks).at[3].set(0.0)
+            return join_chunks(changes, alpha, chunks, max_chunks).at[3].set(0.0)
 
         def to_color(fixed: Fixed, cotangent: TileColors) -> Colors:
             opacity, colors, chunks, _, alpha = fixed
@@ -105,13 +107,7 @@ def _composite_jvp(max_chunks, primals, tangents):
 @materialized
 def _blend(opacity: Opacities, colors: Colors) -> list[ChunkPixels]:
     """Composite each chunk by itself: its premultiplied colour, one array per channel."""
-    transmittance = jnp.ones_like(opacity[:, 0])
-    sums = [jnp.zeros_like(transmittance)] * 3
-    for k in range(opacity.shape[1]):
-        weight = transmittance * opacity[:, k]
-        sums = [total + weight * colors[:, k, channel] for channel, total in enumerate(sums)]
-        transmittance = transmittance * (1.0 - opacity[:, k])
-    return sums
+    return blend_channels(opacity, [colors[:, :, channel] for channel in range(3)])
 
 
 @materialized
@@ -119,12 +115,35 @@ def _blend_change(
     opacity: Opacities, opacity_change: Opacities, colors: Colors
 ) -> list[ChunkPixels]:
     """Compute the jvp of `_blend` by the opacities."""
+    channels = [colors[:, :, channel] for channel in range(3)]
+    return blend_channels_change(opacity, opacity_change, channels)
+
+
+def blend_channels(opacity: Opacities, channels: list[Channel]) -> list[ChunkPixels]:
+    """Composite each chunk by itself, from the channels of its colours."""
+    transmittance = jnp.ones_like(opacity[:, 0])
+    sums = [jnp.zeros_like(transmittance)] * len(channels)
+    for k in range(opacity.shape[1]):
+        weight = transmittance * opacity[:, k]
+        sums = [
+            total + weight * channel[:, k] for total, channel in zip(sums, channels, strict=True)
+        ]
+        transmittance = transmittance * (1.0 - opacity[:, k])
+    return sums
+
+
+def blend_channels_change(
+    opacity: Opacities, opacity_change: Opacities, channels: list[Channel]
+) -> list[ChunkPixels]:
+    """Compute the jvp of `blend_channels` by the opacities."""
     transmittance = jnp.ones_like(opacity[:, 0])
     transmittance_change = jnp.zeros_like(opacity[:, 0])
-    sums = [transmittance_change] * 3
+    sums = [transmittance_change] * len(channels)
     for k in range(opacity.shape[1]):
         weight = transmittance_change * opacity[:, k] + transmittance * opacity_change[:, k]
-        sums = [total + weight * colors[:, k, channel] for channel, total in enumerate(sums)]
+        sums = [
+            total + weight * channel[:, k] for total, channel in zip(sums, channels, strict=True)
+        ]
         clear = 1.0 - opacity[:, k]
         transmittance_change = transmittance_change * clear - transmittance * opacity_change[:, k]
         transmittance = transmittance * clear
@@ -132,7 +151,7 @@ def _blend_change(
 
 
 @materialized
-def _alpha(opacity: Opacities) -> ChunkPixels:
+def alpha_of_chunks(opacity: Opacities) -> ChunkPixels:
     """Compute the alpha of each chunk by itself."""
     transmittance = 1.0 - opacity[:, 0]
     for k in range(1, opacity.shape[1]):
@@ -141,7 +160,7 @@ def _alpha(opacity: Opacities) -> ChunkPixels:
 
 
 @materialized
-def _alpha_change(opacity: Opacities, opacity_change: Opacities) -> ChunkPixels:
+def alpha_change_of_chunks(opacity: Opacities, opacity_change: Opacities) -> ChunkPixels:
     """Compute the jvp of `_alpha`."""
     transmittance, change = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
     for k in range(opacity.shape[1]):
@@ -152,7 +171,7 @@ def _alpha_change(opacity: Opacities, opacity_change: Opacities) -> ChunkPixels:
 
 
 @functools.partial(materialized, static_argnames=("max_chunks",))
-def _join_chunks(
+def join_chunks(
     sums: list[ChunkPixels], alpha: ChunkPixels, chunks: Chunks, max_chunks: int
 ) -> TileColors:
     """Composite the chunks of each tile like layers."""
@@ -172,7 +191,7 @@ def _join_chunks(
 
 
 @functools.partial(materialized, static_argnames=("max_chunks",))
-def _join_changes(
+def join_changes(
     sums: list[ChunkPixels],
     alpha: ChunkPixels,
     changes: list[ChunkPixels],
@@ -180,7 +199,7 @@ def _join_changes(
     chunks: Chunks,
     max_chunks: int,
 ) -> TileColors:
-    """Compute the jvp of `_join_chunks` by the colours and the alpha of the chunks."""
+    """Compute the jvp of `join_chunks` by the colours and the alpha of the chunks."""
 
     def add(
         k: Index, state: tuple[TilePixels, TilePixels, list[TilePixels]]
@@ -240,7 +259,7 @@ def _shift(x: ChunkPixels, j: Index) -> ChunkPixels:
 
 
 @functools.partial(materialized, static_argnames=("max_chunks",))
-def _transmittance_in_front(alpha: ChunkPixels, chunks: Chunks, max_chunks: int) -> ChunkPixels:
+def transmittance_in_front(alpha: ChunkPixels, chunks: Chunks, max_chunks: int) -> ChunkPixels:
     """Transmittance of the chunks in front of each chunk."""
 
     def add(j: Index, transmittance: ChunkPixels) -> ChunkPixels:
@@ -250,17 +269,15 @@ def _transmittance_in_front(alpha: ChunkPixels, chunks: Chunks, max_chunks: int)
     return _for_each_distance(max_chunks, chunks, add, jnp.ones_like(alpha))
 
 
-def _opacity_cotangent(
+def opacity_cotangent(
     max_chunks: int,
     opacity: Opacities,
-    colors: Colors,
+    color_dots: Opacities,
     alpha: ChunkPixels,
     chunks: Chunks,
-    cotangent: TileColors,
 ) -> Opacities:
-    """Compute the vjp by the opacities: T_i (c_i - b_i) . g."""
-    color_dots = _dot_with_cotangent(colors, cotangent, chunks)
-    in_front = _transmittance_in_front(alpha, chunks, max_chunks)
+    """Compute the vjp by the opacities, T_i (c_i - b_i) . g, from the numbers c_i . g."""
+    in_front = transmittance_in_front(alpha, chunks, max_chunks)
     behind = _dot_behind(alpha, _blend_dots(opacity, color_dots), chunks, max_chunks)
     return _slot_cotangents(opacity, color_dots, in_front, behind, chunks)
 
@@ -337,13 +354,13 @@ def _color_cotangent(
     cotangent: TileColors,
 ) -> Colors:
     """Compute the vjp by the colours: T_i a_i g, summed over the pixels for flat colours."""
-    in_front = _transmittance_in_front(alpha, chunks, max_chunks)
-    weights = _slot_weights(opacity, in_front)
+    in_front = transmittance_in_front(alpha, chunks, max_chunks)
+    weights = slot_weights(opacity, in_front)
     return _weighted_cotangent(weights, cotangent, chunks, colors.shape)
 
 
 @materialized
-def _slot_weights(opacity: Opacities, transmittance: ChunkPixels) -> Opacities:
+def slot_weights(opacity: Opacities, transmittance: ChunkPixels) -> Opacities:
     """Compute T_i a_i of each slot from the transmittance in front of its chunk."""
     weights = []
     for k in range(opacity.shape[1]):

@@ -181,7 +181,7 @@ def _jvp_where_steep(
         block: Int[Array, " block"], total: Float[Array, "*values slots pixels"]
     ) -> Float[Array, "*values slots pixels"]:
         block_geometry, block_velocity = gather_slots((geometry, tuple(velocity)), block)
-        change = _block_jvp(function, block_geometry, parameter, block_velocity)
+        change = block_jvp(function, block_geometry, parameter, block_velocity)
         return _put_pixels(total, change, block)
 
     return for_each_block(_may_change(function, value), visit, jnp.zeros_like(value))
@@ -207,7 +207,7 @@ def _any_value(flags: Bool[Array, "*values slots pixels"]) -> Bool[Array, "slots
 
 
 @functools.partial(materialized, static_argnames=("function",))
-def _block_jvp(
+def block_jvp(
     function: PixelFunction[Geometry],
     geometry: Geometry,
     parameter: Parameter,

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from ..binning.lists import Chunks
 from ..binning.reach import ReachedTriangles, reached_triangles
 from ..binning.tile_side import SIDES, choose_side
-from ..compositing import analytic_over
+from ..compositing import analytic_over, interpolated_over
 from ..compositing.opaque import sum_chunks
 from ..coverage.analytic import AnalyticCoverage, PixelFunction, evaluate
 from ..coverage.edge_lines import TriangleLines, triangle_lines
@@ -26,7 +26,7 @@ from ..planning.list_counts import count_analytic_lists
 from ..planning.plan import Plan
 from ..scene import Scene
 from ..shading.corner_attributes import at_corners, corner_attributes, perspective_weights
-from ..shading.pixel_color import ShadedSlots, TriangleAttributes, shade_slots
+from ..shading.pixel_color import CornerColors, ShadedSlots, TriangleAttributes, shade_slots
 from ..shading.texture_lookup import Textures
 from .coverage_mode import CoverageMode, Drawn, Growth, Layout
 from .layout import Listing, choose_layout
@@ -118,7 +118,10 @@ class AnalyticMode(CoverageMode):
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
         """Composite the layers of each pixel to premultiplied RGBA."""
-        return analytic_over.composite(shaded.opacity, shaded.color, chunks, max_chunks=max_chunks)
+        composite = analytic_over.composite
+        if isinstance(shaded.color, CornerColors):
+            composite = interpolated_over.composite
+        return composite(shaded.opacity, shaded.color, chunks, max_chunks=max_chunks)
 
     def lay_out(
         self,
@@ -163,6 +166,7 @@ class AnalyticMode(CoverageMode):
             covered.geometry.weights,
             covered.lines,
             chunks,
+            may_defer=not self.is_sum(plan.coverage),
         )
         max_chunks = plan.capacity_of(scene.triangles.shape[0]).max_chunks
         layers = self.composite(plan.coverage, shaded, triangles, chunks, max_chunks)

@@ -49,10 +49,31 @@ class TriangleAttributes(NamedTuple):
     depth: Float[Array, "3 triangles"] | None = None
 
     @property
+    def is_interpolated_only(self) -> bool:
+        """Whether opaque colours are interpolated on the screen, and there is no other effect."""
+        several = self.corners.color.shape[:2] == (3, 3)
+        others = (self.corners.inverse_w, self.textures, self.depth)
+        return several and all(other is None for other in others)
+
+    @property
     def varies(self) -> bool:
         """Whether any attribute may differ from point to point of a triangle."""
         several = self.corners.color.shape[0] == 3 or self.textures is not None
         return several or self.depth is not None
+
+
+class CornerColors(NamedTuple):
+    """Opaque colours of slots that are yet to be interpolated at the pixels of their tiles.
+
+    - `weights`: evaluates the weights of corners 1 and 2, from its `geometry`.
+    - `positions`: x and y of each corner of each slot's triangle in turn.
+    - `corners`: the channels of corner 0, then of corner 1 and of corner 2.
+    """
+
+    weights: PixelFunction
+    positions: Float[Array, "6 slots"]
+    geometry: Any
+    corners: Float[Array, "9 slots"]
 
 
 class ShadedSlots(NamedTuple):
@@ -63,7 +84,7 @@ class ShadedSlots(NamedTuple):
     """
 
     opacity: Float[Array, "chunks layers pixels"]
-    color: Float[Array, "chunks layers 3 #pixels"]
+    color: Float[Array, "chunks layers 3 #pixels"] | CornerColors
     depth: Float[Array, "chunks layers pixels"] | None
 
 
@@ -75,15 +96,22 @@ def shade_slots(
     geometry: Any,
     lines: TriangleLines,
     chunks: Chunks,
+    *,
+    may_defer: bool,
 ) -> ShadedSlots:
     """Compute opacity, colour and depth of every slot at every pixel of its tile.
 
     `weights` evaluates the weights of corners 1 and 2, from its `geometry`. `lines` are the edges
-    of each slot's triangle.
+    of each slot's triangle. With `may_defer`, colours that are only interpolated are left to
+    compositing, as `CornerColors`.
     """
     slot_corners, texture, depth = _gather_triangles(
         (attributes.corners, attributes.texture, attributes.depth), chunks.triangle.reshape(-1)
     )
+    if may_defer and attributes.is_interpolated_only:
+        opacity = coverage.reshape(*chunks.triangle.shape, -1)
+        corner_colors = slot_corners.color.reshape(9, -1)
+        return ShadedSlots(opacity, CornerColors(weights, corners, geometry, corner_colors), None)
     on_screen = None
     if attributes.varies:
         no_parameter = jnp.zeros((), coverage.dtype)

@@ -1,0 +1,378 @@
+"""Composite triangles with interpolated colours: `analytic_over` for colours of the corners.
+
+The colours at all pixels of all slots take far more memory than those of the corners, and writing
+and reading them takes longer than interpolating them. So they are never stored: the composite and
+its derivatives interpolate them again where they are needed, for blocks of slots at a time.
+
+With w_j the weights of corners 1 and 2, c_j the corners' colours, and u = T a the weight of a slot
+in a pixel, whose cotangent is g, the vjp has the cotangents u (c_j - c_0) . g of the weights, which
+`PixelFunction.vjp` takes on to the positions, and the sums over the pixels of u w_j g for c_j.
+"""
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
+from jaxtyping import Array, Float, Int
+
+from ..binning.lists import Chunks
+from ..coverage.analytic import PixelFunction, block_jvp
+from ..coverage.tile_sums import for_each_block, gather_slots, spread, sum_pixels
+from ..numerics.blocks import map_blocks
+from ..numerics.fusion_barrier import materialized
+from ..numerics.linear_map import linear_map
+from ..shading.pixel_color import CornerColors
+from . import analytic_over as over
+
+SlotWeights = tuple[Float[Array, "slots pixels"], Float[Array, "slots pixels"]]
+"""Weights of corners 1 and 2 in the pixels of slots."""
+
+Fixed = tuple[Any, ...]
+"""What the derivatives are linear with: opacity, geometry, corner colours and chunks."""
+
+_CHUNKS = 512
+"""Number of chunks in a block."""
+
+
+def composite(
+    opacity: over.Opacities, colors: CornerColors, chunks: Chunks, *, max_chunks: int
+) -> over.TileColors:
+    """Compute the premultiplied colour and alpha of each pixel, without background.
+
+    The arguments are those of `analytic_over.composite`, but for the colours.
+    """
+    return _composite(
+        max_chunks,
+        colors.weights,
+        opacity,
+        colors.positions,
+        colors.corners,
+        colors.geometry,
+        chunks,
+    )
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _composite(
+    max_chunks: int,
+    weights: PixelFunction,
+    opacity: over.Opacities,
+    positions: Float[Array, "6 slots"],
+    corners: Float[Array, "9 slots"],
+    geometry: Any,
+    chunks: Chunks,
+) -> over.TileColors:
+    """Composite; `corners` are the channels of corner 0, then of corner 1 and of corner 2."""
+    sums = _blend(weights, opacity, corners, geometry, chunks)
+    return over.join_chunks(sums, over.alpha_of_chunks(opacity), chunks, max_chunks)
+
+
+@functools.partial(_composite.defjvp, symbolic_zeros=True)
+def _composite_jvp(max_chunks, weights, primals, tangents):
+    opacity, _, corners, geometry, chunks = primals
+    opacity_change, velocity, corner_change, _, _ = tangents
+    sums = _blend(weights, opacity, corners, geometry, chunks)
+    alpha = over.alpha_of_chunks(opacity)
+    out = over.join_chunks(sums, alpha, chunks, max_chunks)
+    change = jnp.zeros_like(out)
+    fixed = opacity, corners, geometry, chunks, sums, alpha
+    if not isinstance(opacity_change, SymbolicZero):
+
+        def by_opacity(fixed: Fixed, opacity_change: over.Opacities) -> over.TileColors:
+            opacity, corners, geometry, chunks, sums, alpha = fixed
+            changes = _blend_change(weights, opacity, opacity_change, corners, geometry, chunks)
+            alpha_change = over.alpha_change_of_chunks(opacity, opacity_change)
+            return over.join_changes(sums, alpha, changes, alpha_change, chunks, max_chunks)
+
+        def to_opacity(fixed: Fixed, cotangent: over.TileColors) -> over.Opacities:
+            opacity, corners, geometry, chunks, _, alpha = fixed
+            color_dots = _dot_with_cotangent(weights, corners, geometry, chunks, cotangent)
+            return over.opacity_cotangent(max_chunks, opacity, color_dots, alpha, chunks)
+
+        change = linear_map(by_opacity, to_opacity)(fixed, opacity_change)
+    active = [not isinstance(tangent, SymbolicZero) for tangent in (velocity, corner_change)]
+    if any(active):
+        moves, recolors = active
+        pairs = zip(active, (velocity, corner_change), strict=True)
+        slot_change = jnp.concatenate([tangent for is_active, tangent in pairs if is_active])
+
+        def by_slots(fixed: Fixed, slot_change: Float[Array, "rows slots"]) -> over.TileColors:
+            opacity, corners, geometry, chunks, _, alpha = fixed
+            velocity = slot_change[:6] if moves else None
+            corner_change = slot_change[-9:] if recolors else None
+            changes = _blend_color_change(
+                weights, opacity, corners, geometry, chunks, velocity, corner_change
+            )
+            return over.join_chunks(changes, alpha, chunks, max_chunks).at[3].set(0.0)
+
+        def to_slots(fixed: Fixed, cotangent: over.TileColors) -> Float[Array, "rows slots"]:
+            opacity, corners, geometry, chunks, _, alpha = fixed
+            in_front = over.transmittance_in_front(alpha, chunks, max_chunks)
+            slot_weights = over.slot_weights(opacity, in_front)
+            return _slot_cotangents(
+                weights, slot_weights, corners, geometry, chunks, cotangent, moves, recolors
+            )
+
+        change = change + linear_map(by_slots, to_slots)(fixed, slot_change)
+    return out, change
+
+
+def _blend(
+    weights: PixelFunction,
+    opacity: over.Opacities,
+    corners: Float[Array, "9 slots"],
+    geometry: Any,
+    chunks: Chunks,
+) -> list[over.ChunkPixels]:
+    """Composite each chunk by itself: its premultiplied colour, one array per channel."""
+
+    def blend_block(block: Any) -> list[over.ChunkPixels]:
+        opacity, slots = block
+        corners, geometry = _flatten(slots)
+        return _blend_interpolated(opacity, _evaluate(weights, geometry), corners)
+
+    entries = opacity, _by_chunk((list(corners), geometry), chunks)
+    return map_blocks(blend_block, entries, chunks.needed, size=_CHUNKS)
+
+
+def _blend_change(
+    weights: PixelFunction,
+    opacity: over.Opacities,
+    opacity_change: over.Opacities,
+    corners: Float[Array, "9 slots"],
+    geometry: Any,
+    chunks: Chunks,
+) -> list[over.ChunkPixels]:
+    """Compute the jvp of `_blend` by the opacities."""
+
+    def blend_block(block: Any) -> list[over.ChunkPixels]:
+        opacity, opacity_change, slots = block
+        corners, geometry = _flatten(slots)
+        values = _evaluate(weights, geometry)
+        return _blend_interpolated_change(opacity, opacity_change, values, corners)
+
+    entries = opacity, opacity_change, _by_chunk((list(corners), geometry), chunks)
+    return map_blocks(blend_block, entries, chunks.needed, size=_CHUNKS)
+
+
+def _blend_color_change(
+    weights: PixelFunction,
+    opacity: over.Opacities,
+    corners: Float[Array, "9 slots"],
+    geometry: Any,
+    chunks: Chunks,
+    velocity: Float[Array, "6 slots"] | None,
+    corner_change: Float[Array, "9 slots"] | None,
+) -> list[over.ChunkPixels]:
+    """Compute the jvp of `_blend` by the positions and the colours of the corners; None is 0."""
+
+    def blend_block(block: Any) -> list[over.ChunkPixels]:
+        opacity, slots = block
+        corners, geometry, velocity, corner_change = _flatten(slots)
+        changes = []
+        if velocity is not None:
+            # Where weights change, the colour of corner 0 has no part.
+            differences = [jnp.zeros_like(entry) for entry in corners[:3]]
+            firsts = corners[:3] * 2
+            differences += [c - first for c, first in zip(corners[3:], firsts, strict=True)]
+            no_parameter = jnp.zeros((), opacity.dtype)
+            weights_change = block_jvp(weights, geometry, no_parameter, tuple(velocity))
+            changes.append(_blend_interpolated(opacity, weights_change, differences))
+        if corner_change is not None:
+            values = _evaluate(weights, geometry)
+            changes.append(_blend_interpolated(opacity, values, corner_change))
+        return [functools.reduce(jnp.add, channel) for channel in zip(*changes, strict=True)]
+
+    rows = (None if change is None else list(change) for change in (velocity, corner_change))
+    entries = opacity, _by_chunk((list(corners), geometry, *rows), chunks)
+    return map_blocks(blend_block, entries, chunks.needed, size=_CHUNKS)
+
+
+def _dot_with_cotangent(
+    weights: PixelFunction,
+    corners: Float[Array, "9 slots"],
+    geometry: Any,
+    chunks: Chunks,
+    cotangent: over.TileColors,
+) -> over.Opacities:
+    """Compute c . g of the colour c of each slot, with alpha 1."""
+
+    def dot_block(block: Any) -> over.Opacities:
+        tile, slots = block
+        corners, geometry = _flatten(slots)
+        of_tiles = _gather_tiles(cotangent, tile)
+        return _dot_interpolated(of_tiles, _evaluate(weights, geometry), corners)
+
+    entries = chunks.tile, _by_chunk((list(corners), geometry), chunks)
+    return map_blocks(dot_block, entries, chunks.needed, size=_CHUNKS)
+
+
+def _slot_cotangents(
+    weights: PixelFunction,
+    slot_weights: over.Opacities,
+    corners: Float[Array, "9 slots"],
+    geometry: Any,
+    chunks: Chunks,
+    cotangent: over.TileColors,
+    moves: bool,
+    recolors: bool,
+) -> Float[Array, "rows slots"]:
+    """Compute the vjp by the positions if `moves`, and by the corners' colours if `recolors`.
+
+    `slot_weights` is T a of each slot, 0 where it adds nothing.
+    """
+    layers = slot_weights.shape[1]
+    slot_weights = slot_weights.reshape(-1, slot_weights.shape[2])
+    rows = 6 * moves + 9 * recolors
+
+    def visit(
+        block: Int[Array, " block"], total: Float[Array, "rows slots"]
+    ) -> Float[Array, "rows slots"]:
+        block_corners, block_geometry = gather_slots((list(corners), geometry), block)
+        tile, block_weights = _gather_block(chunks.tile, slot_weights, block, layers)
+        weighted = _weigh_cotangent(_gather_tiles(cotangent, tile), block_weights)
+        parts = []
+        if moves:
+            by_weights = _weights_cotangent(weighted, block_corners)
+            no_parameter = jnp.zeros((), slot_weights.dtype)
+            parts += weights.vjp(block_geometry, no_parameter, by_weights)
+        if recolors:
+            parts += _corner_sums(weighted, _evaluate(weights, block_geometry))
+        return _put_rows(total, parts, block)
+
+    start = jnp.zeros((rows, slot_weights.shape[0]), slot_weights.dtype)
+    return for_each_block(slot_weights != 0, visit, start)
+
+
+def _by_chunk(slots: Any, chunks: Chunks) -> Any:
+    """Reshape entries `[slots]` to `[chunks, layers]`."""
+    return jax.tree.map(lambda entry: entry.reshape(chunks.triangle.shape), slots)
+
+
+def _flatten(slots: Any) -> Any:
+    """Reshape entries `[chunks, layers]` to `[slots]`."""
+    return jax.tree.map(lambda entry: entry.reshape(-1), slots)
+
+
+@functools.partial(materialized, static_argnames=("weights",))
+def _evaluate(weights: PixelFunction, geometry: Any) -> SlotWeights:
+    """Evaluate the weights of corners 1 and 2 at all pixels."""
+    dtype = jax.tree.leaves(geometry)[0].dtype
+    second, third = weights.value(*spread(geometry, jnp.zeros((), dtype), weights.tile_side))
+    return second, third
+
+
+def _interpolate(
+    values: SlotWeights, corners: list[Float[Array, " slots"]]
+) -> list[Float[Array, "slots pixels"]]:
+    """Interpolate the three channels of the corners' colours."""
+    second, third = values
+    first = [entry[:, None] for entry in corners[:3]]
+    by_second, by_third = (
+        [entry[:, None] - origin for entry, origin in zip(of_corner, first, strict=True)]
+        for of_corner in (corners[3:6], corners[6:])
+    )
+    return [
+        origin + second * a + third * b
+        for origin, a, b in zip(first, by_second, by_third, strict=True)
+    ]
+
+
+@materialized
+def _blend_interpolated(
+    opacity: over.Opacities, values: SlotWeights, corners: list[Float[Array, " slots"]]
+) -> list[over.ChunkPixels]:
+    """Composite each chunk of a block by itself, with colours interpolated on the way."""
+    colors = [channel.reshape(opacity.shape) for channel in _interpolate(values, corners)]
+    return over.blend_channels(opacity, colors)
+
+
+@materialized
+def _blend_interpolated_change(
+    opacity: over.Opacities,
+    opacity_change: over.Opacities,
+    values: SlotWeights,
+    corners: list[Float[Array, " slots"]],
+) -> list[over.ChunkPixels]:
+    """Compute the jvp of `_blend_interpolated` by the opacities."""
+    colors = [channel.reshape(opacity.shape) for channel in _interpolate(values, corners)]
+    return over.blend_channels_change(opacity, opacity_change, colors)
+
+
+@materialized
+def _gather_tiles(
+    cotangent: over.TileColors, tile: Int[Array, " entries"]
+) -> list[Float[Array, "entries pixels"]]:
+    """Gather the cotangent of each entry's tile, channel by channel."""
+    return [channel[tile] for channel in cotangent]
+
+
+@materialized
+def _dot_interpolated(
+    of_tiles: list[Float[Array, "chunks pixels"]],
+    values: SlotWeights,
+    corners: list[Float[Array, " slots"]],
+) -> over.Opacities:
+    """Compute the dot product of each slot's colour, with alpha 1, and the cotangent."""
+    *by_channel, by_alpha = of_tiles
+    layers = values[0].shape[0] // by_alpha.shape[0]
+    colors = _interpolate(values, corners)
+    total = by_alpha[:, None]
+    for color, of_channel in zip(colors, by_channel, strict=True):
+        total = total + color.reshape(-1, layers, color.shape[1]) * of_channel[:, None]
+    return total
+
+
+@functools.partial(materialized, static_argnames=("layers",))
+def _gather_block(
+    tile: Int[Array, " chunks"],
+    slot_weights: Float[Array, "slots pixels"],
+    block: Int[Array, " block"],
+    layers: int,
+) -> tuple[Int[Array, " block"], Float[Array, "block pixels"]]:
+    """Gather the tile and T a of each slot of a block."""
+    return tile.at[block // layers].get(mode="clip"), slot_weights.at[block].get(mode="clip")
+
+
+@materialized
+def _weigh_cotangent(
+    of_tiles: list[Float[Array, "slots pixels"]], slot_weights: Float[Array, "slots pixels"]
+) -> list[Float[Array, "slots pixels"]]:
+    """Multiply the cotangent of each colour channel by T a."""
+    return [channel * slot_weights for channel in of_tiles[:3]]
+
+
+@materialized
+def _weights_cotangent(
+    weighted: list[Float[Array, "slots pixels"]], corners: list[Float[Array, " slots"]]
+) -> Float[Array, "2 slots pixels"]:
+    """Compute the cotangents of the weights of corners 1 and 2."""
+    return jnp.stack(
+        [
+            sum(
+                (entry - first)[:, None] * channel
+                for entry, first, channel in zip(of_corner, corners[:3], weighted, strict=True)
+            )
+            for of_corner in (corners[3:6], corners[6:])
+        ]
+    )
+
+
+def _corner_sums(
+    weighted: list[Float[Array, "slots pixels"]], values: SlotWeights
+) -> list[Float[Array, " slots"]]:
+    """Sum the weighted cotangent times each corner's weight over the pixels."""
+    second, third = values
+    sums = sum_pixels(*weighted, *(c * second for c in weighted), *(c * third for c in weighted))
+    by_first = [a - b - c for a, b, c in zip(sums[:3], sums[3:6], sums[6:], strict=True)]
+    return [*by_first, *sums[3:]]
+
+
+@materialized
+def _put_rows(
+    total: Float[Array, "rows slots"], parts: list[Float[Array, " block"]], block: Array
+) -> Float[Array, "rows slots"]:
+    """Write the sums of a block into those of all slots."""
+    return total.at[:, block].set(jnp.stack(parts), mode="drop")
