@@ -69,7 +69,8 @@ fit: target, *triangles=, *family=, *solver=, *seed=, *steps=, *seconds=, *size=
     *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=,
     *resume=, *checkpoint=
 fit_batch: targets, *triangles=, *solver=, *seed=, *steps=, *seconds=, *size=, *shading=,
-    *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=, *resume=
+    *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=, *resume=,
+    *devices=
 interpolate: visible, attributes
 keep_compiled_programs:
 pad: scene
@@ -107,7 +108,7 @@ read_svg_controls: path, *height=, *width=, *transform=, *assets=, *opacity=, *l
     *tolerance=, *strict=, *fit=
 render: scene, plan
 render_checked: scene, plan
-render_tiles: scene, plan, *devices=
+render_tiles: scene, plan, *windows=, *devices=
 resolve: visible, values, background=
 sample_texture: textures, uv, footprint=, filter=, *texture_index=
 simplify: scene, *height, *width, *filter=

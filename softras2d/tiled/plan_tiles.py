@@ -18,13 +18,22 @@ from ..planning.effects import Drawing
 from ..planning.list_counts import Counts
 from ..planning.plan import Plan
 from ..planning.size_classes import next_power
+from ..rendering.analytic import AnalyticMode
 from ..rendering.coverage_mode import CoverageMode, Growth, Layout, Listing
 from ..rendering.layout import layout_for, layout_of_all
 from ..rendering.modes import mode_of
 from ..rendering.planner import checked_filter, checked_origin, effects_of
 from ..scene import Scene, check
 from .pieces import piece_class, take_piece, with_witness
-from .windows import Cut, TriangleLists, box_corners, list_triangles
+from .windows import (
+    Boxes,
+    Cut,
+    TriangleLists,
+    list_triangles,
+    reached_boxes,
+    sampled_boxes,
+    scene_corners,
+)
 
 _WIDEST_PLANNED = 16384
 """Longest side of a canvas that `plan` accepts, in pixels; its grid is 2^-8 pixel."""
@@ -138,13 +147,13 @@ def plan_tiles(
     host = jax.tree.map(np.asarray, scene)
     whole = Drawing(host, coverage, filter, whole_grid, origin)
     mode.refuse_missing([whole])
-    corners = box_corners(whole)
+    corners = scene_corners(host)
     listing = mode.list_needs([whole], None, Growth())
     triangles = len(host.triangles)
     if _lists_all(max(triangles, 1), listing):
         lists = _lists_of_all(triangles, cut)
     else:
-        lists = list_triangles(corners, cut, _reach(mode, coverage) + border)
+        lists = list_triangles(_boxes(corners, whole, border, mode), cut, border)
     is_sum = isinstance(coverage, Area) and coverage.compositing == "sum"
     witness = _orientation_of_all(corners) if is_sum else None
     windows = _Windows(whole, grid, cut, border, lists, int(is_sum))
@@ -186,10 +195,15 @@ def _grids(cut: Cut, border: int, coverage: Coverage, grid_bits: int | None) -> 
     return grid._replace(height=cut.height, width=cut.width), grid
 
 
-def _reach(mode: CoverageMode, coverage: Coverage) -> float:
-    """How far triangles extend beyond their corners, in pixels, with a margin for roundings."""
-    # A vertex moves by at most half a unit of the grid when it is snapped.
-    return 1.0 if isinstance(coverage, Hard) else mode.reach(coverage, None) + 1.0  # pyright: ignore[reportAttributeAccessIssue]
+def _boxes(corners: np.ndarray, whole: Drawing, border: int, mode: CoverageMode) -> Boxes:
+    """The bounding boxes of the triangles, as far as they can change a pixel."""
+    if isinstance(mode, AnalyticMode):
+        # One pixel more than the coverage reaches, for roundings.
+        return reached_boxes(corners - whole.origin, mode.reach(whole.coverage, None) + 1.0)
+    if border:
+        # A triangle between two samples changes no pixel, but has a gradient.
+        return reached_boxes(corners - whole.origin, 1.0)
+    return sampled_boxes(corners, whole.grid, np.asarray(whole.origin))
 
 
 def _lists_of_all(triangles: int, cut: Cut) -> TriangleLists:

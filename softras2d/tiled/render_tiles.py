@@ -21,11 +21,17 @@ T = TypeVar("T")
 
 
 def render_tiles(
-    scene: Scene, plan: TiledPlan, *, devices: Sequence[jax.Device] | None = None
+    scene: Scene,
+    plan: TiledPlan,
+    *,
+    windows: Sequence[int] | None = None,
+    devices: Sequence[jax.Device] | None = None,
 ) -> Iterator[tuple[Window, Float[np.ndarray, "height width channels"]]]:
-    """Draw the windows of a canvas row by row; yields each window with its image.
+    """Draw windows of a canvas one after another; yields each window with its image.
 
     - `scene`: the scene that was planned.
+    - `windows`: numbers of the windows to draw, in this order (`plan.cut` counts them row by row).
+      All of them unless given.
     - `devices`: windows go to them in turn. JAX's first device unless given.
 
     Images are those of `render`, `[window.height, window.width, channels]` in the dtype of the
@@ -47,7 +53,8 @@ def render_tiles(
             blank.append(render_checked(*empty))
         return blank[0]
 
-    for window, (image, overflow) in in_turns(plan.cut, draw, devices):
+    chosen = plan.cut if windows is None else map(plan.cut.window, windows)
+    for window, (image, overflow) in in_turns(chosen, draw, devices):
         if overflow:
             raise outgrown(window)
         inside = slice(plan.border, None)
@@ -75,7 +82,7 @@ def in_turns(
     devices: Sequence[jax.Device] | None,
 ) -> Iterator[tuple[Window, T]]:
     """Start work on each window, on the devices in turn; yields results in the order of windows."""
-    devices = jax.devices()[:1] if devices is None else list(devices)
+    devices = jax.local_devices()[:1] if devices is None else list(devices)
     if not devices:
         raise ValueError("`devices` must name one device at least; got none.")
     started: deque[tuple[Window, T]] = deque()

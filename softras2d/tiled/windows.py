@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..planning.effects import Drawing
+from ..geometry.fixed_point import Grid, is_padding
+from ..scene import Scene
 
 
 class Window(NamedTuple):
@@ -83,26 +84,60 @@ class TriangleLists(NamedTuple):
         return self.triangle[self.first[number] : self.first[number + 1]]
 
 
-def list_triangles(
-    corners: Float[np.ndarray, "triangles 3 2"], cut: Cut, reach: float
-) -> TriangleLists:
-    """List the triangles whose bounding boxes come within `reach` pixels of each window.
+class Boxes(NamedTuple):
+    """The bounding box of each triangle, in whole pixels of the canvas, both ends included.
 
-    `corners` are in pixels of the canvas. Triangles with a corner that is not finite are in no
-    list.
+    - `first`, `last`: columns and rows, as floats, as far corners exceed every integer. The box is
+      empty where `first > last`.
     """
-    finite = np.isfinite(corners).all((1, 2))
-    safe = np.where(finite[:, None, None], corners, 0.0)
-    low, high = safe.min(1) - reach, safe.max(1) + reach
+
+    first: Float[np.ndarray, "triangles 2"]
+    last: Float[np.ndarray, "triangles 2"]
+
+
+def reached_boxes(corners: Float[np.ndarray, "triangles 3 2"], reach: float) -> Boxes:
+    """Pixels within `reach` pixels of the bounding boxes of triangles; none if one is NaN."""
+    return _with_finite(corners, corners.min(1) - reach, corners.max(1) + reach)
+
+
+def sampled_boxes(
+    corners: Float[np.ndarray, "triangles 3 2"], grid: Grid, origin: Int[np.ndarray, "2"]
+) -> Boxes:
+    """Pixels of the samples in the bounding boxes of triangles, exactly as a render finds them.
+
+    `corners` are in pixels of the scene, of which `origin` is the canvas's first. A window must not
+    list a triangle that the whole canvas does not: colours would be summed in another order.
+    """
+    unit, rate = 2.0**grid.bits, grid.rate
+    # In float64, these numbers of units are exact.
+    corners = np.rint(corners * unit) - origin * unit
+    first = np.ceil((rate * corners.min(1) - unit / 2) / unit)
+    last = np.floor((rate * corners.max(1) - unit / 2) / unit)
+    has_samples = (first <= last).all(1, keepdims=True)
+    last = np.where(has_samples, last, first - rate)
+    return _with_finite(corners, first / rate, last / rate)
+
+
+def _with_finite(corners: np.ndarray, low: np.ndarray, high: np.ndarray) -> Boxes:
+    """The boxes from low to high, empty for triangles with a corner that is not finite."""
+    finite = np.isfinite(corners).all((1, 2))[:, None]
+    return Boxes(np.where(finite, np.floor(low), 0.0), np.where(finite, np.floor(high), -1.0))
+
+
+def list_triangles(boxes: Boxes, cut: Cut, border: int = 0) -> TriangleLists:
+    """List the triangles whose boxes come within `border` pixels of each window."""
     last = np.array([cut.columns - 1, cut.rows - 1])
+    size = np.array([cut.width, cut.height])
+    low, high = boxes.first - border, boxes.last + border
+    on_canvas = ((low <= high) & (low < size) & (high >= 0)).all(1)
     # Clipped before the cast, as far corners exceed every integer.
     start = np.clip(np.floor(low / cut.tile), 0, last + 1).astype(np.int64)
     stop = np.clip(np.floor(high / cut.tile), -1, last).astype(np.int64) + 1
     across, down = np.maximum(stop - start, 0).T
-    count = np.where(finite, across * down, 0)
-    triangle = np.repeat(np.arange(len(corners)), count)
+    count = np.where(on_canvas, across * down, 0)
+    triangle = np.repeat(np.arange(len(count)), count)
     within = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
-    row, column = np.divmod(within, across[triangle])
+    row, column = np.divmod(within, np.maximum(across[triangle], 1))
     window = (start[triangle, 1] + row) * cut.columns + start[triangle, 0] + column
     # A stable sort keeps the draw order within each window.
     order = np.argsort(window, kind="stable")
@@ -111,13 +146,9 @@ def list_triangles(
     return TriangleLists(triangle[order].astype(np.int32), first)
 
 
-def box_corners(drawing: Drawing) -> Float[np.ndarray, "triangles 3 2"]:
-    """Corners in pixels of the canvas, in float64; NaN for padding."""
-    positions, triangles, origin = (
-        np.asarray(array)
-        for array in (drawing.scene.positions, drawing.scene.triangles, drawing.origin)
-    )
-    corners = (positions.astype(np.float64) - origin)[triangles]
-    is_padding = (triangles == triangles[:, :1]).all(1)
-    corners[is_padding] = np.nan
+def scene_corners(scene: Scene) -> Float[np.ndarray, "triangles 3 2"]:
+    """Corners in pixels of the scene, in float64; NaN for padding."""
+    positions, triangles = np.asarray(scene.positions), np.asarray(scene.triangles)
+    corners = positions.astype(np.float64)[triangles]
+    corners[is_padding(triangles)] = np.nan
     return corners
