@@ -24,7 +24,8 @@ def advance_fits(
     """Take a chunk of `steps` steps of each fit, and return the losses of each.
 
     Several fits must have the same shapes, solver and settings, so that one program serves them
-    all. With `devices`, each device takes a share of the fits. Chunks of equal `max_steps`, the largest number of steps, share a program.
+    all. With `devices`, each device takes a share of the fits. Chunks of equal `max_steps`, the
+    largest number of steps, share a program.
 
     If a scene outgrows its plan, the chunk is taken again, from where it began, with a larger plan
     and half as many steps. The larger plan has capacity for the unknowns where the chunk begins and

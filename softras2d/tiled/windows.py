@@ -1,6 +1,7 @@
 """The windows into which a large canvas is cut, and the triangles that each of them may show."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +34,8 @@ class Window(NamedTuple):
         return slice(self.x, self.x + self.width)
 
 
-class Cut(NamedTuple):
+@dataclass(frozen=True)
+class Cut:
     """A canvas of `height` x `width` pixels, cut into windows of `tile` pixels a side.
 
     Those of the last row and column may be smaller.
@@ -64,7 +66,7 @@ class Cut(NamedTuple):
         y, x = row * self.tile, column * self.tile
         return Window(number, x, y, min(self.tile, self.height - y), min(self.tile, self.width - x))
 
-    def __iter__(self) -> Iterator[Window]:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def __iter__(self) -> Iterator[Window]:
         """All windows, row by row."""
         return map(self.window, range(self.count))
 

@@ -95,9 +95,9 @@ def test_windows_of_a_canvas_that_does_not_fit_equal_the_oracle():
         starts, sr.render_tiles(scene, plan, windows=numbers), strict=True
     ):
         height, width = (min(tile, side - first) for first in (y, x))
-        on = Canvas(height, width, 2, origin=(x, y), grid_bits=bits)
+        on = Canvas(tile, tile, 2, origin=(x, y), grid_bits=bits)
         near = (np.abs(corners - [x + 32, y + 32]) < 64).all((1, 2))
         expected = draw(corners[near], colors[near], [1, 1, 1], on)
         drawn = image[y - window.y :, x - window.x :][:height, :width]
-        np.testing.assert_allclose(drawn, expected, atol=1e-6)
+        np.testing.assert_allclose(drawn, expected[:height, :width], atol=1e-6)
         assert np.unique(drawn).size > 50
