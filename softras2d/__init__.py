@@ -34,6 +34,10 @@ if TYPE_CHECKING:
     from .scene import Scene, check
     from .shading.sample_texture import sample_texture
     from .texture.pyramid import TexturePyramid
+    from .tiled.plan_tiles import TiledPlan, plan_tiles
+    from .tiled.render_tiles import render_tiles
+    from .tiled.value_and_grad import tiled_value_and_grad
+    from .tiled.write_tiles import write_tiles
     from .viewing.notebook import view
 
 __version__ = "0.1.0"
@@ -50,6 +54,7 @@ _DEFINED_IN = {
     "Soft": ".options",
     "SvgControls": ".io.svg.control_points",
     "TexturePyramid": ".texture.pyramid",
+    "TiledPlan": ".tiled.plan_tiles",
     "Visibility": ".rendering.visibility",
     "check": ".scene",
     "compare": ".comparison.compare",
@@ -62,19 +67,23 @@ _DEFINED_IN = {
     "pixel_layers": ".rendering.find_pixel_layers",
     "plan": ".rendering.planner",
     "plan_for": ".rendering.planner",
+    "plan_tiles": ".tiled.plan_tiles",
     "rasterize": ".rendering.visibility",
     "read_image": ".io.images",
     "read_svg": ".io.svg.reader",
     "read_svg_controls": ".io.svg.reader",
     "render": ".rendering.render",
     "render_checked": ".rendering.render",
+    "render_tiles": ".tiled.render_tiles",
     "resolve": ".rendering.resolve",
     "sample_texture": ".shading.sample_texture",
     "simplify": ".planning.simplify",
+    "tiled_value_and_grad": ".tiled.value_and_grad",
     "value_and_grad_replanning": ".rendering.replanning",
     "view": ".viewing.notebook",
     "write_image": ".io.images",
     "write_svg": ".io.svg.writer",
+    "write_tiles": ".tiled.write_tiles",
 }
 
 _PUBLIC_MODULES = ("camera", "pictures", "plot", "testing")
@@ -92,6 +101,7 @@ __all__ = [
     "Soft",
     "SvgControls",
     "TexturePyramid",
+    "TiledPlan",
     "Visibility",
     "camera",
     "check",
@@ -106,6 +116,7 @@ __all__ = [
     "pixel_layers",
     "plan",
     "plan_for",
+    "plan_tiles",
     "plot",
     "rasterize",
     "read_image",
@@ -113,14 +124,17 @@ __all__ = [
     "read_svg_controls",
     "render",
     "render_checked",
+    "render_tiles",
     "resolve",
     "sample_texture",
     "simplify",
     "testing",
+    "tiled_value_and_grad",
     "value_and_grad_replanning",
     "view",
     "write_image",
     "write_svg",
+    "write_tiles",
 ]
 
 

@@ -34,6 +34,7 @@ ORDER = (
     "rendering",
     "camera",
     "io",
+    "tiled",
     "comparison",
     "fitting",
     "viewing",

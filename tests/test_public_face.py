@@ -47,6 +47,12 @@ TexturePyramid.build: images, border=, addressing=, linear=
 TexturePyramid.channels: property
 TexturePyramid.count: property
 TexturePyramid.depth: property
+TiledPlan: cut, origin, border, lists, plans, witness, has_gradients
+TiledPlan.height: property
+TiledPlan.memory: property
+TiledPlan.plan_at: self, number
+TiledPlan.triangles_of: self, number
+TiledPlan.width: property
 Visibility: triangle, scene, plan, overflow
 Visibility.barycentric: property
 Visibility.coverage: property
@@ -63,7 +69,8 @@ fit: target, *triangles=, *family=, *solver=, *seed=, *steps=, *seconds=, *size=
     *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=,
     *resume=, *checkpoint=
 fit_batch: targets, *triangles=, *solver=, *seed=, *steps=, *seconds=, *size=, *shading=,
-    *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=, *resume=
+    *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=, *resume=,
+    *devices=
 interpolate: visible, attributes
 keep_compiled_programs:
 pad: scene
@@ -74,6 +81,8 @@ pixel_layers: scene, plan, *layers
 plan: scene, *height, *width, *coverage=, *filter=, *origin=, *max_width=, *grid_bits=, *capacity=,
     *headroom=, *on_overflow=
 plan_for: *triangles, *height, *width, *coverage=, *filter=, *origin=, *max_width=, *grid_bits=
+plan_tiles: scene, *height, *width, *coverage=, *filter=, *origin=, *tile=, *grid_bits=,
+    *gradients=
 plot.animate: path, frames, *seconds_per_frame=
 plot.arrows: positions, vectors, *axes, *color=, *length=, *label=
 plot.buffers: visible, *figure=
@@ -99,15 +108,18 @@ read_svg_controls: path, *height=, *width=, *transform=, *assets=, *opacity=, *l
     *tolerance=, *strict=, *fit=
 render: scene, plan
 render_checked: scene, plan
+render_tiles: scene, plan, *windows=, *devices=
 resolve: visible, values, background=
 sample_texture: textures, uv, footprint=, filter=, *texture_index=
 simplify: scene, *height, *width, *filter=
 testing.assert_image_matches: image, path, *tolerance=, *update=
+tiled_value_and_grad: loss, *devices=
 value_and_grad_replanning: loss, scene_of, *height, *width, *coverage=, *filter=, *headroom=,
     *has_aux=
 view: subjects, *height=, *width=, *widget_height=
 write_image: path, image, *linear=, *truncate=
 write_svg: path, scene, *height=, *width=, *fallback=
+write_tiles: path, scene, plan, *devices=, *linear=, *truncate=, *report=
 """
 
 

@@ -3,14 +3,20 @@
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeRemainingColumn,
+)
 
 from .. import names
 from . import options
@@ -47,6 +53,24 @@ Truncate = Annotated[
         help="Convert to 8 bits by truncating, as the rasterizer course does, instead of rounding.",
     ),
 ]
+Tiled = Annotated[
+    bool,
+    typer.Option(
+        "--tiled",
+        help="Draw the image in tiles, which are written as they are drawn: for images larger than "
+        "memory, up to 1048576 pixels a side, in PNG, TIFF or EXR. Uses every device.",
+    ),
+]
+Tile = Annotated[
+    int | None,
+    typer.Option(
+        "--tile",
+        metavar="PIXELS",
+        help="Side of a tile with --tiled: a multiple of 32 (of 80 with 9 samples). "
+        "Default: 1024 (960).",
+        show_default=False,
+    ),
+]
 
 
 def render_scenes(
@@ -54,6 +78,8 @@ def render_scenes(
     output: Output,
     kind: Format = "png",
     truncate: Truncate = False,
+    tiled: Tiled = False,
+    tile: Tile = None,
     samples: options.Samples = 16,
     size: options.SizeOption = None,
     origin: options.Origin = None,
@@ -84,6 +110,8 @@ def render_scenes(
 
     [bold]softras2d render rings -o rings.png[/bold]   (a bundled scene)
 
+    [bold]softras2d render map.svg -o map.tif --size 50000 --tiled[/bold]   (larger than memory)
+
     If a scene fails, the others are still rendered; errors are listed at the end (exit code 1).
     """
     settings = RenderOptions(
@@ -92,11 +120,12 @@ def render_scenes(
         coverage, soft_width, lod_bias,
     )  # fmt: skip
     with session() as console:
+        tiling = _tiling(tiled, tile, output)
         targets = _targets(scenes, output, kind)
         started = time.perf_counter()
         failures: list[str] = []
         try:
-            summary = _render_each(scenes, targets, settings, truncate, console, failures)
+            summary = _render_each(scenes, targets, settings, truncate, tiling, console, failures)
         finally:
             # Also after Ctrl-C: errors before it must not get lost.
             for failure in failures:
@@ -114,11 +143,29 @@ def render_scenes(
             raise typer.Exit(1)
 
 
+class Tiling(NamedTuple):
+    """Options of `--tiled`; `tile` is the side of a tile in pixels, or None for the default."""
+
+    tile: int | None
+
+
+def _tiling(tiled: bool, tile: int | None, output: Path) -> Tiling | None:
+    """The options of `--tiled`, or None without it; raises `ValueError` for contradictions."""
+    if not tiled:
+        if tile is not None:
+            raise ValueError("--tile needs --tiled.")
+        return None
+    if str(output) == "-":
+        raise ValueError("-: --tiled writes to a file, not to standard output.")
+    return Tiling(tile)
+
+
 def _render_each(
     scenes: list[Path],
     targets: list[Path],
     settings: RenderOptions,
     truncate: bool,
+    tiling: Tiling | None,
     console: Console,
     failures: list[str],
 ) -> str:
@@ -132,7 +179,10 @@ def _render_each(
     with _progress_bar(len(scenes), console) as advance:
         for scene, target in zip(scenes, targets, strict=True):
             try:
-                summary = _render(scene, target, settings, truncate)
+                if tiling is None:
+                    summary = _render(scene, target, settings, truncate)
+                else:
+                    summary = _render_tiled(scene, target, settings, truncate, tiling, console)
             except Exception as error:
                 if debugging():
                     raise
@@ -183,6 +233,47 @@ def _render(path: Path, target: Path, settings: RenderOptions, truncate: bool) -
         f"{target}: {width} x {height} pixels {_coverage_text(settings)}, "
         f"{scene.triangles.shape[0]} triangles, {1e3 * seconds:.0f} ms"
     )
+
+
+def _render_tiled(
+    path: Path,
+    target: Path,
+    settings: RenderOptions,
+    truncate: bool,
+    tiling: Tiling,
+    console: Console,
+) -> str:
+    """Render one scene to one file tile by tile; returns a line about the image."""
+    import jax
+
+    from ..io.image_stream import check_stream
+    from ..tiled.write_tiles import write_tiles
+    from .render_steps import make_tiled_plan, read_scene, window_size
+
+    check_stream(target)
+    started = time.perf_counter()
+    scene, height, width = read_scene(path, settings)
+    height, width = window_size(settings.window, height, width)
+    plan = make_tiled_plan(scene, height, width, settings, tiling.tile)
+    with _tile_bar(console) as report:
+        write_tiles(
+            target, scene, plan, devices=jax.local_devices(), linear=settings.linear,
+            truncate=truncate, report=report,
+        )  # fmt: skip
+    return (
+        f"{target}: {width} x {height} pixels {_coverage_text(settings)}, {plan.cut.count} tiles, "
+        f"{scene.triangles.shape[0]} triangles, {time.perf_counter() - started:.1f} s"
+    )
+
+
+@contextmanager
+def _tile_bar(console: Console) -> Iterator[Callable[[int, int], None]]:
+    """Show a progress bar for the tiles of an image; yields what is called after each."""
+    columns = (TextColumn("tiles"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    is_shown = console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=not is_shown) as progress:
+        task = progress.add_task("", total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
 
 
 class OutputError(ValueError):

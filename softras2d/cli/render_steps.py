@@ -3,6 +3,7 @@
 import dataclasses
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ..planning.plan import Plan
 from ..rendering.planner import plan
 from ..rendering.render import render_checked
 from ..scene import Scene
+from ..tiled.plan_tiles import TiledPlan, plan_tiles
 from .options import RenderOptions, Size
 from .scene_sources import SceneSource
 
@@ -93,24 +95,33 @@ def window_size(window: Size | None, height: int, width: int) -> tuple[int, int]
 
 def make_plan(scene: Scene, height: int, width: int, options: RenderOptions) -> Plan:
     """Plan an image of `height` x `width` pixels."""
+    return plan(scene, height=height, width=width, **_plan_arguments(options))
+
+
+def make_tiled_plan(
+    scene: Scene, height: int, width: int, options: RenderOptions, tile: int | None
+) -> TiledPlan:
+    """Plan an image of `height` x `width` pixels in tiles of `tile` pixels a side."""
+    return plan_tiles(scene, height=height, width=width, tile=tile, **_plan_arguments(options))
+
+
+def _plan_arguments(options: RenderOptions) -> dict[str, Any]:
+    """The arguments that `plan` and `plan_tiles` share."""
     coverage: Coverage = {
         "sampled": lambda: Hard(options.samples, options.fill_rule, options.shading),
         "soft": lambda: Soft(options.soft_width),
         "area": Area,
     }[options.coverage]()
-    return plan(
-        scene,
-        height=height,
-        width=width,
-        coverage=coverage,
-        filter=Filter(
+    return {
+        "coverage": coverage,
+        "filter": Filter(
             pixel=options.pixel_filter,
             level=options.level_filter,
             anisotropy=options.anisotropy,
             lod_bias=options.lod_bias,
         ),
-        origin=(0, 0) if options.origin is None else tuple(options.origin),
-    )
+        "origin": (0, 0) if options.origin is None else tuple(options.origin),
+    }
 
 
 def render_image(scene: Scene, plan: Plan) -> np.ndarray:

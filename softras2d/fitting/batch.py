@@ -41,6 +41,7 @@ def fit_batch(
     start: Any = "error",
     report: Callable[[list[Record]], None] | None = None,
     resume: Sequence[FitResult] | None = None,
+    devices: Sequence[jax.Device] | None = None,
 ) -> list[FitResult]:
     """Fit layers to several targets of one shape, with their steps batched by `jax.vmap`.
 
@@ -52,6 +53,8 @@ def fit_batch(
     - `weights`: `[height, width]` for all targets, or `[images, height, width]`.
     - `start`: one for all targets, or a sequence with one for each.
     - `resume`: the results of an earlier batch, whose settings and weights are used.
+    - `devices`: each takes an equal share of the images, by the same program and without
+      communication. JAX's first device unless given.
     - `report`: called after each chunk with the last record of each image. The seconds in a record
       are those of the whole batch.
 
@@ -64,6 +67,8 @@ def fit_batch(
         "shading": shading, "translucent": translucent, "softness": softness,
         "colors": colors, "loss": loss, "light": light,
     }  # fmt: skip
+    if devices is not None and len(devices) == 0:
+        raise ValueError("`devices` must name one device at least; got none.")
     drop_programs()
     images = _check_targets(targets)
     count = len(images)
@@ -83,7 +88,7 @@ def fit_batch(
             Task(target, fit_settings, result)
             for target, fit_settings, result in zip(weighted, settings, earlier, strict=True)
         ]
-        interrupted = _run(tasks, limits, report, lambda: interrupt.requested)
+        interrupted = _run(tasks, limits, report, lambda: interrupt.requested, devices)
         results = []
         for task in tasks:
             # The first scorer was warmed up in `_run`; all targets have one size.
@@ -176,6 +181,7 @@ def _run(
     limits: Limits,
     report: Callable[[list[Record]], None] | None,
     stop: Callable[[], bool],
+    devices: Sequence[jax.Device] | None,
 ) -> bool:
     """Run all fits to their limits; return whether Ctrl-C came first."""
 
@@ -191,4 +197,5 @@ def _run(
         return run(
             [task.fit for task in tasks], [task.history for task in tasks], budget,
             steps=first.steps_before, max_steps=first.max_steps, stop=stop, report=report_records,
+            devices=devices,
         )  # fmt: skip

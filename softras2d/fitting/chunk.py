@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -15,12 +16,16 @@ _MAX_ATTEMPTS = 12
 
 
 def advance_fits(
-    fits: Sequence[AbstractFit], steps: int, max_steps: int
+    fits: Sequence[AbstractFit],
+    steps: int,
+    max_steps: int,
+    devices: Sequence[jax.Device] | None = None,
 ) -> list[Float[np.ndarray, " steps"]]:
     """Take a chunk of `steps` steps of each fit, and return the losses of each.
 
     Several fits must have the same shapes, solver and settings, so that one program serves them
-    all. Chunks of equal `max_steps`, the largest number of steps, share a program.
+    all. With `devices`, each device takes a share of the fits. Chunks of equal `max_steps`, the
+    largest number of steps, share a program.
 
     If a scene outgrows its plan, the chunk is taken again, from where it began, with a larger plan
     and half as many steps. The larger plan has capacity for the unknowns where the chunk begins and
@@ -31,7 +36,7 @@ def advance_fits(
     first, solver = fits[0], fits[0].request.solver
     reached = [fit.progress.y for fit in fits]
     for _ in range(_MAX_ATTEMPTS):
-        if len(fits) == 1:
+        if len(fits) == 1 and devices is None:
             chunks = [
                 advance(
                     solver, first.residual, first.progress, first.data,
@@ -41,7 +46,7 @@ def advance_fits(
         else:
             chunks = advance_each(
                 solver, first.residual, [fit.progress for fit in fits],
-                [fit.data for fit in fits], steps=steps, max_steps=max_steps,
+                [fit.data for fit in fits], steps=steps, max_steps=max_steps, devices=devices,
             )  # fmt: skip
         if steps == 0 or not any(bool(jnp.any(chunk.aux[1])) for chunk in chunks):
             for fit, chunk in zip(fits, chunks, strict=True):

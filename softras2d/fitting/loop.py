@@ -4,10 +4,12 @@ The same loop serves `fit` and `fit_batch`. It advances a list of fits together,
 one.
 """
 
+import functools
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -70,6 +72,7 @@ def run(
     stop: Callable[[], bool],
     report: Callable[[float, float], None] | None = None,
     save: Callable[[], None] | None = None,
+    devices: Sequence[jax.Device] | None = None,
 ) -> bool:
     """Advance fits together to the end of the budget; return whether they were interrupted.
 
@@ -80,7 +83,11 @@ def run(
     - `report(share, seconds_left)`: called after each chunk. A `KeyboardInterrupt` from it counts
       as Ctrl-C; any other exception is passed on.
     - `save()`: writes a checkpoint; called every half minute.
+    - `devices`: those among which the fits are shared; JAX's first device unless given.
     """
+    advance = advance_fits
+    if devices is not None:
+        advance = functools.partial(advance_fits, devices=devices)
     counters = [AcceptedSteps(records[-1].accepted if records else 0) for records in histories]
     compiled_at: float | None = None
     step_seconds: float | None = None
@@ -93,7 +100,7 @@ def run(
         began = time.perf_counter()
         for fit in fits:
             fit.refine(budget.share(steps, compiled_at))
-        losses = advance_fits(fits, chunk_steps, max_steps)
+        losses = advance(fits, chunk_steps, max_steps)
         now = time.perf_counter()
         # The first chunk compiles, so it does not tell how long a step takes.
         step_seconds = (now - began) / len(losses[0]) if compiled_at else None

@@ -92,10 +92,12 @@ def advance_each(
     *,
     steps: int,
     max_steps: int | None = None,
+    devices: Sequence[jax.Device] | None = None,
 ) -> list[Chunk]:
     """Advance several solves by one program, as `advance` does each.
 
-    Their arrays must have the same shapes.
+    Their arrays must have the same shapes. With `devices`, each of them takes an equal share of the
+    solves by the same program, without any communication.
     """
     max_steps = steps if max_steps is None else max_steps
     solves = [
@@ -103,20 +105,49 @@ def advance_each(
         for progress, solve_args in zip(progresses, args, strict=True)
     ]
     partitions = [eqx.partition(solve, eqx.is_array) for solve in solves]
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(arrays for arrays, _ in partitions))
     static = partitions[0][1]
-    results = _advance_stacked(
-        solver, residual, stacked, static, to_device(np.int32(steps)), max_steps
-    )
-    chunks = []
-    for index, progress in enumerate(progresses):
-        y, state, losses, (last, each) = jax.tree.map(lambda leaf, at=index: leaf[at], results)
-        _, static_state, _ = static
-        state = eqx.combine(state, static_state)
-        each = jax.tree.map(lambda leaf: leaf[:steps], each)
-        after = Progress(y, state, progress.steps + steps)
-        chunks.append(Chunk(after, losses[:steps], (last, each)))
-    return chunks
+    number = to_device(np.int32(steps))
+    if devices is None:
+        stacked = _stack([arrays for arrays, _ in partitions])
+        results = _advance_stacked(solver, residual, stacked, static, number, max_steps)
+        rows = [(results, index) for index in range(len(solves))]
+    else:
+        share = -(-len(solves) // len(devices))
+        started = []
+        for first, device in zip(range(0, len(solves), share), devices, strict=False):
+            shard = [arrays for arrays, _ in partitions[first : first + share]]
+            # The last shard is filled up, so that one program serves all of them.
+            shard += [shard[-1]] * (share - len(shard))
+            stacked, moved, count = _placed((_stack(shard), residual, number), device)
+            started.append(_advance_stacked(solver, moved, stacked, static, count, max_steps))
+        # All devices work by now. Arrays of later steps are to be on one of them.
+        together = [_placed(results, devices[0]) for results in started]
+        rows = [(together[k // share], k % share) for k in range(len(solves))]
+    return [
+        _chunk_of(results, index, progress, static, steps)
+        for (results, index), progress in zip(rows, progresses, strict=True)
+    ]
+
+
+def _stack(trees: Sequence[Any]) -> Any:
+    """Stack the arrays of equal trees along a new leading axis."""
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
+
+
+def _placed(tree: Any, device: jax.Device) -> Any:
+    """The tree with its arrays on a device."""
+    arrays, rest = eqx.partition(tree, eqx.is_array)
+    return eqx.combine(jax.device_put(arrays, device), rest)
+
+
+def _chunk_of(results: Any, index: int, progress: Progress, static: Any, steps: int) -> Chunk:
+    """The chunk of one solve, from the stacked results of several."""
+    y, state, losses, (last, each) = jax.tree.map(lambda leaf: leaf[index], results)
+    _, static_state, _ = static
+    state = eqx.combine(state, static_state)
+    each = jax.tree.map(lambda leaf: leaf[:steps], each)
+    after = Progress(y, state, progress.steps + steps)
+    return Chunk(after, losses[:steps], (last, each))
 
 
 def move(solver: Solver, residual: Residual, progress: Progress, y: Any, args: Any) -> Progress:

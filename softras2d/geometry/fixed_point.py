@@ -42,19 +42,22 @@ class Grid(NamedTuple):
     - `height`, `width`: of the canvas, in pixels.
     - `rate`: samples along a pixel's side.
     - `bits`: vertices are snapped to multiples of 2^-bits pixel.
+    - `margin`: width of the guard band around the canvas, in pixels.
     """
 
     height: int
     width: int
     rate: int
     bits: int
+    margin: float
 
     @staticmethod
     def for_canvas(height: int, width: int, rate: int, bits: int | None = None) -> "Grid":
         """Choose the finest grid on which the canvas with its guard band is within 2^23 units.
 
         The guard band is half the longer side wide, all around. `bits` asks for a coarser grid than
-        the finest that fits, such as that of a larger canvas which is drawn in pieces. Raises
+        the finest that fits, such as that of a larger canvas which is drawn in pieces. The band is
+        then as wide as that grid allows, so that triangles of the larger canvas are not cut. Raises
         `ValueError` where the grid would be coarser than 2^-8 pixel, or finer than what fits.
         """
         try:
@@ -69,14 +72,16 @@ class Grid(NamedTuple):
                 "(draw a larger image in pieces, with `origin`)."
             )
         finest = min(finest, MAX_GRID_BITS)
-        bits = finest if bits is None else bits
+        half = max(height, width) / 2
+        if bits is None:
+            return Grid(height, width, rate, finest, half)
         if isinstance(bits, bool) or not isinstance(bits, int | np.integer):
             raise ValueError(f"`grid_bits` must be an integer; got {bits!r}.")
         if not 8 <= bits <= finest:
             raise ValueError(
                 f"`grid_bits` must be in 8..{finest} for {width} x {height} pixels; got {bits}."
             )
-        return Grid(height, width, rate, int(bits))
+        return Grid(height, width, rate, int(bits), 2.0 ** (22 - bits) - half)
 
     @property
     def samples(self) -> int:
@@ -86,7 +91,7 @@ class Grid(NamedTuple):
     @property
     def guard(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Least and greatest x and y, in pixels, of the canvas with its guard band."""
-        margin = max(self.height, self.width) / 2
+        margin = self.margin
         return (-margin, -margin), (self.width + margin, self.height + margin)
 
 
@@ -314,7 +319,7 @@ def edge_functions(segments: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
     With `"top_left"`, an edge that does not own its boundary is lowered by one unit of the exact
     value, so that `>= 0` becomes `> 0`; a triangle without area is pushed out everywhere.
     """
-    _, _, rate, bits = grid
+    rate, bits = grid.rate, grid.bits
     x, y, dx, dy = segments[:4]
     xp = x.__array_namespace__()
     f32 = xp.float32

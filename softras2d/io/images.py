@@ -122,18 +122,26 @@ def write_image(
     if suffix not in WRITABLE:
         raise ValueError(f"{path}: the suffix must be one of {', '.join(WRITABLE)}.")
     pixels = _checked_pixels(path, np.asarray(image))
-    if suffix == ".exr":
-        pixels = pixels if linear else _on_colors(srgb_to_linear, pixels)
-        # Finite values in sRGB may overflow float32 in linear light.
-        _check_finite(str(path), pixels)
-        with np.errstate(over="ignore"):
-            pixels = premultiply(pixels)
-        _check_finite(str(path), pixels)
-    else:
-        pixels = _on_colors(linear_to_srgb, pixels) if linear else pixels
-        pixels = to_bytes(pixels, truncate=truncate)
+    pixels = stored_pixels(path, pixels, linear=linear, truncate=truncate)
     with atomic_file(path) as draft:
         _save(draft, path, pixels)
+
+
+def stored_pixels(path: Path, pixels: np.ndarray, *, linear: bool, truncate: bool) -> np.ndarray:
+    """The numbers that a file with the suffix of `path` stores for these float32 pixels.
+
+    Bytes, or for an EXR premultiplied linear light. Raises `ValueError` for NaN and infinity.
+    """
+    if path.suffix.lower() != ".exr":
+        pixels = _on_colors(linear_to_srgb, pixels) if linear else pixels
+        return to_bytes(pixels, truncate=truncate)
+    pixels = pixels if linear else _on_colors(srgb_to_linear, pixels)
+    # Finite values in sRGB may overflow float32 in linear light.
+    _check_finite(str(path), pixels)
+    with np.errstate(over="ignore"):
+        pixels = premultiply(pixels)
+    _check_finite(str(path), pixels)
+    return pixels
 
 
 def to_bytes(
@@ -324,22 +332,47 @@ def check_writable_path(path: Path) -> None:
 def _save(draft: Path, path: Path, pixels: np.ndarray) -> None:
     """Write pixels to `draft` in the format of its suffix; errors call it `path`."""
     height, width, channels = pixels.shape
+    check_free_space(draft, path, pixels.nbytes)
+    spec = image_spec(draft, (height, width, channels), pixels.dtype)
+    target = open_output(draft, path, spec)
+    is_written = target.write_image(np.ascontiguousarray(pixels))
+    close_output(target, draft, path, bool(is_written))
+
+
+def check_free_space(draft: Path, path: Path, size: int) -> None:
+    """Raise `ValueError` unless the disk of `draft` has `size` bytes left, and a few more."""
     # The JPEG library terminates the process if the disk is full.
-    if shutil.disk_usage(draft.parent).free < pixels.nbytes + 2**16:
+    if shutil.disk_usage(draft.parent).free < size + 2**16:
         raise ValueError(
-            f"{path}: not enough space on the disk: {pixels.nbytes / 1e6:.1f} MB may be needed."
+            f"{path}: not enough space on the disk: {size / 1e6:.1f} MB may be needed."
         )
-    spec = oiio.ImageSpec(width, height, channels, str(pixels.dtype).replace("float32", "float"))
+
+
+def image_spec(draft: Path, shape: tuple[int, int, int], dtype: Any) -> Any:
+    """The `ImageSpec` of an image `[height, width, channels]` in the format of a suffix."""
+    height, width, channels = shape
+    spec = oiio.ImageSpec(width, height, channels, str(dtype).replace("float32", "float"))
     if draft.suffix != ".exr":
         # Without this, OpenImageIO assumes premultiplied colours and divides them by alpha.
         spec.attribute("oiio:UnassociatedAlpha", 1)
     if draft.suffix in (".jpg", ".jpeg"):
         spec.attribute("compression", "jpeg:95")
         spec.attribute("jpeg:subsampling", "4:4:4")
+    return spec
+
+
+def open_output(draft: Path, path: Path, spec: Any) -> Any:
+    """Open `draft` for writing; raises `ValueError`, which calls it `path`."""
     target = oiio.ImageOutput.create(str(draft))
     if target is None:
         raise ValueError(f"{path}: cannot be written{_reason(oiio.geterror(), draft)}.")
-    is_written = target.open(str(draft), spec) and target.write_image(np.ascontiguousarray(pixels))
+    if not target.open(str(draft), spec):
+        raise ValueError(f"{path}: cannot be written{_reason(target.geterror(), draft)}.")
+    return target
+
+
+def close_output(target: Any, draft: Path, path: Path, is_written: bool) -> None:
+    """Close `draft`; raise `ValueError`, which calls it `path`, unless it is complete."""
     # Closing writes buffered data, so it may fail if the disk is full.
     if not (target.close() and is_written) or not _is_complete(draft):
         raise ValueError(f"{path}: cannot be written{_reason(target.geterror(), draft)}.")

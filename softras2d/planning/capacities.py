@@ -123,13 +123,20 @@ _LEAST_RATIO = 0.25
 
 
 def choose_capacity(
-    counts: Sequence[Counts], *, in_order: bool, pixels: int, headroom: Headroom
+    counts: Sequence[Counts],
+    *,
+    in_order: bool,
+    pixels: int,
+    headroom: Headroom,
+    layers: int | None = None,
 ) -> Capacity:
     """Choose capacities for the largest needs of the scenes counted, with headroom.
 
-    `in_order`: whether something goes through lists in order; `pixels`: number of the canvas.
+    - `in_order`: whether something goes through lists in order.
+    - `pixels`: number of the canvas.
+    - `layers`: slots of a chunk; unless given, the number of least cost.
     """
-    layers = _choose_layers(counts, headroom)
+    layers = choose_layers(counts, headroom) if layers is None else layers
     chunks = [_chunks_of_tiles(scene, layers) for scene in counts]
     needed_slots = max(layers * max(int(of_tile.sum()) for of_tile in chunks), 1)
     slots = _slot_class(needed_slots, headroom)
@@ -162,7 +169,7 @@ def choose_capacity(
     )
 
 
-def _choose_layers(counts: Sequence[Counts], headroom: Headroom) -> int:
+def choose_layers(counts: Sequence[Counts], headroom: Headroom) -> int:
     """Choose the number of slots of a chunk that costs least over all scenes."""
     chunks = {
         layers: [int(_chunks_of_tiles(scene, layers).sum()) for scene in counts]

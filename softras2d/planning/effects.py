@@ -164,7 +164,7 @@ EFFECTS = {
     "soft coverage": Effect("`coverage` is `Soft`", lambda drawing: True, _with_hard_coverage),
     "exact area": Effect("`coverage` is `Area`", lambda drawing: True, _with_hard_coverage),
     GUARD_BAND: Effect(
-        "triangles reach past half the longer side around the canvas",
+        "triangles reach past the guard band around the canvas",
         lambda drawing: not _within_guard_band(drawing).all(),
         lambda drawing: drawing._replace(
             scene=take_triangles(drawing.scene, _within_guard_band(drawing))

@@ -41,11 +41,14 @@ def pad(scene: Scene) -> Scene:
     """
     if is_traced(scene):
         raise ValueError("`pad` needs a concrete scene: pad outside jit, vmap and grad.")
-    return _pad_to(scene, triangle_class(scene.triangles.shape[-2]))
+    return pad_to(scene, triangle_class(scene.triangles.shape[-2]))
 
 
-def _pad_to(scene: Scene, size: int) -> Scene:
-    """Append triangles that cover nothing until there are `size`, and vertices in proportion."""
+def pad_to(scene: Scene, size: int, vertex_size: int | None = None) -> Scene:
+    """Append triangles that cover nothing until there are `size`.
+
+    Vertices are appended until there are `vertex_size`; unless given, in proportion.
+    """
     *batch, triangles, _ = scene.triangles.shape
     vertices = scene.positions.shape[-2]
     if triangles == 0 or vertices == 0:
@@ -53,7 +56,9 @@ def _pad_to(scene: Scene, size: int) -> Scene:
     # Texels are not padded: sums over them would be rounded in another order.
     axis = len(batch)
     more_triangles = size - triangles
-    more_vertices = _vertex_class(vertices, triangles, triangles + more_triangles) - vertices
+    if vertex_size is None:
+        vertex_size = _vertex_class(vertices, triangles, triangles + more_triangles)
+    more_vertices = vertex_size - vertices
     # For each array the number of appended entries, and their value.
     padding = {
         "positions": (more_vertices, 0),
@@ -78,7 +83,7 @@ def pad_concrete(scene: Scene, plan: Plan) -> Scene:
     if is_traced(scene) or scene.triangles.ndim != 2:
         return scene
     triangles = scene.triangles.shape[0]
-    return _pad_to(scene, next_power(triangles) if plan.lists_all else triangle_class(triangles))
+    return pad_to(scene, next_power(triangles) if plan.lists_all else triangle_class(triangles))
 
 
 def fine_class(count: int) -> int:

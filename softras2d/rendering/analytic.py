@@ -17,19 +17,18 @@ from ..compositing import analytic_over, interpolated_over
 from ..compositing.opaque import sum_chunks
 from ..coverage.analytic import AnalyticCoverage, PixelFunction, evaluate
 from ..coverage.edge_lines import TriangleLines, triangle_lines
-from ..geometry.fixed_point import Grid, corners_of, reorient
+from ..geometry.fixed_point import corners_of, reorient
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..planning.capacities import ANALYTIC_HEADROOM, VARYING_HEADROOM, Needs
-from ..planning.effects import is_occluder, varies
-from ..planning.list_counts import count_analytic_lists
+from ..planning.effects import Drawing, is_occluder, varies
+from ..planning.list_counts import Counts, count_analytic_lists
 from ..planning.plan import Plan
 from ..scene import Scene
 from ..shading.corner_attributes import at_corners, corner_attributes, perspective_weights
 from ..shading.pixel_color import CornerColors, ShadedSlots, TriangleAttributes, shade_slots
 from ..shading.texture_lookup import Textures
-from .coverage_mode import CoverageMode, Drawn, Growth, Layout
-from .layout import Listing, choose_layout
+from .coverage_mode import CoverageMode, Drawn, Growth, Listing
 from .pixel_layers import PixelLayers, Slots, topmost_layers
 from .tile_lists import chunks_for_plan, list_for_plan
 
@@ -123,35 +122,30 @@ class AnalyticMode(CoverageMode):
             composite = interpolated_over.composite
         return composite(shaded.opacity, shaded.color, chunks, max_chunks=max_chunks)
 
-    def lay_out(
+    def list_needs(
         self,
-        scenes: Sequence[Scene],
-        grid: Grid,
-        coverage: Any,
-        origin: np.ndarray,
+        drawings: Sequence[Drawing],
         max_width: float | None,
         growth: Growth,
-    ) -> Layout:
-        """Capacities for the largest of the scenes, and the tile side of least work."""
-        headroom = VARYING_HEADROOM if any(map(varies, scenes)) else ANALYTIC_HEADROOM
+        tile_side: int | None = None,
+    ) -> Listing:
+        """Square tiles of the side of least work, unless it is given."""
+        coverage, grid = drawings[0].coverage, drawings[0].grid
+        is_varying = any(varies(drawing.scene) for drawing in drawings)
+        headroom = VARYING_HEADROOM if is_varying else ANALYTIC_HEADROOM
         reach = self.reach(coverage, max_width)
-        side = SIDES[0]
-        if not growth.is_worst_case:
-            corners = [
-                corners_of(np.asarray(scene.positions), np.asarray(scene.triangles), origin)
-                for scene in scenes
-            ]
-            side = choose_side(corners, grid, reach)
+        side = SIDES[0] if tile_side is None else tile_side
+        if tile_side is None and not growth.is_worst_case:
+            side = choose_side([_host_corners(drawing) for drawing in drawings], grid, reach)
         tiling = Tiling.square(grid, side)
-        count_lists = functools.partial(
-            count_analytic_lists,
-            tiling=tiling,
-            reach=reach,
-            origin=origin,
-            summed=self.is_sum(coverage),
-        )
-        listing = Listing(tiling, headroom, frozenset({"steps", "fragments", "crossings"}), side)
-        return choose_layout(scenes, listing, growth, count_lists)
+        summed = self.is_sum(coverage)
+
+        def count(drawing: Drawing) -> Counts:
+            origin = np.asarray(drawing.origin)
+            return count_analytic_lists(drawing.scene, tiling, reach, origin, summed=summed)
+
+        unused = frozenset({"steps", "fragments", "crossings"})
+        return Listing(tiling, headroom, unused, count, side)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
         """Composite the layers of each pixel: list tiles, compute coverage, shade, composite."""
@@ -232,6 +226,15 @@ class AnalyticMode(CoverageMode):
             chunks,
             needs,
         )
+
+
+def _host_corners(drawing: Drawing) -> np.ndarray:
+    """Corners `[triangles, 3, 2]` on the host, in pixels of the canvas."""
+    positions, triangles, origin = (
+        np.asarray(array)
+        for array in (drawing.scene.positions, drawing.scene.triangles, drawing.origin)
+    )
+    return corners_of(positions, triangles, origin)
 
 
 def _to_image(

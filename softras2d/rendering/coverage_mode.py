@@ -7,16 +7,16 @@ rows of `effects.EFFECTS`, which the class names in `effects`.
 """
 
 import abc
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..geometry.fixed_point import Grid
+from ..geometry.tiling import Tiling
 from ..options import Coverage
-from ..planning.capacities import Capacity, Needs
+from ..planning.capacities import Capacity, Headroom, Needs
 from ..planning.effects import EFFECTS, Drawing
+from ..planning.list_counts import Counts
 from ..planning.plan import Plan
 from ..scene import Scene
 
@@ -32,6 +32,21 @@ class Layout(NamedTuple):
     capacity: Capacity
     tile_side: int = 0
     lists_all: bool = False
+
+
+class Listing(NamedTuple):
+    """Inputs of the layout of the lists besides the scenes.
+
+    - `unused`: names of the lists of `Capacity` that the scenes never need.
+    - `count`: counts the lists of a drawing of a concrete scene.
+    - `side`: pixels along a square tile; 0 under sampled coverage.
+    """
+
+    tiling: Tiling
+    headroom: Headroom
+    unused: frozenset[str]
+    count: Callable[[Drawing], Counts]
+    side: int = 0
 
 
 class Growth(NamedTuple):
@@ -85,18 +100,18 @@ class CoverageMode(abc.ABC):
                 raise ValueError(advice)
 
     @abc.abstractmethod
-    def lay_out(
+    def list_needs(
         self,
-        scenes: Sequence[Scene],
-        grid: Grid,
-        coverage: Any,
-        origin: np.ndarray,
+        drawings: Sequence[Drawing],
         max_width: float | None,
         growth: Growth,
-    ) -> Layout:
-        """Choose capacities that are large enough for each of the scenes and their `growth`.
+        tile_side: int | None = None,
+    ) -> Listing:
+        """How these drawings of canvases of one size are listed, and a function that counts.
 
-        In the worst case only the shapes of the scenes are known; otherwise they are concrete.
+        `tile_side`: pixels along a tile under analytic coverage; unless given, the side of least
+        work. In the worst case only the shapes of the scenes are known; otherwise they are
+        concrete.
         """
 
     @abc.abstractmethod

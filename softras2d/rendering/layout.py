@@ -1,47 +1,28 @@
 """Choose the layout of the tile lists of a plan, for every coverage mode."""
 
 import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import jax
 import numpy as np
 
-from ..geometry.tiling import Tiling
-from ..planning.capacities import Headroom, choose_capacity
+from ..planning.capacities import choose_capacity
+from ..planning.effects import Drawing
 from ..planning.list_counts import MOST_PAIRS, Counts
 from ..planning.size_classes import next_power, triangle_class
 from ..planning.worst_case import limited, worst_case
 from ..scene import Scene
-from .coverage_mode import Growth, Layout
+from .coverage_mode import Growth, Layout, Listing
 
 
-class Listing(NamedTuple):
-    """Inputs of the layout of the lists besides the scenes.
-
-    - `unused`: names of the lists of `Capacity` that the scenes never need.
-    - `side`: pixels along a square tile; 0 under sampled coverage.
-    """
-
-    tiling: Tiling
-    headroom: Headroom
-    unused: frozenset[str]
-    side: int = 0
-
-
-def choose_layout(
-    scenes: Sequence[Scene],
-    listing: Listing,
-    growth: Growth,
-    count_lists: Callable[[Scene], Counts],
-) -> Layout:
-    """Choose a layout for the scenes, and for others that exceed them by `growth`.
+def choose_layout(drawings: Sequence[Drawing], listing: Listing, growth: Growth) -> Layout:
+    """Choose a layout for the drawings, and for others that exceed them by `growth`.
 
     Every tile lists every triangle in the worst case, and also if this takes no more slots than the
-    smallest plan has. `count_lists` counts the lists of a concrete scene.
+    smallest plan has.
     """
     tiling, headroom = listing.tiling, listing.headroom
-    triangles = max(_count_triangles(scene) for scene in scenes)
+    triangles = max(count_triangles(drawing.scene) for drawing in drawings)
     all_pairs = next_power(triangles) * tiling.count
     if growth.is_worst_case and all_pairs > MOST_PAIRS:
         raise ValueError(
@@ -49,18 +30,37 @@ def choose_layout(
             f"tiles, more than {MOST_PAIRS:,} pairs: use `headroom` instead."
         )
     if growth.is_worst_case or all_pairs <= headroom.list_all_slots:
-        capacity = worst_case(next_power(triangles), tiling)
-        capacity = capacity._replace(**dict.fromkeys(listing.unused, 0))
-        return Layout(capacity, listing.side, lists_all=True)
-    counts = [_grown(count_lists(scene), growth.factor) for scene in scenes]
-    pixels = tiling.grid.height * tiling.grid.width
+        return layout_of_all(triangles, listing)
+    counts = [_grown(listing.count(drawing), growth.factor) for drawing in drawings]
+    return layout_for(counts, triangles, listing)
+
+
+def layout_of_all(triangles: int, listing: Listing) -> Layout:
+    """The layout in which every tile lists all of this many triangles."""
+    capacity = worst_case(next_power(triangles), listing.tiling)
+    capacity = capacity._replace(**dict.fromkeys(listing.unused, 0))
+    return Layout(capacity, listing.side, lists_all=True)
+
+
+def layout_for(
+    counts: Sequence[Counts], triangles: int, listing: Listing, *, layers: int | None = None
+) -> Layout:
+    """Choose a layout for the largest of the counted lists of scenes of up to `triangles`.
+
+    `layers`: slots of a chunk; unless given, the number of least cost.
+    """
+    tiling = listing.tiling
     capacity = choose_capacity(
-        counts, in_order="steps" not in listing.unused, pixels=pixels, headroom=headroom
+        counts,
+        in_order="steps" not in listing.unused,
+        pixels=tiling.grid.height * tiling.grid.width,
+        headroom=listing.headroom,
+        layers=layers,
     )
     return Layout(limited(capacity, triangle_class(triangles), tiling), listing.side)
 
 
-def _count_triangles(scene: Scene) -> int:
+def count_triangles(scene: Scene) -> int:
     """Number of triangles, without those appended by `pad` where values are known."""
     if isinstance(scene.triangles, jax.ShapeDtypeStruct):
         return scene.triangles.shape[0]

@@ -75,7 +75,8 @@ def complaint(outcome: Outcome, plan: Plan) -> str:
     )
     if outcome.leaves_guard_band:
         exceeded.append(
-            "triangles past the guard band, which extends half the longer side beyond the canvas"
+            "triangles past the guard band, which extends at least half the longer side beyond "
+            "the canvas"
         )
     return f"the scene outgrew its plan ({'; '.join(exceeded)}): {CURE}."
 

@@ -18,6 +18,7 @@ from ..planning.effects import EFFECTS, GUARD_BAND, Drawing
 from ..planning.plan import Plan
 from ..scene import Scene, check, check_types
 from .coverage_mode import CoverageMode, Growth
+from .layout import choose_layout
 from .modes import mode_of
 
 
@@ -49,7 +50,8 @@ def plan(
     - `grid_bits`: vertices are snapped to multiples of 2^-grid_bits pixel in hard mode; by default
       the finest grid that fits the canvas. To draw a canvas in pieces, use the same value for all,
       that of the whole canvas (`plan.grid.bits`) if it can be planned. Samples then equal those of
-      the whole image, to the bit, except within two grid units of an edge cut at the guard band.
+      the whole image, to the bit, except within two grid units of an edge cut at the guard band,
+      which reaches as far as the grid allows if `grid_bits` is given. `plan_tiles` plans pieces.
     - `capacity`: how many triangles a tile can list. "scene": as the scenes need, with a sixteenth
       to spare. "worst_case": all of them, so that no positions outgrow the plan; its cost is that
       of triangles which all cover the canvas (`print(plan)`). It looks at shapes only, so that
@@ -72,23 +74,21 @@ def plan(
     scenes = _shapes(scene) if growth.is_worst_case else _scene_list(scene)
     for one in scenes:
         check_types(one) if growth.is_worst_case else check(one)
-    origin = _checked_origin(origin)
+    origin = checked_origin(origin)
     grid = Grid.for_canvas(height, width, coverage.rate, grid_bits)
-    filter = Filter() if filter is None else filter
-    if not isinstance(filter, Filter):
-        raise ValueError(f"`filter` must be Filter(...); got {filter!r}.")
+    filter = checked_filter(filter)
     drawings = [Drawing(one, coverage, filter, grid, origin) for one in scenes]
     mode.refuse_missing(drawings)
-    layout = mode.lay_out(scenes, grid, coverage, origin, max_width, growth)
+    layout = choose_layout(drawings, mode.list_needs(drawings, max_width, growth), growth)
     return Plan(
         height=height,
         width=width,
         coverage=coverage,
-        filter=_with_array_bias(filter),
+        filter=filter,
         origin=to_device(origin),
         capacity=layout.capacity,
         side=layout.tile_side,
-        effects=_effects(drawings, mode, growth),
+        effects=effects_of(drawings, mode, growth),
         lists_all=layout.lists_all,
         on_overflow=on_overflow,
         grid_bits=grid_bits,
@@ -146,7 +146,7 @@ def _checked_growth(capacity: PlanCapacity, headroom: float) -> Growth:
     return Growth(float(headroom), capacity == "worst_case")
 
 
-def _effects(drawings: Sequence[Drawing], mode: CoverageMode, growth: Growth) -> tuple[str, ...]:
+def effects_of(drawings: Sequence[Drawing], mode: CoverageMode, growth: Growth) -> tuple[str, ...]:
     """Names of the effects that some drawing has and the mode draws."""
     return tuple(
         name
@@ -202,7 +202,7 @@ def _unstack(scene: Scene) -> list[Scene]:
     return [structure.unflatten(leaf[i] for leaf in leaves) for i in range(len(leaves[0]))]
 
 
-def _checked_origin(origin: Any) -> np.ndarray:
+def checked_origin(origin: Any) -> np.ndarray:
     """`origin` as two int32, or `ValueError`."""
     pixel = np.asarray(origin)
     is_pair = pixel.shape == (2,) and pixel.dtype.kind in "iuf" and (np.abs(pixel) <= 2**30).all()
@@ -211,8 +211,14 @@ def _checked_origin(origin: Any) -> np.ndarray:
     return pixel.astype(np.int32)
 
 
-def _with_array_bias(filter: Filter) -> Filter:
-    """The filter with its bias as an array leaf, so that another bias does not recompile."""
+def checked_filter(filter: Filter | None) -> Filter:
+    """The filter with its bias as an array leaf, so that another bias does not recompile.
+
+    None is the default. Raises `ValueError` for anything that is not a filter.
+    """
+    filter = Filter() if filter is None else filter
+    if not isinstance(filter, Filter):
+        raise ValueError(f"`filter` must be Filter(...); got {filter!r}.")
     bias = np.asarray(filter.lod_bias)
     if bias.ndim or bias.dtype.kind not in "iuf" or not np.isfinite(bias):
         raise ValueError(f"`lod_bias` must be one finite number; got {filter.lod_bias!r}.")

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +13,6 @@ from ..compositing import deferred_shading, opaque, over
 from ..compositing.over_shaded import composite_shaded
 from ..compositing.sample_blocks import list_pairs
 from ..geometry.barycentric import Weights, slot_weights
-from ..geometry.fixed_point import Grid
 from ..geometry.tiling import Tiling
 from ..gradients.boundary_term import boundary_term
 from ..gradients.layered_samples import LayeredSamples
@@ -24,16 +23,16 @@ from ..planning.capacities import SAMPLED_HEADROOM, Capacity
 from ..planning.effects import (
     GUARD_BAND,
     SCENE_EFFECTS,
+    Drawing,
     is_shaded,
     is_translucent,
 )
-from ..planning.list_counts import count_sampled_lists
+from ..planning.list_counts import Counts, count_sampled_lists
 from ..planning.plan import Plan
 from ..scene import Scene
 from ..shading.fragments import list_fragments
 from ..shading.surface import Surface
-from .coverage_mode import CoverageMode, Drawn, Growth, Layout
-from .layout import Listing, choose_layout
+from .coverage_mode import CoverageMode, Drawn, Growth, Listing
 from .projected_scene import Projected, boundary_shape
 from .visible_samples import BinnedScene, VisibleSamples, bin_scene, find_visible, listed_words
 
@@ -44,16 +43,16 @@ class SampledMode(CoverageMode):
     effects = SCENE_EFFECTS | {"depth test", "pixel shading", GUARD_BAND}
     missing: ClassVar[dict[str, str]] = {}
 
-    def lay_out(
+    def list_needs(
         self,
-        scenes: Sequence[Scene],
-        grid: Grid,
-        coverage: Hard,
-        origin: np.ndarray,
+        drawings: Sequence[Drawing],
         max_width: float | None,
         growth: Growth,
-    ) -> Layout:
-        """Capacities for the largest of the scenes."""
+        tile_side: int | None = None,
+    ) -> Listing:
+        """Tiles whose rows are words, and the lists that the scenes need."""
+        coverage, grid = cast(Hard, drawings[0].coverage), drawings[0].grid
+        scenes = [drawing.scene for drawing in drawings]
         translucent = any(map(is_translucent, scenes))
         in_order = translucent or any(scene.depth is not None for scene in scenes)
         shaded = any(is_shaded(scene, coverage.shading) for scene in scenes)
@@ -63,11 +62,7 @@ class SampledMode(CoverageMode):
             "crossings": coverage.edge_gradients,
         }
         unused = frozenset(name for name, used in is_used.items() if not used)
-        listing = Listing(Tiling.one_word_wide(grid), SAMPLED_HEADROOM, unused)
-        count_lists = functools.partial(
-            count_sampled_lists, grid=grid, coverage=coverage, origin=origin
-        )
-        return choose_layout(scenes, listing, growth, count_lists)
+        return Listing(Tiling.one_word_wide(grid), SAMPLED_HEADROOM, unused, _count_lists)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
         """Average the samples of each pixel: project, list tiles, cover, shade, composite."""
@@ -88,6 +83,12 @@ class SampledMode(CoverageMode):
                 chunks=chunks.needed, max_chunks=chunks.most_in_tile, fragments=fragments
             )
         return Drawn(image, needs, binned.projected.leaves_guard_band)
+
+
+def _count_lists(drawing: Drawing) -> Counts:
+    """Count the lists of a drawing under sampled coverage."""
+    coverage, origin = cast(Hard, drawing.coverage), np.asarray(drawing.origin)
+    return count_sampled_lists(drawing.scene, drawing.grid, coverage, origin)
 
 
 def _composite_translucent(

@@ -1,0 +1,1 @@
+"""Canvases larger than memory or than the exact grid, drawn tile by tile."""

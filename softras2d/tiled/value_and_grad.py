@@ -1,0 +1,130 @@
+"""`tiled_value_and_grad`: a loss that is a sum over the windows of a canvas, with its gradient."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..numerics.device import to_device
+from ..planning.plan import Plan
+from ..rendering.render import render_checked
+from ..scene import Scene
+from .pieces import Piece, blank_piece
+from .plan_tiles import TiledPlan, host_scene
+from .render_tiles import in_turns, outgrown, piece_of, placed
+from .windows import Window
+
+_OF_TRIANGLES = ("colors", "uv")
+_OF_VERTICES = ("positions", "depth", "inverse_w")
+
+
+def tiled_value_and_grad(
+    loss: Callable[..., Float[Array, ""]], *, devices: Sequence[jax.Device] | None = None
+) -> Callable[..., tuple[float, Scene]]:
+    """Differentiate a loss that is a sum over windows by every float of a scene.
+
+    - `loss(image, *windows_of_data)`: the loss of one window, a scalar; under a trace. `image` is
+      `[height, width, channels]` of the window. The windows of the last row and column may be
+      smaller, and are programs of their own.
+    - `devices`: windows go to them in turn. JAX's first device unless given.
+
+    Returns a function of a scene, a `TiledPlan` with `gradients=True`, and any number of arrays
+    `[height, width, ...]` of the canvas, such as a target. They are cut into windows as they are
+    needed, so that they may be memory-mapped. It returns the sum of the losses, and its gradient: a
+    scene whose arrays hold derivatives, and None for those of integers.
+
+    Sums over windows are taken in float64 in the order of the windows, so that they do not depend
+    on the number of devices. A mean over the canvas is a sum over windows divided by its pixels.
+
+    Raises `ValueError` for a plan without `gradients`, for data of another size than the canvas,
+    and if triangles have moved since the plan was made and outgrow it.
+    """
+
+    @eqx.filter_jit
+    def of_window(
+        scene: Scene, plan: Plan, data: tuple[Array, ...], border: int, size: tuple[int, int]
+    ) -> tuple[Array, Array, Scene]:
+        def value_of(scene: Scene) -> tuple[Array, Array]:
+            image, overflow = render_checked(scene, plan)
+            image = image[border : border + size[0], border : border + size[1]]
+            return loss(image, *data), overflow
+
+        (value, overflow), gradient = eqx.filter_value_and_grad(value_of, has_aux=True)(scene)
+        return value, overflow, gradient
+
+    def value_and_grad(scene: Scene, plan: TiledPlan, *data: Any) -> tuple[float, Scene]:
+        _check(plan, data)
+        host = host_scene(scene, plan)
+        nothing = blank_piece(host)
+
+        def start(window: Window, device: jax.Device) -> tuple[Piece, Any]:
+            piece = piece_of(host, plan, window.number) or nothing
+            cut = tuple(np.asarray(array[window.rows, window.columns]) for array in data)
+            drawn, window_plan = placed(piece, plan, window.number, device)
+            size = (window.height, window.width)
+            arrays = jax.device_put(cut, device)
+            return piece, of_window(drawn, window_plan, arrays, plan.border, size)
+
+        total, sums = 0.0, _zeros(scene)
+        for window, (piece, (value, overflow, gradient)) in in_turns(plan.cut, start, devices):
+            if overflow:
+                raise outgrown(window)
+            total += float(value)
+            _add(sums, piece, gradient)
+        return total, _as_scene(scene, sums)
+
+    return value_and_grad
+
+
+def _check(plan: TiledPlan, data: Sequence[Any]) -> None:
+    """Raise `ValueError` for a plan or for data that the function does not take."""
+    if not plan.has_gradients:
+        raise ValueError("`tiled_value_and_grad` needs a plan by plan_tiles(..., gradients=True).")
+    for array in data:
+        if tuple(array.shape[:2]) != (plan.height, plan.width):
+            raise ValueError(
+                f"data must be [{plan.height}, {plan.width}, ...], as the canvas; "
+                f"got shape {tuple(array.shape)}."
+            )
+
+
+def _zeros(scene: Scene) -> dict[str, np.ndarray]:
+    """A sum in float64 for every array of floats."""
+    names = [name for name in (*_OF_TRIANGLES, *_OF_VERTICES) if getattr(scene, name) is not None]
+    sums = {name: np.zeros(getattr(scene, name).shape) for name in (*names, "background")}
+    if scene.textures is not None:
+        sums["texels"] = np.zeros(scene.textures.texels.shape)
+    return sums
+
+
+def _add(sums: dict[str, np.ndarray], piece: Piece, gradient: Scene) -> None:
+    """Add the gradient of a piece to the entries of the whole scene that it was taken from."""
+    for name, total in sums.items():
+        if name == "texels":
+            assert gradient.textures is not None
+            total += np.asarray(gradient.textures.texels)
+        elif name == "background":
+            total += np.asarray(gradient.background)
+        else:
+            index = piece.triangle if name in _OF_TRIANGLES else piece.vertex
+            # The witness of `Area("sum")` comes last, and is no entry of the scene.
+            index = index[index < len(total)]
+            total[index] += np.asarray(getattr(gradient, name))[: len(index)]
+
+
+def _as_scene(scene: Scene, sums: dict[str, np.ndarray]) -> Scene:
+    """The sums as a scene in the dtype of its positions."""
+    names = [name for name in sums if name != "texels"]
+    dtype = scene.positions.dtype
+    gradient = eqx.tree_at(
+        lambda scene: [getattr(scene, name) for name in names],
+        eqx.filter(scene, eqx.is_inexact_array),
+        [to_device(sums[name], dtype) for name in names],
+    )
+    if scene.textures is None:
+        return gradient
+    texels = to_device(sums["texels"], dtype)
+    return eqx.tree_at(lambda scene: scene.textures.texels, gradient, texels)

@@ -1,0 +1,156 @@
+"""The windows into which a large canvas is cut, and the triangles that each of them may show."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..geometry.fixed_point import Grid, is_padding
+from ..scene import Scene
+
+
+class Window(NamedTuple):
+    """A rectangle of a canvas: its first pixel (`x`, `y`) and its size, in pixels.
+
+    `number` counts the windows row by row.
+    """
+
+    number: int
+    x: int
+    y: int
+    height: int
+    width: int
+
+    @property
+    def rows(self) -> slice:
+        """Rows of the canvas."""
+        return slice(self.y, self.y + self.height)
+
+    @property
+    def columns(self) -> slice:
+        """Columns of the canvas."""
+        return slice(self.x, self.x + self.width)
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A canvas of `height` x `width` pixels, cut into windows of `tile` pixels a side.
+
+    Those of the last row and column may be smaller.
+    """
+
+    height: int
+    width: int
+    tile: int
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of windows."""
+        return -(-self.height // self.tile)
+
+    @property
+    def columns(self) -> int:
+        """Number of columns of windows."""
+        return -(-self.width // self.tile)
+
+    @property
+    def count(self) -> int:
+        """Number of windows."""
+        return self.rows * self.columns
+
+    def window(self, number: int) -> Window:
+        """The window of this number."""
+        row, column = divmod(number, self.columns)
+        y, x = row * self.tile, column * self.tile
+        return Window(number, x, y, min(self.tile, self.height - y), min(self.tile, self.width - x))
+
+    def __iter__(self) -> Iterator[Window]:
+        """All windows, row by row."""
+        return map(self.window, range(self.count))
+
+
+class TriangleLists(NamedTuple):
+    """Triangles of every window, in draw order, one list after another.
+
+    - `triangle`: indices of triangles.
+    - `first`: where the list of each window begins, and the total at the end.
+    """
+
+    triangle: Int[np.ndarray, " pairs"]
+    first: Int[np.ndarray, " windows_and_one"]
+
+    def of(self, number: int) -> Int[np.ndarray, " triangles"]:
+        """The triangles of the window of this number."""
+        return self.triangle[self.first[number] : self.first[number + 1]]
+
+
+class Boxes(NamedTuple):
+    """The bounding box of each triangle, in whole pixels of the canvas, both ends included.
+
+    - `first`, `last`: columns and rows, as floats, as far corners exceed every integer. The box is
+      empty where `first > last`.
+    """
+
+    first: Float[np.ndarray, "triangles 2"]
+    last: Float[np.ndarray, "triangles 2"]
+
+
+def reached_boxes(corners: Float[np.ndarray, "triangles 3 2"], reach: float) -> Boxes:
+    """Pixels within `reach` pixels of the bounding boxes of triangles; none if one is NaN."""
+    return _with_finite(corners, corners.min(1) - reach, corners.max(1) + reach)
+
+
+def sampled_boxes(
+    corners: Float[np.ndarray, "triangles 3 2"], grid: Grid, origin: Int[np.ndarray, "2"]
+) -> Boxes:
+    """Pixels of the samples in the bounding boxes of triangles, exactly as a render finds them.
+
+    `corners` are in pixels of the scene, of which `origin` is the canvas's first. A window must not
+    list a triangle that the whole canvas does not: colours would be summed in another order.
+    """
+    unit, rate = 2.0**grid.bits, grid.rate
+    # In float64, these numbers of units are exact.
+    corners = np.rint(corners * unit) - origin * unit
+    first = np.ceil((rate * corners.min(1) - unit / 2) / unit)
+    last = np.floor((rate * corners.max(1) - unit / 2) / unit)
+    has_samples = (first <= last).all(1, keepdims=True)
+    last = np.where(has_samples, last, first - rate)
+    return _with_finite(corners, first / rate, last / rate)
+
+
+def _with_finite(corners: np.ndarray, low: np.ndarray, high: np.ndarray) -> Boxes:
+    """The boxes from low to high, empty for triangles with a corner that is not finite."""
+    finite = np.isfinite(corners).all((1, 2))[:, None]
+    return Boxes(np.where(finite, np.floor(low), 0.0), np.where(finite, np.floor(high), -1.0))
+
+
+def list_triangles(boxes: Boxes, cut: Cut, border: int = 0) -> TriangleLists:
+    """List the triangles whose boxes come within `border` pixels of each window."""
+    last = np.array([cut.columns - 1, cut.rows - 1])
+    size = np.array([cut.width, cut.height])
+    low, high = boxes.first - border, boxes.last + border
+    on_canvas = ((low <= high) & (low < size) & (high >= 0)).all(1)
+    # Clipped before the cast, as far corners exceed every integer.
+    start = np.clip(np.floor(low / cut.tile), 0, last + 1).astype(np.int64)
+    stop = np.clip(np.floor(high / cut.tile), -1, last).astype(np.int64) + 1
+    across, down = np.maximum(stop - start, 0).T
+    count = np.where(on_canvas, across * down, 0)
+    triangle = np.repeat(np.arange(len(count)), count)
+    within = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
+    row, column = np.divmod(within, np.maximum(across[triangle], 1))
+    window = (start[triangle, 1] + row) * cut.columns + start[triangle, 0] + column
+    # A stable sort keeps the draw order within each window.
+    order = np.argsort(window, kind="stable")
+    lengths = np.bincount(window, minlength=cut.count)
+    first = np.concatenate([[0], np.cumsum(lengths)])
+    return TriangleLists(triangle[order].astype(np.int32), first)
+
+
+def scene_corners(scene: Scene) -> Float[np.ndarray, "triangles 3 2"]:
+    """Corners in pixels of the scene, in float64; NaN for padding."""
+    positions, triangles = np.asarray(scene.positions), np.asarray(scene.triangles)
+    corners = positions.astype(np.float64)[triangles]
+    corners[is_padding(triangles)] = np.nan
+    return corners

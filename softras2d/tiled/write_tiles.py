@@ -1,0 +1,48 @@
+"""`write_tiles`: draws a large canvas into an image file, with memory for a few windows only."""
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import jax
+
+from ..io.drafts import atomic_file
+from ..io.image_stream import ImageStream, check_stream
+from ..scene import Scene
+from .plan_tiles import TiledPlan
+from .render_tiles import render_tiles
+
+
+def write_tiles(
+    path: str | os.PathLike[str],
+    scene: Scene,
+    plan: TiledPlan,
+    *,
+    devices: Sequence[jax.Device] | None = None,
+    linear: bool = False,
+    truncate: bool = False,
+    report: Callable[[int, int], None] | None = None,
+) -> None:
+    """Draw a canvas window by window into a PNG, TIFF (8 bits) or EXR file (float32).
+
+    - `path`: its suffix chooses the format. TIFF and EXR files are tiled, and hold windows as they
+      are drawn; a PNG needs memory for a row of windows.
+    - `scene`, `plan`, `devices`: as for `render_tiles`.
+    - `linear`, `truncate`: as for `write_image`.
+    - `report(done, windows)`: called after each window.
+
+    Pixels are those that `write_image` writes for the image of `render`. The file is written
+    completely or not at all, also after Ctrl-C. Raises `ValueError`, one line, as `render_tiles`
+    and `write_image` do.
+    """
+    path = Path(path)
+    channels = int(scene.background.shape[-1])
+    check_stream(path)
+    with atomic_file(path) as draft:
+        shape = (plan.height, plan.width, channels)
+        tile = plan.cut.tile
+        with ImageStream(draft, path, shape, tile, linear=linear, truncate=truncate) as stream:
+            for window, image in render_tiles(scene, plan, devices=devices):
+                stream.write(window.x, window.y, image)
+                if report is not None:
+                    report(window.number + 1, plan.cut.count)
