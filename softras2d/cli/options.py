@@ -43,10 +43,10 @@ def parse_size(text: str | Size) -> Size:
     # Typer passes defaults, which are parsed already, through the parser too.
     if isinstance(text, Size):
         return text
-    parts = text.lower().split("x")
-    if len(parts) > 2 or not all(part.isdecimal() and int(part) > 0 for part in parts):
+    sides = text.lower().split("x")
+    if len(sides) > 2 or not all(side.isdecimal() and int(side) > 0 for side in sides):
         raise typer.BadParameter(f"{text!r} is not WIDTHxHEIGHT, such as 800x600, or one number.")
-    return Size(int(parts[0]), int(parts[1]) if len(parts) == 2 else None)
+    return Size(int(sides[0]), int(sides[1]) if len(sides) == 2 else None)
 
 
 def parse_pixel(text: str | Pixel) -> Pixel:
@@ -54,7 +54,7 @@ def parse_pixel(text: str | Pixel) -> Pixel:
     if isinstance(text, Pixel):
         return text
     try:
-        x, y = (int(part) for part in text.split(","))
+        x, y = (int(coordinate) for coordinate in text.split(","))
     except ValueError:
         raise typer.BadParameter(f"{text!r} is not X,Y, such as 100,-20.") from None
     return Pixel(x, y)

@@ -1,7 +1,7 @@
-"""Where a scene comes from: a file, standard input (`-`), or a bundled scene by its name.
+"""Reads the scene that the command line names: a file, `-` (standard input), or a bundled scene.
 
-A file takes precedence over a bundled scene of the same name. This file imports JAX: for use within
-a command.
+A file takes precedence over a bundled scene of the same name. This module imports JAX, which is
+slow, so commands import it when they run.
 """
 
 import sys
@@ -18,7 +18,7 @@ from ..scene import Scene
 
 @dataclass(frozen=True)
 class SceneSource:
-    """A scene that the command line names `path`, to be read in `dialect`."""
+    """The scene that the argument `path` of a command names, read in a dialect of SVG."""
 
     path: Path
     dialect: str

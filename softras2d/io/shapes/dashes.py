@@ -50,18 +50,18 @@ def dashes(
     cuts = np.stack([cut_x, cut_y], axis=-1)
     first = np.searchsorted(along, begins, side="right")
     last = np.searchsorted(along, ends, side="left")
-    parts = [
+    pieces = [
         (
             np.concatenate([cuts[0, k : k + 1], points[first[k] : last[k]], cuts[1, k : k + 1]]),
             np.concatenate([[False], smooth[first[k] : last[k]], [False]]),
         )
         for k in range(len(begins))
     ]
-    if closed and len(parts) > 1 and begins[0] == 0 and ends[-1] == total:
-        (last_points, last_smooth), (first_points, first_smooth) = parts.pop(), parts[0]
+    if closed and len(pieces) > 1 and begins[0] == 0 and ends[-1] == total:
+        (last_points, last_smooth), (first_points, first_smooth) = pieces.pop(), pieces[0]
         joined = np.append(last_smooth[:-1], smooth[0])
-        parts[0] = (
+        pieces[0] = (
             np.concatenate([last_points, first_points[1:]]),
             np.concatenate([joined, first_smooth[1:]]),
         )
-    return parts
+    return pieces

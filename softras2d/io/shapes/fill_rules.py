@@ -35,10 +35,10 @@ def fill_rule_regions(
     - `error_indices`: the indices by which errors name the shapes.
     """
     shapes = [_with_area(contours) for contours in shapes]
-    kept = np.flatnonzero([len(contours) > 0 for contours in shapes])
-    shapes = [shapes[i] for i in kept.tolist()]
-    is_evenodd = np.array([evenodd[i] for i in kept.tolist()], bool)
-    error_indices = [error_indices[i] for i in kept.tolist()]
+    with_area = np.flatnonzero([len(contours) > 0 for contours in shapes])
+    shapes = [shapes[i] for i in with_area.tolist()]
+    is_evenodd = np.array([evenodd[i] for i in with_area.tolist()], bool)
+    error_indices = [error_indices[i] for i in with_area.tolist()]
     if not shapes:
         return np.zeros(0, object), np.zeros(0, np.int64)
     edges = [_edges(contours) for contours in shapes]
@@ -72,7 +72,7 @@ def fill_rule_regions(
     shape = np.concatenate([np.flatnonzero(is_simple), shape_of_face[is_filled]])
     order = np.argsort(shape, kind="stable")
     regions = np.concatenate([polygons[is_simple], faces[is_filled]])
-    return regions[order], kept[shape[order]]
+    return regions[order], with_area[shape[order]]
 
 
 def _with_area(contours: Sequence[np.ndarray]) -> list[np.ndarray]:

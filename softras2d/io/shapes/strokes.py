@@ -96,7 +96,7 @@ def stroke(
         )
     )
     (budget or Budget()).charge_each("triangles", triangle_counts)
-    parts = [
+    kinds = [
         _segment_quads(segments, half_width),
         _bevel_triangles(bevels),
         _miter_quads(miters),
@@ -105,9 +105,9 @@ def stroke(
         _square_caps(squares, half_width),
         _sector_fans(sectors[1]),
     ]
-    outline = np.concatenate([part[0] for part in parts])
+    outline = np.concatenate([outlines_of_kind for outlines_of_kind, _ in kinds])
     order = np.argsort(outline, kind="stable")
-    return np.concatenate([part[1] for part in parts])[order], outline[order]
+    return np.concatenate([triangles for _, triangles in kinds])[order], outline[order]
 
 
 def union(

@@ -273,7 +273,7 @@ class _ChargedMatcher(cssselect2.Matcher):
                 ancestors = list(element.ancestors)
                 depth = len(ancestors)
                 # Combinators above a descendant combinator choose siblings of an ancestor.
-                siblings = sum(len(one.etree_siblings) for one in (element, *ancestors))
+                siblings = sum(len(e.etree_siblings) for e in (element, *ancestors))
             tests += _tests(rule.cost, depth, siblings)
         self._budget.charge("selector_tests", tests)
         super().add_relevant_selectors(element, selectors, relevant)
@@ -328,26 +328,27 @@ def _selector_cost(tokens: list[Any]) -> _Cost | None:
     while tokens and tokens[-1].type == "whitespace":
         tokens = tokens[:-1]
     descendants, tildes = _combinators(tokens)
-    below = above = False
+    last_looks_at_siblings = others_look_at_siblings = False
     previous = None
     for token in tokens:
         if token.type == "whitespace" or (token.type == "literal" and token.value in ">+~"):
-            above, below = above or below, False
+            others_look_at_siblings |= last_looks_at_siblings
+            last_looks_at_siblings = False
         elif token.type == "ident" and previous == ":":
             if token.lower_value in _COSTLY_PSEUDO_CLASSES:
-                below = True
+                last_looks_at_siblings = True
             elif token.lower_value not in _PSEUDO_CLASSES:
                 return None
         elif token.type == "function":
             if token.lower_name not in _FUNCTIONS:
                 return None
-            below |= _FUNCTIONS[token.lower_name]
+            last_looks_at_siblings |= _FUNCTIONS[token.lower_name]
             if any(argument.type == "function" for argument in token.arguments):
                 return None
-            inner = _combinators(token.arguments)
-            descendants, tildes = descendants + inner[0], tildes + inner[1]
+            more_descendants, more_tildes = _combinators(token.arguments)
+            descendants, tildes = descendants + more_descendants, tildes + more_tildes
         previous = token.value if token.type == "literal" else None
-    return _Cost(descendants, tildes, below, above)
+    return _Cost(descendants, tildes, last_looks_at_siblings, others_look_at_siblings)
 
 
 def _combinators(tokens: list[Any]) -> tuple[int, int]:

@@ -147,9 +147,10 @@ class ClipPaths:
         )
         if region is None:
             return None
-        for element, its_style, its_map in clipped:
-            box = bounds_of(page, element, its_style) if self.needs_box(its_style) else None
-            clip = self._declared_region(element, its_style, its_map, box, chain)
+        for element, element_style, element_map in clipped:
+            needs_box = self.needs_box(element_style)
+            box = bounds_of(page, element, element_style) if needs_box else None
+            clip = self._declared_region(element, element_style, element_map, box, chain)
             if clip is not None:
                 region = intersection(region, clip, page.budget)
         return region

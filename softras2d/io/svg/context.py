@@ -52,14 +52,16 @@ class Context:
 
     def warning(self) -> str | None:
         """One line that names everything that is not supported, with counts; None if nothing is."""
-        parts = []
+        causes = []
         if self.elements:
-            parts.append(f"not drawn: {_counts(self.elements)}")
+            causes.append(f"not drawn: {_counts(self.elements)}")
         if self.ignored:
-            parts.append(f"without effect: {_counts(self.ignored)}")
+            causes.append(f"without effect: {_counts(self.ignored)}")
         if count := self.display.approximated:
-            parts.append(f"self-crossing polygons too large to be clipped, filled nonzero: {count}")
-        return in_one_line(f"{self.name}: {'; '.join(parts)}.") if parts else None
+            causes.append(
+                f"self-crossing polygons too large to be clipped, filled nonzero: {count}"
+            )
+        return in_one_line(f"{self.name}: {'; '.join(causes)}.") if causes else None
 
 
 _MAX_NAMES = 50

@@ -44,19 +44,20 @@ class ControlledPath(NamedTuple):
 
 
 class SvgControls(eqx.Module):
-    """A drawing, its control points, and the affine map from these to the scene's vertices.
+    """Scene of a drawing, with the affine map from the drawing's control points to its vertices.
 
     - `scene`: the scene as `read_svg` returns it.
     - `points`: `[points, 2]`, control points of all filled paths, polygons and polylines, in the
       units of their elements, in document order.
-    - `controls`, `weights`: four control points for each vertex, and their weights.
-    - `linear`, `offset`: for each vertex, the map from the element's units to pixels; a constant
-      vertex has weights of zero and itself as offset.
-    - `constant_vertices`: numbers of vertices that are constants in the map, by their cause:
-      `"cut"` (made where shapes cross, are clipped, cut or divided), `"radius"` (on arcs, circles,
-      ellipses and rects), and `"other"` (of strokes, images and triangles of their own).
+    - `controls`, `weights`: for each vertex, the indices of four control points and their weights.
+      The weighted sum is the vertex in the units of its element.
+    - `linear`, `offset`: for each vertex, the map from the units of its element to pixels.
+    - `constant_vertices`: how many vertices do not depend on control points, by the cause. `"cut"`:
+      they are where shapes cross or are clipped or divided. `"radius"`: they lie on arcs, circles,
+      ellipses or rects. `"other"`: they belong to strokes, images, `colortri` or `textri`.
 
-    Vertices inside of a translucent fill count as cut. The image does not depend on them.
+    A constant vertex has weights of zero, and its position as `offset`. The vertices that a
+    translucent fill has inside count as cut. The image does not depend on them.
     """
 
     scene: Scene
@@ -122,9 +123,9 @@ class SvgControls(eqx.Module):
             )
         texts = {}
         for path in self._paths:
-            own = points[path.first : path.first + len(path.path.points)]
-            written = _path_data if path.attribute == "d" else _point_list
-            texts[path.element] = (path.attribute, written(path.path, own))
+            path_points = points[path.first : path.first + len(path.path.points)]
+            write = _path_data if path.attribute == "d" else _point_list
+            texts[path.element] = (path.attribute, write(path.path, path_points))
         return _with_attributes(self._document, texts)
 
 
@@ -148,20 +149,22 @@ def make_controls(
     source = np.repeat(source_of_draw[triangles.draw], 3)
     row = _matching_rows(vertices, source, sources)
     controls, weights, linear, offset = _rows(sources, first)
-    is_found = row >= 0
-    is_linear = is_found & (np.append(controls, np.full((1, 4), -1), axis=0)[row] >= 0).all(axis=1)
-    kept = row[is_linear]
+    is_matched = row >= 0
+    # The last row stands for vertices without a match.
+    is_controlled = np.append((controls >= 0).all(axis=1), False)[row]
+    is_linear = is_matched & is_controlled
+    linear_rows = row[is_linear]
     result_controls = np.zeros((len(vertices), 4), np.int32)
     result_weights = np.zeros((len(vertices), 4))
     result_linear = np.zeros((len(vertices), 2, 2))
     result_offset = vertices.astype(np.float64)
-    result_controls[is_linear] = controls[kept]
-    result_weights[is_linear] = weights[kept]
-    result_linear[is_linear] = linear[kept]
-    result_offset[is_linear] = offset[kept]
+    result_controls[is_linear] = controls[linear_rows]
+    result_weights[is_linear] = weights[linear_rows]
+    result_linear[is_linear] = linear[linear_rows]
+    result_offset[is_linear] = offset[linear_rows]
     counts = {
-        "cut": int(((source >= 0) & ~is_found).sum()),
-        "radius": int((is_found & ~is_linear).sum()),
+        "cut": int(((source >= 0) & ~is_matched).sum()),
+        "radius": int((is_matched & ~is_linear).sum()),
         "other": int((source < 0).sum()),
     }
     dtype = scene.positions.dtype
@@ -214,8 +217,9 @@ def _rows(
     for source in sources:
         count = len(source.outline.points)
         start = first.get(id(source.element), -1)
-        own = source.outline.controls
-        controls.append(np.where((own >= 0) & (start >= 0), own + start, -1))
+        within_path = source.outline.controls
+        is_controlled = (within_path >= 0) & (start >= 0)
+        controls.append(np.where(is_controlled, within_path + start, -1))
         weights.append(source.outline.weights)
         if source.map3[2, :2].any():
             raise ValueError(
@@ -239,12 +243,12 @@ def _matching_rows(
     source: Int[np.ndarray, " vertices"],
     sources: list[FillSource],
 ) -> Int[np.ndarray, " vertices"]:
-    """For each vertex, the point of its source at the same place in float32, or -1."""
+    """For each vertex, the row of the point of its source that is equal in float32, or -1."""
     if not sources:
         return np.full(len(vertices), -1)
     mapped, owner = [], []
-    for index, one in enumerate(sources):
-        homogeneous = one.outline.points @ one.map3[:, :2].T + one.map3[:, 2]
+    for index, shape in enumerate(sources):
+        homogeneous = shape.outline.points @ shape.map3[:, :2].T + shape.map3[:, 2]
         mapped.append(homogeneous[:, :2] / homogeneous[:, 2:])
         owner.append(np.full(len(homogeneous), index))
     # Adding zero makes -0 and 0 the same bits.
@@ -257,9 +261,8 @@ def _matching_rows(
     combined = np.concatenate(owners) * len(unique) + inverse.ravel()
     known, wanted = combined[: len(keys[0])], combined[len(keys[0]) :]
     order = np.argsort(known, kind="stable")
-    place = np.searchsorted(known[order], wanted)
-    place = np.minimum(place, len(order) - 1)
-    row = order[place]
+    position = np.searchsorted(known[order], wanted)
+    row = order[np.minimum(position, len(order) - 1)]
     return np.where((known[row] == wanted) & (source >= 0), row, -1)
 
 

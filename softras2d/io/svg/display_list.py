@@ -138,9 +138,9 @@ class DisplayList:
         """
         outlines = [outline] if isinstance(outline, Outline) else outline
         draw = self._new_draw(color)
-        for one in outlines:
-            self.budget.charge("points", len(one.points))
-            self._strokes.append((draw, one, map3))
+        for chain in outlines:
+            self.budget.charge("points", len(chain.points))
+            self._strokes.append((draw, chain, map3))
 
     def add_hairlines(self, segments: np.ndarray, color: Rgba) -> None:
         """Add lines `[k, 4]` (x0, y0, x1, y1), one pixel wide, each over the one before."""
@@ -253,8 +253,8 @@ class DisplayList:
         draw, contours, evenodd = zip(*self._polygons, strict=True)
         draw = np.array(draw)
         # Checked first, since GEOS does not handle infinities.
-        parts = [c if isinstance(c, np.ndarray) else np.concatenate(c) for c in contours]
-        self._float32(np.concatenate(parts), np.repeat(draw, list(map(len, parts))))
+        points = [c if isinstance(c, np.ndarray) else np.concatenate(c) for c in contours]
+        self._float32(np.concatenate(points), np.repeat(draw, list(map(len, points))))
         try:
             corners, owner = triangulate(
                 contours, evenodd, self._is_translucent(draw).tolist(), self.budget

@@ -57,14 +57,21 @@ def element_transform(
     product = affine_maps.identity()
     for name in names:
         product = product @ _declared_map(name, element, declared, units, report)
+    return about_origin(product, style, units, report)
+
+
+def about_origin(
+    map3: Float64[ndarray, "3 3"], style: Style, units: Units, report: Report
+) -> Float64[ndarray, "3 3"]:
+    """A transform about the `transform-origin` of a style. An invalid origin is noted."""
     if style.transform_origin == "0 0":
-        return product
+        return map3
     try:
-        x, y = transform_origin(style.transform_origin, box, viewport, style.font_size)
+        x, y = transform_origin(style.transform_origin, units.box, units.viewport, units.font_size)
     except ValueError as error:
         report(INVALID, "transform-origin", str(error))
-        return product
-    return affine_maps.translate(x, y) @ product @ affine_maps.translate(-x, -y)
+        return map3
+    return affine_maps.translate(x, y) @ map3 @ affine_maps.translate(-x, -y)
 
 
 def _declared_map(

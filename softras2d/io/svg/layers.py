@@ -71,11 +71,11 @@ def _overlapping(items: Sequence[Item], budget: Budget) -> list[np.ndarray]:
     families = np.array([item.family for item in items])
     neighbours = []
     for index, box in enumerate(shapely.box(*boxes.T)):
-        found = tree.query(box)
-        budget.charge("overlays", len(found))
-        is_later = found > index
-        is_later &= (families[found] != families[index]) | (families[index] < 0)
-        neighbours.append(np.sort(found[is_later]))
+        nearby = tree.query(box)
+        budget.charge("overlays", len(nearby))
+        is_later = nearby > index
+        is_later &= (families[nearby] != families[index]) | (families[index] < 0)
+        neighbours.append(np.sort(nearby[is_later]))
     return neighbours
 
 
@@ -100,11 +100,11 @@ def _blend(
 
     Returns the part `rest` of the item that covers none of them, and whether colours are exact.
     """
-    kept, is_exact = [], True
+    uncovered, is_exact = [], True
     for cell in cells[lower]:
         common = intersection(cell.region, item.region, budget)
         if is_empty(common):
-            kept.append(cell)
+            uncovered.append(cell)
             continue
         paint, exact = over(item.paint, cell.paint, shapely.get_coordinates(common))
         is_exact &= exact
@@ -112,7 +112,7 @@ def _blend(
         border = grown(common, _GAP, budget)
         remaining = difference(cell.region, border, budget)
         if not is_empty(remaining):
-            kept.append(cell._replace(region=remaining))
+            uncovered.append(cell._replace(region=remaining))
         rest = difference(rest, border, budget)
-    cells[lower] = kept
+    cells[lower] = uncovered
     return rest, is_exact

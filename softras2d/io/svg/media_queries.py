@@ -76,11 +76,11 @@ def _query(tokens: list[Any], height: int, width: int) -> bool | None:
     if words[start] == "not":
         return _condition(tokens, height, width)
     is_medium = words[start] in ("all", "screen")
-    rest = tokens[start + 1 :]
-    if not rest:
+    conditions = tokens[start + 2 :]
+    if len(tokens) == start + 1:
         value: bool | None = is_medium
     elif words[start + 1] == "and":
-        value = _all([is_medium, _condition(rest[1:], height, width)])
+        value = _all([is_medium, _condition(conditions, height, width)])
     else:
         # A query with an error matches nothing.
         return False
@@ -102,8 +102,8 @@ def _feature(token: Any, height: int, width: int) -> bool | None:
     """The value of one feature, or of a condition, in parentheses."""
     if token.type != "() block":
         return None
-    content = [part for part in token.content if part.type not in ("whitespace", "comment")]
-    if any(part.type == "() block" for part in content):
+    content = [t for t in token.content if t.type not in ("whitespace", "comment")]
+    if any(t.type == "() block" for t in content):
         return _condition(content, height, width)
     text = tinycss2.serialize(token.content).strip()
     sizes = {"height": float(height), "width": float(width), "aspect-ratio": width / height}

@@ -92,9 +92,9 @@ class Page:
             chain.append(ancestor)
             ancestor = ancestor.parent
         style = INITIAL if ancestor is None else self._styles[id(ancestor)]
-        for one in reversed(chain):
-            style = self.computed(one, style, self.declared(one))
-            self._styles[id(one)] = style
+        for descendant in reversed(chain):
+            style = self.computed(descendant, style, self.declared(descendant))
+            self._styles[id(descendant)] = style
         return style
 
     def target(self, reference: str | None) -> Element | None:

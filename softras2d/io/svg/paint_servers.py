@@ -7,11 +7,12 @@ import numpy as np
 
 from ...geometry import affine_maps
 from .css_color import CURRENT, Rgba
+from .css_transform import Units
+from .element_transform import about_origin
 from .gradient_pieces import Gradient, LinearGradient, RadialGradient, Stop
 from .notices import INVALID, NOT_DRAWN
 from .numbers import fraction
 from .page import Page, affine_part
-from .style import transform_origin
 from .transform_attribute import transform_list
 from .tree import Element
 from .units import MEDIUM
@@ -109,15 +110,8 @@ def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.nd
             report(INVALID, "gradientTransform", str(error))
             break
         style, viewport = page.style_in_place(gradient), page.viewport
-        if style.transform_origin == "0 0":
-            return transform
         box = Box(0.0, 0.0, 1.0, 1.0) if in_box else Box(0.0, 0.0, viewport.width, viewport.height)
-        try:
-            x, y = transform_origin(style.transform_origin, box, viewport, style.font_size)
-        except ValueError as error:
-            report(INVALID, "transform-origin", str(error))
-            return transform
-        return affine_maps.translate(x, y) @ transform @ affine_maps.translate(-x, -y)
+        return about_origin(transform, style, Units(viewport, box, style.font_size), report)
     return affine_maps.identity()
 
 

@@ -50,7 +50,7 @@ def _checked(text: str) -> tuple[str, str | None]:
         count = _ARGUMENTS[command.upper()]
         words.append(command)
         position = match.end()
-        kept, argument = len(words), 0
+        complete, argument = len(words), 0
         while count:
             pattern = _FLAG if command in "Aa" and argument % 7 in (3, 4) else _ARGUMENT
             match = pattern.match(text, position)
@@ -60,9 +60,9 @@ def _checked(text: str) -> tuple[str, str | None]:
             position = match.end()
             argument += 1
             if argument % count == 0:
-                kept = len(words)
-        if count and (argument == 0 or kept < len(words)):
-            del words[kept if argument >= count else kept - 1 :]
+                complete = len(words)
+        if count and (argument == 0 or complete < len(words)):
+            del words[complete if argument >= count else complete - 1 :]
             return _joined(words), f"{command} needs {count} numbers, at {text[position:][:20]!r}"
         match = _COMMAND.match(text, position)
     if text[position:].strip():

@@ -189,7 +189,10 @@ class Layer:
             )
 
     def finish(self, sink: Sink, opacity: float) -> bool:
-        """Pass the shapes on, composited and with an opacity; returns whether this is exact."""
+        """Composite the shapes as a group with an opacity, and pass the result on to a sink.
+
+        Returns whether the colours are exact.
+        """
         if not self._calls:
             return True
         # Groups within groups pass every shape on once more.
@@ -204,7 +207,7 @@ class Layer:
                 items = [item for item in call.items() if not is_empty(item.region)]
                 (alone if is_free else overlapping).extend(items)
         cells, is_exact = flattened(overlapping, self._budget) if overlapping else ([], True)
-        # Nothing here overlaps, so that the group around need not test it again.
+        # These do not overlap each other, so that an outer group need not test them again.
         if cells or alone:
             sink.add_items([c._replace(paint=c.paint.with_opacity(opacity)) for c in cells + alone])
         return is_exact
@@ -223,13 +226,13 @@ class Layer:
         tree = shapely.STRtree(boxes)
         is_alone = np.ones(len(boxes), bool)
         for start in range(0, len(boxes), 1024):
-            found, other = tree.query(boxes[start : start + 1024])
-            self._budget.charge("overlays", len(found))
-            found = found + start
-            meets = (found != other) & (
-                (families[found] != families[other]) | (families[found] < 0)
+            shape, neighbour = tree.query(boxes[start : start + 1024])
+            self._budget.charge("overlays", len(shape))
+            shape = shape + start
+            meets = (shape != neighbour) & (
+                (families[shape] != families[neighbour]) | (families[shape] < 0)
             )
-            is_alone[found[meets]] = False
+            is_alone[shape[meets]] = False
         return is_alone
 
 

@@ -98,9 +98,6 @@ _UNSUPPORTED_IN_CSS = {
 _CSS_ONLY = ("background", "background-color")
 """Properties that are no presentation attributes."""
 
-_NEEDS_UNITS = ("transform-origin",)
-"""Properties whose lengths may lack a unit in attributes, but not in CSS."""
-
 Note = Callable[[str, str, str], None]
 """Called with the kind of a notice, the name of a property, and what is wrong."""
 
@@ -172,7 +169,8 @@ def _value(
 ) -> Any:
     """Parse the value of a property. Raises `ValueError` for text that is none."""
     text = declaration.text.strip()
-    if declaration.name in _NEEDS_UNITS and declaration.is_css:
+    if declaration.name == "transform-origin" and declaration.is_css:
+        # Only in the attribute may lengths lack a unit.
         for word in text.split():
             if is_number(word) and finite(word):
                 raise ValueError("has no unit, such as `px`")
@@ -190,8 +188,8 @@ def _paint(text: str, *_: object) -> Paint:
     """Parse a paint. Raises `ValueError` for text that is none."""
     if match := _URL.match(text):
         reference = match[1] or match[2] or match[3] or ""
-        rest = text[match.end() :].strip()
-        return PaintServer(reference, _solid(rest) if rest else False)
+        fallback = text[match.end() :].strip()
+        return PaintServer(reference, _solid(fallback) if fallback else False)
     return _solid(text)
 
 

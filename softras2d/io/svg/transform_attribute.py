@@ -35,14 +35,14 @@ def transform_list(text: str) -> Float64[np.ndarray, "3 3"]:
         match = _FUNCTION.match(text, position)
         if match is None:
             excerpt = text[position : position + 24]
-            raise ValueError(f"transform: expected a function, got {excerpt!r}.")
+            raise ValueError(f"expected a function, got {excerpt!r}")
         name, arguments = match[1], number_list(match[2])
         if name not in _FUNCTIONS:
-            raise ValueError(f"transform: there is no function {name!r}.")
+            raise ValueError(f"there is no function {name!r}")
         counts, make_matrix = _FUNCTIONS[name]
         if len(arguments) not in counts:
             wanted = " or ".join(map(str, counts))
-            raise ValueError(f"transform: {name} takes {wanted} numbers, got {len(arguments)}.")
+            raise ValueError(f"{name} takes {wanted} numbers, got {len(arguments)}")
         product = product @ make_matrix(*arguments)
         position = match.end()
     return product

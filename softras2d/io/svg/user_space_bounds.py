@@ -28,10 +28,10 @@ def transformed(
 
     `nesting` is the number of bounding boxes that are being computed.
     """
-    own_map = element_transform(
+    transform = element_transform(
         page, element, declared, style, lambda: bounds_of(page, element, style, nesting)
     )
-    return map3 if own_map is None else map3 @ own_map
+    return map3 if transform is None else map3 @ transform
 
 
 def bounds_of(page: Page, root: Element, style: Style, nesting: int = 0) -> Box | None:

@@ -1,5 +1,7 @@
 """Gradients against their definition, at points away from edges."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -132,6 +134,21 @@ def test_a_gradient_on_a_shape_without_area_is_not_applied():
     gradient = f'<linearGradient id="g">{STOPS}</linearGradient>'
     line = '<line x1="10" y1="40" x2="90" y2="40" stroke-width="9" stroke="url(#g) red"/>'
     assert colors_at(read(gradient, line), [[50.1, 41.2]]).tolist() == [[1, 0, 0]]
+
+
+def test_a_pattern_on_a_shape_without_area_is_not_applied_either():
+    """The fallback is then what the standard draws, and nothing is missing."""
+    line = '<line x2="90" y1="40" y2="40" stroke="url(#p) lime" stroke-width="9"/>'
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = read('<pattern id="p" width="1" height="1"/>', line)
+    assert colors_at(scene, [[50.03, 41.07]]).tolist() == [[0, 1, 0]]
+    for pattern in (
+        "<pattern id='p' patternUnits='userSpaceOnUse'/>",
+        "<pattern id='p' href='#q'/>",
+    ):
+        with pytest.warns(UserWarning, match="stroke of <line> .*patterns are not drawn"):
+            read(pattern, line)
 
 
 def test_strokes_and_opacity_of_gradients():
