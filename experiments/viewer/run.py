@@ -50,7 +50,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=VIEWS)
     arguments = parser.parse_args()
     sr.keep_compiled_programs()
-    rows, memory = [], []
+    rows, memory, result = [], [], {}
     with running_browser() as browser:
         for name in arguments.scenes:
             # A viewer of its own: scenes that share one also share plans.
@@ -66,9 +66,16 @@ def main() -> None:
                 wait_for_picture(page)
                 rows.append({"scene": name} | _measure(page, session, requests))
                 print(rows[-1], flush=True)
-                if name == arguments.scenes[0]:
+                if name == arguments.scenes[-1]:
                     memory = _memory(page, arguments.views)
                 page.close()
+            # After each scene, so that a run that is stopped leaves what it has measured.
+            result = write(rows, memory)
+    print(table(result))
+
+
+def write(rows: list[dict[str, Any]], memory: list[float]) -> dict[str, Any]:
+    """Write `results/response.json`; returns what it holds."""
     result = {
         "machine": machine.record(["softras2d", "jax", "jaxlib", "starlette", "uvicorn"]),
         "canvas": [WIDTH, HEIGHT],
@@ -76,7 +83,7 @@ def main() -> None:
         "memory_mib": memory,
     }
     (RESULTS / "response.json").write_text(json.dumps(result, indent=1) + "\n")
-    print(table(result))
+    return result
 
 
 def _subject(name: str) -> Subject:
