@@ -50,20 +50,32 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=VIEWS)
     arguments = parser.parse_args()
     sr.keep_compiled_programs()
-    subjects = [_subject(name) for name in arguments.scenes]
-    session = Session(subjects)
-    rows = []
-    with ViewerServer(session) as server, running_browser() as browser:
-        page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT + 28})
-        page.goto(server.url)
-        page.keyboard.press("h")
-        wait_for_picture(page)
-        for number, name in enumerate(arguments.scenes):
-            page.get_by_label("File").select_option(str(number)) if len(subjects) > 1 else None
-            wait_for_picture(page)
-            rows.append({"scene": name} | _measure(page, session, number))
-            print(rows[-1], flush=True)
-        memory = _memory(page, arguments.views)
+    rows, memory, result = [], [], {}
+    with running_browser() as browser:
+        for name in arguments.scenes:
+            # A viewer of its own: scenes that share one also share plans.
+            session = Session([_subject(name)])
+            with ViewerServer(session) as server:
+                page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT + 28})
+                requests: list[str] = []
+                # Playwright takes no bound method of a built-in type.
+                note = lambda text, requests=requests: requests.append(text)  # noqa: E731
+                page.on("websocket", lambda socket, note=note: socket.on("framesent", note))
+                page.goto(server.url)
+                page.keyboard.press("h")
+                wait_for_picture(page)
+                rows.append({"scene": name} | _measure(page, session, requests))
+                print(rows[-1], flush=True)
+                if name == arguments.scenes[-1]:
+                    memory = _memory(page, arguments.views)
+                page.close()
+            # After each scene, so that a run that is stopped leaves what it has measured.
+            result = write(rows, memory)
+    print(table(result))
+
+
+def write(rows: list[dict[str, Any]], memory: list[float]) -> dict[str, Any]:
+    """Write `results/response.json`; returns what it holds."""
     result = {
         "machine": machine.record(["softras2d", "jax", "jaxlib", "starlette", "uvicorn"]),
         "canvas": [WIDTH, HEIGHT],
@@ -71,7 +83,7 @@ def main() -> None:
         "memory_mib": memory,
     }
     (RESULTS / "response.json").write_text(json.dumps(result, indent=1) + "\n")
-    print(table(result))
+    return result
 
 
 def _subject(name: str) -> Subject:
@@ -81,8 +93,11 @@ def _subject(name: str) -> Subject:
     return SceneFile(scenes.path(name), ReadOptions(dialect))
 
 
-def _measure(page: Any, session: Session, number: int) -> dict[str, Any]:
-    """Milliseconds from request to drawn pixels, of `render` alone, and of a frame that pans."""
+def _measure(page: Any, session: Session, requests: list[str]) -> dict[str, Any]:
+    """Milliseconds from request to drawn pixels, of `render` alone, and of a frame that pans.
+
+    `requests`: what the page has sent so far; the last picture is the one that is drawn alone.
+    """
     page.locator(".sr-stage").focus()
     page.keyboard.press("ArrowRight")
     wait_for_picture(page)
@@ -90,14 +105,18 @@ def _measure(page: Any, session: Session, number: int) -> dict[str, Any]:
     answers = [_pan(page, key) for key in ("ArrowLeft", "ArrowRight") * (PANS // 2 + 1)]
     frames = [page.evaluate(_FRAME) for _ in range(PANS)]
     wait_for_picture(page)
-    subject = session.subjects[number]
-    zoom = 0.96 * HEIGHT / subject.size()[0]
-    scene = subject.scene_at(zoom)
-    left = round((zoom * subject.size()[1] - WIDTH) / 2)
-    plan = sr.plan(scene, height=HEIGHT, width=WIDTH, origin=(left, -24), on_overflow="nan")
+    sent = [json.loads(text) for text in requests]
+    request = [message for message in sent if message["kind"] == "picture"][-1]
+    view = request["view"]
+    scene = session.subjects[request["subject"]].scene_at(view["zoom"])
+    plan = sr.plan(
+        scene,
+        height=view["height"],
+        width=view["width"],
+        origin=(view["x"], view["y"]),
+        on_overflow="nan",
+    )
     alone = _times(lambda: jax.block_until_ready(sr.render(scene, plan)), RENDERS)
-    view = {"zoom": zoom, "x": left, "y": -24, "height": HEIGHT, "width": WIDTH}
-    request = {"kind": "picture", "id": 0, "subject": number, "view": view}
     sizes: list[int] = []
     answered = _times(lambda: sizes.append(_answer_bytes(session, request)), RENDERS)
     return {
@@ -151,8 +170,6 @@ def _times(call: Callable[[], Any], count: int) -> Times:
 
 def _memory(page: Any, views: int) -> list[float]:
     """MiB that the process holds, after a fifth of the views and every fifth from there."""
-    page.get_by_label("File").select_option("0")
-    wait_for_picture(page)
     page.locator(".sr-stage").focus()
     held = []
     for view in range(views):
