@@ -65,7 +65,7 @@ def replanning(rows: dict[str, Any]) -> str:
 
 def ways(rows: list[dict[str, Any]]) -> str:
     """Least milliseconds of a batch by each way, and the ratios that the goals are about."""
-    time = {(row["scene"], row["coverage"], row["way"]): float(row["least_cpu_ms"]) for row in rows}
+    time = {(row["scene"], row["coverage"], row["way"]): float(row["least_ms"]) for row in rows}
     header = [
         "batch of 16", "coverage", "vmap, ms", "lax.map", "loop", "vmap / loop",
         "dense: vmap", "lax.map", "vmap / cheaper dense",
