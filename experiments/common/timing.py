@@ -12,15 +12,13 @@ import numpy as np
 class Times:
     """Milliseconds of one call: `median` and `least` by the clock, `cpu` the median over cores.
 
-    `cpu` counts the processor time of all threads of this process, and `least_cpu` is the least of
-    it. Where `cpu` is well below `median`, the machine was busy with something else; where it is
-    well above, several cores worked.
+    `cpu` counts the processor time of all threads of this process: well below `median`, the
+    machine was busy with something else; well above, several cores worked.
     """
 
     median: float
     least: float
     cpu: float
-    least_cpu: float
     calls: int
 
 
@@ -85,10 +83,4 @@ def _timed(call: Callable[[], object], *, warm: bool) -> tuple[float, float]:
 
 def _summary(samples: list[tuple[float, float]]) -> Times:
     wall, cpu = 1e3 * np.array(samples).T
-    return Times(
-        median=float(np.median(wall)),
-        least=float(wall.min()),
-        cpu=float(np.median(cpu)),
-        least_cpu=float(cpu.min()),
-        calls=len(samples),
-    )
+    return Times(float(np.median(wall)), float(wall.min()), float(np.median(cpu)), len(samples))

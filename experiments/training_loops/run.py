@@ -1,11 +1,10 @@
 """Measure training loops whose triangles move, and batches; see the README beside this.
 
-python -m experiments.training_loops.run [--quick] [--parts lasting,ways,batches] [--one-core]
+python -m experiments.training_loops.run [--quick] [--parts lasting,ways,batches]
 """
 
 import argparse
 import json
-import os
 import time
 from pathlib import Path
 
@@ -23,14 +22,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few steps and scenes, into cache/")
     parser.add_argument("--parts", default=",".join(PARTS), help="of the run, by comma")
-    parser.add_argument(
-        "--one-core", action="store_true", help="measure the ways on one core, and nothing else"
-    )
     options = parser.parse_args()
-    parts = ["ways"] if options.one_core else options.parts.split(",")
-    if options.one_core:
-        # The compiler then splits no operation between threads.
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    parts = options.parts.split(",")
     results = HERE / "cache" if options.quick else HERE / "results"
     kinds = list(batches.KINDS)[: 1 if options.quick else None]
     budget_s = 2.0 if options.quick else 20.0
@@ -45,8 +38,7 @@ def main() -> None:
         rows = [
             row for k in progress.steps(kinds, "ways") for row in batches.compare_ways(k, budget_s)
         ]
-        name = "ways_one_core.csv" if options.one_core else "ways.csv"
-        report.write_csv(results / name, rows)
+        report.write_csv(results / "ways.csv", rows)
     if "batches" in parts:
         rows = [row for k in progress.steps(kinds, "batches") for row in batches.grow(k, budget_s)]
         report.write_csv(results / "batches.csv", rows)

@@ -25,10 +25,11 @@ def composite(
 
     With enough layers for the deepest pixel, and the scene's own colours, the image is that of
     `render`, but for `Soft` with depth and `Area("sum")`, which are not composited in draw order.
+    Under `Hard`, as many layers are enough as the largest value of `visible.overdraw`.
 
     Under `Soft` and `Area` the gradient is that of `render` too. Under `Hard` it has the interior
-    term alone: the boundary term of `resolve` is for opaque scenes. Raises `ValueError` for other
-    shapes.
+    term alone: it does not contain the motion of edges, which `resolve` adds for opaque scenes and
+    `render` for all. Raises `ValueError` for other shapes.
 
     **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
     """

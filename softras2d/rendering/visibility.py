@@ -32,8 +32,9 @@ class Visibility(eqx.Module):
     """What shows at each sample of a scene, made by `rasterize`.
 
     Only `triangle` is stored. The other buffers are computed from it and from the scene whenever
-    they are read, and are differentiable by the scene. With `layers` above 1 every buffer but
-    `coverage` has one axis more, `[height, width, samples, layers, ...]`, nearest layer first.
+    they are read; `barycentric` and `depth` are differentiable by the scene. With `layers` above 1
+    every buffer but `coverage` and `overdraw` has one axis more, `[height, width, samples, layers,
+    ...]`, nearest layer first.
 
     With S * S samples per pixel, sample i lies in sub-column i % S and sub-row i // S.
 
@@ -122,12 +123,12 @@ def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility:
     - `plan`: for `Hard` coverage; `pixel_layers` is for `Soft` and `Area`.
     - `layers`: how many triangles to keep at each sample, nearest first: in reverse draw order, and
       with depth only those that pass the depth test when they are drawn. Translucent triangles are
-      layers like opaque ones. With one layer, what lies behind it is never looked at.
+      layers like opaque ones, which hide none behind them. One layer costs least.
 
     Pure: use it under `jit` and `vmap`. The indices have no derivative; those of the other buffers,
     of `interpolate` and of `resolve` are by all floats of the scene. A scene that outgrows its plan
-    is treated as in `render`: images of `resolve` and `composite`, all buffers but `triangle`, and
-    their derivatives are then NaN.
+    is treated as in `render`: images of `resolve` and `composite`, all buffers of floats, and their
+    derivatives are then NaN, and `overdraw` is -1.
 
     Raises `ValueError` for another coverage, and for indices of more than 2 GiB: draw the canvas in
     windows then (`plan(origin=...)`), or map over them.
