@@ -63,7 +63,7 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
         self, geometry: AreaGeometry, parameter: Parameter, x: PointValues, y: PointValues
     ) -> tuple[Array, ...]:
         """The weights at the centroid, or their limit where a triangle is too thin to have one."""
-        weights = _weights(geometry, _centroid(geometry, x, y), x, y)
+        weights = _weights(geometry, _centroid_position(geometry, x, y), x, y)
         outline, lines = geometry
         return replace_if_thin(weights, outline, lines, x, y, self.tile_side)[1:]
 
@@ -77,7 +77,8 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
     ) -> tuple[Array, ...]:
         """Change of the weights by what the edges sweep, and at a fixed centroid."""
         centroid = _centroid(geometry, x, y)
-        weights, inverse_area = _weights(geometry, centroid, x, y), _inverse_area(centroid)
+        inverse_area = _inverse_area(centroid)
+        weights = _weights(geometry, (centroid.x, centroid.y), x, y)
         vx, vy = (sum(w * velocity[2 * k + axis] for k, w in enumerate(weights)) for axis in (0, 1))
         changes = []
         for corner in (1, 2):
@@ -149,11 +150,23 @@ def _centroid(geometry: AreaGeometry, x: PointValues, y: PointValues) -> _Centro
     return _Centroid(area, centroid_x, centroid_y, exists)
 
 
+@materialized
+def _centroid_position(
+    geometry: AreaGeometry, x: PointValues, y: PointValues
+) -> tuple[Array, Array]:
+    """Compute x and y of the centroid in each pixel.
+
+    They are in memory before the weights of the corners are computed, each of which needs both.
+    """
+    centroid = _centroid(geometry, x, y)
+    return centroid.x, centroid.y
+
+
 def _weights(
-    geometry: AreaGeometry, centroid: _Centroid, x: PointValues, y: PointValues
+    geometry: AreaGeometry, centroid: tuple[Array, Array], x: PointValues, y: PointValues
 ) -> tuple[Array, Array, Array]:
     """Weights of the three corners at the centroid, clamped to 0..1."""
-    x, y = x - 0.5 + centroid.x, y - 0.5 + centroid.y
+    x, y = x - 0.5 + centroid[0], y - 0.5 + centroid[1]
     weights = []
     for k in range(3):
         # A corner's weight is the distance from the opposite edge over that of the corner.

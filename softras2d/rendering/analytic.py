@@ -117,10 +117,10 @@ class AnalyticMode(CoverageMode):
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
         """Composite the layers of each pixel to premultiplied RGBA."""
-        composite = analytic_over.composite
-        if isinstance(shaded.color, CornerColors):
-            composite = interpolated_over.composite
-        return composite(shaded.opacity, shaded.color, chunks, max_chunks=max_chunks)
+        opacity, color, _ = shaded
+        if isinstance(color, CornerColors):
+            return interpolated_over.composite(opacity, color, chunks, max_chunks=max_chunks)
+        return analytic_over.composite(opacity, color, chunks, max_chunks=max_chunks)
 
     def list_needs(
         self,

@@ -14,7 +14,7 @@ from ..coverage.edge_lines import TriangleLines
 from ..numerics.fusion_barrier import materialized
 from ..options import Area
 from ..planning.effects import SCENE_EFFECTS
-from ..shading.pixel_color import ShadedSlots
+from ..shading.pixel_color import CornerColors, ShadedSlots
 from .analytic import AnalyticMode, PixelFunctions, SlotGeometry, add_signed
 
 
@@ -66,4 +66,7 @@ class AreaMode(AnalyticMode):
         """Composite in draw order, or add signed areas."""
         if not self.is_sum(coverage):
             return super().composite(coverage, shaded, triangles, chunks, max_chunks)
-        return add_signed(shaded.opacity, shaded.color, triangles, chunks, max_chunks=max_chunks)
+        opacity, color, _ = shaded
+        # Colours are left to "over" alone.
+        assert not isinstance(color, CornerColors)
+        return add_signed(opacity, color, triangles, chunks, max_chunks=max_chunks)

@@ -18,7 +18,7 @@ from ..coverage.soft import SoftCoverage
 from ..numerics.device import to_device
 from ..options import Soft
 from ..planning.effects import SCENE_EFFECTS
-from ..shading.pixel_color import ShadedSlots
+from ..shading.pixel_color import CornerColors, ShadedSlots
 from .analytic import AnalyticMode, PixelFunctions, SlotGeometry
 
 
@@ -73,6 +73,8 @@ class SoftMode(AnalyticMode):
         opacity, color, depth = shaded
         if depth is None:
             return super().composite(coverage, shaded, triangles, chunks, max_chunks)
+        # Colours are not left to compositing in a scene with depth.
+        assert not isinstance(color, CornerColors)
         temperature = jnp.asarray(coverage.temperature).astype(opacity.dtype)
         return depth_softmax.mix(opacity, color, depth, temperature, chunks, max_chunks=max_chunks)
 
