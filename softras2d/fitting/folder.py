@@ -16,14 +16,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
 from ..io.drafts import atomic_file
 from ..io.images import image_size, read_image
 from ..io.svg.writer import write_svg
-from ..numerics.device import to_device
+from ..numerics.device import Devices, to_device
 from .batch import fit_batch
 from .resample import shrink
 from .result import FitResult
@@ -124,7 +123,7 @@ def fit_pictures(
     count: int,
     seed: int,
     fail: Callable[[str], None],
-    devices: Sequence[jax.Device] | None = None,
+    devices: Devices | None = None,
     **settings: Any,
 ) -> Iterator[Fitted]:
     """Fit a batch, and write the files of each picture that are not in `folder` yet.

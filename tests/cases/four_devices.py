@@ -107,7 +107,7 @@ def measure_tiles() -> dict[str, Any]:
     )
     equal = np.array_equal(gradient.positions, gradient_of_four.positions)
     return {
-        "images equal": bool(np.array_equal(*images)),
+        "images equal": bool(np.array_equal(images[0], images[1])),
         "gradients equal": bool(equal) and value == value_of_four,
         "largest": float(np.abs(gradient.positions).max()),
     }
