@@ -94,7 +94,9 @@ def _check(plan: TiledPlan, data: Sequence[Any]) -> None:
 def _zeros(scene: Scene) -> dict[str, np.ndarray]:
     """A sum in float64 for every array of floats."""
     names = [name for name in (*_OF_TRIANGLES, *_OF_VERTICES) if getattr(scene, name) is not None]
-    sums = {name: np.zeros(getattr(scene, name).shape) for name in (*names, "background")}
+    sums: dict[str, np.ndarray] = {
+        name: np.zeros(getattr(scene, name).shape) for name in (*names, "background")
+    }
     if scene.textures is not None:
         sums["texels"] = np.zeros(scene.textures.texels.shape)
     return sums
