@@ -1,4 +1,4 @@
-"""The command line: `softras2d render`, `view`, `fit`, `compare`, `info` and `demo`.
+"""The command line: `softras2d render`, `view`, `fit`, `fit-batch`, `compare`, `info`, `demo`.
 
 There is one file per command. Heavy packages (JAX, OpenImageIO) are imported inside the commands,
 so that `--help` answers at once.
@@ -13,6 +13,7 @@ from .. import __version__
 from .compare import compare_files
 from .demo import make_demo
 from .fit import fit_picture
+from .fit_batch import fit_folder
 from .info import describe_scene
 from .render import render_scenes
 from .view import view_files
@@ -27,6 +28,7 @@ app = typer.Typer(
 app.command("render")(render_scenes)
 app.command("view")(view_files)
 app.command("fit")(fit_picture)
+app.command("fit-batch")(fit_folder)
 app.command("compare")(compare_files)
 app.command("info")(describe_scene)
 app.command("demo")(make_demo)

@@ -8,7 +8,7 @@ import typer
 from .. import names
 
 _RESULT = "The result"
-_SEARCH = "The optimisation"
+SEARCH = "The optimisation"
 
 SECONDS = 30.0
 """Time limit of a command that is given neither seconds nor steps."""
@@ -65,34 +65,34 @@ Seconds = Annotated[
     typer.Option(
         help="Stop after this many seconds, counted from the start of the command.",
         show_default=f"{SECONDS:.0f}",
-        rich_help_panel=_SEARCH,
+        rich_help_panel=SEARCH,
     ),
 ]
 Steps = Annotated[
     int | None,
     typer.Option(
         help="Stop after this many optimizer steps, instead of a number of seconds.",
-        rich_help_panel=_SEARCH,
+        rich_help_panel=SEARCH,
     ),
 ]
-Solver = Annotated[names.Solver, typer.Option(help="Optimizer.", rich_help_panel=_SEARCH)]
+Solver = Annotated[names.Solver, typer.Option(help="Optimizer.", rich_help_panel=SEARCH)]
 Size = Annotated[
     int | None,
     typer.Option(
         metavar="PIXELS",
         help="Longer side, in pixels, of the image during the fit.",
         show_default="256 for layers, the photo's size for a mesh",
-        rich_help_panel=_SEARCH,
+        rich_help_panel=SEARCH,
     ),
 ]
-Seed = Annotated[int, typer.Option(help="Random seed.", rich_help_panel=_SEARCH)]
+Seed = Annotated[int, typer.Option(help="Random seed.", rich_help_panel=SEARCH)]
 Softness = Annotated[
     str,
     typer.Option(
         metavar="PIXELS[:PIXELS]",
         help="Width of the soft edges of layers, in pixels. Two numbers: at the start, and from "
         "the middle of the fit on.",
-        rich_help_panel=_SEARCH,
+        rich_help_panel=SEARCH,
     ),
 ]
 Colors = Annotated[
@@ -100,21 +100,21 @@ Colors = Annotated[
     typer.Option(
         help="How colours are fitted. together: by the optimizer, with the geometry; solve: by "
         "linear least squares throughout; polish: by linear least squares at the end.",
-        rich_help_panel=_SEARCH,
+        rich_help_panel=SEARCH,
     ),
 ]
 Loss = Annotated[
     names.Loss,
     typer.Option(
         help="Loss: squared error, absolute error (l1), or SSIM with squared error (ssim).",
-        rich_help_panel=_SEARCH,
+        rich_help_panel=SEARCH,
     ),
 ]
 Light = Annotated[
     names.LossSpace,
     typer.Option(
         help="Colour space in which the loss is computed: sRGB (display) or linear.",
-        rich_help_panel=_SEARCH,
+        rich_help_panel=SEARCH,
     ),
 ]
 Weights = Annotated[
@@ -122,7 +122,7 @@ Weights = Annotated[
     typer.Option(
         metavar="IMAGE",
         help="Image that weights the error of each pixel: brighter pixels count more.",
-        rich_help_panel=_SEARCH,
+        rich_help_panel=SEARCH,
     ),
 ]
 Start = Annotated[
@@ -132,7 +132,7 @@ Start = Annotated[
         help="Initial triangles. error: added during the fit, where the error is largest. With "
         "uniform, delaunay (random, denser where the image changes), or an SVG or NPZ file, "
         "triangles are moved but none are added.",
-        rich_help_panel=_SEARCH,
+        rich_help_panel=SEARCH,
     ),
 ]
 Resume = Annotated[
@@ -140,7 +140,7 @@ Resume = Annotated[
     typer.Option(
         metavar="FIT.npz",
         help="Continue a saved fit with its settings; only --seconds, --steps and --output apply.",
-        rich_help_panel=_SEARCH,
+        rich_help_panel=SEARCH,
     ),
 ]
 Watch = Annotated[

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from ..numerics.compiled_programs import drop_programs
+from ..numerics.device import Devices
 from ..scene import Scene
 from . import choices
 from .budget import SCORING_SECONDS, Budget, Limits
@@ -41,7 +42,7 @@ def fit_batch(
     start: Any = "error",
     report: Callable[[list[Record]], None] | None = None,
     resume: Sequence[FitResult] | None = None,
-    devices: Sequence[jax.Device] | None = None,
+    devices: Devices | None = None,
 ) -> list[FitResult]:
     """Fit layers to several targets of one shape, with their steps batched by `jax.vmap`.
 
@@ -181,7 +182,7 @@ def _run(
     limits: Limits,
     report: Callable[[list[Record]], None] | None,
     stop: Callable[[], bool],
-    devices: Sequence[jax.Device] | None,
+    devices: Devices | None,
 ) -> bool:
     """Run all fits to their limits; return whether Ctrl-C came first."""
 

@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..numerics.device import Devices
 from .closed_form import best_colors
 from .family import AbstractFit
 from .solve import advance, advance_each, move
@@ -19,7 +19,7 @@ def advance_fits(
     fits: Sequence[AbstractFit],
     steps: int,
     max_steps: int,
-    devices: Sequence[jax.Device] | None = None,
+    devices: Devices | None = None,
 ) -> list[Float[np.ndarray, " steps"]]:
     """Take a chunk of `steps` steps of each fit, and return the losses of each.
 

@@ -9,12 +9,11 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
 from ..color import premultiply
-from ..numerics.device import to_device
+from ..numerics.device import Devices, to_device
 from ..scene import Scene
 from .budget import Budget
 from .chunk import advance_fits
@@ -72,7 +71,7 @@ def run(
     stop: Callable[[], bool],
     report: Callable[[float, float], None] | None = None,
     save: Callable[[], None] | None = None,
-    devices: Sequence[jax.Device] | None = None,
+    devices: Devices | None = None,
 ) -> bool:
     """Advance fits together to the end of the budget; return whether they were interrupted.
 

@@ -15,7 +15,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from ..numerics.device import to_device
+from ..numerics.device import Device, Devices, to_device
 from .solvers import Solver
 
 Residual = Callable[[Any, Any], tuple[Any, Any]]
@@ -92,7 +92,7 @@ def advance_each(
     *,
     steps: int,
     max_steps: int | None = None,
-    devices: Sequence[jax.Device] | None = None,
+    devices: Devices | None = None,
 ) -> list[Chunk]:
     """Advance several solves by one program, as `advance` does each.
 
@@ -134,7 +134,7 @@ def _stack(trees: Sequence[Any]) -> Any:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
 
-def _placed(tree: Any, device: jax.Device) -> Any:
+def _placed(tree: Any, device: Device) -> Any:
     """The tree with its arrays on a device."""
     arrays, rest = eqx.partition(tree, eqx.is_array)
     return eqx.combine(jax.device_put(arrays, device), rest)

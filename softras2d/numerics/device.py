@@ -6,6 +6,7 @@ the life of the process. So concrete arrays are prepared in NumPy, and `to_devic
 JAX by `jax.device_put`, which compiles nothing.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -13,6 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
+
+Device = Any
+"""A `jax.Device`, which type checkers take for a variable."""
+
+Devices = Sequence[Any]
+"""Several `jax.Device`."""
 
 
 def to_device(value: Any, dtype: Any = None) -> Array:

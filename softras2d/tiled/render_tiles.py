@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from ..numerics.device import Device, Devices
 from ..rendering.render import render_checked
 from ..scene import Scene
 from .pieces import Piece, blank_piece, padded, take_piece
@@ -25,7 +26,7 @@ def render_tiles(
     plan: TiledPlan,
     *,
     windows: Sequence[int] | None = None,
-    devices: Sequence[jax.Device] | None = None,
+    devices: Devices | None = None,
 ) -> Iterator[tuple[Window, Float[np.ndarray, "height width channels"]]]:
     """Draw windows of a canvas one after another; yields each window with its image.
 
@@ -43,7 +44,7 @@ def render_tiles(
     host = host_scene(scene, plan)
     blank: list[Any] = []
 
-    def draw(window: Window, device: jax.Device) -> tuple[Any, Any]:
+    def draw(window: Window, device: Device) -> tuple[Any, Any]:
         piece = piece_of(host, plan, window.number)
         if piece is not None:
             return render_checked(*placed(piece, plan, window.number, device))
@@ -71,15 +72,15 @@ def piece_of(host: Scene, plan: TiledPlan, number: int) -> Piece | None:
     return take_piece(host, triangle)
 
 
-def placed(piece: Piece, plan: TiledPlan, number: int, device: jax.Device) -> Any:
+def placed(piece: Piece, plan: TiledPlan, number: int, device: Device) -> Any:
     """The padded scene of a piece and the plan of its window, on a device."""
     return jax.device_put((padded(piece), plan.plan_at(number)), device)
 
 
 def in_turns(
     windows: Iterable[Window],
-    start: Callable[[Window, jax.Device], T],
-    devices: Sequence[jax.Device] | None,
+    start: Callable[[Window, Device], T],
+    devices: Devices | None,
 ) -> Iterator[tuple[Window, T]]:
     """Start work on each window, on the devices in turn; yields results in the order of windows."""
     devices = jax.local_devices()[:1] if devices is None else list(devices)

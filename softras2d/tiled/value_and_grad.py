@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..numerics.device import to_device
+from ..numerics.device import Device, Devices, to_device
 from ..planning.plan import Plan
 from ..rendering.render import render_checked
 from ..scene import Scene
@@ -22,7 +22,7 @@ _OF_VERTICES = ("positions", "depth", "inverse_w")
 
 
 def tiled_value_and_grad(
-    loss: Callable[..., Float[Array, ""]], *, devices: Sequence[jax.Device] | None = None
+    loss: Callable[..., Float[Array, ""]], *, devices: Devices | None = None
 ) -> Callable[..., tuple[float, Scene]]:
     """Differentiate a loss that is a sum over windows by every float of a scene.
 
@@ -60,7 +60,7 @@ def tiled_value_and_grad(
         host = host_scene(scene, plan)
         nothing = blank_piece(host)
 
-        def start(window: Window, device: jax.Device) -> tuple[Piece, Any]:
+        def start(window: Window, device: Device) -> tuple[Piece, Any]:
             piece = piece_of(host, plan, window.number) or nothing
             cut = tuple(np.asarray(array[window.rows, window.columns]) for array in data)
             drawn, window_plan = placed(piece, plan, window.number, device)
@@ -94,7 +94,9 @@ def _check(plan: TiledPlan, data: Sequence[Any]) -> None:
 def _zeros(scene: Scene) -> dict[str, np.ndarray]:
     """A sum in float64 for every array of floats."""
     names = [name for name in (*_OF_TRIANGLES, *_OF_VERTICES) if getattr(scene, name) is not None]
-    sums = {name: np.zeros(getattr(scene, name).shape) for name in (*names, "background")}
+    sums: dict[str, np.ndarray] = {
+        name: np.zeros(getattr(scene, name).shape) for name in (*names, "background")
+    }
     if scene.textures is not None:
         sums["texels"] = np.zeros(scene.textures.texels.shape)
     return sums
@@ -112,7 +114,7 @@ def _add(sums: dict[str, np.ndarray], piece: Piece, gradient: Scene) -> None:
             index = piece.triangle if name in _OF_TRIANGLES else piece.vertex
             # The witness of `Area("sum")` comes last, and is no entry of the scene.
             index = index[index < len(total)]
-            total[index] += np.asarray(getattr(gradient, name))[: len(index)]
+            np.add.at(total, index, np.asarray(getattr(gradient, name))[: len(index)])
 
 
 def _as_scene(scene: Scene, sums: dict[str, np.ndarray]) -> Scene:

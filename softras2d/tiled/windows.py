@@ -122,7 +122,7 @@ def sampled_boxes(
 
 def _with_finite(corners: np.ndarray, low: np.ndarray, high: np.ndarray) -> Boxes:
     """The boxes from low to high, empty for triangles with a corner that is not finite."""
-    finite = np.isfinite(corners).all((1, 2))[:, None]
+    finite = np.asarray(np.isfinite(corners).all((1, 2)))[:, None]
     return Boxes(np.where(finite, np.floor(low), 0.0), np.where(finite, np.floor(high), -1.0))
 
 

@@ -1,13 +1,12 @@
 """`write_tiles`: draws a large canvas into an image file, with memory for a few windows only."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-
-import jax
 
 from ..io.drafts import atomic_file
 from ..io.image_stream import ImageStream, check_stream
+from ..numerics.device import Devices
 from ..scene import Scene
 from .plan_tiles import TiledPlan
 from .render_tiles import render_tiles
@@ -18,7 +17,7 @@ def write_tiles(
     scene: Scene,
     plan: TiledPlan,
     *,
-    devices: Sequence[jax.Device] | None = None,
+    devices: Devices | None = None,
     linear: bool = False,
     truncate: bool = False,
     report: Callable[[int, int], None] | None = None,

@@ -37,7 +37,9 @@ def test_windows_under_hard_equal_render_to_the_bit_and_so_do_files(name, tmp_pa
         sr.write_image(reference, expected)
         np.testing.assert_array_equal(sr.read_image(written), sr.read_image(reference))
         assert reports == [(k + 1, plan.cut.count) for k in range(plan.cut.count)]
-        assert oiio.ImageInput.open(str(written)).spec().tile_width == (suffix != "png") * TILE
+        source = oiio.ImageInput.open(str(written))
+        assert source is not None
+        assert source.spec().tile_width == (suffix != "png") * TILE
     if name == "flat":
         _check_interruption(scene, plan, tmp_path)
 

@@ -1,5 +1,7 @@
 """Which triangles each window of a canvas lists: no program is compiled."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -65,7 +67,8 @@ def test_invalid_plans_are_refused_in_one_line():
         ({"grid_bits": 7}, "`grid_bits` must be"),
     ):
         with pytest.raises(ValueError, match=message):
-            sr.plan_tiles(scene, **({"height": 100, "width": 150} | arguments))
+            given: dict[str, Any] = {"height": 100, "width": 150} | arguments
+            sr.plan_tiles(scene, **given)
     plan = sr.plan_tiles(scene, height=HEIGHT, width=WIDTH, tile=TILE)
     with pytest.raises(ValueError, match="gradients=True"):
         sr.tiled_value_and_grad(lambda image: image.sum())(scene, plan)

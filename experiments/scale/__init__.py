@@ -1,0 +1,1 @@
+"""Past one device: a huge canvas in tiles, and a million triangles."""

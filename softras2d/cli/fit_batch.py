@@ -1,0 +1,203 @@
+"""`softras2d fit-batch`: fits triangles to all pictures of a folder."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from . import fit_options
+from .session import print_message, session
+
+_PROCESSES = "Many processes"
+
+Folder = Annotated[
+    Path, typer.Argument(metavar="FOLDER", show_default=False, help="Folder of pictures to fit.")
+]
+Output = Annotated[
+    Path,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="OUT",
+        show_default=False,
+        help="Folder for the files of each picture, NAME.svg and NAME.json; it is created. "
+        "Pictures whose files are there are skipped.",
+    ),
+]
+Seconds = Annotated[
+    float | None,
+    typer.Option(
+        help="Stop each batch after this many seconds.",
+        show_default=f"{fit_options.SECONDS:.0f}",
+        rich_help_panel=fit_options.SEARCH,
+    ),
+]
+Size = Annotated[
+    int,
+    typer.Option(
+        metavar="PIXELS",
+        min=8,
+        help="Longer side, in pixels, to which pictures are shrunk for the fit. Scores are those "
+        "of this size.",
+        rich_help_panel=fit_options.SEARCH,
+    ),
+]
+Batch = Annotated[
+    int,
+    typer.Option(
+        "--batch",
+        min=1,
+        help="Pictures that are fitted together.",
+        rich_help_panel=fit_options.SEARCH,
+    ),
+]
+Coordinator = Annotated[
+    str | None,
+    typer.Option(
+        metavar="HOST:PORT",
+        help="Address of the first of several processes that share the pictures. Under SLURM, "
+        "Open MPI and on TPUs, `auto` finds all three options.",
+        show_default=False,
+        rich_help_panel=_PROCESSES,
+    ),
+]
+Processes = Annotated[
+    int | None,
+    typer.Option(
+        min=1, help="Number of processes.", show_default=False, rich_help_panel=_PROCESSES
+    ),
+]
+Process = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        help="Number of this process, from 0.",
+        show_default=False,
+        rich_help_panel=_PROCESSES,
+    ),
+]
+
+
+def fit_folder(
+    folder: Folder,
+    output: Output,
+    triangles: fit_options.Triangles = 500,
+    steps: fit_options.Steps = None,
+    seconds: Seconds = None,
+    solver: fit_options.Solver = "adam",
+    size: Size = 256,
+    batch: Batch = 8,
+    seed: fit_options.Seed = 0,
+    coordinator: Coordinator = None,
+    processes: Processes = None,
+    process: Process = None,
+) -> None:
+    """Fit triangles to every picture of a folder.
+
+    [bold]softras2d fit-batch photos/ -o fits/ -n 500 --steps 400[/bold]
+
+    [bold]softras2d fit-batch photos/ -o fits/ --coordinator host0:8476 --processes 4 --process
+    1[/bold]
+
+    Every picture's files are written as soon as its batch is done. After Ctrl-C, or after the
+    process was killed, the same command goes on with what is missing. With --steps, the files do
+    not depend on the number of processes.
+    """
+    with session(long_running=True) as console:
+        share, shares = _join(coordinator, processes, process)
+        from ..fitting.folder import find_pictures, fit_pictures, is_done, make_batches, read_scores
+
+        if steps is not None and seconds is not None:
+            raise ValueError("give one of --steps and --seconds.")
+        pictures = find_pictures(folder)
+        output.mkdir(parents=True, exist_ok=True)
+        failures: list[str] = []
+        batches = make_batches(pictures, size, batch, failures.append)[share::shares]
+        assigned = [picture for each in batches for picture in each.pictures]
+        done = [read_scores(picture, output) for picture in assigned if is_done(picture, output)]
+        skipped = len(done)
+        budget = {"steps": steps} if steps is not None else {"seconds": seconds or 30.0}
+        with _progress_bar(console, len(assigned), done) as show:
+            for each in batches:
+                for fitted in fit_pictures(
+                    each, output, count=batch, seed=seed, fail=failures.append,
+                    devices=_local_devices(), triangles=triangles, solver=solver, size=size,
+                    **budget,
+                ):  # fmt: skip
+                    done.append(fitted)
+                    show()
+        for failure in dict.fromkeys(failures):
+            print_message("error", failure, console)
+        _print_summary(output, done, skipped)
+        if failures:
+            raise typer.Exit(1)
+
+
+def _join(coordinator: str | None, processes: int | None, process: int | None) -> tuple[int, int]:
+    """Join the other processes; returns the number of this process, and that of all of them."""
+    if coordinator is None:
+        if processes is not None or process is not None:
+            raise ValueError("--processes and --process need --coordinator.")
+        return 0, 1
+    import jax
+
+    if coordinator == "auto":
+        try:
+            jax.distributed.initialize()
+        except (ValueError, RuntimeError) as error:
+            raise ValueError(f"--coordinator auto: no cluster was found: {error}") from None
+        return jax.process_index(), jax.process_count()
+    if processes is None or process is None:
+        raise ValueError("--coordinator needs --processes and --process.")
+    if process >= processes:
+        raise ValueError(f"--process must be in 0..{processes - 1}; got {process}.")
+    jax.distributed.initialize(coordinator, processes, process)
+    return process, processes
+
+
+def _local_devices() -> Any:
+    """The devices of this process, or None if there is one."""
+    import jax
+
+    devices = jax.local_devices()
+    return devices if len(devices) > 1 else None
+
+
+def _mean_psnr(done: list[Any]) -> float:
+    return sum(fitted.psnr for fitted in done) / max(len(done), 1)
+
+
+@contextmanager
+def _progress_bar(console: Console, total: int, done: list[Any]) -> Iterator[Any]:
+    """Show a progress bar; yields the function to call when `done` has one more picture."""
+    columns = (
+        TextColumn("fitting"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[status]}"),
+    )
+    started, before = time.perf_counter(), len(done)
+    is_shown = console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=not is_shown) as bar:
+        task = bar.add_task("", total=total, completed=before, status="starting")
+
+        def show() -> None:
+            minutes = (time.perf_counter() - started) / 60
+            rate = (len(done) - before) / minutes
+            status = f"mean PSNR {_mean_psnr(done):.2f} dB, {rate:.1f} images per minute"
+            bar.update(task, completed=len(done), status=status)
+
+        yield show
+
+
+def _print_summary(output: Path, done: list[Any], skipped: int) -> None:
+    """Print one line about the pictures of this process."""
+    text = f"{output}: {len(done) - skipped} pictures fitted, {skipped} were done before"
+    if done:
+        text += f", mean PSNR {_mean_psnr(done):.2f} dB"
+    Console(soft_wrap=True, highlight=False).print(text, markup=False)

@@ -1,0 +1,206 @@
+"""Fits of all pictures of a folder: which are fitted together, and the files of each.
+
+Pictures have many sizes, and each size would need programs of its own. So every picture is shrunk
+to a size class first: its longer side is a power of two (or the size of the fit), and its shorter
+side a multiple of a sixteenth of that. The fitted scene is stretched back to the picture's size.
+
+Pictures of one class are fitted in batches of a fixed number. Which pictures share a batch depends
+on the folder alone, not on what is done already or on how many processes share the work. So their
+results do not depend on it either.
+"""
+
+import json
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..io.drafts import atomic_file
+from ..io.images import image_size, read_image
+from ..io.svg.writer import write_svg
+from ..numerics.device import Devices, to_device
+from .batch import fit_batch
+from .resample import shrink
+from .result import FitResult
+from .target import Image
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".bmp", ".webp", ".gif")
+"""Suffixes of the files of a folder that are taken for pictures."""
+
+_SHARES = 16
+"""Steps of the shorter side of a size class, from 1/16 of the longer side to all of it."""
+
+
+class SizeClass(NamedTuple):
+    """Size in pixels to which pictures are shrunk before they are fitted."""
+
+    height: int
+    width: int
+
+
+class Batch(NamedTuple):
+    """Pictures that are fitted together.
+
+    - `number`: of the batch, in an order that depends on the folder alone.
+    - `first_seed`: number of the first picture, which is added to the seed.
+    """
+
+    number: int
+    size: SizeClass
+    pictures: tuple[Path, ...]
+    first_seed: int
+
+
+class Fitted(NamedTuple):
+    """A picture whose files are written, with its scores at the size of the fit."""
+
+    picture: Path
+    psnr: float
+    ssim: float
+
+
+def size_class(height: int, width: int, size: int) -> SizeClass:
+    """The largest class whose sides are at most `size` and those of the picture."""
+    longer, shorter = max(height, width), min(height, width)
+    side = size
+    while side > longer:
+        # Powers of two below a size that need not be one.
+        side = 1 << ((side - 1).bit_length() - 1)
+    share = max(shorter * _SHARES // longer, 1)
+    other = max(min(side * share // _SHARES, shorter), 1)
+    return SizeClass(side, other) if height >= width else SizeClass(other, side)
+
+
+def find_pictures(folder: Path) -> list[Path]:
+    """The pictures of a folder, by name; raises `ValueError` if there are none.
+
+    Two pictures whose names differ in the suffix alone would have the same files: also an error.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: no such folder.")
+    pictures = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    if not pictures:
+        raise ValueError(f"{folder}: no pictures in this folder ({', '.join(SUFFIXES)}).")
+    names: dict[str, str] = {}
+    for picture in pictures:
+        if picture.stem in names:
+            raise ValueError(f"{picture}: its files would replace those of {names[picture.stem]}.")
+        names[picture.stem] = picture.name
+    return pictures
+
+
+def make_batches(
+    pictures: Sequence[Path], size: int, count: int, fail: Callable[[str], None]
+) -> list[Batch]:
+    """Group pictures into batches of up to `count` of one size class.
+
+    `size`: the longest side of a fit, in pixels. `fail` gets one line for each picture that cannot
+    be read.
+    """
+    groups: defaultdict[SizeClass, list[Path]] = defaultdict(list)
+    for picture in pictures:
+        try:
+            groups[size_class(*image_size(picture), size)].append(picture)
+        except ValueError as error:
+            fail(str(error))
+    batches, seed = [], 0
+    for kind in sorted(groups):
+        for first in range(0, len(groups[kind]), count):
+            together = tuple(groups[kind][first : first + count])
+            batches.append(Batch(len(batches), kind, together, seed))
+            seed += len(together)
+    return batches
+
+
+def fit_pictures(
+    batch: Batch,
+    folder: Path,
+    *,
+    count: int,
+    seed: int,
+    fail: Callable[[str], None],
+    devices: Devices | None = None,
+    **settings: Any,
+) -> Iterator[Fitted]:
+    """Fit a batch, and write the files of each picture that are not in `folder` yet.
+
+    - `count`: number of fits of a batch, to which it is filled up with copies of its pictures.
+    - `settings`: other arguments of `fit_batch`.
+
+    The files of NAME.jpg are NAME.svg and NAME.json, of which the second is written last. Yields a
+    picture as soon as both are there; nothing if all were. Raises `KeyboardInterrupt` after Ctrl-C,
+    without writing.
+    """
+    wanted = [picture for picture in batch.pictures if not is_done(picture, folder)]
+    if not wanted:
+        return
+    images: dict[Path, Image] = {}
+    for picture in batch.pictures:
+        try:
+            images[picture] = shrunken(read_image(picture), batch.size)
+        except ValueError as error:
+            fail(str(error))
+    if not images:
+        return
+    substitute = next(iter(images.values()))
+    targets = [images.get(picture, substitute) for picture in batch.pictures]
+    targets += [substitute] * (count - len(targets))
+    results = fit_batch(targets, seed=seed + batch.first_seed, devices=devices, **settings)
+    if results[0].interrupted:
+        raise KeyboardInterrupt
+    for index, picture in enumerate(batch.pictures):
+        if picture in images and picture in wanted:
+            _write(results[index], picture, folder, seed + batch.first_seed + index)
+            yield Fitted(picture, results[index].psnr, results[index].ssim)
+
+
+def is_done(picture: Path, folder: Path) -> bool:
+    """Whether all files of a picture are written."""
+    return all((folder / f"{picture.stem}{suffix}").is_file() for suffix in (".svg", ".json"))
+
+
+def read_scores(picture: Path, folder: Path) -> Fitted:
+    """The scores of a picture that is done; raises `ValueError` for a file of something else."""
+    path = folder / f"{picture.stem}.json"
+    try:
+        scores = json.loads(path.read_text(encoding="utf-8"))
+        return Fitted(picture, float(scores["psnr"]), float(scores["ssim"]))
+    except (ValueError, KeyError, TypeError):
+        raise ValueError(f"{path}: not a report of a fit; remove it.") from None
+
+
+def shrunken(
+    image: Float[np.ndarray, "rows columns channels"], size: SizeClass
+) -> Float[np.ndarray, "height width 3"]:
+    """A picture over white, shrunk to its size class."""
+    if image.shape[-1] == 4:
+        alpha = image[..., 3:]
+        image = image[..., :3] * alpha + (1 - alpha)
+    return shrink(image.astype(np.float32), size.height, size.width)
+
+
+def _write(result: FitResult, picture: Path, folder: Path, seed: int) -> None:
+    """Write the files of a picture, with nothing in them that a second fit would not repeat."""
+    height, width = image_size(picture)
+    factors = np.array([[width / result.width, height / result.height]], np.float32)
+    positions = to_device(np.asarray(result.scene.positions) * factors)
+    scene = replace(result.scene, positions=positions)
+    write_svg(folder / f"{picture.stem}.svg", scene, height=height, width=width, fallback=True)
+    report = {
+        "picture": picture.name,
+        "height": height,
+        "width": width,
+        "fitted_height": result.height,
+        "fitted_width": result.width,
+        "triangles": result.scene.triangles.shape[0],
+        "steps": result.history[-1].steps if result.history else 0,
+        "seed": seed,
+        "psnr": result.psnr,
+        "ssim": result.ssim,
+    }
+    with atomic_file(folder / f"{picture.stem}.json") as draft:
+        draft.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

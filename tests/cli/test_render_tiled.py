@@ -1,0 +1,34 @@
+"""`softras2d render --tiled` writes the image of `softras2d render`."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import softras2d as sr
+from softras2d.cli import app
+
+
+def run(*arguments: object) -> tuple[int, str]:
+    result = CliRunner().invoke(app, ["render", *map(str, arguments)])
+    return result.exit_code, result.output
+
+
+@pytest.mark.slow
+def test_a_tiled_image_is_that_of_one_piece(tmp_path):
+    common = ("wheel", "--size", "200", "--samples", "1")
+    whole, tiled = tmp_path / "whole.png", tmp_path / "tiled.tif"
+    assert run(*common, "-o", whole)[0] == 0
+    code, output = run(*common, "-o", tiled, "--tiled", "--tile", "128")
+    assert code == 0 and "4 tiles" in output
+    np.testing.assert_array_equal(sr.read_image(whole), sr.read_image(tiled))
+    assert sorted(path.name for path in tmp_path.glob("*.*")) == ["tiled.tif", "whole.png"]
+
+
+def test_contradictions_are_one_line(tmp_path):
+    for arguments, message in (
+        (("-o", "-", "--tiled"), "writes to a file"),
+        (("-o", tmp_path / "a.png", "--tile", "64"), "--tile needs --tiled"),
+        (("-o", tmp_path / "a.jpg", "--tiled"), "the suffix of a tiled image must be one of"),
+    ):
+        code, output = run("wheel", *arguments)
+        assert code == 1 and message in output and len(output.strip().splitlines()) == 1
