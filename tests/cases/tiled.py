@@ -1,12 +1,11 @@
 """Scenes on canvases of several windows, and their images put together from the windows."""
 
-from collections.abc import Sequence
 from typing import Any
 
-import jax
 import numpy as np
 
 import softras2d as sr
+from softras2d.numerics.device import Devices
 
 HEIGHT, WIDTH, TILE = 100, 150, 64
 """Two rows of three windows; the last ones are cut."""
@@ -41,9 +40,7 @@ def whole_image(scene: sr.Scene, coverage: Any) -> np.ndarray:
     return np.asarray(sr.render(scene, plan))
 
 
-def joined(
-    scene: sr.Scene, plan: sr.TiledPlan, devices: Sequence[jax.Device] | None = None
-) -> np.ndarray:
+def joined(scene: sr.Scene, plan: sr.TiledPlan, devices: Devices | None = None) -> np.ndarray:
     """The image of a canvas from those of its windows."""
     image = np.full((plan.height, plan.width, scene.background.shape[-1]), np.nan, np.float32)
     for window, pixels in sr.render_tiles(scene, plan, devices=devices):
