@@ -96,7 +96,7 @@ def distance(gradient: np.ndarray, expected: np.ndarray) -> float:
     ("seed", "corner_colors", "translucent"),
     [
         (0, True, False),
-        (0, True, True),
+        slowly(0, True, True),
         slowly(0, False, False),
         slowly(0, False, True),
         slowly(1, True, False),
