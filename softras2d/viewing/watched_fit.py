@@ -21,8 +21,8 @@ class WatchedFit(SceneInMemory):
         empty = Scene.from_soup([], [])
         super().__init__(name, empty, height, width, FitState((), is_running=True))
         self._records: list[Record] = []
-        self._has_drawn = threading.Condition()
-        self._drawn_version = 0
+        self._has_shown = threading.Condition()
+        self._drawn_version = self._told_version = 0
         self._is_watched = False
 
     def add(self, report: ProgressReport) -> None:
@@ -36,34 +36,45 @@ class WatchedFit(SceneInMemory):
             self._show(report.scene(), is_running=True)
 
     def finish(self, result: FitResult, seconds: int | float) -> None:
-        """Show the result, and wait for up to some seconds until a page has drawn it.
+        """Show the result, and wait for up to some seconds until a page knows it and draws it.
 
         Returns at once if no page shows the fit: none is open, or all show other subjects.
         """
         self._records = list(result.history)
         self._show(result.scene, is_running=False)
-        with self._has_drawn:
+        with self._has_shown:
             if self._is_watched:
-                self._has_drawn.wait_for(self._is_drawn, seconds)
+                self._has_shown.wait_for(self._is_shown, seconds)
 
     def scene_at(self, zoom: int | float) -> Scene:
         """The scene so far, with its positions multiplied by the zoom."""
         version = self._version
         scene = super().scene_at(zoom)
-        with self._has_drawn:
+        with self._has_shown:
             self._drawn_version = version
-            self._has_drawn.notify_all()
+            self._has_shown.notify_all()
         return scene
+
+    def fit_state(self) -> FitState | None:
+        """The progress of the fit so far."""
+        version = self._version
+        state = super().fit_state()
+        with self._has_shown:
+            self._told_version = version
+            self._has_shown.notify_all()
+        return state
 
     def watch(self, is_watched: bool) -> None:
         """Tell the fit whether a page shows it at the moment."""
-        with self._has_drawn:
+        with self._has_shown:
             self._is_watched = is_watched
-            self._has_drawn.notify_all()
+            self._has_shown.notify_all()
 
-    def _is_drawn(self) -> bool:
+    def _is_shown(self) -> bool:
         """Whether nothing is left to wait for."""
-        return self._drawn_version == self._version or not self._is_watched
+        # A request for the scene before may be answered with this one, so a picture is not enough.
+        is_shown = self._drawn_version == self._told_version == self._version
+        return is_shown or not self._is_watched
 
     def _show(self, scene: Scene, *, is_running: bool) -> None:
         self.replace(scene, FitState(tuple(self._records), is_running))

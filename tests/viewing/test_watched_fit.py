@@ -50,12 +50,16 @@ def test_without_a_page_a_fit_ends_at_once(fit):
     assert np.array_equal(fit.scene_at(1.0).triangles, small_scene().triangles)
 
 
-def test_a_fit_waits_for_the_picture_of_its_last_scene(fit, session):
+def test_a_fit_waits_until_its_end_is_told_and_its_last_scene_drawn(fit, session):
     session.show("page", 0)
+    fit.fit_state()
     fit.scene_at(1.0)
     finishing = Finishing(fit)
     assert not finishing.has_ended(0.3)
+    # A request that came before the end may be answered with the last scene.
     fit.scene_at(1.0)
+    assert not finishing.has_ended(0.3)
+    fit.fit_state()
     assert finishing.has_ended(30)
 
 
