@@ -10,9 +10,10 @@ from .subject import FitState
 
 
 class WatchedFit(SceneInMemory):
-    """The best scene of a fit so far. `add` and `finish` are called by the thread of the fit.
+    """A fit that runs while pages show its best scene.
 
-    Another thread draws the scenes, with `scene_at`.
+    The thread of the fit calls `add` and `finish`. Another thread answers the pages: it reads the
+    progress by `fit_state`, and the scene to draw by `scene_at`.
     """
 
     may_change = True
@@ -26,17 +27,16 @@ class WatchedFit(SceneInMemory):
         self._is_watched = False
 
     def add(self, report: ProgressReport) -> None:
-        """Show the state of the fit after a chunk of steps.
-
-        While nobody looks at the last state, the next ones are only recorded, so that the fit does
-        not wait for pictures that are never shown.
+        """Record a chunk of steps, and show the best scene if the one before it has been drawn.
         """
         self._records.append(report.record)
         if self._version == 1 or self._drawn_version == self._version:
             self._show(report.scene(), is_running=True)
 
     def finish(self, result: FitResult, seconds: int | float) -> None:
-        """Show the result, and wait for up to some seconds until a page knows it and draws it.
+        """Show the result, and wait until a page has it, for at most this many seconds.
+
+        A page has it when it was told that the fit has ended, and the last scene is being drawn.
 
         Returns at once if no page shows the fit: none is open, or all show other subjects.
         """
@@ -47,7 +47,7 @@ class WatchedFit(SceneInMemory):
                 self._has_shown.wait_for(self._is_shown, seconds)
 
     def scene_at(self, zoom: int | float) -> Scene:
-        """The scene so far, with its positions multiplied by the zoom."""
+        """The best scene so far, with its positions multiplied by the zoom; notes that it is drawn."""
         version = self._version
         scene = super().scene_at(zoom)
         with self._has_shown:
@@ -56,7 +56,7 @@ class WatchedFit(SceneInMemory):
         return scene
 
     def fit_state(self) -> FitState | None:
-        """The progress of the fit so far."""
+        """The progress of the fit so far; notes that a page was told of it."""
         version = self._version
         state = super().fit_state()
         with self._has_shown:
@@ -71,7 +71,7 @@ class WatchedFit(SceneInMemory):
             self._has_shown.notify_all()
 
     def _is_shown(self) -> bool:
-        """Whether nothing is left to wait for."""
+        """Whether a page has the last state and scene, or no page shows the fit."""
         # A request for the scene before may be answered with this one, so a picture is not enough.
         is_shown = self._drawn_version == self._told_version == self._version
         return is_shown or not self._is_watched
