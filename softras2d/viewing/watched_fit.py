@@ -27,8 +27,7 @@ class WatchedFit(SceneInMemory):
         self._is_watched = False
 
     def add(self, report: ProgressReport) -> None:
-        """Record a chunk of steps, and show the best scene if the one before it has been drawn.
-        """
+        """Record a chunk of steps, and show the best scene if the one before it has been drawn."""
         self._records.append(report.record)
         if self._version == 1 or self._drawn_version == self._version:
             self._show(report.scene(), is_running=True)
@@ -47,7 +46,7 @@ class WatchedFit(SceneInMemory):
                 self._has_shown.wait_for(self._is_shown, seconds)
 
     def scene_at(self, zoom: int | float) -> Scene:
-        """The best scene so far, with its positions multiplied by the zoom; notes that it is drawn."""
+        """The best scene so far, with its positions multiplied by the zoom; it counts as drawn."""
         version = self._version
         scene = super().scene_at(zoom)
         with self._has_shown:
