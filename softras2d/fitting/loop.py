@@ -4,7 +4,6 @@ The same loop serves `fit` and `fit_batch`. It advances a list of fits together,
 one.
 """
 
-import functools
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -84,9 +83,6 @@ def run(
     - `save()`: writes a checkpoint; called every half minute.
     - `devices`: those among which the fits are shared; JAX's first device unless given.
     """
-    advance = advance_fits
-    if devices is not None:
-        advance = functools.partial(advance_fits, devices=devices)
     counters = [AcceptedSteps(records[-1].accepted if records else 0) for records in histories]
     compiled_at: float | None = None
     step_seconds: float | None = None
@@ -99,7 +95,7 @@ def run(
         began = time.perf_counter()
         for fit in fits:
             fit.refine(budget.share(steps, compiled_at))
-        losses = advance(fits, chunk_steps, max_steps)
+        losses = advance_fits(fits, chunk_steps, max_steps, devices)
         now = time.perf_counter()
         # The first chunk compiles, so it does not tell how long a step takes.
         step_seconds = (now - began) / len(losses[0]) if compiled_at else None

@@ -120,7 +120,9 @@ def test_stopped_after_an_exchange_the_best_before_it_is_returned(family, monkey
             signal.raise_signal(signal.SIGINT)
             # One step, which cannot lower the error to that before the exchange.
             monkeypatch.setattr(
-                loop, "advance_fits", lambda fits, steps, max_steps: advance(fits, 1, max_steps)
+                loop,
+                "advance_fits",
+                lambda fits, steps, max_steps, devices: advance(fits, 1, max_steps, devices),
             )
 
     monkeypatch.setattr(family, "_exchange", exchange)
