@@ -23,7 +23,7 @@ from .over import in_order_of_tiles
 from .sample_blocks import (
     ListedPairs,
     all_bits,
-    gather_words,
+    gather_block_words,
     sample_positions,
     sum_where_covered,
 )
@@ -91,7 +91,7 @@ def _blend(
 ) -> tuple[Float[Array, "*samples"], Float[Array, "4 width lines"]]:
     """Add one layer of a block to the transmittances and sums in front of it."""
     transmittance, sums = state
-    passed, covered = (gather_words(words, pair, is_valid) for words in pairs[1:])
+    passed, covered = (gather_block_words(words, pair, is_valid) for words in pairs[1:])
     triangle = pairs.triangle.at[pair].get(mode="clip")
     color = _shade_block(surface, covered, triangle, tile, tiling, shading)
     visible = [_sum_visible(passed, transmittance, channel, tiling=tiling) for channel in color]

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
+from ..coverage.sampled import gather_words
 from ..geometry.barycentric import (
     AffineWeights,
     affine_weights,
@@ -80,7 +81,7 @@ def layer_of_block(
     tiling: Tiling,
 ) -> Layer:
     """Gather one layer of a block; `is_valid`: whether each tile's list is that long."""
-    words = gather_words(pairs.passed, pair, is_valid)
+    words = gather_block_words(pairs.passed, pair, is_valid)
     triangle = pairs.triangle.at[pair].get(mode="clip")
     line_colors = _repeat_by_line(surface.corners.color[..., triangle], tiling.height)
     weights = None
@@ -90,14 +91,13 @@ def layer_of_block(
 
 
 @materialized
-def gather_words(
+def gather_block_words(
     sub_rows: list[UInt32[Array, "pairs tile_lines"]],
     pair: Int[Array, " block"],
     is_valid: Bool[Array, " block"],
 ) -> UInt32[Array, "sub_rows lines"]:
     """Gather the coverage words of a layer of a block; 0 where a tile's list has ended."""
-    words = [sub_row.at[pair].get(mode="clip") for sub_row in sub_rows]
-    return jnp.stack([jnp.where(is_valid[:, None], w, jnp.uint32(0)).reshape(-1) for w in words])
+    return jnp.stack([gather_words(words, pair, is_valid).reshape(-1) for words in sub_rows])
 
 
 def alpha_at_samples(layer: Layer) -> Float[Array, "*#samples"]:

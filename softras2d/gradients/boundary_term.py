@@ -44,7 +44,7 @@ from .edge_motion import Sweep, edge_speeds, image_tangent
 from .interpenetration import depth_changes, image_change
 from .layer_masks import LayerMasks, layer_masks
 from .layer_pairs import LayerPairs
-from .layered_samples import LayeredSamples, rgba_on_edge
+from .layered_samples import LayeredSamples
 from .opaque_pairs import OpaquePairs
 from .sample_colors import OpaqueSamples
 from .sample_pairs import PairSearch
@@ -70,19 +70,15 @@ class BoundaryShape(NamedTuple):
     """Static parameters of the compiled boundary term.
 
     - `channels`: number of channels of the image.
-    - `crossings`, `max_chunks`, `layers`: capacities of the plan.
+    - `crossings`, `max_chunks`: capacities of the plan.
+    - `longest`: length of the longest list of a tile; only translucent scenes need it.
     """
 
     tiling: Tiling
     channels: int
     crossings: int
     max_chunks: int
-    layers: int
-
-    @property
-    def longest(self) -> int:
-        """Length of the longest list of a tile that the plan can hold."""
-        return self.max_chunks * self.layers
+    longest: int
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -299,13 +295,13 @@ def _layered_jumps(
     shape: BoundaryShape, samples: LayeredSamples, masks: LayerMasks, crossings: Crossings
 ) -> Float[Array, "channels lines runs"]:
     """Compute `Sweep.jump` of translucent triangles: what each adds just outside its edge."""
-    tiling, surface, depths = shape.tiling, samples.surface, samples.depths
+    tiling, depths = shape.tiling, samples.depths
     triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.valid.shape)
-    color = rgba_on_edge(surface, crossings.edge, crossings.t, tiling, flat=surface.is_flat)
+    color = samples.colors.on_edge(crossings, tiling)
     depth_inside = depth_outside = None
     if depths is not None:
         on_edge = depth_on_edge(depths, crossings.edge, crossings.t)
-        is_thick = materialized(covers)(surface.edges, triangle, crossings.inside)
+        is_thick = materialized(covers)(samples.edges, triangle, crossings.inside)
         # Next to the edge, the depth of a thinner triangle would be extrapolated.
         depth_inside, depth_outside = (
             jnp.where(is_thick, depth_at(depths, triangle, sample, tiling), on_edge)
@@ -313,18 +309,21 @@ def _layered_jumps(
         )
     edge_layer = EdgeLayer(triangle, color, depth_inside, depth_outside)
     gains = edge_gains(samples, masks, crossings, edge_layer, tiling)
-    return materialized(functools.partial(_layered_jump, tiling=tiling))(crossings, gains)
+    # All layers at the sample outside show there.
+    is_known = samples.colors.are_known(gains.covers_inside, jnp.ones_like(gains.covers_inside))
+    jump = materialized(functools.partial(_layered_jump, tiling=tiling))
+    return jump(crossings, gains, is_known)
 
 
 def _layered_jump(
-    crossings: Crossings, gains: EdgeGain, *, tiling: Tiling
+    crossings: Crossings, gains: EdgeGain, is_known: Bool[Array, "lines runs"], *, tiling: Tiling
 ) -> Float[Array, "channels lines runs"]:
     """Compute the jump from what the triangle of each edge adds.
 
     A triangle that covers neither sample counts too: it is thinner than the distance of samples,
     and visible between them.
     """
-    counted = crossings.valid & (gains.covers_inside | ~gains.covers_outside)
+    counted = crossings.valid & is_known & (gains.covers_inside | ~gains.covers_outside)
     jump = gains.gain * _signed_edge_length(crossings.outwards, tiling)
     return jnp.where(counted[None], jump, 0.0)
 

@@ -33,13 +33,11 @@ from .layer_masks import (
     count_planes,
     entry_bit,
     find_in_lists,
-    first_layer,
     gather_masks,
     locate_layers,
-    most_layers,
-    without_first,
+    visit_layers,
 )
-from .layered_samples import LayeredSamples, later_is_in_front, rgba_at
+from .layered_samples import LayeredSamples, later_is_in_front
 from .layers_inside import InsideLanes, visit_inside
 
 
@@ -244,22 +242,19 @@ def _visit_outside(
     tiling: Tiling,
 ) -> _State:
     """Visit the layers of one plane that cover the samples outside, from the front."""
-    surface, depths, triangle = samples.surface, samples.depths, edge_layer.triangle
+    depths, triangle = samples.depths, edge_layer.triangle
 
     def visit(
-        _: Int[Array, ""], carry: tuple[UInt32[Array, "lines runs"], _State]
-    ) -> tuple[UInt32[Array, "lines runs"], _State]:
-        remaining, state = carry
-        other = first_layer(remaining, where.outside, samples.lists.triangle, plane)
+        state: _State, other: Int[Array, "lines runs"], remaining: UInt32[Array, "lines runs"]
+    ) -> _State:
         depth = None if depths is None else depth_at(depths, other, outside, tiling)
-        color = rgba_at(surface, other, outside, tiling, flat=surface.is_flat)
+        color = samples.colors.at(other, outside, tiling)
         is_later_in_front = later_is_in_front(other, triangle, depth, edge_layer.depth_outside)
-        state = _add_layer(
+        return _add_layer(
             state, triangle, other, remaining, compared.both, color, is_later_in_front
         )
-        return without_first(remaining), state
 
-    return repeat(most_layers(compared.outside), visit, (compared.outside, state))[1]
+    return visit_layers(compared.outside, where.outside, samples.lists, plane, visit, state)
 
 
 @materialized

@@ -5,7 +5,8 @@ of a mask are the layers at one sample, nearest first, so that a loop visits onl
 """
 
 import functools
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from jaxtyping import Array, Bool, Int, UInt32
 
 from ..binning.tiles import TileLists
 from ..geometry.tiling import Tiling
+from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from .crossings import Sample
 from .visible_front import address
@@ -145,7 +147,7 @@ def count_planes(masks: LayerMasks) -> Int[Array, ""]:
 
 
 @materialized
-def most_layers(mask: UInt32[Array, "*samples"]) -> Int[Array, ""]:
+def _most_layers(mask: UInt32[Array, "*samples"]) -> Int[Array, ""]:
     """The largest number of entries in any of the masks."""
     return jnp.max(jax.lax.population_count(mask)).astype(jnp.int32)
 
@@ -181,6 +183,25 @@ def first_layer(
     return listed_triangles.at[pair].get(mode="promise_in_bounds")
 
 
-def without_first(mask: UInt32[Array, "*samples"]) -> UInt32[Array, "*samples"]:
-    """The mask without its first entry."""
-    return mask & (mask - jnp.uint32(1))
+def visit_layers(
+    mask: UInt32[Array, "*samples"],
+    where: SampleAddress,
+    lists: TileLists,
+    plane: Int[Array, ""],
+    visit: Callable[[Any, Int[Array, "*samples"], UInt32[Array, "*samples"]], Any],
+    state: Any,
+) -> Any:
+    """Visit the layers of a mask at every sample, from the front; return the last state.
+
+    `visit(state, triangle, remaining)` returns the next state. `remaining` is the mask of this
+    layer and of those behind it. It is 0 at samples that have no more layers, where `triangle`
+    means nothing.
+    """
+
+    def visit_next(_: Int[Array, ""], carry: tuple[Array, Any]) -> tuple[Array, Any]:
+        remaining, state = carry
+        triangle = first_layer(remaining, where, lists.triangle, plane)
+        # Subtracting 1 clears the lowest bit that is set, and sets only bits below it.
+        return remaining & (remaining - jnp.uint32(1)), visit(state, triangle, remaining)
+
+    return repeat(_most_layers(mask), visit_next, (mask, state))[1]

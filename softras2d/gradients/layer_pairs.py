@@ -31,10 +31,9 @@ from .layer_masks import (
     first_layer,
     gather_masks,
     locate_layers,
-    most_layers,
-    without_first,
+    visit_layers,
 )
-from .layered_samples import LayeredSamples, rgba_at_each
+from .layered_samples import LayeredSamples
 from .sample_pairs import Candidates, PairSearch, SamplePairs, decode_group, keep_pairs
 from .visible_front import address
 
@@ -83,7 +82,7 @@ class LayerPairs(PairSearch):
         where = locate_layers(self.masks, changes.hidden, tiling)
         position, _ = find_in_lists(lists, where.tile, changes.triangle, longest=self.masks.longest)
         hider = _first_behind(self.masks, where, position)
-        return materialized(_keep_covering)(self.samples.surface.edges, changes, hider)
+        return materialized(_keep_covering)(self.samples.edges, changes, hider)
 
     def color_changes(self, pairs: SamplePairs) -> Float[Array, "channels lanes"]:
         """What the later triangle adds, negative where it disappears at the second sample."""
@@ -262,15 +261,12 @@ def _added_color(
         mask = gather_masks(masks, where, plane)
 
         def visit(
-            _: Int[Array, ""], carry: tuple[UInt32[Array, " lanes"], _Layers]
-        ) -> tuple[UInt32[Array, " lanes"], _Layers]:
-            remaining, layers = carry
-            other = first_layer(remaining, where, samples.lists.triangle, plane)
-            rgba = rgba_at_each(samples.surface, other, sample, tiling)
-            added = _add_layer(layers, rgba, other - triangle, remaining != 0)
-            return without_first(remaining), added
+            layers: _Layers, other: Int[Array, " lanes"], remaining: UInt32[Array, " lanes"]
+        ) -> _Layers:
+            rgba = samples.colors.at_each(other, sample, tiling)
+            return _add_layer(layers, rgba, other - triangle, remaining != 0)
 
-        return repeat(most_layers(mask), visit, (mask, layers))[1]
+        return visit_layers(mask, where, samples.lists, plane, visit, layers)
 
     clear = jnp.ones(triangle.shape, background.dtype)
     black = jnp.zeros((background.shape[0], *triangle.shape), background.dtype)

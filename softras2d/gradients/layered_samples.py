@@ -1,10 +1,8 @@
-"""A translucent scene as its samples show it, and the colours of its layers.
+"""A translucent scene as its samples show it, and which of two layers lies in front.
 
-A layer is a triangle that covers a sample and passes the depth test there. Colours here are always
-premultiplied RGBA, whatever the scene's are.
+A layer is a triangle that covers a sample and passes the depth test there.
 """
 
-import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -12,11 +10,8 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from ..binning.tiles import TileLists
 from ..coverage.depth_test import Depths
-from ..geometry.tiling import Tiling
-from ..numerics.fusion_barrier import materialized
-from ..shading.surface import Surface
-from .crossings import Sample
-from .visible_front import color_at, color_on_edge
+from ..geometry.fixed_point import Edges
+from .sample_colors import LayerColors
 
 
 class LayeredSamples(NamedTuple):
@@ -24,14 +19,16 @@ class LayeredSamples(NamedTuple):
 
     - `covered`: coverage words of each listed pair.
     - `passed`: the same without the samples that fail the depth test.
-    - `depths`: None without a depth test.
+    - `edges`: of all triangles; `depths`: None without a depth test.
+    - `background`: RGB, or premultiplied RGBA; the image has as many channels.
     """
 
     covered: UInt32[Array, "pairs rows"]
     passed: UInt32[Array, "pairs rows"]
     lists: TileLists
-    surface: Surface
+    edges: Edges
     depths: Depths | None
+    colors: LayerColors
     background: Float[Array, " channels"]
 
 
@@ -49,49 +46,3 @@ def later_is_in_front(
         return jnp.ones(other.shape, bool)
     # Of equal depths the later is in front.
     return jnp.where(other > triangle, depth <= triangle_depth, depth >= triangle_depth)
-
-
-def rgba_on_edge(
-    surface: Surface,
-    edge: Int[Array, " runs"],
-    t: Float[Array, "lines runs"],
-    tiling: Tiling,
-    *,
-    flat: bool,
-) -> Float[Array, "4 lines runs"]:
-    """Premultiplied RGBA of each edge's triangle on the edge, the fraction `t` (0..1) along it."""
-    color = color_on_edge(surface, edge, t, tiling, flat=flat)
-    return materialized(functools.partial(_to_rgba, flat=flat))(color)
-
-
-def rgba_at(
-    surface: Surface,
-    triangle: Int[Array, "lines runs"],
-    sample: Sample,
-    tiling: Tiling,
-    *,
-    flat: bool,
-) -> Float[Array, "4 lines runs"]:
-    """Premultiplied RGBA of a triangle at a sample."""
-    clear = jnp.zeros(surface.channels, surface.corners.color.dtype)
-    color = color_at(surface, clear, triangle, sample, tiling, flat=flat)
-    return materialized(functools.partial(_to_rgba, flat=flat))(color)
-
-
-def rgba_at_each(
-    surface: Surface, triangle: Int[Array, " group"], sample: Sample, tiling: Tiling
-) -> Float[Array, "4 group"]:
-    """Premultiplied RGBA of triangles at samples, for a list of both."""
-    at = Sample(sample.column[None], sample.row[None])
-    return rgba_at(surface, triangle[None], at, tiling, flat=surface.is_flat)[:, 0]
-
-
-def _to_rgba(
-    color: Float[Array, "channels lines runs"], *, flat: bool
-) -> Float[Array, "4 lines runs"]:
-    """Add the alpha of opaque colours; premultiply those of flat triangles, which are straight."""
-    if color.shape[0] == 3:
-        return jnp.concatenate([color, jnp.ones_like(color[:1])])
-    if flat:
-        return jnp.concatenate([color[:3] * color[3:], color[3:]])
-    return color

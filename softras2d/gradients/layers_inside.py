@@ -22,12 +22,10 @@ from .layer_masks import (
     SampleAddress,
     bits_before,
     count_planes,
-    first_layer,
     gather_masks,
-    most_layers,
-    without_first,
+    visit_layers,
 )
-from .layered_samples import LayeredSamples, later_is_in_front, rgba_at_each
+from .layered_samples import LayeredSamples, later_is_in_front
 
 
 class InsideLanes(NamedTuple):
@@ -95,7 +93,7 @@ def _look_inside(
     samples: LayeredSamples, masks: LayerMasks, lanes: InsideLanes, tiling: Tiling
 ) -> tuple[Float[Array, " group"], Bool[Array, " group"]]:
     """Compute `InsideState` for the crossings of a group."""
-    surface, depths, triangle = samples.surface, samples.depths, lanes.triangle
+    depths, triangle = samples.depths, lanes.triangle
 
     def visit_plane(plane: Int[Array, ""], state: InsideState) -> InsideState:
         inside, outside = (
@@ -103,24 +101,22 @@ def _look_inside(
         )
         # Where lists differ, all layers are visited, and the triangle is recognized among them.
         in_one_list = inside & ~outside & bits_before(lanes.position, plane)
-        remaining = jnp.where(lanes.is_one_list, in_one_list, inside)
+        missed = jnp.where(lanes.is_one_list, in_one_list, inside)
 
         def visit(
-            _: Int[Array, ""], carry: tuple[UInt32[Array, " group"], InsideState]
-        ) -> tuple[UInt32[Array, " group"], InsideState]:
-            remaining, state = carry
-            other = first_layer(remaining, lanes.inside, samples.lists.triangle, plane)
+            state: InsideState, other: Int[Array, " group"], remaining: UInt32[Array, " group"]
+        ) -> InsideState:
             depth = None if depths is None else depth_at(depths, other, lanes.sample, tiling)
-            color = rgba_at_each(surface, other, lanes.sample, tiling)
+            color = samples.colors.at_each(other, lanes.sample, tiling)
             is_layer = remaining != 0
             is_in_front = is_layer & (other > triangle)
             is_in_front = is_in_front & later_is_in_front(other, triangle, depth, lanes.depth)
-            return without_first(remaining), InsideState(
+            return InsideState(
                 state.in_front * jnp.where(is_in_front, 1.0 - color[3], 1.0),
                 state.covers | (is_layer & (other == triangle)),
             )
 
-        return repeat(most_layers(remaining), visit, (remaining, state))[1]
+        return visit_layers(missed, lanes.inside, samples.lists, plane, visit, state)
 
     clear = jnp.ones(triangle.shape, samples.background.dtype)
     state = InsideState(clear, jnp.zeros(triangle.shape, bool))

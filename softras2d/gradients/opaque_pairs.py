@@ -13,7 +13,6 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 from ..coverage.sampled import row_order
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from .crossings import Sample
 from .sample_colors import OpaqueSamples
 from .sample_pairs import Candidates, PairSearch, SamplePairs, decode_group, keep_pairs
 from .visible_front import address, slot_at
@@ -64,7 +63,7 @@ class OpaquePairs(PairSearch):
         """The colour that the second sample shows minus that of the first."""
         colors, tiling = self.samples.colors, self.tiling
         first, second = (
-            colors.at(triangle[None], Sample(sample.column[None], sample.row[None]), tiling)[:, 0]
+            colors.at_each(triangle, sample, tiling)
             for triangle, sample in (
                 (pairs.before, pairs.first),
                 (jnp.maximum(pairs.after, 0), pairs.second),

@@ -1,6 +1,7 @@
-"""The colours that the boundary term compares: its interface, and those of the scene."""
+"""The colours that the boundary term compares: their interface, and those of the scene."""
 
 import abc
+import functools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -10,13 +11,14 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 from ..coverage.depth_test import Depths
 from ..geometry.fixed_point import Edges
 from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import materialized
 from ..shading.surface import Surface
 from .crossings import Crossings, Sample
 from .visible_front import Front, color_at, color_on_edge
 
 
 class SampleColors(eqx.Module):
-    """Colours at samples and on edges of an opaque scene, as a tree of arrays.
+    """Colours of triangles at samples and on edges, as a tree of arrays.
 
     - `background`: the colour where no triangle shows.
     """
@@ -32,6 +34,13 @@ class SampleColors(eqx.Module):
     @abc.abstractmethod
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
         """Colour of each edge's own triangle where it crosses a line of samples."""
+
+    def at_each(
+        self, triangle: Int[Array, " lanes"], sample: Sample, tiling: Tiling
+    ) -> Float[Array, "channels lanes"]:
+        """`at`, for a list of triangles and samples."""
+        row_of_samples = Sample(sample.column[None], sample.row[None])
+        return self.at(triangle[None], row_of_samples, tiling)[:, 0]
 
     def are_known(
         self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
@@ -61,6 +70,60 @@ class SurfaceColors(SampleColors):
         """Shade the triangle on its edge."""
         flat = self.surface.is_flat
         return color_on_edge(self.surface, crossings.edge, crossings.t, tiling, flat=flat)
+
+
+class LayerColors(SampleColors):
+    """Premultiplied RGBA of the layers of a translucent scene.
+
+    - `background`: clear, as what lies behind all layers is no layer.
+    - `colors`: RGB or RGBA of the triangles; opaque without alpha.
+    - `is_straight`: whether their RGB is not yet multiplied by alpha.
+    """
+
+    background: Float[Array, "4"]
+    colors: SampleColors
+    is_straight: bool = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, colors: SampleColors, *, is_straight: bool) -> "LayerColors":
+        """Make layers of these colours."""
+        return cls(jnp.zeros(4, colors.background.dtype), colors, is_straight)
+
+    @classmethod
+    def of_surface(cls, surface: Surface) -> "LayerColors":
+        """Make layers of the scene's triangles."""
+        clear = jnp.zeros(surface.channels, surface.corners.color.dtype)
+        return cls.of(SurfaceColors(clear, surface), is_straight=surface.is_flat)
+
+    def at(
+        self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
+    ) -> Float[Array, "4 lines runs"]:
+        """Premultiplied RGBA of the triangle at the sample."""
+        return self._to_rgba(self.colors.at(triangle, sample, tiling))
+
+    def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "4 lines runs"]:
+        """Premultiplied RGBA of the triangle on its edge."""
+        return self._to_rgba(self.colors.on_edge(crossings, tiling))
+
+    def are_known(
+        self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
+    ) -> Bool[Array, "lines runs"]:
+        """Whether the colours that this one is made of are known."""
+        return self.colors.are_known(shows_inside, shows_outside)
+
+    def _to_rgba(self, color: Float[Array, "channels lines runs"]) -> Float[Array, "4 lines runs"]:
+        return materialized(functools.partial(_to_rgba, is_straight=self.is_straight))(color)
+
+
+def _to_rgba(
+    color: Float[Array, "channels lines runs"], *, is_straight: bool
+) -> Float[Array, "4 lines runs"]:
+    """Add the alpha of opaque colours; premultiply those that are straight."""
+    if color.shape[0] == 3:
+        return jnp.concatenate([color, jnp.ones_like(color[:1])])
+    if is_straight:
+        return jnp.concatenate([color[:3] * color[3:], color[3:]])
+    return color
 
 
 class OpaqueSamples(NamedTuple):

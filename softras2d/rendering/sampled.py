@@ -16,7 +16,7 @@ from ..geometry.barycentric import Weights, slot_weights
 from ..geometry.tiling import Tiling
 from ..gradients.boundary_term import boundary_term
 from ..gradients.layered_samples import LayeredSamples
-from ..gradients.sample_colors import OpaqueSamples, SurfaceColors
+from ..gradients.sample_colors import LayerColors, OpaqueSamples, SurfaceColors
 from ..numerics.fusion_barrier import materialized
 from ..options import Hard
 from ..planning.capacities import SAMPLED_HEADROOM, Capacity
@@ -107,8 +107,9 @@ def _composite_translucent(
         sums = over.composite(projected.surface, pairs, steps, tiling, longest=longest)
     image = over.to_image(sums, background, tiling)
     if projected.outlines is not None:
+        colors = LayerColors.of_surface(projected.surface)
         samples = LayeredSamples(
-            covered, passed, lists, projected.surface, projected.depths, background
+            covered, passed, lists, projected.edges, projected.depths, colors, background
         )
         shape = boundary_shape(tiling, image.shape[-1], capacity)
         image = image + boundary_term(
