@@ -30,7 +30,8 @@ def changed_array(value: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     kind = rng.integers(6)
     with np.errstate(all="ignore"):
         if kind == 0:
-            return value.astype(str(rng.choice(_TYPES)))
+            # An array may be changed twice, and be complex the second time.
+            return np.real(value).astype(str(rng.choice(_TYPES)))
         if kind == 1:
             return (
                 value[None] if rng.random() < 0.5 or not (value.ndim and value.size) else value[0]

@@ -300,6 +300,18 @@ def test_costly_shapes_are_read_or_refused_in_time(name, dialect):
         assert expected is None or result.triangles.shape[0] == expected
 
 
+@pytest.mark.slow
+def test_an_opaque_stroke_of_many_dashes_in_a_group_is_cut_out_in_time():
+    """What it hides is removed from both rectangles, and nothing else."""
+    drawing = (
+        '<svg><g opacity="0.5"><rect width="9000" height="40"/><rect width="9000" height="40"/>'
+        '<path d="M0 20H120000" stroke="red" stroke-dasharray="3 1" stroke-width="2"/></g></svg>'
+    )
+    with ends_within(20):
+        scene = outcome(drawing)
+    assert area(scene) == pytest.approx(9000 * 40 + 111_000 / 4 * 3 * 2, rel=1e-3)
+
+
 def area(scene):
     positions = np.asarray(scene.positions, np.float64)
     a, b, c = np.moveaxis(positions[np.asarray(scene.triangles)], 1, 0)

@@ -23,7 +23,7 @@ def filled(contours: Sequence[np.ndarray], evenodd: bool, budget: Budget) -> Any
     # Faces of one shape share edges, so that they are a region only once united.
     if len(regions) == 0:
         return EMPTY
-    return shapely.union_all(regions) if len(regions) > 1 else regions[0]
+    return shapely.disjoint_subset_union_all(regions) if len(regions) > 1 else regions[0]
 
 
 def intersection(first: Any, second: Any, budget: Budget) -> Any:
@@ -40,14 +40,19 @@ def difference(region: Any, removed: Any, budget: Budget) -> Any:
 
 def united(regions: Sequence[Any], budget: Budget) -> Any:
     """The region that any of the regions covers."""
+    if len(regions) == 1:
+        return regions[0]
     _charge(budget, *regions, weight=_COSTLY)
-    return polygons_of(shapely.union_all(np.array(regions, object)))
+    return polygons_of(shapely.disjoint_subset_union_all(np.array(regions, object)))
 
 
 def grown(region: Any, distance: float, budget: Budget) -> Any:
     """A region with its border moved outwards by a distance."""
-    _charge(budget, region, weight=_COSTLY)
-    return shapely.buffer(region, distance, join_style="mitre", mitre_limit=2.0)
+    _charge(budget, region, weight=2 * _COSTLY)
+    # One polygon at a time: GEOS 3.14 takes 23 s for 33,000 dashes at once, and 1 s like this.
+    polygons = shapely.get_parts(region)
+    larger = shapely.buffer(polygons, distance, join_style="mitre", mitre_limit=2.0)
+    return shapely.disjoint_subset_union_all(larger) if len(larger) > 1 else larger[0]
 
 
 def is_empty(region: Any) -> bool:

@@ -122,7 +122,8 @@ def union(
     triangles = triangles[areas != 0]
     boxes = np.concatenate([triangles.min(axis=1), triangles.max(axis=1)], axis=1)
     charge_overlaps(boxes, budget or Budget(), index)
-    return shapely.union_all(shapely.polygons(triangles))
+    # Not `union_all`, which takes 14 s instead of 0.2 s for a row of 20,000 dashes.
+    return shapely.disjoint_subset_union_all(shapely.polygons(triangles))
 
 
 class _Segments(NamedTuple):

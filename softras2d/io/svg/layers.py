@@ -84,11 +84,15 @@ def _without_hidden(
 ) -> list[Item]:
     """The items without the parts that opaque items above them hide."""
     visible = []
+    # A stroke of many dashes often lies above several pieces of the fill below it.
+    covers: dict[tuple[int, ...], Any] = {}
     for item, above in zip(items, neighbours, strict=True):
-        hiding = [items[k].region for k in above.tolist() if items[k].paint.is_opaque]
+        hiding = tuple(k for k in above.tolist() if items[k].paint.is_opaque)
         if hiding:
-            cover = grown(united(hiding, budget), _GAP, budget)
-            item = item._replace(region=difference(item.region, cover, budget))
+            if hiding not in covers:
+                regions = [items[k].region for k in hiding]
+                covers[hiding] = grown(united(regions, budget), _GAP, budget)
+            item = item._replace(region=difference(item.region, covers[hiding], budget))
         visible.append(item)
     return visible
 
