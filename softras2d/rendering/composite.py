@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..color import premultiply, unpremultiply
+from .layer_boundary import layer_boundary
 from .overflow import poison_if
 from .pixel_layers import PixelLayers
 from .visibility import Visibility
@@ -27,44 +28,62 @@ def composite(
     `render`, but for `Soft` with depth and `Area("sum")`, which are not composited in draw order.
     Under `Hard`, as many layers are enough as the largest value of `visible.overdraw`.
 
-    Under `Soft` and `Area` the gradient is that of `render` too. Under `Hard` it has the interior
-    term alone: it does not contain the motion of edges, which `resolve` adds for opaque scenes and
-    `render` for all. Raises `ValueError` for other shapes.
+    The gradient is that of `render` too. Under `Hard` it has a boundary term by `scene.positions`
+    and `scene.depth`, for the given colours on both sides of each edge, unless the plan is for
+    `Hard(edge_gradients=False)`. A function is also evaluated where no sample is covered, as for
+    `resolve`. An array says nothing of colours there, so triangles that lie between two samples
+    have no boundary term. Raises `ValueError` for other shapes.
 
     **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
     """
     triangle, coverage = _layers(visible)
-    if callable(values) and visible.scene.triangles.shape[0] == 0:
+    is_empty = visible.scene.triangles.shape[0] == 0
+    if callable(values) and is_empty:
         # Arrays of no triangles cannot be indexed.
         values = jnp.zeros((*triangle.shape, 3), coverage.dtype)
     if callable(values):
-        values = _shade_layers(values, triangle, visible.barycentric)
-    values = jnp.asarray(values)
-    if values.shape[:-1] != triangle.shape or values.shape[-1] not in (3, 4):
+        layer_values = _shade_layers(values, triangle, visible.barycentric)
+    else:
+        layer_values = values = jnp.asarray(values)
+    if layer_values.shape[:-1] != triangle.shape or layer_values.shape[-1] not in (3, 4):
         raise ValueError(
             f"`values` must be {list(triangle.shape)} with a last axis of 3 or 4 channels; got "
-            f"{list(values.shape)}."
+            f"{list(layer_values.shape)}."
         )
     background = visible.scene.background if background is None else jnp.asarray(background)
     if background.shape not in ((3,), (4,)):
         raise ValueError(f"`background` must be [3] or [4]; got {background.shape}.")
+    behind = premultiply(background)
+    total = _over(layer_values, triangle, coverage, behind)
+    if isinstance(visible, PixelLayers):
+        return unpremultiply(total)
+    total, overflow = jnp.mean(total, 2), visible.overflow
+    if visible.plan.hard.edge_gradients and not is_empty:
+        boundary, is_too_long = layer_boundary(visible, values, triangle, behind)
+        total, overflow = total + boundary, overflow | is_too_long
+    return poison_if(unpremultiply(total), visible.scene, overflow)
+
+
+def _over(
+    values: Float[Array, "*samples layers channels_of_values"],
+    triangle: Int[Array, "*samples layers"],
+    coverage: Float[Array, "*samples layers"],
+    behind: Float[Array, " channels"],
+) -> Float[Array, "*samples channels"]:
+    """Composite layers over a background; both it and the result are premultiplied."""
     if values.shape[-1] == 3:
         values = jnp.concatenate([values, jnp.ones_like(values[..., :1])], -1)
     # Unused layers have coverage 0, but 0 * NaN is NaN.
     values = jnp.where((triangle < 0)[..., None], 0.0, premultiply(values))
-    channels = background.shape[0]
+    channels = behind.shape[0]
     total = jnp.zeros((*triangle.shape[:-1], channels), values.dtype)
     transmittance = jnp.ones(triangle.shape[:-1], values.dtype)
     for layer in range(triangle.shape[-1]):
         color = values[..., layer, :] * coverage[..., layer, None]
         total = total + transmittance[..., None] * color[..., :channels]
         transmittance = transmittance * (1.0 - color[..., 3])
-    behind = premultiply(background).reshape((1,) * transmittance.ndim + (-1,))
-    total = total + transmittance[..., None] * behind
-    if isinstance(visible, Visibility):
-        total = jnp.mean(total, 2)
-        return poison_if(unpremultiply(total), visible.scene, visible.overflow)
-    return unpremultiply(total)
+    behind = behind.reshape((1,) * transmittance.ndim + (-1,))
+    return total + transmittance[..., None] * behind
 
 
 def _shade_layers(

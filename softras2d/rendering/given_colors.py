@@ -1,4 +1,4 @@
-"""Colours that a caller gives for the boundary term: as a function, or as an array of samples."""
+"""Colours that a caller gives for the boundary term: as a function, or as arrays of samples."""
 
 from collections.abc import Callable
 from typing import Any
@@ -99,4 +99,37 @@ class ArrayColors(SampleColors):
         self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
     ) -> Bool[Array, "lines runs"]:
         """Whether both sides of each crossing are visible at their samples."""
+        return shows_inside & shows_outside
+
+
+class LayerArrayColors(SampleColors):
+    """Values of the layers at all samples; those of triangles that are no layer are 0.
+
+    - `values`: of all samples, that is `height * width * samples`.
+    - `triangle`: that of each layer, -1 beyond the last.
+    """
+
+    background: Float[Array, " channels"]
+    values: Float[Array, "samples layers channels"]
+    triangle: Int[Array, "samples layers"]
+    grid: Grid = eqx.field(static=True)
+
+    def at(
+        self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
+    ) -> Float[Array, "channels lines runs"]:
+        """Value of the layer of each sample that is the triangle."""
+        number = number_of(sample, self.grid)
+        is_layer = (self.triangle[number] == triangle[..., None]) & (triangle >= 0)[..., None]
+        values = jnp.where(is_layer[..., None], self.values[number], 0.0)
+        return jnp.moveaxis(jnp.sum(values, -2), -1, 0)
+
+    def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
+        """Value of the edge's triangle at the sample inside."""
+        triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.t.shape)
+        return self.at(triangle, crossings.inside, tiling)
+
+    def are_known(
+        self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
+    ) -> Bool[Array, "lines runs"]:
+        """Whether the edge's triangle is a layer at the sample inside."""
         return shows_inside & shows_outside

@@ -1,0 +1,91 @@
+"""The boundary term of layers whose colours the caller gives, for `composite`."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..gradients.boundary_term import boundary_term
+from ..gradients.layered_samples import LayeredSamples
+from ..gradients.sample_colors import LayerColors, SampleColors
+from ..planning.capacities import Needs
+from .corner_weights import with_unit_corners
+from .given_colors import LayerArrayColors, ShadedColors
+from .overflow import compare, raise_on_overflow
+from .projected_scene import Projected, boundary_shape
+from .visibility import Visibility
+from .visible_samples import BinnedScene, bin_scene, listed_words
+
+_SHORT_LIST = 1024
+"""Length up to which any list of a tile is taken, whatever the plan says. The masks of its layers
+take 128 bytes per sample, as much as the colours of eight layers do."""
+
+
+def layer_boundary(
+    visible: Visibility,
+    values: Any,
+    layer_triangles: Int[Array, "height width samples layers"],
+    background: Float[Array, " channels"],
+) -> tuple[Float[Array, "height width channels"], Bool[Array, ""]]:
+    """Compute zeros whose derivative is the boundary term of the premultiplied image.
+
+    `values` is as for `composite`, or an array of it; `background` is premultiplied. Also returns
+    whether a list is longer than the boundary term can hold.
+    """
+    scene, plan = with_unit_corners(visible.scene), visible.plan
+    # Colours of the caller may be translucent where the scene's are opaque.
+    binned = bin_scene(scene, plan, list_hidden=True)
+    projected = binned.projected
+    count = scene.triangles.shape[0]
+    shape = boundary_shape(plan.tiling, background.shape[0], plan.capacity_of(count))
+    if not plan.lists_all:
+        shape = shape._replace(longest=max(shape.longest, min(count, _SHORT_LIST)))
+    assert projected.outlines is not None
+    colors = LayerColors.of(
+        _given_colors(visible, values, layer_triangles, projected), is_straight=True
+    )
+    samples = LayeredSamples(
+        *listed_words(binned, plan),
+        binned.lists, projected.edges, projected.depths, colors, background,
+    )  # fmt: skip
+    boundary = boundary_term(shape, scene.positions, scene.depth, projected.outlines, samples)
+    return boundary, _outgrows(binned, visible, shape.longest)
+
+
+def _given_colors(
+    visible: Visibility, values: Any, layer_triangles: Array, projected: Projected
+) -> SampleColors:
+    """The caller's colours, where the boundary term asks for them."""
+    dtype = visible.scene.positions.dtype
+    if isinstance(values, Array):
+        *_, layers, channels = values.shape
+        clear = jnp.zeros(channels, values.dtype)
+        return LayerArrayColors(
+            clear,
+            values.reshape(-1, layers, channels),
+            layer_triangles.reshape(-1, layers),
+            visible.plan.grid,
+        )
+
+    def shade_finite(triangle: Int[Array, " n"], weights: Float[Array, "n 3"]) -> Array:
+        shaded = values(triangle, weights)
+        # Lanes without a layer are shaded far outside their triangles, and 0 * NaN is NaN.
+        return jnp.where(jnp.isfinite(shaded), shaded, 0.0)
+
+    example = jnp.zeros(1, jnp.int32), jnp.full((1, 3), 1.0 / 3.0, dtype)
+    channels = eqx.filter_eval_shape(values, *example).shape[-1]
+    return ShadedColors.of(shade_finite, projected.surface, jnp.zeros(channels, dtype))
+
+
+def _outgrows(binned: BinnedScene, visible: Visibility, longest: int) -> Bool[Array, ""]:
+    """Whether a list with the hidden triangles is too long; raises an error as `rasterize` does."""
+    plan, count = visible.plan, visible.scene.triangles.shape[0]
+    if plan.lists_all or longest >= count:
+        return jnp.zeros((), bool)
+    capacity = plan.capacity_of(count)
+    longest_list = jnp.max(binned.lists.count)
+    # Lists that the masks hold count as no longer than the plan's.
+    needed = jnp.where(longest_list > longest, longest_list, 0)
+    needs = Needs(max_chunks=-(-needed // max(capacity.layers, 1)))
+    return raise_on_overflow(compare(needs, False, plan), plan)
