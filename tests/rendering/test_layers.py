@@ -71,6 +71,47 @@ def test_composite_is_render(coverage, effects, float64):
     assert np.abs(actual.positions).max() > 0
 
 
+@pytest.mark.slow
+def test_translucent_colours_show_what_an_opaque_scene_hides(float64):
+    """The topmost triangle hides whole tiles in the scene's colours, but not in those given."""
+    scene = scene_of(alpha=True, dtype=np.float64)
+    hiding = np.asarray(scene.positions).copy()
+    hiding[-3:] = [(-30, -30), (70, -20), (-20, 70)]
+    scene = replace(scene, positions=jnp.asarray(hiding))
+    opaque = replace(scene, colors=scene.colors[..., :3])
+    plan = sr.plan(opaque, height=HEIGHT, width=WIDTH, coverage=sr.Hard(4))
+    translucent_plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=sr.Hard(4))
+
+    def draw(opaque: sr.Scene, plan: sr.Plan):
+        return sr.composite(sr.rasterize(opaque, plan, layers=COUNT), colors_at(scene))
+
+    expected_image = sr.render(scene, translucent_plan)
+    np.testing.assert_allclose(draw(opaque, plan), expected_image, atol=1e-12)
+    expected = gradient(sr.render, scene, translucent_plan).positions
+    assert np.abs(expected[:-3]).max() > 0.1
+    actual = gradient(draw, opaque, plan).positions
+    np.testing.assert_allclose(actual, expected, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.slow
+def test_an_array_of_layers_approaches_the_gradient_of_the_function():
+    """Its colours are half a sample off the edge, so that the error falls with the distance."""
+    scene = scene_of(alpha=True)
+    thick = np.asarray(scene.positions).copy()
+    thick[6:9] = [(3, 2), (9, 18), (14, 10)]
+    scene = replace(scene, positions=jnp.asarray(thick))
+
+    def draw(scene: sr.Scene, plan: sr.Plan):
+        visible = sr.rasterize(scene, plan, layers=COUNT)
+        return sr.composite(visible, sr.interpolate(visible, scene.colors))
+
+    for samples, most in ((16, 0.3), (256, 0.1)):
+        plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=sr.Hard(samples))
+        actual = gradient(draw, scene, plan).positions
+        expected = gradient(draw_layers, scene, plan).positions
+        assert np.linalg.norm(actual - expected) < most * np.linalg.norm(expected)
+
+
 def test_fewer_layers_leave_out_the_deepest():
     """Three opaque triangles: the topmost hides the others, and of two layers it is the first."""
     corners = np.array([[(0, 0), (20, 0), (0, 20)]] * 3, np.float32)
