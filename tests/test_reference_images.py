@@ -64,6 +64,7 @@ def test_bundled_scenes_in_one_structure_equal_their_references(samples, assert_
         assert_image_matches(sr.render(scene, plan), _file(name, samples))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ground"])
 def test_a_textured_scene_equals_its_reference(name, assert_image_matches):
     """One scene with further effects; the others are left to the slow run."""

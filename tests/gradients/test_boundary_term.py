@@ -10,6 +10,7 @@ import pytest
 
 import softras2d as sr
 
+from ..cases.marks import slowly
 from ..oracles import edges
 
 SIZE = 20
@@ -110,14 +111,14 @@ def distance_to_quadrature(scene: sr.Scene, samples: int) -> float:
 
 @pytest.mark.parametrize("depth", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("width", [0.2, pytest.param(0.02, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("samples, most", [(4, 0.03), (256, 0.005)])
+@pytest.mark.parametrize("samples, most", [(4, 0.03), slowly(256, 0.005)])
 def test_both_edges_of_a_thin_strip_equal_the_quadrature(samples, most, width, depth):
     assert distance_to_quadrature(scene_with_a_strip(width, depth=depth), samples) < most
 
 
 @pytest.mark.parametrize("side", [0.03, pytest.param(11.97, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("alpha", [None, 0.6])
-@pytest.mark.parametrize("inwards", [False, True])
+@pytest.mark.parametrize("inwards", [False, slowly(True)])
 def test_an_edge_between_border_and_first_sample_equals_the_quadrature(inwards, alpha, side):
     """The triangle reaches across the canvas, or ends just inside it."""
     far = 24 if inwards == (side < 6) else -12
@@ -315,7 +316,7 @@ def thin_triangles(seed: int, kind: str, corners: int) -> sr.Scene:
 
 
 @pytest.mark.parametrize("corners", [1, pytest.param(3, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("kind, most", [("pixel", 0.02), ("sliver", 0.1)])
+@pytest.mark.parametrize("kind, most", [slowly("pixel", 0.02), ("sliver", 0.1)])
 def test_thin_triangles_have_their_full_gradient(kind, most, corners):
     """Triangles with sides of a pixel, and slivers a tenth of a pixel high.
 

@@ -95,7 +95,7 @@ def distance(gradient: np.ndarray, expected: np.ndarray) -> float:
 @pytest.mark.parametrize(
     ("seed", "corner_colors", "translucent"),
     [
-        (0, True, False),
+        slowly(0, True, False),
         slowly(0, True, True),
         slowly(0, False, False),
         slowly(0, False, True),

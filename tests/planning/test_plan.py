@@ -11,6 +11,7 @@ import pytest
 import softras2d as sr
 from softras2d.planning.effects import EFFECTS
 
+from ..cases.marks import slowly
 from ..cases.scenes import assert_same_counts, colors_of
 from ..oracles.coverage import Canvas, draw
 
@@ -175,7 +176,9 @@ def test_overflow_is_per_scene_in_a_batch():
     assert_same_counts(np.asarray(images[2]), _expected(1, LARGE), 16)
 
 
-@pytest.mark.parametrize("coverage", [sr.Hard(4), sr.Soft(1.0), sr.Area()], ids=repr)
+@pytest.mark.parametrize(
+    "coverage", [sr.Hard(4), slowly(sr.Soft(1.0)), slowly(sr.Area())], ids=repr
+)
 def test_an_overflow_is_nan_if_the_plan_says_so(coverage):
     """In the image and in the gradient, without an error."""
     options = {"height": LARGE.height, "width": LARGE.width, "coverage": coverage}
@@ -207,6 +210,7 @@ def test_a_worst_case_plan_needs_no_values():
     np.testing.assert_array_equal(draw(far), sr.render(far, _plan_large(far)))
 
 
+@pytest.mark.slow
 def test_a_plan_from_shapes_alone_draws_every_effect():
     colors = colors_of(COUNT, channels=4, corners=3)
     rich = sr.Scene.from_soup(_corners(0), colors, depth=np.arange(3 * COUNT).reshape(COUNT, 3))

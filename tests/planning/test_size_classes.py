@@ -168,6 +168,7 @@ def _brightness(positions, scene: sr.Scene, plan: sr.Plan):
     return jnp.mean(sr.render(replace(scene, positions=positions), plan) ** 2)
 
 
+@pytest.mark.slow
 def test_scenes_of_many_sizes_share_programs(count_compilations):
     with count_compilations() as compiled:
         _random_sizes(8, 0, seed=1)

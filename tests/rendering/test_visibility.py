@@ -225,7 +225,7 @@ def test_shared_vertices_and_interpolated_attributes_equal_the_oracle():
         assert "\n" not in str(raised.value)
 
 
-@pytest.mark.parametrize("alpha", [1.0, 0.5])
+@pytest.mark.parametrize("alpha", [1.0, slowly(0.5)])
 def test_layers_and_overdraw_count_what_opaque_triangles_hide(alpha):
     """Each covers all tiles of a canvas on which the lists leave out what is hidden in a tile."""
     corners = np.array([[(-9, -9), (300, -9), (-9, 300)]] * 60, np.float32)

@@ -60,6 +60,7 @@ def test_panning_and_small_zooms_compile_nothing(count_compilations):
     assert len(set(pictures)) == 30
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_views():
     session = small_session()
 

@@ -1,0 +1,1 @@
+"""Gradient and memory of images whose colours are computed by the caller."""

@@ -1,0 +1,180 @@
+"""Measure the gradient of colours that a caller computes, and its memory; see the README.
+
+python -m experiments.open_pipeline.run
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+import softras2d as sr
+from tests.cases.resolving import image_and_gradient, random_weight, resolve_scene
+from tests.oracles import edges, texture
+
+from ..common import machine, progress, report
+from . import memory
+
+HERE = Path(__file__).parent
+SIZE_PX, TRIANGLES, SEED = 24, 8, 0
+SAMPLES = (16, 256)
+PACKAGES = ("softras2d", "jax", "jaxlib", "equinox", "numpy")
+FILTER = sr.Filter(pixel="bilinear", level="zero")
+SCENES = {
+    "flat": {},
+    "interpolated": {"corners": 3},
+    "textured": {"corners": 3, "texture": True},
+    "interpolated, depth": {"corners": 3, "depth": True},
+    "textured, depth": {"corners": 3, "texture": True, "depth": True},
+    "flat, translucent": {"translucent": True},
+    "interpolated, translucent": {"corners": 3, "translucent": True},
+    "interpolated, translucent, depth": {"corners": 3, "depth": True, "translucent": True},
+}
+"""Scenes by name; the colours of opaque ones go through `resolve`, of others `composite`."""
+
+
+def scene_of(
+    corners: int = 1, texture: bool = False, depth: bool = False, translucent: bool = False
+) -> sr.Scene:
+    """Random triangles with sides of some pixels, across the border too.
+
+    With depth, each triangle has one, in another order than they are drawn.
+    """
+    rng = np.random.default_rng(SEED)
+    points = rng.random((TRIANGLES, 1, 2)) * SIZE_PX + rng.normal(size=(TRIANGLES, 3, 2)) * 6
+    optional: dict[str, Any] = {}
+    colors = rng.random((TRIANGLES, corners, 3))
+    if translucent:
+        alpha = np.random.default_rng(2).uniform(0.2, 0.9, (TRIANGLES, corners, 1))
+        colors = np.concatenate([colors, alpha], -1)
+    if texture:
+        optional["textures"] = sr.TexturePyramid.build([IMAGE])
+        optional["texture_index"] = np.zeros(TRIANGLES, np.int32)
+        optional["uv"] = rng.random((TRIANGLES, 3, 2)).astype(np.float32)
+    if depth:
+        optional["depth"] = np.repeat(rng.permutation(TRIANGLES)[:, None], 3, 1).astype(np.float32)
+    return sr.Scene.from_soup(points.astype(np.float32), colors.astype(np.float32), **optional)
+
+
+IMAGE = np.random.default_rng(1).random((6, 8, 3)).astype(np.float32)
+"""The texture of all triangles."""
+
+
+def exact_gradient(scene: sr.Scene, weight: Array) -> Float[np.ndarray, "vertices 2"]:
+    """By quadrature along edges and over the area, without code of the package."""
+    if scene.colors.shape[2] == 4:
+        return edges.position_gradient(scene, np.asarray(weight))
+    colors = np.broadcast_to(np.asarray(scene.colors, np.float64), (TRIANGLES, 3, 3))
+    levels = texture.chain(IMAGE)
+
+    def shade(index: int, weights: np.ndarray) -> np.ndarray:
+        values = weights @ colors[index]
+        if scene.uv is None:
+            return values
+        uv = weights @ np.asarray(scene.uv[index], np.float64)
+        sampler = texture.Sampler(FILTER.pixel, FILTER.level)
+        no_footprint = np.zeros((len(uv), 2, 2))
+        return values * texture.sample(levels, uv, no_footprint, sampler)[0][:, :3]
+
+    return edges.position_gradient(
+        scene, np.asarray(weight), shade=shade, background=np.asarray(scene.background)
+    )
+
+
+def draw_with_given_colors(scene: sr.Scene, plan: sr.Plan) -> Float[Array, "height width 3"]:
+    """The image by `rasterize` and `resolve`, or of a translucent scene by `composite`."""
+    if scene.colors.shape[2] == 3:
+        return resolve_scene(scene, plan)
+    colors = jnp.broadcast_to(scene.colors, (TRIANGLES, 3, 4))
+
+    def shade(triangle: Any, weights: Any) -> Any:
+        return jnp.einsum("nk,nkc->nc", weights, colors[triangle])
+
+    return sr.composite(sr.rasterize(scene, plan, layers=TRIANGLES), shade)
+
+
+def rows_of(name: str) -> Iterator[dict[str, Any]]:
+    """One row for each number of samples."""
+    scene = scene_of(**SCENES[name])
+    exact = None
+    for samples in SAMPLES:
+        plan = sr.plan(
+            scene, height=SIZE_PX, width=SIZE_PX, coverage=sr.Hard(samples), filter=FILTER
+        )
+        weight = random_weight(plan)
+        exact = exact_gradient(scene, weight).ravel() if exact is None else exact
+        by_render, by_caller = (
+            np.asarray(image_and_gradient(draw, scene, plan, weight)[1].positions, float).ravel()
+            for draw in (sr.render, draw_with_given_colors)
+        )
+        yield {
+            "scene": name,
+            "samples": samples,
+            **against("render", by_render, exact),
+            **against("given", by_caller, exact),
+            "apart": float(np.abs(by_caller - by_render).max() / np.abs(by_render).max()),
+        }
+
+
+def against(name: str, gradient: np.ndarray, exact: np.ndarray) -> dict[str, float]:
+    """Cosine to the exact gradient, and length of the gradient over that of the exact one."""
+    length, exact_length = np.linalg.norm(gradient), np.linalg.norm(exact)
+    return {
+        f"{name}_cosine": float(gradient @ exact / (length * exact_length)),
+        f"{name}_scale": float(length / exact_length),
+    }
+
+
+def gradient_table(rows: list[dict[str, Any]]) -> str:
+    header = [
+        "scene", "samples", "`render`: cosine", "scale", "given colours: cosine", "scale",
+        "largest difference of both",
+    ]  # fmt: skip
+    names = ("render_cosine", "render_scale", "given_cosine", "given_scale")
+    body = [
+        [
+            row["scene"],
+            str(row["samples"]),
+            *(f"{row[key]:.5f}" for key in names),
+            f"{row['apart']:.0e}",
+        ]
+        for row in rows
+    ]
+    return report.table(header, body)
+
+
+def memory_table(row: dict[str, Any]) -> str:
+    header = ["512 x 512 px, 256 samples", "GiB"]
+    labels = {
+        "program_mib": "arguments, results and temporaries, by the compiler",
+        "grown_mib": "growth of the process during the call",
+        "process_mib": "peak of the process, with imports and compilation",
+    }
+    return report.table(header, [[labels[key], f"{row[key] / 1024:.2f}"] for key in labels])
+
+
+def main() -> None:
+    rows = [row for name in progress.steps(SCENES, "scenes") for row in rows_of(name)]
+    report.write_csv(HERE / "results" / "gradients.csv", rows)
+    about = {
+        "machine": machine.record(PACKAGES),
+        "seed": SEED,
+        "precision": "float32",
+        "memory": memory.measure(),
+    }
+    report.write_json(HERE / "results" / "run.json", about)
+    report.fill_or_print(
+        HERE / "README.md",
+        {
+            "gradients": gradient_table(rows),
+            "memory": memory_table(about["memory"]),
+            "machine": machine.describe(about, seed=f"seed {SEED}") + ".",
+        },
+    )
+
+
+if __name__ == "__main__":
+    main()
