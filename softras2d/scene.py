@@ -242,8 +242,8 @@ def _refuse(is_invalid: Any, name: str, axis: str, requirement: str, value: Any)
     is_invalid = np.asarray(is_invalid)
     if is_invalid.any():
         index = tuple(int(i) for i in np.argwhere(is_invalid)[0])
-        entry = f"{axis} {index[0] if len(index) == 1 else index}"
-        raise ValueError(f"`{name}` must be {requirement}; {entry} has {np.asarray(value)[index]}.")
+        entry = f"{axis} {index[0] if len(index) == 1 else index} has" if index else "got"
+        raise ValueError(f"`{name}` must be {requirement}; {entry} {np.asarray(value)[index]}.")
 
 
 def _check_indices(triangles: Any, vertices: int) -> None:

@@ -146,6 +146,15 @@ def test_invalid_random_states_are_refused(text, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("alpha", [-1.6e19, -1e-6, 1.1])
+def test_a_background_whose_alpha_is_out_of_range_is_refused(alpha, tmp_path):
+    arrays = saved("glass")
+    background = np.array([0.5, 0.5, 0.5, alpha], np.float32)
+    path = write_fit(tmp_path, arrays | {"state.background": background})
+    assert error_of(path).startswith("the alpha of `state.background` must be in 0..1; got ")
+
+
+@pytest.mark.slow
 def test_indices_and_meshes_are_checked(tmp_path):
     mesh = saved("mesh")
     for name in ("state.mesh.triangles", "scene.triangles"):
