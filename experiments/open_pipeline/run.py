@@ -39,12 +39,15 @@ SCENES = {
 def scene_of(
     corners: int = 1, texture: bool = False, depth: bool = False, translucent: bool = False
 ) -> sr.Scene:
-    """Random triangles with sides of some pixels, across the border too.
+    """Random triangles with sides of 9 to 19 pixels, which overlap and cross the border.
 
     With depth, each triangle has one, in another order than they are drawn.
     """
     rng = np.random.default_rng(SEED)
-    points = rng.random((TRIANGLES, 1, 2)) * SIZE_PX + rng.normal(size=(TRIANGLES, 3, 2)) * 6
+    centers = rng.random((TRIANGLES, 1, 2)) * SIZE_PX
+    angles = rng.uniform(0, 2 * np.pi, (TRIANGLES, 1)) + 2 * np.pi / 3 * np.arange(3)
+    radii = rng.uniform(5, 11, (TRIANGLES, 3, 1))
+    points = centers + radii * np.stack([np.cos(angles), np.sin(angles)], -1)
     optional: dict[str, Any] = {}
     colors = rng.random((TRIANGLES, corners, 3))
     if translucent:
@@ -55,7 +58,8 @@ def scene_of(
         optional["texture_index"] = np.zeros(TRIANGLES, np.int32)
         optional["uv"] = rng.random((TRIANGLES, 3, 2)).astype(np.float32)
     if depth:
-        optional["depth"] = np.repeat(rng.permutation(TRIANGLES)[:, None], 3, 1).astype(np.float32)
+        order = np.random.default_rng(3).permutation(TRIANGLES)
+        optional["depth"] = np.repeat(order[:, None], 3, 1).astype(np.float32)
     return sr.Scene.from_soup(points.astype(np.float32), colors.astype(np.float32), **optional)
 
 
