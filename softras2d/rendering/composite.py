@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..color import premultiply, unpremultiply
-from .overflow import poison_if
+from .overflow import nan_on_overflow
 from .pixel_layers import PixelLayers
 from .visibility import Visibility
 
@@ -63,7 +63,7 @@ def composite(
     total = total + transmittance[..., None] * behind
     if isinstance(visible, Visibility):
         total = jnp.mean(total, 2)
-        return poison_if(unpremultiply(total), visible.scene, visible.overflow)
+        return nan_on_overflow(unpremultiply(total), visible.scene, visible.overflow)
     return unpremultiply(total)
 
 

@@ -87,13 +87,13 @@ def complaints(monkeypatch):
     """The messages that compiled programs raise, one for each time."""
     messages = []
 
-    complain = overflow.complaint
+    complain = overflow.overflow_message
 
     def record(outcome, plan):
         messages.append(complain(outcome, plan))
         return messages[-1]
 
-    monkeypatch.setattr(overflow, "complaint", record)
+    monkeypatch.setattr(overflow, "overflow_message", record)
     return messages
 
 

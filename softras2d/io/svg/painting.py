@@ -21,7 +21,7 @@ from .layers import Item
 from .notices import INVALID, WITHOUT_EFFECT
 from .numbers import finite
 from .page import Page
-from .paint import flat
+from .paint import constant_paint
 from .paint_servers import GRADIENTS, Fill, gradient_fill, pattern_applies
 from .placement import Placement
 from .sinks import stroked
@@ -178,7 +178,7 @@ class Painter:
         if is_empty(region):
             return
         if not isinstance(fill, Gradient):
-            placement.sink.add_items([Item(region, flat(fill), source)])
+            placement.sink.add_items([Item(region, constant_paint(fill), source)])
             return
         low_x, low_y, high_x, high_y = map(float, shapely.bounds(region))
         bounds = (low_x, low_y, high_x, high_y)
