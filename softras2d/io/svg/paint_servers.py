@@ -10,7 +10,7 @@ from .css_color import CURRENT, Rgba
 from .css_transform import Units
 from .element_transform import about_origin
 from .gradient_pieces import Gradient, LinearGradient, RadialGradient, Stop
-from .notices import INVALID, NOT_DRAWN
+from .notices import INVALID
 from .numbers import fraction
 from .page import Page, affine_part
 from .transform_attribute import transform_list
@@ -226,18 +226,18 @@ def _radial(
         return _solid(stops[-1])
     center, focus = (cx, cy), (fx, fy)
     if fr > r:
-        # The circles shrink from the first to the last stop: the same gradient from its other end.
+        # From its other end, the gradient is the same, and its circles grow.
         center, focus, r, fr = focus, center, fr, r
         stops = [Stop(1.0 - stop.offset, stop.color) for stop in reversed(stops)]
     distance = math.hypot(focus[0] - center[0], focus[1] - center[1])
-    if fr == r:
-        report(NOT_DRAWN, "fr", "both circles have the same radius")
+    if fr == r and distance == 0:
+        # SVG 2, section 14.2.3.2: no gradient is drawn if both circles are the same.
         return None
-    if distance > 0 and abs(distance + fr - r) < r * _TOUCHING:
+    if distance > 0 and fr < r and abs(distance + fr - r) < r * _TOUCHING:
         # Circles that touch from inside have no area in common with a ray at their common tangent.
-        share = max(r * (1 - _TOUCHING) - fr, 0.0) / distance
+        t = max(r * (1 - _TOUCHING) - fr, 0.0) / distance
         focus = (
-            center[0] + (focus[0] - center[0]) * share,
-            center[1] + (focus[1] - center[1]) * share,
+            center[0] + (focus[0] - center[0]) * t,
+            center[1] + (focus[1] - center[1]) * t,
         )
     return RadialGradient(tuple(stops), spread, to_pixels, center, r, focus, fr)

@@ -16,7 +16,7 @@ from ..shapes.paths import FlatPath, Path, flatten
 from ..shapes.regions import filled, intersection, is_empty, polygons_of
 from ..shapes.strokes import Outline
 from .css_color import Rgba
-from .gradient_pieces import Gradient, LinearGradient, linear_pieces, radial_pieces
+from .gradient_pieces import Gradient, LinearGradient, linear_pieces
 from .layers import Item
 from .notices import INVALID, WITHOUT_EFFECT
 from .numbers import finite
@@ -24,6 +24,7 @@ from .page import Page
 from .paint import constant_paint
 from .paint_servers import GRADIENTS, Fill, gradient_fill, pattern_applies
 from .placement import Placement
+from .radial_pieces import radial_pieces
 from .sinks import stroked
 from .style import CURRENT, PaintServer, Style
 from .tree import Element
