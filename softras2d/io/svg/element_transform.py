@@ -16,8 +16,9 @@ from .css_transform import (
 )
 from .notices import INVALID
 from .page import Page, Report
-from .style import Style, transform_origin
+from .style import Style
 from .transform_attribute import transform_list
+from .transform_origin import transform_origin
 from .tree import Element
 from .view_box import Box
 
