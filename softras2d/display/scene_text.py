@@ -66,7 +66,7 @@ def _counts(arrays: dict[str, Any]) -> list[str]:
 
 
 def _effects(arrays: dict[str, Any]) -> list[str | None]:
-    """What the structure of the scene calls for, in the order of `planning.effects.EFFECTS`."""
+    """Names of the effects that the structure of a scene needs, in the order of `EFFECTS`."""
     corners, channels = size_of(arrays["colors"], -2), size_of(arrays["colors"], -1)
     is_translucent = 4 in (channels, size_of(arrays.get("texels"), -1))
     opacity = "translucency" if is_translucent else "opaque"

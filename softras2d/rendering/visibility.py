@@ -29,7 +29,7 @@ MOST_BYTES = 2**31
 
 
 class Visibility(eqx.Module):
-    """What shows at each sample of a scene, made by `rasterize`.
+    """Visibility buffers: the triangle that shows at each sample of a scene, made by `rasterize`.
 
     Only `triangle` is stored. The other buffers are computed from it and from the scene whenever
     they are read; `barycentric` and `depth` are differentiable by the scene. With `layers` above 1

@@ -213,7 +213,7 @@ def _lists_of_all(triangles: int, cut: Cut) -> TriangleLists:
 
 
 class _Windows(NamedTuple):
-    """What the plans of all windows are made from.
+    """The scene, the windows and the lists from which the plans of all windows are made.
 
     - `canvas`: the scene on the whole canvas.
     - `grid`: the fixed-point grid of one window with its border.

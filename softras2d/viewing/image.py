@@ -122,10 +122,13 @@ def pyramid_image(name: str, textures: TexturePyramid) -> Image:
 
 
 def _source_indices(start: int, count: int, enlarged: int, source: int) -> np.ndarray:
-    """For each pixel of a canvas the index in the image, or -1 outside of it."""
-    at = start + np.arange(count)
-    index = (2 * at + 1) * source // (2 * enlarged)
-    return np.where((at >= 0) & (at < enlarged), index, -1)
+    """Index in an image, along one axis, of the pixel that each pixel of a canvas shows, or -1.
+
+    The image has `source` pixels, enlarged to `enlarged`, and the canvas begins at its `start`.
+    """
+    position = start + np.arange(count)
+    index = (2 * position + 1) * source // (2 * enlarged)
+    return np.where((position >= 0) & (position < enlarged), index, -1)
 
 
 def _shrink(image: np.ndarray, height: int, width: int) -> np.ndarray:

@@ -36,7 +36,7 @@ _REFERENCE_SAMPLES = 256
 
 
 class PixelReport(NamedTuple):
-    """What the inspector shows.
+    """The values that the inspector shows for a pixel and those around it.
 
     - `facts`: the inspected pixel, for JSON.
     - `samples`: straight RGBA of each sample of the lens, in rows; one per pixel for analytic

@@ -64,7 +64,7 @@ def disjoint_cells(items: Sequence[Item], budget: Budget) -> tuple[list[Item], b
 
 
 def _overlapping(items: Sequence[Item], budget: Budget) -> list[np.ndarray]:
-    """For each item, the later items of other families whose bounding boxes overlap its box."""
+    """Indices of the later items of other families whose boxes overlap that of each item."""
     regions = np.array([item.region for item in items], object)
     boxes = shapely.bounds(regions)
     tree = shapely.STRtree(shapely.box(*boxes.T))

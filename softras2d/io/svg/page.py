@@ -45,7 +45,7 @@ class Page:
         self.cascade = cascade_of(root, context.name, notices, self.budget, size)
 
     def report(self, element: Element) -> "Report":
-        """What notes the errors of an element."""
+        """A function that notes errors of an element."""
         return Report(self, element)
 
     def note(self, element: Element, kind: str, attribute: str, detail: str) -> None:

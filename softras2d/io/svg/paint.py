@@ -9,7 +9,7 @@ from .css_color import Rgba
 
 
 class Paint(NamedTuple):
-    """What a region is filled with.
+    """The colours of a region, as an affine function of the position, and its texture.
 
     - `color`: `[4, 3]`, maps `(x, y, 1)` in pixels to sRGB with straight alpha.
     - `uv`: `[2, 3]`, maps `(x, y, 1)` to texture coordinates, or None.

@@ -33,7 +33,7 @@ _MAX_TEMPLATES = 1000
 def gradient_fill(
     page: Page, gradient: Element, box: Box, map3: np.ndarray, opacity: float
 ) -> Fill | Literal[False]:
-    """What a gradient element paints; False if it is relative to a box without area.
+    """The paint of a gradient element; False if it is relative to a box without area.
 
     - `box`: bounding box of the shape in user units.
     - `map3`: from the shape's units to pixels.

@@ -213,7 +213,7 @@ class Painter:
         self, element: Element, name: str, paint: Any, style: Style, opacity: float,
         path: FlatPath, placement: Placement,
     ) -> Fill:  # fmt: skip
-        """What a paint paints on a shape: a colour, a gradient, or None."""
+        """Resolve a paint for a shape: to a colour, a gradient, or None."""
         opacity = opacity if self._page.context.opacity else 1.0
         if isinstance(paint, PaintServer):
             server = self._page.target(paint.reference)

@@ -109,14 +109,16 @@ def _sectors(
 
 
 def _ring(
-    inner: Float[np.ndarray, "rays 2"],
-    outer: Float[np.ndarray, "rays 2"],
+    inner_circle: Float[np.ndarray, "rays 2"],
+    outer_circle: Float[np.ndarray, "rays 2"],
     inner_color: np.ndarray,
     outer_color: np.ndarray,
     box: np.ndarray,
 ) -> list[Piece]:
     """The pieces between two circles that meet the box, with the colours at both circles."""
-    quads = np.stack([inner[:-1], outer[:-1], outer[1:], inner[1:]], axis=1)
+    quads = np.stack(
+        [inner_circle[:-1], outer_circle[:-1], outer_circle[1:], inner_circle[1:]], axis=1
+    )
     is_near = ((quads.min(axis=1) <= box.max(axis=0)) & (quads.max(axis=1) >= box.min(axis=0))).all(
         1
     )

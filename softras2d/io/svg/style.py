@@ -315,7 +315,7 @@ def _clip_path(text: str, *_: object) -> str | None:
 
 
 def reference_of(text: str) -> str | None:
-    """What a text `url(...)` refers to; None for any other text."""
+    """The reference in a text `url(...)`; None for any other text."""
     match = _URL.match(text)
     return (match[1] or match[2] or match[3] or "") if match else None
 
