@@ -191,8 +191,8 @@ def read_svg_controls(
 def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int, int]:
     """The (height, width) in pixels that an SVG file declares, rounded up.
 
-    In dialect `"svg"`, a missing side is computed from the viewBox. Raises `ValueError`, one line,
-    if the file declares no size.
+    In dialect `"svg"`, style sheets outrank the attributes of the root, and a missing side is
+    computed from the viewBox. Raises `ValueError`, one line, if the file declares no size.
     """
     _check_dialect(dialect)
     return declared_size(load(path), dialect)
