@@ -132,7 +132,7 @@ def _source_indices(start: int, count: int, enlarged: int, source: int) -> np.nd
 
 
 def _shrink(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """The means over blocks of pixels, `height` x `width` of them."""
+    """Shrink an image to `height` x `width` pixels, each the mean over a block of its pixels."""
     # Premultiplied, so that transparent pixels do not bleed their colour.
     sums, weight = premultiply(image), np.ones((*image.shape[:2], 1), image.dtype)
     for axis, count in ((0, height), (1, width)):

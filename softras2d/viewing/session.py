@@ -36,7 +36,7 @@ class Reply(NamedTuple):
 
 
 class Session:
-    """Subjects to look at, and what draws them. One thread at a time may call `answer`."""
+    """Answers requests about the subjects of a viewer. One thread at a time may call `answer`."""
 
     def __init__(self, subjects: Sequence[Subject]):
         if not subjects:

@@ -22,7 +22,7 @@ class Circles(Protocol):
     """
 
     def rays(self, count: int) -> Float[np.ndarray, "rays 2"]:
-        """The offsets of about `count` rays; the last closes the circle, or is its other end."""
+        """Offsets of about `count` rays, from one side to the other, or once around the circle."""
         ...
 
     def circle(self, position: float, rays: Float[np.ndarray, "rays 2"]) -> np.ndarray:
@@ -74,7 +74,7 @@ class Cone(NamedTuple):
         return self.apex + (self.start + (1.0 - self.start) * position) * rays
 
     def span(self, points: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
-        """From the apex to a circle around all points, as far as the cone reaches."""
+        """Positions of the apex, and of a circle around all points that the cone reaches."""
         shortest = abs(self.radius - float(np.hypot(*self.offset)))
         scale = self._farthest(points) / max(shortest, 1e-9)
         return -self.start / (1.0 - self.start), (scale - self.start) / (1.0 - self.start)
@@ -109,7 +109,7 @@ class Tube(NamedTuple):
         return self.start + position * self.axis + rays
 
     def span(self, points: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
-        """From a half circle before all points to one behind them."""
+        """Positions of a half circle before all points, and of one behind them."""
         squared = float(self.axis @ self.axis)
         along = (points - self.start) @ self.axis / squared
         return float(along.min()), float(along.max()) + self.radius / math.sqrt(squared)

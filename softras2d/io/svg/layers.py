@@ -82,7 +82,7 @@ def _overlapping(items: Sequence[Item], budget: Budget) -> list[np.ndarray]:
 def _without_hidden(
     items: Sequence[Item], neighbours: list[np.ndarray], budget: Budget
 ) -> list[Item]:
-    """The items without the parts that opaque items above them hide."""
+    """Cut from each item what the opaque items in front of it hide."""
     visible = []
     for item, in_front in zip(items, neighbours, strict=True):
         opaque = [items[k].region for k in in_front.tolist() if items[k].paint.is_opaque]

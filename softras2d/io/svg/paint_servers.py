@@ -64,7 +64,7 @@ def gradient_fill(
 
 
 def _templates(page: Page, gradient: Element) -> list[Element]:
-    """The gradient and those that it refers to, in turn, until one is there already."""
+    """A gradient followed by the chain of gradients to which it refers, without repetitions."""
     chain, seen = [gradient], {id(gradient)}
     while (href := chain[-1].attrib.get("href")) is not None:
         target = page.target(href)
@@ -160,7 +160,7 @@ def _solid(stop: Stop) -> Rgba | None:
 
 
 class _Lengths:
-    """Reads lengths of a gradient, in its units, from the first of the same kind that has them."""
+    """Reads lengths of a gradient, in its units, from the first of a chain that has them."""
 
     def __init__(self, page: Page, chain: list[Element], in_box: bool):
         self._page = page

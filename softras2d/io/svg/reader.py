@@ -327,7 +327,7 @@ def _make_scene(
     addressing: TextureAddressing,
     linear: bool,
 ) -> Scene:
-    """Make the scene of these triangles, without arrays and channels that none of them needs."""
+    """Make the scene of some triangles, without arrays and channels that no triangle needs."""
     colors = triangles.colors
     background = np.array(context.background or (1.0, 1.0, 1.0))
     if linear:
