@@ -114,7 +114,6 @@ def project(
     given = (vertices, triangles, model, vertex_colors, triangle_colors, uv, texture_index)
     _check_arguments((given, view, projection), height, width)
     vertices = _numbers("vertices", vertices, (None, 3))
-    rest: dict[str, Any] = {"background": background, "textures": textures}
     # Checked before clipping, so that errors name the indices of the caller's arrays.
     unclipped = Scene.from_mesh(
         np.zeros((len(vertices), 2), np.float32),
@@ -123,7 +122,8 @@ def project(
         triangle_colors=triangle_colors,
         uv=uv,
         texture_index=texture_index,
-        **rest,
+        background=background,
+        textures=textures,
     )
     triangles = np.asarray(unclipped.triangles)
     matrix = _invertible("projection", projection) @ _invertible("view", view)
@@ -131,9 +131,10 @@ def project(
         matrix = matrix @ _numbers("model", model, (4, 4))
     clipped = clip_near(_transformed(matrix, vertices), triangles)
     on_screen = _to_screen(clipped, height, width)
+    clipped_uv = clipped_texture_index = None
     if uv is not None:
-        rest["uv"] = clipped.interpolate(np.asarray(uv, np.float64))
-        rest["texture_index"] = np.asarray(texture_index)[clipped.source]
+        clipped_uv = to_device(clipped.interpolate(np.asarray(uv, np.float64)), np.float32)
+        clipped_texture_index = to_device(np.asarray(texture_index)[clipped.source], np.int32)
     if vertex_colors is not None:
         colors = np.asarray(vertex_colors, np.float64)[triangles]
     else:
@@ -143,8 +144,8 @@ def project(
         triangles=to_device(clipped.triangles, np.int32),
         colors=to_device(clipped.interpolate(colors), np.float32),
         background=unclipped.background,
-        uv=to_device(rest["uv"], np.float32) if uv is not None else None,
-        texture_index=to_device(rest["texture_index"], np.int32) if uv is not None else None,
+        uv=clipped_uv,
+        texture_index=clipped_texture_index,
         textures=unclipped.textures,
         depth=to_device(on_screen[:, 2]),
         inverse_w=to_device(on_screen[:, 3]),

@@ -1,4 +1,4 @@
-"""What every command shares: one-line errors and warnings, Ctrl-C, the compilation cache."""
+"""Runs a command: errors and warnings on one line, Ctrl-C, and the compilation cache."""
 
 import os
 import warnings

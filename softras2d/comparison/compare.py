@@ -26,7 +26,7 @@ class WorstPixel(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """How much an image differs from the one that was expected. `str` gives a short table.
+    """Measures of how much an image differs from the expected one. `str` gives a short table.
 
     Differences are absolute, and 1 is the full range of an image.
 

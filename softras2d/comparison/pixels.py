@@ -14,7 +14,7 @@ def comparable_pixels(
 ) -> tuple[
     Float64[np.ndarray, "height width channels"], Float64[np.ndarray, "height width channels"]
 ]:
-    """Both images with the same three or four channels, premultiplied.
+    """Bring two images to the same three or four channels, premultiplied.
 
     - Grey is repeated to RGB.
     - RGB is RGBA with alpha 1. Alpha is a fourth channel, unless both images are opaque: a channel

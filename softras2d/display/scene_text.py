@@ -1,4 +1,4 @@
-"""Describes a scene in two lines: counts, dtype and extent; then the effects that it calls for."""
+"""Describes a scene in two lines: counts, dtype and extent; then the effects that it needs."""
 
 import math
 from typing import Any
@@ -13,7 +13,7 @@ from .words import count_text
 
 _REQUIRED = ("positions", "triangles", "colors", "background")
 _OPTIONAL = ("uv", "texture_index", "depth", "inverse_w")
-_OF_TEXTURES = ("texels", "levels")
+_TEXTURE_ARRAYS = ("texels", "levels")
 
 
 def scene_text(scene: Any) -> str:
@@ -26,19 +26,20 @@ def scene_text(scene: Any) -> str:
     arrays = {name: field_of(scene, name) for name in (*_REQUIRED, *_OPTIONAL)}
     textures = field_of(scene, "textures")
     if textures is not None:
-        arrays |= {name: field_of(textures, name) for name in _OF_TEXTURES}
-    facts = [*_counts(arrays), dtype_of(arrays["positions"]), _values_text(arrays)]
-    strange = [
+        arrays |= {name: field_of(textures, name) for name in _TEXTURE_ARRAYS}
+    counts_and_extent = [*_counts(arrays), dtype_of(arrays["positions"]), _values_text(arrays)]
+    not_arrays = [
         f"{name} ({type(value).__name__})"
         for name, value in arrays.items()
         if shape_of(value) is None and not (name in _OPTIONAL and value is None)
     ]
-    effects = [*_effects(arrays), f"not arrays: {', '.join(strange)}" if strange else ""]
-    return f"{_heading(arrays)}: {_joined(facts)}\n  {_joined(effects)}"
+    effects = [*_effects(arrays), f"not arrays: {', '.join(not_arrays)}" if not_arrays else ""]
+    return f"{_heading(arrays)}: {_joined(counts_and_extent)}\n  {_joined(effects)}"
 
 
-def _joined(parts: list[str | None]) -> str:
-    return ", ".join(part for part in parts if part) or "no arrays"
+def _joined(phrases: list[str | None]) -> str:
+    """Join the phrases that say something."""
+    return ", ".join(phrase for phrase in phrases if phrase) or "no arrays"
 
 
 def _heading(arrays: dict[str, Any]) -> str:
@@ -65,7 +66,7 @@ def _counts(arrays: dict[str, Any]) -> list[str]:
 
 
 def _effects(arrays: dict[str, Any]) -> list[str | None]:
-    """What the structure of the scene calls for, in the order of `planning.effects.EFFECTS`."""
+    """Names of the effects that the structure of a scene needs, in the order of `EFFECTS`."""
     corners, channels = size_of(arrays["colors"], -2), size_of(arrays["colors"], -1)
     is_translucent = 4 in (channels, size_of(arrays.get("texels"), -1))
     opacity = "translucency" if is_translucent else "opaque"
@@ -85,8 +86,8 @@ def _values_text(arrays: dict[str, Any]) -> str:
         return "traced"
     positions, triangles = values_of(arrays["positions"]), values_of(arrays["triangles"])
     if positions is None or triangles is None:
-        is_shape = dtype_of(arrays["positions"]) and dtype_of(arrays["triangles"])
-        return "no values" if is_shape else ""
+        have_dtypes = dtype_of(arrays["positions"]) and dtype_of(arrays["triangles"])
+        return "no values" if have_dtypes else ""
     points = used_points(positions, triangles)
     if points is None or not len(points):
         return ""
@@ -106,7 +107,7 @@ def _values_text(arrays: dict[str, Any]) -> str:
 def used_points(
     positions: np.ndarray, triangles: np.ndarray
 ) -> Float[np.ndarray, "points 2"] | None:
-    """The positions that triangles use, of a scene or a batch; None for arrays that do not match.
+    """The positions that triangles use, in a scene or a batch; None if the arrays do not match.
 
     Unused vertices would enlarge the extent: those that padding appends all lie at (0, 0).
     """

@@ -114,9 +114,12 @@ def affine_weights(weights: Weights) -> AffineWeights:
 def weights_at(
     terms: AffineWeights, column: Int[Array, "*#shape"], row: Int[Array, "*#shape"]
 ) -> tuple[Float[Array, "*#shape"], Float[Array, "*#shape"]]:
-    """Weights of corners 1 and 2 at samples of a tile: `weight_sums` of one, up to a rounding."""
+    """Weights of corners 1 and 2 at single samples of a tile.
+
+    They equal those of `weight_sums` with a count of 1, up to a rounding.
+    """
     dtype = terms.scale.dtype
-    found = []
+    weights = []
     for edge in range(2):
         value = terms.start[edge] + terms.right[edge] * column + terms.down[edge] * row
         weight = value.astype(dtype) * terms.scale + terms.offset[edge]
@@ -124,8 +127,8 @@ def weights_at(
             start, right, down = terms.plane[:, edge]
             plane = start + column.astype(dtype) * right + row.astype(dtype) * down
             weight = jnp.where(terms.is_far, jnp.clip(plane, 0.0, 1.0), weight)
-        found.append(weight)
-    return found[0], found[1]
+        weights.append(weight)
+    return weights[0], weights[1]
 
 
 def interpolate_corners(

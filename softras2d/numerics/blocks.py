@@ -18,13 +18,14 @@ Tree = TypeVar("Tree")
 
 
 def map_blocks(
-    function: Callable[[Any], Tree], entries: Any, used: Int[Array, ""], *, size: int
+    function: Callable[[Any], Tree], entries: Any, used_count: Int[Array, ""], *, size: int
 ) -> Tree:
     """Apply `function`, which treats all entries along the leading axis alike, block by block.
 
     `entries` is a tree of arrays with one leading axis, and the results have the same axis. On the
-    CPU a block has `size` entries, and results are 0 in the blocks from entry `used` on. Elsewhere
-    all entries are one block, as the device needs many of them at once.
+    CPU a block has `size` entries, and only the blocks that hold the first `used_count` entries are
+    computed; results of later blocks are 0. On other devices all entries are one block, as such a
+    device needs many entries at once.
 
     Not differentiable in reverse mode.
     """
@@ -32,18 +33,20 @@ def map_blocks(
     if count <= size or jax.default_backend() != "cpu":
         return function(entries)
 
-    def take(start: Array) -> Any:
+    def block_at(start: Array) -> Any:
         return jax.tree.map(lambda entry: jax.lax.dynamic_slice_in_dim(entry, start, size), entries)
 
-    def visit(number: Int[Array, ""], total: Tree) -> Tree:
+    def write_block(number: Int[Array, ""], results: Tree) -> Tree:
         # The last block overlaps the one before it, and computes the same results again.
         start = jnp.minimum(number * size, count - size)
         return jax.tree.map(
-            lambda whole, part: jax.lax.dynamic_update_slice_in_dim(whole, part, start, 0),
-            total,
-            function(take(start)),
+            lambda array, block: jax.lax.dynamic_update_slice_in_dim(array, block, start, 0),
+            results,
+            function(block_at(start)),
         )
 
-    shapes = jax.eval_shape(function, jax.eval_shape(take, jnp.zeros((), jnp.int32)))
-    total = jax.tree.map(lambda part: jnp.zeros((count, *part.shape[1:]), part.dtype), shapes)
-    return repeat(-(-jnp.minimum(used, count) // size), visit, total)
+    block_shapes = jax.eval_shape(function, jax.eval_shape(block_at, jnp.zeros((), jnp.int32)))
+    results = jax.tree.map(
+        lambda block: jnp.zeros((count, *block.shape[1:]), block.dtype), block_shapes
+    )
+    return repeat(-(-jnp.minimum(used_count, count) // size), write_block, results)

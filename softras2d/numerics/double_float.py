@@ -68,9 +68,9 @@ def divide(a: Pair, b: Pair) -> Pair:
 
     Divisor and quotient must be below 2^100 in size, as they are multiplied.
     """
-    first = a[0] / b[0]
-    rest = subtract(a, multiply(pair_of(first), b))
-    return _normalized(first, rest[0] / b[0])
+    high = a[0] / b[0]
+    remainder = subtract(a, multiply(pair_of(high), b))
+    return _normalized(high, remainder[0] / b[0])
 
 
 def cross(a: Point, b: Point) -> Pair:

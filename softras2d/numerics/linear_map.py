@@ -107,8 +107,8 @@ def _batch(arguments, axes, *, pair: _MapAndTranspose):
         leaf if axis is None else jnp.moveaxis(leaf, axis, 0)
         for leaf, axis in zip(leaves, axes[1:], strict=True)
     ]
-    inner = tuple(None if axis is None else 0 for axis in axes[1:])
-    return _linear_map.bind(x, *moved, pair=pair.batched(inner)), 0
+    leaf_axes = tuple(None if axis is None else 0 for axis in axes[1:])
+    return _linear_map.bind(x, *moved, pair=pair.batched(leaf_axes)), 0
 
 
 _linear_map.def_impl(jax.jit(_run, static_argnames="pair"))

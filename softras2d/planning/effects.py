@@ -45,7 +45,7 @@ class Effect(NamedTuple):
 
 
 def is_translucent(scene: Scene) -> bool:
-    """Whether a triangle may let others show through, so that all of them are composited."""
+    """Whether a triangle may be translucent, so that all triangles are composited."""
     textures = scene.textures
     return scene.colors.shape[-1] == 4 or (textures is not None and textures.channels == 4)
 

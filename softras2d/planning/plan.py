@@ -125,7 +125,7 @@ class Plan(eqx.Module):
         effects = [f"  {name}: {EFFECTS[name].reason}" for name in self.effects] or ["  none"]
         optional = {"fragments": capacity.fragments, "crossings": capacity.crossings}
         counts = [f"{count:,} {name}" for name, count in optional.items() if count]
-        more = [f"          {', '.join(counts)}"] if counts else []
+        optional_line = [f"          {', '.join(counts)}"] if counts else []
         return "\n".join(
             [
                 f"canvas    {self.width} x {self.height} px, origin {tuple(self.origin.tolist())}",
@@ -142,7 +142,7 @@ class Plan(eqx.Module):
                 f"{capacity.steps:,} steps",
                 f"          {capacity.chunks:,} chunks of {capacity.layers}, "
                 f"at most {capacity.max_chunks} in a tile",
-                *more,
+                *optional_line,
                 f"memory    {self.memory / 2**20:,.0f} MiB to render, "
                 f"{self.buffer_memory / 2**20:,.0f} MiB for each layer of visibility buffers",
             ]

@@ -22,10 +22,10 @@ def used_textures(
     Where `base_only` `[textures]` is true, the levels above the base are removed too. So is an
     alpha channel that is 1 everywhere.
     """
-    used = np.unique(index[index >= 0])
+    used_indices = np.unique(index[index >= 0])
     table, texels = np.asarray(textures.levels), np.asarray(textures.texels)
     chains, flat, offset = [], [], 0
-    for texture in used:
+    for texture in used_indices:
         # A short chain repeats its last row.
         rows = list(dict.fromkeys(map(tuple, table[texture].tolist())))
         chains.append([])
@@ -33,15 +33,15 @@ def used_textures(
             chains[-1].append((offset, height, width))
             flat.append(texels[start : start + height * width])
             offset += height * width
-    depth = max(map(len, chains))
-    kept = np.concatenate(flat)
-    if kept.shape[1] == 4 and (kept[:, 3] == 1).all():
-        kept = kept[:, :3]
-    levels = np.asarray([rows + rows[-1:] * (depth - len(rows)) for rows in chains], np.int32)
+    level_count = max(map(len, chains))
+    used_texels = np.concatenate(flat)
+    if used_texels.shape[1] == 4 and (used_texels[:, 3] == 1).all():
+        used_texels = used_texels[:, :3]
+    levels = np.asarray([rows + rows[-1:] * (level_count - len(rows)) for rows in chains], np.int32)
     pyramid = TexturePyramid(
-        to_device(kept), to_device(levels), textures.border, textures.addressing
+        to_device(used_texels), to_device(levels), textures.border, textures.addressing
     )
-    return pyramid, np.where(index >= 0, np.searchsorted(used, index), -1).astype(np.int32)
+    return pyramid, np.where(index >= 0, np.searchsorted(used_indices, index), -1).astype(np.int32)
 
 
 def base_is_enough(scene: Scene, grid: Grid, filter: Filter | None) -> np.ndarray:

@@ -121,13 +121,13 @@ def _next_power(count: int) -> int:
     return 1 << (count - 1).bit_length()
 
 
-def _append(array: Any, more: int, value: int, axis: int) -> Any:
-    """Append `more` entries of `value` along `axis`; the array stays on its device."""
-    if more == 0:
+def _append(array: Any, count: int, value: int, axis: int) -> Any:
+    """Append `count` entries of `value` along `axis`; the array stays on its device."""
+    if count == 0:
         return array
     host = np.asarray(array)
     shape = list(host.shape)
-    shape[axis] += more
+    shape[axis] += count
     padded = np.full(shape, value, host.dtype)
     padded[(slice(None),) * axis + (slice(host.shape[axis]),)] = host
     is_committed = isinstance(array, jax.Array) and array.committed

@@ -41,15 +41,15 @@ def triangles(
     if indices.ndim != 2:
         raise ValueError(f"`scene` must be one scene, not a batch; got triangles {indices.shape}.")
     corners = _points("the positions of `scene`", scene.positions)[indices]
-    used = corners.reshape(-1, 2)
-    for target in _with_insets(axes, used):
+    points = corners.reshape(-1, 2)
+    for target in _with_insets(axes, points):
         outlines = PolyCollection(
             list(corners), closed=True, facecolors="none", edgecolors=color, linewidths=width
         )
         target.add_collection(outlines, autolim=False)
         if vertices:
             target.plot(
-                *np.unique(used, axis=0).T,
+                *np.unique(points, axis=0).T,
                 linestyle="none",
                 marker="o",
                 markersize=3 + width,

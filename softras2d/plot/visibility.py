@@ -15,7 +15,7 @@ _GREYS = (0.1, 1.0)
 
 @runtime_checkable
 class Buffers(Protocol):
-    """What `buffers` reads.
+    """Visibility buffers, such as those of `rasterize`, that `buffers` can plot.
 
     - `triangle`: `[height, width, samples]`, the number of the triangle that each sample shows, or
       -1 where it shows the background.

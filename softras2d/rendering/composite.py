@@ -7,7 +7,7 @@ from jaxtyping import Array, Float, Int
 
 from ..color import premultiply, unpremultiply
 from .layer_boundary import layer_boundary
-from .overflow import poison_if
+from .overflow import nan_on_overflow
 from .pixel_layers import PixelLayers
 from .visibility import Visibility
 
@@ -61,7 +61,7 @@ def composite(
     if visible.plan.hard.edge_gradients and not is_empty:
         boundary, is_too_long = layer_boundary(visible, values, triangle, behind)
         total, overflow = total + boundary, overflow | is_too_long
-    return poison_if(unpremultiply(total), visible.scene, overflow)
+    return nan_on_overflow(unpremultiply(total), visible.scene, overflow)
 
 
 def _over(

@@ -51,7 +51,7 @@ def price_effects(
 
 
 def without(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
-    """The scene without one of its effects, and a plan for it.
+    """Remove one effect from a scene; returns the simpler scene and its plan.
 
     Its image is another one; it is for comparing costs.
     """

@@ -50,7 +50,7 @@ class Listing(NamedTuple):
 
 
 class Growth(NamedTuple):
-    """How far other scenes may exceed those that a plan is made for.
+    """Margin by which later scenes may exceed the scenes that a plan is made for.
 
     - `factor`: every list may become this many times as long.
     - `is_worst_case`: whether the triangles may be anywhere and of any size.
@@ -84,7 +84,7 @@ class CoverageMode(abc.ABC):
     missing: dict[str, str]
 
     def prepare(self, coverage: Any, max_width: float | None) -> Coverage:
-        """The option with array leaves, so that other values of them do not recompile.
+        """Turn numbers of an option into arrays, whose values may change without compiling.
 
         Raises `ValueError` for values that the option cannot have. By default an option has no
         array leaves, and refuses `max_width`.

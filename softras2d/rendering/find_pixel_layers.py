@@ -7,7 +7,7 @@ from ..planning.capacities import Needs
 from ..planning.plan import Plan
 from ..scene import Scene
 from .modes import pixel_layers_mode_of
-from .overflow import compare, poison_if, raise_on_overflow
+from .overflow import compare, nan_on_overflow, raise_on_overflow
 from .pixel_layers import PixelLayers
 
 
@@ -31,7 +31,7 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: int) -> PixelLayers:
         return PixelLayers(jnp.full(shape, -1, jnp.int32), coverage, weights, scene, plan)
     visible, needs = _find_pixel_layers(scene, plan, layers)
     overflow = raise_on_overflow(compare(needs, False, plan), plan)
-    coverage = poison_if(visible.coverage, scene, overflow)
+    coverage = nan_on_overflow(visible.coverage, scene, overflow)
     return PixelLayers(visible.triangle, coverage, visible.barycentric, scene, plan)
 
 

@@ -27,7 +27,7 @@ def mode_of(coverage: Any) -> CoverageMode:
 
 
 def pixel_layers_mode_of(coverage: Coverage) -> AnalyticMode:
-    """The mode of an option that has pixel layers; `ValueError` for the others."""
+    """The mode of an option that has pixel layers; `ValueError` for an option without."""
     mode = mode_of(coverage)
     if not isinstance(mode, AnalyticMode):
         raise ValueError(

@@ -22,7 +22,7 @@ from ..numerics.linear_map import linear_map
 from ..planning.capacities import Needs
 from ..planning.plan import Plan
 
-CURE = (
+_REMEDIES = (
     "plan with `capacity='worst_case'` or a larger `headroom`, call softras2d.plan(scene, ...) "
     "again, or draw with `render_checked`, which returns a flag"
 )
@@ -36,7 +36,7 @@ _LISTS = {
     "fragments": "fragments (pairs of a triangle and a pixel that shows it)",
     "crossings": "runs of crossings along edges",
 }
-"""What each list of `Capacity` holds, for people."""
+"""What each list of `Capacity` holds, as error messages name it."""
 
 
 class Outcome(NamedTuple):
@@ -61,16 +61,16 @@ def compare(needs: Needs, leaves_guard_band: Any, plan: Plan) -> Outcome:
     return Outcome(needs, jnp.asarray(leaves_guard_band), overflow)
 
 
-def complaint(outcome: Outcome, plan: Plan) -> str:
-    """One line that says which lists were too short, by how much, and what helps."""
+def overflow_message(outcome: Outcome, plan: Plan) -> str:
+    """Say in one line which lists were too short, by how much, and what helps."""
     layers = {"chunks": plan.capacity.layers, "max_chunks": plan.capacity.layers}
     exceeded = (
         []
         if plan.lists_all
         else [
-            f"{int(need) * layers.get(name, 1):,} {_LISTS[name]} for {have * layers.get(name, 1):,}"
-            for name, need, have in zip(Needs._fields, outcome.needs, plan.capacity, strict=True)
-            if int(need) > have
+            f"{int(need) * layers.get(name, 1):,} {_LISTS[name]} for {size * layers.get(name, 1):,}"
+            for name, need, size in zip(Needs._fields, outcome.needs, plan.capacity, strict=True)
+            if int(need) > size
         ]
     )
     if outcome.leaves_guard_band:
@@ -78,7 +78,7 @@ def complaint(outcome: Outcome, plan: Plan) -> str:
             "triangles past the guard band, which extends at least half the longer side beyond "
             "the canvas"
         )
-    return f"the scene outgrew its plan ({'; '.join(exceeded)}): {CURE}."
+    return f"the scene outgrew its plan ({'; '.join(exceeded)}): {_REMEDIES}."
 
 
 def refuse_overflow(
@@ -90,7 +90,7 @@ def refuse_overflow(
     float of `scene`, forwards and backwards, whatever the loss is. Without overflow neither the
     image nor any derivative changes by a bit.
     """
-    return poison_if(image, scene, raise_on_overflow(outcome, plan))
+    return nan_on_overflow(image, scene, raise_on_overflow(outcome, plan))
 
 
 def raise_on_overflow(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
@@ -103,17 +103,17 @@ def raise_on_overflow(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
         return jnp.zeros((), bool)
     if not isinstance(outcome.overflow, Tracer):
         if outcome.overflow:
-            raise ValueError(complaint(outcome, plan))
+            raise ValueError(overflow_message(outcome, plan))
         return outcome.overflow
     if plan.on_overflow == "raise":
         return outcome.overflow | _raise_if_any(outcome, plan)
     return outcome.overflow
 
 
-def poison_if(image: Array, scene: Any, overflow: Bool[Array, ""]) -> Array:
-    """The image, or NaN on overflow, with NaN derivatives by every float of `scene`."""
+def nan_on_overflow(image: Array, scene: Any, overflow: Bool[Array, ""]) -> Array:
+    """The image unchanged; on overflow NaN, with NaN derivatives by each float of `scene`."""
     floats = [leaf for leaf in jax.tree.leaves(scene) if eqx.is_inexact_array(leaf)]
-    return _poison_if(image, floats, overflow)
+    return _nan_if(image, floats, overflow)
 
 
 def _raise_if_any(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
@@ -127,7 +127,9 @@ def _raise_if_any(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
     worst = jax.tree.map(lambda value: greatest_of_batch(jnp.asarray(value, jnp.int32)), outcome)
 
     def raise_error(*values: Any) -> np.ndarray:
-        raise ValueError(complaint(jax.tree.unflatten(jax.tree.structure(worst), values), plan))
+        raise ValueError(
+            overflow_message(jax.tree.unflatten(jax.tree.structure(worst), values), plan)
+        )
 
     def call_host(worst: Outcome) -> Array:
         leaves = jax.tree.leaves(worst)
@@ -139,41 +141,43 @@ def _raise_if_any(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
 
 
 @jax.custom_jvp
-def _poison_if(image: Array, floats: list[Array], overflow: Array) -> Array:
+def _nan_if(image: Array, floats: list[Array], overflow: Array) -> Array:
+    """The image, or NaN on overflow; `floats` are the arrays that then have NaN derivatives."""
     return jnp.where(overflow, jnp.nan, image)
 
 
-def _poison_if_jvp(primals, tangents):
+def _nan_if_jvp(primals, tangents):
     image, floats, overflow = primals
-    out = _poison_if(image, floats, overflow)
+    out = _nan_if(image, floats, overflow)
     change = jnp.zeros_like(image)
     if not isinstance(tangents[0], SymbolicZero):
-        change = linear_map(_poison, _poison)(overflow, tangents[0])
+        change = linear_map(_nan_if_overflow, _nan_if_overflow)(overflow, tangents[0])
     for tangent in tangents[1]:
         if not isinstance(tangent, SymbolicZero):
-            spread, collect = _between(image, tangent)
-            change = change + linear_map(spread, collect)(overflow, tangent)
+            to_image, to_leaf = _leaf_to_image_maps(image, tangent)
+            change = change + linear_map(to_image, to_leaf)(overflow, tangent)
     return out, change
 
 
-_poison_if.defjvp(_poison_if_jvp, symbolic_zeros=True)
+_nan_if.defjvp(_nan_if_jvp, symbolic_zeros=True)
 
 
-def _poison(overflow: Array, x: Array) -> Array:
+def _nan_if_overflow(overflow: Array, x: Array) -> Array:
+    """The values `x`, or NaN on overflow: a linear map in `x` that is its own transpose."""
     return jnp.where(overflow, jnp.nan, x)
 
 
-def _between(image: Array, leaf: Array) -> tuple[Any, Any]:
+def _leaf_to_image_maps(image: Array, leaf: Array) -> tuple[Any, Any]:
     """The linear map from a tangent of `leaf` to one of `image`, and its transpose.
 
     Both return NaN everywhere on overflow, and otherwise zeros.
     """
     # Only shapes are bound: a linear map must not close over traced values.
-    forward = functools.partial(_fill, shape=image.shape, dtype=image.dtype)
-    backward = functools.partial(_fill, shape=leaf.shape, dtype=leaf.dtype)
+    forward = functools.partial(_filled, shape=image.shape, dtype=image.dtype)
+    backward = functools.partial(_filled, shape=leaf.shape, dtype=leaf.dtype)
     return forward, backward
 
 
-def _fill(overflow: Array, x: Array, shape: tuple[int, ...], dtype: Any) -> Array:
-    """An array full of NaN if `overflow` is true, else full of 0; the values of `x` are ignored."""
+def _filled(overflow: Array, x: Array, shape: tuple[int, ...], dtype: Any) -> Array:
+    """An array of NaN on overflow, else of zeros; linear maps pass `x`, which is ignored."""
     return jnp.broadcast_to(jnp.where(overflow, jnp.nan, 0.0).astype(dtype), shape)

@@ -72,12 +72,14 @@ def plan(
     growth = _checked_growth(capacity, headroom)
     check_name("on_overflow", on_overflow, OnOverflow)
     scenes = _shapes(scene) if growth.is_worst_case else _scene_list(scene)
-    for one in scenes:
-        check_types(one) if growth.is_worst_case else check(one)
+    # Without values, types are all that can be checked.
+    check_scene = check_types if growth.is_worst_case else check
+    for planned_scene in scenes:
+        check_scene(planned_scene)
     origin = checked_origin(origin)
     grid = Grid.for_canvas(height, width, coverage.rate, grid_bits)
     filter = checked_filter(filter)
-    drawings = [Drawing(one, coverage, filter, grid, origin) for one in scenes]
+    drawings = [Drawing(planned_scene, coverage, filter, grid, origin) for planned_scene in scenes]
     mode.refuse_missing(drawings)
     layout = choose_layout(drawings, mode.list_needs(drawings, max_width, growth), growth)
     return Plan(

@@ -102,10 +102,12 @@ def _count_pixels(scene: Scene, plan: Plan) -> int:
 
 def _render_one_by_one(scene: Scene, plan: Plan) -> Drawn:
     """Draw as `_render` does; in a batch, one scene after another."""
-    arrays, rest = eqx.partition((scene, plan), eqx.is_array)
+    arrays, static = eqx.partition((scene, plan), eqx.is_array)
     # Sampled coverage stores more than it takes to compute it again.
     recompute = plan.side == 0 or _count_pixels(scene, plan) > _STORED_PIXELS
-    draw = one_by_one(lambda arrays: _drawn_arrays(*eqx.combine(arrays, rest)), recompute=recompute)
+    draw = one_by_one(
+        lambda arrays: _drawn_arrays(*eqx.combine(arrays, static)), recompute=recompute
+    )
     return Drawn(*draw(arrays))
 
 

@@ -10,7 +10,7 @@ from ..gradients.boundary_term import boundary_term
 from ..gradients.sample_colors import OpaqueSamples
 from .corner_weights import buffer_weights, with_unit_corners
 from .given_colors import ArrayColors, Shade, ShadedColors
-from .overflow import poison_if
+from .overflow import nan_on_overflow
 from .projected_scene import Projected, boundary_shape
 from .sample_grid import samples_of_rows
 from .visibility import Visibility
@@ -68,7 +68,7 @@ def resolve(
         front, covered = find_visible(binned, scene, plan)
         samples = OpaqueSamples(front, covered, projected.edges, projected.depths, colors)
         image = image + _boundary(visible, projected, samples, channels)
-    return poison_if(image, visible.scene, visible.overflow)
+    return nan_on_overflow(image, visible.scene, visible.overflow)
 
 
 def _boundary(

@@ -56,12 +56,12 @@ class SampledMode(CoverageMode):
         translucent = any(map(is_translucent, scenes))
         in_order = translucent or any(scene.depth is not None for scene in scenes)
         shaded = any(is_shaded(scene, coverage.shading) for scene in scenes)
-        is_used = {
+        needed_lists = {
             "steps": in_order,
             "fragments": shaded and not translucent,
             "crossings": coverage.edge_gradients,
         }
-        unused = frozenset(name for name, used in is_used.items() if not used)
+        unused = frozenset(name for name, is_needed in needed_lists.items() if not is_needed)
         return Listing(Tiling.one_word_wide(grid), SAMPLED_HEADROOM, unused, _count_lists)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:

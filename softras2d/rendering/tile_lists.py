@@ -20,7 +20,7 @@ def list_for_plan(
     is_occluder: Bool[Array, " triangles"],
     plan: Plan,
 ) -> TileLists:
-    """List the triangles that touch each tile; all of them if the plan says so."""
+    """List the triangles that touch each tile, or every triangle if the plan says so."""
     tiling, triangles = plan.tiling, is_occluder.shape[0]
     if plan.lists_all:
         return list_every_triangle(triangles, tiling)

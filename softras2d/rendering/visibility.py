@@ -19,7 +19,7 @@ from ..planning.size_classes import pad_concrete
 from ..scene import Scene, check_types
 from .corner_weights import buffer_weights, uv_change, with_unit_corners
 from .listed_samples import ListedSamples, count_covering, nearest_layers
-from .overflow import Outcome, compare, poison_if, raise_on_overflow
+from .overflow import Outcome, compare, nan_on_overflow, raise_on_overflow
 from .projected_scene import project_scene
 from .sample_grid import map_over_rows, samples_of_rows
 from .visible_samples import bin_scene, find_visible, listed_words
@@ -29,7 +29,7 @@ MOST_BYTES = 2**31
 
 
 class Visibility(eqx.Module):
-    """What shows at each sample of a scene, made by `rasterize`.
+    """Visibility buffers: the triangle that shows at each sample of a scene, made by `rasterize`.
 
     Only `triangle` is stored. The other buffers are computed from it and from the scene whenever
     they are read; `barycentric` and `depth` are differentiable by the scene. With `layers` above 1
@@ -96,7 +96,7 @@ class Visibility(eqx.Module):
 
     def _checked(self, buffer: Array) -> Array:
         """The buffer, or NaN if triangles are missing in it."""
-        return poison_if(buffer, self.scene, self.overflow)
+        return nan_on_overflow(buffer, self.scene, self.overflow)
 
     def footprint(
         self, triangle: Int[Array, "*n"], barycentric: Float[Array, "*n 3"], uv: Any

@@ -95,7 +95,7 @@ def find_visible(binned: BinnedScene, scene: Scene, plan: Plan) -> VisibleSample
 def listed_words(
     binned: BinnedScene, plan: Plan
 ) -> tuple[UInt32[Array, "pairs rows"], UInt32[Array, "pairs rows"]]:
-    """Coverage words of each listed pair, and those of them that pass the depth test."""
+    """Coverage words of each listed pair, before and after the depth test."""
     projected, lists, steps, _ = binned
     edges, boxes, tiling = projected.edges, projected.bounds, plan.tiling
     all_valid = jnp.ones(lists.triangle.shape, bool)

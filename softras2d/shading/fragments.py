@@ -178,17 +178,17 @@ def shading_points_of_samples(
     """
     rate = tiling.grid.rate
     left, top = column - column % tiling.sample_columns, row - row % tiling.sample_rows
-    near = [edge.gather(triangle).rebased(left, top) for edge in edges]
+    pixel_edges = [edge.gather(triangle).rebased(left, top) for edge in edges]
     box = bounds.gather(triangle)
     x, y = (column - left) // rate, (row - top) // rate
 
     def add_sample(number: Array, sums: tuple[Array, ...]) -> tuple[Array, ...]:
         across, down = number % rate, number // rate
-        at = x * rate + across, y * rate + down
-        covered = (at[0] + left >= box.left) & (at[0] + left <= box.right)
-        covered = covered & (at[1] + top >= box.top) & (at[1] + top <= box.bottom)
-        for edge in near:
-            covered = covered & edge.at(*at).is_inside()
+        tile_column, tile_row = x * rate + across, y * rate + down
+        covered = (tile_column + left >= box.left) & (tile_column + left <= box.right)
+        covered = covered & (tile_row + top >= box.top) & (tile_row + top <= box.bottom)
+        for edge in pixel_edges:
+            covered = covered & edge.at(tile_column, tile_row).is_inside()
         return tuple(
             total + jnp.where(covered, term, 0)
             for total, term in zip(sums, (1, across, down), strict=True)
@@ -196,7 +196,7 @@ def shading_points_of_samples(
 
     zero = jnp.zeros_like(column)
     count, across, down = jax.lax.fori_loop(0, rate * rate, add_sample, (zero, zero, zero))
-    is_central = _is_central(weights, near[1], x, y, count, rate)
+    is_central = _is_central(weights, pixel_edges[1], x, y, count, rate)
     return _choose_point(is_central, x, y, count, across, down, rate)
 
 

@@ -51,15 +51,15 @@ class TriangleAttributes(NamedTuple):
     @property
     def is_interpolated_only(self) -> bool:
         """Whether opaque colours are interpolated on the screen, and there is no other effect."""
-        several = self.corners.color.shape[:2] == (3, 3)
-        others = (self.corners.inverse_w, self.textures, self.depth)
-        return several and all(other is None for other in others)
+        is_interpolated_opaque = self.corners.color.shape[:2] == (3, 3)
+        attributes = (self.corners.inverse_w, self.textures, self.depth)
+        return is_interpolated_opaque and all(attribute is None for attribute in attributes)
 
     @property
     def varies(self) -> bool:
         """Whether any attribute may differ from point to point of a triangle."""
-        several = self.corners.color.shape[0] == 3 or self.textures is not None
-        return several or self.depth is not None
+        has_corner_colors = self.corners.color.shape[0] == 3
+        return has_corner_colors or self.textures is not None or self.depth is not None
 
 
 class CornerColors(NamedTuple):

@@ -11,15 +11,15 @@ from ..planning.size_classes import pad_to, triangle_class
 from ..scene import Scene
 
 _CLASS_STEP = 16
-"""Ratio of the size classes of windows. Each is a program to compile; padding costs a projection,
-which is little beside the samples of a window."""
+"""Ratio of the size classes of windows. Each class is a program to compile. A triangle of
+padding only costs its projection, which is little beside the samples of a window."""
 
 
 class Piece(NamedTuple):
-    """Some triangles of a scene, and where its entries come from.
+    """Some triangles of a scene, with their indices in that scene.
 
     - `scene`: the triangles and their vertices, on the host.
-    - `triangle`, `vertex`: the index in the whole scene of each entry.
+    - `triangle`, `vertex`: for each triangle and vertex of the piece, its index in that scene.
     """
 
     scene: Scene
@@ -32,20 +32,20 @@ def piece_class(triangles: int) -> int:
     size = 64
     while size < triangles:
         size *= _CLASS_STEP
-    # Beyond, padding costs more than compiling.
+    # For larger pieces, padding by up to 16 times would cost more than compiling.
     return size if triangles <= 2**14 else triangle_class(triangles)
 
 
 def take_piece(scene: Scene, triangle: Int[np.ndarray, " triangles"]) -> Piece:
     """Take triangles by index from a scene on the host, with only the vertices that they use."""
     vertex, renumbered = np.unique(scene.triangles[triangle], return_inverse=True)
-    taken = _with_entries(
+    selected = _with_entries(
         scene,
-        of_triangle=lambda array: array[triangle],
-        of_vertex=lambda array: array[vertex],
+        change_triangles=lambda array: array[triangle],
+        change_vertices=lambda array: array[vertex],
         triangles=renumbered.reshape(-1, 3).astype(np.int32),
     )
-    return Piece(taken, triangle, vertex)
+    return Piece(selected, triangle, vertex)
 
 
 def padded(piece: Piece) -> Scene:
@@ -56,11 +56,12 @@ def padded(piece: Piece) -> Scene:
 
 def blank_piece(scene: Scene) -> Piece:
     """A piece that shows nothing but the background: all of its triangles are padding."""
-    none = np.zeros(0, np.int32)
+    no_indices = np.zeros(0, np.int32)
     if len(scene.triangles) == 0:
-        return Piece(scene, none, none)
-    first = take_piece(scene, np.zeros(1, np.int32)).scene
-    return Piece(eqx.tree_at(lambda s: s.triangles, first, first.triangles * 0), none, none)
+        return Piece(scene, no_indices, no_indices)
+    triangle = take_piece(scene, np.zeros(1, np.int32)).scene
+    without_area = eqx.tree_at(lambda scene: scene.triangles, triangle, triangle.triangles * 0)
+    return Piece(without_area, no_indices, no_indices)
 
 
 def with_witness(scene: Scene, is_negative: bool) -> Scene:
@@ -74,8 +75,8 @@ def with_witness(scene: Scene, is_negative: bool) -> Scene:
     vertices = len(scene.positions)
     extended = _with_entries(
         scene,
-        of_triangle=lambda array: np.concatenate([array, array[:1]]),
-        of_vertex=lambda array: np.concatenate(
+        change_triangles=lambda array: np.concatenate([array, array[:1]]),
+        change_vertices=lambda array: np.concatenate(
             [array, np.ones((3, *array.shape[1:]), array.dtype)]
         ),
         triangles=np.concatenate(
@@ -89,14 +90,14 @@ def with_witness(scene: Scene, is_negative: bool) -> Scene:
 def _with_entries(
     scene: Scene,
     *,
-    of_triangle: Callable[[Any], Any],
-    of_vertex: Callable[[Any], Any],
+    change_triangles: Callable[[Any], Any],
+    change_vertices: Callable[[Any], Any],
     triangles: Int[np.ndarray, "triangles 3"],
 ) -> Scene:
-    """Replace every array that has an entry for each triangle or vertex by a function of it."""
+    """Apply a function to every array with an entry for each triangle, another for each vertex."""
     functions = {
-        "positions": of_vertex, "colors": of_triangle, "uv": of_triangle,
-        "texture_index": of_triangle, "depth": of_vertex, "inverse_w": of_vertex,
+        "positions": change_vertices, "colors": change_triangles, "uv": change_triangles,
+        "texture_index": change_triangles, "depth": change_vertices, "inverse_w": change_vertices,
     }  # fmt: skip
     names = [name for name in functions if getattr(scene, name) is not None]
     # The constructor of a scene takes arrays on the device only.

@@ -82,8 +82,8 @@ class TiledPlan:
         """The plan of a window, with its origin."""
         plan = self.plans[self._class_of(number)]
         window = self.cut.window(number)
-        first = self.origin + np.array([window.x, window.y], np.int32) - self.border
-        return _at_origin(plan, first)
+        first_pixel = self.origin + np.array([window.x, window.y], np.int32) - self.border
+        return _at_origin(plan, first_pixel)
 
     def triangles_of(self, number: int) -> Int[np.ndarray, " triangles"]:
         """Indices of the triangles of a window, in draw order, of the scene that was planned."""
@@ -93,7 +93,7 @@ class TiledPlan:
         return piece_class(len(self.lists.of(number)) + (self.witness is not None))
 
     def __repr__(self) -> str:
-        cut, busiest = self.cut, int(np.diff(self.lists.first).max(initial=0))
+        cut, busiest = self.cut, int(np.diff(self.lists.starts).max(initial=0))
         return (
             f"TiledPlan: {cut.width} x {cut.height} px in {cut.columns} x {cut.rows} windows of "
             f"{cut.tile} px, at most {busiest:,} triangles in one, {len(self.plans)} programs"
@@ -143,20 +143,20 @@ def plan_tiles(
     origin, filter = checked_origin(origin), checked_filter(filter)
     cut = _checked_cut(height, width, tile, coverage)
     border = int(gradients and isinstance(coverage, Hard) and coverage.edge_gradients)
-    whole_grid, grid = _grids(cut, border, coverage, grid_bits)
+    canvas_grid, grid = _grids(cut, border, coverage, grid_bits)
     host = jax.tree.map(np.asarray, scene)
-    whole = Drawing(host, coverage, filter, whole_grid, origin)
-    mode.refuse_missing([whole])
+    canvas = Drawing(host, coverage, filter, canvas_grid, origin)
+    mode.refuse_missing([canvas])
     corners = scene_corners(host)
-    listing = mode.list_needs([whole], None, Growth())
+    listing = mode.list_needs([canvas], None, Growth())
     triangles = len(host.triangles)
     if _lists_all(max(triangles, 1), listing):
         lists = _lists_of_all(triangles, cut)
     else:
-        lists = list_triangles(_boxes(corners, whole, border, mode), cut, border)
+        lists = list_triangles(_boxes(corners, canvas, border, mode), cut, border)
     is_sum = isinstance(coverage, Area) and coverage.compositing == "sum"
     witness = _orientation_of_all(corners) if is_sum else None
-    windows = _Windows(whole, grid, cut, border, lists, int(is_sum))
+    windows = _Windows(canvas, grid, cut, border, lists, int(is_sum))
     return TiledPlan(cut, origin, border, lists, _plans(windows, mode, listing), witness, gradients)
 
 
@@ -195,15 +195,15 @@ def _grids(cut: Cut, border: int, coverage: Coverage, grid_bits: int | None) -> 
     return grid._replace(height=cut.height, width=cut.width), grid
 
 
-def _boxes(corners: np.ndarray, whole: Drawing, border: int, mode: CoverageMode) -> Boxes:
+def _boxes(corners: np.ndarray, canvas: Drawing, border: int, mode: CoverageMode) -> Boxes:
     """The bounding boxes of the triangles, as far as they can change a pixel."""
     if isinstance(mode, AnalyticMode):
         # One pixel more than the coverage reaches, for roundings.
-        return reached_boxes(corners - whole.origin, mode.reach(whole.coverage, None) + 1.0)
+        return reached_boxes(corners - canvas.origin, mode.reach(canvas.coverage, None) + 1.0)
     if border:
         # A triangle between two samples changes no pixel, but has a gradient.
-        return reached_boxes(corners - whole.origin, 1.0)
-    return sampled_boxes(corners, whole.grid, np.asarray(whole.origin))
+        return reached_boxes(corners - canvas.origin, 1.0)
+    return sampled_boxes(corners, canvas.grid, np.asarray(canvas.origin))
 
 
 def _lists_of_all(triangles: int, cut: Cut) -> TriangleLists:
@@ -213,58 +213,61 @@ def _lists_of_all(triangles: int, cut: Cut) -> TriangleLists:
 
 
 class _Windows(NamedTuple):
-    """What the plans of all windows are made from.
+    """The scene, the windows and the lists from which the plans of all windows are made.
 
-    - `whole`: the scene on the whole canvas; `grid`: that of one window with its border.
-    - `more`: triangles that each piece has beside those of its list.
+    - `canvas`: the scene on the whole canvas.
+    - `grid`: the fixed-point grid of one window with its border.
+    - `extra_triangles`: number of triangles that each piece has beside those of its list.
     """
 
-    whole: Drawing
+    canvas: Drawing
     grid: Grid
     cut: Cut
     border: int
     lists: TriangleLists
-    more: int
+    extra_triangles: int
 
     def drawing(self, number: int) -> Drawing:
         """The triangles of a window on its canvas."""
         window = self.cut.window(number)
-        first = np.array([window.x, window.y], np.int32) - self.border
-        return self.whole._replace(
-            scene=take_piece(self.whole.scene, self.lists.of(number)).scene,
+        first_pixel = np.array([window.x, window.y], np.int32) - self.border
+        return self.canvas._replace(
+            scene=take_piece(self.canvas.scene, self.lists.of(number)).scene,
             grid=self.grid,
-            origin=self.whole.origin + first,
+            origin=self.canvas.origin + first_pixel,
         )
 
     def groups(self) -> dict[int, list[int]]:
         """Numbers of the windows of each size class."""
         groups: defaultdict[int, list[int]] = defaultdict(list)
-        for number, length in enumerate(np.diff(self.lists.first)):
-            groups[piece_class(int(length) + self.more)].append(number)
+        for number, length in enumerate(np.diff(self.lists.starts)):
+            groups[piece_class(int(length) + self.extra_triangles)].append(number)
         return groups
 
 
-def _plans(windows: _Windows, mode: CoverageMode, whole_listing: Listing) -> dict[int, Plan]:
+def _plans(windows: _Windows, mode: CoverageMode, canvas_listing: Listing) -> dict[int, Plan]:
     """The plan of each size class of windows."""
     groups, lists = windows.groups(), windows.lists
     drawings = {
         number: windows.drawing(number)
-        for number in np.flatnonzero(np.diff(lists.first) > 0).tolist()
+        for number in np.flatnonzero(np.diff(lists.starts) > 0).tolist()
     }
-    every = list(drawings.values()) or [windows.whole._replace(grid=windows.grid)]
-    listing = mode.list_needs(every, None, Growth(), whole_listing.side or None)
-    triangles = max(len(windows.whole.scene.triangles), 1)
-    if _lists_all(triangles, whole_listing):
+    all_drawings = list(drawings.values()) or [windows.canvas._replace(grid=windows.grid)]
+    listing = mode.list_needs(all_drawings, None, Growth(), canvas_listing.side or None)
+    triangles = max(len(windows.canvas.scene.triangles), 1)
+    if _lists_all(triangles, canvas_listing):
         layout = layout_of_all(triangles, listing)
-        return {size: _plan(windows.grid, every, layout, mode) for size in groups}
+        return {size: _plan(windows.grid, all_drawings, layout, mode) for size in groups}
     counts = {number: _compact(listing.count(drawing)) for number, drawing in drawings.items()}
-    layers = choose_layers([_counts_of_whole(windows, counts, listing)], listing.headroom)
+    layers = choose_layers([_counts_of_canvas(windows, counts, listing)], listing.headroom)
     plans = {}
     for size, numbers in groups.items():
-        used = [number for number in numbers if number in counts]
-        needs = [counts[number] for number in used] or [_NO_LISTS]
+        occupied = [number for number in numbers if number in counts]
+        needs = [counts[number] for number in occupied] or [_NO_LISTS]
         layout = layout_for(needs, size, listing, layers=layers)
-        plans[size] = _plan(windows.grid, [drawings[n] for n in used] or every, layout, mode)
+        plans[size] = _plan(
+            windows.grid, [drawings[n] for n in occupied] or all_drawings, layout, mode
+        )
     return plans
 
 
@@ -282,31 +285,30 @@ def _compact(counts: Counts) -> Counts:
     return counts._replace(list_lengths=lengths if len(lengths) else np.zeros(1, np.int64))
 
 
-def _counts_of_whole(windows: _Windows, counts: dict[int, Counts], listing: Listing) -> Counts:
+def _counts_of_canvas(windows: _Windows, counts: dict[int, Counts], listing: Listing) -> Counts:
     """Counts of the whole canvas, whose chunks are to have as many slots as those of its windows.
 
     The windows of the last row and column reach beyond the canvas. They are counted again without
     the tiles there.
     """
     lengths = [np.zeros(1, np.int64)]
-    for number, each in counts.items():
+    for number, window_counts in counts.items():
         window = windows.cut.window(number)
         is_cut = (window.height, window.width) != (windows.grid.height, windows.grid.width)
         if is_cut and not windows.border and not listing.side:
             grid = windows.grid._replace(height=window.height, width=window.width)
-            each = _compact(listing.count(windows.drawing(number)._replace(grid=grid)))
-        lengths.append(each.list_lengths)
+            window_counts = _compact(listing.count(windows.drawing(number)._replace(grid=grid)))
+        lengths.append(window_counts.list_lengths)
     return Counts(0, 0, np.sort(np.concatenate(lengths))[::-1])
 
 
 def _plan(grid: Grid, drawings: Sequence[Drawing], layout: Layout, mode: CoverageMode) -> Plan:
     """The plan of windows that share a program, at the origin (0, 0)."""
-    first = drawings[0]
     return Plan(
         height=grid.height,
         width=grid.width,
-        coverage=first.coverage,
-        filter=first.filter,
+        coverage=drawings[0].coverage,
+        filter=drawings[0].filter,
         origin=to_device(np.zeros(2, np.int32)),
         capacity=layout.capacity,
         side=layout.tile_side,

@@ -74,16 +74,16 @@ class Cut:
 class TriangleLists(NamedTuple):
     """Triangles of every window, in draw order, one list after another.
 
-    - `triangle`: indices of triangles.
-    - `first`: where the list of each window begins, and the total at the end.
+    - `triangle`: index of the triangle of each entry.
+    - `starts`: index of the first entry of each window, and the number of all entries at the end.
     """
 
     triangle: Int[np.ndarray, " pairs"]
-    first: Int[np.ndarray, " windows_and_one"]
+    starts: Int[np.ndarray, " windows_and_one"]
 
     def of(self, number: int) -> Int[np.ndarray, " triangles"]:
         """The triangles of the window of this number."""
-        return self.triangle[self.first[number] : self.first[number + 1]]
+        return self.triangle[self.starts[number] : self.starts[number + 1]]
 
 
 class Boxes(NamedTuple):
@@ -105,9 +105,10 @@ def reached_boxes(corners: Float[np.ndarray, "triangles 3 2"], reach: float) -> 
 def sampled_boxes(
     corners: Float[np.ndarray, "triangles 3 2"], grid: Grid, origin: Int[np.ndarray, "2"]
 ) -> Boxes:
-    """Pixels of the samples in the bounding boxes of triangles, exactly as a render finds them.
+    """Pixels of the samples in the bounding boxes of triangles, exactly as `render` computes them.
 
-    `corners` are in pixels of the scene, of which `origin` is the canvas's first. A window must not
+    `corners` are in pixels of the scene, and `origin` is the pixel at the canvas's upper left. A
+    window must not
     list a triangle that the whole canvas does not: colours would be summed in another order.
     """
     unit, rate = 2.0**grid.bits, grid.rate
@@ -138,14 +139,14 @@ def list_triangles(boxes: Boxes, cut: Cut, border: int = 0) -> TriangleLists:
     across, down = np.maximum(stop - start, 0).T
     count = np.where(on_canvas, across * down, 0)
     triangle = np.repeat(np.arange(len(count)), count)
-    within = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
-    row, column = np.divmod(within, np.maximum(across[triangle], 1))
+    window_of_box = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
+    row, column = np.divmod(window_of_box, np.maximum(across[triangle], 1))
     window = (start[triangle, 1] + row) * cut.columns + start[triangle, 0] + column
     # A stable sort keeps the draw order within each window.
     order = np.argsort(window, kind="stable")
     lengths = np.bincount(window, minlength=cut.count)
-    first = np.concatenate([[0], np.cumsum(lengths)])
-    return TriangleLists(triangle[order].astype(np.int32), first)
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    return TriangleLists(triangle[order].astype(np.int32), starts)
 
 
 def scene_corners(scene: Scene) -> Float[np.ndarray, "triangles 3 2"]:

@@ -36,8 +36,8 @@ class PlanCompiler:
         """
         if kind in self._plans or self._is_closed:
             return
-        for other in [other for other, plan in self._plans.items() if plan.cancel()]:
-            del self._plans[other]
+        for cancelled_kind in [kind for kind, plan in self._plans.items() if plan.cancel()]:
+            del self._plans[cancelled_kind]
         self._plans[kind] = self._thread.submit(_compile, scene, view, settings)
         while len(self._plans) > _KEPT:
             self._plans.popitem(last=False)

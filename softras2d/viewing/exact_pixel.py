@@ -45,10 +45,10 @@ def exact_pixel(scene: Scene, column: int, row: int) -> list[float] | None:
     total = np.zeros(len(background))
     pieces = [([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)], 1.0)]
     for number in np.flatnonzero(touches)[::-1].tolist():
-        left = []
+        remaining = []
         for polygon, transmittance in pieces:
             covered, uncovered = _cut(polygon, _counterclockwise(corners[number]))
-            left += [(part, transmittance) for part in uncovered]
+            remaining += [(outside, transmittance) for outside in uncovered]
             if covered:
                 area, centroid = _area_and_centroid(covered)
                 color = colors[number, 0]
@@ -59,8 +59,8 @@ def exact_pixel(scene: Scene, column: int, row: int) -> list[float] | None:
                 premultiplied = np.append(alpha * color[:3], alpha)[: len(total)]
                 total += transmittance * area * premultiplied
                 if alpha < 1:
-                    left.append((covered, transmittance * (1 - alpha)))
-        pieces = left
+                    remaining.append((covered, transmittance * (1 - alpha)))
+        pieces = remaining
         if len(pieces) > _MOST_PIECES:
             return None
     for polygon, transmittance in pieces:
@@ -88,8 +88,8 @@ def _split(polygon: list[_Point], start: _Point, end: _Point) -> tuple[list[_Poi
     distances = [dx * (py - y) - dy * (px - x) for px, py in polygon]
     inside: list[_Point] = []
     outside: list[_Point] = []
-    for at, (point, distance) in enumerate(zip(polygon, distances, strict=True)):
-        before, distance_before = polygon[at - 1], distances[at - 1]
+    for index, (point, distance) in enumerate(zip(polygon, distances, strict=True)):
+        before, distance_before = polygon[index - 1], distances[index - 1]
         if distance * distance_before < 0:
             t = distance_before / (distance_before - distance)
             crossing = (
@@ -117,10 +117,10 @@ def _area_and_centroid(polygon: list[_Point]) -> tuple[float, _Point]:
     area = moment_x = moment_y = 0.0
     # Relative to the first corner, so that small polygons keep their digits.
     for (px, py), (qx, qy) in itertools.pairwise(polygon[1:]):
-        part = ((px - x) * (qy - y) - (py - y) * (qx - x)) / 2
-        area += part
-        moment_x += part * (px + qx - 2 * x) / 3
-        moment_y += part * (py + qy - 2 * y) / 3
+        triangle_area = ((px - x) * (qy - y) - (py - y) * (qx - x)) / 2
+        area += triangle_area
+        moment_x += triangle_area * (px + qx - 2 * x) / 3
+        moment_y += triangle_area * (py + qy - 2 * y) / 3
     if area == 0:
         return 0.0, (x, y)
     return area, (x + moment_x / area, y + moment_y / area)

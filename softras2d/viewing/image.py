@@ -122,14 +122,17 @@ def pyramid_image(name: str, textures: TexturePyramid) -> Image:
 
 
 def _source_indices(start: int, count: int, enlarged: int, source: int) -> np.ndarray:
-    """For each pixel of a canvas the index in the image, or -1 outside of it."""
-    at = start + np.arange(count)
-    index = (2 * at + 1) * source // (2 * enlarged)
-    return np.where((at >= 0) & (at < enlarged), index, -1)
+    """Index in an image, along one axis, of the pixel that each pixel of a canvas shows, or -1.
+
+    The image has `source` pixels, enlarged to `enlarged`, and the canvas begins at its `start`.
+    """
+    position = start + np.arange(count)
+    index = (2 * position + 1) * source // (2 * enlarged)
+    return np.where((position >= 0) & (position < enlarged), index, -1)
 
 
 def _shrink(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """The means over blocks of pixels, `height` x `width` of them."""
+    """Shrink an image to `height` x `width` pixels, each the mean over a block of its pixels."""
     # Premultiplied, so that transparent pixels do not bleed their colour.
     sums, weight = premultiply(image), np.ones((*image.shape[:2], 1), image.dtype)
     for axis, count in ((0, height), (1, width)):

@@ -36,7 +36,7 @@ _REFERENCE_SAMPLES = 256
 
 
 class PixelReport(NamedTuple):
-    """What the inspector shows.
+    """The values that the inspector shows for a pixel and those around it.
 
     - `facts`: the inspected pixel, for JSON.
     - `samples`: straight RGBA of each sample of the lens, in rows; one per pixel for analytic
@@ -95,7 +95,7 @@ def inspect_pixel(
 def reference_value(
     artist: Artist, scene: Scene, view: View, settings: Settings, column: int, row: int
 ) -> tuple[str, list[float]]:
-    """The value that a pixel of a view should have, and what it is called.
+    """The value to compare a pixel of a view with, and how it was computed.
 
     It is the mean of the drawing over the exact area of the pixel, or the value with 256 samples
     where `exact_pixel` has none.

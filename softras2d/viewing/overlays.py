@@ -70,9 +70,9 @@ def position_gradients(
         return _gradient(pad_concrete(scene, plan), plan, pixels)
 
     gradient, _ = artist.with_plan(compute, scene, view, settings)
-    used = np.unique(np.asarray(scene.triangles))
-    vectors = np.asarray(gradient, np.float64)[used]
-    points = np.asarray(scene.positions, np.float64)[used] - [view.x, view.y]
+    used_vertices = np.unique(np.asarray(scene.triangles))
+    vectors = np.asarray(gradient, np.float64)[used_vertices]
+    points = np.asarray(scene.positions, np.float64)[used_vertices] - [view.x, view.y]
     in_view = ((points >= 0) & (points <= [view.width, view.height])).all(axis=1)
     rows = np.concatenate([points, vectors], axis=1)[in_view & np.isfinite(vectors).all(axis=1)]
     longest_first = np.argsort(-np.hypot(rows[:, 2], rows[:, 3]), kind="stable")

@@ -65,9 +65,13 @@ class ViewPlans:
     ) -> Plan:
         """A plan for this view, which may turn out to be too small; `grid_bits` as in `plan`."""
         kind, octave = kind_of(scene, view, settings, grid_bits), _octave(view)
-        near = sorted((abs(other - octave), other) for known, other in self._plans if known == kind)
-        if near:
-            plan = self._plans[kind, near[0][1]]
+        nearest_first = sorted(
+            (abs(known_octave - octave), known_octave)
+            for known_kind, known_octave in self._plans
+            if known_kind == kind
+        )
+        if nearest_first:
+            plan = self._plans[kind, nearest_first[0][1]]
         elif view.height * view.width >= SNUG_PIXELS:
             plan = _make_plan([scene], view, settings, grid_bits, headroom=1.0)
         else:
@@ -150,7 +154,7 @@ def _octave(view: View) -> int:
 
 
 def kind_of(scene: Scene, view: View, settings: Settings, grid_bits: int | None = None) -> Hashable:
-    """What two views must share to be drawn by one program."""
+    """A key that is the same for views that one program can draw."""
     textures = scene.textures
     return (
         jax.tree.structure(scene),

@@ -36,7 +36,7 @@ class Reply(NamedTuple):
 
 
 class Session:
-    """Subjects to look at, and what draws them. One thread at a time may call `answer`."""
+    """Answers requests about the subjects of a viewer. One thread at a time may call `answer`."""
 
     def __init__(self, subjects: Sequence[Subject]):
         if not subjects:
@@ -188,12 +188,14 @@ class Session:
         subject, view, settings = self._read(request)
         scene = subject.scene_at(view.zoom)
         plan = self._artist.render(scene, view, settings)[1]
-        for effect, whole, less in price_effects(scene, plan, repeats=_COST_REPEATS):
+        for effect, with_effect, without_effect in price_effects(
+            scene, plan, repeats=_COST_REPEATS
+        ):
             yield Reply(
                 {
                     "effect": effect,
-                    "milliseconds": 1e3 * whole.seconds,
-                    "milliseconds_without": 1e3 * less.seconds,
+                    "milliseconds": 1e3 * with_effect.seconds,
+                    "milliseconds_without": 1e3 * without_effect.seconds,
                     "is_last": effect == plan.effects[-1] if plan.effects else True,
                 }
             )
@@ -246,7 +248,7 @@ def _bytes(array: np.ndarray) -> memoryview:
 
 
 def _describe(subject: Subject) -> dict[str, Any]:
-    """What a page needs to know of a subject before it draws it."""
+    """The facts about a subject that a page needs before it draws it, for JSON."""
     facts: dict[str, Any] = {
         "name": subject.name,
         "version": subject.version,

@@ -93,7 +93,7 @@ def _no_layers(plan: Plan, layers: int) -> WindowLayers:
 
 
 def on_host(layers: WindowLayers) -> WindowLayers:
-    """The same layers as NumPy arrays."""
+    """Copy layers to the host, as NumPy arrays."""
     return jax.tree.map(np.asarray, layers)
 
 

@@ -35,7 +35,9 @@ from softras2d.io.svg import (
     units,
     view_box,
 )
+from softras2d.io.svg.font_size import shorthand_size
 from softras2d.io.svg.reader import parse_svg, read_svg
+from softras2d.io.svg.transform_origin import transform_origin
 
 from ..cases.marks import slowly
 from ..cases.png_files import png
@@ -122,6 +124,10 @@ def declarations(attributes):
     )
 
 
+def document_size(attributes):
+    return view_box.document_size(declarations(attributes), 16.0, lambda *_: None)
+
+
 def style_sheet(text):
     element = tree.Element("style", "style", {}, None, 1)
     element.texts = [text]
@@ -150,12 +156,14 @@ PARSERS = {
     "media query": lambda text: media_queries.matches(text, 9, 9),
     "media feature": lambda text: media_queries.matches(f"(width < {text})", 9, 9),
     "background": style._background,
-    "origin": lambda text: style.transform_origin(text, (0.0, 0.0, 1.0, 1.0), VIEWPORT, 16.0),
+    "origin": lambda text: transform_origin(text, (0.0, 0.0, 1.0, 1.0), VIEWPORT, 16.0),
+    "font": lambda text: shorthand_size(text, 16.0, VIEWPORT),
     "dashes": lambda text: style._dasharray(text, style.INITIAL, VIEWPORT, 16.0),
     "url": style.reference_of,
     "view_box": lambda text: view_box.view_box({"viewBox": text}),
     "aspect": lambda text: view_box.fit(view_box.Box(0.0, 0.0, 1.0, 1.0), 1.0, 1.0, text),
-    "width": lambda text: view_box.document_size({"width": text, "height": "1"}, "svg"),
+    "width": lambda text: document_size({"width": text, "height": "1"}),
+    "CSS width": lambda text: document_size({"style": f"width: {text}", "height": "1"}),
     "data": assets._embedded,
     "file": lambda text: assets.Assets(Path(), Path(), alpha=True).declare("0", text),
 }

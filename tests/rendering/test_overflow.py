@@ -10,7 +10,7 @@ import pytest
 
 import softras2d as sr
 from softras2d.rendering import overflow
-from softras2d.rendering.overflow import _poison_if
+from softras2d.rendering.overflow import _nan_if
 
 from ..cases.derivatives import assert_near
 from ..cases.overflow import SIDE, small_and_large_scene, too_large_for_plan
@@ -58,7 +58,7 @@ def test_derivatives_are_nan_in_both_directions(overflow):
 
     def image_of(leaves):
         image = jnp.sin(leaves[0].sum()) * jnp.ones((2, 2, 3)) + leaves[1][0]
-        return _poison_if(image, leaves, jnp.asarray(overflow))
+        return _nan_if(image, leaves, jnp.asarray(overflow))
 
     def plain(leaves):
         return jnp.sin(leaves[0].sum()) * jnp.ones((2, 2, 3)) + leaves[1][0]
@@ -87,13 +87,13 @@ def complaints(monkeypatch):
     """The messages that compiled programs raise, one for each time."""
     messages = []
 
-    complain = overflow.complaint
+    complain = overflow.overflow_message
 
     def record(outcome, plan):
         messages.append(complain(outcome, plan))
         return messages[-1]
 
-    monkeypatch.setattr(overflow, "complaint", record)
+    monkeypatch.setattr(overflow, "overflow_message", record)
     return messages
 
 

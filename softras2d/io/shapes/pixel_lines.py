@@ -190,10 +190,11 @@ def advance(
         if increment <= 0 or (value > 0) != (base > 0) or math.frexp(value)[1] != exponent:
             continue
         nearest = min(end, goal) - float(base)
-        more = int(min(nearest / increment, _MAX_STEPS)) - 1
-        more = min(more, most - count - 1)
-        if more > 0:
-            value, count = np.float32(float(base) + more * increment), count + 1 + more
+        equal_steps = int(min(nearest / increment, _MAX_STEPS)) - 1
+        equal_steps = min(equal_steps, most - count - 1)
+        if equal_steps > 0:
+            value = np.float32(float(base) + equal_steps * increment)
+            count += 1 + equal_steps
     return value, count
 
 

@@ -27,13 +27,13 @@ def filled(contours: Sequence[np.ndarray], evenodd: bool, budget: Budget) -> Any
 
 
 def intersection(first: Any, second: Any, budget: Budget) -> Any:
-    """What two regions have in common."""
+    """The intersection of two regions."""
     _charge(budget, first, second)
     return polygons_of(shapely.intersection(first, second))
 
 
 def difference(region: Any, removed: Any, budget: Budget) -> Any:
-    """A region without what another one covers."""
+    """The difference of two regions: the first without the second."""
     _charge(budget, region, removed)
     return polygons_of(shapely.difference(region, removed))
 

@@ -86,7 +86,7 @@ _MAX_OUTRANKED = 16
 
 
 class _Cost(NamedTuple):
-    """What the time of testing a selector depends on.
+    """Properties of a selector that bound the time of testing it.
 
     - `descendants`, `tildes`: numbers of combinators that leave a choice of ancestors or siblings.
     - `last_looks_at_siblings`: whether a pseudo-class of the last compound looks at all siblings.

@@ -97,7 +97,7 @@ class ClipPaths:
         self, target: Element, map3: np.ndarray, box: Box | None, in_box: bool,
         chain: tuple[Element, ...],
     ) -> Any:  # fmt: skip
-        """The region of a `clipPath`: the union of its children, clipped by its own `clip-path`."""
+        """The union of the children of a `clipPath`, clipped by its property `clip-path`."""
         style, outer_map = self._page.style_in_place(target), map3
         map3 = transformed(self._page, target, self._page.declared(target), style, map3)
         if in_box and box is not None:

@@ -70,5 +70,6 @@ _MAX_NAMES = 50
 
 def _counts(counter: Counter[str]) -> str:
     names = [f"{name[:60]} ({count})" for name, count in sorted(counter.items())]
-    more = [f"{len(names) - _MAX_NAMES} more"] if len(names) > _MAX_NAMES else []
-    return ", ".join(names[:_MAX_NAMES] + more)
+    if len(names) > _MAX_NAMES:
+        names[_MAX_NAMES:] = [f"{len(names) - _MAX_NAMES} more"]
+    return ", ".join(names)

@@ -243,7 +243,7 @@ def _matching_rows(
     source: Int[np.ndarray, " vertices"],
     sources: list[FillSource],
 ) -> Int[np.ndarray, " vertices"]:
-    """For each vertex, the row of the point of its source that is equal in float32, or -1."""
+    """Row of the point of its source that each vertex equals in float32, or -1."""
     if not sources:
         return np.full(len(vertices), -1)
     mapped, owner = [], []

@@ -15,7 +15,7 @@ from .css_color import Rgba
 from .document import Attributes, Children
 from .numbers import blank_separated, leading_float, number_pairs
 from .transform_attribute import course_transform
-from .view_box import course_view, document_size
+from .view_box import course_size, course_view
 
 _HEX = re.compile(r"\s*+#?+([0-9a-fA-F]*+)")
 
@@ -82,7 +82,7 @@ class CourseReader:
         """The course's view of the drawing, unless the caller gave a transform."""
         if tag != "svg":
             raise ValueError("is the root, which must be <svg>.")
-        size = document_size(attributes, "course")
+        size = course_size(attributes)
         map3 = self._context.transform
         if map3 is None:
             if size is None:

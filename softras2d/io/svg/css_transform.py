@@ -25,7 +25,7 @@ _DEGREES = {"deg": 1.0, "rad": 180 / math.pi, "grad": 0.9, "turn": 360.0}
 
 
 class Units(NamedTuple):
-    """What lengths in a transform are relative to.
+    """Sizes to which the lengths in a transform are relative.
 
     `box` is the reference box, for percentages.
     """

@@ -16,8 +16,9 @@ from .css_transform import (
 )
 from .notices import INVALID
 from .page import Page, Report
-from .style import Style, transform_origin
+from .style import Style
 from .transform_attribute import transform_list
+from .transform_origin import transform_origin
 from .tree import Element
 from .view_box import Box
 
@@ -37,7 +38,7 @@ def element_transform(
     style: Style,
     bounds: Callable[[], Box | None],
 ) -> Float64[ndarray, "3 3"] | None:
-    """The map from an element's user units to those around it; None if they are the same.
+    """The map from an element's user units to those of its parent; None without a transform.
 
     An invalid transform is noted and has no effect. `bounds` is called for the bounding box of the
     element if its `transform-box` is that.

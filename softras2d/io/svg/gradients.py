@@ -2,7 +2,7 @@
 
 The colours inside a triangle are an affine function of the position, whose matrix has rank two. A
 linear gradient is constant along parallel lines, so its matrix has rank one. `fit_gradients` finds
-the nearest gradient by a singular value decomposition of the corner colours. What is left over has
+the nearest gradient by a singular value decomposition of the corner colours. The residual has
 rank one too. Where it would be visible, a second gradient in the blend mode `hard-light` adds it:
 grey leaves the colour below unchanged, lighter greys lighten it and darker greys darken it.
 """
@@ -95,12 +95,14 @@ def fit_gradients(
     corners, colors = corners.astype(np.float64), np.clip(colors.astype(np.float64), 0.0, 1.0)
     mean = colors.mean(axis=1)
     # The deviations of three corners sum to zero, so at most two singular values are not zero.
-    left, singular_values, directions = np.linalg.svd(colors - mean[:, None], full_matrices=False)
+    left_vectors, singular_values, directions = np.linalg.svd(
+        colors - mean[:, None], full_matrices=False
+    )
     # A singular vector has either sign. Pointing it to the lighter end makes files reproducible.
     signs = np.where(directions.sum(axis=2) < 0, -1.0, 1.0)
     directions = directions * signs[:, :, None]
     # Coordinates of each corner colour along the two directions.
-    coordinates = left * (singular_values * signs)[:, None]
+    coordinates = left_vectors * (singular_values * signs)[:, None]
     first, second = (_gradient_lines(corners, coordinates[:, :, k]) for k in (0, 1))
     first = first._replace(is_valid=first.is_valid & (singular_values[:, 0] > _FLAT))
     low, high = (
@@ -115,12 +117,12 @@ def fit_gradients(
     if colors.shape[2] == 4:
         has_second &= (colors[..., 3] == 1).all(axis=1)
     # The second gradient is computed for the mean colour: exact where the first one has it.
-    below = mean[:, :3]
+    backdrop = mean[:, :3]
     second_low, second_high = (
-        _hard_light_source(value[:, None] * directions[:, 1, :3], below)
+        _hard_light_source(value[:, None] * directions[:, 1, :3], backdrop)
         for value in (second.low, second.high)
     )
-    source = _hard_light_source(residual[..., :3], below[:, None])
+    source = _hard_light_source(residual[..., :3], backdrop[:, None])
     shown[..., :3] = np.where(
         has_second[:, None, None], hard_light(shown[..., :3], source), shown[..., :3]
     )
@@ -137,29 +139,30 @@ def _inset(
 ) -> tuple[GradientLines, tuple[np.ndarray, np.ndarray]]:
     """Move both ends of each line inwards by `INSET`, at most to its middle.
 
-    `low` and `high` are the colours at the old ends; returns the lines and those at the new ends.
+    `low` and `high` are the colours at the old ends. Returns the shorter lines, and the colours at
+    both of their ends.
     """
-    along = lines.end - lines.start
-    length = np.sqrt((along**2).sum(axis=1, keepdims=True))
+    line_vector = lines.end - lines.start
+    length = np.sqrt((line_vector**2).sum(axis=1, keepdims=True))
     t = np.minimum(INSET / np.maximum(length, 2.0 * INSET), 0.5)
-    shorter = lines._replace(start=lines.start + t * along, end=lines.end - t * along)
+    shorter = lines._replace(start=lines.start + t * line_vector, end=lines.end - t * line_vector)
     return shorter, (low + t * (high - low), high + t * (low - high))
 
 
 def hard_light(
-    below: Float[np.ndarray, "*shape"], source: Float[np.ndarray, "*shape"]
+    backdrop: Float[np.ndarray, "*shape"], source: Float[np.ndarray, "*shape"]
 ) -> Float[np.ndarray, "*shape"]:
-    """Blend `source` over the opaque colours `below` in the mode `hard-light`.
+    """Blend `source` over the opaque colours `backdrop` in the mode `hard-light`.
 
     **Source:** *Compositing and Blending Level 1* (W3C, 2024), section 10.1.9.
     """
-    darker, lighter = 2.0 * below * source, below + (1.0 - below) * (2.0 * source - 1.0)
+    darker, lighter = 2.0 * backdrop * source, backdrop + (1.0 - backdrop) * (2.0 * source - 1.0)
     return np.where(source <= 0.5, darker, lighter)
 
 
-def _hard_light_source(difference: np.ndarray, below: np.ndarray) -> np.ndarray:
-    """The source with which `hard_light` adds `difference` to `below`, clamped to 0..1."""
-    largest = np.where(difference < 0, below, 1.0 - below)
+def _hard_light_source(difference: np.ndarray, backdrop: np.ndarray) -> np.ndarray:
+    """The source with which `hard_light` adds `difference` to `backdrop`, clamped to 0..1."""
+    largest = np.where(difference < 0, backdrop, 1.0 - backdrop)
     return np.clip(0.5 + 0.5 * difference / np.maximum(largest, 1 / 255), 0.0, 1.0)
 
 
@@ -173,8 +176,8 @@ def _gradient_lines(
     area = ux * vy - uy * vx
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         gradient = np.stack([du * vy - dv * uy, dv * ux - du * vx], axis=1) / area[:, None]
-        along = gradient * ((high - low) / (gradient**2).sum(axis=1))[:, None]
-    is_valid = np.isfinite(along).all(axis=1)
+        line_vector = gradient * ((high - low) / (gradient**2).sum(axis=1))[:, None]
+    is_valid = np.isfinite(line_vector).all(axis=1)
     start = np.take_along_axis(corners, lowest[:, None, None], axis=1)[:, 0]
-    end = start + np.where(is_valid[:, None], along, 0.0)
+    end = start + np.where(is_valid[:, None], line_vector, 0.0)
     return GradientLines(start, end, low, high, is_valid)

@@ -11,7 +11,7 @@ from .units import Viewport
 class Instance(NamedTuple):
     """A copy of an element that is being drawn.
 
-    - `target`: the element; `use`: what asks for the copy.
+    - `target`: the element; `use`: the element `use` that asks for the copy.
     - `outer`: the copy inside of which this one is drawn, or None.
     """
 
@@ -21,9 +21,9 @@ class Instance(NamedTuple):
 
 
 class InheritedState(NamedTuple):
-    """What an element passes on to its children.
+    """Style, placement and viewport that an element passes on to its children.
 
-    - `viewport`: what their lengths are relative to.
+    - `viewport`: sizes to which their lengths are relative.
     - `instance`: the innermost copy of which they are a part; None outside of all copies.
     """
 

@@ -14,7 +14,7 @@ import shapely
 
 from ..budget import Budget
 from ..shapes.regions import difference, grown, intersection, is_empty, united
-from .paint import Paint, over
+from .paint import Paint, composite_paints
 
 _GAP = 2.0**-10
 """Width, in pixels, by which a shape is cut farther than the shape above it reaches.
@@ -37,34 +37,34 @@ class Item(NamedTuple):
     family: int = -1
 
 
-def flattened(items: Sequence[Item], budget: Budget) -> tuple[list[Item], bool]:
+def disjoint_cells(items: Sequence[Item], budget: Budget) -> tuple[list[Item], bool]:
     """Divide the items of a group, in draw order, into cells that do not overlap.
 
     Returns also whether all colours are exact.
     """
     neighbours = _overlapping(items, budget)
-    if not any(len(above) for above in neighbours):
+    if not any(len(in_front) for in_front in neighbours):
         return list(items), True
     visible = _without_hidden(items, neighbours, budget)
     cells: list[list[Item]] = [[] for _ in items]
-    below: list[list[int]] = [[] for _ in items]
-    for index, above in enumerate(neighbours):
-        for higher in above.tolist():
-            below[higher].append(index)
+    items_behind: list[list[int]] = [[] for _ in items]
+    for index, in_front in enumerate(neighbours):
+        for later in in_front.tolist():
+            items_behind[later].append(index)
     is_exact = True
     for index, item in enumerate(visible):
-        rest = item.region
+        uncovered = item.region
         if not item.paint.is_opaque:
-            for lower in below[index]:
-                rest, exact = _blend(item, rest, cells, lower, index, budget)
-                is_exact &= exact
-        if not is_empty(rest):
-            cells[index].append(item._replace(region=rest))
-    return [cell for group in cells for cell in group], is_exact
+            for behind in items_behind[index]:
+                uncovered, is_blend_exact = _blend(item, uncovered, cells, behind, index, budget)
+                is_exact &= is_blend_exact
+        if not is_empty(uncovered):
+            cells[index].append(item._replace(region=uncovered))
+    return [cell for cells_of_item in cells for cell in cells_of_item], is_exact
 
 
 def _overlapping(items: Sequence[Item], budget: Budget) -> list[np.ndarray]:
-    """For each item, the later ones of other families whose bounding boxes overlap its own."""
+    """Indices of the later items of other families whose boxes overlap that of each item."""
     regions = np.array([item.region for item in items], object)
     boxes = shapely.bounds(regions)
     tree = shapely.STRtree(shapely.box(*boxes.T))
@@ -82,41 +82,49 @@ def _overlapping(items: Sequence[Item], budget: Budget) -> list[np.ndarray]:
 def _without_hidden(
     items: Sequence[Item], neighbours: list[np.ndarray], budget: Budget
 ) -> list[Item]:
-    """The items without the parts that opaque items above them hide."""
+    """Cut from each item what the opaque items in front of it hide."""
     visible = []
-    # A stroke of many dashes often lies above several pieces of the fill below it.
+    # A stroke of many dashes often lies in front of several pieces of the fill behind it.
     covers: dict[tuple[int, ...], Any] = {}
-    for item, above in zip(items, neighbours, strict=True):
-        hiding = tuple(k for k in above.tolist() if items[k].paint.is_opaque)
-        if hiding:
-            if hiding not in covers:
-                regions = [items[k].region for k in hiding]
-                covers[hiding] = grown(united(regions, budget), _GAP, budget)
-            item = item._replace(region=difference(item.region, covers[hiding], budget))
+    for item, in_front in zip(items, neighbours, strict=True):
+        opaque = tuple(k for k in in_front.tolist() if items[k].paint.is_opaque)
+        if opaque:
+            if opaque not in covers:
+                regions = [items[k].region for k in opaque]
+                covers[opaque] = grown(united(regions, budget), _GAP, budget)
+            item = item._replace(region=difference(item.region, covers[opaque], budget))
         visible.append(item)
     return visible
 
 
 def _blend(
-    item: Item, rest: Any, cells: list[list[Item]], lower: int, index: int, budget: Budget
+    item: Item,
+    uncovered: Any,
+    cells: list[list[Item]],
+    behind: int,
+    index: int,
+    budget: Budget,
 ) -> tuple[Any, bool]:
-    """Move what `item` covers of the cells of `lower` to those of `index`, blended.
+    """Blend `item` over the cells of the item `behind`, where it covers them.
 
-    Returns the part `rest` of the item that covers none of them, and whether colours are exact.
+    `cells` is changed: the overlaps are taken from `cells[behind]`, and appended to `cells[index]`
+    in the blended colours. `uncovered` is the region of `item` that covers no cell so far. Returns
+    what is left of it, and whether the blended colours are exact.
     """
-    uncovered, is_exact = [], True
-    for cell in cells[lower]:
+    remaining_cells, is_exact = [], True
+    for cell in cells[behind]:
         common = intersection(cell.region, item.region, budget)
         if is_empty(common):
-            uncovered.append(cell)
+            remaining_cells.append(cell)
             continue
-        paint, exact = over(item.paint, cell.paint, shapely.get_coordinates(common))
-        is_exact &= exact
+        points = shapely.get_coordinates(common)
+        paint, is_paint_exact = composite_paints(item.paint, cell.paint, points)
+        is_exact &= is_paint_exact
         cells[index].append(Item(common, paint, item.source))
         border = grown(common, _GAP, budget)
         remaining = difference(cell.region, border, budget)
         if not is_empty(remaining):
-            uncovered.append(cell._replace(region=remaining))
-        rest = difference(rest, border, budget)
-    cells[lower] = uncovered
-    return rest, is_exact
+            remaining_cells.append(cell._replace(region=remaining))
+        uncovered = difference(uncovered, border, budget)
+    cells[behind] = remaining_cells
+    return uncovered, is_exact

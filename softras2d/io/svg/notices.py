@@ -25,7 +25,7 @@ _MAX_NAMES = 50
 
 
 class _Cause(NamedTuple):
-    """What notices have in common that are counted together."""
+    """The kind, element and attribute of notices that are counted together."""
 
     kind: str
     element: str

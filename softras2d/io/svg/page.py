@@ -33,7 +33,6 @@ class Page:
         self.pixels_per_px = 1.0
         self.viewport = Viewport(0.0, 0.0, 0.0, 0.0)
         self.ids: dict[str, Element] = {}
-        self.cascade = Cascade(notices, self.budget, context.height, context.width)
         self._styles: dict[int, Style] = {}
         # By the id of a gradient, as many shapes may have the same gradient.
         self.gradient_stops: dict[int, list[Stop]] = {}
@@ -42,20 +41,11 @@ class Page:
         for element in elements(root):
             if (name := element.id) is not None:
                 self.ids.setdefault(name, element)
-            if element.name == "style" and FALLBACK not in element.attrib:
-                self._add_sheet(element)
-
-    def _add_sheet(self, element: Element) -> None:
-        try:
-            self.cascade.add_sheet(element)
-        except SvgError:
-            raise
-        except (ValueError, *LIBRARY_ERRORS) as error:
-            name = self.context.name
-            raise SvgError(f"{name}:{element.line}: <style> {reason(error)}") from None
+        size = context.height, context.width
+        self.cascade = cascade_of(root, context.name, notices, self.budget, size)
 
     def report(self, element: Element) -> "Report":
-        """What notes the errors of an element."""
+        """A function that notes errors of an element."""
         return Report(self, element)
 
     def note(self, element: Element, kind: str, attribute: str, detail: str) -> None:
@@ -102,6 +92,36 @@ class Page:
         if reference is None or not reference.strip().startswith("#"):
             return None
         return self.ids.get(reference.strip()[1:])
+
+
+def cascade_of(
+    root: Element, name: str, notices: Notices, budget: Budget, size: tuple[int, int]
+) -> Cascade:
+    """The style sheets of a document.
+
+    - `root`, `name`: its root, and its name in errors.
+    - `notices`, `budget`: note what is invalid, and bound the work.
+    - `size`: height and width of the canvas in pixels, for media queries.
+    """
+    cascade = Cascade(notices, budget, *size)
+    for element in elements(root):
+        if element.name == "style" and FALLBACK not in element.attrib:
+            try:
+                cascade.add_sheet(element)
+            except SvgError:
+                raise
+            except (ValueError, *LIBRARY_ERRORS) as error:
+                raise SvgError(f"{name}:{element.line}: <style> {reason(error)}") from None
+    return cascade
+
+
+def root_font_size(declared: Declarations, height: float, width: float) -> float:
+    """Font size of the root, in px, before its own size is known.
+
+    Lengths in `vh` and `vw` are relative to `height` and `width`, in px.
+    """
+    viewport = Viewport(width, height, width, height)
+    return computed(declared, INITIAL, viewport, lambda *_: None).font_size
 
 
 class Report(NamedTuple):

@@ -1,6 +1,6 @@
 """Paints of regions: colours that are an affine function of the position, and textures."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -9,7 +9,7 @@ from .css_color import Rgba
 
 
 class Paint(NamedTuple):
-    """What a region is filled with.
+    """The colours of a region, as an affine function of the position, and its texture.
 
     - `color`: `[4, 3]`, maps `(x, y, 1)` in pixels to sRGB with straight alpha.
     - `uv`: `[2, 3]`, maps `(x, y, 1)` to texture coordinates, or None.
@@ -43,24 +43,34 @@ class Paint(NamedTuple):
         return colors
 
 
-def flat(color: Rgba) -> Paint:
-    """The paint of one colour."""
+def constant_paint(color: Rgba) -> Paint:
+    """The paint that has one colour everywhere."""
     matrix = np.zeros((4, 3))
     matrix[:, 2] = color
     return Paint(matrix)
 
 
-def along(
-    t: Float[np.ndarray, "3"], start: float, end: float, low: np.ndarray, high: np.ndarray
+def linear_paint(
+    to_position: Float[np.ndarray, "3"],
+    start: float,
+    end: float,
+    start_color: Float[np.ndarray, "4"],
+    end_color: Float[np.ndarray, "4"],
 ) -> Paint:
-    """Colours `low` where the affine function `t` is `start`, and `high` where it is `end`."""
-    slope = (np.asarray(high) - low) / (end - start)
-    matrix = np.outer(slope, t)
-    matrix[:, 2] += low - slope * start
+    """The paint whose colours are interpolated between two positions along a line.
+
+    `to_position` maps `(x, y, 1)` in pixels to the position, at which `start` has `start_color` and
+    `end` has `end_color`.
+    """
+    slope = (end_color - start_color) / (end - start)
+    matrix = np.outer(slope, to_position)
+    matrix[:, 2] += start_color - slope * start
     return Paint(matrix)
 
 
-def through(corners: Float[np.ndarray, "3 2"], colors: Float[np.ndarray, "3 4"]) -> Paint | None:
+def corner_paint(
+    corners: Float[np.ndarray, "3 2"], colors: Float[np.ndarray, "3 4"]
+) -> Paint | None:
     """The paint with given colours at the corners of a triangle; None if it has no area."""
     matrix = np.column_stack([corners, np.ones(3)])
     if abs(np.linalg.det(matrix)) < 1e-12:
@@ -68,32 +78,35 @@ def through(corners: Float[np.ndarray, "3 2"], colors: Float[np.ndarray, "3 4"])
     return Paint(np.linalg.solve(matrix, colors).T)
 
 
-def over(top: Paint, below: Paint, points: Any) -> tuple[Paint, bool]:
-    """Composite two paints; returns also whether the result is exact.
+def composite_paints(
+    front: Paint, back: Paint, points: Float[np.ndarray, "n 2"]
+) -> tuple[Paint, bool]:
+    """Composite one paint over another; returns also whether the result is exact.
 
-    It is if both have a constant alpha, or `below` is opaque and `top` has a constant alpha.
-    Otherwise it is exact at three of the `points`, which are those of the region.
+    The result is exact if both paints have a constant alpha. Otherwise it is exact at three of the
+    `points`, which are the corners of the region to be painted.
     """
-    if top.texture >= 0 or below.texture >= 0:
+    if front.texture >= 0 or back.texture >= 0:
         # A texture has one colour per texel, which no other paint can have.
-        return top, False
-    if top.has_constant_alpha and below.has_constant_alpha:
-        top_alpha, below_alpha = top.color[3, 2], below.color[3, 2]
-        alpha = top_alpha + below_alpha * (1 - top_alpha)
-        mixed = top.color * top_alpha + below.color * (below_alpha * (1 - top_alpha))
+        return front, False
+    if front.has_constant_alpha and back.has_constant_alpha:
+        front_alpha, back_alpha = front.color[3, 2], back.color[3, 2]
+        alpha = front_alpha + back_alpha * (1 - front_alpha)
+        mixed = front.color * front_alpha + back.color * (back_alpha * (1 - front_alpha))
         mixed = mixed / max(alpha, 1e-12)
         mixed[3] = (0.0, 0.0, alpha)
         return Paint(mixed), True
-    corners = _widest(points)
-    first, second = top.colors_at(corners), below.colors_at(corners)
-    alpha = first[:, 3:] + second[:, 3:] * (1 - first[:, 3:])
-    mixed = first * first[:, 3:] + second * (second[:, 3:] * (1 - first[:, 3:]))
+    corners = _large_triangle(points)
+    front_colors, back_colors = front.colors_at(corners), back.colors_at(corners)
+    front_alpha, back_alpha = front_colors[:, 3:], back_colors[:, 3:]
+    alpha = front_alpha + back_alpha * (1 - front_alpha)
+    mixed = front_colors * front_alpha + back_colors * (back_alpha * (1 - front_alpha))
     mixed = mixed / np.maximum(alpha, 1e-12)
     mixed[:, 3:] = alpha
-    return through(corners, mixed) or top, False
+    return corner_paint(corners, mixed) or front, False
 
 
-def _widest(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3 2"]:
+def _large_triangle(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3 2"]:
     """Three points that span a triangle of large area."""
     first = points[0]
     second = points[np.argmax(np.hypot(*(points - first).T))]

@@ -10,7 +10,7 @@ from .css_color import CURRENT, Rgba
 from .css_transform import Units
 from .element_transform import about_origin
 from .gradient_pieces import Gradient, LinearGradient, RadialGradient, Stop
-from .notices import INVALID, NOT_DRAWN
+from .notices import INVALID
 from .numbers import fraction
 from .page import Page, affine_part
 from .transform_attribute import transform_list
@@ -33,7 +33,7 @@ _MAX_TEMPLATES = 1000
 def gradient_fill(
     page: Page, gradient: Element, box: Box, map3: np.ndarray, opacity: float
 ) -> Fill | Literal[False]:
-    """What a gradient element paints; False if it is relative to a box without area.
+    """The paint of a gradient element; False if it is relative to a box without area.
 
     - `box`: bounding box of the shape in user units.
     - `map3`: from the shape's units to pixels.
@@ -64,7 +64,7 @@ def gradient_fill(
 
 
 def _templates(page: Page, gradient: Element) -> list[Element]:
-    """The gradient and those that it refers to, in turn, until one is there already."""
+    """A gradient followed by the chain of gradients to which it refers, without repetitions."""
     chain, seen = [gradient], {id(gradient)}
     while (href := chain[-1].attrib.get("href")) is not None:
         target = page.target(href)
@@ -160,7 +160,7 @@ def _solid(stop: Stop) -> Rgba | None:
 
 
 class _Lengths:
-    """Reads lengths of a gradient, in its units, from the first of the same kind that has them."""
+    """Reads lengths of a gradient, in its units, from the first of a chain that has them."""
 
     def __init__(self, page: Page, chain: list[Element], in_box: bool):
         self._page = page
@@ -226,18 +226,18 @@ def _radial(
         return _solid(stops[-1])
     center, focus = (cx, cy), (fx, fy)
     if fr > r:
-        # The circles shrink from the first to the last stop: the same gradient from its other end.
+        # From its other end, the gradient is the same, and its circles grow.
         center, focus, r, fr = focus, center, fr, r
         stops = [Stop(1.0 - stop.offset, stop.color) for stop in reversed(stops)]
     distance = math.hypot(focus[0] - center[0], focus[1] - center[1])
-    if fr == r:
-        report(NOT_DRAWN, "fr", "both circles have the same radius")
+    if fr == r and distance == 0:
+        # SVG 2, section 14.2.3.2: no gradient is drawn if both circles are the same.
         return None
-    if distance > 0 and abs(distance + fr - r) < r * _TOUCHING:
+    if distance > 0 and fr < r and abs(distance + fr - r) < r * _TOUCHING:
         # Circles that touch from inside have no area in common with a ray at their common tangent.
-        share = max(r * (1 - _TOUCHING) - fr, 0.0) / distance
+        t = max(r * (1 - _TOUCHING) - fr, 0.0) / distance
         focus = (
-            center[0] + (focus[0] - center[0]) * share,
-            center[1] + (focus[1] - center[1]) * share,
+            center[0] + (focus[0] - center[0]) * t,
+            center[1] + (focus[1] - center[1]) * t,
         )
     return RadialGradient(tuple(stops), spread, to_pixels, center, r, focus, fr)

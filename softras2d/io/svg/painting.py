@@ -16,14 +16,15 @@ from ..shapes.paths import FlatPath, Path, flatten
 from ..shapes.regions import filled, intersection, is_empty, polygons_of
 from ..shapes.strokes import Outline
 from .css_color import Rgba
-from .gradient_pieces import Gradient, LinearGradient, linear_pieces, radial_pieces
+from .gradient_pieces import Gradient, LinearGradient, linear_pieces
 from .layers import Item
 from .notices import INVALID, WITHOUT_EFFECT
 from .numbers import finite
 from .page import Page
-from .paint import flat
+from .paint import constant_paint
 from .paint_servers import GRADIENTS, Fill, gradient_fill, pattern_applies
 from .placement import Placement
+from .radial_pieces import radial_pieces
 from .sinks import stroked
 from .style import CURRENT, PaintServer, Style
 from .tree import Element
@@ -178,7 +179,7 @@ class Painter:
         if is_empty(region):
             return
         if not isinstance(fill, Gradient):
-            placement.sink.add_items([Item(region, flat(fill), source)])
+            placement.sink.add_items([Item(region, constant_paint(fill), source)])
             return
         low_x, low_y, high_x, high_y = map(float, shapely.bounds(region))
         bounds = (low_x, low_y, high_x, high_y)
@@ -212,7 +213,7 @@ class Painter:
         self, element: Element, name: str, paint: Any, style: Style, opacity: float,
         path: FlatPath, placement: Placement,
     ) -> Fill:  # fmt: skip
-        """What a paint paints on a shape: a colour, a gradient, or None."""
+        """Resolve a paint for a shape: to a colour, a gradient, or None."""
         opacity = opacity if self._page.context.opacity else 1.0
         if isinstance(paint, PaintServer):
             server = self._page.target(paint.reference)

@@ -9,7 +9,7 @@ from .sinks import Sink
 
 
 class Placement(NamedTuple):
-    """Where an element is drawn.
+    """Map, clip and receiver with which an element is drawn.
 
     - `map3`: homogeneous map `[3, 3]` from the element's units to pixels.
     - `scale`: largest stretch of `map3`, in pixels per unit.

@@ -20,13 +20,14 @@ from .assets import Assets
 from .context import Context
 from .control_points import SvgControls, make_controls
 from .course_dialect import CourseReader
+from .declared_size import declared_size
 from .display_list import DisplayList, Triangles
-from .document import LIBRARY_ERRORS, Document, SvgError, from_text, load, reason, root, walk
+from .document import LIBRARY_ERRORS, Document, SvgError, from_text, load, reason, walk
 from .notices import Notices
 from .page import Page
 from .svg_dialect import Drawing
-from .tree import read_tree
-from .view_box import MAX_SIDE, document_size, round_up
+from .tree import Element, read_tree
+from .view_box import MAX_SIDE
 
 _DIALECTS = ("svg", "course")
 
@@ -190,11 +191,11 @@ def read_svg_controls(
 def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int, int]:
     """The (height, width) in pixels that an SVG file declares, rounded up.
 
-    In dialect `"svg"`, a missing side is computed from the viewBox. Raises `ValueError`, one line,
-    if the file declares no size.
+    In dialect `"svg"`, style sheets outrank the attributes of the root, and a missing side is
+    computed from the viewBox. Raises `ValueError`, one line, if the file declares no size.
     """
     _check_dialect(dialect)
-    return _document_size(load(path), dialect)
+    return declared_size(load(path), dialect)
 
 
 def parse_svg_size(
@@ -202,19 +203,7 @@ def parse_svg_size(
 ) -> tuple[int, int]:
     """Like `svg_size`, for the text of an SVG file; errors call it `name`."""
     _check_dialect(dialect)
-    return _document_size(from_text(text, name), dialect)
-
-
-def _document_size(document: Document, dialect: str) -> tuple[int, int]:
-    tag, attributes = root(document)
-    try:
-        size = document_size(attributes, dialect)
-        if size is None:
-            known = "width and height" if dialect == "course" else "width, height or viewBox"
-            raise ValueError(f"gives no size ({known}): pass `height` and `width`.")
-    except (ValueError, *LIBRARY_ERRORS) as error:
-        raise SvgError(f"{document.name}: <{tag[:60]}> {reason(error)}") from None
-    return round_up(size)
+    return declared_size(from_text(text, name), dialect)
 
 
 class _Drawn(NamedTuple):
@@ -238,9 +227,10 @@ def _read(
     keeps_sources: bool = False,
 ) -> _Drawn:
     _check_options(options)
-    height, width = _canvas_size(document, options.dialect, height, width)
     budget = Budget()
     is_course = options.dialect == "course"
+    tree = None if is_course else read_tree(document, budget)
+    height, width = _canvas_size(document, options.dialect, tree, height, width)
     context = Context(
         name=document.name,
         height=height,
@@ -261,13 +251,12 @@ def _read(
     # An overflow gives a coordinate that is not finite, which the display list reports. GEOS may
     # leave any flag set.
     with np.errstate(all="ignore"):
-        if is_course:
+        if tree is None:
             walk(document, CourseReader(context), budget)
         else:
-            root = read_tree(document, budget)
             notices = Notices(document.name, options.strict)
             with _errors_named(document):
-                drawing = Drawing(Page(root, context, notices, options.tolerance))
+                drawing = Drawing(Page(tree, context, notices, options.tolerance))
             drawing.painter.keeps_sources = keeps_sources
             drawing.draw()
         with _errors_named(document):
@@ -299,10 +288,14 @@ def _errors_named(document: Document) -> Iterator[None]:
 
 
 def _canvas_size(
-    document: Document, dialect: str, height: int | None, width: int | None
+    document: Document,
+    dialect: str,
+    tree: Element | None,
+    height: int | None,
+    width: int | None,
 ) -> tuple[int, int]:
     if height is None or width is None:
-        file_height, file_width = _document_size(document, dialect)
+        file_height, file_width = declared_size(document, dialect, tree)
         height = file_height if height is None else height
         width = file_width if width is None else width
     if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
@@ -334,7 +327,7 @@ def _make_scene(
     addressing: TextureAddressing,
     linear: bool,
 ) -> Scene:
-    """Make the scene of these triangles, without arrays and channels that none of them needs."""
+    """Make the scene of some triangles, without arrays and channels that no triangle needs."""
     colors = triangles.colors
     background = np.array(context.background or (1.0, 1.0, 1.0))
     if linear:

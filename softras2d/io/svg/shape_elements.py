@@ -58,15 +58,14 @@ class ElementLengths:
             full = viewport.diagonal
         else:
             full = viewport.height
-        texts = self._css_values(name)
+        candidates = [(text, viewport.css_length) for text in self._css_values(name)]
         if (text := self._element.attrib.get(name)) is not None:
-            texts.append(text)
-        # Browsers accept these lengths without units in `style` too, against the standard.
-        for text in texts:
+            candidates.append((text, viewport.length))
+        for text, parse in candidates:
             if text.strip() in ("auto", "inherit", "initial", "unset"):
                 return default
             try:
-                return viewport.length(text, full, self._style.font_size)
+                return parse(text, full, self._style.font_size)
             except ValueError as error:
                 self.report(INVALID, name, str(error))
         return default

@@ -12,8 +12,8 @@ from ..shapes.regions import EMPTY, filled, is_empty, polygons_of
 from ..shapes.strokes import Outline, stroke, union
 from .css_color import Rgba
 from .display_list import DisplayList
-from .layers import Item, flattened
-from .paint import Paint, flat, through
+from .layers import Item, disjoint_cells
+from .paint import Paint, constant_paint, corner_paint
 
 
 class Textured(NamedTuple):
@@ -128,7 +128,9 @@ class Layer:
                 lambda sink, opacity: sink.add_polygon(
                     contours, _faded(color, opacity), evenodd, source
                 ),
-                lambda: [Item(filled(contours, evenodd, self._budget), flat(color), source)],
+                lambda: [
+                    Item(filled(contours, evenodd, self._budget), constant_paint(color), source)
+                ],
             )
         )
 
@@ -143,7 +145,7 @@ class Layer:
             _Call(
                 bounds,
                 lambda sink, opacity: sink.add_strokes(outlines, map3, _faded(color, opacity)),
-                lambda: [Item(stroked(outlines, map3, self._budget), flat(color))],
+                lambda: [Item(stroked(outlines, map3, self._budget), constant_paint(color))],
             )
         )
 
@@ -206,7 +208,7 @@ class Layer:
             else:
                 items = [item for item in call.items() if not is_empty(item.region)]
                 (alone if is_free else overlapping).extend(items)
-        cells, is_exact = flattened(overlapping, self._budget) if overlapping else ([], True)
+        cells, is_exact = disjoint_cells(overlapping, self._budget) if overlapping else ([], True)
         # These do not overlap each other, so that an outer group need not test them again.
         if cells or alone:
             sink.add_items([c._replace(paint=c.paint.with_opacity(opacity)) for c in cells + alone])
@@ -250,7 +252,7 @@ def stroked(outlines: list[Outline], map3: np.ndarray, budget: Budget) -> Any:
 
 def triangle_items(corners: np.ndarray, colors: np.ndarray) -> list[Item]:
     """The region of a triangle with a colour for each corner."""
-    paint = through(corners, colors)
+    paint = corner_paint(corners, colors)
     return [] if paint is None else [Item(shapely.Polygon(corners), paint)]
 
 
@@ -261,7 +263,7 @@ def textured_items(textured: Textured) -> list[Item]:
     if abs(np.linalg.det(matrix)) < 1e-12:
         return []
     uv = np.linalg.solve(matrix, textured.uv[:3]).T
-    paint = Paint(flat(textured.color).color, uv, textured.texture, textured.translucent)
+    paint = Paint(constant_paint(textured.color).color, uv, textured.texture, textured.translucent)
     return [Item(shapely.Polygon(points), paint)]
 
 

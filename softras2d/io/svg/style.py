@@ -2,11 +2,12 @@
 
 import contextlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from .cascade import Declarations
 from .css_color import CURRENT, Rgba, color_of
+from .font_size import font_size_of, shorthand_size
 from .notices import INVALID, WITHOUT_EFFECT
 from .numbers import finite, fraction, is_number
 from .units import MEDIUM, Viewport
@@ -98,6 +99,9 @@ _UNSUPPORTED_IN_CSS = {
 _CSS_ONLY = ("background", "background-color")
 """Properties that are no presentation attributes."""
 
+_WITH_UNITS = ("font-size", "transform-origin")
+"""Properties whose lengths need a unit in CSS, unlike those of strokes (SVG 2, section 13.5)."""
+
 Note = Callable[[str, str, str], None]
 """Called with the kind of a notice, the name of a property, and what is wrong."""
 
@@ -108,28 +112,25 @@ def computed(declared: Declarations, parent: Style, viewport: Viewport, note: No
     An invalid declaration is noted and has no effect, as CSS says: the one of the next lower rank
     counts.
     """
-    changes: dict[str, Any] = {}
-    font_size = parent.font_size
-    if "font-size" in declared.css or "font-size" in declared.attributes:
-        # Parsed first, since other lengths may depend on it; if it is invalid, noted below.
-        for declaration in _by_rank(declared, "font-size"):
-            with contextlib.suppress(ValueError):
-                font_size = _value(declaration, "font_size", parent, viewport, font_size)
-                break
+    # Parsed first, since other lengths may depend on it; if it is invalid, noted below.
+    font_size = _computed_font_size(declared, parent, viewport)
+    changes: dict[str, Any] = {"font_size": font_size}
     for source in (declared.attributes, declared.css):
         for name, value in source.items():
             field = _FIELDS.get(name)
             if field is None or (name in _CSS_ONLY and source is declared.attributes):
                 if _is_unsupported(name, value, source is declared.css):
                     note(WITHOUT_EFFECT, name, value)
-                elif name == "font" and source is declared.css:
-                    changes |= _font_size_of_shorthand(value, font_size, viewport)
+                if name == "font" and source is declared.css:
+                    _note_invalid_font(value, parent, viewport, note)
                 continue
             if source is declared.attributes and name in declared.css:
                 continue
             for declaration in _by_rank(declared, name):
                 try:
-                    changes[field] = _value(declaration, field, parent, viewport, font_size)
+                    parsed = _value(declaration, field, parent, viewport, font_size)
+                    if field != "font_size":
+                        changes[field] = parsed
                     break
                 except ValueError as error:
                     excerpt = declaration.text.strip()[:40]
@@ -169,7 +170,7 @@ def _value(
 ) -> Any:
     """Parse the value of a property. Raises `ValueError` for text that is none."""
     text = declaration.text.strip()
-    if declaration.name == "transform-origin" and declaration.is_css:
+    if declaration.name in _WITH_UNITS and declaration.is_css:
         # Only in the attribute may lengths lack a unit.
         for word in text.split():
             if is_number(word) and finite(word):
@@ -281,36 +282,30 @@ def _paint_order(text: str, *_: object) -> tuple[str, ...]:
     return tuple(word for word in order if word != "markers")
 
 
-def _font_size(text: str, parent: Style, viewport: Viewport, _: float) -> float:
-    if text.lower() in _FONT_SIZES:
-        return _FONT_SIZES[text.lower()]
-    if text.lower() in ("larger", "smaller"):
-        return parent.font_size * (1.2 if text.lower() == "larger" else 1 / 1.2)
-    size = viewport.length(text, parent.font_size, parent.font_size)
-    if size < 0:
-        raise ValueError("must not be negative")
+def _computed_font_size(declared: Declarations, parent: Style, viewport: Viewport) -> float:
+    """The font size of an element: in CSS, the later of `font-size` and `font` counts."""
+    size = parent.font_size
+    # `css` has its properties in the order in which they take effect.
+    names = [name for name in declared.css if name in ("font", "font-size")]
+    for name in names if "font-size" in names else ["font-size", *names]:
+        if name == "font":
+            size_of_font = shorthand_size(declared.css[name], parent.font_size, viewport)
+            size = size if size_of_font is None else size_of_font
+            continue
+        for declaration in _by_rank(declared, name):
+            with contextlib.suppress(ValueError):
+                size = _value(declaration, "font_size", parent, viewport, size)
+                break
     return size
 
 
-_FONT_SIZES = {
-    # CSS Fonts 4, section 2.5.1.
-    name: MEDIUM * factor
-    for name, factor in zip(
-        ("xx-small", "x-small", "small", "medium", "large", "x-large", "xx-large", "xxx-large"),
-        (3 / 5, 3 / 4, 8 / 9, 1, 6 / 5, 3 / 2, 2, 3),
-        strict=True,
-    )
-}
+def _note_invalid_font(text: str, parent: Style, viewport: Viewport, note: Note) -> None:
+    if shorthand_size(text, parent.font_size, viewport) is None:
+        note(INVALID, "font", f"has no size with a unit ({text.strip()[:40]!r})")
 
 
-def _font_size_of_shorthand(text: str, parent_size: float, viewport: Viewport) -> dict[str, float]:
-    """The size in a `font` shorthand: the first word that is a length."""
-    for word in text.split()[:16]:
-        try:
-            return {"font_size": viewport.length(word.partition("/")[0], parent_size, parent_size)}
-        except ValueError:
-            continue
-    return {}
+def _font_size(text: str, parent: Style, viewport: Viewport, _: float) -> float:
+    return font_size_of(text, parent.font_size, viewport)
 
 
 def _clip_path(text: str, *_: object) -> str | None:
@@ -320,7 +315,7 @@ def _clip_path(text: str, *_: object) -> str | None:
 
 
 def reference_of(text: str) -> str | None:
-    """What a text `url(...)` refers to; None for any other text."""
+    """The reference in a text `url(...)`; None for any other text."""
     match = _URL.match(text)
     return (match[1] or match[2] or match[3] or "") if match else None
 
@@ -357,37 +352,3 @@ _PARSERS: dict[str, Callable[..., Any]] = {
     "stop_opacity": _opacity,
     "background_color": _color_or_current,
 }
-
-
-def transform_origin(
-    text: str, box: Sequence[float], viewport: Viewport, font_size: float
-) -> tuple[float, float]:
-    """Parse `transform-origin`, relative to the reference box (x, y, width, height).
-
-    Raises `ValueError` for text that is no origin.
-
-    **Source:** *CSS Transforms 1*, section 5.
-    """
-    words = text.lower().split()
-    if not 1 <= len(words) <= 3:
-        raise ValueError("transform-origin: expected one to three values.")
-    words = words[:2]
-    if len(words) == 1:
-        words.append("center")
-        if words[0] in ("top", "bottom"):
-            words.reverse()
-    elif words[0] in ("top", "bottom") or words[1] in ("left", "right"):
-        words.reverse()
-    x, y, width, height = box
-    return (
-        x + _origin_along(words[0], ("left", "center", "right"), width, viewport, font_size),
-        y + _origin_along(words[1], ("top", "center", "bottom"), height, viewport, font_size),
-    )
-
-
-def _origin_along(
-    word: str, keywords: Sequence[str], side: float, viewport: Viewport, font_size: float
-) -> float:
-    if word in keywords:
-        return keywords.index(word) / 2 * side
-    return viewport.length(word, side, font_size)

@@ -10,7 +10,7 @@ MEDIUM = 16.0
 
 
 class Viewport(NamedTuple):
-    """What lengths of an element are relative to.
+    """Sizes to which the lengths of an element are relative.
 
     - `width`, `height`: of the nearest viewport, in user units, for percentages.
     - `page_width`, `page_height`: of the document, in px, for `vw` and `vh`.

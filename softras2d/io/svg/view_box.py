@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float64
 
 from ...geometry import affine_maps
+from .cascade import Declarations
 from .notices import INVALID
-from .numbers import leading_float, length, number_list
-from .units import MEDIUM
+from .numbers import is_number, leading_float, length, number_list
 
 MAX_SIDE = 2**16
 """Maximum side of a canvas, in pixels. The spacing of float32 is at most 1/256 pixel there."""
@@ -39,29 +39,34 @@ def view_box(attributes: dict[str, str]) -> Box | None:
     return Box(*numbers)
 
 
-def document_size(
-    attributes: dict[str, str],
-    dialect: str,
-    report: Callable[[str, str, str], None] | None = None,
-) -> tuple[float, float] | None:
-    """The (height, width) of a document in px, not rounded; None if its root does not give them.
+def course_size(attributes: dict[str, str]) -> tuple[float, float] | None:
+    """The (height, width) of a document of the course, from its root; None if it gives neither."""
+    size = leading_float(attributes.get("height")), leading_float(attributes.get("width"))
+    return size if max(size) > 0 else None
 
-    `attributes` are those of the root. In dialect `svg`, percentages are relative to the viewBox.
-    A side that is missing, `auto` or 100 % is computed from the other side and the aspect ratio of
-    the viewBox. If both are, the size is that of the viewBox. An invalid attribute counts as
-    missing, and `report` is called with the kind of a notice, its name, and what is wrong.
+
+def document_size(
+    root: Declarations, font_size: float, note: Callable[[str, str, str], None]
+) -> tuple[float, float] | None:
+    """The (height, width) of a standard document in px, not rounded; None if it gives no size.
+
+    - `root`: declarations of its root. `width` and `height` are properties, so that style sheets
+      and `style` outrank the attributes (SVG 2, section 7.2).
+    - `font_size`: of the root, in px, for `em`.
+    - `note`: called for invalid values, which have no effect, with the kind of a notice, the name,
+      and what is wrong.
+
+    Percentages are relative to the viewBox. A side that is missing, `auto` or 100 % is computed
+    from the other side and the aspect ratio of the viewBox. If both are, the size is that of the
+    viewBox.
     """
-    if dialect == "course":
-        size = leading_float(attributes.get("height")), leading_float(attributes.get("width"))
-        return size if max(size) > 0 else None
-    note = report or (lambda *_: None)
     box = None
     try:
-        box = view_box(attributes)
+        box = view_box(root.attributes)
     except ValueError as error:
         note(INVALID, "viewBox", str(error))
-    height = _side(attributes, "height", box and box.height, note)
-    width = _side(attributes, "width", box and box.width, note)
+    height = _side(root, "height", box and box.height, font_size, note)
+    width = _side(root, "width", box and box.width, font_size, note)
     if box is not None:
         if height is None:
             height = box.height if width is None else width * box.height / box.width
@@ -71,24 +76,37 @@ def document_size(
 
 
 def _side(
-    attributes: dict[str, str],
+    root: Declarations,
     name: str,
     full: float | None,
+    font_size: float,
     note: Callable[[str, str, str], None],
 ) -> float | None:
-    """Parse `width` or `height` in px, of which 100 % are `full`; None if it is `auto`."""
-    text = attributes.get(name, "auto").strip()
-    if text == "auto" or text == "100%" or (text.endswith("%") and full is None):
-        return None
-    try:
-        side = length(text, full, {"em": MEDIUM, "rem": MEDIUM, "ex": MEDIUM / 2})
-    except ValueError as error:
-        note(INVALID, name, str(error))
-        return None
-    if side <= 0:
-        note(INVALID, name, f"expected a positive length, got {text!r}")
-        return None
-    return side
+    """Parse `width` or `height` in px, of which 100 % are `full`; None if it is `auto`.
+
+    Without a viewBox, `full` is None. Then `auto` and percentages say nothing, and the value of the
+    next lower rank counts.
+    """
+    units = {"em": font_size, "rem": font_size, "ex": font_size / 2}
+    candidates = [(text.strip(), True) for text in root.css_values(name)]
+    if name in root.attributes:
+        candidates.append((root.attributes[name].strip(), False))
+    for text, is_css in candidates:
+        is_relative = text in ("auto", "initial", "unset") or text.endswith("%")
+        if is_relative and full is None:
+            continue
+        if (is_relative and not text.endswith("%")) or text == "100%":
+            return None
+        try:
+            side = length(text, full, units)
+            if is_css and side and is_number(text):
+                raise ValueError(f"the length {text[:24]!r} has no unit, such as `px`")
+            if side <= 0:
+                raise ValueError(f"expected a positive length, got {text[:24]!r}")
+            return side
+        except ValueError as error:
+            note(INVALID, name, str(error))
+    return None
 
 
 def round_up(size: tuple[float, float]) -> tuple[int, int]:

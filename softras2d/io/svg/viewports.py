@@ -11,7 +11,7 @@ from ..shapes.regions import intersection
 from .cascade import Declarations
 from .inherited_state import InheritedState
 from .notices import INVALID
-from .page import Page
+from .page import Page, root_font_size
 from .shape_elements import ElementLengths
 from .tree import Element
 from .units import Viewport
@@ -37,7 +37,8 @@ def root_viewport(page: Page) -> RootViewport:
     """Fit the viewBox of the root into the canvas."""
     context, root = page.context, page.root
     canvas, box = (float(context.height), float(context.width)), None
-    size = document_size(root.attrib, "svg", page.report(root))
+    declared = page.declared(root)
+    size = document_size(declared, root_font_size(declared, *canvas), page.report(root))
     # An invalid viewBox is noted by `document_size`.
     with contextlib.suppress(ValueError):
         box = view_box(root.attrib)

@@ -217,6 +217,12 @@ def test_sizes_are_read_or_refused(tmp_path):
     assert svg_size(str(path), dialect="course") == (100, 210)
     path.write_text('<svg viewBox="0 0 30.5 20"/>')
     assert svg_size(path) == (20, 31)
+    sheet = "<style>svg { width: 40px } @media (width: 8px) { svg { height: 7px } }</style>"
+    head = '<svg xmlns="http://www.w3.org/2000/svg" width="8" height="9" style="height: 6px">'
+    path.write_text(f"{head}{sheet}</svg>")
+    assert svg_size(path) == (6, 40)
+    path.write_text(path.read_text().replace("height: 7px", "height: 7px !important"))
+    assert svg_size(path) == (7, 40)
     for text in ("<svg/>", '<svg width="100%" height="3"/>', '<svg width="3"/>'):
         path.write_text(text)
         with pytest.raises(ValueError, match=r"a\.svg: <svg> gives no size"):

@@ -94,6 +94,37 @@ def test_start_circles_and_cones():
     )
 
 
+@pytest.mark.parametrize("spread", SPREADS)
+def test_circles_of_the_same_radius_shift_along_their_axis(spread):
+    gradient = (
+        '<radialGradient id="g" gradientUnits="userSpaceOnUse" cx="62" cy="49" r="30" fr="30" '
+        f'fx="38" fy="31" spreadMethod="{spread}">{STOPS}</radialGradient>'
+    )
+    # With |axis| = 30, the larger position of a circle through a point, which is on its far half.
+    along, across = ((POINTS - [38, 31]) @ np.array([[0.8, -0.6], [0.6, 0.8]])).T
+    is_inside = np.abs(across) < 30
+    t = (along + np.sqrt(np.where(is_inside, 900 - across**2, 0.0))) / 30
+    wanted = np.where(is_inside, SPREADS[spread](t), 1.0)
+    # Off the jumps, and off the sides, where circles of all colours lie close together.
+    is_smooth = (np.abs((t + 0.5) % 1 - 0.5) > 5e-3) & (np.abs(np.abs(across) - 30) > 0.5)
+    assert 5 < (is_smooth & is_inside).sum() < 40
+    scene = read(gradient)
+    np.testing.assert_allclose(grey(scene)[is_smooth], wanted[is_smooth], atol=1e-2)
+
+
+@pytest.mark.parametrize("spread", ("repeat", "reflect"))
+def test_gradients_repeat_inside_of_their_start_circle(spread):
+    gradient = (
+        '<radialGradient id="g" gradientUnits="userSpaceOnUse" cx="50" cy="40" r="35" fr="20" '
+        f'spreadMethod="{spread}">{STOPS}</radialGradient>'
+    )
+    t = (np.hypot(*(POINTS - [50, 40]).T) - 20) / 15
+    is_smooth = np.abs((t + 0.5) % 1 - 0.5) > 5e-3
+    assert (is_smooth & (t < 0)).sum() > 3
+    wanted = SPREADS[spread](t)
+    np.testing.assert_allclose(grey(read(gradient))[is_smooth], wanted[is_smooth], atol=5e-3)
+
+
 def test_stops_by_hand():
     stops = (
         '<stop offset="20%" stop-color="red"/><stop offset=".1" stop-color="lime"/>'
@@ -124,6 +155,8 @@ def test_gradients_that_paint_nothing_or_one_colour():
         ('<linearGradient id="g"><stop stop-color="red"/></linearGradient>', [1, 0, 0]),
         (f'<linearGradient id="g" x2="0">{STOPS}</linearGradient>', [1, 1, 1]),
         (f'<radialGradient id="g" r="0">{STOPS}</radialGradient>', [1, 1, 1]),
+        # Start and end circle are the same: SVG 2, section 14.2.3.2.
+        (f'<radialGradient id="g" fr="0.5">{STOPS}</radialGradient>', [1, 1, 1]),
     ):
         assert colors_at(read(gradient), [[33.3, 22.2]]).tolist() == [wanted]
     with pytest.warns(UserWarning, match=r"fill of <rect> \(line 1: refers to no paint"):

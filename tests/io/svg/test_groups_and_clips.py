@@ -262,6 +262,12 @@ def test_invalid_geometry_in_css_leaves_the_attribute():
     assert result[:, 0].tolist() == [0, 1]
 
 
+def test_lengths_in_css_have_units():
+    with pytest.warns(UserWarning, match=r"width of <rect> .line 1: the length '40' has no unit"):
+        result = colors('<rect width="20" height="9" style="width: 40; x: 0"/>', [10, 5], [30, 5])
+    assert result[:, 0].tolist() == [0, 1]
+
+
 def test_origins_in_css_have_units():
     origin = 'transform="rotate(180)" transform-origin="50 40"'
     for attributes, corner in ((origin, [95, 75]), (f'{origin} style="x: 0"', [95, 75])):

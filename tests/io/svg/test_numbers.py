@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from softras2d.geometry import affine_maps
 from softras2d.io.svg import transform_attribute, view_box
+from softras2d.io.svg.cascade import Declarations
 from softras2d.io.svg.numbers import (
     blank_separated,
     leading_float,
@@ -222,8 +223,13 @@ def test_course_view_has_its_closed_form(height, width, tall, wide):
     np.testing.assert_allclose(affine_maps.apply(map3, points), wanted, rtol=1e-9, atol=1e-9)
 
 
-def size_of(dialect="svg", **attributes):
-    return view_box.document_size(attributes, dialect)
+def size_of(css=None, **attributes):
+    """The size of a root, by values of CSS from the highest rank down, and by attributes."""
+    css = css or {}
+    outranked = {name: values[:0:-1] for name, values in css.items()}
+    highest = {name: values[0] for name, values in css.items()}
+    declared = Declarations(highest, attributes, outranked)
+    return view_box.document_size(declared, 16.0, lambda *_: None)
 
 
 def test_document_sizes_by_hand():
@@ -236,8 +242,21 @@ def test_document_sizes_by_hand():
     assert size_of(viewBox="0 0 30 40", width="50%", height="50%") == (20, 15)
     assert size_of(width="20") is None
     assert size_of(width="100%", height="10") is None
-    assert size_of("course", width="272.863px") == (0, float(np.float32(272.863)))
-    assert size_of("course", viewBox="0 0 5 5") is None
+    assert view_box.course_size({"width": "272.863px"}) == (0, float(np.float32(272.863)))
+    assert view_box.course_size({"viewBox": "0 0 5 5"}) is None
+
+
+def test_css_outranks_the_size_in_attributes():
+    css = {"width": ["3em"], "height": ["12"]}
+    # The height has no unit, so that the attribute counts.
+    assert size_of(css, width="20", height="10") == (10, 48)
+    assert size_of({"width": ["-5px", "7px"], "height": ["0px", "2q#"]}, height="10") == (10, 7)
+    box = "0 0 30 40"
+    assert size_of({"width": ["auto"]}, viewBox=box, width="60", height="20") == (20, 15)
+    assert size_of({"width": ["100%"]}, viewBox=box, width="60") == (40, 30)
+    assert size_of({"width": ["50%"]}, viewBox=box, width="60", height="9") == (9, 15)
+    # Without a viewBox, there is nothing that they are relative to.
+    assert size_of({"width": ["50%"], "height": ["auto"]}, width="60", height="9") == (9, 60)
 
 
 def test_sizes_round_up():

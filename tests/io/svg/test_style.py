@@ -140,6 +140,24 @@ def test_font_sizes_scale_em():
     assert style(style="font: bold 10px/2 serif; stroke-width: 2ex")[0].font_size == 10
 
 
+def test_font_sizes_in_css_have_units():
+    result, notes = style(font_size="20", style="font-size: 30; stroke-width: 1em")
+    assert (result.font_size, result.stroke_width) == (20, 20)
+    assert notes == [("ignored as invalid", "font-size")]
+    # A number is a width of strokes, also in CSS.
+    assert style(style="stroke-width: 3; font-size: 0")[0].stroke_width == 3
+    result, notes = style(style="font: 10 serif")
+    assert (result.font_size, notes) == (16, [("ignored as invalid", "font")])
+
+
+def test_the_font_shorthand_sets_the_size():
+    result, notes = style(style="font: italic 700 10px/2 serif; stroke-width: 2em")
+    assert (result.font_size, result.stroke_width, notes) == (10, 20, [])
+    assert style(style="font: 10px a; font-size: 12px")[0].font_size == 12
+    assert style(style="font-size: 12px; font: larger a")[0].font_size == pytest.approx(19.2)
+    assert style(font_size="12", style="font: inherit")[0].font_size == 16
+
+
 def test_nothing_is_painted_without_paint():
     assert fill_of(style(fill="none")[0]) is None
     assert fill_of(style(fill="transparent")[0]) is None

@@ -1,0 +1,55 @@
+"""Computes the size that a document declares, before there is a canvas."""
+
+from ..budget import Budget
+from .cascade import Declarations
+from .document import LIBRARY_ERRORS, Attributes, Document, SvgError, reason, root
+from .notices import Notices
+from .page import cascade_of, root_font_size
+from .tree import Element, read_tree
+from .units import MEDIUM
+from .view_box import course_size, document_size, round_up
+
+_ENCODINGS = ("utf-8", "utf-16-le", "utf-16-be")
+"""Encodings that the parser knows, up to differences outside of ASCII."""
+
+_DEFAULT_SIZE = (150.0, 300.0)
+"""Height and width, in px, that browsers give a drawing that declares no size."""
+
+
+def declared_size(document: Document, dialect: str, tree: Element | None = None) -> tuple[int, int]:
+    """The (height, width) in pixels that a document declares, rounded up.
+
+    `tree` is the root of a standard document if it has been read. Raises `SvgError` if the document
+    declares no size.
+    """
+    tag, attributes = root(document)
+    try:
+        if dialect == "course":
+            size, known = course_size(attributes), "width and height"
+        else:
+            size, known = _standard_size(document, attributes, tree), "width, height or viewBox"
+        if size is None:
+            raise ValueError(f"gives no size ({known}): pass `height` and `width`.")
+    except SvgError:
+        raise
+    except (ValueError, *LIBRARY_ERRORS) as error:
+        raise SvgError(f"{document.name}: <{tag[:60]}> {reason(error)}") from None
+    return round_up(size)
+
+
+def _standard_size(
+    document: Document, attributes: Attributes, tree: Element | None
+) -> tuple[float, float] | None:
+    """The size that a standard document declares in its root, by attributes or by CSS.
+
+    Media queries are then about the size that the attributes give, as there is no canvas yet. The
+    whole document is read only if it may have style sheets.
+    """
+    size = document_size(Declarations({}, attributes, {}), MEDIUM, lambda *_: None)
+    if not any("style".encode(code) in document.data for code in _ENCODINGS):
+        return size
+    budget, notices = Budget(), Notices(document.name, strict=False)
+    tree = read_tree(document, budget) if tree is None else tree
+    canvas = round_up(size or _DEFAULT_SIZE)
+    declared = cascade_of(tree, document.name, notices, budget, canvas).declarations(tree)
+    return document_size(declared, root_font_size(declared, *map(float, canvas)), lambda *_: None)
