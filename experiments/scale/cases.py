@@ -23,15 +23,19 @@ COVERAGES = {"Hard": sr.Hard(4), "Soft": sr.Soft(1.0), "Area": sr.Area()}
 class Case:
     """One measurement.
 
-    - `kind`: "canvas" (a tiled image in a file), "image" or "gradient".
+    - `kind`: "canvas" (a tiled image in a file), "strip" (some rows of one), "image" or "gradient".
     - `side`: of the canvas in pixels; `triangles`: their number.
-    - `coverage`: a name of `COVERAGES`; a canvas has one sample per pixel.
+    - `coverage`: a name of `COVERAGES`, for triangles.
+    - `samples`: per pixel of a canvas or strip.
+    - `rows`: of pixels of a strip, from the middle of the canvas on.
     """
 
     kind: str
     side: int
     triangles: int
     coverage: str = "Hard"
+    samples: int = 1
+    rows: int | None = None
 
 
 def random_scene(triangles: int, side: int, size: float) -> sr.Scene:
@@ -44,7 +48,8 @@ def random_scene(triangles: int, side: int, size: float) -> sr.Scene:
 
 def measure(case: Case) -> dict[str, Any]:
     """Processor seconds of each stage, and the peak resident memory in MiB."""
-    seconds = measure_canvas(case) if case.kind == "canvas" else measure_triangles(case)
+    is_canvas = case.kind in ("canvas", "strip")
+    seconds = measure_canvas(case) if is_canvas else measure_triangles(case)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {**vars(case), **seconds, "peak_mib": round(peak)}
 
@@ -53,7 +58,11 @@ def measure_canvas(case: Case) -> dict[str, Any]:
     """Plan a canvas, and draw it into a TIFF."""
     scene = random_scene(case.triangles, case.side, case.side / 400)
     began, began_wall = time.process_time(), time.perf_counter()
-    plan = sr.plan_tiles(scene, height=case.side, width=case.side, coverage=sr.Hard(1))
+    drawn: dict[str, Any] = {"height": case.side}
+    if case.rows is not None:
+        # So wide a strip has the snapping grid of the whole canvas.
+        drawn = {"height": case.rows, "origin": (0, case.side // 2)}
+    plan = sr.plan_tiles(scene, width=case.side, coverage=sr.Hard(case.samples), **drawn)
     planned = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "canvas.tif"

@@ -20,14 +20,22 @@ def cases(quick: bool, canvas: int) -> list[Case]:
         for kind in ("image", "gradient")
         for coverage in (["Hard"] if quick else COVERAGES)
     ]
-    return [Case("canvas", 2048 if quick else canvas, 2_000 if quick else 100_000), *of_triangles]
+    canvases = (
+        [Case("canvas", 2048, 2_000)]
+        if quick
+        else [
+            Case("canvas", canvas, 100_000),
+            Case("strip", canvas, 100_000, samples=16, rows=1024),
+        ]
+    )
+    return [*canvases, *of_triangles]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="small sizes, into cache/")
     parser.add_argument("--canvas", type=int, default=50_000, help="side of the canvas, in pixels")
-    parser.add_argument("--only", choices=("canvas", "image", "gradient"))
+    parser.add_argument("--only", choices=("canvas", "strip", "image", "gradient"))
     options = parser.parse_args()
     folder = HERE / ("cache" if options.quick or options.only else "results")
     folder.mkdir(exist_ok=True)
