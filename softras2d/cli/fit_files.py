@@ -1,6 +1,7 @@
 """The files that `softras2d fit` writes. Imports JAX: for use within a command."""
 
-import os
+import sys
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,9 +10,8 @@ import numpy as np
 from ..fitting.loop import ProgressReport
 from ..fitting.result import FitResult
 from ..fitting.score import Scorer
-from ..fitting.target import Image
 from ..io.animation import write_animation
-from ..io.images import WRITABLE, check_writable_path, write_image
+from ..io.images import write_image
 from ..io.svg.gradients import in_browsers
 from ..io.svg.writer import write_svg
 from ..numerics.device import to_device
@@ -19,41 +19,13 @@ from ..options import Hard
 from ..rendering.planner import plan
 from ..rendering.render import render
 from ..scene import Scene
-
-_SUFFIXES = (".svg", *WRITABLE, ".gif", ".npz", ".json")
+from .fit_paths import STANDARD
 
 _MAX_FRAMES = 40
 """Scenes of the fit that an animation shows, before the last one."""
 
 _MAX_SIDE = 320
 """Longer side of an animation, in pixels."""
-
-
-def find_suffix(paths: list[Path], suffix: str) -> Path | None:
-    """The first path with a suffix, in either case; None if there is none."""
-    return next((path for path in paths if path.suffix.lower() == suffix), None)
-
-
-def check_outputs(paths: list[Path], inputs: dict[Path, str], picture: Image) -> None:
-    """Raise `ValueError` for a file that cannot be written, before the work of a fit.
-
-    `inputs` maps files that must not be overwritten to their roles, for the message; `picture` is
-    the picture to fit.
-    """
-    has_alpha = picture.shape[-1] == 4 and bool((picture[..., 3] < 1).any())
-    for path in paths:
-        if path.suffix.lower() not in _SUFFIXES:
-            raise ValueError(f"{path}: the suffix must be one of {', '.join(_SUFFIXES)}.")
-        check_writable_path(path)
-        if not os.access(path.parent, os.W_OK):
-            raise ValueError(f"{path}: the folder {path.parent} cannot be written to.")
-        if has_alpha and path.suffix.lower() in (".jpg", ".jpeg"):
-            raise ValueError(f"{path}: JPEG stores no alpha, which the picture to fit has.")
-        for input_path, role in inputs.items():
-            if path.exists() and input_path.exists() and path.samefile(input_path):
-                raise ValueError(f"{path}: that is {role}.")
-    if len(set(paths)) < len(paths):
-        raise ValueError("the same --output is given twice.")
 
 
 def write_all(paths: list[Path], result: FitResult, frames: "AnimationFrames | None") -> None:
@@ -70,7 +42,14 @@ def write_all(paths: list[Path], result: FitResult, frames: "AnimationFrames | N
 
 
 def _write(path: Path, result: FitResult, frames: "AnimationFrames | None") -> None:
-    """Write one file of a fit, in the format that its suffix names."""
+    """Write one file of a fit, in the format that its suffix names; `-` is an SVG on stdout."""
+    if path == STANDARD:
+        with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
+            file = Path(folder) / "fit.svg"
+            _write(file, result, frames)
+            sys.stdout.buffer.write(file.read_bytes())
+            sys.stdout.buffer.flush()
+        return
     suffix = path.suffix.lower()
     if suffix == ".svg":
         scene, height, width = result.scene, result.height, result.width

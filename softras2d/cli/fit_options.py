@@ -1,7 +1,7 @@
 """Options of `softras2d fit`."""
 
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated, NamedTuple, get_args
 
 import typer
 
@@ -13,10 +13,35 @@ SEARCH = "The optimisation"
 SECONDS = 30.0
 """Time limit of a command that is given neither seconds nor steps."""
 
+
+class Rectangle(NamedTuple):
+    """A rectangle of whole pixels: its left and upper edges, and its size."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+def parse_rectangle(text: str | Rectangle) -> Rectangle:
+    """Parse `X,Y,WIDTH,HEIGHT`: whole numbers, the last two above 0."""
+    if isinstance(text, Rectangle):
+        return text
+    try:
+        x, y, width, height = (int(number) for number in text.split(","))
+    except ValueError:
+        width = height = x = y = 0
+    if width < 1 or height < 1:
+        raise typer.BadParameter(f"{text!r} is not X,Y,WIDTH,HEIGHT, such as 120,80,200,150.")
+    return Rectangle(x, y, width, height)
+
+
 Target = Annotated[
     Path | None,
     typer.Argument(
-        metavar="PHOTO", show_default=False, help="Image to fit. Default: a bundled picture."
+        metavar="PHOTO",
+        show_default=False,
+        help="Image to fit; - is standard input. Default: a bundled picture.",
     ),
 ]
 Triangles = Annotated[
@@ -56,7 +81,8 @@ Output = Annotated[
         metavar="OUT.svg|png|gif|npz|json",
         show_default="PHOTO.fit.svg",
         help="File to write; may be repeated. svg: vector image; png: image; gif: animation of "
-        "the fit; npz: the whole fit, for --resume and --start; json: report.",
+        "the fit; npz: the whole fit, for --resume and --start; json: report; -: an SVG on "
+        "standard output.",
         rich_help_panel=_RESULT,
     ),
 ]
@@ -71,7 +97,8 @@ Seconds = Annotated[
 Steps = Annotated[
     int | None,
     typer.Option(
-        help="Stop after this many optimizer steps, instead of a number of seconds.",
+        help="Stop after this many optimizer steps, instead of a number of seconds. With --resume, "
+        "the steps of the earlier fit count too.",
         rich_help_panel=SEARCH,
     ),
 ]
@@ -122,6 +149,16 @@ Weights = Annotated[
     typer.Option(
         metavar="IMAGE",
         help="Image that weights the error of each pixel: brighter pixels count more.",
+        rich_help_panel=SEARCH,
+    ),
+]
+Focus = Annotated[
+    list[Rectangle] | None,
+    typer.Option(
+        metavar="X,Y,WIDTH,HEIGHT",
+        parser=parse_rectangle,
+        help="Rectangle, in pixels of the photo, in which errors count ten times as much; may be "
+        "repeated, and multiplies --weights.",
         rich_help_panel=SEARCH,
     ),
 ]

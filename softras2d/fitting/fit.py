@@ -11,7 +11,7 @@ from typing import Any
 
 import jax
 
-from ..io.images import check_writable_path
+from ..io.outputs import check_writable_path
 from ..numerics.compiled_programs import drop_programs
 from ..scene import Scene
 from . import choices

@@ -7,9 +7,9 @@ import numpy as np
 
 from ..numerics.device import to_device
 from ..scene import Scene
-from .families import FAMILIES
 from .resample import shrink
 from .target import Target
+from .traits import TRAITS
 
 
 class Frame(NamedTuple):
@@ -26,7 +26,7 @@ class Frame(NamedTuple):
         longer_side = max(height, width)
         size = settings["size"]
         if size is None:
-            default = FAMILIES[settings["family"]].default_size
+            default = TRAITS[settings["family"]].default_size
             size = longer_side if default is None else default
         scale = min(1.0, size / longer_side)
         rows, columns = (max(1, round(side * scale)) for side in (height, width))

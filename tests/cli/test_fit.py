@@ -9,8 +9,11 @@ import time
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import softras2d as sr
+from softras2d.cli import app
+from softras2d.cli.fit_words import in_options
 from softras2d.io.images import read_image, write_image
 
 from ..cases.pictures import blobs
@@ -42,28 +45,84 @@ def photo(tmp_path, monkeypatch):
             "--softness must be pixels, or PIXELS:PIXELS; got 'wide'",
         ),
         (["PHOTO", "-o", "a.svg", "-o", "a.svg"], "given twice"),
-        (["PHOTO", "-n", "0"], "`triangles` must be a whole number from 1"),
+        (["PHOTO", "-n", "0"], "-n must be a whole number from 1 on; got 0"),
+        (["PHOTO", "--size", "0"], "--size must be a whole number from 1 on; got 0"),
+        (["PHOTO", "--family", "mesh", "--translucent"], "--translucent is for layers"),
+        (
+            ["PHOTO", "--colors", "solve", "--loss", "l1"],
+            "colours in closed form are those of --loss squared",
+        ),
+        (["PHOTO", "--focus", "90,0,9,9"], "--focus 90,0,9,9 lies outside the picture, 48 x 40"),
+        (
+            ["PHOTO", "--weights", "PHOTO8"],
+            "photo8.png has 8 x 8 pixels; the picture to",
+        ),
+        (["."], "fit every picture in it with: softras2d fit-batch . -o OUT"),
         (["PHOTO", "--steps", "5", "--seconds", "1"], "give one of --steps and --seconds"),
         (["PHOTO", "--resume", "none.npz"], "none.npz: no such file"),
-        (["PHOTO", "--shading", "linear"], "`shading` of a layers fit"),
+        (["PHOTO", "--shading", "linear"], "--shading of a layers fit must be one of"),
         (["PHOTO", "--start", "even"], "error, uniform, delaunay, or an .svg or .npz; got 'even'"),
         (["PHOTO", "--start", "none.svg"], "none.svg: cannot be read: No such file"),
         (["PHOTO", "--start", "a.svg", "--family", "mesh"], "or an .npz; got 'a.svg'"),
     ],
 )
-def test_errors_are_one_line(photo, tmp_path, arguments, message):
-    from typer.testing import CliRunner
-
-    from softras2d.cli import app
-
+def test_errors_are_one_line(photo, tmp_path, arguments: list[str], message: str):
     os.chdir(tmp_path)
-    done = CliRunner().invoke(
-        app, ["fit", *(str(photo) if argument == "PHOTO" else argument for argument in arguments)]
-    )
+    write_image("photo8.png", blobs(8, 8))
+    files = {"PHOTO": str(photo), "PHOTO8": "photo8.png"}
+    done = CliRunner().invoke(app, ["fit", *(files.get(text, text) for text in arguments)])
     assert done.exit_code == 1
     assert message in done.stderr
     assert done.stderr.count("\n") == 1
-    assert {p.name for p in tmp_path.iterdir()} <= {"photo.png", "cache"}
+    assert {p.name for p in tmp_path.iterdir()} <= {"photo.png", "photo8.png", "cache"}
+
+
+@pytest.mark.parametrize(
+    "arguments", [["none.png"], ["-n", "0"], ["-o", "a.txt"], ["--start", "even"]]
+)
+def test_wrong_arguments_are_refused_before_jax_is_loaded(arguments):
+    script = f"""
+import sys
+sys.argv[1:] = {["fit", *arguments]!r}
+from softras2d.cli import main
+try:
+    main()
+except SystemExit as stop:
+    print(stop.code, "jax" in sys.modules, "OpenImageIO" in sys.modules)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "1 False False\n", done.stderr
+
+
+def test_errors_name_the_options():
+    given = {"target": "photo.jpg", "weights": "mask.png", "resume": "fit.npz"}
+    for error, message in {
+        "`resume` is of 9 x 9 pixels; `target` has 8 x 8.": "--resume fit.npz is of 9 x 9 pixels; "
+        "photo.jpg has 8 x 8.",
+        "`resume` is of another `target`.": "--resume fit.npz is of another picture than photo.jpg.",
+        "`start` has 9 triangles; `triangles` is 8.": "--start has 9 triangles; -n is 8.",
+        "fit with `translucent=True`.": "fit with --translucent.",
+        "solvers take `loss='squared'`; use 'adam'.": "solvers take --loss squared; use 'adam'.",
+        "`weights` must be finite.": "--weights mask.png must be finite.",
+        "`state.host` must be a share.": "`state.host` must be a share.",
+    }.items():
+        assert in_options(error, given) == message
+
+
+@pytest.mark.slow
+def test_options_that_do_not_apply_to_a_resumed_fit_are_named(photo, tmp_path):
+    result = sr.fit(read_image(photo), triangles=2, steps=2)
+    result.save(tmp_path / "a.npz")
+    command = [str(photo), "--resume", str(tmp_path / "a.npz"), "-n", "9", "--seed", "3"]
+    done = CliRunner().invoke(app, ["fit", *command, "--steps", "2", "-o", str(tmp_path / "b.png")])
+    assert done.exit_code == 0, done.stderr
+    lines = done.stderr.splitlines()
+    assert lines[0] == "warning: --resume keeps the settings of the file: -n, --seed ignored"
+    assert lines[1].startswith("warning: --steps 2: no step is taken, because steps are counted")
+    assert len(lines) == 2
+    assert "2 triangles" in done.stdout
 
 
 @pytest.fixture(autouse=True)
