@@ -98,6 +98,7 @@ def fit_picture(
         from ..numerics.compilation_cache import keep_compiled_programs
         from .fit_files import AnimationFrames, write_all
         from .fit_start import read_start
+        from .fit_summary import summary
         from .fit_weights import pixel_weights
 
         keep_compiled_programs()
@@ -125,7 +126,11 @@ def fit_picture(
                 )  # fmt: skip
             bar.show("writing")
             write_all(outputs, result, frames)
-            _print_summary(outputs, result, began)
+            elapsed = time.perf_counter() - began
+            line = summary(outputs, result, elapsed=elapsed, shares=bar.shares, seconds=seconds)
+            # Standard output may be the SVG itself.
+            stdout = Console(soft_wrap=True, highlight=False, stderr=STANDARD in outputs)
+            stdout.print(line, markup=False)
             if watched is not None:
                 watched.finish(result, _LAST_PICTURE_SECONDS)
         if result.interrupted:
@@ -234,17 +239,3 @@ def _watched(picture: Any, target: Path | None, watch: bool, browser: bool) -> I
     subjects = [fit, Image(name, lambda: picture)]
     with ViewerServer(Session(subjects)) as server, shown_address(server.url, browser):
         yield fit
-
-
-def _print_summary(outputs: list[Path], result: Any, began: float) -> None:
-    """Print one line with the files written, the scores and the time since `began`."""
-    from .fit_files import browser_note
-
-    scores = f"{result.scene.triangles.shape[0]} triangles, PSNR {result.psnr:.2f} dB, "
-    note = browser_note(result) if find_suffix(outputs, ".svg") else ""
-    scores += f"SSIM {result.ssim:.3f}, {time.perf_counter() - began:.1f} s{note}"
-    # Standard output may be the SVG itself.
-    is_piped = STANDARD in outputs
-    Console(soft_wrap=True, highlight=False, stderr=is_piped).print(
-        f"{', '.join(map(str, outputs))}: {scores}", markup=False
-    )

@@ -11,11 +11,13 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 class FitBar:
     """Shows what the command is doing, and how far the fit is.
 
-    `followers`: objects whose method `add` takes each progress report.
+    - `followers`: objects whose method `add` takes each progress report.
+    - `shares`: how far the fit was at each report, 0..1.
     """
 
     def __init__(self, progress: Progress, task: TaskID):
         self.followers: Sequence[Any] = ()
+        self.shares: list[float] = []
         self._progress, self._task = progress, task
 
     def show(self, status: str) -> None:
@@ -24,10 +26,14 @@ class FitBar:
 
     def report(self, report: Any) -> None:
         """Show a `ProgressReport` of the fit, and pass it on to the followers."""
+        self.shares.append(report.share)
         record = report.record
+        # The image of a step has another size and softer edges than the result.
+        psnr = f"{report.saved_psnr:.2f} dB"
+        if report.saved_psnr != report.saved_psnr:
+            psnr = f"{record.psnr:.2f} dB at the size of the fit"
         status = (
-            f"PSNR {record.psnr:.2f} dB, {record.active} of {report.triangles} triangles, "
-            f"step {record.steps}"
+            f"PSNR {psnr}, {record.active} of {report.triangles} triangles, step {record.steps}"
         )
         # NaN means that the time left is not known yet.
         if report.seconds_left == report.seconds_left:

@@ -25,6 +25,11 @@ class Score(NamedTuple):
     ssim: float
 
 
+_HEADROOM = 1.5
+"""Capacity of a plan for scoring, as a multiple of what its scene needs: scenes of one fit share a
+program."""
+
+
 class Scorer:
     """Scores scenes against one target: PSNR and SSIM of the hard image with 16 samples.
 
@@ -60,7 +65,7 @@ class Scorer:
                 return image
         height, width = self._target.shape[:2]
         hard = Hard(samples=16, edge_gradients=False)
-        self._plan = plan(scene, height=height, width=width, coverage=hard)
+        self._plan = plan(scene, height=height, width=width, coverage=hard, headroom=_HEADROOM)
         return render(scene, self._plan)
 
 

@@ -4,12 +4,14 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import numpy as np
 
 from .closed_form import time_colors
 from .frame import Frame
+from .loop import measure
 from .prepare import make_fit, max_chunk_steps, settings_to_save
 from .result import FitResult, Record
-from .score import Scorer
+from .score import Score, Scorer
 from .state import restore_state, save_state
 from .target import Target
 
@@ -67,6 +69,18 @@ class Task:
         """Make the result from the best scene so far, and score it."""
         # The spare triangles do not show; with them, one program scores all scenes of the fit.
         score = self.scorer.score(self.frame.enlarge(self.fit.scene(padded=True)))
+        return self._result(score, interrupted)
+
+    def unscored_result(self) -> FitResult:
+        """Make an interrupted result at once: its image and scores are those of the last step."""
+        height, width = self.target.image.shape[:2]
+        rows = np.arange(height) * self.frame.height // height
+        columns = np.arange(width) * self.frame.width // width
+        image = np.asarray(self.fit.image, np.float32)[rows[:, None], columns]
+        return self._result(Score(image, *measure(self.fit)), True)
+
+    def _result(self, score: Score, interrupted: bool) -> FitResult:
+        """Make the result from the best scene so far and its score."""
         scene = self.frame.enlarge(self.fit.scene())
         state = save_state(self.fit, self.history[-1].steps if self.history else 0)
         if self.target.weights is not None:

@@ -101,7 +101,8 @@ def test_errors_name_the_options():
     for error, message in {
         "`resume` is of 9 x 9 pixels; `target` has 8 x 8.": "--resume fit.npz is of 9 x 9 pixels; "
         "photo.jpg has 8 x 8.",
-        "`resume` is of another `target`.": "--resume fit.npz is of another picture than photo.jpg.",
+        "`resume` is of another `target`.": "--resume fit.npz is of another picture than "
+        "photo.jpg.",
         "`start` has 9 triangles; `triangles` is 8.": "--start has 9 triangles; -n is 8.",
         "fit with `translucent=True`.": "fit with --translucent.",
         "solvers take `loss='squared'`; use 'adam'.": "solvers take --loss squared; use 'adam'.",
@@ -188,6 +189,16 @@ def test_a_fit_starts_from_a_file(photo, tmp_path, family):
 
 
 @pytest.mark.slow
+def test_standard_input_and_output(photo, tmp_path):
+    command = [*COMMAND, "-", "-n", "4", "--steps", "2", "--focus", "0,0,9,9"]
+    done = subprocess.run(command, input=photo.read_bytes(), capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert b"-: 4 triangles" in done.stderr
+    (tmp_path / "a.svg").write_bytes(done.stdout)
+    assert sr.read_svg(tmp_path / "a.svg").triangles.shape == (4, 3)
+
+
+@pytest.mark.slow
 def test_without_a_photo_a_bundled_picture_is_fitted(photo, tmp_path):
     command = [*COMMAND, "-n", "10", "--steps", "25", "--size", "64"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
@@ -200,7 +211,11 @@ def test_without_a_photo_a_bundled_picture_is_fitted(photo, tmp_path):
 def test_ctrl_c_saves_the_best_so_far(photo, tmp_path):
     output = tmp_path / "a.npz"
     command = [*COMMAND, str(photo), "-n", "8", "--steps", "100000", "-o", str(output)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        # A shell that starts the tests in the background makes its children ignore SIGINT.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
     # The steps would take many minutes; half a minute after they begin there is a checkpoint.
     limit = time.monotonic() + 300
     while not output.exists():
@@ -209,6 +224,7 @@ def test_ctrl_c_saves_the_best_so_far(photo, tmp_path):
     process.send_signal(signal.SIGINT)
     output_text, errors = process.communicate(timeout=120)
     assert process.returncode == 130, errors
+    assert "stopping, writing the best so far; once more to give up" in errors
     assert "interrupted" in errors
     assert "PSNR" in output_text
     result = sr.FitResult.load(output)
