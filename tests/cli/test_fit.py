@@ -211,11 +211,7 @@ def test_without_a_photo_a_bundled_picture_is_fitted(photo, tmp_path):
 def test_ctrl_c_saves_the_best_so_far(photo, tmp_path):
     output = tmp_path / "a.npz"
     command = [*COMMAND, str(photo), "-n", "8", "--steps", "100000", "-o", str(output)]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        # A shell that starts the tests in the background makes its children ignore SIGINT.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )  # fmt: skip
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     # The steps would take many minutes; half a minute after they begin there is a checkpoint.
     limit = time.monotonic() + 300
     while not output.exists():
