@@ -107,8 +107,9 @@ Size = Annotated[
     int | None,
     typer.Option(
         metavar="PIXELS",
-        help="Longer side, in pixels, of the image during the fit.",
-        show_default="256 for layers, the photo's size for a mesh",
+        help="Longer side, in pixels, of the image during the fit; the result has the photo's "
+        "size.",
+        show_default="256 for layers, 1024 for a mesh",
         rich_help_panel=SEARCH,
     ),
 ]

@@ -10,6 +10,7 @@ from ..fitting.choices import STARTS
 from ..fitting.frame import Frame
 from ..fitting.mesh.triangulation import Mesh, make_mesh
 from ..fitting.result import FitResult
+from ..fitting.traits import TRAITS
 from ..io.svg.reader import read_svg
 from ..numerics.device import to_device
 from ..scene import Scene
@@ -32,7 +33,8 @@ def read_start(text: str, family: str, size: int | None, height: int, width: int
     if saved_family != family:
         raise ValueError(f"{path}: a fit of family {saved_family}, but --family is {family}.")
     if family == "mesh":
-        return _mesh(earlier, Frame.of(height, width, {"family": family, "size": size}))
+        settings = {"family": family, "size": size or TRAITS[family].default_size}
+        return _mesh(earlier, Frame.of(height, width, settings))
     return _stretched(earlier.scene, width / earlier.width, height / earlier.height)
 
 

@@ -21,13 +21,15 @@ GIVEN = "given"
 
 
 def settle(settings: dict[str, Any]) -> dict[str, Any]:
-    """Fill in the shading, make `softness` a pair, and turn NumPy scalars into Python numbers."""
+    """Fill in shading and size, make `softness` a pair, and turn NumPy scalars into numbers."""
     settled = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
+    name = settled["family"]
+    # An unknown family is refused later, by `check`.
+    family = TRAITS.get(name, TRAITS["layers"]) if isinstance(name, str) else TRAITS["layers"]
     if settled["shading"] is None:
-        # An unknown family is refused later, by `check`.
-        name = settled["family"]
-        family = TRAITS.get(name) if isinstance(name, str) else None
-        settled["shading"] = "flat" if family is None else family.default_shading
+        settled["shading"] = family.default_shading
+    if settled["size"] is None:
+        settled["size"] = family.default_size
     softness = settled["softness"]
     if _is_number(softness):
         softness = (softness, softness)

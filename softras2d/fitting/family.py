@@ -117,6 +117,12 @@ class AbstractFit(abc.ABC):
     def polish(self) -> None:
         """Go to the best unknowns so far, and set their colours to those of least squared error."""
 
+    def polish_at_full_size(self, target: Target) -> None:  # noqa: B027
+        """Improve the best unknowns for a `target` larger than the fit, at the end of the fit.
+
+        Only families that gain by it do anything.
+        """
+
     @abc.abstractmethod
     def own_state(self) -> dict[str, np.ndarray]:
         """Arrays that only fits of this family save; `state.save_state` adds those of all fits.

@@ -59,8 +59,9 @@ def fit(
       on the same machine.
     - `steps`: total number of solver steps, including those of `resume`. The default is 1000.
     - `seconds`: time limit of this call, instead of `steps`; includes compiling and scoring.
-    - `size`: pixels along the longer side at which to fit. The default is 256 for layers, and the
-      size of the target for a mesh. A fit is never larger than its target.
+    - `size`: pixels along the longer side at which to fit. The default is 256 for layers, and 1024
+      for a mesh, whose colours are solved for at the size of the target at the end. A fit is never
+      larger than its target.
     - `shading`: `"flat"`, one colour per triangle; `"gouraud"`, colours interpolated between the
       corners, where triangles of a mesh that share a vertex share its colour; or, for a mesh alone,
       `"linear"`, interpolated between three corner colours that no other triangle shares. The
@@ -116,8 +117,8 @@ def fit(
         task = Task(weighted, settings, resume, lambda: limits.must_start() or interrupt.requested)
         try:
             interrupted = _run(task, limits, report, checkpoint, lambda: interrupt.requested)
-            if task.polishes and not (interrupted or interrupt.requested):
-                task.fit.polish()
+            if not (interrupted or interrupt.requested):
+                task.polish()
             result = task.result(interrupted or interrupt.requested)
         except KeyboardInterrupt:
             if checkpoint is not None:
@@ -162,7 +163,7 @@ def _run(
             _save(task.result(True), checkpoint)
 
     warm_up = task.warm_up(limits.deadline is not None)
-    with Rehearsal(warm_up, task.scorer.score) as rehearsal:
+    with Rehearsal(warm_up, task.scorer.psnr) as rehearsal:
         budget = Budget(limits, rehearsal, task.seconds_before)
         return run(
             [task.fit], [task.history], budget, steps=task.steps_before, max_steps=task.max_steps,

@@ -8,7 +8,6 @@ from types import TracebackType
 import jax
 
 from ..scene import Scene
-from .score import Score
 
 _INTERVAL = 10.0
 """Time between two rehearsals, as a multiple of the time that one takes. They share the processor
@@ -32,11 +31,11 @@ class Rehearsal:
     Use it in a `with` block, whose end waits for the thread.
 
     - `warm_up()`: compiles the programs for the result; returns the seconds that they take.
-    - `score(scene)`: scores a scene in pixels of the target.
+    - `psnr(scene)`: draws a scene in pixels of the target, and scores it.
     """
 
-    def __init__(self, warm_up: Callable[[], float], score: Callable[[Scene], Score]):
-        self._score = score
+    def __init__(self, warm_up: Callable[[], float], psnr: Callable[[Scene], float]):
+        self._psnr = psnr
         self._pool = ThreadPoolExecutor(1)
         self._warming: Future[float] = self._pool.submit(warm_up)
         self._running: Future[tuple[float, float]] | None = None
@@ -89,4 +88,4 @@ class Rehearsal:
 
     def _timed(self, scene: Scene) -> tuple[float, float]:
         began = time.perf_counter()
-        return self._score(scene).psnr, time.perf_counter() - began
+        return self._psnr(scene), time.perf_counter() - began

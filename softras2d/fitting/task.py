@@ -9,6 +9,7 @@ import numpy as np
 from .closed_form import time_colors
 from .frame import Frame
 from .loop import measure
+from .mesh.full_size import SECONDS_PER_MEGAPIXEL
 from .prepare import make_fit, max_chunk_steps, settings_to_save
 from .result import FitResult, Record
 from .score import Score, Scorer
@@ -46,6 +47,20 @@ class Task:
         """Whether colours are solved for in closed form at the end."""
         return self.settings["colors"] != "together"
 
+    @property
+    def polishes_at_full_size(self) -> bool:
+        """Whether colours are solved for at the size of a target larger than the fit."""
+        is_squared = self.settings["loss"] == "squared" and self.settings["light"] == "display"
+        is_shrunk = (self.frame.height, self.frame.width) != self.target.image.shape[:2]
+        return self.settings["family"] == "mesh" and is_squared and is_shrunk
+
+    def polish(self) -> None:
+        """Solve for colours at the end of the fit, as far as the settings say so."""
+        if self.polishes:
+            self.fit.polish()
+        if self.polishes_at_full_size:
+            self.fit.polish_at_full_size(self.target)
+
     def warm_up(self, timed: bool) -> Callable[[], float]:
         """Make a function that compiles the programs for the result, and returns how long they run.
 
@@ -58,10 +73,13 @@ class Task:
         if timed and self.polishes:
             polish_arguments = fit.residual, fit.progress.y, fit.data, fit.request.loss.light
 
+        megapixels = self.target.image.shape[0] * self.target.image.shape[1] / 1e6
+        full_size = megapixels * SECONDS_PER_MEGAPIXEL * self.polishes_at_full_size
+
         def compile_and_time() -> float:
             with jax.enable_x64(False):
                 polishing = 0.0 if polish_arguments is None else time_colors(*polish_arguments)
-                return self.scorer.warm_up(likely) + polishing
+                return self.scorer.warm_up(likely) + polishing + full_size
 
         return compile_and_time
 

@@ -14,7 +14,7 @@ class FamilyTraits(NamedTuple):
 
     shadings: tuple[str, ...]
     default_shading: str
-    default_size: int | None
+    default_size: int
     min_triangles: int
     translucent: bool
 
@@ -30,7 +30,7 @@ TRAITS: dict[str, FamilyTraits] = {
     "mesh": FamilyTraits(
         shadings=("flat", "gouraud", "linear"),
         default_shading="gouraud",
-        default_size=None,
+        default_size=1024,
         min_triangles=2,
         translucent=False,
     ),

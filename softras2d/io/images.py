@@ -185,10 +185,12 @@ def _load(
         raise ValueError(f"{name}: the image is damaged: a name in it is not UTF-8.") from None
     pixels = _select_rgba(pixels, channel_names)
     is_float = np.dtype(str(spec.format).replace("half", "float16")).kind == "f"
-    if _is_premultiplied(path, spec):
+    is_premultiplied = _is_premultiplied(path, spec)
+    if is_premultiplied:
         with np.errstate(over="ignore", invalid="ignore"):
             pixels = unpremultiply(pixels)
-    _check_finite(name, pixels)
+    if is_float or is_premultiplied:
+        _check_finite(name, pixels)
     if is_float and not linear:
         pixels = _on_colors(linear_to_srgb, pixels)
     if linear and not is_float:
@@ -224,7 +226,7 @@ def _read_channels(
     # Division rounds correctly; OpenImageIO multiplies by a rounded 1/255. A signalling NaN makes
     # numpy warn here, and is reported by `_check_finite` later.
     with np.errstate(invalid="ignore"):
-        floats = np.array(pixels, np.float32).reshape(shape)
+        floats = np.asarray(pixels).reshape(shape).astype(np.float32)
         floats /= np.float32(maximum)
     return floats, spec
 
@@ -268,7 +270,8 @@ def _select_rgba(pixels: np.ndarray, names: list[str]) -> np.ndarray:
         chosen = not_alpha[:3] if len(not_alpha) >= 3 else not_alpha[:1] * 3
     if "A" in names and len(names) > 1:
         chosen.append(names.index("A"))
-    return pixels[..., chosen]
+    # Choosing all channels in their order would copy the image.
+    return pixels if chosen == list(range(pixels.shape[-1])) else pixels[..., chosen]
 
 
 def _is_premultiplied(path: Path, spec: Any) -> bool:
