@@ -75,7 +75,7 @@ def browser_note(result: FitResult) -> str:
     shown = in_browsers(result.scene)
     if np.array_equal(shown.colors, result.scene.colors):
         return note + "in the same colours"
-    psnr = Scorer(result.image).score(shown).psnr
+    psnr = Scorer(result.image).psnr(shown)
     return note + f"by linear gradients, {psnr:.1f} dB from this, antialiasing aside"
 
 
