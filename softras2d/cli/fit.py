@@ -11,9 +11,16 @@ from typing import Any
 from rich.console import Console
 
 from . import fit_options
-from .fit_bar import fit_bar
-from .fit_options import SECONDS
-from .fit_paths import STANDARD, check_input, check_outputs, check_start, find_suffix
+from .fit_bar import FitBar, fit_bar
+from .fit_options import SECONDS, FilmOptions
+from .fit_paths import (
+    STANDARD,
+    check_animation,
+    check_input,
+    check_outputs,
+    check_start,
+    find_suffix,
+)
 from .fit_words import option_words
 from .session import print_message, session
 from .stopping import answered_signals
@@ -33,12 +40,13 @@ _BUNDLED = "valley"
 
 
 def fit_picture(
-    target: fit_options.Target = None,
+    targets: fit_options.Targets = None,
     triangles: fit_options.Triangles = 500,
     family: fit_options.Family = "layers",
     shading: fit_options.Shading = None,
     translucent: fit_options.Translucent = False,
     output: fit_options.Output = None,
+    digits: fit_options.Digits = None,
     seconds: fit_options.Seconds = None,
     steps: fit_options.Steps = None,
     solver: fit_options.Solver = "adam",
@@ -52,6 +60,10 @@ def fit_picture(
     focus: fit_options.Focus = None,
     start: fit_options.Start = "error",
     resume: fit_options.Resume = None,
+    animation: fit_options.Animation = None,
+    frame_steps: fit_options.FrameSteps = 60,
+    temporal: fit_options.Temporal = 1.0,
+    fps: fit_options.Fps = 10.0,
     watch: fit_options.Watch = False,
     browser: fit_options.Browser = True,
 ) -> None:
@@ -62,6 +74,8 @@ def fit_picture(
     [bold]softras2d fit photo.jpg --family mesh -n 5000 --seconds 240 -o photo.npz[/bold]
 
     [bold]softras2d fit photo.jpg --focus 120,80,200,150 --watch[/bold]
+
+    [bold]softras2d fit frames/*.png --animation film.svg[/bold]
 
     [bold]softras2d fit - < photo.jpg > photo.svg[/bold]
 
@@ -77,20 +91,32 @@ def fit_picture(
     }  # fmt: skip
     with session(long_running=True, loads_jax=False) as console, fit_bar(console) as bar:
         settings["softness"] = _parse_softness(softness)
+        target = targets[0] if targets else None
         given = {
             "target": target or _BUNDLED, "weights": weights, "start": start, "resume": resume
         }  # fmt: skip
+        others = {"weights": weights, "focus": focus, "start": start, "softness": softness}
         with option_words(given):
             _check_arguments(settings, steps, seconds)
         check_start(start, family)
-        for path in (target, weights, resume):
+        for path in (*(targets or []), weights, resume):
             check_input(path)
+        if animation is not None:
+            film = {"output": output, "seconds": seconds, "resume": resume, "watch": watch}
+            _check_film(targets or [], animation, settings | others | film)
+            options = FilmOptions(animation, frame_steps, temporal, fps, digits)
+            _fit_film(targets or [], options, settings, steps, began, console, bar)
+            return
+        if targets and len(targets) > 1:
+            raise ValueError(
+                f"{targets[1]}: a second picture; several are the frames of a film, for "
+                "--animation FILM.svg. To fit each, put them into a folder: softras2d fit-batch."
+            )
         outputs = output or [_default_output(target)]
         inputs = {target: "the picture to fit", weights: "the picture of weights"}
         inputs[Path(start)] = "what the fit starts from"
         check_outputs(outputs, {path: role for path, role in inputs.items() if path})
         if resume is not None:
-            others = {"weights": weights, "focus": focus, "start": start, "softness": softness}
             _name_ignored(settings | others, console)
         bar.show("loading JAX")
         from ..fitting.fit import fit
@@ -125,7 +151,7 @@ def fit_picture(
                     checkpoint=find_suffix(outputs, ".npz"),
                 )  # fmt: skip
             bar.show("writing")
-            write_all(outputs, result, frames)
+            write_all(outputs, result, frames, digits)
             elapsed = time.perf_counter() - began
             line = summary(outputs, result, elapsed=elapsed, shares=bar.shares, seconds=seconds)
             # Standard output may be the SVG itself.
@@ -161,13 +187,58 @@ def _check_alpha(outputs: list[Path], picture: Any) -> None:
 
 
 def _name_ignored(options: dict[str, Any], console: Console) -> None:
-    """Warn of options other than their defaults, which do not apply to a resumed fit."""
+    """Warn of options that were given, but do not apply to a resumed fit."""
+    given = _given(options)
+    if given:
+        message = f"--resume keeps the settings of the file: {given} ignored"
+        print_message("warning", message, console)
+
+
+def _given(options: dict[str, Any]) -> str:
+    """A list of the options whose values are not their defaults."""
     defaults = inspect.signature(fit_picture).parameters
     given = [name for name, value in options.items() if value != defaults[name].default]
-    if given:
-        listed = ", ".join("-n" if name == "triangles" else f"--{name}" for name in given)
-        message = f"--resume keeps the settings of the file: {listed} ignored"
-        print_message("warning", message, console)
+    return ", ".join("-n" if name == "triangles" else f"--{name}" for name in given)
+
+
+_FILM_SETTINGS = ("triangles", "shading", "translucent", "size", "seed", "softness", "light")
+"""Parameters of `fit_picture` that `fit_frames` has too."""
+
+
+def _check_film(frames: list[Path], animation: Path, options: dict[str, Any]) -> None:
+    """Raise `ValueError` for a film that cannot be written, and for options that films lack."""
+    check_animation(animation)
+    if not frames:
+        raise ValueError(f"{animation}: --animation needs the frames of a film.")
+    refused = _given({name: value for name, value in options.items() if name not in _FILM_SETTINGS})
+    if refused:
+        raise ValueError(f"{animation}: films are fitted without {refused}.")
+
+
+def _fit_film(
+    frames: list[Path],
+    options: FilmOptions,
+    settings: dict[str, Any],
+    steps: int | None,
+    began: float,
+    console: Console,
+    bar: FitBar,
+) -> None:
+    """Fit a film, and write its animation."""
+    bar.show("loading JAX")
+    from ..numerics.compilation_cache import keep_compiled_programs
+    from .fit_film import film_summary, fit_film, write_film
+
+    keep_compiled_programs()
+    shared = {name: settings[name] for name in _FILM_SETTINGS}
+    with option_words({}), answered_signals(console):
+        results, targets = fit_film(frames, options, shared, steps, bar)
+    bar.show("writing")
+    write_film(options, results)
+    line = film_summary(options, results, targets, began)
+    Console(soft_wrap=True, highlight=False).print(line, markup=False)
+    if results[-1].interrupted:
+        raise KeyboardInterrupt
 
 
 def _check_more_steps(steps: int, earlier: Any, resume: Path | None, console: Console) -> None:

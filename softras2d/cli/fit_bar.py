@@ -24,6 +24,10 @@ class FitBar:
         """Show what the command is doing, beside the bar."""
         self._progress.update(self._task, status=status)
 
+    def advance(self, share: float, status: str) -> None:
+        """Show how far the work is, 0..1, and a status."""
+        self._progress.update(self._task, completed=share, status=status)
+
     def report(self, report: Any) -> None:
         """Show a `ProgressReport` of the fit, and pass it on to the followers."""
         self.shares.append(report.share)
@@ -38,7 +42,7 @@ class FitBar:
         # NaN means that the time left is not known yet.
         if report.seconds_left == report.seconds_left:
             status += f", {report.seconds_left:.0f} s left"
-        self._progress.update(self._task, completed=report.share, status=status)
+        self.advance(report.share, status)
         for follower in self.followers:
             follower.add(report)
 

@@ -10,7 +10,9 @@ import numpy as np
 from ..fitting.loop import ProgressReport
 from ..fitting.result import FitResult
 from ..fitting.score import Scorer
+from ..fitting.target import Image
 from ..io.animation import write_animation
+from ..io.compact_scene import write_compact
 from ..io.images import write_image
 from ..io.svg.gradients import in_browsers
 from ..io.svg.writer import write_svg
@@ -19,7 +21,7 @@ from ..options import Hard
 from ..rendering.planner import plan
 from ..rendering.render import render
 from ..scene import Scene
-from .fit_paths import STANDARD
+from .fit_paths import COMPACT, STANDARD
 
 _MAX_FRAMES = 40
 """Scenes of the fit that an animation shows, before the last one."""
@@ -28,12 +30,17 @@ _MAX_SIDE = 320
 """Longer side of an animation, in pixels."""
 
 
-def write_all(paths: list[Path], result: FitResult, frames: "AnimationFrames | None") -> None:
-    """Write every file, also after one of them failed; then raise `ValueError` for those."""
+def write_all(
+    paths: list[Path], result: FitResult, frames: "AnimationFrames | None", digits: int | None
+) -> None:
+    """Write every file, also after one of them failed; then raise `ValueError` for those.
+
+    `digits`: decimals of coordinates in an SVG; None: all.
+    """
     failures = []
     for path in paths:
         try:
-            _write(path, result, frames)
+            _write(path, result, frames, digits)
         except (ValueError, OSError, MemoryError) as error:
             message = " ".join(str(error).split())
             failures.append(message if str(path) in message else f"{path}: {message}")
@@ -41,19 +48,23 @@ def write_all(paths: list[Path], result: FitResult, frames: "AnimationFrames | N
         raise ValueError("; ".join(failures))
 
 
-def _write(path: Path, result: FitResult, frames: "AnimationFrames | None") -> None:
+def _write(
+    path: Path, result: FitResult, frames: "AnimationFrames | None", digits: int | None
+) -> None:
     """Write one file of a fit, in the format that its suffix names; `-` is an SVG on stdout."""
     if path == STANDARD:
         with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
             file = Path(folder) / "fit.svg"
-            _write(file, result, frames)
+            _write(file, result, frames, digits)
             sys.stdout.buffer.write(file.read_bytes())
             sys.stdout.buffer.flush()
         return
     suffix = path.suffix.lower()
     if suffix == ".svg":
-        scene, height, width = result.scene, result.height, result.width
-        write_svg(path, scene, height=height, width=width, fallback=True)
+        height, width = result.height, result.width
+        write_svg(path, result.scene, height=height, width=width, fallback=True, digits=digits)
+    elif suffix == COMPACT:
+        write_compact(path, result.scene, height=result.height, width=result.width)
     elif suffix == ".npz":
         result.save(path)
     elif suffix == ".json":
@@ -63,6 +74,13 @@ def _write(path: Path, result: FitResult, frames: "AnimationFrames | None") -> N
         frames.write(path, result.scene)
     else:
         write_image(path, result.image)
+
+
+def size_note(path: Path, result: FitResult) -> str:
+    """The size of a compact file; continues the line of scores."""
+    size = path.stat().st_size
+    bits = 8 * size / (result.height * result.width)
+    return f"; {path} has {size} bytes, {bits:.3f} bits per pixel"
 
 
 def browser_note(result: FitResult) -> str:
@@ -93,18 +111,20 @@ class AnimationFrames:
 
     def write(self, path: Path, last: Scene) -> None:
         """Write the animation, which ends with the scene `last`."""
-        scale = min(1.0, _MAX_SIDE / max(self._height, self._width))
-        height, width = (max(1, round(side * scale)) for side in (self._height, self._width))
-        scenes = [_scaled(scene, scale) for _, scene in self._scenes]
-        hard = Hard(samples=4, edge_gradients=False)
-        frames = []
-        if scenes:
-            # Scenes during a fit have equal shapes, so that one plan compiles one program for all.
-            shared = plan(scenes, height=height, width=width, coverage=hard)
-            frames = [np.asarray(render(scene, shared))[..., :3] for scene in scenes]
-        end = _scaled(last, scale)
-        final = render(end, plan(end, height=height, width=width, coverage=hard))
-        write_animation(path, [*frames, np.asarray(final)[..., :3]])
+        scenes = [scene for _, scene in self._scenes]
+        images = small_images(scenes, self._height, self._width) if scenes else []
+        # The last scene has another number of triangles.
+        write_animation(path, [*images, *small_images([last], self._height, self._width)])
+
+
+def small_images(scenes: list[Scene], height: int, width: int) -> list[Image]:
+    """Draw scenes of equal shapes, of a `height` x `width` canvas, at the size of an animation."""
+    scale = min(1.0, _MAX_SIDE / max(height, width))
+    rows, columns = (max(1, round(side * scale)) for side in (height, width))
+    scaled = [_scaled(scene, scale) for scene in scenes]
+    # One plan for all compiles one program.
+    shared = plan(scaled, height=rows, width=columns, coverage=Hard(4, edge_gradients=False))
+    return [np.asarray(render(scene, shared))[..., :3] for scene in scaled]
 
 
 def _scaled(scene: Scene, scale: float) -> Scene:

@@ -9,6 +9,7 @@ from .. import names
 
 _RESULT = "The result"
 SEARCH = "The optimisation"
+_FILM = "Films"
 
 SECONDS = 30.0
 """Time limit of a command that is given neither seconds nor steps."""
@@ -36,12 +37,13 @@ def parse_rectangle(text: str | Rectangle) -> Rectangle:
     return Rectangle(x, y, width, height)
 
 
-Target = Annotated[
-    Path | None,
+Targets = Annotated[
+    list[Path] | None,
     typer.Argument(
         metavar="PHOTO",
         show_default=False,
-        help="Image to fit; - is standard input. Default: a bundled picture.",
+        help="Image to fit; - is standard input. Several are the frames of a film, for "
+        "--animation. Default: a bundled picture.",
     ),
 ]
 Triangles = Annotated[
@@ -78,12 +80,54 @@ Output = Annotated[
     typer.Option(
         "--output",
         "-o",
-        metavar="OUT.svg|png|gif|npz|json",
+        metavar="OUT.svg|png|gif|npz|s2d|json",
         show_default="PHOTO.fit.svg",
         help="File to write; may be repeated. svg: vector image; png: image; gif: animation of "
-        "the fit; npz: the whole fit, for --resume and --start; json: report; -: an SVG on "
-        "standard output.",
+        "the fit; npz: the whole fit, for --resume and --start; s2d: compact binary; json: "
+        "report; -: an SVG on standard output.",
         rich_help_panel=_RESULT,
+    ),
+]
+Digits = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        max=6,
+        help="Decimals of coordinates in SVG files, whose colours are then rounded to 8 bits: for "
+        "small files.",
+        show_default="exact numbers",
+        rich_help_panel=_RESULT,
+    ),
+]
+Animation = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="OUT.svg|gif",
+        help="Fit the frames of a film, and write it as an animation.",
+        rich_help_panel=_FILM,
+    ),
+]
+FrameSteps = Annotated[
+    int,
+    typer.Option(
+        min=1,
+        help="Optimizer steps of each frame after the first, which has --steps, or else 500.",
+        rich_help_panel=_FILM,
+    ),
+]
+Temporal = Annotated[
+    float,
+    typer.Option(
+        min=0.0,
+        help="Weight of changes where the film stands still, relative to errors: more gives less "
+        "flicker.",
+        rich_help_panel=_FILM,
+    ),
+]
+Fps = Annotated[
+    float,
+    typer.Option(
+        min=0.1, max=50.0, help="Frames per second of the animation.", rich_help_panel=_FILM
     ),
 ]
 Seconds = Annotated[
@@ -192,3 +236,13 @@ Browser = Annotated[
         help="With --watch: open the page in the browser, or only print its address.",
     ),
 ]
+
+
+class FilmOptions(NamedTuple):
+    """Values of the options that only films have, and of `--digits`."""
+
+    animation: Path
+    frame_steps: int
+    temporal: float
+    fps: float
+    digits: int | None

@@ -11,7 +11,10 @@ from ..io.outputs import WRITABLE, check_writable_path
 STANDARD = Path("-")
 """Standard input or standard output, in place of a file."""
 
-SUFFIXES = (".svg", *WRITABLE, ".gif", ".npz", ".json")
+COMPACT = ".s2d"
+"""Suffix of compact binary files."""
+
+SUFFIXES = (".svg", *WRITABLE, ".gif", ".npz", COMPACT, ".json")
 """Suffixes of the files that the command writes."""
 
 
@@ -59,3 +62,10 @@ def check_start(text: str, family: str) -> None:
         return
     known = "an .npz" if family == "mesh" else "an .svg or .npz"
     raise ValueError(f"--start must be one of {', '.join(starts)}, or {known}; got {text!r}.")
+
+
+def check_animation(path: Path) -> None:
+    """Raise `ValueError` for an animation that cannot be written."""
+    if path.suffix.lower() not in (".svg", ".gif"):
+        raise ValueError(f"{path}: the suffix of an animation must be .svg or .gif.")
+    check_writable_path(path)

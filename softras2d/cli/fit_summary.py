@@ -7,8 +7,8 @@ from ..fitting.budget import MAX_START_SHARE
 from ..fitting.layers.schedule import GROWTH_END
 from ..fitting.mesh.saved import max_vertices
 from ..fitting.result import FitResult
-from .fit_files import browser_note
-from .fit_paths import find_suffix
+from .fit_files import browser_note, size_note
+from .fit_paths import COMPACT, find_suffix
 
 
 def summary(
@@ -28,6 +28,8 @@ def summary(
     triangles = f"{count} triangles" if reason is None else f"{count} of {wanted} triangles"
     because = "" if reason is None else f" ({reason})"
     note = browser_note(result) if find_suffix(outputs, ".svg") else ""
+    compact = find_suffix(outputs, COMPACT)
+    note += "" if compact is None else size_note(compact, result)
     return (
         f"{', '.join(map(str, outputs))}: {triangles}{because}, PSNR {result.psnr:.2f} dB, SSIM "
         f"{result.ssim:.3f}, {elapsed:.1f} s{note}"

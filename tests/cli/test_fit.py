@@ -58,6 +58,17 @@ def photo(tmp_path, monkeypatch):
             "photo8.png has 8 x 8 pixels; the picture to",
         ),
         (["."], "fit every picture in it with: softras2d fit-batch . -o OUT"),
+        (["PHOTO", "PHOTO8"], "photo8.png: a second picture; several are the frames of a film"),
+        (["--animation", "a.svg"], "a.svg: --animation needs the frames of a film"),
+        (["PHOTO", "--animation", "a.mp4"], "the suffix of an animation must be .svg or .gif"),
+        (
+            ["PHOTO", "--animation", "a.gif", "--seconds", "9", "--family", "mesh"],
+            "a.gif: films are fitted without --family, --seconds",
+        ),
+        (
+            ["PHOTO", "PHOTO8", "--animation", "a.svg"],
+            "photo8.png: 8 x 8 pixels; the first frame, ",
+        ),
         (["PHOTO", "--steps", "5", "--seconds", "1"], "give one of --steps and --seconds"),
         (["PHOTO", "--resume", "none.npz"], "none.npz: no such file"),
         (["PHOTO", "--shading", "linear"], "--shading of a layers fit must be one of"),
@@ -138,10 +149,15 @@ def test_every_kind_of_file_is_written(photo, tmp_path):
     names = ["a.svg", "a.png", "a.gif", "a.npz", "a.json"]
     outputs = [argument for name in names for argument in ("-o", str(tmp_path / name))]
     command = [*COMMAND, str(photo), "-n", "8", "--steps", "50", "--shading", "gouraud", *outputs]
+    compact = tmp_path / "a.s2d"
+    command += ["-o", str(compact)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "PSNR" in done.stdout
     assert "a browser shows the SVG by linear gradients" in done.stdout
+    bits = 8 * compact.stat().st_size / (40 * 48)
+    assert f"a.s2d has {compact.stat().st_size} bytes, {bits:.3f} bits per pixel" in done.stdout
+    assert sr.read_compact(compact).scene.triangles.shape == (8, 3)
     result = sr.FitResult.load(tmp_path / "a.npz")
     np.testing.assert_allclose(read_image(tmp_path / "a.png"), result.image, atol=0.51 / 255)
     scene = sr.read_svg(tmp_path / "a.svg")
@@ -196,6 +212,19 @@ def test_standard_input_and_output(photo, tmp_path):
     assert b"-: 4 triangles" in done.stderr
     (tmp_path / "a.svg").write_bytes(done.stdout)
     assert sr.read_svg(tmp_path / "a.svg").triangles.shape == (4, 3)
+
+
+@pytest.mark.slow
+def test_a_film_becomes_an_animation(photo, tmp_path):
+    write_image(tmp_path / "photo2.png", np.roll(blobs(), 2, 1))
+    frames = [str(photo), str(tmp_path / "photo2.png")]
+    for name in ("a.svg", "a.gif"):
+        film = ["fit", *frames, "-n", "5", "--steps", "4", "--frame-steps", "3", "--fps", "20"]
+        done = CliRunner().invoke(app, [*film, "--animation", str(tmp_path / name)])
+        assert done.exit_code == 0, done.stderr
+        assert f"{name}: 2 frames, 5 triangles, mean PSNR" in done.stdout
+    assert (tmp_path / "a.svg").read_text().count("<animate") >= 5
+    assert (tmp_path / "a.gif").read_bytes()[:6] == b"GIF89a"
 
 
 @pytest.mark.slow
