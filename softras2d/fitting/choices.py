@@ -28,7 +28,7 @@ def settle(settings: dict[str, Any]) -> dict[str, Any]:
     family = TRAITS.get(name, TRAITS["layers"]) if isinstance(name, str) else TRAITS["layers"]
     if settled["shading"] is None:
         settled["shading"] = family.default_shading
-    if settled["size"] is None:
+    if "size" in settled and settled["size"] is None:
         settled["size"] = family.default_size
     softness = settled["softness"]
     if _is_number(softness):

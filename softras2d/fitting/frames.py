@@ -40,7 +40,7 @@ def fit_frames(
     frame_steps: int = 60,
     temporal: int | float = 1.0,
     size: int | None = None,
-    shading: str = "flat",
+    shading: str | None = None,
     translucent: bool = False,
     softness: Any = 0.8,
     light: str = "display",
