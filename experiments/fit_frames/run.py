@@ -42,7 +42,7 @@ def crossing(frames: int) -> Film:
 
 
 def pan(frames: int) -> Film:
-    """The view moves right over a valley by a pixel per frame; nothing stands still."""
+    """The view moves right over a valley by a pixel per frame."""
     valley = shrink(sr.read_image(sr.pictures.path("valley")), HEIGHT, WIDTH + frames - 1)
     return [np.ascontiguousarray(valley[:, k : k + WIDTH]) for k in range(frames)]
 
@@ -119,7 +119,7 @@ def main() -> None:
         "s per frame", "CPU s per frame",
     )  # fmt: skip
     table = report.table(header, [text_of(row) for row in rows])
-    described = machine.describe(run, seed=str(SEED))
+    described = machine.describe(run, seed=f"seed {SEED}")
     texts = {"films": table, "machine": f"{described}; {run['seconds'] / 60:.0f} minutes."}
     report.fill_or_print(HERE / "README.md", texts)
 
