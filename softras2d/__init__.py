@@ -13,9 +13,12 @@ if TYPE_CHECKING:
     from .comparison.compare import Comparison, compare
     from .fitting.batch import fit_batch
     from .fitting.fit import fit
+    from .fitting.frames import fit_frames
     from .fitting.result import FitResult
+    from .io.compact_scene import read_compact, write_compact
     from .io.images import read_image, write_image
     from .io.svg.control_points import SvgControls
+    from .io.svg.film import write_svg_film
     from .io.svg.reader import read_svg, read_svg_controls
     from .io.svg.writer import write_svg
     from .numerics.compilation_cache import keep_compiled_programs
@@ -61,6 +64,7 @@ _DEFINED_IN = {
     "composite": ".rendering.composite",
     "fit": ".fitting.fit",
     "fit_batch": ".fitting.batch",
+    "fit_frames": ".fitting.frames",
     "interpolate": ".rendering.visibility",
     "keep_compiled_programs": ".numerics.compilation_cache",
     "pad": ".planning.size_classes",
@@ -69,6 +73,7 @@ _DEFINED_IN = {
     "plan_for": ".rendering.planner",
     "plan_tiles": ".tiled.plan_tiles",
     "rasterize": ".rendering.visibility",
+    "read_compact": ".io.compact_scene",
     "read_image": ".io.images",
     "read_svg": ".io.svg.reader",
     "read_svg_controls": ".io.svg.reader",
@@ -81,8 +86,10 @@ _DEFINED_IN = {
     "tiled_value_and_grad": ".tiled.value_and_grad",
     "value_and_grad_replanning": ".rendering.replanning",
     "view": ".viewing.notebook",
+    "write_compact": ".io.compact_scene",
     "write_image": ".io.images",
     "write_svg": ".io.svg.writer",
+    "write_svg_film": ".io.svg.film",
     "write_tiles": ".tiled.write_tiles",
 }
 
@@ -109,6 +116,7 @@ __all__ = [
     "composite",
     "fit",
     "fit_batch",
+    "fit_frames",
     "interpolate",
     "keep_compiled_programs",
     "pad",
@@ -119,6 +127,7 @@ __all__ = [
     "plan_tiles",
     "plot",
     "rasterize",
+    "read_compact",
     "read_image",
     "read_svg",
     "read_svg_controls",
@@ -132,8 +141,10 @@ __all__ = [
     "tiled_value_and_grad",
     "value_and_grad_replanning",
     "view",
+    "write_compact",
     "write_image",
     "write_svg",
+    "write_svg_film",
     "write_tiles",
 ]
 

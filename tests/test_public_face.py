@@ -71,6 +71,8 @@ fit: target, *triangles=, *family=, *solver=, *seed=, *steps=, *seconds=, *size=
 fit_batch: targets, *triangles=, *solver=, *seed=, *steps=, *seconds=, *size=, *shading=,
     *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=, *resume=,
     *devices=
+fit_frames: images, *triangles=, *seed=, *steps=, *frame_steps=, *temporal=, *size=, *shading=,
+    *translucent=, *softness=, *light=, *report=
 interpolate: visible, attributes
 keep_compiled_programs:
 pad: scene
@@ -96,6 +98,7 @@ plot.pyramid: textures, index=, *figure=
 plot.show: image, *axes=, *title=, *grid=, *inset=, *inset_zoom=
 plot.triangles: scene, *axes, *color=, *width=, *vertices=
 rasterize: scene, plan, *layers=
+read_compact: path
 read_image: path, *linear=
 SvgControls: scene, points, controls, weights, linear, offset, constant_vertices, _document, _paths
 SvgControls.matrix: self
@@ -117,8 +120,10 @@ tiled_value_and_grad: loss, *devices=
 value_and_grad_replanning: loss, scene_of, *height, *width, *coverage=, *filter=, *headroom=,
     *has_aux=
 view: subjects, *height=, *width=, *widget_height=
+write_compact: path, scene, *height, *width, *steps_per_pixel=
 write_image: path, image, *linear=, *truncate=
-write_svg: path, scene, *height=, *width=, *fallback=
+write_svg: path, scene, *height=, *width=, *fallback=, *digits=
+write_svg_film: path, scenes, *height, *width, *seconds_per_frame=, *digits=, *smooth=
 write_tiles: path, scene, plan, *devices=, *linear=, *truncate=, *report=
 """
 

@@ -1,17 +1,29 @@
 """`softras2d fit`: fits triangles to a picture."""
 
+import inspect
+import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
 
 from . import fit_options
-from .fit_options import SECONDS
-from .session import session
+from .fit_bar import FitBar, fit_bar
+from .fit_options import SECONDS, FilmOptions
+from .fit_paths import (
+    STANDARD,
+    check_animation,
+    check_input,
+    check_outputs,
+    check_start,
+    find_suffix,
+)
+from .fit_words import option_words
+from .session import print_message, session
+from .stopping import answered_signals
 from .view import import_server, shown_address
 
 _ANIMATION_SECONDS = 5.0
@@ -28,12 +40,13 @@ _BUNDLED = "valley"
 
 
 def fit_picture(
-    target: fit_options.Target = None,
+    targets: fit_options.Targets = None,
     triangles: fit_options.Triangles = 500,
     family: fit_options.Family = "layers",
     shading: fit_options.Shading = None,
     translucent: fit_options.Translucent = False,
     output: fit_options.Output = None,
+    digits: fit_options.Digits = None,
     seconds: fit_options.Seconds = None,
     steps: fit_options.Steps = None,
     solver: fit_options.Solver = "adam",
@@ -44,8 +57,13 @@ def fit_picture(
     loss: fit_options.Loss = "squared",
     light: fit_options.Light = "display",
     weights: fit_options.Weights = None,
+    focus: fit_options.Focus = None,
     start: fit_options.Start = "error",
     resume: fit_options.Resume = None,
+    animation: fit_options.Animation = None,
+    frame_steps: fit_options.FrameSteps = 60,
+    temporal: fit_options.Temporal = 1.0,
+    fps: fit_options.Fps = 10.0,
     watch: fit_options.Watch = False,
     browser: fit_options.Browser = True,
 ) -> None:
@@ -55,85 +73,193 @@ def fit_picture(
 
     [bold]softras2d fit photo.jpg --family mesh -n 5000 --seconds 240 -o photo.npz[/bold]
 
-    [bold]softras2d fit photo.jpg --watch[/bold]
+    [bold]softras2d fit photo.jpg --focus 120,80,200,150 --watch[/bold]
 
-    Ctrl-C stops the fit early: the best result so far is written, and the exit code is 130.
+    [bold]softras2d fit frames/*.png --animation film.svg[/bold]
+
+    [bold]softras2d fit - < photo.jpg > photo.svg[/bold]
+
+    Ctrl-C or SIGTERM stops the fit early: the best result so far is written, and the exit code is
+    130. A second Ctrl-C gives up, and leaves only the checkpoint: the file of `-o FIT.npz`.
     """
     # Importing Python and this package took time that the user's limit includes.
     began = time.perf_counter() - time.process_time()
-    with session(long_running=True) as console:
+    settings: dict[str, Any] = {
+        "triangles": triangles, "family": family, "shading": shading, "translucent": translucent,
+        "solver": solver, "size": size, "seed": seed, "softness": softness, "colors": colors,
+        "loss": loss, "light": light,
+    }  # fmt: skip
+    with session(long_running=True, loads_jax=False) as console, fit_bar(console) as bar:
+        settings["softness"] = _parse_softness(softness)
+        target = targets[0] if targets else None
+        given = {
+            "target": target or _BUNDLED, "weights": weights, "start": start, "resume": resume
+        }  # fmt: skip
+        others = {"weights": weights, "focus": focus, "start": start, "softness": softness}
+        with option_words(given):
+            _check_arguments(settings, steps, seconds)
+        check_start(start, family)
+        for path in (*(targets or []), weights, resume):
+            check_input(path)
+        if animation is not None:
+            film = {"output": output, "seconds": seconds, "resume": resume, "watch": watch}
+            _check_film(targets or [], animation, settings | others | film)
+            options = FilmOptions(animation, frame_steps, temporal, fps, digits)
+            _fit_film(targets or [], options, settings, steps, began, console, bar)
+            return
+        if targets and len(targets) > 1:
+            raise ValueError(
+                f"{targets[1]}: a second picture; several are the frames of a film, for "
+                "--animation FILM.svg. To fit each, put them into a folder: softras2d fit-batch."
+            )
+        outputs = output or [_default_output(target)]
+        inputs = {target: "the picture to fit", weights: "the picture of weights"}
+        inputs[Path(start)] = "what the fit starts from"
+        check_outputs(outputs, {path: role for path, role in inputs.items() if path})
+        if resume is not None:
+            _name_ignored(settings | others, console)
+        bar.show("loading JAX")
         from ..fitting.fit import fit
         from ..fitting.result import FitResult
-        from .fit_files import AnimationFrames, find_suffix, write_all
+        from ..numerics.compilation_cache import keep_compiled_programs
+        from .fit_files import AnimationFrames, write_all
+        from .fit_start import read_start
+        from .fit_summary import summary
+        from .fit_weights import pixel_weights
 
-        picture, outputs = _prepare_files(target, output, weights, start)
-        _check_budget(steps, seconds)
+        keep_compiled_programs()
+        bar.show(f"reading {target or _BUNDLED}")
+        picture = _read_picture(target)
+        _check_alpha(outputs, picture)
+        height, width = picture.shape[:2]
         earlier = None if resume is None else FitResult.load(resume)
-        frames = AnimationFrames(picture.shape[:2]) if find_suffix(outputs, ".gif") else None
-        initial = "error" if earlier else _read_start(start, family, size, picture)
-        pixel_weights = _read_weights(weights)
+        if earlier is not None and steps is not None:
+            _check_more_steps(steps, earlier, resume, console)
+        frames = AnimationFrames((height, width)) if find_suffix(outputs, ".gif") else None
+        initial = "error" if earlier else read_start(start, family, size, height, width)
+        weight_map = pixel_weights(weights, focus or (), height, width)
         if steps is None:
             gradients = bool(find_suffix(outputs, ".svg")) and _has_corner_colors(family, shading)
             seconds = _seconds_of_fit(seconds, began, frames is not None, gradients)
         with _watched(picture, target, watch, browser) as watched:
-            with _progress_bar(console, [frames, watched]) as report:
+            bar.followers = [follower for follower in (frames, watched) if follower is not None]
+            bar.show("starting")
+            with option_words(given), answered_signals(console):
                 result = fit(
-                    picture, triangles=triangles, family=family, shading=shading,
-                    translucent=translucent, seconds=seconds, steps=steps, solver=solver, size=size,
-                    seed=seed, softness=_parse_softness(softness), colors=colors, loss=loss,
-                    light=light, weights=pixel_weights, start=initial, resume=earlier,
-                    report=report, checkpoint=find_suffix(outputs, ".npz"),
+                    picture, **settings, seconds=seconds, steps=steps, weights=weight_map,
+                    start=initial, resume=earlier, report=bar.report,
+                    checkpoint=find_suffix(outputs, ".npz"),
                 )  # fmt: skip
-            write_all(outputs, result, frames)
-            _print_summary(outputs, result, began)
+            bar.show("writing")
+            write_all(outputs, result, frames, digits)
+            elapsed = time.perf_counter() - began
+            line = summary(outputs, result, elapsed=elapsed, shares=bar.shares, seconds=seconds)
+            # Standard output may be the SVG itself.
+            stdout = Console(soft_wrap=True, highlight=False, stderr=STANDARD in outputs)
+            stdout.print(line, markup=False)
             if watched is not None:
                 watched.finish(result, _LAST_PICTURE_SECONDS)
         if result.interrupted:
             raise KeyboardInterrupt
 
 
-def _prepare_files(
-    target: Path | None, output: list[Path] | None, weights: Path | None, start: str
-) -> tuple[Any, list[Path]]:
-    """Read the picture and check the files to write, before the work of a fit.
-
-    Raises `ValueError` for an output that cannot be written or that would replace an input.
-    """
-    from ..io.images import read_image
-    from .fit_files import check_outputs
-
-    if target is None:
-        from .. import pictures
-
-        picture, name = read_image(pictures.path(_BUNDLED)), _BUNDLED
-    else:
-        picture, name = read_image(target), str(target.with_suffix(""))
-    outputs = output or [Path(f"{name}.fit.svg")]
-    inputs = {target: "the picture to fit", weights: "the picture of weights"}
-    inputs[Path(start)] = "what the fit starts from"
-    check_outputs(outputs, {path: role for path, role in inputs.items() if path}, picture)
-    return picture, outputs
+def _default_output(target: Path | None) -> Path:
+    """Where the result goes unless a file is named: beside the photo, as an SVG."""
+    if target == STANDARD:
+        return STANDARD
+    name = _BUNDLED if target is None else str(target.with_suffix(""))
+    return Path(f"{name}.fit.svg")
 
 
-def _check_budget(steps: int | None, seconds: float | None) -> None:
-    """Raise `ValueError` for a time limit that is not positive, or given together with steps."""
-    if steps is not None and seconds is not None:
-        raise ValueError("give one of --steps and --seconds.")
-    if seconds is not None and not 0 < seconds < float("inf"):
-        raise ValueError(f"--seconds must be a number above 0; got {seconds}.")
+def _check_arguments(settings: dict[str, Any], steps: int | None, seconds: float | None) -> None:
+    """Raise `ValueError` for arguments that `fit` would refuse, before JAX is loaded."""
+    from ..fitting import choices
+
+    choices.check(choices.settle(settings), steps, seconds)
 
 
-def _read_start(start: str, family: str, size: int | None, picture: Any) -> Any:
-    from .fit_start import read_start
+def _check_alpha(outputs: list[Path], picture: Any) -> None:
+    """Raise `ValueError` for a JPEG of a picture with alpha."""
+    if picture.shape[-1] == 4 and bool((picture[..., 3] < 1).any()):
+        for path in outputs:
+            if path.suffix.lower() in (".jpg", ".jpeg"):
+                raise ValueError(f"{path}: JPEG stores no alpha, which the picture to fit has.")
 
-    return read_start(start, family, size, *picture.shape[:2])
+
+def _name_ignored(options: dict[str, Any], console: Console) -> None:
+    """Warn of options that were given, but do not apply to a resumed fit."""
+    given = _given(options)
+    if given:
+        message = f"--resume keeps the settings of the file: {given} ignored"
+        print_message("warning", message, console)
 
 
-def _read_weights(path: Path | None) -> Any:
-    """Weights `[height, width]`: the mean of the three colour channels of an image."""
-    from ..io.images import read_image
+def _given(options: dict[str, Any]) -> str:
+    """A list of the options whose values are not their defaults."""
+    defaults = inspect.signature(fit_picture).parameters
+    given = [name for name, value in options.items() if value != defaults[name].default]
+    return ", ".join("-n" if name == "triangles" else f"--{name}" for name in given)
 
-    return None if path is None else read_image(path)[..., :3].mean(-1)
+
+_FILM_SETTINGS = ("triangles", "shading", "translucent", "size", "seed", "softness", "light")
+"""Parameters of `fit_picture` that `fit_frames` has too."""
+
+
+def _check_film(frames: list[Path], animation: Path, options: dict[str, Any]) -> None:
+    """Raise `ValueError` for a film that cannot be written, and for options that films lack."""
+    check_animation(animation)
+    if not frames:
+        raise ValueError(f"{animation}: --animation needs the frames of a film.")
+    refused = _given({name: value for name, value in options.items() if name not in _FILM_SETTINGS})
+    if refused:
+        raise ValueError(f"{animation}: films are fitted without {refused}.")
+
+
+def _fit_film(
+    frames: list[Path],
+    options: FilmOptions,
+    settings: dict[str, Any],
+    steps: int | None,
+    began: float,
+    console: Console,
+    bar: FitBar,
+) -> None:
+    """Fit a film, and write its animation."""
+    bar.show("loading JAX")
+    from ..numerics.compilation_cache import keep_compiled_programs
+    from .fit_film import film_summary, fit_film, write_film
+
+    keep_compiled_programs()
+    shared = {name: settings[name] for name in _FILM_SETTINGS}
+    with option_words({}), answered_signals(console):
+        results, targets = fit_film(frames, options, shared, steps, bar)
+    bar.show("writing")
+    write_film(options, results)
+    line = film_summary(options, results, targets, began)
+    Console(soft_wrap=True, highlight=False).print(line, markup=False)
+    if results[-1].interrupted:
+        raise KeyboardInterrupt
+
+
+def _check_more_steps(steps: int, earlier: Any, resume: Path | None, console: Console) -> None:
+    """Warn if a resumed fit has taken all of the steps that the user asks for."""
+    taken = earlier.history[-1].steps if earlier.history else 0
+    if steps <= taken:
+        message = (
+            f"--steps {steps}: no step is taken, because steps are counted from the start of the "
+            f"fit, and {resume} has {taken}; --steps {taken + 100} would take 100 more"
+        )
+        print_message("warning", message, console)
+
+
+def _read_picture(target: Path | None) -> Any:
+    """Read the picture to fit: a file, standard input, or a bundled picture."""
+    from .. import pictures
+    from ..io.images import MAX_IMAGE_BYTES, decode_image, read_image
+
+    if target == STANDARD:
+        return decode_image(sys.stdin.buffer.read(MAX_IMAGE_BYTES), "-")
+    return read_image(pictures.path(_BUNDLED) if target is None else target)
 
 
 def _has_corner_colors(family: str, shading: str | None) -> bool:
@@ -184,49 +310,3 @@ def _watched(picture: Any, target: Path | None, watch: bool, browser: bool) -> I
     subjects = [fit, Image(name, lambda: picture)]
     with ViewerServer(Session(subjects)) as server, shown_address(server.url, browser):
         yield fit
-
-
-@contextmanager
-def _progress_bar(console: Console, followers: Sequence[Any]) -> Iterator[Callable[[Any], None]]:
-    """Show a progress bar, and yield the function that the fit calls after each chunk of steps.
-
-    `followers` have a method `add` that takes each progress report, or are None.
-    """
-    columns = (
-        TextColumn("fitting"),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TextColumn("{task.fields[status]}"),
-    )
-    # When stderr is not a terminal, rich would still print an empty line.
-    is_shown = console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=not is_shown) as bar:
-        task = bar.add_task("", total=1.0, status="starting")
-
-        def report(progress: Any) -> None:
-            record = progress.record
-            status = (
-                f"PSNR {record.psnr:.2f} dB, {record.active} of {progress.triangles} triangles, "
-                f"step {record.steps}"
-            )
-            # NaN means that the time left is not known yet.
-            if progress.seconds_left == progress.seconds_left:
-                status += f", {progress.seconds_left:.0f} s left"
-            bar.update(task, completed=progress.share, status=status)
-            for follower in followers:
-                if follower is not None:
-                    follower.add(progress)
-
-        yield report
-
-
-def _print_summary(outputs: list[Path], result: Any, began: float) -> None:
-    """Print one line with the files written, the scores and the time since `began`."""
-    from .fit_files import browser_note, find_suffix
-
-    scores = f"{result.scene.triangles.shape[0]} triangles, PSNR {result.psnr:.2f} dB, "
-    note = browser_note(result) if find_suffix(outputs, ".svg") else ""
-    scores += f"SSIM {result.ssim:.3f}, {time.perf_counter() - began:.1f} s{note}"
-    Console(soft_wrap=True, highlight=False).print(
-        f"{', '.join(map(str, outputs))}: {scores}", markup=False
-    )

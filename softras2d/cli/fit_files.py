@@ -1,6 +1,7 @@
 """The files that `softras2d fit` writes. Imports JAX: for use within a command."""
 
-import os
+import sys
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,8 @@ from ..fitting.result import FitResult
 from ..fitting.score import Scorer
 from ..fitting.target import Image
 from ..io.animation import write_animation
-from ..io.images import WRITABLE, check_writable_path, write_image
+from ..io.compact_scene import write_compact
+from ..io.images import write_image
 from ..io.svg.gradients import in_browsers
 from ..io.svg.writer import write_svg
 from ..numerics.device import to_device
@@ -19,8 +21,7 @@ from ..options import Hard
 from ..rendering.planner import plan
 from ..rendering.render import render
 from ..scene import Scene
-
-_SUFFIXES = (".svg", *WRITABLE, ".gif", ".npz", ".json")
+from .fit_paths import COMPACT, STANDARD
 
 _MAX_FRAMES = 40
 """Scenes of the fit that an animation shows, before the last one."""
@@ -29,39 +30,17 @@ _MAX_SIDE = 320
 """Longer side of an animation, in pixels."""
 
 
-def find_suffix(paths: list[Path], suffix: str) -> Path | None:
-    """The first path with a suffix, in either case; None if there is none."""
-    return next((path for path in paths if path.suffix.lower() == suffix), None)
+def write_all(
+    paths: list[Path], result: FitResult, frames: "AnimationFrames | None", digits: int | None
+) -> None:
+    """Write every file, also after one of them failed; then raise `ValueError` for those.
 
-
-def check_outputs(paths: list[Path], inputs: dict[Path, str], picture: Image) -> None:
-    """Raise `ValueError` for a file that cannot be written, before the work of a fit.
-
-    `inputs` maps files that must not be overwritten to their roles, for the message; `picture` is
-    the picture to fit.
+    `digits`: decimals of coordinates in an SVG; None: all.
     """
-    has_alpha = picture.shape[-1] == 4 and bool((picture[..., 3] < 1).any())
-    for path in paths:
-        if path.suffix.lower() not in _SUFFIXES:
-            raise ValueError(f"{path}: the suffix must be one of {', '.join(_SUFFIXES)}.")
-        check_writable_path(path)
-        if not os.access(path.parent, os.W_OK):
-            raise ValueError(f"{path}: the folder {path.parent} cannot be written to.")
-        if has_alpha and path.suffix.lower() in (".jpg", ".jpeg"):
-            raise ValueError(f"{path}: JPEG stores no alpha, which the picture to fit has.")
-        for input_path, role in inputs.items():
-            if path.exists() and input_path.exists() and path.samefile(input_path):
-                raise ValueError(f"{path}: that is {role}.")
-    if len(set(paths)) < len(paths):
-        raise ValueError("the same --output is given twice.")
-
-
-def write_all(paths: list[Path], result: FitResult, frames: "AnimationFrames | None") -> None:
-    """Write every file, also after one of them failed; then raise `ValueError` for those."""
     failures = []
     for path in paths:
         try:
-            _write(path, result, frames)
+            _write(path, result, frames, digits)
         except (ValueError, OSError, MemoryError) as error:
             message = " ".join(str(error).split())
             failures.append(message if str(path) in message else f"{path}: {message}")
@@ -69,12 +48,23 @@ def write_all(paths: list[Path], result: FitResult, frames: "AnimationFrames | N
         raise ValueError("; ".join(failures))
 
 
-def _write(path: Path, result: FitResult, frames: "AnimationFrames | None") -> None:
-    """Write one file of a fit, in the format that its suffix names."""
+def _write(
+    path: Path, result: FitResult, frames: "AnimationFrames | None", digits: int | None
+) -> None:
+    """Write one file of a fit, in the format that its suffix names; `-` is an SVG on stdout."""
+    if path == STANDARD:
+        with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
+            file = Path(folder) / "fit.svg"
+            _write(file, result, frames, digits)
+            sys.stdout.buffer.write(file.read_bytes())
+            sys.stdout.buffer.flush()
+        return
     suffix = path.suffix.lower()
     if suffix == ".svg":
-        scene, height, width = result.scene, result.height, result.width
-        write_svg(path, scene, height=height, width=width, fallback=True)
+        height, width = result.height, result.width
+        write_svg(path, result.scene, height=height, width=width, fallback=True, digits=digits)
+    elif suffix == COMPACT:
+        write_compact(path, result.scene, height=result.height, width=result.width)
     elif suffix == ".npz":
         result.save(path)
     elif suffix == ".json":
@@ -84,6 +74,13 @@ def _write(path: Path, result: FitResult, frames: "AnimationFrames | None") -> N
         frames.write(path, result.scene)
     else:
         write_image(path, result.image)
+
+
+def size_note(path: Path, result: FitResult) -> str:
+    """The size of a compact file; continues the line of scores."""
+    size = path.stat().st_size
+    bits = 8 * size / (result.height * result.width)
+    return f"; {path} has {size} bytes, {bits:.3f} bits per pixel"
 
 
 def browser_note(result: FitResult) -> str:
@@ -96,7 +93,7 @@ def browser_note(result: FitResult) -> str:
     shown = in_browsers(result.scene)
     if np.array_equal(shown.colors, result.scene.colors):
         return note + "in the same colours"
-    psnr = Scorer(result.image).score(shown).psnr
+    psnr = Scorer(result.image).psnr(shown)
     return note + f"by linear gradients, {psnr:.1f} dB from this, antialiasing aside"
 
 
@@ -114,18 +111,20 @@ class AnimationFrames:
 
     def write(self, path: Path, last: Scene) -> None:
         """Write the animation, which ends with the scene `last`."""
-        scale = min(1.0, _MAX_SIDE / max(self._height, self._width))
-        height, width = (max(1, round(side * scale)) for side in (self._height, self._width))
-        scenes = [_scaled(scene, scale) for _, scene in self._scenes]
-        hard = Hard(samples=4, edge_gradients=False)
-        frames = []
-        if scenes:
-            # Scenes during a fit have equal shapes, so that one plan compiles one program for all.
-            shared = plan(scenes, height=height, width=width, coverage=hard)
-            frames = [np.asarray(render(scene, shared))[..., :3] for scene in scenes]
-        end = _scaled(last, scale)
-        final = render(end, plan(end, height=height, width=width, coverage=hard))
-        write_animation(path, [*frames, np.asarray(final)[..., :3]])
+        scenes = [scene for _, scene in self._scenes]
+        images = small_images(scenes, self._height, self._width) if scenes else []
+        # The last scene has another number of triangles.
+        write_animation(path, [*images, *small_images([last], self._height, self._width)])
+
+
+def small_images(scenes: list[Scene], height: int, width: int) -> list[Image]:
+    """Draw scenes of equal shapes, of a `height` x `width` canvas, at the size of an animation."""
+    scale = min(1.0, _MAX_SIDE / max(height, width))
+    rows, columns = (max(1, round(side * scale)) for side in (height, width))
+    scaled = [_scaled(scene, scale) for scene in scenes]
+    # One plan for all compiles one program.
+    shared = plan(scaled, height=rows, width=columns, coverage=Hard(4, edge_gradients=False))
+    return [np.asarray(render(scene, shared))[..., :3] for scene in scaled]
 
 
 def _scaled(scene: Scene, scale: float) -> Scene:

@@ -1,7 +1,7 @@
 """Options of `softras2d fit`."""
 
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated, NamedTuple, get_args
 
 import typer
 
@@ -9,14 +9,41 @@ from .. import names
 
 _RESULT = "The result"
 SEARCH = "The optimisation"
+_FILM = "Films"
 
 SECONDS = 30.0
 """Time limit of a command that is given neither seconds nor steps."""
 
-Target = Annotated[
-    Path | None,
+
+class Rectangle(NamedTuple):
+    """A rectangle of whole pixels: its left and upper edges, and its size."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+def parse_rectangle(text: str | Rectangle) -> Rectangle:
+    """Parse `X,Y,WIDTH,HEIGHT`: whole numbers, the last two above 0."""
+    if isinstance(text, Rectangle):
+        return text
+    try:
+        x, y, width, height = (int(number) for number in text.split(","))
+    except ValueError:
+        width = height = x = y = 0
+    if width < 1 or height < 1:
+        raise typer.BadParameter(f"{text!r} is not X,Y,WIDTH,HEIGHT, such as 120,80,200,150.")
+    return Rectangle(x, y, width, height)
+
+
+Targets = Annotated[
+    list[Path] | None,
     typer.Argument(
-        metavar="PHOTO", show_default=False, help="Image to fit. Default: a bundled picture."
+        metavar="PHOTO",
+        show_default=False,
+        help="Image to fit; - is standard input. Several are the frames of a film, for "
+        "--animation. Default: a bundled picture.",
     ),
 ]
 Triangles = Annotated[
@@ -53,11 +80,54 @@ Output = Annotated[
     typer.Option(
         "--output",
         "-o",
-        metavar="OUT.svg|png|gif|npz|json",
+        metavar="OUT.svg|png|gif|npz|s2d|json",
         show_default="PHOTO.fit.svg",
         help="File to write; may be repeated. svg: vector image; png: image; gif: animation of "
-        "the fit; npz: the whole fit, for --resume and --start; json: report.",
+        "the fit; npz: the whole fit, for --resume and --start; s2d: compact binary; json: "
+        "report; -: an SVG on standard output.",
         rich_help_panel=_RESULT,
+    ),
+]
+Digits = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        max=6,
+        help="Decimals of coordinates in SVG files, whose colours are then rounded to 8 bits: for "
+        "small files.",
+        show_default="exact numbers",
+        rich_help_panel=_RESULT,
+    ),
+]
+Animation = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="OUT.svg|gif",
+        help="Fit the frames of a film, and write it as an animation.",
+        rich_help_panel=_FILM,
+    ),
+]
+FrameSteps = Annotated[
+    int,
+    typer.Option(
+        min=1,
+        help="Optimizer steps of each frame after the first, which has --steps, or else 500.",
+        rich_help_panel=_FILM,
+    ),
+]
+Temporal = Annotated[
+    float,
+    typer.Option(
+        min=0.0,
+        help="Weight of changes where the film stands still, relative to errors: more gives less "
+        "flicker.",
+        rich_help_panel=_FILM,
+    ),
+]
+Fps = Annotated[
+    float,
+    typer.Option(
+        min=0.1, max=50.0, help="Frames per second of the animation.", rich_help_panel=_FILM
     ),
 ]
 Seconds = Annotated[
@@ -71,7 +141,8 @@ Seconds = Annotated[
 Steps = Annotated[
     int | None,
     typer.Option(
-        help="Stop after this many optimizer steps, instead of a number of seconds.",
+        help="Stop after this many optimizer steps, instead of a number of seconds. With --resume, "
+        "the steps of the earlier fit count too.",
         rich_help_panel=SEARCH,
     ),
 ]
@@ -80,8 +151,9 @@ Size = Annotated[
     int | None,
     typer.Option(
         metavar="PIXELS",
-        help="Longer side, in pixels, of the image during the fit.",
-        show_default="256 for layers, the photo's size for a mesh",
+        help="Longer side, in pixels, of the image during the fit; the result has the photo's "
+        "size.",
+        show_default="256 for layers, 1024 for a mesh",
         rich_help_panel=SEARCH,
     ),
 ]
@@ -125,6 +197,16 @@ Weights = Annotated[
         rich_help_panel=SEARCH,
     ),
 ]
+Focus = Annotated[
+    list[Rectangle] | None,
+    typer.Option(
+        metavar="X,Y,WIDTH,HEIGHT",
+        parser=parse_rectangle,
+        help="Rectangle, in pixels of the photo, in which errors count ten times as much; may be "
+        "repeated, and multiplies --weights.",
+        rich_help_panel=SEARCH,
+    ),
+]
 Start = Annotated[
     str,
     typer.Option(
@@ -154,3 +236,13 @@ Browser = Annotated[
         help="With --watch: open the page in the browser, or only print its address.",
     ),
 ]
+
+
+class FilmOptions(NamedTuple):
+    """Values of the options that only films have, and of `--digits`."""
+
+    animation: Path
+    frame_steps: int
+    temporal: float
+    fps: float
+    digits: int | None

@@ -10,6 +10,7 @@ from ..fitting.choices import STARTS
 from ..fitting.frame import Frame
 from ..fitting.mesh.triangulation import Mesh, make_mesh
 from ..fitting.result import FitResult
+from ..fitting.traits import TRAITS
 from ..io.svg.reader import read_svg
 from ..numerics.device import to_device
 from ..scene import Scene
@@ -19,24 +20,21 @@ def read_start(text: str, family: str, size: int | None, height: int, width: int
     """The `start` argument of `fit` that the option `--start` stands for.
 
     `height` and `width` are those of the target in pixels, `size` is the longer side of the fit. An
-    SVG is read at the size of the target; a fit saved as `.npz` is stretched to it. Raises
-    `ValueError` for text that is neither a name nor such a file.
+    SVG is read at the size of the target; a fit saved as `.npz` is stretched to it. The text was
+    checked by `fit_paths.check_start`. Raises `ValueError` for a file that does not hold a start.
     """
     if text in STARTS:
         return text
     path = Path(text)
-    suffix = path.suffix.lower()
-    if suffix == ".svg" and family == "layers":
+    if path.suffix.lower() == ".svg":
         return read_svg(path, height=height, width=width)
-    if suffix != ".npz":
-        known = "an .npz" if family == "mesh" else "an .svg or .npz"
-        raise ValueError(f"--start must be one of {', '.join(STARTS)}, or {known}; got {text!r}.")
     earlier = FitResult.load(path)
     saved_family = earlier.settings["family"]
     if saved_family != family:
         raise ValueError(f"{path}: a fit of family {saved_family}, but --family is {family}.")
     if family == "mesh":
-        return _mesh(earlier, Frame.of(height, width, {"family": family, "size": size}))
+        settings = {"family": family, "size": size or TRAITS[family].default_size}
+        return _mesh(earlier, Frame.of(height, width, settings))
     return _stretched(earlier.scene, width / earlier.width, height / earlier.height)
 
 

@@ -195,7 +195,7 @@ def _render_each(
 
 def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
     """The image file of every scene. Creates the folder if `output` is one."""
-    from ..io.images import WRITABLE
+    from ..io.outputs import WRITABLE
 
     suffix = output.suffix.lower()
     if str(output) == "-":

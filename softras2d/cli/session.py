@@ -14,12 +14,17 @@ from ..numerics.compilation_cache import keep_compiled_programs
 
 
 @contextmanager
-def session(*, long_running: bool = False, error_code: int = 1) -> Iterator[Console]:
+def session(
+    *, long_running: bool = False, error_code: int = 1, loads_jax: bool = True
+) -> Iterator[Console]:
     """Run the body of a command; yields a console for stderr.
 
     `long_running`: whether the command spends more time running its programs than compiling them.
 
     `error_code`: exit code after an expected error (see `is_expected`), which prints one red line.
+
+    `loads_jax`: False for a command that checks its arguments first, and then calls
+    `keep_compiled_programs` itself.
 
     Ctrl-C ends the command with one line and exit code 130. Each warning is one yellow line. If
     SOFTRAS2D_DEBUG is set, errors keep their traceback.
@@ -36,7 +41,8 @@ def session(*, long_running: bool = False, error_code: int = 1) -> Iterator[Cons
         os.environ["XLA_FLAGS"] = f"{flags} --xla_cpu_use_fusion_emitters=false".strip()
     try:
         with _one_line_warnings(console):
-            keep_compiled_programs()
+            if loads_jax:
+                keep_compiled_programs()
             yield console
     except KeyboardInterrupt:
         console.print("interrupted", style="red")

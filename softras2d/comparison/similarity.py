@@ -20,6 +20,9 @@ from ..numerics.array_types import HostOrDeviceArray
 _SIGMA, _RADIUS = 1.5, 5
 """Standard deviation and radius, in pixels, of the Gaussian window of 11 x 11 pixels."""
 
+WINDOW = 2 * _RADIUS + 1
+"""Pixels along a window of SSIM, in an image that has as many."""
+
 _LUMINANCE, _CONTRAST = 0.01**2, 0.03**2
 """Constants that keep the quotients finite, for values in 0..1."""
 

@@ -53,6 +53,13 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror or error}.") from None
     except (zipfile.BadZipFile, zlib.error, EOFError) as error:
+        # A zip file begins with this mark and ends with its directory, which writers add last.
+        if _begins_with(path, b"PK\x03\x04") and not zipfile.is_zipfile(path):
+            size = path.stat().st_size
+            raise ValueError(
+                f"{path}: not a whole .npz file: it is cut short after {size} bytes, before the "
+                "directory of its arrays."
+            ) from None
         reason = " ".join(str(error).split()) or "it is cut short"
         raise ValueError(f"{path}: not a whole .npz file: {_printable(reason)}.") from None
     except ValueError as error:
@@ -61,6 +68,12 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
         # `zipfile` raises these for broken records, file names and compression methods.
         reason = type(error).__name__
         raise ValueError(f"{path}: not a whole .npz file ({reason}).") from None
+
+
+def _begins_with(path: Path, mark: bytes) -> bool:
+    """Whether the first bytes of a file are `mark`."""
+    with path.open("rb") as file:
+        return file.read(len(mark)) == mark
 
 
 def _array_name(entry: zipfile.ZipInfo) -> str:

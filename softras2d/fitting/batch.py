@@ -94,8 +94,8 @@ def fit_batch(
         for task in tasks:
             # The first scorer was warmed up in `_run`; all targets have one size.
             task.scorer.share_plan(tasks[0].scorer)
-            if task.polishes and not (interrupted or interrupt.requested):
-                task.fit.polish()
+            if not (interrupted or interrupt.requested):
+                task.polish()
             results.append(task.result(interrupted))
     if interrupt.requested:
         return [replace(result, interrupted=True) for result in results]

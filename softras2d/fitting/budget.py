@@ -1,8 +1,7 @@
 """How long a fit may take, in steps or in seconds, and how much of it is used."""
 
 import time
-from concurrent.futures import Future
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -12,7 +11,7 @@ DEFAULT_STEPS = 1000
 SCORING_SECONDS = 3.0
 """Seconds set aside for scoring a result, until it is known how long that takes."""
 
-_MAX_START_SHARE = 0.35
+MAX_START_SHARE = 0.35
 """Share of the `seconds` of a fit after which the search for a start ends with what it has."""
 
 _CHUNK_SECONDS = 0.5
@@ -49,7 +48,19 @@ class Limits(NamedTuple):
         if self.deadline is None:
             return False
         seconds = self.deadline - self.began
-        return time.perf_counter() - self.began > _MAX_START_SHARE * seconds
+        return time.perf_counter() - self.began > MAX_START_SHARE * seconds
+
+
+class Estimate(Protocol):
+    """Seconds that something will take, which become known later: a `Future`, or a `Rehearsal`."""
+
+    def done(self) -> bool:
+        """Whether the seconds are known."""
+        ...
+
+    def result(self) -> float:
+        """The seconds; waits until they are known."""
+        ...
 
 
 class Budget(NamedTuple):
@@ -61,7 +72,7 @@ class Budget(NamedTuple):
     """
 
     limits: Limits
-    scoring: Future[float]
+    scoring: Estimate
     seconds_before: float
     scoring_guess: float = SCORING_SECONDS
 

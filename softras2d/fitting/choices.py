@@ -1,17 +1,17 @@
-"""Check and complete the arguments of `fit`; invalid ones are refused with one line of text."""
+"""Check and complete the arguments of `fit`; invalid ones are refused with one line of text.
+
+This module does not load JAX, so that the command line can check its arguments first.
+"""
 
 import math
 from typing import Any, get_args
 
 import numpy as np
-import optimistix as optx
 from jaxtyping import Float
 
 from .. import names
 from ..names import check_name
-from .families import FAMILIES
-from .loss import Loss
-from .solvers import Solver
+from .traits import TRAITS
 
 STARTS = get_args(names.FitStart)
 """Values of the option `start`, besides a scene or a mesh."""
@@ -21,13 +21,15 @@ GIVEN = "given"
 
 
 def settle(settings: dict[str, Any]) -> dict[str, Any]:
-    """Fill in the shading, make `softness` a pair, and turn NumPy scalars into Python numbers."""
+    """Fill in shading and size, make `softness` a pair, and turn NumPy scalars into numbers."""
     settled = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
+    name = settled["family"]
+    # An unknown family is refused later, by `check`.
+    family = TRAITS.get(name, TRAITS["layers"]) if isinstance(name, str) else TRAITS["layers"]
     if settled["shading"] is None:
-        # An unknown family is refused later, by `check`.
-        name = settled["family"]
-        family = FAMILIES.get(name) if isinstance(name, str) else None
-        settled["shading"] = "flat" if family is None else family.default_shading
+        settled["shading"] = family.default_shading
+    if "size" in settled and settled["size"] is None:
+        settled["size"] = family.default_size
     softness = settled["softness"]
     if _is_number(softness):
         softness = (softness, softness)
@@ -39,8 +41,8 @@ def settle(settings: dict[str, Any]) -> dict[str, Any]:
 def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
     """Raise `ValueError` unless the arguments of `fit`, as `settle` returns them, are valid."""
     name = settings["family"]
-    _check_choice("family", name, tuple(FAMILIES))
-    family = FAMILIES[name]
+    _check_choice("family", name, tuple(TRAITS))
+    family = TRAITS[name]
     _check_choice("shading", settings["shading"], family.shadings, f" of a {name} fit")
     check_name("colors", settings["colors"], names.ColorMethod)
     check_name("loss", settings["loss"], names.Loss)
@@ -66,14 +68,6 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
         raise ValueError("a mesh covers the canvas: `translucent` is for layers.")
     if settings["colors"] != "together" and settings["loss"] != "squared":
         raise ValueError("colours in closed form are those of `loss='squared'`.")
-
-
-def check_loss(solver: Solver, loss: Loss) -> None:
-    """Raise `ValueError` if a least-squares solver is given a loss other than squared error."""
-    if isinstance(solver, optx.AbstractLeastSquaresSolver) and loss.kind != "squared":
-        raise ValueError(
-            f"solvers of least squares take `loss='squared'`; got {loss.kind!r}: use 'adam'."
-        )
 
 
 def prepare_weights(

@@ -1,4 +1,4 @@
-"""The table of fit families, by the values of the option `family`."""
+"""The table of fit families, by the values of the option `family`; see also `traits`."""
 
 from .family import Family
 from .layers.family import LayersFit
@@ -11,21 +11,11 @@ from .mesh.unknowns import MeshUnknowns
 FAMILIES: dict[str, Family] = {
     "layers": Family(
         make=LayersFit,
-        shadings=("flat", "gouraud"),
-        default_shading="flat",
-        default_size=256,
-        min_triangles=1,
-        translucent=True,
         unknowns=layers_of,
         check_state=check_layers_state,
     ),
     "mesh": Family(
         make=MeshFit,
-        shadings=("flat", "gouraud", "linear"),
-        default_shading="gouraud",
-        default_size=None,
-        min_triangles=2,
-        translucent=False,
         unknowns=lambda leaves: MeshUnknowns(*leaves),
         check_state=check_mesh_state,
     ),

@@ -5,7 +5,7 @@ changes only the unknowns. Between chunks, the family does on the host what a so
 adds triangles, moves them where the error is, or repairs a mesh. `loop.run` drives both through the
 methods below.
 
-To add a family, write an `AbstractFit` and add a row to `families.FAMILIES`.
+To add a family, write an `AbstractFit`, and add a row to `traits.TRAITS` and `families.FAMILIES`.
 """
 
 import abc
@@ -117,6 +117,12 @@ class AbstractFit(abc.ABC):
     def polish(self) -> None:
         """Go to the best unknowns so far, and set their colours to those of least squared error."""
 
+    def polish_at_full_size(self, target: Target) -> None:  # noqa: B027
+        """Improve the best unknowns for a `target` larger than the fit, at the end of the fit.
+
+        Only families that gain by it do anything.
+        """
+
     @abc.abstractmethod
     def own_state(self) -> dict[str, np.ndarray]:
         """Arrays that only fits of this family save; `state.save_state` adds those of all fits.
@@ -136,10 +142,6 @@ class Family(NamedTuple):
     """A row of the table of families.
 
     - `make`: the constructor.
-    - `shadings`, `default_shading`: values of the option `shading`.
-    - `default_size`: pixels along the longer side of the fit; None: as many as the target has.
-    - `min_triangles`: the smallest value of the option `triangles`.
-    - `translucent`: whether the option of that name may be true.
     - `unknowns`: makes the pytree of unknowns from its leaves.
     - `check_state`: checks the entries that `own_state` saved, for the settings, the size and the
       number of active triangles of the fit. It returns the shapes of the unknowns, or raises
@@ -147,10 +149,5 @@ class Family(NamedTuple):
     """
 
     make: Callable[[FitRequest], AbstractFit]
-    shadings: tuple[str, ...]
-    default_shading: str
-    default_size: int | None
-    min_triangles: int
-    translucent: bool
     unknowns: Callable[[list[Any]], Any]
     check_state: Callable[[Entries, dict[str, Any], Size, int], list[tuple[int, ...]]]

@@ -4,14 +4,13 @@ import os
 import time
 import warnings
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import jax
 
-from ..io.images import check_writable_path
+from ..io.outputs import check_writable_path
 from ..numerics.compiled_programs import drop_programs
 from ..scene import Scene
 from . import choices
@@ -19,6 +18,7 @@ from .budget import Budget, Limits
 from .interrupt import deferred_interrupt
 from .loop import ProgressReport, run
 from .prepare import check_images, check_resume, settings_to_resume
+from .rehearsal import Rehearsal
 from .result import FitResult
 from .solvers import Solver
 from .target import Target
@@ -59,8 +59,9 @@ def fit(
       on the same machine.
     - `steps`: total number of solver steps, including those of `resume`. The default is 1000.
     - `seconds`: time limit of this call, instead of `steps`; includes compiling and scoring.
-    - `size`: pixels along the longer side at which to fit. The default is 256 for layers, and the
-      size of the target for a mesh. A fit is never larger than its target.
+    - `size`: pixels along the longer side at which to fit. The default is 256 for layers, and 1024
+      for a mesh, whose colours are solved for at the size of the target at the end. A fit is never
+      larger than its target.
     - `shading`: `"flat"`, one colour per triangle; `"gouraud"`, colours interpolated between the
       corners, where triangles of a mesh that share a vertex share its colour; or, for a mesh alone,
       `"linear"`, interpolated between three corner colours that no other triangle shares. The
@@ -87,8 +88,11 @@ def fit(
       A checkpoint that cannot be written is a warning.
 
     The first Ctrl-C ends the fit, which returns the best so far with `interrupted` set; a second
-    raises `KeyboardInterrupt`. A fit computes in float32, whatever JAX is set to. Raises
-    `ValueError`, one line, for arguments that make no sense.
+    raises `KeyboardInterrupt`. Either writes the checkpoint first; after a second, the image in it
+    is not drawn anew, but enlarged from that of the last step.
+
+    A fit computes in float32, whatever JAX is set to. Raises `ValueError`, one line, for arguments
+    that make no sense.
     """
     began = time.perf_counter()
     settings: dict[str, Any] = {
@@ -111,10 +115,18 @@ def fit(
     with jax.enable_x64(False), deferred_interrupt() as interrupt:
         weighted = Target(image, choices.prepare_weights(weights, image))
         task = Task(weighted, settings, resume, lambda: limits.must_start() or interrupt.requested)
-        interrupted = _run(task, limits, report, checkpoint, lambda: interrupt.requested)
-        if task.polishes and not (interrupted or interrupt.requested):
-            task.fit.polish()
-        result = task.result(interrupted)
+        try:
+            interrupted = _run(task, limits, report, checkpoint, lambda: interrupt.requested)
+            if not (interrupted or interrupt.requested):
+                task.polish()
+            result = task.result(interrupted or interrupt.requested)
+        except KeyboardInterrupt:
+            if checkpoint is not None:
+                _save(task.unscored_result(), checkpoint)
+            raise
+        if checkpoint is not None and result.interrupted:
+            # At once, because a second Ctrl-C may end the program before it can save the result.
+            _save(result, checkpoint)
     return replace(result, interrupted=True) if interrupt.requested else result
 
 
@@ -138,23 +150,30 @@ def _run(
         return task.frame.enlarge(task.fit.scene(padded=True))
 
     def report_progress(share: float, seconds_left: float) -> None:
+        if report is not None or limits.deadline is not None:
+            rehearsal.update(best_scene, seconds_left)
         if report is not None:
             record, triangles = task.history[-1], task.fit.max_triangles
-            report(ProgressReport(record, share, seconds_left, triangles, best_scene))
+            report(
+                ProgressReport(record, share, seconds_left, triangles, best_scene, rehearsal.psnr)
+            )
 
     def save() -> None:
-        if checkpoint is None:
-            return
-        try:
-            task.result(True).save(checkpoint)
-        except (ValueError, OSError) as error:
-            warnings.warn(f"the checkpoint was not written: {error}", stacklevel=2)
+        if checkpoint is not None:
+            _save(task.result(True), checkpoint)
 
     warm_up = task.warm_up(limits.deadline is not None)
-    # The programs that score the result compile in another thread, beside the first steps.
-    with ThreadPoolExecutor(1) as pool:
-        budget = Budget(limits, pool.submit(warm_up), task.seconds_before)
+    with Rehearsal(warm_up, task.scorer.psnr) as rehearsal:
+        budget = Budget(limits, rehearsal, task.seconds_before)
         return run(
             [task.fit], [task.history], budget, steps=task.steps_before, max_steps=task.max_steps,
             stop=stop, report=report_progress, save=save,
         )  # fmt: skip
+
+
+def _save(result: FitResult, checkpoint: str | os.PathLike[str]) -> None:
+    """Write a checkpoint; a failure is a warning."""
+    try:
+        result.save(checkpoint)
+    except (ValueError, OSError) as error:
+        warnings.warn(f"the checkpoint was not written: {error}", stacklevel=2)

@@ -7,7 +7,6 @@ import numpy as np
 
 from ..numerics.device import to_device
 from ..scene import Scene
-from .families import FAMILIES
 from .resample import shrink
 from .target import Target
 
@@ -26,8 +25,8 @@ class Frame(NamedTuple):
         longer_side = max(height, width)
         size = settings["size"]
         if size is None:
-            default = FAMILIES[settings["family"]].default_size
-            size = longer_side if default is None else default
+            # Files of earlier versions do not say the default, which was another for a mesh.
+            size = 256 if settings["family"] == "layers" else longer_side
         scale = min(1.0, size / longer_side)
         rows, columns = (max(1, round(side * scale)) for side in (height, width))
         return Frame(rows, columns, width / columns, height / rows)

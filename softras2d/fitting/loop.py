@@ -33,6 +33,8 @@ class ProgressReport(NamedTuple):
     - `triangles`: the largest number of triangles that the fit may have.
     - `scene()`: the best scene at the time of the call, in pixels of the target. All scenes of a
       fit have the same shapes: triangles not in use lie outside the canvas or have no area.
+    - `saved_psnr`: PSNR of the best scene, as the result would have it, when it was last drawn;
+      NaN before that. It is drawn now and then, in another thread.
     """
 
     record: Record
@@ -40,6 +42,7 @@ class ProgressReport(NamedTuple):
     seconds_left: float
     triangles: int
     scene: Callable[[], Scene]
+    saved_psnr: float = np.nan
 
 
 class AcceptedSteps:

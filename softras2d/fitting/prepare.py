@@ -33,7 +33,7 @@ def make_fit(
     """
     solver = solver_of(settings["solver"])
     loss = Loss(settings["loss"], settings["light"])
-    choices.check_loss(solver, loss)
+    _check_loss(solver, loss)
     start = settings["start"]
     request = FitRequest(
         target=frame.shrink_target(target),
@@ -47,6 +47,14 @@ def make_fit(
         must_start=must_start,
     )
     return FAMILIES[settings["family"]].make(request)
+
+
+def _check_loss(solver: Solver, loss: Loss) -> None:
+    """Raise `ValueError` if a least-squares solver is given a loss other than squared error."""
+    if isinstance(solver, optx.AbstractLeastSquaresSolver) and loss.kind != "squared":
+        raise ValueError(
+            f"solvers of least squares take `loss='squared'`; got {loss.kind!r}: use 'adam'."
+        )
 
 
 def max_chunk_steps(solver: Solver, frame: Frame) -> int:

@@ -3,6 +3,9 @@
 import numpy as np
 from jaxtyping import Float
 
+_BLOCK_ROWS = 8
+"""New rows that are computed together. More would multiply by more zeros, in larger arrays."""
+
 
 def shrink(
     image: Float[np.ndarray, "rows columns channels"], height: int, width: int
@@ -16,13 +19,34 @@ def shrink(
     values = image
     if image.shape[-1] == 4:
         values = np.concatenate([image[..., :3] * image[..., 3:], image[..., 3:]], -1)
-    rows, columns = _overlaps(image.shape[0], height), _overlaps(image.shape[1], width)
-    mean = np.einsum("ri,ijc,kj->rkc", rows, values, columns, optimize=True)
+    mean = _shrink_columns(_shrink_rows(values, height), width)
     if image.shape[-1] == 4:
         alpha = mean[..., 3:]
         color = np.divide(mean[..., :3], alpha, out=np.zeros_like(mean[..., :3]), where=alpha > 0)
         mean = np.concatenate([color, alpha], -1)
     return mean.astype(image.dtype)
+
+
+def _shrink_columns(
+    values: Float[np.ndarray, "rows columns channels"], width: int
+) -> Float[np.ndarray, "rows {width} channels"]:
+    columns = _overlaps(values.shape[1], width)
+    return np.einsum("rjc,kj->rkc", values, columns, optimize=True)
+
+
+def _shrink_rows(
+    values: Float[np.ndarray, "rows columns channels"], height: int
+) -> Float[np.ndarray, "{height} columns channels"]:
+    """Mean over rows. Each block of new rows reads only the old rows that it overlaps."""
+    old = values.shape[0]
+    overlaps = _overlaps(old, height)
+    blocks = []
+    for first in range(0, height, _BLOCK_ROWS):
+        last = min(first + _BLOCK_ROWS, height)
+        low, high = first * old // height, -(-last * old // height)
+        share = overlaps[first:last, low:high]
+        blocks.append(np.einsum("ri,ijc->rjc", share, values[low:high], optimize=True))
+    return np.concatenate(blocks)
 
 
 def _overlaps(old: int, new: int) -> Float[np.ndarray, "{new} {old}"]:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..color import premultiply
-from ..comparison.similarity import psnr, ssim
+from ..comparison.similarity import WINDOW, psnr, ssim
 from ..numerics.device import to_device
 from ..options import Hard
 from ..planning.plan import Plan
@@ -25,6 +25,14 @@ class Score(NamedTuple):
     ssim: float
 
 
+_MAX_PIXELS = 2**20
+"""Pixels of an image that is scored at once; a larger one is scored in strips of about so many."""
+
+_HEADROOM = 1.5
+"""Capacity of a plan for scoring, as a multiple of what its scene needs: scenes of one fit share a
+program."""
+
+
 class Scorer:
     """Scores scenes against one target: PSNR and SSIM of the hard image with 16 samples.
 
@@ -37,10 +45,22 @@ class Scorer:
 
     def warm_up(self, likely: Scene) -> float:
         """Compile for scenes of this size; return the seconds that scoring takes after that."""
-        self.score(likely)
+        self.psnr(likely)
+        # The time of a strip tells that of all.
+        rows = strips(*self._target.shape[:2])[0]
+        ssim_seconds = []
+        for _ in range(2):
+            began = time.perf_counter()
+            float(_ssim(self._target[rows], self._target[rows]))
+            ssim_seconds.append(time.perf_counter() - began)
         began = time.perf_counter()
-        self.score(likely)
-        return time.perf_counter() - began
+        self.psnr(likely)
+        count = self._target.shape[0] / (rows.stop - rows.start)
+        return time.perf_counter() - began + count * ssim_seconds[-1]
+
+    def psnr(self, scene: Scene) -> float:
+        """PSNR of a scene in pixels of the target, without SSIM, which costs more."""
+        return _psnr(premultiply(self.draw(scene)), self._target)
 
     def share_plan(self, other: "Scorer") -> None:
         """Use the plan, and so the program, of another scorer, whose target has the same size."""
@@ -60,15 +80,45 @@ class Scorer:
                 return image
         height, width = self._target.shape[:2]
         hard = Hard(samples=16, edge_gradients=False)
-        self._plan = plan(scene, height=height, width=width, coverage=hard)
+        self._plan = plan(scene, height=height, width=width, coverage=hard, headroom=_HEADROOM)
         return render(scene, self._plan)
 
 
 def psnr_and_ssim(
     image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
 ) -> tuple[float, float]:
-    """PSNR in dB (infinite if equal) and SSIM, of images as `premultiply` gives them."""
-    return float(psnr(image, target)), float(_ssim(image, target))
+    """PSNR in dB (infinite if equal) and SSIM, of images as `premultiply` gives them.
+
+    SSIM needs some thirty times the memory of an image, so that of a large one is computed in
+    strips.
+    """
+    total = windows = 0.0
+    for rows in strips(*image.shape[:2]):
+        # The number of windows one above the other; a low image has a lower window.
+        count = max(1, rows.stop - rows.start - WINDOW + 1)
+        total += float(_ssim(image[rows], target[rows])) * count
+        windows += count
+    return _psnr(image, target), total / windows
 
 
-_ssim = jax.jit(ssim)
+def strips(height: int, width: int) -> list[slice]:
+    """Rows of the strips of an image for SSIM: each window lies in one of them.
+
+    A strip has some `_MAX_PIXELS` pixels, so a small image is one strip.
+    """
+    if height * width <= _MAX_PIXELS:
+        return [slice(0, height)]
+    step = max(WINDOW, _MAX_PIXELS // width)
+    last = height - WINDOW + 1
+    return [
+        slice(first, min(first + step, last) + WINDOW - 1) for first in range(0, last, step)
+    ] or [slice(0, height)]
+
+
+def _psnr(
+    image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
+) -> float:
+    return float(_jitted_psnr(image, target))
+
+
+_ssim, _jitted_psnr = jax.jit(ssim), jax.jit(psnr)

@@ -14,7 +14,8 @@ from jaxtyping import UInt8
 
 from . import gif
 from .drafts import atomic_file
-from .images import as_pixels, check_writable_path, to_bytes
+from .images import as_pixels, to_bytes
+from .outputs import check_writable_path
 from .palette import quantized
 
 ANIMATED = (".gif",)

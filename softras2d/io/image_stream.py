@@ -9,12 +9,12 @@ import numpy as np
 from .images import (
     as_pixels,
     check_free_space,
-    check_writable_path,
     close_output,
     image_spec,
     open_output,
     stored_pixels,
 )
+from .outputs import check_writable_path
 
 STREAMABLE = (".png", ".exr", ".tif", ".tiff")
 """Suffixes of files that can be written window by window."""

@@ -29,9 +29,7 @@ from jaxtyping import Float32, UInt8
 from ..color import linear_to_srgb, premultiply, srgb_to_linear, unpremultiply
 from .budget import BudgetError
 from .drafts import atomic_file
-
-WRITABLE = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff")
-"""Suffixes that `write_image` accepts."""
+from .outputs import WRITABLE, check_writable_path
 
 MAX_IMAGE_BYTES = 2**30
 """Limit of the memory of an image as float32, with all channels of its file and at least three. The
@@ -40,6 +38,20 @@ limit is 89 million RGB pixels, or 67 million RGBA pixels (8192 x 8192)."""
 
 _INTEGERS = {"uint8": (oiio.UINT8, 255), "uint16": (oiio.UINT16, 65535)}
 """For each integer format, the type in which it is read, and the integer that means 1."""
+
+
+_UNREAD_KINDS = {
+    b"ftyp" + brand: kind
+    for kind, brands in {
+        "HEIC": (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"),
+        "AVIF": (b"avif", b"avis"),
+    }.items()
+    for brand in brands
+}
+"""Formats of phones and browsers that OpenImageIO (3.2) is built without, by bytes 4 to 11.
+
+**Source:** ISO/IEC 23008-12 (HEIF), annex on brands; AV1 Image File Format, section on brands.
+"""
 
 
 def read_image(
@@ -65,7 +77,7 @@ def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
         raise ValueError(f"{path}: no such file.")
     source = oiio.ImageInput.open(str(path))
     if source is None:
-        raise ValueError(f"{path}: not an image that can be read{_reason(oiio.geterror(), path)}.")
+        raise ValueError(_unreadable(str(path), path))
     try:
         spec = source.spec()
     finally:
@@ -173,10 +185,12 @@ def _load(
         raise ValueError(f"{name}: the image is damaged: a name in it is not UTF-8.") from None
     pixels = _select_rgba(pixels, channel_names)
     is_float = np.dtype(str(spec.format).replace("half", "float16")).kind == "f"
-    if _is_premultiplied(path, spec):
+    is_premultiplied = _is_premultiplied(path, spec)
+    if is_premultiplied:
         with np.errstate(over="ignore", invalid="ignore"):
             pixels = unpremultiply(pixels)
-    _check_finite(name, pixels)
+    if is_float or is_premultiplied:
+        _check_finite(name, pixels)
     if is_float and not linear:
         pixels = _on_colors(linear_to_srgb, pixels)
     if linear and not is_float:
@@ -194,7 +208,7 @@ def _read_channels(
     hint.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(str(path), hint)
     if source is None:
-        raise ValueError(f"{name}: not an image that can be read{_reason(oiio.geterror(), path)}.")
+        raise ValueError(_unreadable(name, path))
     try:
         spec = source.spec()
         _check_size(name, spec)
@@ -212,7 +226,7 @@ def _read_channels(
     # Division rounds correctly; OpenImageIO multiplies by a rounded 1/255. A signalling NaN makes
     # numpy warn here, and is reported by `_check_finite` later.
     with np.errstate(invalid="ignore"):
-        floats = np.array(pixels, np.float32).reshape(shape)
+        floats = np.asarray(pixels).reshape(shape).astype(np.float32)
         floats /= np.float32(maximum)
     return floats, spec
 
@@ -256,7 +270,8 @@ def _select_rgba(pixels: np.ndarray, names: list[str]) -> np.ndarray:
         chosen = not_alpha[:3] if len(not_alpha) >= 3 else not_alpha[:1] * 3
     if "A" in names and len(names) > 1:
         chosen.append(names.index("A"))
-    return pixels[..., chosen]
+    # Choosing all channels in their order would copy the image.
+    return pixels if chosen == list(range(pixels.shape[-1])) else pixels[..., chosen]
 
 
 def _is_premultiplied(path: Path, spec: Any) -> bool:
@@ -321,14 +336,6 @@ def _check_finite(name: str, pixels: np.ndarray) -> None:
         raise ValueError(f"{name}: row {row}, column {column}, channel {channel} is {value}.")
 
 
-def check_writable_path(path: Path) -> None:
-    """Raise `ValueError` if `path` is a folder, or if its folder does not exist."""
-    if path.is_dir():
-        raise ValueError(f"{path}: a folder, not a file to write.")
-    if not path.parent.is_dir():
-        raise ValueError(f"{path}: there is no folder {path.parent}.")
-
-
 def _save(draft: Path, path: Path, pixels: np.ndarray) -> None:
     """Write pixels to `draft` in the format of its suffix; errors call it `path`."""
     height, width, channels = pixels.shape
@@ -385,6 +392,16 @@ def _is_complete(draft: Path) -> bool:
     with draft.open("rb") as file:
         file.seek(max(0, draft.stat().st_size - 8))
         return file.read() == b"IEND\xae\x42\x60\x82"
+
+
+def _unreadable(name: str, path: Path) -> str:
+    """The error about a file that OpenImageIO does not open; for known formats, with the cure."""
+    reason = _reason(oiio.geterror(), path)
+    with path.open("rb") as file:
+        kind = _UNREAD_KINDS.get(file.read(12)[4:])
+    if kind is not None:
+        return f"{name}: {kind} is not read; save the picture as JPEG or PNG first."
+    return f"{name}: not an image that can be read{reason}."
 
 
 def _reason(message: str, path: Path) -> str:

@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.fitting import budget, loop
+from softras2d.fitting import budget, loop, rehearsal
 from softras2d.fitting.budget import Budget, Limits
 from softras2d.fitting.choices import settle
 from softras2d.fitting.interrupt import deferred_interrupt
 from softras2d.fitting.layers.family import LayersFit
 from softras2d.fitting.mesh.family import MeshFit
+from softras2d.fitting.score import Scorer
 from softras2d.fitting.solvers import levenberg_marquardt
+from softras2d.fitting.task import Task
 from softras2d.planning.plan import Plan
 
 from ..cases.pictures import blobs
@@ -151,6 +153,43 @@ def test_checkpoints_can_be_resumed(tmp_path, monkeypatch):
     checkpoint = sr.FitResult.load(path)
     assert checkpoint.interrupted
     assert sr.fit(TARGET, resume=checkpoint, steps=75).history[-1].steps == 75
+
+
+@pytest.mark.slow
+def test_a_second_ctrl_c_leaves_the_checkpoint(tmp_path, monkeypatch):
+    path = tmp_path / "fit.npz"
+
+    def interrupt(*_):
+        signal.raise_signal(signal.SIGINT)
+
+    with monkeypatch.context() as patch:
+        # The second Ctrl-C comes while the result is drawn.
+        patch.setattr(Task, "result", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            sr.fit(TARGET, triangles=6, steps=500, size=24, report=interrupt, checkpoint=path)
+    checkpoint = sr.FitResult.load(path)
+    steps = checkpoint.history[-1].steps
+    assert 0 < steps < 500
+    assert checkpoint.interrupted
+    # The image is that of the last step, whose pixels are two pixels wide here.
+    np.testing.assert_array_equal(checkpoint.image[::2, ::2], checkpoint.state["image"])
+    assert sr.fit(TARGET, resume=checkpoint, steps=steps + 1).history[-1].steps == steps + 1
+
+
+@pytest.mark.slow
+def test_progress_tells_the_psnr_of_what_would_be_saved(monkeypatch):
+    """The PSNR is that of the hard image, at the size of the target."""
+    monkeypatch.setattr(rehearsal, "_INTERVAL", 0.0)
+    reports = []
+    result = sr.fit(TARGET, triangles=6, steps=400, size=12, report=reports.append)
+    told = np.array([report.saved_psnr for report in reports])
+    known = np.isfinite(told)
+    assert known[-1] and not known[0]
+    scorer = Scorer(TARGET)
+    drawn = [scorer.score(report.scene()).psnr for report in reports[-1:]]
+    assert drawn == [result.psnr]
+    assert abs(told[-1] - result.psnr) < 1.0
+    assert abs(reports[-1].record.psnr - result.psnr) > 1.0
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import pytest
 import softras2d as sr
 from softras2d.color import srgb_to_linear
 from softras2d.comparison.similarity import ssim
+from softras2d.fitting import score
 from softras2d.fitting.closed_form import best_colors
 from softras2d.fitting.layers.unknowns import (
     LayersData,
@@ -109,3 +110,16 @@ def test_closed_form_colors_of_layers_minimize_the_error(light):
     assert bool(((best > 0) & (best < 1)).all())
     assert float(jnp.abs(gradient).max()) < 0.001 * float(jnp.abs(jax.grad(error)(y.colors)).max())
     assert error(best) < error(y.colors)
+
+
+def test_large_images_are_scored_in_strips(monkeypatch):
+    rng = np.random.default_rng(0)
+    target = jnp.asarray(rng.random((61, 20, 3)), jnp.float32)
+    image = jnp.clip(target + jnp.asarray(rng.normal(0, 0.1, target.shape), jnp.float32), 0, 1)
+    whole = score.psnr_and_ssim(image, target)
+    for pixels in (20 * 11, 20 * 17, 20 * 40):
+        monkeypatch.setattr(score, "_MAX_PIXELS", pixels)
+        strips = score.strips(61, 20)
+        assert len(strips) > 1 and strips[-1].stop == 61
+        np.testing.assert_allclose(score.psnr_and_ssim(image, target), whole, rtol=1e-5)
+    assert score.strips(8, 1000) == [slice(0, 8)]

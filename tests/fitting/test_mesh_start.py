@@ -5,16 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import softras2d as sr
+from softras2d.fitting.mesh import full_size
 from softras2d.fitting.mesh.collapse import collapse
 from softras2d.fitting.mesh.colors import ColorModel, mesh_pixels, solve_colors
 from softras2d.fitting.mesh.edge_flips import flip, flip_edges, flip_gains, flippable_edges
 from softras2d.fitting.mesh.evaluation import evaluate
+from softras2d.fitting.mesh.full_size import colors_at_full_size
 from softras2d.fitting.mesh.insertion import insert, split
 from softras2d.fitting.mesh.splits import best_splits
 from softras2d.fitting.mesh.start import delaunay_start, error_start, exchange, uniform_start
 from softras2d.fitting.mesh.triangulation import check_tiling, find_edges, make_mesh
 from softras2d.fitting.target import Target
-from tests.cases.pictures import draw
+from tests.cases.pictures import blobs, draw
 
 HEIGHT, WIDTH = 32, 48
 MODELS = ["vertex", "triangle", "linear"]
@@ -250,3 +253,27 @@ def test_an_error_start_can_be_ended_early():
     mesh = error_start(target, 200, must_start=lambda: next(looks))
     assert 60 <= len(mesh.positions) < 200
     check_tiling(mesh)
+
+
+class TestColorsAtFullSize:
+    def test_strips_give_the_colors_of_all_pixels(self, monkeypatch):
+        image = blobs(60, 50)
+        weights = np.linspace(0.5, 1.5, 3000, dtype=np.float32).reshape(60, 50)
+        target = Target(image, weights)
+        mesh = uniform_start(60, 50, 30, jitter=0.2)
+        monkeypatch.setattr(full_size, "_STRIP_PIXELS", 350)
+        for model in ("vertex", "triangle", "linear"):
+            summed = colors_at_full_size(mesh, target, model=model)
+            np.testing.assert_allclose(summed, solve_colors(mesh, target, model=model), atol=1e-9)
+
+    @pytest.mark.slow
+    def test_a_fit_at_half_size_has_the_colors_of_the_whole_target(self):
+        """Of a target with fine stripes, which a shrunken one shows as grey."""
+        target = blobs(48, 64)
+        target[:, ::2] = 0.0
+        result = sr.fit(target, family="mesh", triangles=20, size=32, steps=10)
+        positions = np.asarray(result.scene.positions, np.float64)
+        mesh = make_mesh(positions, np.asarray(result.scene.triangles), height=48, width=64)
+        best = np.clip(solve_colors(mesh, Target(target)), 0, 1)
+        corner_colors = best[np.asarray(result.scene.triangles)]
+        np.testing.assert_allclose(result.scene.colors, corner_colors, atol=1e-4)

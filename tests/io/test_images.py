@@ -289,6 +289,17 @@ def test_other_unreadable_paths_are_refused_in_one_line(tmp_path):
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(("brand", "kind"), [(b"heic", "HEIC"), (b"avif", "AVIF")])
+def test_formats_of_phones_say_what_to_do(tmp_path, brand, kind):
+    path = tmp_path / "photo.jpg"
+    path.write_bytes(b"\0\0\0\x18ftyp" + brand + bytes(40))
+    with pytest.raises(ValueError) as caught:
+        read_image(path)
+    assert (
+        str(caught.value) == f"{path}: {kind} is not read; save the picture as JPEG or PNG first."
+    )
+
+
 def test_a_file_that_claims_too_much_is_refused_unread(tmp_path):
     # A PNG header of 100,000 x 100,000 pixels over no data.
     (tmp_path / "image.png").write_bytes(png(100_000, 100_000, b""))

@@ -21,6 +21,7 @@ from ...scene import Scene
 from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
 from ..solve import begin, forget_best, move, set_learning_rate
+from ..target import Target
 from ..units import POSITION_UNIT
 from . import saved, schedule
 from .exchange import Replacement, find_exchange
@@ -199,6 +200,19 @@ class LayersFit(AbstractFit):
         elif self.active == total and schedule.is_exchange_due(share, self.last_exchange):
             self.last_exchange = share
             self._exchange(schedule.triangles_to_exchange(share, total))
+
+    def retarget(self, target: Target, data: LayersData) -> None:
+        """Go on with another target of the same size, from the best unknowns so far.
+
+        - `target`: at the size of the fit.
+        - `data`: what the solver is to fit.
+
+        From here on no triangle is added or exchanged.
+        """
+        settings = self.request.settings | {"start": "given"}
+        y, self._earlier = self._best, None
+        self.request, self.data = self.request._replace(target=target, settings=settings), data
+        self.progress = begin(self.request.solver, self.residual, y, data)
 
     def _sharpen(self, share: float) -> None:
         """Set the width of soft edges for this share of the fit.

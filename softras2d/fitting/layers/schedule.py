@@ -1,6 +1,6 @@
 """When things happen in a fit of layers, as functions of its share: how far it is, from 0 to 1.
 
-- Until `_GROWTH_END`, triangles are added where the error is largest.
+- Until `GROWTH_END`, triangles are added where the error is largest.
 - Then, until `_LAST_EXCHANGE`, triangles whose removal costs least are moved where they gain more.
 - After that, triangles are only fitted. Near the end the learning rate falls.
 - Meanwhile, soft edges become sharper until `_SHARPENED`.
@@ -8,7 +8,7 @@
 
 import numpy as np
 
-_GROWTH_END = 0.4
+GROWTH_END = 0.4
 """Share of the fit after which all triangles are in use."""
 
 _MIN_TRIANGLES = 8
@@ -33,7 +33,7 @@ _SHARPENED = 0.5
 
 def triangles_to_add(share: float, active: int, total: int) -> int:
     """Number of triangles to add now to the `active` ones, of `total` at the end of growth."""
-    growth = min(1.0, share / _GROWTH_END) ** 1.5
+    growth = min(1.0, share / GROWTH_END) ** 1.5
     wanted = int(min(total, max(_MIN_TRIANGLES, total * growth)))
     missing = max(0, wanted - active)
     # Few large additions are better than many small ones: each restarts second-order solvers.

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from ...numerics.device import to_device
 from ...options import Area
@@ -19,10 +19,12 @@ from ...scene import Scene
 from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
 from ..solve import begin, forget_best, move, set_learning_rate
+from ..target import Target
 from ..trees import fill_tree, tree_arrays
 from ..units import POSITION_UNIT
 from . import saved
-from .colors import ColorModel, solve_colors
+from .colors import ColorModel, Colors, solve_colors
+from .full_size import colors_at_full_size
 from .start import delaunay_start, error_start, exchange, uniform_start
 from .triangulation import Mesh, check_tiling, signed_areas
 from .unknowns import MeshData, MeshResidual, MeshUnknowns, mesh_scene, vertices_of
@@ -149,11 +151,17 @@ class MeshFit(AbstractFit):
             to_device(scale, np.float32),
         )
         colors = np.clip(solve_colors(mesh, target, model=self._model), 0, 1)
-        if self._model != "vertex":
-            colors = colors[:, None] if colors.ndim == 2 else colors
-            colors = np.concatenate([colors, np.zeros((capacity - active, *colors.shape[1:]))])
         positions = to_device(mesh.positions / scale, np.float32)
-        return data, MeshUnknowns(positions, to_device(colors, np.float32))
+        return data, MeshUnknowns(positions, self._padded(colors, capacity))
+
+    def _padded(self, colors: Colors, capacity: int | None = None) -> Float[Array, "..."]:
+        """Colours as unknowns: those of triangles are filled up with zeros to the capacity."""
+        if self._model != "vertex":
+            capacity = len(self.data.triangles) if capacity is None else capacity
+            colors = colors[:, None] if colors.ndim == 2 else colors
+            spare = np.zeros((capacity - len(colors), *colors.shape[1:]))
+            colors = np.concatenate([colors, spare])
+        return to_device(colors, np.float32)
 
     def _begin(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
         """Start a new solve on this mesh."""
@@ -196,6 +204,18 @@ class MeshFit(AbstractFit):
         if not self.residual.plan.holds(needed):
             self.residual = MeshResidual(needed, self.request.loss)
         y = best_colors(self.residual, y, self.data, self.request.loss.light)
+        moved = move(self.request.solver, self.residual, self.progress, y, self.data)
+        self.progress = forget_best(moved)
+
+    def polish_at_full_size(self, target: Target) -> None:
+        """Go to the best unknowns, with the colours of least squared error at the target's size."""
+        _, y, self._mesh, self.data = self._best()
+        self.active, self._earlier = len(self._mesh.triangles), None
+        height, width = target.image.shape[:2]
+        factors = np.array([width / self.width, height / self.height])
+        enlarged = self._mesh._replace(positions=self._mesh.positions * factors)
+        colors = colors_at_full_size(enlarged, target, model=self._model)
+        y = y._replace(colors=self._padded(np.clip(colors, 0, 1)))
         moved = move(self.request.solver, self.residual, self.progress, y, self.data)
         self.progress = forget_best(moved)
 

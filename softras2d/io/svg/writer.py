@@ -17,7 +17,9 @@ from ...scene import Scene, check
 from ...texture.pyramid import TexturePyramid
 from ..drafts import atomic_file
 from .browsers import elements_for_browsers
+from .compact import compact_elements, short_elements
 from .control_points import SvgControls
+from .short_numbers import MAX_DIGITS
 
 _POLYGON = '<polygon points="{},{} {},{} {},{}" {}/>'
 _COLORTRI = '<colortri points="{} {} {} {} {} {}" colors="{}"/>'
@@ -31,6 +33,7 @@ def write_svg(
     height: int | None = None,
     width: int | None = None,
     fallback: bool = False,
+    digits: int | None = None,
 ) -> None:
     """Write `scene` as an SVG file of `width` x `height` pixels that `read_svg` reads back.
 
@@ -48,6 +51,11 @@ def write_svg(
     `fallback=True` lets browsers show corner colours approximately. Before each `<colortri>` comes
     a path with the nearest linear gradient, and a second one if the error of the first exceeds
     `gradients.VISIBLE`. `in_browsers` gives the scene that browsers then show.
+
+    `digits` makes the file small: coordinates are rounded to so many decimals, 0 to 6, and colours
+    to 8 bits. Flat triangles then become paths with relative coordinates, one for all triangles of
+    a colour between which nothing else is drawn; `read_svg` may cut these into other triangles.
+    With seam lines or corner colours, each triangle is still an element.
 
     Antialiasing in browsers lets the background show between triangles that share an edge. Lines
     in the colours of opaque triangles, drawn below them, hide it. If the triangles tile the canvas,
@@ -72,6 +80,8 @@ def write_svg(
         with atomic_file(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
         return
+    if digits is not None and not 0 <= digits <= MAX_DIGITS:
+        raise ValueError(f"`digits` must be 0 to {MAX_DIGITS}, or None; got {digits}.")
     if height is None or width is None:
         raise ValueError(f"`height` and `width` must be given; got {height} and {width}.")
     _check(path, scene, height, width)
@@ -84,7 +94,7 @@ def write_svg(
             f'<texture texid="{index}" filename={quoteattr(name)}/>'
             for index, name in enumerate(images)
         ),
-        *_triangle_elements(scene, fallback, height, width),
+        *_triangle_elements(scene, fallback, height, width, digits),
         "</svg>\n",
     ]
     # Textures first, so that whoever sees the SVG also finds the files that it names.
@@ -141,10 +151,16 @@ def _background_elements(scene: Scene, height: int, width: int) -> list[str]:
     return [f'<rect x="0" y="0" width="{width}" height="{height}" {paint}/>']
 
 
-def _triangle_elements(scene: Scene, fallback: bool, height: int, width: int) -> list[str]:
+def _triangle_elements(
+    scene: Scene, fallback: bool, height: int, width: int, digits: int | None
+) -> list[str]:
     """The elements of all triangles, in draw order, and those for browsers around them."""
     colors = _float32(scene.colors)
     corners = _float32(scene.positions)[np.asarray(scene.triangles)]
+    if digits is not None:
+        # The shortest decimal of a rounded number is short.
+        corners = np.round(corners.astype(np.float64), digits).astype(np.float32)
+        colors = _round_colors(colors)
     points = corners.reshape(-1, 6)
     is_flat = (colors == colors[:, :1]).all(axis=(1, 2))
     is_textured = np.zeros(len(is_flat), bool)
@@ -152,8 +168,11 @@ def _triangle_elements(scene: Scene, fallback: bool, height: int, width: int) ->
         is_textured = np.asarray(scene.texture_index) >= 0
     lines = np.empty(len(is_flat), object)
     is_polygon = is_flat & ~is_textured
-    paints = _paint_attributes(colors[is_polygon, 0])
-    lines[is_polygon] = _elements(_POLYGON, points[is_polygon], paints)
+    if digits is None:
+        paints = _paint_attributes(colors[is_polygon, 0])
+        lines[is_polygon] = _elements(_POLYGON, points[is_polygon], paints)
+    else:
+        lines[is_polygon] = short_elements(corners[is_polygon], colors[is_polygon, 0], digits)
     is_shaded = ~is_flat & ~is_textured
     corner_colors = _number_lists(_with_alpha(colors[is_shaded]))
     lines[is_shaded] = _elements(_COLORTRI, points[is_shaded], corner_colors)
@@ -162,9 +181,19 @@ def _triangle_elements(scene: Scene, fallback: bool, height: int, width: int) ->
         indices = np.asarray(scene.texture_index)[is_textured].tolist()
         lines[is_textured] = _elements(_TEXTRI, points[is_textured], uvs, indices)
     extra = elements_for_browsers(corners, colors, is_polygon, is_shaded & fallback, height, width)
+    if digits is not None and is_polygon.all() and not any(extra):
+        return compact_elements(corners, colors[:, 0], digits)
     for index, elements in extra.before.items():
         lines[index] = elements + "\n" + lines[index]
     return [*extra.head, *lines.tolist(), *extra.tail]
+
+
+def _round_colors(
+    colors: Float32[np.ndarray, "triangles corners channels"],
+) -> Float32[np.ndarray, "triangles corners channels"]:
+    """Round colours to 8 bits, and their alpha to three decimals."""
+    levels = np.array([255, 255, 255, 1000], np.float32)[: colors.shape[-1]]
+    return np.rint(colors * levels) / levels
 
 
 def _elements(

@@ -1,0 +1,97 @@
+"""Fits the frames of a film, for `softras2d fit frames/*.png --animation OUT`. Imports JAX."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..comparison.flicker import flicker
+from ..fitting.frames import fit_frames
+from ..fitting.result import FitResult
+from ..fitting.target import Image
+from ..io.animation import write_animation
+from ..io.images import read_image
+from ..io.svg.film import write_svg_film
+from .fit_bar import FitBar
+from .fit_files import small_images
+from .fit_options import FilmOptions
+
+_FIRST_STEPS = 500
+"""Solver steps of the first frame, unless --steps says another number."""
+
+
+def fit_film(
+    frames: Sequence[Path],
+    options: FilmOptions,
+    settings: dict[str, Any],
+    steps: int | None,
+    bar: FitBar,
+) -> tuple[list[FitResult], list[Image]]:
+    """Fit the frames in these files; returns the results, and the targets.
+
+    `settings`: arguments of `fit_frames`. Raises `ValueError` for frames of unequal sizes.
+    """
+    targets = read_frames(frames)
+
+    def report(number: int, result: FitResult) -> None:
+        status = f"frame {number + 1} of {len(targets)}, PSNR {result.psnr:.2f} dB"
+        bar.advance((number + 1) / len(targets), status)
+
+    results = fit_frames(
+        targets, **settings, steps=_FIRST_STEPS if steps is None else steps,
+        frame_steps=options.frame_steps, temporal=options.temporal, report=report,
+    )  # fmt: skip
+    return results, targets[: len(results)]
+
+
+def read_frames(paths: Sequence[Path]) -> list[Image]:
+    """Read the frames of a film; raises `ValueError` for one that is not as large as the first."""
+    images = [read_image(path) for path in paths]
+    height, width = images[0].shape[:2]
+    for path, image in zip(paths, images, strict=True):
+        if image.shape[:2] != (height, width):
+            raise ValueError(
+                f"{path}: {image.shape[1]} x {image.shape[0]} pixels; the first frame, {paths[0]}, "
+                f"has {width} x {height}."
+            )
+    # Some encoders leave out the alpha of opaque frames.
+    channels = max(image.shape[2] for image in images)
+    return [
+        image if image.shape[2] == channels else np.dstack([image, np.ones_like(image[..., :1])])
+        for image in images
+    ]
+
+
+def write_film(options: FilmOptions, results: Sequence[FitResult]) -> None:
+    """Write the animation, as an SVG or a GIF."""
+    scenes = [result.scene for result in results]
+    height, width = results[0].height, results[0].width
+    if options.animation.suffix.lower() == ".gif":
+        images = small_images(scenes, height, width)
+        seconds = 1 / options.fps
+        write_animation(
+            options.animation, images, seconds_per_frame=seconds, hold_seconds=0.0
+        )  # fmt: skip
+        return
+    digits = 1 if options.digits is None else options.digits
+    write_svg_film(
+        options.animation, scenes, height=height, width=width, seconds_per_frame=1 / options.fps,
+        digits=digits,
+    )  # fmt: skip
+
+
+def film_summary(
+    options: FilmOptions, results: Sequence[FitResult], targets: Sequence[Image], began: float
+) -> str:
+    """One line about a film: its file, its scores, and the seconds since `began`."""
+    elapsed = time.perf_counter() - began
+    psnr = float(np.mean([result.psnr for result in results]))
+    changes = 255 * flicker([result.image for result in results], targets)
+    still = "" if np.isnan(changes) else f", flicker {changes:.2f} levels of 255"
+    return (
+        f"{options.animation}: {len(results)} frames, {len(results[0].scene.triangles)} triangles, "
+        f"mean PSNR {psnr:.2f} dB{still}, {options.animation.stat().st_size} bytes, "
+        f"{elapsed:.1f} s, {elapsed / len(results):.2f} s a frame"
+    )

@@ -1,0 +1,71 @@
+"""The files that `softras2d fit` is given, checked before JAX is loaded."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import get_args
+
+from .. import names
+from ..io.outputs import WRITABLE, check_writable_path
+
+STANDARD = Path("-")
+"""Standard input or standard output, in place of a file."""
+
+COMPACT = ".s2d"
+"""Suffix of compact binary files."""
+
+SUFFIXES = (".svg", *WRITABLE, ".gif", ".npz", COMPACT, ".json")
+"""Suffixes of the files that the command writes."""
+
+
+def find_suffix(paths: Sequence[Path], suffix: str) -> Path | None:
+    """The first path with a suffix, in either case; None if there is none."""
+    return next((path for path in paths if path.suffix.lower() == suffix), None)
+
+
+def check_input(path: Path | None) -> None:
+    """Raise `ValueError` unless a file that was named exists."""
+    if path is None or path == STANDARD or path.is_file():
+        return
+    if path.is_dir():
+        raise ValueError(
+            f"{path}: a folder; fit every picture in it with: softras2d fit-batch {path} -o OUT"
+        )
+    raise ValueError(f"{path}: no such file.")
+
+
+def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
+    """Raise `ValueError` for a file that cannot be written, before the work of a fit.
+
+    `inputs` maps files that must not be overwritten to their roles, for the message.
+    """
+    for path in paths:
+        if path == STANDARD:
+            continue
+        if path.suffix.lower() not in SUFFIXES:
+            raise ValueError(f"{path}: the suffix must be one of {', '.join(SUFFIXES)}.")
+        check_writable_path(path)
+        if not os.access(path.parent, os.W_OK):
+            raise ValueError(f"{path}: the folder {path.parent} cannot be written to.")
+        for input_path, role in inputs.items():
+            if path.exists() and input_path.exists() and path.samefile(input_path):
+                raise ValueError(f"{path}: that is {role}.")
+    if len(set(paths)) < len(paths):
+        raise ValueError("the same --output is given twice.")
+
+
+def check_start(text: str, family: str) -> None:
+    """Raise `ValueError` unless `--start` is a name, or a file of a kind that the family takes."""
+    starts = get_args(names.FitStart)
+    suffix = Path(text).suffix.lower()
+    if text in starts or suffix == ".npz" or (suffix == ".svg" and family == "layers"):
+        return
+    known = "an .npz" if family == "mesh" else "an .svg or .npz"
+    raise ValueError(f"--start must be one of {', '.join(starts)}, or {known}; got {text!r}.")
+
+
+def check_animation(path: Path) -> None:
+    """Raise `ValueError` for an animation that cannot be written."""
+    if path.suffix.lower() not in (".svg", ".gif"):
+        raise ValueError(f"{path}: the suffix of an animation must be .svg or .gif.")
+    check_writable_path(path)

@@ -1,0 +1,51 @@
+"""Weights of the pixels of a fit: from an image, and from rectangles to focus on."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..fitting.target import PixelMap
+from ..io.images import read_image
+from .fit_options import Rectangle
+
+FOCUS_WEIGHT = 10.0
+"""Weight of the error of a pixel inside a rectangle of `--focus`; outside it is 1."""
+
+
+def pixel_weights(
+    image: Path | None, focus: Sequence[Rectangle], height: int, width: int
+) -> PixelMap | None:
+    """Weights `[height, width]` of a picture of this size, or None if all pixels count alike.
+
+    - `image`: file whose brightness is the weight, of the size of the picture.
+    - `focus`: pixels in any of these rectangles count ten times as much as others.
+    """
+    if image is None and not focus:
+        return None
+    weights = np.ones((height, width), np.float32)
+    if image is not None:
+        mask = read_image(image)
+        if mask.shape[:2] != (height, width):
+            raise ValueError(
+                f"--weights {image} has {mask.shape[1]} x {mask.shape[0]} pixels; the picture to "
+                f"fit has {width} x {height}."
+            )
+        weights = mask[..., :3].mean(-1)
+        if not weights.any():
+            raise ValueError(f"--weights {image} is black everywhere; bright pixels count.")
+    is_focus = np.zeros((height, width), bool)
+    for rectangle in focus:
+        is_focus[_slices(rectangle, height, width)] = True
+    return np.where(is_focus, np.float32(FOCUS_WEIGHT), np.float32(1)) * weights
+
+
+def _slices(rectangle: Rectangle, height: int, width: int) -> tuple[slice, slice]:
+    """Rows and columns of a rectangle in the picture; raises `ValueError` if there are none."""
+    x, y, focus_width, focus_height = rectangle
+    rows = slice(max(y, 0), min(y + focus_height, height))
+    columns = slice(max(x, 0), min(x + focus_width, width))
+    if rows.start >= rows.stop or columns.start >= columns.stop:
+        given = ",".join(map(str, rectangle))
+        raise ValueError(f"--focus {given} lies outside the picture, {width} x {height} pixels.")
+    return rows, columns

@@ -1,0 +1,61 @@
+"""Answers Ctrl-C and SIGTERM at once, while a compiled program keeps the main thread busy."""
+
+import signal
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from rich.console import Console
+
+_ANSWERS = (
+    "stopping, writing the best so far; once more to give up",
+    "giving up; a checkpoint (-o FIT.npz) is kept",
+)
+"""Lines for the first and the second signal."""
+
+
+@contextmanager
+def answered_signals(console: Console) -> Iterator[None]:
+    """Print a line for each Ctrl-C or SIGTERM at once; SIGTERM acts like Ctrl-C.
+
+    Python runs signal handlers in the main thread, between two instructions, so a handler waits for
+    the end of a compiled program. Another thread learns of the signal first, by
+    `signal.set_wakeup_fd`. In threads other than the main thread, nothing is answered.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    sender, receiver = socket.socketpair()
+    sender.setblocking(False)
+    thread = threading.Thread(target=_answer, args=(receiver, console), daemon=True)
+    thread.start()
+    previous_wakeup = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
+    previous_handler = signal.signal(signal.SIGTERM, _act_like_ctrl_c)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous_handler)
+        signal.set_wakeup_fd(previous_wakeup)
+        sender.close()
+        thread.join()
+        receiver.close()
+
+
+def _act_like_ctrl_c(number: int, frame: FrameType | None) -> None:
+    handler = signal.getsignal(signal.SIGINT)
+    if callable(handler):
+        handler(number, frame)
+
+
+def _answer(receiver: socket.socket, console: Console) -> None:
+    """Print a line for each signal, until the other end of the socket is closed."""
+    answers = iter(_ANSWERS)
+    while data := receiver.recv(1):
+        # With Python's default handler, nothing is deferred: the command ends at once.
+        is_deferred = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+        if data[0] in (signal.SIGINT, signal.SIGTERM) and is_deferred:
+            answer = next(answers, None)
+            if answer is not None:
+                console.print(answer, style="yellow")

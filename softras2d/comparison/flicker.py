@@ -1,0 +1,26 @@
+"""How much a film changes where it should stand still."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+_STILL = 1.5 / 255
+"""Largest change of a channel of a pixel that counts as standing still: one level of 8 bits."""
+
+
+def flicker(
+    images: Sequence[Float[np.ndarray, "height width channels"]],
+    targets: Sequence[Float[np.ndarray, "height width channels"]],
+) -> float:
+    """Mean absolute change of `images` from frame to frame, where `targets` stand still.
+
+    In the unit of the values, over all channels of the pixels whose target changes by one level of
+    8 bits at most. NaN if no pixel stands still, or if there is one frame.
+    """
+    total, count = 0.0, 0
+    for k in range(1, len(images)):
+        is_still = (np.abs(targets[k] - targets[k - 1]) <= _STILL).all(-1)
+        change = np.abs(images[k] - images[k - 1])[is_still]
+        total, count = total + float(change.sum(dtype=np.float64)), count + change.size
+    return total / count if count else float("nan")

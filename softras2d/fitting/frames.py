@@ -1,0 +1,172 @@
+"""The public function `fit_frames`, which fits one set of triangles to the frames of a film."""
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..numerics.compiled_programs import drop_programs
+from ..numerics.device import to_device
+from . import choices
+from .budget import Budget, Limits
+from .chunk import advance_fits
+from .interrupt import Interrupt, deferred_interrupt
+from .layers.family import LayersFit
+from .layers.unknowns import LayersData
+from .loop import AcceptedSteps, measure, run
+from .prepare import check_images, settings_to_save
+from .rehearsal import Rehearsal
+from .result import FitResult, Record
+from .score import Scorer
+from .target import Image, Target
+from .task import Task
+
+_STILL = 8 / 255
+"""Change of a pixel's target at which it no longer stands still: the temporal weight has fallen to
+1/e there. It is above the noise of cameras."""
+
+_LATE = 0.7
+"""Share of a fit of layers from which the learning rate falls. Later frames begin there."""
+
+
+def fit_frames(
+    images: Sequence[Any],
+    *,
+    triangles: int = 200,
+    seed: int = 0,
+    steps: int = 500,
+    frame_steps: int = 60,
+    temporal: int | float = 1.0,
+    size: int | None = None,
+    shading: str | None = None,
+    translucent: bool = False,
+    softness: Any = 0.8,
+    light: str = "display",
+    report: Callable[[int, FitResult], None] | None = None,
+) -> list[FitResult]:
+    """Fit layers to the frames of a film, each from the triangles of the frame before.
+
+    Triangle k of all results is the same one: it moves and changes its colour, and keeps its place
+    in the draw order. Triangles are found in the first frame, as by `fit`. In later ones none is
+    added, so what comes into view later is shown by triangles that move there.
+
+    - `images`: targets of one shape, as those of `fit`.
+    - `steps`, `frame_steps`: solver steps of the first frame, and of each later one.
+    - `temporal`: weight of the change of a pixel from the fitted frame before, relative to its
+      error, where the target stands still. It falls to 1/e where a channel of the target changes by
+      8 levels of 255. With 0, frames are fitted without regard to each other, and flicker.
+    - `report`: called with the number of a frame, from 0, and its result.
+    - The other arguments are those of `fit`, with Adam and squared error.
+
+    Results have no state, so that they cannot be resumed. The first Ctrl-C ends the fit with the
+    frames that are done. Raises `ValueError`, one line, for arguments that make no sense.
+    """
+    settings = choices.settle(
+        {
+            "triangles": triangles, "family": "layers", "solver": "adam", "seed": seed,
+            "size": size, "shading": shading, "translucent": translucent, "softness": softness,
+            "colors": "together", "loss": "squared", "light": light, "start": "error",
+        }
+    )  # fmt: skip
+    choices.check(settings, steps, None)
+    _check(frame_steps, temporal)
+    drop_programs()
+    targets = check_images(images)
+    shapes = {target.shape for target in targets}
+    if len(shapes) != 1:
+        raise ValueError(f"`images` must be frames of one shape; got {sorted(shapes)}.")
+    with jax.enable_x64(False), deferred_interrupt() as interrupt:
+        film = _Film(targets, settings)
+        film.fit_first(steps, interrupt)
+        for number in range(len(targets)):
+            if number:
+                if interrupt.requested:
+                    break
+                film.fit_next(number, frame_steps, float(temporal))
+            result = film.result(number, interrupt.requested)
+            film.results.append(result)
+            if report is not None:
+                report(number, result)
+    return film.results
+
+
+def _check(frame_steps: int, temporal: int | float) -> None:
+    """Raise `ValueError` for values of the arguments that only films have."""
+    if isinstance(frame_steps, bool) or frame_steps < 1:
+        raise ValueError(f"`frame_steps` must be a whole number from 1 on; got {frame_steps!r}.")
+    if not 0 <= temporal < float("inf"):
+        raise ValueError(f"`temporal` must be a number from 0 on; got {temporal!r}.")
+
+
+class _Film:
+    """A fit of layers that goes from frame to frame.
+
+    With squared error, a temporal weight needs no other loss. For an error w (I - T)^2 and a change
+    v (I - P)^2 from the frame before, the sum is (w + v) (I - (w T + v P) / (w + v))^2 and a
+    constant: a fit of another target with other weights, by the same program.
+    """
+
+    def __init__(self, targets: list[Image], settings: dict[str, Any]):
+        self._targets = targets
+        self._began = time.perf_counter()
+        # Weights from the first frame on, because the program depends on whether there are any.
+        weights = np.ones(targets[0].shape[:2], np.float32)
+        self._task = Task(Target(targets[0], weights), settings, None)
+        assert isinstance(self._task.fit, LayersFit)
+        self._fit: LayersFit = self._task.fit
+        self._scorer = self._task.scorer
+        self.results: list[FitResult] = []
+
+    def fit_first(self, steps: int, interrupt: Interrupt) -> None:
+        """Fit the first frame like any picture."""
+        task = self._task
+        with Rehearsal(task.warm_up(False), task.scorer.psnr) as rehearsal:
+            budget = Budget(Limits.of(self._began, steps, None), rehearsal, 0.0)
+            run(
+                [task.fit], [task.history], budget, steps=0, max_steps=task.max_steps,
+                stop=lambda: interrupt.requested,
+            )  # fmt: skip
+
+    def fit_next(self, number: int, steps: int, temporal: float) -> None:
+        """Fit a later frame from where the one before it ended."""
+        fit, task = self._fit, self._task
+        before, target = (
+            task.frame.shrink_target(Target(self._targets[k])).image for k in (number - 1, number)
+        )
+        fit.retarget(Target(target), self._blended(before, target, temporal))
+        counter, taken, accepted = AcceptedSteps(0), 0, 0
+        while taken < steps:
+            fit.refine(_LATE + (1 - _LATE) * taken / steps)
+            chunk = min(task.max_steps, steps - taken)
+            losses = advance_fits([fit], chunk, task.max_steps)[0]
+            taken, accepted = taken + len(losses), counter.add(losses)
+        seconds = time.perf_counter() - self._began
+        task.history[:] = [Record(taken, seconds, *measure(fit), accepted, fit.active)]
+
+    def _blended(self, before: Image, target: Image, temporal: float) -> LayersData:
+        """The data of a frame: its target blended with the image of the frame before it."""
+        prepare = self._fit.request.loss.prepare
+        change = np.abs(target - before).max(-1)
+        weight = np.float32(temporal) * np.exp(-((change / _STILL) ** 2)).astype(np.float32)
+        image, shown = (
+            np.asarray(prepare(to_device(array, np.float32))) for array in (target, self._fit.image)
+        )
+        share = (weight / (1 + weight))[..., None]
+        return self._fit.data._replace(
+            target=to_device(image + share * (shown - image), np.float32),
+            weights=to_device(1 + weight, np.float32),
+        )
+
+    def result(self, number: int, interrupted: bool) -> FitResult:
+        """The result of the frame that was fitted last."""
+        if number:
+            scorer = Scorer(self._targets[number])
+            scorer.share_plan(self._scorer)
+            self._scorer = scorer
+        enlarge = self._task.frame.enlarge
+        score = self._scorer.score(enlarge(self._fit.scene(padded=True)))
+        settings = settings_to_save(self._task.settings)
+        history = tuple(self._task.history)
+        return FitResult(enlarge(self._fit.scene()), *score, history, settings, interrupted)

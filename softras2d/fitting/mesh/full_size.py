@@ -1,0 +1,43 @@
+"""Colours of a mesh at the size of its target, which may be far larger than the fit.
+
+A 12-megapixel photograph has too many pixels to list them with their barycentric weights at once.
+The normal equations are sums over pixels, so they are summed strip by strip.
+"""
+
+import numpy as np
+
+from ..target import Image, Target
+from .colors import ColorModel, Colors, Moments, color_moments, solve_from_moments, target_at_pairs
+from .pixel_weights import pixel_weights
+from .triangulation import Mesh
+
+_STRIP_PIXELS = 2**19
+"""Pixels of a strip; each takes some 150 bytes."""
+
+SECONDS_PER_MEGAPIXEL = 0.15
+"""Time to set aside for `colors_at_full_size`, measured on one core."""
+
+
+def colors_at_full_size(mesh: Mesh, target: Target, *, model: ColorModel) -> Colors:
+    """Colours of least squared error, as `solve_colors` gives them, in bounded memory.
+
+    `mesh`: with positions in pixels of the target.
+    """
+    height, width = target.image.shape[:2]
+    rows = max(1, _STRIP_PIXELS // width)
+    total = _moments_of_rows(mesh, target, 0, min(rows, height))
+    for first in range(rows, height, rows):
+        moments = _moments_of_rows(mesh, target, first, min(first + rows, height))
+        total = Moments(*(a + b for a, b in zip(total, moments, strict=True)))
+    return solve_from_moments(mesh, target.image, total, model)
+
+
+def _moments_of_rows(mesh: Mesh, target: Target, first: int, last: int) -> Moments:
+    """The moments of the pixels in some rows of the target."""
+    image: Image = target.image[first:last]
+    weights = None if target.weights is None else target.weights[first:last]
+    pairs = pixel_weights(
+        mesh.positions - np.array([0.0, first]), mesh.triangles,
+        height=last - first, width=image.shape[1],
+    )  # fmt: skip
+    return color_moments(pairs, *target_at_pairs(pairs, Target(image, weights)))

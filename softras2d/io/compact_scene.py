@@ -1,0 +1,187 @@
+"""A compact binary file of a scene, such as a fit: rounded positions and colours, deflated.
+
+Numbers are little-endian. The file is
+
+- 8 bytes, the mark `softras2`;
+- a header of 24 bytes (`_HEADER`): height and width of the canvas in pixels; numbers of vertices
+  and of triangles; steps of a position per pixel; colours per triangle (1 or 3) and their channels
+  (3 or 4); channels of the background; 1 if triangle k has the vertices 3k, 3k + 1 and 3k + 2;
+- a zlib stream of the positions in steps, the vertices of the triangles unless they are implied,
+  the levels of the colours, channel by channel, and those of the background. Level k means k/255.
+
+Positions and vertices are integers of 32 bits, in the order x, y. If vertices are implied, the
+first corners of all triangles come first, and then the other corners, less the first. Otherwise
+each vertex, and each corner of a triangle, is stored less the one before it. The four bytes of an
+integer go into four planes, first the lowest bytes of all: zlib finds more that repeats.
+"""
+
+import os
+import struct
+import zlib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Int, UInt8
+
+from ..numerics.device import to_device
+from ..scene import Scene, check
+from .drafts import atomic_file
+from .outputs import check_writable_path
+
+SUFFIX = ".s2d"
+"""Suffix of the files."""
+
+_MARK = b"softras2"
+_HEADER = struct.Struct("<IIIIHBBBB2x")
+
+_MAX_COUNT = 2**24
+"""Most vertices and triangles of a file that is read."""
+
+_MAX_STEPS = 1024
+"""Most steps of a position per pixel."""
+
+
+class CompactScene(NamedTuple):
+    """What `read_compact` reads: a scene, and the size of its canvas in pixels."""
+
+    scene: Scene
+    height: int
+    width: int
+
+
+def write_compact(
+    path: str | os.PathLike[str],
+    scene: Scene,
+    *,
+    height: int,
+    width: int,
+    steps_per_pixel: int = 8,
+) -> int:
+    """Write a scene as a compact binary, and return the size of the file in bytes.
+
+    - `height`, `width`: size of the canvas, in pixels.
+    - `steps_per_pixel`: positions are rounded to multiples of 1 / `steps_per_pixel`, of which there
+      are 1 to 1024.
+
+    Colours are clipped to 0..1 and rounded to 8 bits. The file is written completely or not at all.
+    Raises `ValueError`, one line, for textures, depth and perspective, and for values that cannot
+    be stored.
+    """
+    path = Path(path)
+    check_writable_path(path)
+    if scene.positions.ndim != 2:
+        raise ValueError(
+            f"`write_compact` takes one scene, not a batch; got {scene.positions.shape}."
+        )
+    check(scene)
+    for name in ("textures", "depth", "inverse_w"):
+        if getattr(scene, name) is not None:
+            raise ValueError(f"a compact file has no `{name}`, which the scene has.")
+    if not 1 <= steps_per_pixel <= _MAX_STEPS:
+        raise ValueError(f"`steps_per_pixel` must be 1 to {_MAX_STEPS}; got {steps_per_pixel}.")
+    data = _encode(scene, height, width, steps_per_pixel)
+    with atomic_file(path) as draft:
+        draft.write_bytes(data)
+    return len(data)
+
+
+def read_compact(path: str | os.PathLike[str]) -> CompactScene:
+    """Read a file that `write_compact` wrote.
+
+    Raises `ValueError`, one line, for a file that is missing, damaged, cut short or another.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ValueError(f"{path}: no such file.")
+    try:
+        return _decode(path.read_bytes())
+    except (ValueError, struct.error, zlib.error) as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{path}: not a whole compact scene: {reason}.") from None
+
+
+def _encode(scene: Scene, height: int, width: int, steps_per_pixel: int) -> bytes:
+    """The bytes of a file."""
+    positions = np.rint(np.asarray(scene.positions, np.float64) * steps_per_pixel)
+    if not (np.abs(positions) < 2**30).all():
+        raise ValueError("positions must be finite and within 2^30 steps of the canvas.")
+    triangles = np.asarray(scene.triangles, np.int64)
+    is_implied = np.array_equal(triangles.ravel(), np.arange(len(positions)))
+    levels = [_levels(np.asarray(array)) for array in (scene.colors, scene.background)]
+    header = _HEADER.pack(
+        height, width, len(positions), len(triangles), steps_per_pixel,
+        *scene.colors.shape[1:], scene.background.shape[0], is_implied,
+    )  # fmt: skip
+    steps = positions.astype(np.int64)
+    if is_implied:
+        soup = steps.reshape(-1, 3, 2)
+        soup[:, 1:] -= soup[:, :1]
+        parts = [_planes(soup.transpose(2, 1, 0))]
+    else:
+        parts = [_planes(_differences(steps).T), _planes(_differences(triangles).T)]
+    parts += [np.moveaxis(levels[0], -1, 0).tobytes(), levels[1].tobytes()]
+    return _MARK + header + zlib.compress(b"".join(parts), 9)
+
+
+def _decode(data: bytes) -> CompactScene:
+    """The scene in the bytes of a file; a `ValueError` says what is wrong with them."""
+    if not data.startswith(_MARK):
+        raise ValueError("it does not begin with the mark of the format")
+    header = _HEADER.unpack_from(data, len(_MARK))
+    height, width, vertices, count, steps_per_pixel = header[:5]
+    corners, channels, background_channels, is_implied = header[5:]
+    is_valid = corners in (1, 3) and channels in (3, 4) and background_channels in (3, 4)
+    is_small = max(vertices, count) <= _MAX_COUNT and min(height, width, steps_per_pixel) > 0
+    if not (is_valid and is_small) or (is_implied and vertices != 3 * count):
+        raise ValueError("its header holds impossible values")
+    index_bytes = 0 if is_implied else 12 * count
+    color_bytes = count * corners * channels
+    size = 8 * vertices + index_bytes + color_bytes + background_channels
+    unpacker = zlib.decompressobj()
+    body = unpacker.decompress(data[len(_MARK) + _HEADER.size :], size + 1)
+    if len(body) != size or not unpacker.eof:
+        raise ValueError(f"{size} bytes of data were expected, and {len(body)} are there")
+    numbers = _integers(body[: 8 * vertices])
+    if is_implied:
+        soup = numbers.reshape(2, 3, count).transpose(2, 1, 0).copy()
+        soup[:, 1:] += soup[:, :1]
+        positions, triangles = soup.reshape(-1, 2), np.arange(vertices)
+    else:
+        positions = np.cumsum(numbers.reshape(2, vertices).T, axis=0)
+        corners_before = _integers(body[8 * vertices : 8 * vertices + index_bytes])
+        triangles = np.cumsum(corners_before.reshape(3, count).T, axis=0)
+    levels = np.frombuffer(body, np.uint8)[8 * vertices + index_bytes :]
+    colors = np.moveaxis(levels[:color_bytes].reshape(channels, count, corners), 0, -1)
+    scene = Scene(
+        to_device(positions / steps_per_pixel, np.float32),
+        to_device(triangles.reshape(count, 3), np.int32),
+        to_device(colors / np.float32(255), np.float32),
+        to_device(levels[color_bytes:] / np.float32(255), np.float32),
+    )
+    check(scene)
+    return CompactScene(scene, height, width)
+
+
+def _levels(colors: np.ndarray) -> UInt8[np.ndarray, "*shape"]:
+    """Colours as levels of 8 bits."""
+    return np.rint(np.clip(colors, 0, 1) * 255).astype(np.uint8)
+
+
+def _differences(rows: Int[np.ndarray, "rows numbers"]) -> Int[np.ndarray, "rows numbers"]:
+    """Each row less the row before it."""
+    return np.diff(rows, axis=0, prepend=0)
+
+
+def _planes(integers: Int[np.ndarray, "..."]) -> bytes:
+    """The four bytes of each integer, byte plane by byte plane."""
+    # Zigzag: small negative numbers become small positive ones, with zeros in their high bytes.
+    zigzag = (np.abs(integers) * 2 - (integers < 0)).astype("<u4")
+    return zigzag.reshape(-1).view(np.uint8).reshape(-1, 4).T.tobytes()
+
+
+def _integers(planes: bytes) -> Int[np.ndarray, " integers"]:
+    """The integers of which `_planes` made bytes, as a list."""
+    bytes_of_each = np.frombuffer(planes, np.uint8).reshape(4, -1).T
+    zigzag = np.ascontiguousarray(bytes_of_each).view("<u4").ravel().astype(np.int64)
+    return np.where(zigzag % 2 == 1, -(zigzag + 1) // 2, zigzag // 2)

@@ -1,0 +1,58 @@
+"""Animated SVG files of films."""
+
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+
+import softras2d as sr
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def film(frames: int) -> list[sr.Scene]:
+    """A triangle that moves right and turns from red to blue, and one that stands still."""
+    return [
+        sr.Scene.from_soup(
+            [[[k, 0], [k + 5, 0], [k, 5.25]], [[1, 1], [2, 1], [1, 2]]],
+            [[1 - k / (frames - 1), 0, k / (frames - 1)], [0, 1, 0]],
+        )
+        for k in range(frames)
+    ]
+
+
+def test_what_changes_is_animated(tmp_path):
+    sr.write_svg_film(
+        tmp_path / "a.svg", film(3), height=20, width=30, seconds_per_frame=0.5, digits=1
+    )
+    root = ElementTree.parse(tmp_path / "a.svg").getroot()
+    moving, still = root.findall(f"{SVG}polygon")
+    assert moving.get("points") == "0 0 5 0 0 5.2" and len(still) == 0
+    points, fill = moving
+    assert points.get("values") == "0 0 5 0 0 5.2;1 0 6 0 1 5.2;2 0 7 0 2 5.2"
+    assert fill.get("values", "").split(";") == ["#f00", "#800080", "#00f"]
+    assert {a.get("dur") for a in moving} == {"1.5s"}
+    assert {a.get("calcMode") for a in moving} == {"discrete"}
+
+
+def test_a_reader_of_still_images_sees_the_first_frame(tmp_path):
+    sr.write_svg_film(tmp_path / "a.svg", film(3), height=20, width=30)
+    with pytest.warns(UserWarning, match="animat"):
+        scene = sr.read_svg(tmp_path / "a.svg")
+    corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
+    np.testing.assert_allclose(corners[-2], [[0, 0], [5, 0], [0, 5.2]], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"scenes": []}, "there are no frames"),
+        ({"digits": 9}, "`digits` must be 0 to 6; got 9"),
+        ({"seconds_per_frame": 0.0}, "`seconds_per_frame` must be above 0"),
+        ({"scenes": [*film(2), sr.Scene.from_soup([], [])]}, "equal shapes"),
+    ],
+)
+def test_errors(tmp_path, change, message):
+    arguments = {"scenes": film(2), "height": 9, "width": 9} | change
+    with pytest.raises(ValueError, match=message):
+        sr.write_svg_film(tmp_path / "a.svg", **arguments)
