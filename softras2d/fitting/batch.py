@@ -40,6 +40,7 @@ def fit_batch(
     light: str = "display",
     weights: Any = None,
     start: Any = "error",
+    palette: Any = None,
     report: Callable[[list[Record]], None] | None = None,
     resume: Sequence[FitResult] | None = None,
     devices: Devices | None = None,
@@ -66,7 +67,7 @@ def fit_batch(
     given: dict[str, Any] = {
         "triangles": triangles, "family": "layers", "solver": solver, "seed": seed, "size": size,
         "shading": shading, "translucent": translucent, "softness": softness,
-        "colors": colors, "loss": loss, "light": light,
+        "colors": colors, "loss": loss, "light": light, "palette": palette,
     }  # fmt: skip
     if devices is not None and len(devices) == 0:
         raise ValueError("`devices` must name one device at least; got none.")

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from .. import names
 from ..names import check_name
+from . import steering
 from .families import FAMILIES
 from .loss import Loss
 from .solvers import Solver
@@ -28,6 +29,8 @@ def settle(settings: dict[str, Any]) -> dict[str, Any]:
         name = settled["family"]
         family = FAMILIES.get(name) if isinstance(name, str) else None
         settled["shading"] = "flat" if family is None else family.default_shading
+    if "palette" in settled:
+        settled["palette"] = steering.settle_palette(settled["palette"])
     softness = settled["softness"]
     if _is_number(softness):
         softness = (softness, softness)
@@ -66,6 +69,7 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
         raise ValueError("a mesh covers the canvas: `translucent` is for layers.")
     if settings["colors"] != "together" and settings["loss"] != "squared":
         raise ValueError("colours in closed form are those of `loss='squared'`.")
+    steering.check_palette(settings)
 
 
 def check_loss(solver: Solver, loss: Loss) -> None:

@@ -10,10 +10,11 @@ To add a family, write an `AbstractFit` and add a row to `families.FAMILIES`.
 
 import abc
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
+from .. import names
 from ..scene import Scene
 from .entries import Entries, Size
 from .loss import Loss
@@ -49,6 +50,17 @@ class FitRequest(NamedTuple):
     def exchanges(self) -> bool:
         """Whether, between chunks, triangles or vertices are moved to where the error is large."""
         return self.settings["start"] == "error"
+
+    @property
+    def starts_from_object(self) -> bool:
+        """Whether the fit starts, or once started, from a scene or a mesh that was given."""
+        start = self.settings["start"]
+        return not isinstance(start, str) or start not in get_args(names.FitStart)
+
+    @property
+    def finds_palette(self) -> bool:
+        """Whether the colours of the palette are to be found, too."""
+        return isinstance(self.settings["palette"], int)
 
     @property
     def solves_colors(self) -> bool:
@@ -108,6 +120,10 @@ class AbstractFit(abc.ABC):
     @abc.abstractmethod
     def refine(self, share: float) -> None:
         """Improve the fit between two chunks, on the host.
+
+        With the option `palette`, this chooses the colour of each triangle anew
+        (`palette.quantize`), and freezes it for the chunk (`frozen.Frozen`). All scenes of such a
+        fit have colours of the palette, also the first one.
 
         `share`: how far the fit is, 0..1. `progress` and `data` may change, but not the shapes of
         their arrays, so that the compiled program can be used again.

@@ -43,6 +43,7 @@ def fit(
     light: str = "display",
     weights: Any = None,
     start: Any = "error",
+    palette: Any = None,
     report: Callable[[ProgressReport], None] | None = None,
     resume: FitResult | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -79,6 +80,9 @@ def fit(
       least are moved there, as the fit goes on. With any other start, triangles are only fitted:
       `"uniform"`; `"delaunay"`, a mesh of random points that are denser where the image changes;
       a `Scene` in pixels of the target (layers); or a `Mesh` in pixels of the fit.
+    - `palette`: the colours that triangles may have: RGB values in 0..1, `[colours, 3]`, or a
+      number of colours to be found. Each triangle has one of them, and so has the mean colour
+      behind layers. For `shading="flat"`.
     - `report`: called with a `ProgressReport` after each chunk of steps.
     - `resume`: the result of an earlier fit of this target. The fit continues from there, with the
       settings and weights of the earlier fit. Only the arguments `steps`, `seconds`, `report` and
@@ -94,7 +98,7 @@ def fit(
     settings: dict[str, Any] = {
         "triangles": triangles, "family": family, "solver": solver, "seed": seed, "size": size,
         "shading": shading, "translucent": translucent, "softness": softness, "colors": colors,
-        "loss": loss, "light": light, "start": start,
+        "loss": loss, "light": light, "start": start, "palette": palette,
     }  # fmt: skip
     # A program that fits many images would otherwise keep compiled code for each size and number.
     drop_programs()

@@ -14,7 +14,7 @@ import optimistix as optx
 
 from ..numerics.device import to_device
 from ..scene import Scene, check
-from . import choices
+from . import choices, steering
 from .entries import Entries, Size, read_json
 from .families import FAMILIES
 from .frame import Frame
@@ -29,7 +29,7 @@ SCENE_FIELDS = ("positions", "triangles", "colors", "background")
 
 _SETTINGS = (
     "triangles", "family", "solver", "seed", "size", "shading", "translucent", "softness",
-    "colors", "loss", "light", "start",
+    "colors", "loss", "light", "start", *steering.DEFAULTS,
 )  # fmt: skip
 
 _MAX_FACTS = 2**20
@@ -53,6 +53,8 @@ def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
     if not isinstance(facts.get("interrupted"), bool):
         raise ValueError("`facts` must say whether the fit was `interrupted`, true or false.")
     settings = facts.get("settings")
+    if isinstance(settings, dict):
+        settings = settings | {k: v for k, v in steering.DEFAULTS.items() if k not in settings}
     check_settings(settings)
     assert isinstance(settings, dict)
     return settings, facts["interrupted"]
@@ -158,8 +160,22 @@ def check_state(state: dict[str, Any], settings: dict[str, Any], size: Size, ste
             raise ValueError("`state.weights.given` must not be 0 everywhere.")
     family = FAMILIES[settings["family"]]
     shapes = family.check_state(entries, settings, fit_size, int(active))
+    _check_steering(entries, settings, shapes)
     _check_solve(entries, settings, shapes, fit_size)
     entries.end()
+
+
+def _check_steering(
+    entries: Entries, settings: dict[str, Any], shapes: list[tuple[int, ...]]
+) -> None:
+    """Check the entries of a fit with a palette; `shapes` are those of the unknowns."""
+    palette = settings["palette"]
+    if palette is None:
+        return
+    count = palette if isinstance(palette, int) else len(palette)
+    entries.finite("palette", np.float32, (count, 3), low=0.0, high=1.0)
+    for number, shape in enumerate(shapes):
+        entries.finite(f"frozen.{number}", np.float32, shape)
 
 
 def _check_solve(

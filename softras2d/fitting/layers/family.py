@@ -20,7 +20,10 @@ from ...rendering.planner import plan
 from ...scene import Scene
 from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
+from ..frozen import Frozen, masks_of_fields, steered_arrays, with_frozen
+from ..palette import Palette, nearest, palette_of, quantize
 from ..solve import begin, forget_best, move, set_learning_rate
+from ..trees import fill_tree
 from ..units import POSITION_UNIT
 from . import saved, schedule
 from .exchange import Replacement, find_exchange
@@ -80,6 +83,17 @@ class LayersFit(AbstractFit):
             to_device(self._softness[0], np.float32),
         )
         y, self.active = self._start(start)
+        self._palette = palette_of(settings["palette"], request.target, request.seed)
+        self._masks = None
+        if self._palette is not None:
+            self._masks = masks_of_fields(y, ["colors"])
+            labels = nearest(self._palette, np.asarray(y.colors)[:, 0])
+            y = y._replace(colors=to_device(self._palette[labels][:, None]))
+            if self._has_palette_background:
+                label = nearest(self._palette, self._background[None])
+                self._background = self._palette[label][0]
+                self.data = self.data._replace(background=to_device(self._background))
+        self._freeze(y)
         self._overshoot = _OVERSHOOT
         if isinstance(start, Scene):
             self._overshoot = max(_OVERSHOOT, self._overshoot_of(y))
@@ -93,6 +107,12 @@ class LayersFit(AbstractFit):
     def max_triangles(self) -> int:
         """The option `triangles`."""
         return self.request.settings["triangles"]
+
+    @property
+    def _has_palette_background(self) -> bool:
+        """Whether the background has a colour of the palette, too."""
+        is_opaque = len(self._background) == 3
+        return self._palette is not None and is_opaque and not self.request.starts_from_object
 
     @property
     def _spare_position(self) -> float:
@@ -124,6 +144,15 @@ class LayersFit(AbstractFit):
             to_device(opacity) if self._translucent else None,
         )
 
+    def _freeze(self, y: LayersUnknowns) -> None:
+        """Freeze the masked unknowns at their values in `y`."""
+        if self._masks is not None:
+            self.data = self.data._replace(frozen=Frozen(self._masks, y))
+
+    def _drawn(self, y: LayersUnknowns) -> LayersUnknowns:
+        """The unknowns with the frozen ones at their values."""
+        return with_frozen(y, self.data.frozen)
+
     def _spacing(self, count: int) -> float:
         """Side, in pixels, of the square that each of `count` triangles has on average."""
         return float(np.sqrt(self.height * self.width / max(count, 1)))
@@ -152,11 +181,11 @@ class LayersFit(AbstractFit):
 
     @property
     def _best(self) -> LayersUnknowns:
-        """The best unknowns so far."""
+        """The best unknowns so far, with the frozen ones at their values."""
         loss = float(self.progress.best_loss)
         if self._earlier is not None and not self._earlier.loss > loss:
             return self._earlier.y
-        return self.progress.best if np.isfinite(loss) else self.progress.y
+        return self._drawn(self.progress.best if np.isfinite(loss) else self.progress.y)
 
     def scene(self, *, padded: bool = False) -> Scene:
         """The best scene so far; if `padded`, with its spare triangles, outside the canvas."""
@@ -178,11 +207,11 @@ class LayersFit(AbstractFit):
 
     def replan(self, reached: list[LayersUnknowns]) -> LayersResidual:
         """Make a residual with capacity for these unknowns and for the likely scene."""
-        scenes = [layers_scene(y, self.data.background) for y in reached]
+        scenes = [layers_scene(self._drawn(y), self.data.background) for y in reached]
         return LayersResidual(self._plan([self.likely_scene(), *scenes]), self.request.loss)
 
     def refine(self, share: float) -> None:
-        """Sharpen edges, lower the learning rate, and add or exchange triangles."""
+        """Sharpen edges, lower the learning rate, add or exchange triangles, and quantize."""
         self._sharpen(share)
         if self.request.adjustable_rate:
             self.progress = set_learning_rate(self.progress, schedule.learning_rate(share))
@@ -190,8 +219,13 @@ class LayersFit(AbstractFit):
             is_spare = jnp.arange(self.length)[:, None, None] >= self.active
             corners = jnp.where(is_spare, y.corners, self._near_canvas(y).corners)
             self.progress = self.progress._replace(y=y._replace(corners=corners))
-        if not self.request.exchanges:
-            return
+        if self.request.exchanges:
+            self._add_or_exchange(share)
+        if self._palette is not None:
+            self._quantize(self._palette)
+
+    def _add_or_exchange(self, share: float) -> None:
+        """Add triangles until all are in use, and then exchange some when due."""
         total = self.max_triangles
         added = schedule.triangles_to_add(share, self.active, total)
         if added:
@@ -227,7 +261,8 @@ class LayersFit(AbstractFit):
         """Put up to `count` new triangles in front, where they lower the error most."""
         size = _NEW_SIZE * self._spacing(self.active + count)
         target = self.request.target.premultiplied()
-        new = place(self._rng, premultiply(self.image), target, count, size=size)
+        image, palette = premultiply(self.image), self._palette
+        new = place(self._rng, image, target, count, size=size, palette=palette)
         if len(new.corners):
             order = np.arange(self.length)
             self._replace(Replacement(order, self.active, new.corners, new.colors))
@@ -236,9 +271,10 @@ class LayersFit(AbstractFit):
     def _exchange(self, count: int) -> None:
         """Move up to `count` triangles whose removal costs least to where they gain more."""
         replacement = find_exchange(
-            self._rng, self.progress.y, premultiply(self.image),
+            self._rng, self._drawn(self.progress.y), premultiply(self.image),
             self.request.target.premultiplied(), self._background, count, active=self.active,
             size=_NEW_SIZE * _EXCHANGED_SIZE * self._spacing(self.active),
+            palette=self._palette,
         )  # fmt: skip
         if replacement is not None:
             self._replace(replacement)
@@ -251,7 +287,8 @@ class LayersFit(AbstractFit):
         if np.isfinite(self.progress.best_loss):
             earlier = np.inf if self._earlier is None else self._earlier.loss
             self._earlier = _Earlier(min(float(self.progress.best_loss), earlier), self._best)
-        y = replacement.in_unknowns(self.progress.y)
+        y = replacement.in_unknowns(self._drawn(self.progress.y))
+        self._freeze(y)
         if self.request.adjustable_rate:
             # Adam's moving averages have one number per unknown, and start at 0 for new ones.
             solver_state = replacement.in_optimizer_state(self.progress.state)
@@ -260,10 +297,33 @@ class LayersFit(AbstractFit):
             restarted = begin(self.request.solver, self.residual, y, self.data)
             self.progress = restarted._replace(steps=self.progress.steps)
 
+    def _quantize(self, palette: Palette) -> None:
+        """Choose the palette's colour for each triangle anew, and solve for the palette.
+
+        Losses with other colours are not comparable, so a change forgets the best so far.
+        """
+        y = self._drawn(self.progress.y)
+        new = quantize(
+            self.residual, y, self.data._replace(frozen=None), self.request.target.premultiplied(),
+            palette, is_free=self.request.finds_palette,
+            has_background=self._has_palette_background,
+        )  # fmt: skip
+        if new.is_close(y.colors, palette):
+            return
+        self._palette, self._background = new.palette, new.background
+        y = y._replace(colors=to_device(new.colors[:, None]))
+        self.data = self.data._replace(background=to_device(new.background))
+        self._freeze(y)
+        self._earlier = None
+        self.progress = forget_best(
+            move(self.request.solver, self.residual, self.progress, y, self.data)
+        )
+
     def own_state(self) -> dict[str, np.ndarray]:
         """Random generator, background, edge width, and the best point before a replacement."""
         best = None if self._earlier is None else (self._earlier.loss, self._earlier.y)
-        return saved.pack(best, self._overshoot, self.data.width, self._background, self._rng)
+        arrays = saved.pack(best, self._overshoot, self.data.width, self._background, self._rng)
+        return arrays | steered_arrays(self._palette, self.data.frozen)
 
     def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
         """Restore what `own_state` saved."""
@@ -272,6 +332,9 @@ class LayersFit(AbstractFit):
             background=to_device(self._background), width=to_device(arrays["width"])
         )
         saved.restore_generator(self._rng, arrays)
+        self._palette = arrays.get("palette")
+        if self._masks is not None:
+            self._freeze(fill_tree(self.progress.y, "frozen", arrays))
         best = saved.unpack_best(self.progress.y, arrays)
         if best is not None:
             self._earlier = _Earlier(*best)

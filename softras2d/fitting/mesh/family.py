@@ -18,6 +18,8 @@ from ...rendering.planner import plan
 from ...scene import Scene
 from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
+from ..frozen import Frozen, masks_of_fields, steered_arrays, with_frozen
+from ..palette import Palette, nearest, palette_of, quantize
 from ..solve import begin, forget_best, move, set_learning_rate
 from ..trees import fill_tree, tree_arrays
 from ..units import POSITION_UNIT
@@ -78,6 +80,7 @@ class MeshFit(AbstractFit):
         self.image = image
         self.last_exchange = 0.0
         self._earlier: _Best | None = None
+        self._palette = palette_of(request.settings["palette"], request.target, request.seed)
         mesh = self._start()
         data, y = self._prepare(mesh)
         self.residual = MeshResidual(self._plan([mesh_scene(y, data)]), request.loss)
@@ -153,7 +156,18 @@ class MeshFit(AbstractFit):
             colors = colors[:, None] if colors.ndim == 2 else colors
             colors = np.concatenate([colors, np.zeros((capacity - active, *colors.shape[1:]))])
         positions = to_device(mesh.positions / scale, np.float32)
-        return data, MeshUnknowns(positions, to_device(colors, np.float32))
+        y = MeshUnknowns(positions, to_device(colors, np.float32))
+        if self._palette is None:
+            return data, y
+        labels = nearest(self._palette, colors[:, 0])
+        return self._with_colors(data, y, self._palette[labels])
+
+    def _with_colors(
+        self, data: MeshData, y: MeshUnknowns, colors: Float[np.ndarray, "triangles 3"]
+    ) -> tuple[MeshData, MeshUnknowns]:
+        """Give the triangles colours of the palette, and freeze these."""
+        y = y._replace(colors=to_device(colors[:, None]))
+        return data._replace(frozen=Frozen(masks_of_fields(y, ["colors"]), y)), y
 
     def _begin(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
         """Start a new solve on this mesh."""
@@ -205,7 +219,7 @@ class MeshFit(AbstractFit):
         return MeshResidual(plan, self.request.loss)
 
     def refine(self, share: float) -> None:
-        """Untangle the mesh, exchange vertices when due, and lower the learning rate."""
+        """Untangle the mesh, exchange vertices when due, lower the learning rate, and quantize."""
         due = [portion for at, portion in _EXCHANGES if self.last_exchange < at <= share]
         if self.progress.steps:
             self._untangle()
@@ -215,6 +229,8 @@ class MeshFit(AbstractFit):
         if self.request.adjustable_rate:
             factor = max(_FINAL_RATE_FACTOR, 0.5 + 0.5 * np.cos(np.pi * share))
             self.progress = set_learning_rate(self.progress, float(_LEARNING_RATE * factor))
+        if self._palette is not None:
+            self._quantize(self._palette)
 
     def _untangle(self) -> None:
         """Pull vertices back until no triangle is flipped.
@@ -239,6 +255,24 @@ class MeshFit(AbstractFit):
             self._begin(mesh, *self._prepare(mesh))
             self.progress = self.progress._replace(steps=steps)
 
+    def _quantize(self, palette: Palette) -> None:
+        """Choose the palette's colour for each triangle anew, and solve for the palette.
+
+        Losses with other colours are not comparable, so a change forgets the best so far.
+        """
+        y = with_frozen(self.progress.y, self.data.frozen)
+        new = quantize(
+            self.residual, y, self.data._replace(frozen=None), self.request.target, palette,
+            is_free=self.request.finds_palette, has_background=False,
+        )  # fmt: skip
+        if new.is_close(y.colors, palette):
+            return
+        self._palette, self._earlier = new.palette, None
+        self.data, y = self._with_colors(self.data, y, new.colors)
+        self.progress = forget_best(
+            move(self.request.solver, self.residual, self.progress, y, self.data)
+        )
+
     def own_state(self) -> dict[str, np.ndarray]:
         """The mesh and the scale of its positions, and the best point before the last exchange."""
         # The scale was computed at the last exchange, so it does not follow from the mesh.
@@ -248,11 +282,15 @@ class MeshFit(AbstractFit):
             arrays |= tree_arrays("kept", self._earlier.y)
             arrays |= saved.mesh_arrays("kept.mesh", self._earlier.mesh)
             arrays["kept.scale"] = np.asarray(self._earlier.data.scale)
-        return arrays
+        return arrays | steered_arrays(self._palette, self.data.frozen)
 
     def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
         """Restore what `own_state` saved; the constructor has restored the mesh itself."""
         self.data = self.data._replace(scale=to_device(arrays["scale"]))
+        self._palette = arrays.get("palette")
+        if self.data.frozen is not None:
+            values = fill_tree(self.progress.y, "frozen", arrays)
+            self.data = self.data._replace(frozen=self.data.frozen._replace(values=values))
         if "kept" in arrays:
             mesh = saved.mesh_of(arrays, "kept.mesh")
             data, template = self._prepare(mesh, arrays["kept.scale"])
