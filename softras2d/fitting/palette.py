@@ -27,11 +27,11 @@ from .target import Target
 
 Palette = Float[np.ndarray, "colors 3"]
 
-_PIXELS = 2**14
+_PIXELS = 2**13
 """Number of pixels, drawn at random, from which the first palette is made."""
 
-_LLOYD_ROUNDS = 20
-"""Rounds of k-means that make the first palette."""
+_STARTS, _LLOYD_ROUNDS = 8, 20
+"""Runs of k-means, of which the best makes the first palette, and the rounds of each."""
 
 _BOUNDS, _ROUNDS = 2, 4
 """Upper bounds of the squared error that a call of `quantize` makes, and rounds of k-means on each
@@ -68,12 +68,27 @@ def first_palette(target: Target, count: int, seed: int) -> Float[np.ndarray, "{
     share = weight.ravel().astype(np.float64) + 1e-12
     pixels = rng.choice(share.size, _PIXELS, p=share / share.sum())
     colors = target.image.reshape(-1, target.image.shape[-1])[pixels, :3].astype(np.float64)
-    palette = colors[:1]
+    palettes = [_kmeans(rng, colors, count) for _ in range(_STARTS)]
+    return min(palettes, key=lambda palette: _distances(palette, colors).sum())
+
+
+def _kmeans(
+    rng: np.random.Generator, colors: Float[np.ndarray, "n 3"], count: int
+) -> Float[np.ndarray, "{count} 3"]:
+    """One run of k-means, from a random start in which far colours are likely."""
+    palette = colors[rng.integers(len(colors), size=1)]
     while len(palette) < count:
-        distance = ((colors[:, None] - palette) ** 2).sum(-1).min(1) + 1e-12
+        distance = _distances(palette, colors) + 1e-12
         new = rng.choice(len(colors), p=distance / distance.sum())
         palette = np.concatenate([palette, colors[new : new + 1]])
     return _lloyd(palette, colors, np.ones(len(colors)), _LLOYD_ROUNDS)
+
+
+def _distances(
+    palette: Palette, colors: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, " n"]:
+    """Squared distance of each colour to the nearest of the palette."""
+    return ((colors - palette[nearest(palette, colors)]) ** 2).sum(1)
 
 
 def palette_of(setting: Any, target: Target, seed: int) -> Palette | None:
