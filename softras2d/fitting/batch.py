@@ -12,7 +12,7 @@ import numpy as np
 from ..numerics.compiled_programs import drop_programs
 from ..numerics.device import Devices
 from ..scene import Scene
-from . import choices
+from . import choices, steering
 from .budget import SCORING_SECONDS, Budget, Limits
 from .interrupt import deferred_interrupt
 from .loop import run
@@ -41,6 +41,7 @@ def fit_batch(
     weights: Any = None,
     start: Any = "error",
     palette: Any = None,
+    freeze: Any = None,
     report: Callable[[list[Record]], None] | None = None,
     resume: Sequence[FitResult] | None = None,
     devices: Devices | None = None,
@@ -64,10 +65,14 @@ def fit_batch(
     targets of different shapes.
     """
     began = time.perf_counter()
+    groups, masks = steering.settle_freeze(freeze)
+    if masks:
+        raise ValueError("`freeze` of a batch takes no masks: fit such targets one by one.")
     given: dict[str, Any] = {
         "triangles": triangles, "family": "layers", "solver": solver, "seed": seed, "size": size,
         "shading": shading, "translucent": translucent, "softness": softness,
         "colors": colors, "loss": loss, "light": light, "palette": palette,
+        "freeze": groups,
     }  # fmt: skip
     if devices is not None and len(devices) == 0:
         raise ValueError("`devices` must name one device at least; got none.")

@@ -70,6 +70,7 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
     if settings["colors"] != "together" and settings["loss"] != "squared":
         raise ValueError("colours in closed form are those of `loss='squared'`.")
     steering.check_palette(settings)
+    steering.check_freeze(settings)
 
 
 def check_loss(solver: Solver, loss: Loss) -> None:

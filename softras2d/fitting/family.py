@@ -9,7 +9,7 @@ To add a family, write an `AbstractFit` and add a row to `families.FAMILIES`.
 """
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from .. import names
 from ..scene import Scene
 from .entries import Entries, Size
+from .frozen import Mask
 from .loss import Loss
 from .solve import Progress, Residual
 from .solvers import Solver
@@ -33,6 +34,7 @@ class FitRequest(NamedTuple):
     - `adjustable_rate`: whether the solver has a learning rate that the family may lower.
     - `resume_state`: arrays of an earlier fit, or None for a new fit. The family reads here only
       the shapes of its arrays; `AbstractFit.restore_own_state` restores their values later.
+    - `masks`: which `"vertices"` and `"triangles"` are frozen, if the option `freeze` has any.
     - `must_start()`: whether time is up for the search for a start, so that steps must begin.
     """
 
@@ -45,11 +47,25 @@ class FitRequest(NamedTuple):
     adjustable_rate: bool
     resume_state: dict[str, np.ndarray] | None
     must_start: Callable[[], bool]
+    masks: Mapping[str, Mask]
 
     @property
     def exchanges(self) -> bool:
-        """Whether, between chunks, triangles or vertices are moved to where the error is large."""
+        """Whether, between chunks, triangles or vertices are moved to where the error is large.
+
+        Never if anything is frozen.
+        """
+        return self.places_by_error and not self.settings["freeze"]
+
+    @property
+    def places_by_error(self) -> bool:
+        """Whether triangles or vertices are placed where the error is large."""
         return self.settings["start"] == "error"
+
+    @property
+    def may_freeze(self) -> bool:
+        """Whether some unknowns are frozen, now or later in the fit."""
+        return bool(self.settings["freeze"]) or self.settings["palette"] is not None
 
     @property
     def starts_from_object(self) -> bool:

@@ -14,11 +14,11 @@ import jax
 from ..io.images import check_writable_path
 from ..numerics.compiled_programs import drop_programs
 from ..scene import Scene
-from . import choices
+from . import choices, steering
 from .budget import Budget, Limits
 from .interrupt import deferred_interrupt
 from .loop import ProgressReport, run
-from .prepare import check_images, check_resume, settings_to_resume
+from .prepare import check_images, check_resume, freeze_of, settings_to_resume
 from .result import FitResult
 from .solvers import Solver
 from .target import Target
@@ -44,6 +44,7 @@ def fit(
     weights: Any = None,
     start: Any = "error",
     palette: Any = None,
+    freeze: Any = None,
     report: Callable[[ProgressReport], None] | None = None,
     resume: FitResult | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -83,6 +84,11 @@ def fit(
     - `palette`: the colours that triangles may have: RGB values in 0..1, `[colours, 3]`, or a
       number of colours to be found. Each triangle has one of them, and so has the mean colour
       behind layers. For `shading="flat"`.
+    - `freeze`: what is not changed: `"positions"`, `"colors"` or `"opacity"`, or a list of these;
+      or a mapping, in which these are True, and `"triangles"` or, for a mesh, `"vertices"` are
+      boolean masks of those of the scene or mesh to start from. A frozen vertex keeps its position
+      and colour; a frozen triangle keeps its corners and colours. Triangles are still added to
+      layers, and keep what is frozen as it was when they were placed, but none are exchanged.
     - `report`: called with a `ProgressReport` after each chunk of steps.
     - `resume`: the result of an earlier fit of this target. The fit continues from there, with the
       settings and weights of the earlier fit. Only the arguments `steps`, `seconds`, `report` and
@@ -99,6 +105,7 @@ def fit(
         "triangles": triangles, "family": family, "solver": solver, "seed": seed, "size": size,
         "shading": shading, "translucent": translucent, "softness": softness, "colors": colors,
         "loss": loss, "light": light, "start": start, "palette": palette,
+        "freeze": freeze,
     }  # fmt: skip
     # A program that fits many images would otherwise keep compiled code for each size and number.
     drop_programs()
@@ -107,14 +114,20 @@ def fit(
         check_resume(resume, image)
         settings = settings_to_resume(settings, resume)
         weights = resume.state.get("weights.given")
+        freeze = freeze_of(resume)
+    settings["freeze"], masks = steering.settle_freeze(freeze)
     settings = choices.settle(settings)
     choices.check(settings, steps, seconds)
     if checkpoint is not None:
         _check_checkpoint(Path(checkpoint))
     limits = Limits.of(began, steps, seconds)
     with jax.enable_x64(False), deferred_interrupt() as interrupt:
+
+        def must_start() -> bool:
+            return limits.must_start() or interrupt.requested
+
         weighted = Target(image, choices.prepare_weights(weights, image))
-        task = Task(weighted, settings, resume, lambda: limits.must_start() or interrupt.requested)
+        task = Task(weighted, settings, resume, must_start, masks)
         interrupted = _run(task, limits, report, checkpoint, lambda: interrupt.requested)
         if task.polishes and not (interrupted or interrupt.requested):
             task.fit.polish()

@@ -5,15 +5,19 @@ unknowns, the frozen ones are replaced by fixed values. Masks and values are arr
 residual, so that they can change between chunks without compiling again.
 """
 
-from collections.abc import Collection
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
-from .trees import tree_arrays
+from ..numerics.device import to_device
+from ..scene import Scene
+
+Mask = Bool[np.ndarray, " n"]
 
 
 class Frozen(NamedTuple):
@@ -40,15 +44,34 @@ def with_frozen(y: Any, frozen: Frozen | None) -> Any:
     )
 
 
-def masks_of_fields(y: Any, names: Collection[str]) -> tuple[Bool[np.ndarray, "..."], ...]:
-    """Masks that freeze whole fields of the unknowns, those of these names."""
-    fields = {name: leaf for name, leaf in y._asdict().items() if leaf is not None}
-    return tuple(np.full((1,) * leaf.ndim, name in names) for name, leaf in fields.items())
+def freeze(y: Any, masks: Mapping[str, bool | Mask]) -> Frozen:
+    """Freeze unknowns at their values in `y`.
+
+    `masks`: for a field of the unknowns, whether it is frozen, as a whole or for each entry along
+    its first axis. A mask may be shorter than the field; the entries after it are not frozen.
+    """
+    arrays = []
+    for name, leaf in y._asdict().items():
+        if leaf is None:
+            continue
+        mask = masks.get(name, False)
+        array = np.full((1,) * leaf.ndim, mask is True)
+        if isinstance(mask, np.ndarray):
+            array = np.zeros((len(leaf), *(1,) * (leaf.ndim - 1)), bool)
+            array[: len(mask)] = mask.reshape(-1, *array.shape[1:])
+        arrays.append(to_device(array))
+    return Frozen(tuple(arrays), y)
 
 
-def steered_arrays(
-    palette: Float[np.ndarray, "colors 3"] | None, frozen: Frozen | None
-) -> dict[str, np.ndarray]:
-    """The arrays that a fit with a palette or with frozen unknowns saves."""
-    arrays = {} if palette is None else {"palette": palette}
-    return arrays if frozen is None else arrays | tree_arrays("frozen", frozen.values)
+def with_exact_positions(
+    scene: Scene, earlier: Scene, triangles: Bool[np.ndarray, " triangles"]
+) -> Scene:
+    """Give triangles that share no vertices the very corners that they had in an earlier scene.
+
+    Units of the unknowns, and a fit smaller than its target, change a position by a rounding error.
+    `triangles`: which of them have not moved.
+    """
+    corners = np.asarray(scene.positions).reshape(-1, 3, 2)
+    before = np.asarray(earlier.positions)[np.asarray(earlier.triangles)]
+    corners = np.where(triangles[:, None, None], before.astype(np.float32), corners)
+    return replace(scene, positions=to_device(corners.reshape(-1, 2)))

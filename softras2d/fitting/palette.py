@@ -1,8 +1,10 @@
 """A fit in the colours of a palette: which colour each triangle has, and what the colours are.
 
-Between chunks of steps, `quantize` assigns a colour of the palette to each triangle and, where the
-palette is to be found, solves for the palette again. During a chunk these colours are frozen, so
-that the solver moves triangles to where they are best *in these colours*.
+In the first part of a fit, colours are free, and only the scenes that are shown have the nearest
+colours of the palette. After that, between chunks of steps, `quantize` assigns a colour of the
+palette to each triangle and, where the palette is to be found, solves for the palette again. During
+a chunk these colours are frozen, so that the solver moves triangles to where they are best *in
+these colours*.
 
 The image is linear in the colours, with coefficients of 0 or more that sum to at most 1 in each
 pixel. The squared error is therefore nowhere above a sum with one parabola per triangle, which
@@ -32,6 +34,10 @@ _PIXELS = 2**13
 
 _STARTS, _LLOYD_ROUNDS = 8, 20
 """Runs of k-means, of which the best makes the first palette, and the rounds of each."""
+
+PALETTE_START = 0.6
+"""Share of the fit after which colours are those of the palette. Before that they are free: fits
+whose colours are quantised throughout end in worse places, by up to a decibel."""
 
 _BOUNDS, _ROUNDS = 2, 4
 """Upper bounds of the squared error that a call of `quantize` makes, and rounds of k-means on each
@@ -84,9 +90,7 @@ def _kmeans(
     return _lloyd(palette, colors, np.ones(len(colors)), _LLOYD_ROUNDS)
 
 
-def _distances(
-    palette: Palette, colors: Float[np.ndarray, "n 3"]
-) -> Float[np.ndarray, " n"]:
+def _distances(palette: Palette, colors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
     """Squared distance of each colour to the nearest of the palette."""
     return ((colors - palette[nearest(palette, colors)]) ** 2).sum(1)
 
@@ -104,6 +108,12 @@ def nearest(palette: Palette, colors: Float[np.ndarray, "colors_2 3"]) -> Int[np
     """Index of the palette's colour nearest to each colour."""
     palette = palette.astype(np.float64)
     return ((palette**2).sum(1) - 2 * colors @ palette.T).argmin(1)
+
+
+def in_palette(palette: Palette, colors: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Replace each colour by the nearest of the palette."""
+    host = np.asarray(colors)
+    return to_device(palette[nearest(palette, host.reshape(-1, 3))].reshape(host.shape))
 
 
 def quantize(
@@ -173,7 +183,8 @@ def _parabolas(
     variables = (y.colors, data.background)
     image, jvp = jax.linearize(image_of, *variables)
     vjp = jax.linear_transpose(jvp, *variables)
-    ones = jnp.ones_like(y.colors), jnp.full_like(data.background, is_opaque)
+    show_background = 1.0 if is_opaque else 0.0
+    ones = jnp.ones_like(y.colors), jnp.full_like(data.background, show_background)
     scale = (
         jnp.ones_like(image)
         if weights is None
@@ -182,7 +193,9 @@ def _parabolas(
     gradients, curvatures = vjp(scale * (image - target)), vjp(scale * jvp(*ones))
 
     def rows(of_colors: Array, of_background: Array) -> Array:
-        return jnp.concatenate([of_colors.reshape(-1, 3), is_opaque * of_background[None, :3]])
+        return jnp.concatenate(
+            [of_colors.reshape(-1, 3), show_background * of_background[None, :3]]
+        )
 
     return rows(*gradients), rows(*curvatures)
 

@@ -1,6 +1,6 @@
 """Make a fit from a target and settings, and check targets and fits to be resumed."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from .entries import Size
 from .families import FAMILIES
 from .family import AbstractFit, FitRequest
 from .frame import Frame
+from .frozen import Mask
 from .loss import Loss
 from .result import FitResult
 from .solvers import SOLVERS, Solver, is_rate_adjustable, solver_of
@@ -24,11 +25,13 @@ def make_fit(
     frame: Frame,
     resume: FitResult | None,
     must_start: Callable[[], bool],
+    masks: Mapping[str, Mask],
 ) -> AbstractFit:
     """Make a fit of the family that the settings name, before its first step.
 
     - `resume`: a result that gives the shapes of the arrays. Its values are restored later, by
       `state.restore_state`.
+    - `masks`: those of the option `freeze`, by the names of their groups.
     - `must_start()`: whether the search for a start must end with what it has.
     """
     solver = solver_of(settings["solver"])
@@ -45,6 +48,7 @@ def make_fit(
         adjustable_rate=is_rate_adjustable(settings["solver"]),
         resume_state=None if resume is None else resume.state,
         must_start=must_start,
+        masks=masks,
     )
     return FAMILIES[settings["family"]].make(request)
 
@@ -125,3 +129,9 @@ def settings_to_resume(settings: dict[str, Any], earlier: FitResult) -> dict[str
     if type(solver).__name__ != solver_name:
         raise ValueError(f"`resume` was fitted by a {solver_name}: hand one over as `solver`.")
     return earlier.settings | {"solver": solver}
+
+
+def freeze_of(earlier: FitResult) -> dict[str, Any]:
+    """The argument `freeze` of an earlier fit, from its settings and its state."""
+    groups = earlier.settings["freeze"]
+    return {group: earlier.state.get(f"freeze.{group}", True) for group in groups}

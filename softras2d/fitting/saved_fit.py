@@ -20,6 +20,7 @@ from .families import FAMILIES
 from .frame import Frame
 from .solve import begin
 from .solvers import SOLVERS, solver_of
+from .steered_state import check_steered_state
 
 FORMAT = 3
 """Version of the file format."""
@@ -160,22 +161,9 @@ def check_state(state: dict[str, Any], settings: dict[str, Any], size: Size, ste
             raise ValueError("`state.weights.given` must not be 0 everywhere.")
     family = FAMILIES[settings["family"]]
     shapes = family.check_state(entries, settings, fit_size, int(active))
-    _check_steering(entries, settings, shapes)
+    check_steered_state(entries, settings, shapes)
     _check_solve(entries, settings, shapes, fit_size)
     entries.end()
-
-
-def _check_steering(
-    entries: Entries, settings: dict[str, Any], shapes: list[tuple[int, ...]]
-) -> None:
-    """Check the entries of a fit with a palette; `shapes` are those of the unknowns."""
-    palette = settings["palette"]
-    if palette is None:
-        return
-    count = palette if isinstance(palette, int) else len(palette)
-    entries.finite("palette", np.float32, (count, 3), low=0.0, high=1.0)
-    for number, shape in enumerate(shapes):
-        entries.finite(f"frozen.{number}", np.float32, shape)
 
 
 def _check_solve(

@@ -1,12 +1,16 @@
 """One fit, from its target and settings to its result."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import jax
+import numpy as np
 
+from ..scene import Scene
 from .closed_form import time_colors
 from .frame import Frame
+from .frozen import Mask, with_exact_positions
 from .prepare import make_fit, max_chunk_steps, settings_to_save
 from .result import FitResult, Record
 from .score import Scorer
@@ -28,11 +32,14 @@ class Task:
         settings: dict[str, Any],
         resume: FitResult | None,
         must_start: Callable[[], bool] = lambda: False,
+        masks: Mapping[str, Mask] = MappingProxyType({}),
     ):
         self.target, self.settings = target, settings
         height, width = target.image.shape[:2]
         self.frame = Frame.of(height, width, settings)
-        self.fit = make_fit(target, settings, self.frame, resume, must_start)
+        self.fit = make_fit(target, settings, self.frame, resume, must_start, masks)
+        start = settings["start"]
+        self._earlier = start if resume is None else resume.scene
         self.history: list[Record] = [] if resume is None else list(resume.history)
         self.steps_before = 0 if resume is None else restore_state(self.fit, resume.state)
         self.seconds_before = self.history[-1].seconds if self.history else 0.0
@@ -67,9 +74,22 @@ class Task:
         """Make the result from the best scene so far, and score it."""
         # The spare triangles do not show; with them, one program scores all scenes of the fit.
         score = self.scorer.score(self.frame.enlarge(self.fit.scene(padded=True)))
-        scene = self.frame.enlarge(self.fit.scene())
+        scene = self._with_exact_positions(self.frame.enlarge(self.fit.scene()))
         state = save_state(self.fit, self.history[-1].steps if self.history else 0)
         if self.target.weights is not None:
             state["weights.given"] = self.target.weights
+        masks = self.fit.request.masks
+        state |= {f"freeze.{group}": mask for group, mask in masks.items()}
         settings = settings_to_save(self.settings)
         return FitResult(scene, *score, tuple(self.history), settings, interrupted, state)
+
+    def _with_exact_positions(self, scene: Scene) -> Scene:
+        """The scene with frozen layers in exactly the positions of the scene to start from."""
+        request, earlier = self.fit.request, self._earlier
+        is_given = self.settings["family"] == "layers" and request.starts_from_object
+        frozen = request.masks.get("triangles")
+        if "positions" in self.settings["freeze"]:
+            frozen = np.ones(scene.triangles.shape[0], bool)
+        if frozen is None or not is_given or not isinstance(earlier, Scene):
+            return scene
+        return with_exact_positions(scene, earlier, frozen)

@@ -20,9 +20,11 @@ from ...rendering.planner import plan
 from ...scene import Scene
 from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
-from ..frozen import Frozen, masks_of_fields, steered_arrays, with_frozen
-from ..palette import Palette, nearest, palette_of, quantize
+from ..frozen import Mask, freeze, with_frozen
+from ..palette import PALETTE_START, Palette, in_palette, palette_of, quantize
 from ..solve import begin, forget_best, move, set_learning_rate
+from ..steered_state import steered_state
+from ..steering import check_length
 from ..trees import fill_tree
 from ..units import POSITION_UNIT
 from . import saved, schedule
@@ -84,15 +86,9 @@ class LayersFit(AbstractFit):
         )
         y, self.active = self._start(start)
         self._palette = palette_of(settings["palette"], request.target, request.seed)
-        self._masks = None
-        if self._palette is not None:
-            self._masks = masks_of_fields(y, ["colors"])
-            labels = nearest(self._palette, np.asarray(y.colors)[:, 0])
-            y = y._replace(colors=to_device(self._palette[labels][:, None]))
-            if self._has_palette_background:
-                label = nearest(self._palette, self._background[None])
-                self._background = self._palette[label][0]
-                self.data = self.data._replace(background=to_device(self._background))
+        self._is_quantized = False
+        if state is None and "triangles" in request.masks:
+            check_length("triangles", request.masks["triangles"], self.active)
         self._freeze(y)
         self._overshoot = _OVERSHOOT
         if isinstance(start, Scene):
@@ -145,9 +141,22 @@ class LayersFit(AbstractFit):
         )
 
     def _freeze(self, y: LayersUnknowns) -> None:
-        """Freeze the masked unknowns at their values in `y`."""
-        if self._masks is not None:
-            self.data = self.data._replace(frozen=Frozen(self._masks, y))
+        """Freeze what the options say, and colours of the palette, at their values in `y`."""
+        if self.request.may_freeze:
+            frozen = freeze(y, self._masks())
+            self.data = self.data._replace(frozen=frozen)
+
+    def _masks(self) -> dict[str, bool | Mask]:
+        """The frozen fields of the unknowns: whole ones, or the triangles of the mask."""
+        groups, triangles = self.request.settings["freeze"], self.request.masks.get("triangles")
+        fields = {"positions": "corners", "colors": "colors", "opacity": "opacity"}
+        masks: dict[str, bool | Mask] = {}
+        for group, field in fields.items():
+            if group in groups or (field == "colors" and self._is_quantized):
+                masks[field] = True
+            elif triangles is not None:
+                masks[field] = triangles
+        return masks
 
     def _drawn(self, y: LayersUnknowns) -> LayersUnknowns:
         """The unknowns with the frozen ones at their values."""
@@ -191,7 +200,12 @@ class LayersFit(AbstractFit):
         """The best scene so far; if `padded`, with its spare triangles, outside the canvas."""
         drawn = slice(None if padded else self.active)
         y = jax.tree.map(lambda leaf: leaf[drawn], self._best)
-        return layers_scene(self._near_canvas(y), self.data.background)
+        background = self.data.background
+        if self._palette is not None and not self._is_quantized:
+            y = y._replace(colors=in_palette(self._palette, y.colors))
+            if self._has_palette_background:
+                background = in_palette(self._palette, background)
+        return layers_scene(self._near_canvas(y), background)
 
     def polish(self) -> None:
         """Go to the best unknowns so far, with the colours of least squared error."""
@@ -219,9 +233,9 @@ class LayersFit(AbstractFit):
             is_spare = jnp.arange(self.length)[:, None, None] >= self.active
             corners = jnp.where(is_spare, y.corners, self._near_canvas(y).corners)
             self.progress = self.progress._replace(y=y._replace(corners=corners))
-        if self.request.exchanges:
+        if self.request.places_by_error:
             self._add_or_exchange(share)
-        if self._palette is not None:
+        if self._palette is not None and (self._is_quantized or share >= PALETTE_START):
             self._quantize(self._palette)
 
     def _add_or_exchange(self, share: float) -> None:
@@ -230,7 +244,9 @@ class LayersFit(AbstractFit):
         added = schedule.triangles_to_add(share, self.active, total)
         if added:
             self._add(added)
-        elif self.active == total and schedule.is_exchange_due(share, self.last_exchange):
+        elif not self.request.exchanges or self.active < total:
+            return
+        elif schedule.is_exchange_due(share, self.last_exchange):
             self.last_exchange = share
             self._exchange(schedule.triangles_to_exchange(share, total))
 
@@ -261,12 +277,17 @@ class LayersFit(AbstractFit):
         """Put up to `count` new triangles in front, where they lower the error most."""
         size = _NEW_SIZE * self._spacing(self.active + count)
         target = self.request.target.premultiplied()
-        image, palette = premultiply(self.image), self._palette
+        image, palette = premultiply(self.image), self._placing_palette
         new = place(self._rng, image, target, count, size=size, palette=palette)
         if len(new.corners):
             order = np.arange(self.length)
             self._replace(Replacement(order, self.active, new.corners, new.colors))
             self.active += len(new.corners)
+
+    @property
+    def _placing_palette(self) -> Palette | None:
+        """The colours that a new triangle may have; None: any."""
+        return self._palette if self._is_quantized else None
 
     def _exchange(self, count: int) -> None:
         """Move up to `count` triangles whose removal costs least to where they gain more."""
@@ -274,7 +295,7 @@ class LayersFit(AbstractFit):
             self._rng, self._drawn(self.progress.y), premultiply(self.image),
             self.request.target.premultiplied(), self._background, count, active=self.active,
             size=_NEW_SIZE * _EXCHANGED_SIZE * self._spacing(self.active),
-            palette=self._palette,
+            palette=self._placing_palette,
         )  # fmt: skip
         if replacement is not None:
             self._replace(replacement)
@@ -308,8 +329,9 @@ class LayersFit(AbstractFit):
             palette, is_free=self.request.finds_palette,
             has_background=self._has_palette_background,
         )  # fmt: skip
-        if new.is_close(y.colors, palette):
+        if self._is_quantized and new.is_close(np.asarray(y.colors), palette):
             return
+        self._is_quantized = True
         self._palette, self._background = new.palette, new.background
         y = y._replace(colors=to_device(new.colors[:, None]))
         self.data = self.data._replace(background=to_device(new.background))
@@ -323,7 +345,7 @@ class LayersFit(AbstractFit):
         """Random generator, background, edge width, and the best point before a replacement."""
         best = None if self._earlier is None else (self._earlier.loss, self._earlier.y)
         arrays = saved.pack(best, self._overshoot, self.data.width, self._background, self._rng)
-        return arrays | steered_arrays(self._palette, self.data.frozen)
+        return arrays | steered_state(self._palette, self._is_quantized, self.data.frozen)
 
     def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
         """Restore what `own_state` saved."""
@@ -333,7 +355,8 @@ class LayersFit(AbstractFit):
         )
         saved.restore_generator(self._rng, arrays)
         self._palette = arrays.get("palette")
-        if self._masks is not None:
+        self._is_quantized = bool(arrays.get("quantized", False))
+        if self.data.frozen is not None:
             self._freeze(fill_tree(self.progress.y, "frozen", arrays))
         best = saved.unpack_best(self.progress.y, arrays)
         if best is not None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ...numerics.device import to_device
 from ...options import Area
@@ -18,15 +18,17 @@ from ...rendering.planner import plan
 from ...scene import Scene
 from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
-from ..frozen import Frozen, masks_of_fields, steered_arrays, with_frozen
-from ..palette import Palette, nearest, palette_of, quantize
+from ..frozen import Mask, freeze, with_frozen
+from ..palette import PALETTE_START, Palette, in_palette, palette_of, quantize
 from ..solve import begin, forget_best, move, set_learning_rate
+from ..steered_state import steered_state
+from ..steering import check_length
 from ..trees import fill_tree, tree_arrays
 from ..units import POSITION_UNIT
 from . import saved
 from .colors import ColorModel, solve_colors
 from .start import delaunay_start, error_start, exchange, uniform_start
-from .triangulation import Mesh, check_tiling, signed_areas
+from .triangulation import Mesh, check_tiling, is_bound, signed_areas
 from .unknowns import MeshData, MeshResidual, MeshUnknowns, mesh_scene, vertices_of
 from .untangle import untangle
 
@@ -81,6 +83,7 @@ class MeshFit(AbstractFit):
         self.last_exchange = 0.0
         self._earlier: _Best | None = None
         self._palette = palette_of(request.settings["palette"], request.target, request.seed)
+        self._is_quantized = False
         mesh = self._start()
         data, y = self._prepare(mesh)
         self.residual = MeshResidual(self._plan([mesh_scene(y, data)]), request.loss)
@@ -147,7 +150,7 @@ class MeshFit(AbstractFit):
             None if target.weights is None else to_device(target.weights, np.float32),
             to_device(np.zeros(3, np.float32)),
             to_device(triangles),
-            to_device(np.stack([mesh.free_x, mesh.free_y], 1)),
+            to_device(self._free_coordinates(mesh)),
             to_device(mesh.positions, np.float32),
             to_device(scale, np.float32),
         )
@@ -157,17 +160,34 @@ class MeshFit(AbstractFit):
             colors = np.concatenate([colors, np.zeros((capacity - active, *colors.shape[1:]))])
         positions = to_device(mesh.positions / scale, np.float32)
         y = MeshUnknowns(positions, to_device(colors, np.float32))
-        if self._palette is None:
-            return data, y
-        labels = nearest(self._palette, colors[:, 0])
-        return self._with_colors(data, y, self._palette[labels])
+        if self.request.may_freeze:
+            data = data._replace(frozen=freeze(y, self._masks(mesh)))
+        return data, y
 
-    def _with_colors(
-        self, data: MeshData, y: MeshUnknowns, colors: Float[np.ndarray, "triangles 3"]
-    ) -> tuple[MeshData, MeshUnknowns]:
-        """Give the triangles colours of the palette, and freeze these."""
-        y = y._replace(colors=to_device(colors[:, None]))
-        return data._replace(frozen=Frozen(masks_of_fields(y, ["colors"]), y)), y
+    def _free_coordinates(self, mesh: Mesh) -> Bool[np.ndarray, "vertices 2"]:
+        """Which coordinates may move: off the border, and not frozen."""
+        if "positions" in self.request.settings["freeze"]:
+            return np.zeros((len(mesh.positions), 2), bool)
+        return ~is_bound(mesh) & ~self._frozen_vertices(mesh)[:, None]
+
+    def _masks(self, mesh: Mesh) -> dict[str, bool | Mask]:
+        """The frozen colours; frozen positions are not `free` in the data."""
+        if "colors" in self.request.settings["freeze"] or self._is_quantized:
+            return {"colors": True}
+        if self._model != "vertex":
+            triangles = self.request.masks.get("triangles")
+            return {} if triangles is None else {"colors": triangles}
+        return {"colors": self._frozen_vertices(mesh)}
+
+    def _frozen_vertices(self, mesh: Mesh) -> Mask:
+        """Which vertices the masks freeze: those given, and the corners of given triangles."""
+        count, masks = len(mesh.positions), self.request.masks
+        frozen = masks.get("vertices", np.zeros(count, bool)).copy()
+        check_length("vertices", frozen, count)
+        if "triangles" in masks:
+            check_length("triangles", masks["triangles"], len(mesh.triangles))
+            frozen[mesh.triangles[masks["triangles"]]] = True
+        return frozen
 
     def _begin(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
         """Start a new solve on this mesh."""
@@ -194,7 +214,10 @@ class MeshFit(AbstractFit):
     def scene(self, *, padded: bool = False) -> Scene:
         """The best scene so far; if `padded`, with its spare triangles, which have no area."""
         best = self._best()
-        scene = mesh_scene(best.y, best.data)
+        y = best.y
+        if self._palette is not None and not self._is_quantized:
+            y = y._replace(colors=in_palette(self._palette, y.colors))
+        scene = mesh_scene(y, best.data)
         drawn = slice(None if padded else len(best.mesh.triangles))
         triangles, colors = (
             to_device(np.asarray(array)[drawn]) for array in (scene.triangles, scene.colors)
@@ -229,7 +252,7 @@ class MeshFit(AbstractFit):
         if self.request.adjustable_rate:
             factor = max(_FINAL_RATE_FACTOR, 0.5 + 0.5 * np.cos(np.pi * share))
             self.progress = set_learning_rate(self.progress, float(_LEARNING_RATE * factor))
-        if self._palette is not None:
+        if self._palette is not None and (self._is_quantized or share >= PALETTE_START):
             self._quantize(self._palette)
 
     def _untangle(self) -> None:
@@ -265,10 +288,12 @@ class MeshFit(AbstractFit):
             self.residual, y, self.data._replace(frozen=None), self.request.target, palette,
             is_free=self.request.finds_palette, has_background=False,
         )  # fmt: skip
-        if new.is_close(y.colors, palette):
+        if self._is_quantized and new.is_close(np.asarray(y.colors), palette):
             return
+        self._is_quantized = True
         self._palette, self._earlier = new.palette, None
-        self.data, y = self._with_colors(self.data, y, new.colors)
+        y = y._replace(colors=to_device(new.colors[:, None]))
+        self.data = self.data._replace(frozen=freeze(y, self._masks(self._mesh)))
         self.progress = forget_best(
             move(self.request.solver, self.residual, self.progress, y, self.data)
         )
@@ -282,15 +307,16 @@ class MeshFit(AbstractFit):
             arrays |= tree_arrays("kept", self._earlier.y)
             arrays |= saved.mesh_arrays("kept.mesh", self._earlier.mesh)
             arrays["kept.scale"] = np.asarray(self._earlier.data.scale)
-        return arrays | steered_arrays(self._palette, self.data.frozen)
+        return arrays | steered_state(self._palette, self._is_quantized, self.data.frozen)
 
     def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
         """Restore what `own_state` saved; the constructor has restored the mesh itself."""
         self.data = self.data._replace(scale=to_device(arrays["scale"]))
         self._palette = arrays.get("palette")
+        self._is_quantized = bool(arrays.get("quantized", False))
         if self.data.frozen is not None:
             values = fill_tree(self.progress.y, "frozen", arrays)
-            self.data = self.data._replace(frozen=self.data.frozen._replace(values=values))
+            self.data = self.data._replace(frozen=freeze(values, self._masks(self._mesh)))
         if "kept" in arrays:
             mesh = saved.mesh_of(arrays, "kept.mesh")
             data, template = self._prepare(mesh, arrays["kept.scale"])
