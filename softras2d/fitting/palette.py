@@ -62,7 +62,7 @@ class Quantized(NamedTuple):
     def is_close(self, colors: Float[np.ndarray, "..."], palette: Palette) -> bool:
         """Whether these are the same colours, but for differences that nobody sees."""
         change = np.abs(self.colors - np.asarray(colors).reshape(-1, 3)).max(initial=0.0)
-        return max(change, np.abs(self.palette - palette).max()) < _VISIBLE
+        return bool(max(change, np.abs(self.palette - palette).max()) < _VISIBLE)
 
 
 def first_palette(target: Target, count: int, seed: int) -> Float[np.ndarray, "{count} 3"]:
