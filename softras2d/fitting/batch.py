@@ -16,6 +16,7 @@ from . import choices, steering
 from .budget import SCORING_SECONDS, Budget, Limits
 from .interrupt import deferred_interrupt
 from .loop import run
+from .loss import LossFunction
 from .mesh.triangulation import Mesh
 from .prepare import check_images, check_resume, settings_to_resume
 from .result import FitResult, Record
@@ -36,12 +37,13 @@ def fit_batch(
     translucent: bool = False,
     softness: Any = 0.8,
     colors: str = "together",
-    loss: str = "squared",
+    loss: str | LossFunction = "squared",
     light: str = "display",
     weights: Any = None,
     start: Any = "error",
     palette: Any = None,
     freeze: Any = None,
+    background: Any = "mean",
     report: Callable[[list[Record]], None] | None = None,
     resume: Sequence[FitResult] | None = None,
     devices: Devices | None = None,
@@ -56,6 +58,7 @@ def fit_batch(
     - `weights`: `[height, width]` for all targets, or `[images, height, width]`.
     - `start`: one for all targets, or a sequence with one for each.
     - `resume`: the results of an earlier batch, whose settings and weights are used.
+    - `freeze`: names only; masks are refused. There is no `callback`.
     - `devices`: each takes an equal share of the images, by the same program and without
       communication. JAX's first device unless given.
     - `report`: called after each chunk with the last record of each image. The seconds in a record
@@ -73,11 +76,12 @@ def fit_batch(
         "shading": shading, "translucent": translucent, "softness": softness,
         "colors": colors, "loss": loss, "light": light, "palette": palette,
         "freeze": groups,
+        "background": background,
     }  # fmt: skip
     if devices is not None and len(devices) == 0:
         raise ValueError("`devices` must name one device at least; got none.")
     drop_programs()
-    images = _check_targets(targets)
+    images = _check_targets(targets, _is_transparent(background, resume))
     count = len(images)
     earlier = _for_each("resume", resume, count)
     if resume is not None:
@@ -108,9 +112,16 @@ def fit_batch(
     return results
 
 
-def _check_targets(targets: Sequence[Any]) -> list[Image]:
+def _is_transparent(background: Any, resume: Any) -> bool:
+    """Whether targets keep or get an alpha channel, because the background is transparent."""
+    if isinstance(resume, Sequence) and resume and isinstance(resume[0], FitResult):
+        background = resume[0].settings["background"]
+    return isinstance(background, str) and background == "transparent"
+
+
+def _check_targets(targets: Sequence[Any], transparent: bool) -> list[Image]:
     """Check and convert the targets; raise `ValueError` unless they have one shape."""
-    images = check_images(targets)
+    images = check_images(targets, transparent=transparent)
     shapes = {image.shape for image in images}
     if len(shapes) != 1:
         raise ValueError(f"`targets` must be images of one shape; got {sorted(shapes)}.")

@@ -29,6 +29,8 @@ def settle(settings: dict[str, Any]) -> dict[str, Any]:
         name = settled["family"]
         family = FAMILIES.get(name) if isinstance(name, str) else None
         settled["shading"] = "flat" if family is None else family.default_shading
+    if "background" in settled:
+        settled["background"] = steering.settle_background(settled["background"])
     if "palette" in settled:
         settled["palette"] = steering.settle_palette(settled["palette"])
     softness = settled["softness"]
@@ -46,7 +48,8 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
     family = FAMILIES[name]
     _check_choice("shading", settings["shading"], family.shadings, f" of a {name} fit")
     check_name("colors", settings["colors"], names.ColorMethod)
-    check_name("loss", settings["loss"], names.Loss)
+    if not callable(settings["loss"]):
+        check_name("loss", settings["loss"], names.Loss)
     check_name("light", settings["light"], names.LossSpace)
     _check_integer("triangles", settings["triangles"], family.min_triangles)
     _check_integer("seed", settings["seed"], 0)
@@ -71,13 +74,14 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
         raise ValueError("colours in closed form are those of `loss='squared'`.")
     steering.check_palette(settings)
     steering.check_freeze(settings)
+    steering.check_background(settings)
 
 
 def check_loss(solver: Solver, loss: Loss) -> None:
     """Raise `ValueError` if a least-squares solver is given a loss other than squared error."""
-    if isinstance(solver, optx.AbstractLeastSquaresSolver) and loss.kind != "squared":
+    if isinstance(solver, optx.AbstractLeastSquaresSolver) and not loss.is_squared:
         raise ValueError(
-            f"solvers of least squares take `loss='squared'`; got {loss.kind!r}: use 'adam'."
+            f"solvers of least squares take `loss='squared'`; got {loss.name!r}: use 'adam'."
         )
 
 

@@ -130,6 +130,18 @@ class AbstractFit(abc.ABC):
         """
 
     @abc.abstractmethod
+    def current_scene(self) -> Scene:
+        """The scene of the last unknowns, in pixels of the fit, without spare triangles."""
+
+    @abc.abstractmethod
+    def go_on_from(self, scene: Scene) -> None:
+        """Continue from a scene with the same triangles as `current_scene`, and forget the best.
+
+        The scene is in pixels of the fit. What is frozen stays, colours become those of the
+        palette, and a mesh moves only as far as no triangle is flipped.
+        """
+
+    @abc.abstractmethod
     def replan(self, reached: list[Any]) -> Residual:
         """Make a residual with capacity for all of these unknowns, without changing the fit."""
 

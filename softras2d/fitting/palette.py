@@ -47,7 +47,7 @@ _LEAST_WEIGHT = 1e-6
 """Curvature, in pixels, below which a triangle does not show, so that its colour does not count."""
 
 
-_VISIBLE = 1 / 1024
+VISIBLE = 1 / 1024
 """Least change of a colour that counts as one. With solvers of second order, each change makes the
 solve begin anew."""
 
@@ -62,7 +62,7 @@ class Quantized(NamedTuple):
     def is_close(self, colors: Float[np.ndarray, "..."], palette: Palette) -> bool:
         """Whether these are the same colours, but for differences that nobody sees."""
         change = np.abs(self.colors - np.asarray(colors).reshape(-1, 3)).max(initial=0.0)
-        return bool(max(change, np.abs(self.palette - palette).max()) < _VISIBLE)
+        return bool(max(change, np.abs(self.palette - palette).max()) < VISIBLE)
 
 
 def first_palette(target: Target, count: int, seed: int) -> Float[np.ndarray, "{count} 3"]:
@@ -110,7 +110,7 @@ def nearest(palette: Palette, colors: Float[np.ndarray, "colors_2 3"]) -> Int[np
     return ((palette**2).sum(1) - 2 * colors @ palette.T).argmin(1)
 
 
-def in_palette(palette: Palette, colors: Float[Array, "..."]) -> Float[Array, "..."]:
+def in_palette(palette: Palette, colors: Any) -> Float[Array, "..."]:
     """Replace each colour by the nearest of the palette."""
     host = np.asarray(colors)
     return to_device(palette[nearest(palette, host.reshape(-1, 3))].reshape(host.shape))
@@ -158,6 +158,21 @@ def quantize(
         if has_background:
             background = assigned[-1]
     return Quantized(colors.astype(np.float32), palette, background.astype(np.float32))
+
+
+def best_background(
+    residual: Residual, y: Any, data: Any, target: Target
+) -> Float[np.ndarray, "3"]:
+    """The background that lowers the squared error most, by the bound of `quantize`, in 0..1.
+
+    Arguments are those of `quantize`.
+    """
+    weights = None if target.weights is None else to_device(target.weights, np.float32)
+    image = to_device(target.image, np.float32)
+    gradients, curvatures = _parabolas(residual, y, data, image, weights)
+    gradient, curvature = np.asarray(gradients[-1]), np.asarray(curvatures[-1])
+    step = np.where(curvature > _LEAST_WEIGHT, gradient / np.maximum(curvature, _LEAST_WEIGHT), 0)
+    return np.clip(np.asarray(data.background) - step, 0.0, 1.0).astype(np.float32)
 
 
 @eqx.filter_jit

@@ -79,7 +79,9 @@ def check_settings(settings: Any) -> None:
     if settings["start"] not in (*choices.STARTS, choices.GIVEN):
         raise ValueError(f"`settings`: there is no start {settings['start']!r:.40}.")
     try:
-        choices.check(choices.settle(settings), None, None)
+        # A loss that was a function is not squared error, and nor is "l1".
+        loss = "l1" if settings["loss"] == choices.GIVEN else settings["loss"]
+        choices.check(choices.settle(settings | {"loss": loss}), None, None)
     except (ValueError, OverflowError) as error:
         raise ValueError(f"`settings`: {error}") from None
 

@@ -9,7 +9,7 @@ from .. import names
 MAX_PALETTE = 256
 """Largest number of colours of a palette."""
 
-DEFAULTS: dict[str, Any] = {"palette": None, "freeze": []}
+DEFAULTS: dict[str, Any] = {"palette": None, "freeze": [], "background": "mean"}
 """Settings that fits saved by earlier versions do not have, and the values that they stand for."""
 
 
@@ -135,3 +135,30 @@ def check_length(group: str, mask: np.ndarray, count: int) -> None:
             f"`freeze` of {group!r} must be a mask of {count} {group}, as `start` has; got "
             f"{len(mask)}."
         )
+
+
+def settle_background(background: Any) -> Any:
+    """Convert a colour to a list of floats in 0..1; a `uint8` colour is taken as 0..255."""
+    if isinstance(background, str):
+        return background
+    color = settle_palette([background])
+    return color[0] if isinstance(color, list) else background
+
+
+def check_background(settings: dict[str, Any]) -> None:
+    """Raise `ValueError` unless a fit with these settings can have its background."""
+    background = settings["background"]
+    is_color = (
+        isinstance(background, list)
+        and _is_table([background])
+        and all(0 <= value <= 1 for value in background)
+    )
+    is_name = isinstance(background, str) and background in get_args(names.FitBackground)
+    if not is_color and not is_name:
+        allowed = ", ".join(map(repr, get_args(names.FitBackground)))
+        raise ValueError(
+            f"`background` must be one of {allowed}, or a colour [3] in 0..1; got "
+            f"{background!r:.60}."
+        )
+    if settings["family"] == "mesh" and background != "mean":
+        raise ValueError("a mesh covers the canvas: `background` is for layers.")

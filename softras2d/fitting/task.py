@@ -11,11 +11,15 @@ from ..scene import Scene
 from .closed_form import time_colors
 from .frame import Frame
 from .frozen import Mask, with_exact_positions
+from .loop import ProgressReport
 from .prepare import make_fit, max_chunk_steps, settings_to_save
 from .result import FitResult, Record
 from .score import Scorer
 from .state import restore_state, save_state
 from .target import Target
+
+Callback = Callable[[Scene, ProgressReport], Scene | None]
+"""A function that is called between chunks of steps, and may return the scene to go on from."""
 
 
 class Task:
@@ -69,6 +73,28 @@ class Task:
                 return self.scorer.warm_up(likely) + polishing
 
         return compile_and_time
+
+    def call_back(self, callback: Callback, report: ProgressReport) -> None:
+        """Call a user's function with the current scene, and go on from the one that it returns.
+
+        Raises `ValueError` for anything but None or a scene with the same triangles.
+        """
+        scene = self.frame.enlarge(self.fit.current_scene())
+        changed = callback(scene, report)
+        if changed is None:
+            return
+        if not isinstance(changed, Scene):
+            raise ValueError(f"`callback` must return a scene or None; got {changed!r:.60}.")
+        for name in ("positions", "triangles", "colors", "background"):
+            wanted, got = (np.asarray(getattr(x, name)) for x in (scene, changed))
+            if got.shape != wanted.shape or not np.isfinite(got).all():
+                raise ValueError(
+                    f"`callback` must return a scene of the same shapes: finite `{name}` "
+                    f"{list(wanted.shape)}; got {list(got.shape)}."
+                )
+        if (np.asarray(changed.triangles) != np.asarray(scene.triangles)).any():
+            raise ValueError("`callback` must return a scene with the same `triangles`.")
+        self.fit.go_on_from(self.frame.shrink(changed))
 
     def result(self, interrupted: bool) -> FitResult:
         """Make the result from the best scene so far, and score it."""

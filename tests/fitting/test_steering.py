@@ -1,12 +1,17 @@
-"""Steering a fit: palettes and frozen numbers."""
+"""Steering a fit: palettes, frozen numbers, backgrounds, own losses, callbacks and targets."""
 
+from dataclasses import replace
 from typing import Any
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import softras2d as sr
 from softras2d.fitting.mesh.start import uniform_start
+from softras2d.fitting.prepare import check_images
 
 from ..cases.pictures import blobs
 
@@ -124,6 +129,12 @@ REFUSED: dict[str, dict[str, Any]] = {
         "start": cloud(), "freeze": {"triangles": SOME[:2]},
     },
     "do not `freeze` 'colors'": {"freeze": "colors", "palette": 3},
+    "`background` must be one of 'mean', 'fit', 'transparent', or a": {"background": "red"},
+    "a colour [3] in 0..1; got [0.0, 2.0, 0.0]": {"background": (0, 2, 0)},
+    "`background` is for layers": {"background": "fit", "family": "mesh"},
+    "got a function: use 'adam'": {"loss": lambda image, target: 0.0, "solver": "lm"},
+    "takes no `weights`": {"loss": lambda image, target: 0.0, "weights": np.ones((32, 32))},
+    "one real number; its function returned float32 [32, 32, 3]": {"loss": lambda a, b: a - b},
     "'colors' needs `colors='together'`": {"freeze": "colors", "colors": "polish"},
 }  # fmt: skip
 
@@ -133,3 +144,108 @@ def test_invalid_steering_is_refused_in_one_line(message):
     with pytest.raises(ValueError) as caught:
         sr.fit(TARGET, **REFUSED[message])
     assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_backgrounds_are_given_fitted_or_transparent():
+    one = {"triangles": 1, "start": cloud_of_one(), "steps": 2}
+    given = sr.fit(TARGET, background=[0.25, 0.5, 0.125], **one)
+    np.testing.assert_array_equal(given.scene.background, np.float32([0.25, 0.5, 0.125]))
+    fitted = sr.fit(TARGET, background="fit", **one)
+    # One triangle outside the canvas hides nothing, so the best background is the mean colour.
+    np.testing.assert_allclose(fitted.scene.background, TARGET.mean((0, 1)), atol=2e-3)
+    clear = sr.fit(TARGET, background="transparent", triangles=1, steps=0)
+    np.testing.assert_array_equal(clear.scene.background, 0)
+    assert clear.image.shape == (32, 32, 4)
+
+
+def cloud_of_one() -> sr.Scene:
+    corners = np.array([[[40, 40], [44, 40], [40, 44]]], np.float32)
+    return sr.Scene.from_soup(corners, np.ones((1, 3)), background=[1, 1, 1])
+
+
+class Perceptual(eqx.Module):
+    """Squared error in the features of a small network, as in the docstring of `fit`."""
+
+    net: eqx.nn.Conv2d
+
+    def __call__(self, image, target):
+        a, b = (jax.nn.relu(self.net(x.transpose(2, 0, 1))) for x in (image, target))
+        return jnp.sum((a - b) ** 2)
+
+
+@pytest.mark.slow
+def test_a_perceptual_loss_is_lowered(tmp_path):
+    loss = Perceptual(eqx.nn.Conv2d(3, 8, 3, key=jax.random.key(0)))
+    start = sr.fit(TARGET, triangles=8, start="uniform", steps=0)
+    result = sr.fit(TARGET, triangles=8, start="uniform", loss=loss, steps=30)
+    assert loss(result.image, TARGET) < 0.5 * loss(start.image, TARGET)
+    result.save(tmp_path / "fit.npz")
+    loaded = sr.FitResult.load(tmp_path / "fit.npz")
+    assert loaded.settings["loss"] == "given"
+    with pytest.raises(ValueError, match="function as `loss`: hand one over again"):
+        sr.fit(TARGET, resume=loaded, steps=32)
+    assert sr.fit(TARGET, resume=loaded, loss=loss, steps=32).history[-1].steps == 32
+
+
+def symmetric(scene, report):
+    """Make triangles mirror images of each other, as in the docstring of `fit`."""
+    half = scene.triangles.shape[0] // 2 * 3
+    mirrored = scene.positions[:half] * jnp.array([[-1, 1]]) + jnp.array([[32, 0]])
+    return replace(scene, positions=scene.positions.at[half : 2 * half].set(mirrored))
+
+
+def test_a_callback_makes_a_fit_symmetric_and_may_stop_it():
+    settings: dict[str, Any] = {"triangles": 6, "start": cloud(), "steps": 20}
+    result = sr.fit(TARGET, callback=symmetric, **settings)
+    first, second = np.split(np.asarray(result.scene.positions), 2)
+    np.testing.assert_allclose(second, first * [-1, 1] + [32, 0], atol=1e-4)
+    assert np.abs(first - np.asarray(cloud().positions)[:9]).max() > 0.1
+
+    def fail(scene, report):
+        raise RuntimeError(f"after {report.record.steps} steps")
+
+    with pytest.raises(RuntimeError, match="after 3 steps"):
+        sr.fit(TARGET, callback=fail, **settings)
+    wrong = {
+        "a scene or None; got 3": lambda scene, report: 3,
+        "finite `positions`": lambda scene, report: cloud_of_one(),
+    }
+    for message, callback in wrong.items():
+        with pytest.raises(ValueError, match=message):
+            sr.fit(TARGET, callback=callback, **settings)
+
+
+@pytest.mark.slow
+def test_a_callback_of_a_mesh_moves_vertices_as_far_as_no_triangle_flips():
+    def pull(scene, report):
+        return replace(scene, positions=scene.positions.at[:].set(16.0))
+
+    result = sr.fit(TARGET, triangles=24, family="mesh", start="uniform", steps=8, callback=pull)
+    corners = np.asarray(result.scene.positions)[np.asarray(result.scene.triangles)]
+    ab, ac = (corners[:, k] - corners[:, 0] for k in (1, 2))
+    areas = (ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]) / 2
+    assert (areas > 0).all() and areas.sum() == pytest.approx(32 * 32, rel=1e-5)
+
+
+def test_targets_of_other_types_become_images():
+    bytes_of = np.round(TARGET * 255).astype(np.uint8)
+    gray, mask = bytes_of[..., 0], TARGET[..., 0] > 0.5
+    images = check_images([bytes_of, gray, gray[..., None], mask])
+    np.testing.assert_allclose(images[0], TARGET, atol=0.5 / 255 + 1e-6)
+    np.testing.assert_array_equal(images[1], images[2])
+    np.testing.assert_array_equal(images[1], np.repeat(images[0][..., :1], 3, axis=2))
+    np.testing.assert_array_equal(images[3], np.repeat(mask[..., None], 3, axis=2))
+    assert all(image.dtype == np.float32 for image in images)
+
+
+def test_colors_above_one_are_fitted_as_one_and_said_to_be():
+    bright = TARGET.copy()
+    bright[:8, :, 1] = 7.5
+    with pytest.warns(UserWarning, match=r"above 1 in 25\.0% of its pixels"):
+        (image,) = check_images([bright])
+    np.testing.assert_array_equal(image, np.minimum(bright, 1))
+    for wrong in (-TARGET, np.full((4, 4, 4), 2.0), np.full((4, 4, 3), np.inf)):
+        with pytest.raises(ValueError, match="`target` must hold numbers in 0..1"):
+            check_images([wrong])
+    with pytest.raises(ValueError, match="got int64"):
+        check_images([np.zeros((4, 4, 3), np.int64)])

@@ -21,7 +21,15 @@ from ...scene import Scene
 from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
 from ..frozen import Mask, freeze, with_frozen
-from ..palette import PALETTE_START, Palette, in_palette, palette_of, quantize
+from ..palette import (
+    PALETTE_START,
+    VISIBLE,
+    Palette,
+    best_background,
+    in_palette,
+    palette_of,
+    quantize,
+)
 from ..solve import begin, forget_best, move, set_learning_rate
 from ..steered_state import steered_state
 from ..steering import check_length
@@ -76,7 +84,7 @@ class LayersFit(AbstractFit):
         # A resumed fit gets its triangles from its state later, so only the shapes matter here.
         start = request.start if state is None else "uniform"
         self._rng = np.random.default_rng(request.seed)
-        self._background = background_of(start, request.target)
+        self._background = background_of(settings["background"], start, request.target)
         weights = request.target.weights
         self.data = LayersData(
             request.loss.prepare(to_device(image)),
@@ -107,8 +115,10 @@ class LayersFit(AbstractFit):
     @property
     def _has_palette_background(self) -> bool:
         """Whether the background has a colour of the palette, too."""
-        is_opaque = len(self._background) == 3
-        return self._palette is not None and is_opaque and not self.request.starts_from_object
+        background = self.request.settings["background"]
+        is_given = background != "fit" and self.request.starts_from_object
+        is_chosen = len(self._background) == 3 and background in ("mean", "fit") and not is_given
+        return self._palette is not None and is_chosen
 
     @property
     def _spare_position(self) -> float:
@@ -146,13 +156,16 @@ class LayersFit(AbstractFit):
             frozen = freeze(y, self._masks())
             self.data = self.data._replace(frozen=frozen)
 
-    def _masks(self) -> dict[str, bool | Mask]:
-        """The frozen fields of the unknowns: whole ones, or the triangles of the mask."""
+    def _masks(self, *, palette: bool = True) -> dict[str, bool | Mask]:
+        """The frozen fields of the unknowns: whole ones, or the triangles of the mask.
+
+        `palette`: include the colours if the palette decides them.
+        """
         groups, triangles = self.request.settings["freeze"], self.request.masks.get("triangles")
         fields = {"positions": "corners", "colors": "colors", "opacity": "opacity"}
         masks: dict[str, bool | Mask] = {}
         for group, field in fields.items():
-            if group in groups or (field == "colors" and self._is_quantized):
+            if group in groups or (field == "colors" and palette and self._is_quantized):
                 masks[field] = True
             elif triangles is not None:
                 masks[field] = triangles
@@ -198,8 +211,35 @@ class LayersFit(AbstractFit):
 
     def scene(self, *, padded: bool = False) -> Scene:
         """The best scene so far; if `padded`, with its spare triangles, outside the canvas."""
-        drawn = slice(None if padded else self.active)
-        y = jax.tree.map(lambda leaf: leaf[drawn], self._best)
+        return self._scene_of(self._best, slice(None if padded else self.active))
+
+    def current_scene(self) -> Scene:
+        """The scene of the last unknowns, without spare triangles."""
+        return self._scene_of(self._drawn(self.progress.y), slice(self.active))
+
+    def go_on_from(self, scene: Scene) -> None:
+        """Replace the triangles in use by those of `scene`, and its background."""
+        corners, colors = scene.positions[scene.triangles] / POSITION_UNIT, scene.colors[..., :3]
+        if self._is_quantized and self._palette is not None:
+            colors = in_palette(self._palette, colors)
+        before, used = self._drawn(self.progress.y), slice(self.active)
+        y = before._replace(
+            corners=before.corners.at[used].set(corners), colors=before.colors.at[used].set(colors)
+        )
+        if before.opacity is not None:
+            y = y._replace(opacity=before.opacity.at[used].set(scene.colors[..., 3].mean(1)))
+        y = with_frozen(y, freeze(before, self._masks(palette=False)))
+        self._freeze(y)
+        self._background = np.asarray(scene.background)
+        self.data = self.data._replace(background=scene.background)
+        self._earlier = None
+        self.progress = forget_best(
+            move(self.request.solver, self.residual, self.progress, y, self.data)
+        )
+
+    def _scene_of(self, y: LayersUnknowns, drawn: slice) -> Scene:
+        """The scene of some of the triangles, in colours of the palette if there is one."""
+        y = jax.tree.map(lambda leaf: leaf[drawn], y)
         background = self.data.background
         if self._palette is not None and not self._is_quantized:
             y = y._replace(colors=in_palette(self._palette, y.colors))
@@ -235,6 +275,8 @@ class LayersFit(AbstractFit):
             self.progress = self.progress._replace(y=y._replace(corners=corners))
         if self.request.places_by_error:
             self._add_or_exchange(share)
+        if self.request.settings["background"] == "fit" and not self._is_quantized:
+            self._fit_background()
         if self._palette is not None and (self._is_quantized or share >= PALETTE_START):
             self._quantize(self._palette)
 
@@ -317,6 +359,23 @@ class LayersFit(AbstractFit):
         else:
             restarted = begin(self.request.solver, self.residual, y, self.data)
             self.progress = restarted._replace(steps=self.progress.steps)
+
+    def _fit_background(self) -> None:
+        """Set the background to the colour of least squared error.
+
+        Losses with other colours are not comparable, so a change forgets the best so far.
+        """
+        y, target = self._drawn(self.progress.y), self.request.target.premultiplied()
+        data = self.data._replace(frozen=None)
+        background = best_background(self.residual, y, data, target)
+        if np.abs(background - self._background).max() < VISIBLE:
+            return
+        self._background = background
+        self.data = self.data._replace(background=to_device(background))
+        self._earlier = None
+        self.progress = forget_best(
+            move(self.request.solver, self.residual, self.progress, y, self.data)
+        )
 
     def _quantize(self, palette: Palette) -> None:
         """Choose the palette's colour for each triangle anew, and solve for the palette.

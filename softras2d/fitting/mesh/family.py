@@ -170,9 +170,12 @@ class MeshFit(AbstractFit):
             return np.zeros((len(mesh.positions), 2), bool)
         return ~is_bound(mesh) & ~self._frozen_vertices(mesh)[:, None]
 
-    def _masks(self, mesh: Mesh) -> dict[str, bool | Mask]:
-        """The frozen colours; frozen positions are not `free` in the data."""
-        if "colors" in self.request.settings["freeze"] or self._is_quantized:
+    def _masks(self, mesh: Mesh, *, palette: bool = True) -> dict[str, bool | Mask]:
+        """The frozen colours; frozen positions are not `free` in the data.
+
+        `palette`: include the colours if the palette decides them.
+        """
+        if "colors" in self.request.settings["freeze"] or (palette and self._is_quantized):
             return {"colors": True}
         if self._model != "vertex":
             triangles = self.request.masks.get("triangles")
@@ -214,11 +217,41 @@ class MeshFit(AbstractFit):
     def scene(self, *, padded: bool = False) -> Scene:
         """The best scene so far; if `padded`, with its spare triangles, which have no area."""
         best = self._best()
+        return self._scene_of(best, None if padded else len(best.mesh.triangles))
+
+    def current_scene(self) -> Scene:
+        """The scene of the last unknowns, untangled, without spare triangles."""
+        mesh, y = _untangled(self.progress.y, self._mesh, self.data)
+        return self._scene_of(_Best(np.inf, y, mesh, self.data), len(mesh.triangles))
+
+    def go_on_from(self, scene: Scene) -> None:
+        """Move the vertices towards those of `scene`, and take its colours."""
+        mesh = untangle(self._mesh, np.asarray(scene.positions, np.float64))
+        positions = mesh.positions.astype(np.float32) / np.asarray(self.data.scale)
+        before = with_frozen(self.progress.y, self.data.frozen)
+        colors = np.array(before.colors)
+        if self._model == "vertex":
+            colors[mesh.triangles] = np.asarray(scene.colors)
+        else:
+            colors[: self.active] = np.asarray(scene.colors)
+        if self._is_quantized and self._palette is not None:
+            colors = in_palette(self._palette, colors)
+        y = MeshUnknowns(to_device(positions), to_device(colors))
+        if self.request.may_freeze:
+            y = with_frozen(y, freeze(before, self._masks(mesh, palette=False)))
+            self.data = self.data._replace(frozen=freeze(y, self._masks(mesh)))
+        self._mesh, self._earlier = mesh, None
+        self.progress = forget_best(
+            move(self.request.solver, self.residual, self.progress, y, self.data)
+        )
+
+    def _scene_of(self, best: _Best, count: int | None) -> Scene:
+        """The scene of the first `count` triangles, in colours of the palette if there is one."""
         y = best.y
         if self._palette is not None and not self._is_quantized:
             y = y._replace(colors=in_palette(self._palette, y.colors))
         scene = mesh_scene(y, best.data)
-        drawn = slice(None if padded else len(best.mesh.triangles))
+        drawn = slice(count)
         triangles, colors = (
             to_device(np.asarray(array)[drawn]) for array in (scene.triangles, scene.colors)
         )
