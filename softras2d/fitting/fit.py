@@ -130,7 +130,7 @@ def fit(
     ```python
     def symmetric(scene, report):
         half = scene.triangles.shape[0] // 2 * 3
-        mirrored = scene.positions[:half] * jnp.array([-1, 1]) + jnp.array([width, 0])
+        mirrored = scene.positions[:half] * jnp.array([[-1, 1]]) + jnp.array([[width, 0]])
         return replace(scene, positions=scene.positions.at[half : 2 * half].set(mirrored))
     ```
 
