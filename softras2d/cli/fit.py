@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from . import fit_options
+from . import fit_options, fit_steering
 from .fit_options import SECONDS
 from .session import session
 from .view import import_server, shown_address
@@ -45,6 +45,9 @@ def fit_picture(
     light: fit_options.Light = "display",
     weights: fit_options.Weights = None,
     start: fit_options.Start = "error",
+    palette: fit_steering.Palette = None,
+    background: fit_steering.Background = "mean",
+    freeze: fit_steering.Freeze = None,
     resume: fit_options.Resume = None,
     watch: fit_options.Watch = False,
     browser: fit_options.Browser = True,
@@ -66,6 +69,11 @@ def fit_picture(
         from ..fitting.result import FitResult
         from .fit_files import AnimationFrames, find_suffix, write_all
 
+        steering = {
+            "palette": fit_steering.parse_palette(palette),
+            "background": fit_steering.parse_background(background),
+            "freeze": fit_steering.parse_freeze(freeze),
+        }
         picture, outputs = _prepare_files(target, output, weights, start)
         _check_budget(steps, seconds)
         earlier = None if resume is None else FitResult.load(resume)
@@ -82,7 +90,7 @@ def fit_picture(
                     translucent=translucent, seconds=seconds, steps=steps, solver=solver, size=size,
                     seed=seed, softness=_parse_softness(softness), colors=colors, loss=loss,
                     light=light, weights=pixel_weights, start=initial, resume=earlier,
-                    report=report, checkpoint=find_suffix(outputs, ".npz"),
+                    **steering, report=report, checkpoint=find_suffix(outputs, ".npz"),
                 )  # fmt: skip
             write_all(outputs, result, frames)
             _print_summary(outputs, result, began)

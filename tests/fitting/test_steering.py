@@ -143,7 +143,7 @@ REFUSED: dict[str, dict[str, Any]] = {
     "`background` must be one of 'mean', 'fit', 'transparent', or a": {"background": "red"},
     "a colour [3] in 0..1; got [0.0, 2.0, 0.0]": {"background": (0, 2, 0)},
     "`background` is for layers": {"background": "fit", "family": "mesh"},
-    "got a function: use 'adam'": {"loss": lambda image, target: 0.0, "solver": "lm"},
+    "got 'a function': use 'adam'": {"loss": lambda image, target: 0.0, "solver": "lm"},
     "takes no `weights`": {"loss": lambda image, target: 0.0, "weights": np.ones((32, 32))},
     "one real number; its function returned float32 [32, 32, 3]": {"loss": lambda a, b: a - b},
     "'colors' needs `colors='together'`": {"freeze": "colors", "colors": "polish"},
