@@ -69,7 +69,7 @@ def fit_picture(
         from ..fitting.result import FitResult
         from .fit_files import AnimationFrames, find_suffix, write_all
 
-        steering = {
+        steering: dict[str, Any] = {
             "palette": fit_steering.parse_palette(palette),
             "background": fit_steering.parse_background(background),
             "freeze": fit_steering.parse_freeze(freeze),
