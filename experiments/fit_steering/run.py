@@ -83,7 +83,7 @@ def weighted_kmeans(
 
 def compare(name: str, target: Image, fit: str, steps: int) -> dict[str, Any]:
     """Scores of one picture and kind of fit: free colours, quantised after, and during the fit."""
-    settings = FITS[fit] | {"steps": steps, "seed": SEED}
+    settings: dict[str, Any] = FITS[fit] | {"steps": steps, "seed": SEED}
     free = sr.fit(target, **settings)
     during = sr.fit(target, palette=COLORS, **settings)
     usual, best = quantized_after(free, target)

@@ -115,7 +115,7 @@ def fit_batch(
 def _is_transparent(background: Any, resume: Any) -> bool:
     """Whether targets keep or get an alpha channel, because the background is transparent."""
     if isinstance(resume, Sequence) and resume and isinstance(resume[0], FitResult):
-        background = resume[0].settings["background"]
+        background = resume[0].settings.get("background", background)
     return isinstance(background, str) and background == "transparent"
 
 

@@ -149,7 +149,7 @@ def fit(
     # A program that fits many images would otherwise keep compiled code for each size and number.
     drop_programs()
     if isinstance(resume, FitResult):
-        background = resume.settings["background"]
+        background = resume.settings.get("background", background)
     is_transparent = isinstance(background, str) and background == "transparent"
     (image,) = check_images([target], transparent=is_transparent)
     if resume is not None:

@@ -11,7 +11,10 @@ import pytest
 
 import softras2d as sr
 from softras2d.fitting.mesh.start import uniform_start
+from softras2d.fitting.palette import first_palette, in_palette
 from softras2d.fitting.prepare import check_images
+from softras2d.fitting.score import Scorer
+from softras2d.fitting.target import Target
 
 from ..cases.pictures import blobs
 
@@ -50,6 +53,19 @@ def test_every_triangle_has_a_color_of_the_palette(settings, tmp_path):
     longer = sr.fit(TARGET, resume=loaded, steps=54)
     assert set(map(tuple, colors_of(longer).tolist())) <= allowed
     assert longer.psnr > result.psnr - 0.1
+
+
+@pytest.mark.slow
+def test_a_palette_found_during_a_fit_is_better_than_after_it():
+    """After it, each triangle gets the nearest of the best palette for the pixels of the fit."""
+    settings: dict[str, Any] = {"triangles": 60, "steps": 400}
+    free = sr.fit(TARGET, **settings)
+    palette = first_palette(Target(free.image), 4, seed=0)
+    colors = in_palette(palette, free.scene.colors)
+    background = in_palette(palette, free.scene.background)
+    scorer = Scorer(TARGET)
+    after = scorer.score(replace(free.scene, colors=colors, background=background)).psnr
+    assert sr.fit(TARGET, palette=4, **settings).psnr > after + 1
 
 
 def cloud() -> sr.Scene:
