@@ -18,7 +18,7 @@ from .interrupt import deferred_interrupt
 from .loop import run
 from .loss import LossFunction
 from .mesh.triangulation import Mesh
-from .prepare import check_images, check_resume, settings_to_resume
+from .prepare import check_images, check_resume, is_transparent, settings_to_resume
 from .result import FitResult, Record
 from .target import Image, Target
 from .task import Task
@@ -81,7 +81,10 @@ def fit_batch(
     if devices is not None and len(devices) == 0:
         raise ValueError("`devices` must name one device at least; got none.")
     drop_programs()
-    images = _check_targets(targets, _is_transparent(background, resume))
+    images = _check_targets(
+        targets,
+        is_transparent(background, resume[0] if isinstance(resume, Sequence) and resume else None),
+    )
     count = len(images)
     earlier = _for_each("resume", resume, count)
     if resume is not None:
@@ -110,13 +113,6 @@ def fit_batch(
     if interrupt.requested:
         return [replace(result, interrupted=True) for result in results]
     return results
-
-
-def _is_transparent(background: Any, resume: Any) -> bool:
-    """Whether targets keep or get an alpha channel, because the background is transparent."""
-    if isinstance(resume, Sequence) and resume and isinstance(resume[0], FitResult):
-        background = resume[0].settings.get("background", background)
-    return isinstance(background, str) and background == "transparent"
 
 
 def _check_targets(targets: Sequence[Any], transparent: bool) -> list[Image]:

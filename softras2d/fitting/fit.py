@@ -19,7 +19,7 @@ from .budget import Budget, Limits
 from .interrupt import deferred_interrupt
 from .loop import ProgressReport, run
 from .loss import LossFunction
-from .prepare import check_images, check_resume, freeze_of, settings_to_resume
+from .prepare import check_images, check_resume, freeze_of, is_transparent, settings_to_resume
 from .result import FitResult
 from .solvers import Solver
 from .target import Target
@@ -148,10 +148,7 @@ def fit(
     }  # fmt: skip
     # A program that fits many images would otherwise keep compiled code for each size and number.
     drop_programs()
-    if isinstance(resume, FitResult):
-        background = resume.settings.get("background", background)
-    is_transparent = isinstance(background, str) and background == "transparent"
-    (image,) = check_images([target], transparent=is_transparent)
+    (image,) = check_images([target], transparent=is_transparent(background, resume))
     if resume is not None:
         check_resume(resume, image)
         settings = settings_to_resume(settings, resume)

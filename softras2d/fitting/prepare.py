@@ -177,3 +177,10 @@ def freeze_of(earlier: FitResult) -> dict[str, Any]:
     """The argument `freeze` of an earlier fit, from its settings and its state."""
     groups = earlier.settings["freeze"]
     return {group: earlier.state.get(f"freeze.{group}", True) for group in groups}
+
+
+def is_transparent(background: Any, resume: Any) -> bool:
+    """Whether the background is transparent, by the option or by the fit that is resumed."""
+    if isinstance(resume, FitResult):
+        background = resume.settings.get("background", background)
+    return isinstance(background, str) and background == "transparent"
