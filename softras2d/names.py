@@ -28,6 +28,8 @@ FitStart = Literal["error", "uniform", "delaunay"]
 Solver = Literal["adam", "lm", "dogleg", "bfgs", "lbfgs"]
 ColorMethod = Literal["together", "solve", "polish"]
 Loss = Literal["squared", "l1", "ssim"]
+FitBackground = Literal["mean", "fit", "transparent"]
+FreezeGroup = Literal["positions", "colors", "opacity", "vertices", "triangles"]
 LossSpace = Literal["display", "linear"]
 
 

@@ -66,11 +66,11 @@ check: scene
 compare: actual, expected, *tolerance=
 composite: visible, values, background=
 fit: target, *triangles=, *family=, *solver=, *seed=, *steps=, *seconds=, *size=, *shading=,
-    *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=,
-    *resume=, *checkpoint=
+    *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *palette=, *freeze=,
+    *background=, *report=, *callback=, *resume=, *checkpoint=
 fit_batch: targets, *triangles=, *solver=, *seed=, *steps=, *seconds=, *size=, *shading=,
-    *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *report=, *resume=,
-    *devices=
+    *translucent=, *softness=, *colors=, *loss=, *light=, *weights=, *start=, *palette=, *freeze=,
+    *background=, *report=, *resume=, *devices=
 fit_frames: images, *triangles=, *seed=, *steps=, *frame_steps=, *temporal=, *size=, *shading=,
     *translucent=, *softness=, *light=, *report=
 interpolate: visible, attributes

@@ -10,7 +10,7 @@ from typing import Any
 
 from rich.console import Console
 
-from . import fit_options
+from . import fit_options, fit_steering
 from .fit_bar import FitBar, fit_bar
 from .fit_options import SECONDS, FilmOptions
 from .fit_paths import (
@@ -59,6 +59,9 @@ def fit_picture(
     weights: fit_options.Weights = None,
     focus: fit_options.Focus = None,
     start: fit_options.Start = "error",
+    palette: fit_steering.Palette = None,
+    background: fit_steering.Background = "mean",
+    freeze: fit_steering.Freeze = None,
     resume: fit_options.Resume = None,
     animation: fit_options.Animation = None,
     frame_steps: fit_options.FrameSteps = 60,
@@ -90,7 +93,12 @@ def fit_picture(
         "loss": loss, "light": light,
     }  # fmt: skip
     with session(long_running=True, loads_jax=False) as console, fit_bar(console) as bar:
-        settings["softness"] = _parse_softness(softness)
+        settings |= {
+            "softness": _parse_softness(softness),
+            "palette": fit_steering.parse_palette(palette),
+            "background": fit_steering.parse_background(background),
+            "freeze": fit_steering.parse_freeze(freeze),
+        }
         target = targets[0] if targets else None
         given = {
             "target": target or _BUNDLED, "weights": weights, "start": start, "resume": resume
@@ -173,9 +181,12 @@ def _default_output(target: Path | None) -> Path:
 
 def _check_arguments(settings: dict[str, Any], steps: int | None, seconds: float | None) -> None:
     """Raise `ValueError` for arguments that `fit` would refuse, before JAX is loaded."""
-    from ..fitting import choices
+    from ..fitting import choices, steering
 
-    choices.check(choices.settle(settings), steps, seconds)
+    frozen, _ = steering.settle_freeze(settings["freeze"])
+    # Masks, which would need an object to start from, cannot be given here.
+    checked = settings | {"freeze": frozen, "start": "error"}
+    choices.check(choices.settle(checked), steps, seconds)
 
 
 def _check_alpha(outputs: list[Path], picture: Any) -> None:

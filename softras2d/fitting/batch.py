@@ -12,12 +12,13 @@ import numpy as np
 from ..numerics.compiled_programs import drop_programs
 from ..numerics.device import Devices
 from ..scene import Scene
-from . import choices
+from . import choices, steering
 from .budget import SCORING_SECONDS, Budget, Limits
 from .interrupt import deferred_interrupt
 from .loop import run
+from .loss import LossFunction
 from .mesh.triangulation import Mesh
-from .prepare import check_images, check_resume, settings_to_resume
+from .prepare import check_images, check_resume, is_transparent, settings_to_resume
 from .result import FitResult, Record
 from .target import Image, Target
 from .task import Task
@@ -36,10 +37,13 @@ def fit_batch(
     translucent: bool = False,
     softness: Any = 0.8,
     colors: str = "together",
-    loss: str = "squared",
+    loss: str | LossFunction = "squared",
     light: str = "display",
     weights: Any = None,
     start: Any = "error",
+    palette: Any = None,
+    freeze: Any = None,
+    background: Any = "mean",
     report: Callable[[list[Record]], None] | None = None,
     resume: Sequence[FitResult] | None = None,
     devices: Devices | None = None,
@@ -54,6 +58,7 @@ def fit_batch(
     - `weights`: `[height, width]` for all targets, or `[images, height, width]`.
     - `start`: one for all targets, or a sequence with one for each.
     - `resume`: the results of an earlier batch, whose settings and weights are used.
+    - `freeze`: names only; masks are refused. There is no `callback`.
     - `devices`: each takes an equal share of the images, by the same program and without
       communication. JAX's first device unless given.
     - `report`: called after each chunk with the last record of each image. The seconds in a record
@@ -63,15 +68,23 @@ def fit_batch(
     targets of different shapes.
     """
     began = time.perf_counter()
+    groups, masks = steering.settle_freeze(freeze)
+    if masks:
+        raise ValueError("`freeze` of a batch takes no masks: fit such targets one by one.")
     given: dict[str, Any] = {
         "triangles": triangles, "family": "layers", "solver": solver, "seed": seed, "size": size,
         "shading": shading, "translucent": translucent, "softness": softness,
-        "colors": colors, "loss": loss, "light": light,
+        "colors": colors, "loss": loss, "light": light, "palette": palette,
+        "freeze": groups,
+        "background": background,
     }  # fmt: skip
     if devices is not None and len(devices) == 0:
         raise ValueError("`devices` must name one device at least; got none.")
     drop_programs()
-    images = _check_targets(targets)
+    images = _check_targets(
+        targets,
+        is_transparent(background, resume[0] if isinstance(resume, Sequence) and resume else None),
+    )
     count = len(images)
     earlier = _for_each("resume", resume, count)
     if resume is not None:
@@ -102,9 +115,9 @@ def fit_batch(
     return results
 
 
-def _check_targets(targets: Sequence[Any]) -> list[Image]:
+def _check_targets(targets: Sequence[Any], transparent: bool) -> list[Image]:
     """Check and convert the targets; raise `ValueError` unless they have one shape."""
-    images = check_images(targets)
+    images = check_images(targets, transparent=transparent)
     shapes = {image.shape for image in images}
     if len(shapes) != 1:
         raise ValueError(f"`targets` must be images of one shape; got {sorted(shapes)}.")

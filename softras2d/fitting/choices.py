@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from .. import names
 from ..names import check_name
+from . import steering
 from .traits import TRAITS
 
 STARTS = get_args(names.FitStart)
@@ -30,6 +31,10 @@ def settle(settings: dict[str, Any]) -> dict[str, Any]:
         settled["shading"] = family.default_shading
     if "size" in settled and settled["size"] is None:
         settled["size"] = family.default_size
+    if "background" in settled:
+        settled["background"] = steering.settle_background(settled["background"])
+    if "palette" in settled:
+        settled["palette"] = steering.settle_palette(settled["palette"])
     softness = settled["softness"]
     if _is_number(softness):
         softness = (softness, softness)
@@ -45,7 +50,8 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
     family = TRAITS[name]
     _check_choice("shading", settings["shading"], family.shadings, f" of a {name} fit")
     check_name("colors", settings["colors"], names.ColorMethod)
-    check_name("loss", settings["loss"], names.Loss)
+    if not callable(settings["loss"]):
+        check_name("loss", settings["loss"], names.Loss)
     check_name("light", settings["light"], names.LossSpace)
     _check_integer("triangles", settings["triangles"], family.min_triangles)
     _check_integer("seed", settings["seed"], 0)
@@ -68,6 +74,9 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
         raise ValueError("a mesh covers the canvas: `translucent` is for layers.")
     if settings["colors"] != "together" and settings["loss"] != "squared":
         raise ValueError("colours in closed form are those of `loss='squared'`.")
+    steering.check_palette(settings)
+    steering.check_freeze(settings)
+    steering.check_background(settings)
 
 
 def prepare_weights(

@@ -9,13 +9,15 @@ To add a family, write an `AbstractFit`, and add a row to `traits.TRAITS` and `f
 """
 
 import abc
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
+from .. import names
 from ..scene import Scene
 from .entries import Entries, Size
+from .frozen import Mask
 from .loss import Loss
 from .solve import Progress, Residual
 from .solvers import Solver
@@ -32,6 +34,7 @@ class FitRequest(NamedTuple):
     - `adjustable_rate`: whether the solver has a learning rate that the family may lower.
     - `resume_state`: arrays of an earlier fit, or None for a new fit. The family reads here only
       the shapes of its arrays; `AbstractFit.restore_own_state` restores their values later.
+    - `masks`: which `"vertices"` and `"triangles"` are frozen, if the option `freeze` has any.
     - `must_start()`: whether time is up for the search for a start, so that steps must begin.
     """
 
@@ -44,11 +47,36 @@ class FitRequest(NamedTuple):
     adjustable_rate: bool
     resume_state: dict[str, np.ndarray] | None
     must_start: Callable[[], bool]
+    masks: Mapping[str, Mask]
 
     @property
     def exchanges(self) -> bool:
-        """Whether, between chunks, triangles or vertices are moved to where the error is large."""
+        """Whether, between chunks, triangles or vertices are moved to where the error is large.
+
+        Never if anything is frozen.
+        """
+        return self.places_by_error and not self.settings["freeze"]
+
+    @property
+    def places_by_error(self) -> bool:
+        """Whether triangles or vertices are placed where the error is large."""
         return self.settings["start"] == "error"
+
+    @property
+    def may_freeze(self) -> bool:
+        """Whether some unknowns are frozen, now or later in the fit."""
+        return bool(self.settings["freeze"]) or self.settings["palette"] is not None
+
+    @property
+    def starts_from_object(self) -> bool:
+        """Whether the fit starts, or once started, from a scene or a mesh that was given."""
+        start = self.settings["start"]
+        return not isinstance(start, str) or start not in get_args(names.FitStart)
+
+    @property
+    def finds_palette(self) -> bool:
+        """Whether the colours of the palette are to be found, too."""
+        return isinstance(self.settings["palette"], int)
 
     @property
     def solves_colors(self) -> bool:
@@ -102,12 +130,28 @@ class AbstractFit(abc.ABC):
         """
 
     @abc.abstractmethod
+    def current_scene(self) -> Scene:
+        """The scene of the last unknowns, in pixels of the fit, without spare triangles."""
+
+    @abc.abstractmethod
+    def go_on_from(self, scene: Scene) -> None:
+        """Continue from a scene with the same triangles as `current_scene`, and forget the best.
+
+        The scene is in pixels of the fit. What is frozen stays, colours become those of the
+        palette, and a mesh moves only as far as no triangle is flipped.
+        """
+
+    @abc.abstractmethod
     def replan(self, reached: list[Any]) -> Residual:
         """Make a residual with capacity for all of these unknowns, without changing the fit."""
 
     @abc.abstractmethod
     def refine(self, share: float) -> None:
         """Improve the fit between two chunks, on the host.
+
+        With the option `palette`, this chooses the colour of each triangle anew
+        (`palette.quantize`), and freezes it for the chunk (`frozen.Frozen`). All scenes of such a
+        fit have colours of the palette, also the first one.
 
         `share`: how far the fit is, 0..1. `progress` and `data` may change, but not the shapes of
         their arrays, so that the compiled program can be used again.

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..numerics.compiled_programs import drop_programs
 from ..numerics.device import to_device
-from . import choices
+from . import choices, steering
 from .budget import Budget, Limits
 from .chunk import advance_fits
 from .interrupt import Interrupt, deferred_interrupt
@@ -68,6 +68,7 @@ def fit_frames(
             "triangles": triangles, "family": "layers", "solver": "adam", "seed": seed,
             "size": size, "shading": shading, "translucent": translucent, "softness": softness,
             "colors": "together", "loss": "squared", "light": light, "start": "error",
+            **steering.DEFAULTS,
         }
     )  # fmt: skip
     choices.check(settings, steps, None)

@@ -7,6 +7,7 @@ Networks* (IEEE TCI 3(1), 2017), for squared or absolute error beside SSIM.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,6 +17,9 @@ from ..color import srgb_to_linear
 from ..comparison.similarity import ssim
 from ..names import Loss as LossKind
 from ..names import LossSpace
+
+LossFunction = Callable[[Array, Array], Array]
+"""A loss that a user gives: a scalar from an image and the target, as the solvers see them."""
 
 _SSIM_SHARE = 0.02
 """Weight of 1 - SSIM relative to the squared error, for each channel of each pixel."""
@@ -29,12 +33,26 @@ class Loss(eqx.Module):
     - `light`: the colour space. `"display"` compares sRGB values; `"linear"` decodes them first, so
       that errors in dark regions count less.
 
+    - `function`: a loss that the user gave, in place of `kind`; None: there is none. Arrays that it
+      holds, such as those of an `eqx.Module`, are arguments of the compiled program.
+
     Images with four channels have straight alpha. They are compared premultiplied, with alpha as a
     fourth channel.
     """
 
     kind: LossKind = eqx.field(static=True, default="squared")
     light: LossSpace = eqx.field(static=True, default="display")
+    function: LossFunction | None = None
+
+    @property
+    def is_squared(self) -> bool:
+        """Whether this is squared error, as solvers of least squares need it."""
+        return self.kind == "squared" and self.function is None
+
+    @property
+    def name(self) -> str:
+        """The name of the loss, for messages."""
+        return self.kind if self.function is None else "a function"
 
     def prepare(self, image: Float[Array, "height width channels"]) -> Array:
         """Convert an image to the chosen colour space, and premultiply it."""
@@ -57,7 +75,17 @@ class Loss(eqx.Module):
         - `prepared`: the target as `prepare` gives it.
         - `weights`: scale the error of each pixel, but not SSIM.
         """
+        if self.function is not None:
+            return _scalar(self.function(self.prepare(image), prepared))
         return _LOSSES[self.kind](self.prepare(image), prepared, weights)
+
+
+def _scalar(value: Any) -> Float[Array, ""]:
+    """The value of a user's loss; raise `ValueError` unless it is a real number."""
+    if jnp.shape(value) != () or not jnp.issubdtype(jnp.result_type(value), jnp.floating):
+        got = f"{jnp.result_type(value)} {list(jnp.shape(value))}"
+        raise ValueError(f"`loss` must return one real number; its function returned {got}.")
+    return jnp.asarray(value, jnp.float32)
 
 
 def _squared(image: Array, target: Array, weights: Array | None) -> Array:

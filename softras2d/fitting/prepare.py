@@ -1,6 +1,7 @@
 """Make a fit from a target and settings, and check targets and fits to be resumed."""
 
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from .entries import Size
 from .families import FAMILIES
 from .family import AbstractFit, FitRequest
 from .frame import Frame
+from .frozen import Mask
 from .loss import Loss
 from .result import FitResult
 from .solvers import SOLVERS, Solver, is_rate_adjustable, solver_of
@@ -24,15 +26,17 @@ def make_fit(
     frame: Frame,
     resume: FitResult | None,
     must_start: Callable[[], bool],
+    masks: Mapping[str, Mask],
 ) -> AbstractFit:
     """Make a fit of the family that the settings name, before its first step.
 
     - `resume`: a result that gives the shapes of the arrays. Its values are restored later, by
       `state.restore_state`.
+    - `masks`: those of the option `freeze`, by the names of their groups.
     - `must_start()`: whether the search for a start must end with what it has.
     """
     solver = solver_of(settings["solver"])
-    loss = Loss(settings["loss"], settings["light"])
+    loss = _loss_of(settings, target)
     _check_loss(solver, loss)
     start = settings["start"]
     request = FitRequest(
@@ -45,16 +49,27 @@ def make_fit(
         adjustable_rate=is_rate_adjustable(settings["solver"]),
         resume_state=None if resume is None else resume.state,
         must_start=must_start,
+        masks=masks,
     )
     return FAMILIES[settings["family"]].make(request)
 
 
 def _check_loss(solver: Solver, loss: Loss) -> None:
     """Raise `ValueError` if a least-squares solver is given a loss other than squared error."""
-    if isinstance(solver, optx.AbstractLeastSquaresSolver) and loss.kind != "squared":
+    if isinstance(solver, optx.AbstractLeastSquaresSolver) and not loss.is_squared:
         raise ValueError(
-            f"solvers of least squares take `loss='squared'`; got {loss.kind!r}: use 'adam'."
+            f"solvers of least squares take `loss='squared'`; got {loss.name!r}: use 'adam'."
         )
+
+
+def _loss_of(settings: dict[str, Any], target: Target) -> Loss:
+    """Make the loss; raise `ValueError` if a function is to have weights, which it cannot use."""
+    loss, light = settings["loss"], settings["light"]
+    if isinstance(loss, str):
+        return Loss(loss, light)  # pyright: ignore[reportArgumentType]
+    if target.weights is not None:
+        raise ValueError("a function as `loss` takes no `weights`: weight the error within it.")
+    return Loss(light=light, function=loss)
 
 
 def max_chunk_steps(solver: Solver, frame: Frame) -> int:
@@ -69,22 +84,47 @@ def max_chunk_steps(solver: Solver, frame: Frame) -> int:
 
 
 def check_image(target: Any) -> Image:
-    """Convert a target to float32; raise `ValueError` unless it is an image with values 0..1."""
+    """Convert a target to RGB or RGBA in 0..1, float32; raise `ValueError` if it is no image.
+
+    `uint8` stands for 0..255, booleans for black and white, and grey is repeated. Colours above 1
+    become 1, which is the brightest that a triangle can have, with a warning.
+    """
     image = np.asarray(target)
-    fits = image.ndim == 3 and image.shape[-1] in (3, 4) and image.size > 0
-    if not fits or image.dtype.kind != "f":
+    is_gray = image.ndim == 2 or (image.ndim == 3 and image.shape[-1] == 1)
+    fits = is_gray or (image.ndim == 3 and image.shape[-1] in (3, 4))
+    if not fits or image.size == 0 or not (image.dtype.kind in "fb" or image.dtype == np.uint8):
         raise ValueError(
-            "`target` must be [height, width, 3 or 4] floats, as `read_image` gives; got "
-            f"{image.dtype} {image.shape}."
+            "`target` must be [height, width, 3 or 4] floats, as `read_image` gives, or [height, "
+            f"width] or [height, width, 1]; also uint8 or bool; got {image.dtype} {image.shape}."
         )
-    if not (np.isfinite(image).all() and (image >= 0).all() and (image <= 1).all()):
-        raise ValueError("`target` must hold numbers in 0..1.")
-    return image.astype(np.float32)
+    if is_gray:
+        image = np.repeat(image.reshape(*image.shape[:2], 1), 3, axis=2)
+    image = image.astype(np.float32) / np.float32(255 if image.dtype == np.uint8 else 1)
+    if not np.isfinite(image).all() or (image < 0).any() or (image[..., 3:] > 1).any():
+        raise ValueError("`target` must hold numbers in 0..1: none below 0, and alpha at most 1.")
+    brighter = (image > 1).any(-1)
+    if brighter.any():
+        warnings.warn(
+            f"`target` has values above 1 in {brighter.mean():.1%} of its pixels; they are fitted "
+            "as 1.",
+            stacklevel=3,
+        )
+    return np.minimum(image, np.float32(1))
 
 
-def check_images(targets: Sequence[Any]) -> list[Image]:
-    """Check and convert targets; drop their alpha channels if alpha is 1 everywhere."""
+def check_images(targets: Sequence[Any], *, transparent: bool = False) -> list[Image]:
+    """Check and convert targets; drop their alpha channels if alpha is 1 everywhere.
+
+    `transparent`: keep them, and add an alpha of 1 where there is none.
+    """
     images = [check_image(target) for target in targets]
+    if transparent:
+        return [
+            image
+            if image.shape[-1] == 4
+            else np.concatenate([image, np.ones_like(image[..., :1])], -1)
+            for image in images
+        ]
     if all(image.shape[-1] == 4 and (image[..., 3] == 1).all() for image in images):
         return [image[..., :3] for image in images]
     return images
@@ -118,18 +158,37 @@ def settings_to_save(settings: dict[str, Any]) -> dict[str, Any]:
         "softness": last if first == last else [first, last],
         "start": start if isinstance(start, str) else choices.GIVEN,
         "solver": solver if isinstance(solver, str) else type(solver).__name__,
+        "loss": choices.GIVEN if callable(settings["loss"]) else settings["loss"],
     }
 
 
 def settings_to_resume(settings: dict[str, Any], earlier: FitResult) -> dict[str, Any]:
-    """The settings of an earlier fit; if it had a solver object, with the one in `settings`.
+    """The settings of an earlier fit, with the solver object or loss function in `settings`.
 
-    Raises `ValueError` if the earlier fit had a solver object, and that in `settings` is not of the
-    same type.
+    Both are only used if the earlier fit had one. Raises `ValueError` if it had, and there is none
+    in `settings`, or a solver of another type.
     """
     solver_name, solver = earlier.settings["solver"], settings["solver"]
+    resumed = dict(earlier.settings)
+    if resumed["loss"] == choices.GIVEN:
+        if not callable(settings["loss"]):
+            raise ValueError("`resume` was fitted by a function as `loss`: hand one over again.")
+        resumed["loss"] = settings["loss"]
     if solver_name in SOLVERS:
-        return dict(earlier.settings)
+        return resumed
     if type(solver).__name__ != solver_name:
         raise ValueError(f"`resume` was fitted by a {solver_name}: hand one over as `solver`.")
-    return earlier.settings | {"solver": solver}
+    return resumed | {"solver": solver}
+
+
+def freeze_of(earlier: FitResult) -> dict[str, Any]:
+    """The argument `freeze` of an earlier fit, from its settings and its state."""
+    groups = earlier.settings["freeze"]
+    return {group: earlier.state.get(f"freeze.{group}", True) for group in groups}
+
+
+def is_transparent(background: Any, resume: Any) -> bool:
+    """Whether the background is transparent, by the option or by the fit that is resumed."""
+    if isinstance(resume, FitResult):
+        background = resume.settings.get("background", background)
+    return isinstance(background, str) and background == "transparent"

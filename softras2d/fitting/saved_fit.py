@@ -14,12 +14,13 @@ import optimistix as optx
 
 from ..numerics.device import to_device
 from ..scene import Scene, check
-from . import choices
+from . import choices, steering
 from .entries import Entries, Size, read_json
 from .families import FAMILIES
 from .frame import Frame
 from .solve import begin
 from .solvers import SOLVERS, solver_of
+from .steered_state import check_steered_state
 
 FORMAT = 3
 """Version of the file format."""
@@ -29,7 +30,7 @@ SCENE_FIELDS = ("positions", "triangles", "colors", "background")
 
 _SETTINGS = (
     "triangles", "family", "solver", "seed", "size", "shading", "translucent", "softness",
-    "colors", "loss", "light", "start",
+    "colors", "loss", "light", "start", *steering.DEFAULTS,
 )  # fmt: skip
 
 _MAX_FACTS = 2**20
@@ -53,6 +54,8 @@ def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
     if not isinstance(facts.get("interrupted"), bool):
         raise ValueError("`facts` must say whether the fit was `interrupted`, true or false.")
     settings = facts.get("settings")
+    if isinstance(settings, dict):
+        settings = settings | {k: v for k, v in steering.DEFAULTS.items() if k not in settings}
     check_settings(settings)
     assert isinstance(settings, dict)
     return settings, facts["interrupted"]
@@ -76,7 +79,9 @@ def check_settings(settings: Any) -> None:
     if settings["start"] not in (*choices.STARTS, choices.GIVEN):
         raise ValueError(f"`settings`: there is no start {settings['start']!r:.40}.")
     try:
-        choices.check(choices.settle(settings), None, None)
+        # A loss that was a function is not squared error, and nor is "l1".
+        loss = "l1" if settings["loss"] == choices.GIVEN else settings["loss"]
+        choices.check(choices.settle(settings | {"loss": loss}), None, None)
     except (ValueError, OverflowError) as error:
         raise ValueError(f"`settings`: {error}") from None
 
@@ -158,6 +163,7 @@ def check_state(state: dict[str, Any], settings: dict[str, Any], size: Size, ste
             raise ValueError("`state.weights.given` must not be 0 everywhere.")
     family = FAMILIES[settings["family"]]
     shapes = family.check_state(entries, settings, fit_size, int(active))
+    check_steered_state(entries, settings, shapes)
     _check_solve(entries, settings, shapes, fit_size)
     entries.end()
 

@@ -1,20 +1,26 @@
 """One fit, from its target and settings to its result."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import jax
 import numpy as np
 
+from ..scene import Scene
 from .closed_form import time_colors
 from .frame import Frame
-from .loop import measure
+from .frozen import Mask, with_exact_positions
+from .loop import ProgressReport, measure
 from .mesh.full_size import SECONDS_PER_MEGAPIXEL
 from .prepare import make_fit, max_chunk_steps, settings_to_save
 from .result import FitResult, Record
 from .score import Score, Scorer
 from .state import restore_state, save_state
 from .target import Target
+
+Callback = Callable[[Scene, ProgressReport], Scene | None]
+"""A function that is called between chunks of steps, and may return the scene to go on from."""
 
 
 class Task:
@@ -31,11 +37,14 @@ class Task:
         settings: dict[str, Any],
         resume: FitResult | None,
         must_start: Callable[[], bool] = lambda: False,
+        masks: Mapping[str, Mask] = MappingProxyType({}),
     ):
         self.target, self.settings = target, settings
         height, width = target.image.shape[:2]
         self.frame = Frame.of(height, width, settings)
-        self.fit = make_fit(target, settings, self.frame, resume, must_start)
+        self.fit = make_fit(target, settings, self.frame, resume, must_start, masks)
+        start = settings["start"]
+        self._earlier = start if resume is None else resume.scene
         self.history: list[Record] = [] if resume is None else list(resume.history)
         self.steps_before = 0 if resume is None else restore_state(self.fit, resume.state)
         self.seconds_before = self.history[-1].seconds if self.history else 0.0
@@ -50,15 +59,17 @@ class Task:
     @property
     def polishes_at_full_size(self) -> bool:
         """Whether colours are solved for at the size of a target larger than the fit."""
-        is_squared = self.settings["loss"] == "squared" and self.settings["light"] == "display"
+        settings = self.settings
+        is_squared = settings["loss"] == "squared" and settings["light"] == "display"
         is_shrunk = (self.frame.height, self.frame.width) != self.target.image.shape[:2]
-        return self.settings["family"] == "mesh" and is_squared and is_shrunk
+        is_free = not self.fit.request.may_freeze
+        return settings["family"] == "mesh" and is_squared and is_shrunk and is_free
 
-    def polish(self) -> None:
+    def polish(self, *, at_full_size: bool = True) -> None:
         """Solve for colours at the end of the fit, as far as the settings say so."""
         if self.polishes:
             self.fit.polish()
-        if self.polishes_at_full_size:
+        if at_full_size and self.polishes_at_full_size:
             self.fit.polish_at_full_size(self.target)
 
     def warm_up(self, timed: bool) -> Callable[[], float]:
@@ -83,6 +94,28 @@ class Task:
 
         return compile_and_time
 
+    def call_back(self, callback: Callback, report: ProgressReport) -> None:
+        """Call a user's function with the current scene, and go on from the one that it returns.
+
+        Raises `ValueError` for anything but None or a scene with the same triangles.
+        """
+        scene = self.frame.enlarge(self.fit.current_scene())
+        changed = callback(scene, report)
+        if changed is None:
+            return
+        if not isinstance(changed, Scene):
+            raise ValueError(f"`callback` must return a scene or None; got {changed!r:.60}.")
+        for name in ("positions", "triangles", "colors", "background"):
+            wanted, got = (np.asarray(getattr(x, name)) for x in (scene, changed))
+            if got.shape != wanted.shape or not np.isfinite(got).all():
+                raise ValueError(
+                    f"`callback` must return a scene of the same shapes: finite `{name}` "
+                    f"{list(wanted.shape)}; got {list(got.shape)}."
+                )
+        if (np.asarray(changed.triangles) != np.asarray(scene.triangles)).any():
+            raise ValueError("`callback` must return a scene with the same `triangles`.")
+        self.fit.go_on_from(self.frame.shrink(changed))
+
     def result(self, interrupted: bool) -> FitResult:
         """Make the result from the best scene so far, and score it."""
         # The spare triangles do not show; with them, one program scores all scenes of the fit.
@@ -99,9 +132,22 @@ class Task:
 
     def _result(self, score: Score, interrupted: bool) -> FitResult:
         """Make the result from the best scene so far and its score."""
-        scene = self.frame.enlarge(self.fit.scene())
+        scene = self._with_exact_positions(self.frame.enlarge(self.fit.scene()))
         state = save_state(self.fit, self.history[-1].steps if self.history else 0)
         if self.target.weights is not None:
             state["weights.given"] = self.target.weights
+        masks = self.fit.request.masks
+        state |= {f"freeze.{group}": mask for group, mask in masks.items()}
         settings = settings_to_save(self.settings)
         return FitResult(scene, *score, tuple(self.history), settings, interrupted, state)
+
+    def _with_exact_positions(self, scene: Scene) -> Scene:
+        """The scene with frozen layers in exactly the positions of the scene to start from."""
+        request, earlier = self.fit.request, self._earlier
+        is_given = self.settings["family"] == "layers" and request.starts_from_object
+        frozen = request.masks.get("triangles")
+        if "positions" in self.settings["freeze"]:
+            frozen = np.ones(scene.triangles.shape[0], bool)
+        if frozen is None or not is_given or not isinstance(earlier, Scene):
+            return scene
+        return with_exact_positions(scene, earlier, frozen)

@@ -73,6 +73,10 @@ def photo(tmp_path, monkeypatch):
         (["PHOTO", "--resume", "none.npz"], "none.npz: no such file"),
         (["PHOTO", "--shading", "linear"], "--shading of a layers fit must be one of"),
         (["PHOTO", "--start", "even"], "error, uniform, delaunay, or an .svg or .npz; got 'even'"),
+        (["PHOTO", "--palette", "red"], "--palette must be a number of colours, or colours such"),
+        (["PHOTO", "--palette", "8", "--shading", "gouraud"], "it needs --shading flat"),
+        (["PHOTO", "--background", "red"], "--background must be one of 'mean', 'fit', 'transp"),
+        (["PHOTO", "--freeze", "positions,shape"], "--freeze must have names from 'positions'"),
         (["PHOTO", "--start", "none.svg"], "none.svg: cannot be read: No such file"),
         (["PHOTO", "--start", "a.svg", "--family", "mesh"], "or an .npz; got 'a.svg'"),
     ],
@@ -255,3 +259,14 @@ def test_ctrl_c_saves_the_best_so_far(photo, tmp_path):
     result = sr.FitResult.load(output)
     assert result.interrupted
     assert np.isfinite(result.image).all()
+
+
+def test_colors_of_the_options_are_those_of_fit():
+    from softras2d.cli.fit_steering import parse_background, parse_freeze, parse_palette
+
+    assert parse_palette(None) is None
+    assert parse_palette("8") == 8
+    assert parse_palette("#ff0000, #0000FF") == [[1, 0, 0], [0, 0, 1]]
+    assert parse_background("fit") == "fit"
+    assert parse_background("#00ff00") == [0, 1, 0]
+    assert parse_freeze("positions, colors") == ["positions", "colors"]

@@ -243,7 +243,7 @@ TWO_TRIANGLES = sr.Scene.from_soup(np.arange(12.0).reshape(2, 3, 2) ** 2 / 8, np
 WITH_DEPTH = replace(TWO_TRIANGLES, depth=jnp.zeros(6))
 
 REFUSED: dict[str, dict[str, Any]] = {
-    "`target` must be \\[height": dict(target=np.zeros((4, 4), np.float32)),
+    "`target` must be \\[height": dict(target=np.zeros((4, 4, 2), np.float32)),
     "`target` must hold numbers in 0..1": dict(target=np.full((4, 4, 3), np.nan, np.float32)),
     "`family` must be one of 'layers', 'mesh'": dict(family="sphere"),
     "`shading` of a layers fit": dict(shading="linear"),

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...numerics.device import to_device
+from ..palette import Palette
 from ..target import Image, Target
 from ..units import POSITION_UNIT
 from .placement import place, removal_costs
@@ -69,6 +70,7 @@ def find_exchange(
     *,
     active: int,
     size: float,
+    palette: Palette | None = None,
 ) -> Replacement | None:
     """Move up to `count` of the triangles whose removal costs least to where they gain more.
 
@@ -77,6 +79,7 @@ def find_exchange(
 
     - `image`, `target`, `background`: premultiplied; `image` is that of the unknowns `y`.
     - `size`: typical circumradius of a new triangle, in pixels.
+    - `palette`: the colours that a triangle may have; None: any.
     """
     length = len(y.corners)
     corners, colors, opacity = jax.tree.map(lambda leaf: np.asarray(leaf)[:active], y)
@@ -87,7 +90,7 @@ def find_exchange(
         target,
         background,
     )
-    new = place(rng, image, target, count, size=size)
+    new = place(rng, image, target, count, size=size, palette=palette)
     by_gain = np.argsort(-new.gains)
     by_cost = np.argsort(costs)[: len(by_gain)]
     moved = int(np.sum(_EXPECTED_GAIN * new.gains[by_gain] > costs[by_cost]))

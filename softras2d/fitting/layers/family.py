@@ -20,8 +20,21 @@ from ...rendering.planner import plan
 from ...scene import Scene
 from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
+from ..frozen import Mask, freeze, with_frozen
+from ..palette import (
+    PALETTE_START,
+    VISIBLE,
+    Palette,
+    best_background,
+    in_palette,
+    palette_of,
+    quantize,
+)
 from ..solve import begin, forget_best, move, set_learning_rate
+from ..steered_state import steered_state
+from ..steering import check_length
 from ..target import Target
+from ..trees import fill_tree
 from ..units import POSITION_UNIT
 from . import saved, schedule
 from .exchange import Replacement, find_exchange
@@ -72,7 +85,7 @@ class LayersFit(AbstractFit):
         # A resumed fit gets its triangles from its state later, so only the shapes matter here.
         start = request.start if state is None else "uniform"
         self._rng = np.random.default_rng(request.seed)
-        self._background = background_of(start, request.target)
+        self._background = background_of(settings["background"], start, request.target)
         weights = request.target.weights
         self.data = LayersData(
             request.loss.prepare(to_device(image)),
@@ -81,6 +94,11 @@ class LayersFit(AbstractFit):
             to_device(self._softness[0], np.float32),
         )
         y, self.active = self._start(start)
+        self._palette = palette_of(settings["palette"], request.target, request.seed)
+        self._is_quantized = False
+        if state is None and "triangles" in request.masks:
+            check_length("triangles", request.masks["triangles"], self.active)
+        self._freeze(y)
         self._overshoot = _OVERSHOOT
         if isinstance(start, Scene):
             self._overshoot = max(_OVERSHOOT, self._overshoot_of(y))
@@ -94,6 +112,14 @@ class LayersFit(AbstractFit):
     def max_triangles(self) -> int:
         """The option `triangles`."""
         return self.request.settings["triangles"]
+
+    @property
+    def _has_palette_background(self) -> bool:
+        """Whether the background has a colour of the palette, too."""
+        background = self.request.settings["background"]
+        is_given = background != "fit" and self.request.starts_from_object
+        is_chosen = len(self._background) == 3 and background in ("mean", "fit") and not is_given
+        return self._palette is not None and is_chosen
 
     @property
     def _spare_position(self) -> float:
@@ -125,6 +151,31 @@ class LayersFit(AbstractFit):
             to_device(opacity) if self._translucent else None,
         )
 
+    def _freeze(self, y: LayersUnknowns) -> None:
+        """Freeze what the options say, and colours of the palette, at their values in `y`."""
+        if self.request.may_freeze:
+            frozen = freeze(y, self._masks())
+            self.data = self.data._replace(frozen=frozen)
+
+    def _masks(self, *, palette: bool = True) -> dict[str, bool | Mask]:
+        """The frozen fields of the unknowns: whole ones, or the triangles of the mask.
+
+        `palette`: include the colours if the palette decides them.
+        """
+        groups, triangles = self.request.settings["freeze"], self.request.masks.get("triangles")
+        fields = {"positions": "corners", "colors": "colors", "opacity": "opacity"}
+        masks: dict[str, bool | Mask] = {}
+        for group, field in fields.items():
+            if group in groups or (field == "colors" and palette and self._is_quantized):
+                masks[field] = True
+            elif triangles is not None:
+                masks[field] = triangles
+        return masks
+
+    def _drawn(self, y: LayersUnknowns) -> LayersUnknowns:
+        """The unknowns with the frozen ones at their values."""
+        return with_frozen(y, self.data.frozen)
+
     def _spacing(self, count: int) -> float:
         """Side, in pixels, of the square that each of `count` triangles has on average."""
         return float(np.sqrt(self.height * self.width / max(count, 1)))
@@ -153,17 +204,49 @@ class LayersFit(AbstractFit):
 
     @property
     def _best(self) -> LayersUnknowns:
-        """The best unknowns so far."""
+        """The best unknowns so far, with the frozen ones at their values."""
         loss = float(self.progress.best_loss)
         if self._earlier is not None and not self._earlier.loss > loss:
             return self._earlier.y
-        return self.progress.best if np.isfinite(loss) else self.progress.y
+        return self._drawn(self.progress.best if np.isfinite(loss) else self.progress.y)
 
     def scene(self, *, padded: bool = False) -> Scene:
         """The best scene so far; if `padded`, with its spare triangles, outside the canvas."""
-        drawn = slice(None if padded else self.active)
-        y = jax.tree.map(lambda leaf: leaf[drawn], self._best)
-        return layers_scene(self._near_canvas(y), self.data.background)
+        return self._scene_of(self._best, slice(None if padded else self.active))
+
+    def current_scene(self) -> Scene:
+        """The scene of the last unknowns, without spare triangles."""
+        return self._scene_of(self._drawn(self.progress.y), slice(self.active))
+
+    def go_on_from(self, scene: Scene) -> None:
+        """Replace the triangles in use by those of `scene`, and its background."""
+        corners, colors = scene.positions[scene.triangles] / POSITION_UNIT, scene.colors[..., :3]
+        if self._is_quantized and self._palette is not None:
+            colors = in_palette(self._palette, colors)
+        before, used = self._drawn(self.progress.y), slice(self.active)
+        y = before._replace(
+            corners=before.corners.at[used].set(corners), colors=before.colors.at[used].set(colors)
+        )
+        if before.opacity is not None:
+            y = y._replace(opacity=before.opacity.at[used].set(scene.colors[..., 3].mean(1)))
+        y = with_frozen(y, freeze(before, self._masks(palette=False)))
+        self._freeze(y)
+        self._background = np.asarray(scene.background)
+        self.data = self.data._replace(background=scene.background)
+        self._earlier = None
+        self.progress = forget_best(
+            move(self.request.solver, self.residual, self.progress, y, self.data)
+        )
+
+    def _scene_of(self, y: LayersUnknowns, drawn: slice) -> Scene:
+        """The scene of some of the triangles, in colours of the palette if there is one."""
+        y = jax.tree.map(lambda leaf: leaf[drawn], y)
+        background = self.data.background
+        if self._palette is not None and not self._is_quantized:
+            y = y._replace(colors=in_palette(self._palette, y.colors))
+            if self._has_palette_background:
+                background = in_palette(self._palette, background)
+        return layers_scene(self._near_canvas(y), background)
 
     def polish(self) -> None:
         """Go to the best unknowns so far, with the colours of least squared error."""
@@ -179,11 +262,11 @@ class LayersFit(AbstractFit):
 
     def replan(self, reached: list[LayersUnknowns]) -> LayersResidual:
         """Make a residual with capacity for these unknowns and for the likely scene."""
-        scenes = [layers_scene(y, self.data.background) for y in reached]
+        scenes = [layers_scene(self._drawn(y), self.data.background) for y in reached]
         return LayersResidual(self._plan([self.likely_scene(), *scenes]), self.request.loss)
 
     def refine(self, share: float) -> None:
-        """Sharpen edges, lower the learning rate, and add or exchange triangles."""
+        """Sharpen edges, lower the learning rate, add or exchange triangles, and quantize."""
         self._sharpen(share)
         if self.request.adjustable_rate:
             self.progress = set_learning_rate(self.progress, schedule.learning_rate(share))
@@ -191,13 +274,22 @@ class LayersFit(AbstractFit):
             is_spare = jnp.arange(self.length)[:, None, None] >= self.active
             corners = jnp.where(is_spare, y.corners, self._near_canvas(y).corners)
             self.progress = self.progress._replace(y=y._replace(corners=corners))
-        if not self.request.exchanges:
-            return
+        if self.request.places_by_error:
+            self._add_or_exchange(share)
+        if self.request.settings["background"] == "fit" and not self._is_quantized:
+            self._fit_background()
+        if self._palette is not None and (self._is_quantized or share >= PALETTE_START):
+            self._quantize(self._palette)
+
+    def _add_or_exchange(self, share: float) -> None:
+        """Add triangles until all are in use, and then exchange some when due."""
         total = self.max_triangles
         added = schedule.triangles_to_add(share, self.active, total)
         if added:
             self._add(added)
-        elif self.active == total and schedule.is_exchange_due(share, self.last_exchange):
+        elif not self.request.exchanges or self.active < total:
+            return
+        elif schedule.is_exchange_due(share, self.last_exchange):
             self.last_exchange = share
             self._exchange(schedule.triangles_to_exchange(share, total))
 
@@ -241,18 +333,25 @@ class LayersFit(AbstractFit):
         """Put up to `count` new triangles in front, where they lower the error most."""
         size = _NEW_SIZE * self._spacing(self.active + count)
         target = self.request.target.premultiplied()
-        new = place(self._rng, premultiply(self.image), target, count, size=size)
+        image, palette = premultiply(self.image), self._placing_palette
+        new = place(self._rng, image, target, count, size=size, palette=palette)
         if len(new.corners):
             order = np.arange(self.length)
             self._replace(Replacement(order, self.active, new.corners, new.colors))
             self.active += len(new.corners)
 
+    @property
+    def _placing_palette(self) -> Palette | None:
+        """The colours that a new triangle may have; None: any."""
+        return self._palette if self._is_quantized else None
+
     def _exchange(self, count: int) -> None:
         """Move up to `count` triangles whose removal costs least to where they gain more."""
         replacement = find_exchange(
-            self._rng, self.progress.y, premultiply(self.image),
+            self._rng, self._drawn(self.progress.y), premultiply(self.image),
             self.request.target.premultiplied(), self._background, count, active=self.active,
             size=_NEW_SIZE * _EXCHANGED_SIZE * self._spacing(self.active),
+            palette=self._placing_palette,
         )  # fmt: skip
         if replacement is not None:
             self._replace(replacement)
@@ -265,7 +364,8 @@ class LayersFit(AbstractFit):
         if np.isfinite(self.progress.best_loss):
             earlier = np.inf if self._earlier is None else self._earlier.loss
             self._earlier = _Earlier(min(float(self.progress.best_loss), earlier), self._best)
-        y = replacement.in_unknowns(self.progress.y)
+        y = replacement.in_unknowns(self._drawn(self.progress.y))
+        self._freeze(y)
         if self.request.adjustable_rate:
             # Adam's moving averages have one number per unknown, and start at 0 for new ones.
             solver_state = replacement.in_optimizer_state(self.progress.state)
@@ -274,10 +374,51 @@ class LayersFit(AbstractFit):
             restarted = begin(self.request.solver, self.residual, y, self.data)
             self.progress = restarted._replace(steps=self.progress.steps)
 
+    def _fit_background(self) -> None:
+        """Set the background to the colour of least squared error.
+
+        Losses with other colours are not comparable, so a change forgets the best so far.
+        """
+        y, target = self._drawn(self.progress.y), self.request.target.premultiplied()
+        data = self.data._replace(frozen=None)
+        background = best_background(self.residual, y, data, target)
+        if np.abs(background - self._background).max() < VISIBLE:
+            return
+        self._background = background
+        self.data = self.data._replace(background=to_device(background))
+        self._earlier = None
+        self.progress = forget_best(
+            move(self.request.solver, self.residual, self.progress, y, self.data)
+        )
+
+    def _quantize(self, palette: Palette) -> None:
+        """Choose the palette's colour for each triangle anew, and solve for the palette.
+
+        Losses with other colours are not comparable, so a change forgets the best so far.
+        """
+        y = self._drawn(self.progress.y)
+        new = quantize(
+            self.residual, y, self.data._replace(frozen=None), self.request.target.premultiplied(),
+            palette, is_free=self.request.finds_palette,
+            has_background=self._has_palette_background,
+        )  # fmt: skip
+        if self._is_quantized and new.is_close(np.asarray(y.colors), palette):
+            return
+        self._is_quantized = True
+        self._palette, self._background = new.palette, new.background
+        y = y._replace(colors=to_device(new.colors[:, None]))
+        self.data = self.data._replace(background=to_device(new.background))
+        self._freeze(y)
+        self._earlier = None
+        self.progress = forget_best(
+            move(self.request.solver, self.residual, self.progress, y, self.data)
+        )
+
     def own_state(self) -> dict[str, np.ndarray]:
         """Random generator, background, edge width, and the best point before a replacement."""
         best = None if self._earlier is None else (self._earlier.loss, self._earlier.y)
-        return saved.pack(best, self._overshoot, self.data.width, self._background, self._rng)
+        arrays = saved.pack(best, self._overshoot, self.data.width, self._background, self._rng)
+        return arrays | steered_state(self._palette, self._is_quantized, self.data.frozen)
 
     def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
         """Restore what `own_state` saved."""
@@ -286,6 +427,10 @@ class LayersFit(AbstractFit):
             background=to_device(self._background), width=to_device(arrays["width"])
         )
         saved.restore_generator(self._rng, arrays)
+        self._palette = arrays.get("palette")
+        self._is_quantized = bool(arrays.get("quantized", False))
+        if self.data.frozen is not None:
+            self._freeze(fill_tree(self.progress.y, "frozen", arrays))
         best = saved.unpack_best(self.progress.y, arrays)
         if best is not None:
             self._earlier = _Earlier(*best)

@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter
 from ...geometry.vectors import cross
 from ..mesh.pixel_weights import PixelWeights, pixel_weights
 from ..mesh.triangulation import greedy_disjoint
+from ..palette import Palette, nearest
 from ..target import Image, PixelMap, Target
 
 Corners = Float[np.ndarray, "triangles 3 2"]
@@ -36,7 +37,13 @@ class Placed(NamedTuple):
 
 
 def place(
-    rng: np.random.Generator, image: Image, target: Target, count: int, *, size: float
+    rng: np.random.Generator,
+    image: Image,
+    target: Target,
+    count: int,
+    *,
+    size: float,
+    palette: Palette | None = None,
 ) -> Placed:
     """Find at most `count` opaque triangles to draw over `image`: the best of many random ones.
 
@@ -46,6 +53,7 @@ def place(
 
     - `image`, `target`: three channels, or four premultiplied ones, of which the last is alpha.
     - `size`: typical circumradius, in pixels.
+    - `palette`: the colours that a triangle may have; None: any.
     """
     height, width = image.shape[:2]
     weights = np.ones((height, width)) if target.weights is None else target.weights
@@ -56,7 +64,7 @@ def place(
     centers = np.stack([pixel % width, pixel // width], 1) + rng.random((len(pixel), 2))
     corners = random_triangles(rng, centers, size)
     blocks = [
-        _colors_and_gains(corners[block], target.image, error, weights)
+        _colors_and_gains(corners[block], target.image, error, weights, palette)
         for block in _blocks(corners, height * width)
     ]
     colors, gains = (np.concatenate(arrays) for arrays in zip(*blocks, strict=True))
@@ -101,7 +109,11 @@ def _blocks(corners: Corners, pixels: int) -> list[slice]:
 
 
 def _colors_and_gains(
-    corners: Corners, target: Image, error: PixelMap, weights: PixelMap
+    corners: Corners,
+    target: Image,
+    error: PixelMap,
+    weights: PixelMap,
+    palette: Palette | None,
 ) -> tuple[Float[np.ndarray, "triangles 3"], Float[np.ndarray, " triangles"]]:
     """Compute each candidate's best colour, and by how much drawing it lowers the error.
 
@@ -116,6 +128,8 @@ def _colors_and_gains(
     mean = sums / np.maximum(total_weight, 1e-12)
     # The candidates are opaque, whatever the mean alpha of the target is.
     mean[3:] = 1.0
+    if palette is not None:
+        mean[:3] = palette[nearest(palette, mean[:3].T)].T
     error_after = pairs.sum_by_triangle((values * values).sum(0) * weight)
     error_after = error_after + (mean * (mean * total_weight - 2 * sums)).sum(0)
     return mean[:3].T, pairs.sum_by_triangle(error.ravel()[pairs.pixel]) - error_after

@@ -55,13 +55,22 @@ def start_of(
     return LayersStart(corners, _for_shading(colors, gouraud), opacity)
 
 
-def background_of(start: str | Scene, target: Target) -> Float[np.ndarray, " channels"]:
-    """Background of the fit, with as many channels as the target.
+def background_of(
+    option: str | list[float], start: str | Scene, target: Target
+) -> Float[np.ndarray, " channels"]:
+    """Background at the start of the fit, with as many channels as the target.
 
-    It is that of the scene to start from, if one is given. Otherwise it is the mean colour of the
-    target, or transparent for a target with alpha.
+    The option `background` may be a colour, or `"transparent"`. Otherwise the background is that of
+    the scene to start from, if one is given, or else the mean colour of the target, or transparent
+    for a target with alpha. Raises `ValueError` for `"fit"` and a target with alpha.
     """
     channels = target.image.shape[-1]
+    if isinstance(option, list):
+        return np.array([*option, 1][:channels], np.float32)
+    if option == "transparent":
+        return np.zeros(channels, np.float32)
+    if option == "fit" and channels == 4:
+        raise ValueError("`background='fit'` needs an opaque target; this one has alpha.")
     if isinstance(start, Scene):
         background = np.asarray(start.background, np.float32)
         if len(background) == channels:

@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float
 from ...planning.plan import Plan
 from ...rendering.render import render_checked
 from ...scene import Scene
+from ..frozen import Frozen, with_frozen
 from ..loss import Loss
 from ..units import POSITION_UNIT, clip_straight_through
 
@@ -39,12 +40,14 @@ class LayersData(NamedTuple):
     - `weights`: weight of the error of each pixel; None: all are 1.
     - `background`: colour behind all triangles, with straight alpha.
     - `width`: width of the soft edges, in pixels.
+    - `frozen`: unknowns that the solver does not change; None: it changes all.
     """
 
     target: Float[Array, "height width channels"]
     weights: Float[Array, "height width"] | None
     background: Float[Array, " channels"]
     width: Float[Array, ""]
+    frozen: Frozen | None = None
 
 
 def layers_scene(y: LayersUnknowns, background: Float[Array, " channels"]) -> Scene:
@@ -69,5 +72,6 @@ class LayersResidual(eqx.Module):
         self, y: LayersUnknowns, data: LayersData
     ) -> tuple[Array, tuple[Array, Bool[Array, ""]]]:
         plan = eqx.tree_at(lambda plan: plan.coverage.width, self.plan, data.width)
-        image, outgrown = render_checked(layers_scene(y, data.background), plan)
+        scene = layers_scene(with_frozen(y, data.frozen), data.background)
+        image, outgrown = render_checked(scene, plan)
         return self.loss.residual(image, data.target, data.weights), (image, outgrown)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ...numerics.device import to_device
 from ...options import Area
@@ -18,7 +18,11 @@ from ...rendering.planner import plan
 from ...scene import Scene
 from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
+from ..frozen import Mask, freeze, with_frozen
+from ..palette import PALETTE_START, Palette, in_palette, palette_of, quantize
 from ..solve import begin, forget_best, move, set_learning_rate
+from ..steered_state import steered_state
+from ..steering import check_length
 from ..target import Target
 from ..trees import fill_tree, tree_arrays
 from ..units import POSITION_UNIT
@@ -26,7 +30,7 @@ from . import saved
 from .colors import ColorModel, Colors, solve_colors
 from .full_size import colors_at_full_size
 from .start import delaunay_start, error_start, exchange, uniform_start
-from .triangulation import Mesh, check_tiling, signed_areas
+from .triangulation import Mesh, check_tiling, is_bound, signed_areas
 from .unknowns import MeshData, MeshResidual, MeshUnknowns, mesh_scene, vertices_of
 from .untangle import untangle
 
@@ -80,6 +84,8 @@ class MeshFit(AbstractFit):
         self.image = image
         self.last_exchange = 0.0
         self._earlier: _Best | None = None
+        self._palette = palette_of(request.settings["palette"], request.target, request.seed)
+        self._is_quantized = False
         mesh = self._start()
         data, y = self._prepare(mesh)
         self.residual = MeshResidual(self._plan([mesh_scene(y, data)]), request.loss)
@@ -146,13 +152,16 @@ class MeshFit(AbstractFit):
             None if target.weights is None else to_device(target.weights, np.float32),
             to_device(np.zeros(3, np.float32)),
             to_device(triangles),
-            to_device(np.stack([mesh.free_x, mesh.free_y], 1)),
+            to_device(self._free_coordinates(mesh)),
             to_device(mesh.positions, np.float32),
             to_device(scale, np.float32),
         )
         colors = np.clip(solve_colors(mesh, target, model=self._model), 0, 1)
         positions = to_device(mesh.positions / scale, np.float32)
-        return data, MeshUnknowns(positions, self._padded(colors, capacity))
+        y = MeshUnknowns(positions, self._padded(colors, capacity))
+        if self.request.may_freeze:
+            data = data._replace(frozen=freeze(y, self._masks(mesh)))
+        return data, y
 
     def _padded(self, colors: Colors, capacity: int | None = None) -> Float[Array, "..."]:
         """Colours as unknowns: those of triangles are filled up with zeros to the capacity."""
@@ -162,6 +171,34 @@ class MeshFit(AbstractFit):
             spare = np.zeros((capacity - len(colors), *colors.shape[1:]))
             colors = np.concatenate([colors, spare])
         return to_device(colors, np.float32)
+
+    def _free_coordinates(self, mesh: Mesh) -> Bool[np.ndarray, "vertices 2"]:
+        """Which coordinates may move: off the border, and not frozen."""
+        if "positions" in self.request.settings["freeze"]:
+            return np.zeros((len(mesh.positions), 2), bool)
+        return ~is_bound(mesh) & ~self._frozen_vertices(mesh)[:, None]
+
+    def _masks(self, mesh: Mesh, *, palette: bool = True) -> dict[str, bool | Mask]:
+        """The frozen colours; frozen positions are not `free` in the data.
+
+        `palette`: include the colours if the palette decides them.
+        """
+        if "colors" in self.request.settings["freeze"] or (palette and self._is_quantized):
+            return {"colors": True}
+        if self._model != "vertex":
+            triangles = self.request.masks.get("triangles")
+            return {} if triangles is None else {"colors": triangles}
+        return {"colors": self._frozen_vertices(mesh)}
+
+    def _frozen_vertices(self, mesh: Mesh) -> Mask:
+        """Which vertices the masks freeze: those given, and the corners of given triangles."""
+        count, masks = len(mesh.positions), self.request.masks
+        frozen = masks.get("vertices", np.zeros(count, bool)).copy()
+        check_length("vertices", frozen, count)
+        if "triangles" in masks:
+            check_length("triangles", masks["triangles"], len(mesh.triangles))
+            frozen[mesh.triangles[masks["triangles"]]] = True
+        return frozen
 
     def _begin(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
         """Start a new solve on this mesh."""
@@ -188,8 +225,41 @@ class MeshFit(AbstractFit):
     def scene(self, *, padded: bool = False) -> Scene:
         """The best scene so far; if `padded`, with its spare triangles, which have no area."""
         best = self._best()
-        scene = mesh_scene(best.y, best.data)
-        drawn = slice(None if padded else len(best.mesh.triangles))
+        return self._scene_of(best, None if padded else len(best.mesh.triangles))
+
+    def current_scene(self) -> Scene:
+        """The scene of the last unknowns, untangled, without spare triangles."""
+        mesh, y = _untangled(self.progress.y, self._mesh, self.data)
+        return self._scene_of(_Best(np.inf, y, mesh, self.data), len(mesh.triangles))
+
+    def go_on_from(self, scene: Scene) -> None:
+        """Move the vertices towards those of `scene`, and take its colours."""
+        mesh = untangle(self._mesh, np.asarray(scene.positions, np.float64))
+        positions = mesh.positions.astype(np.float32) / np.asarray(self.data.scale)
+        before = with_frozen(self.progress.y, self.data.frozen)
+        colors = np.array(before.colors)
+        if self._model == "vertex":
+            colors[mesh.triangles] = np.asarray(scene.colors)
+        else:
+            colors[: self.active] = np.asarray(scene.colors)
+        if self._is_quantized and self._palette is not None:
+            colors = in_palette(self._palette, colors)
+        y = MeshUnknowns(to_device(positions), to_device(colors))
+        if self.request.may_freeze:
+            y = with_frozen(y, freeze(before, self._masks(mesh, palette=False)))
+            self.data = self.data._replace(frozen=freeze(y, self._masks(mesh)))
+        self._mesh, self._earlier = mesh, None
+        self.progress = forget_best(
+            move(self.request.solver, self.residual, self.progress, y, self.data)
+        )
+
+    def _scene_of(self, best: _Best, count: int | None) -> Scene:
+        """The scene of the first `count` triangles, in colours of the palette if there is one."""
+        y = best.y
+        if self._palette is not None and not self._is_quantized:
+            y = y._replace(colors=in_palette(self._palette, y.colors))
+        scene = mesh_scene(y, best.data)
+        drawn = slice(count)
         triangles, colors = (
             to_device(np.asarray(array)[drawn]) for array in (scene.triangles, scene.colors)
         )
@@ -225,7 +295,7 @@ class MeshFit(AbstractFit):
         return MeshResidual(plan, self.request.loss)
 
     def refine(self, share: float) -> None:
-        """Untangle the mesh, exchange vertices when due, and lower the learning rate."""
+        """Untangle the mesh, exchange vertices when due, lower the learning rate, and quantize."""
         due = [portion for at, portion in _EXCHANGES if self.last_exchange < at <= share]
         if self.progress.steps:
             self._untangle()
@@ -235,6 +305,8 @@ class MeshFit(AbstractFit):
         if self.request.adjustable_rate:
             factor = max(_FINAL_RATE_FACTOR, 0.5 + 0.5 * np.cos(np.pi * share))
             self.progress = set_learning_rate(self.progress, float(_LEARNING_RATE * factor))
+        if self._palette is not None and (self._is_quantized or share >= PALETTE_START):
+            self._quantize(self._palette)
 
     def _untangle(self) -> None:
         """Pull vertices back until no triangle is flipped.
@@ -259,6 +331,26 @@ class MeshFit(AbstractFit):
             self._begin(mesh, *self._prepare(mesh))
             self.progress = self.progress._replace(steps=steps)
 
+    def _quantize(self, palette: Palette) -> None:
+        """Choose the palette's colour for each triangle anew, and solve for the palette.
+
+        Losses with other colours are not comparable, so a change forgets the best so far.
+        """
+        y = with_frozen(self.progress.y, self.data.frozen)
+        new = quantize(
+            self.residual, y, self.data._replace(frozen=None), self.request.target, palette,
+            is_free=self.request.finds_palette, has_background=False,
+        )  # fmt: skip
+        if self._is_quantized and new.is_close(np.asarray(y.colors), palette):
+            return
+        self._is_quantized = True
+        self._palette, self._earlier = new.palette, None
+        y = y._replace(colors=to_device(new.colors[:, None]))
+        self.data = self.data._replace(frozen=freeze(y, self._masks(self._mesh)))
+        self.progress = forget_best(
+            move(self.request.solver, self.residual, self.progress, y, self.data)
+        )
+
     def own_state(self) -> dict[str, np.ndarray]:
         """The mesh and the scale of its positions, and the best point before the last exchange."""
         # The scale was computed at the last exchange, so it does not follow from the mesh.
@@ -268,11 +360,16 @@ class MeshFit(AbstractFit):
             arrays |= tree_arrays("kept", self._earlier.y)
             arrays |= saved.mesh_arrays("kept.mesh", self._earlier.mesh)
             arrays["kept.scale"] = np.asarray(self._earlier.data.scale)
-        return arrays
+        return arrays | steered_state(self._palette, self._is_quantized, self.data.frozen)
 
     def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
         """Restore what `own_state` saved; the constructor has restored the mesh itself."""
         self.data = self.data._replace(scale=to_device(arrays["scale"]))
+        self._palette = arrays.get("palette")
+        self._is_quantized = bool(arrays.get("quantized", False))
+        if self.data.frozen is not None:
+            values = fill_tree(self.progress.y, "frozen", arrays)
+            self.data = self.data._replace(frozen=freeze(values, self._masks(self._mesh)))
         if "kept" in arrays:
             mesh = saved.mesh_of(arrays, "kept.mesh")
             data, template = self._prepare(mesh, arrays["kept.scale"])

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...planning.plan import Plan
 from ...rendering.render import render_checked
 from ...scene import Scene
+from ..frozen import Frozen, with_frozen
 from ..loss import Loss
 from ..units import clip_straight_through
 
@@ -48,6 +49,7 @@ class MeshData(NamedTuple):
     - `fixed`: positions in pixels.
     - `scale`: pixels per unit of position. It is smaller at thin triangles, so that one step moves
       each vertex by a similar fraction of the size of its triangles.
+    - `frozen`: unknowns that the solver does not change; None: it changes all.
     """
 
     target: Float[Array, "height width channels"]
@@ -57,6 +59,7 @@ class MeshData(NamedTuple):
     free: Bool[Array, "vertices 2"]
     fixed: Float[Array, "vertices 2"]
     scale: Float[Array, "vertices 1"]
+    frozen: Frozen | None = None
 
 
 def vertices_of(y: MeshUnknowns, data: MeshData) -> Float[Array, "vertices 2"]:
@@ -66,7 +69,7 @@ def vertices_of(y: MeshUnknowns, data: MeshData) -> Float[Array, "vertices 2"]:
 
 def mesh_scene(y: MeshUnknowns, data: MeshData) -> Scene:
     """Make the scene of the unknowns, in pixels of the fit."""
-    colors = clip_straight_through(y.colors)
+    colors = clip_straight_through(with_frozen(y, data.frozen).colors)
     corner_colors = colors[data.triangles] if colors.ndim == 2 else colors
     return Scene(vertices_of(y, data), data.triangles, corner_colors, data.background)
 

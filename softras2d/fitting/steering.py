@@ -1,0 +1,164 @@
+"""Check and complete the arguments by which a user steers a fit. Needs no JAX."""
+
+from typing import Any, get_args
+
+import numpy as np
+
+from .. import names
+
+MAX_PALETTE = 256
+"""Largest number of colours of a palette."""
+
+DEFAULTS: dict[str, Any] = {"palette": None, "freeze": [], "background": "mean"}
+"""Settings that fits saved by earlier versions do not have, and the values that they stand for."""
+
+
+def settle_palette(palette: Any) -> Any:
+    """Convert colours to lists of floats in 0..1; `uint8` colours are taken as 0..255.
+
+    What is no array of numbers stays as it is, to be refused by `check_palette`.
+    """
+    if palette is None or isinstance(palette, bool | int | str):
+        return palette
+    try:
+        colors = np.asarray(palette)
+    except ValueError:
+        return palette
+    if colors.dtype.kind not in "uif" or colors.ndim != 2:
+        return palette
+    scale = 255.0 if colors.dtype == np.uint8 else 1.0
+    return (colors.astype(np.float64) / scale).tolist()
+
+
+def check_palette(settings: dict[str, Any]) -> None:
+    """Raise `ValueError` unless a fit with these settings can have its palette."""
+    palette = settings["palette"]
+    if palette is None:
+        return
+    if isinstance(palette, int) and not isinstance(palette, bool):
+        is_valid = 1 <= palette <= MAX_PALETTE
+    else:
+        is_valid = isinstance(palette, list) and 1 <= len(palette) <= MAX_PALETTE
+        colors = np.array(palette, np.float64) if is_valid and _is_table(palette) else np.array([2])
+        # The comparison is false for NaN.
+        is_valid = bool(((colors >= 0) & (colors <= 1)).all())
+    if not is_valid:
+        raise ValueError(
+            f"`palette` must be a number of colours from 1 to {MAX_PALETTE}, or as many colours "
+            f"[colours, 3] in 0..1; got {palette!r:.60}."
+        )
+    if settings["shading"] != "flat":
+        raise ValueError(
+            "`palette` gives each triangle one colour: it needs `shading='flat'`; got "
+            f"{settings['shading']!r}."
+        )
+    if settings["colors"] != "together":
+        raise ValueError(
+            "`palette` decides the colours: it needs `colors='together'`; got "
+            f"{settings['colors']!r}."
+        )
+
+
+def _is_table(rows: Any) -> bool:
+    """Whether a list has rows of three numbers each."""
+    return all(
+        isinstance(row, list)
+        and len(row) == 3
+        and all(isinstance(x, int | float) and not isinstance(x, bool) for x in row)
+        for row in rows
+    )
+
+
+MASKED = ("vertices", "triangles")
+"""Groups of the option `freeze` that need a mask. The others are frozen as a whole."""
+
+
+def settle_freeze(freeze: Any) -> tuple[list[str], dict[str, Any]]:
+    """Split the option `freeze` into the sorted names of its groups, and the masks by name.
+
+    Raises `ValueError` for anything but a name, names, or a mapping of names to True or masks.
+    """
+    groups = get_args(names.FreezeGroup)
+    if freeze is None:
+        return [], {}
+    if isinstance(freeze, str):
+        freeze = [freeze]
+    is_mapping = isinstance(freeze, dict)
+    if not is_mapping and not isinstance(freeze, list | tuple | set | frozenset):
+        raise ValueError(f"`freeze` must be names, or a mapping from names; got {freeze!r:.60}.")
+    masks = {}
+    for group in freeze:
+        if group not in groups:
+            allowed = ", ".join(map(repr, groups))
+            raise ValueError(f"`freeze` must have names from {allowed}; got {group!r:.60}.")
+        value = freeze[group] if is_mapping else True
+        if group in MASKED:
+            mask = np.asarray(value)
+            if mask.ndim != 1 or mask.dtype != bool:
+                raise ValueError(
+                    f"`freeze` of {group!r} needs a boolean mask [{group}], as in "
+                    f"`freeze={{{group!r}: mask}}`; got {mask.dtype} {list(mask.shape)}."
+                )
+            masks[group] = mask
+        elif value is not True:
+            raise ValueError(f"`freeze` of {group!r} must be True; got {value!r:.60}.")
+    return sorted(freeze), masks
+
+
+def check_freeze(settings: dict[str, Any]) -> None:
+    """Raise `ValueError` unless a fit with these settings can freeze these groups."""
+    groups = settings["freeze"]
+    if not isinstance(groups, list) or not set(groups) <= set(get_args(names.FreezeGroup)):
+        raise ValueError(f"`freeze` must be a list of names; got {groups!r:.60}.")
+    if "vertices" in groups and settings["family"] != "mesh":
+        raise ValueError("`freeze` of 'vertices' is for a mesh: layers share none.")
+    if "opacity" in groups and not settings["translucent"]:
+        raise ValueError("`freeze` of 'opacity' needs `translucent=True`: else all are opaque.")
+    is_named = isinstance(settings["start"], str) and settings["start"] in get_args(names.FitStart)
+    masked = [group for group in MASKED if group in groups]
+    if masked and is_named:
+        raise ValueError(
+            f"`freeze` of {masked[0]!r} needs a scene or mesh as `start` for its mask; "
+            f"got {settings['start']!r}."
+        )
+    decides = [group for group in ("colors", "triangles") if group in groups]
+    if decides and settings["palette"] is not None:
+        raise ValueError(f"`palette` changes colours: do not `freeze` {decides[0]!r}.")
+    if "colors" in groups and settings["colors"] != "together":
+        raise ValueError("`freeze` of 'colors' needs `colors='together'`: they are not solved for.")
+
+
+def check_length(group: str, mask: np.ndarray, count: int) -> None:
+    """Raise `ValueError` unless a mask of the option `freeze` has `count` entries."""
+    if len(mask) != count:
+        raise ValueError(
+            f"`freeze` of {group!r} must be a mask of {count} {group}, as `start` has; got "
+            f"{len(mask)}."
+        )
+
+
+def settle_background(background: Any) -> Any:
+    """Convert a colour to a list of floats in 0..1; a `uint8` colour is taken as 0..255."""
+    if isinstance(background, str):
+        return background
+    color = settle_palette([background])
+    return color[0] if isinstance(color, list) else background
+
+
+def check_background(settings: dict[str, Any]) -> None:
+    """Raise `ValueError` unless a fit with these settings can have its background."""
+    background = settings["background"]
+    is_color = (
+        isinstance(background, list)
+        and _is_table([background])
+        and all(0 <= value <= 1 for value in background)
+    )
+    is_name = isinstance(background, str) and background in get_args(names.FitBackground)
+    if not is_color and not is_name:
+        allowed = ", ".join(map(repr, get_args(names.FitBackground)))
+        raise ValueError(
+            f"`background` must be one of {allowed}, or a colour [3] in 0..1; got "
+            f"{background!r:.60}."
+        )
+    if settings["family"] == "mesh" and background != "mean":
+        raise ValueError("a mesh covers the canvas: `background` is for layers.")
