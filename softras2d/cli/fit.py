@@ -83,6 +83,8 @@ def fit_picture(
             "background": fit_steering.parse_background(background),
             "freeze": fit_steering.parse_freeze(freeze),
         }
+        for path in (*(targets or []), weights, resume):
+            check_input(path)
         target = targets[0] if targets else None
         outputs = output or [_default_output(target)]
         options = PictureOptions(
@@ -92,8 +94,6 @@ def fit_picture(
         with option_words(options.values):
             _check_arguments(settings, steps, seconds)
         check_start(start, family)
-        for path in (*(targets or []), weights, resume):
-            check_input(path)
         if animation is not None:
             film = {"output": output, "seconds": seconds, "resume": resume, "watch": watch}
             _check_film(targets or [], animation, settings | others | film)
