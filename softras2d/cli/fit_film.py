@@ -89,9 +89,10 @@ def film_summary(
     elapsed = time.perf_counter() - began
     psnr = float(np.mean([result.psnr for result in results]))
     changes = 255 * flicker([result.image for result in results], targets)
+    frames = "1 frame" if len(results) == 1 else f"{len(results)} frames"
     still = "" if np.isnan(changes) else f", flicker {changes:.2f} levels of 255"
     return (
-        f"{options.animation}: {len(results)} frames, {len(results[0].scene.triangles)} triangles, "
+        f"{options.animation}: {frames}, {len(results[0].scene.triangles)} triangles, "
         f"mean PSNR {psnr:.2f} dB{still}, {options.animation.stat().st_size} bytes, "
         f"{elapsed:.1f} s, {elapsed / len(results):.2f} s a frame"
     )

@@ -1,11 +1,13 @@
 """Options of `softras2d fit`."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, NamedTuple, get_args
 
 import typer
 
 from .. import names
+from .fit_paths import BUNDLED
 
 _RESULT = "The result"
 SEARCH = "The optimisation"
@@ -246,3 +248,29 @@ class FilmOptions(NamedTuple):
     temporal: float
     fps: float
     digits: int | None
+
+
+class PictureOptions(NamedTuple):
+    """Values of the options for one picture that are no settings of the fit itself.
+
+    - `target`: the picture to fit; None: a bundled one; `-`: standard input.
+    - The others are those of the options with these names.
+    """
+
+    target: Path | None
+    outputs: list[Path]
+    digits: int | None
+    weights: Path | None
+    focus: Sequence[Rectangle]
+    start: str
+    resume: Path | None
+    watch: bool
+    browser: bool
+
+    @property
+    def values(self) -> dict[str, object]:
+        """What the user gave for arguments of `fit`, to be named in its errors."""
+        return {
+            "target": self.target or BUNDLED, "weights": self.weights, "start": self.start,
+            "resume": self.resume,
+        }  # fmt: skip

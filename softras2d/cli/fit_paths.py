@@ -11,6 +11,9 @@ from ..io.outputs import WRITABLE, check_writable_path
 STANDARD = Path("-")
 """Standard input or standard output, in place of a file."""
 
+BUNDLED = "valley"
+"""Name of the bundled picture that is fitted if the command names none."""
+
 COMPACT = ".s2d"
 """Suffix of compact binary files."""
 

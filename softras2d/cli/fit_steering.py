@@ -1,9 +1,11 @@
 """Options of `softras2d fit` that steer a fit: palette, background, and what is frozen."""
 
 import re
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import typer
+
+from .. import names
 
 _STEERING = "Steering"
 
@@ -43,26 +45,48 @@ def parse_palette(text: str | None) -> Any:
     """A number of colours, or a list of RGB values in 0..1, as `fit` takes them."""
     if text is None:
         return None
-    if text.strip().isdecimal():
-        return int(text)
-    colors = [_parse_color(part.strip()) for part in text.split(",")]
-    if None in colors:
+    # Imported here, because it loads numpy, which `softras2d --help` does without.
+    from ..fitting.steering import MAX_PALETTE
+
+    is_number = re.fullmatch(r"\s*[0-9]{1,9}\s*", text) is not None
+    colors = None if is_number else [_parse_color(code.strip()) for code in text.split(",")]
+    if colors is not None and None in colors:
         raise ValueError(
             f"--palette must be a number of colours, or colours such as #ff8000,#000000; got "
             f"{text!r:.60}."
         )
-    return colors
+    count = int(text) if colors is None else len(colors)
+    if not 1 <= count <= MAX_PALETTE:
+        raise ValueError(f"--palette must have from 1 to {MAX_PALETTE} colours; got {count}.")
+    return count if colors is None else colors
 
 
 def parse_background(text: str) -> Any:
-    """A name or a colour, as `fit` takes them; an unknown name is refused there."""
-    color = _parse_color(text.strip())
+    """A name or a colour, as `fit` takes them."""
+    known, color = get_args(names.FitBackground), _parse_color(text.strip())
+    if text not in known and color is None:
+        raise ValueError(
+            f"--background must be one of {', '.join(map(repr, known))}, or a colour such as "
+            f"#ff8000; got {text!r:.60}."
+        )
     return text if color is None else color
 
 
 def parse_freeze(text: str | None) -> list[str] | None:
     """The names of what is frozen, as `fit` takes them."""
-    return None if text is None else [name.strip() for name in text.split(",")]
+    if text is None:
+        return None
+    from ..fitting.steering import MASKED
+
+    groups = [name.strip() for name in text.split(",")]
+    # The groups with masks are for Python: an option cannot hold an array.
+    allowed = [group for group in get_args(names.FreezeGroup) if group not in MASKED]
+    for group in groups:
+        if group not in allowed:
+            raise ValueError(
+                f"--freeze must have names from {', '.join(map(repr, allowed))}; got {group!r:.60}."
+            )
+    return groups
 
 
 def _parse_color(text: str) -> list[float] | None:

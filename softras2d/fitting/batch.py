@@ -1,7 +1,7 @@
 """The public function `fit_batch`, which fits several images of one size by one program."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -69,13 +69,11 @@ def fit_batch(
     """
     began = time.perf_counter()
     groups, masks = steering.settle_freeze(freeze)
-    if masks:
-        raise ValueError("`freeze` of a batch takes no masks: fit such targets one by one.")
+    _refuse_masks(masks)
     given: dict[str, Any] = {
         "triangles": triangles, "family": "layers", "solver": solver, "seed": seed, "size": size,
         "shading": shading, "translucent": translucent, "softness": softness,
-        "colors": colors, "loss": loss, "light": light, "palette": palette,
-        "freeze": groups,
+        "colors": colors, "loss": loss, "light": light, "palette": palette, "freeze": groups,
         "background": background,
     }  # fmt: skip
     if devices is not None and len(devices) == 0:
@@ -90,17 +88,16 @@ def fit_batch(
     if resume is not None:
         for result in earlier:
             check_resume(result, images[0])
+            _refuse_masks(result.settings["freeze"])
     settings = _settings(given, _for_each("start", start, count), earlier, steps, seconds)
     weight_maps = _weight_maps(weights, earlier)
     limits = Limits.of(began, steps, seconds)
     with jax.enable_x64(False), deferred_interrupt() as interrupt:
-        weighted = [
-            Target(image, choices.prepare_weights(weight_map, image))
-            for image, weight_map in zip(images, weight_maps, strict=True)
-        ]
         tasks = [
-            Task(target, fit_settings, result)
-            for target, fit_settings, result in zip(weighted, settings, earlier, strict=True)
+            Task(Target(image, choices.prepare_weights(weight_map, image)), fit_settings, result)
+            for image, weight_map, fit_settings, result in zip(
+                images, weight_maps, settings, earlier, strict=True
+            )
         ]
         interrupted = _run(tasks, limits, report, lambda: interrupt.requested, devices)
         results = []
@@ -113,6 +110,12 @@ def fit_batch(
     if interrupt.requested:
         return [replace(result, interrupted=True) for result in results]
     return results
+
+
+def _refuse_masks(groups: Iterable[str]) -> None:
+    """Raise `ValueError` if any of these groups of the option `freeze` has a mask."""
+    if any(group in steering.MASKED for group in groups):
+        raise ValueError("`freeze` of a batch takes no masks: fit such targets one by one.")
 
 
 def _check_targets(targets: Sequence[Any], transparent: bool) -> list[Image]:

@@ -147,8 +147,7 @@ def fit(
         "triangles": triangles, "family": family, "solver": solver, "seed": seed, "size": size,
         "shading": shading, "translucent": translucent, "softness": softness, "colors": colors,
         "loss": loss, "light": light, "start": start, "palette": palette,
-        "freeze": freeze,
-        "background": background,
+        "freeze": freeze, "background": background,
     }  # fmt: skip
     # A program that fits many images would otherwise keep compiled code for each size and number.
     drop_programs()

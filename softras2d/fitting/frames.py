@@ -93,11 +93,13 @@ def fit_frames(
     return film.results
 
 
-def _check(frame_steps: int, temporal: int | float) -> None:
+def _check(frame_steps: Any, temporal: Any) -> None:
     """Raise `ValueError` for values of the arguments that only films have."""
-    if isinstance(frame_steps, bool) or frame_steps < 1:
+    is_whole = isinstance(frame_steps, int) and not isinstance(frame_steps, bool)
+    if not is_whole or frame_steps < 1:
         raise ValueError(f"`frame_steps` must be a whole number from 1 on; got {frame_steps!r}.")
-    if not 0 <= temporal < float("inf"):
+    is_number = isinstance(temporal, int | float) and not isinstance(temporal, bool)
+    if not is_number or not 0 <= temporal < float("inf"):
         raise ValueError(f"`temporal` must be a number from 0 on; got {temporal!r}.")
 
 

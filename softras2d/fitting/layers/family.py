@@ -10,6 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from ...color import premultiply
 from ...numerics.device import to_device
@@ -20,7 +21,7 @@ from ...rendering.planner import plan
 from ...scene import Scene
 from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
-from ..frozen import Mask, freeze, with_frozen
+from ..frozen import freeze, with_frozen
 from ..palette import (
     PALETTE_START,
     VISIBLE,
@@ -37,9 +38,11 @@ from ..target import Target
 from ..trees import fill_tree
 from ..units import POSITION_UNIT
 from . import saved, schedule
+from .canvas import OVERSHOOT, near_canvas, overshoot_of
 from .exchange import Replacement, find_exchange
 from .placement import place, random_triangles
 from .start import background_of, start_of
+from .steering import frozen_fields, has_palette_background
 from .unknowns import LayersData, LayersResidual, LayersUnknowns, layers_scene
 
 _NEW_SIZE, _EXCHANGED_SIZE = 0.9, 0.35
@@ -49,10 +52,6 @@ average; and the factor by which triangles that an exchange places are smaller."
 _SPARE_PIXELS, _SPARE_WIDTHS = -16.0, -4.0
 """Both coordinates of a spare triangle: the first number, in pixels, plus the second times the
 largest width of a soft edge."""
-
-_OVERSHOOT = 0.4
-"""Distance by which a corner may leave the canvas, in longer sides of the canvas, unless a scene to
-start from leaves it by more. Hard mode clips what is more than half a side outside."""
 
 
 class _Earlier(NamedTuple):
@@ -99,9 +98,10 @@ class LayersFit(AbstractFit):
         if state is None and "triangles" in request.masks:
             check_length("triangles", request.masks["triangles"], self.active)
         self._freeze(y)
-        self._overshoot = _OVERSHOOT
+        self._overshoot = OVERSHOOT
         if isinstance(start, Scene):
-            self._overshoot = max(_OVERSHOOT, self._overshoot_of(y))
+            corners = np.asarray(y.corners[: self.active])
+            self._overshoot = max(OVERSHOOT, overshoot_of(corners, self.height, self.width))
         self.residual = LayersResidual(self._plan([self.likely_scene()]), request.loss)
         self.progress = begin(request.solver, self.residual, y, self.data)
         self._earlier: _Earlier | None = None
@@ -112,14 +112,6 @@ class LayersFit(AbstractFit):
     def max_triangles(self) -> int:
         """The option `triangles`."""
         return self.request.settings["triangles"]
-
-    @property
-    def _has_palette_background(self) -> bool:
-        """Whether the background has a colour of the palette, too."""
-        background = self.request.settings["background"]
-        is_given = background != "fit" and self.request.starts_from_object
-        is_chosen = len(self._background) == 3 and background in ("mean", "fit") and not is_given
-        return self._palette is not None and is_chosen
 
     @property
     def _spare_position(self) -> float:
@@ -154,23 +146,8 @@ class LayersFit(AbstractFit):
     def _freeze(self, y: LayersUnknowns) -> None:
         """Freeze what the options say, and colours of the palette, at their values in `y`."""
         if self.request.may_freeze:
-            frozen = freeze(y, self._masks())
-            self.data = self.data._replace(frozen=frozen)
-
-    def _masks(self, *, palette: bool = True) -> dict[str, bool | Mask]:
-        """The frozen fields of the unknowns: whole ones, or the triangles of the mask.
-
-        `palette`: include the colours if the palette decides them.
-        """
-        groups, triangles = self.request.settings["freeze"], self.request.masks.get("triangles")
-        fields = {"positions": "corners", "colors": "colors", "opacity": "opacity"}
-        masks: dict[str, bool | Mask] = {}
-        for group, field in fields.items():
-            if group in groups or (field == "colors" and palette and self._is_quantized):
-                masks[field] = True
-            elif triangles is not None:
-                masks[field] = triangles
-        return masks
+            masks = frozen_fields(self.request, has_fixed_colors=self._is_quantized)
+            self.data = self.data._replace(frozen=freeze(y, masks))
 
     def _drawn(self, y: LayersUnknowns) -> LayersUnknowns:
         """The unknowns with the frozen ones at their values."""
@@ -229,14 +206,17 @@ class LayersFit(AbstractFit):
         )
         if before.opacity is not None:
             y = y._replace(opacity=before.opacity.at[used].set(scene.colors[..., 3].mean(1)))
-        y = with_frozen(y, freeze(before, self._masks(palette=False)))
+        y = with_frozen(y, freeze(before, frozen_fields(self.request, has_fixed_colors=False)))
         self._freeze(y)
         self._background = np.asarray(scene.background)
         self.data = self.data._replace(background=scene.background)
+        self._go_to(y)
+
+    def _go_to(self, y: LayersUnknowns) -> None:
+        """Go on from these unknowns, and forget the best so far."""
         self._earlier = None
-        self.progress = forget_best(
-            move(self.request.solver, self.residual, self.progress, y, self.data)
-        )
+        moved = move(self.request.solver, self.residual, self.progress, y, self.data)
+        self.progress = forget_best(moved)
 
     def _scene_of(self, y: LayersUnknowns, drawn: slice) -> Scene:
         """The scene of some of the triangles, in colours of the palette if there is one."""
@@ -244,9 +224,9 @@ class LayersFit(AbstractFit):
         background = self.data.background
         if self._palette is not None and not self._is_quantized:
             y = y._replace(colors=in_palette(self._palette, y.colors))
-            if self._has_palette_background:
+            if has_palette_background(self.request, self._background):
                 background = in_palette(self._palette, background)
-        return layers_scene(self._near_canvas(y), background)
+        return layers_scene(y._replace(corners=self._near_canvas(y.corners)), background)
 
     def polish(self) -> None:
         """Go to the best unknowns so far, with the colours of least squared error."""
@@ -256,9 +236,7 @@ class LayersFit(AbstractFit):
         if not self.residual.plan.holds(needed):
             self.residual = LayersResidual(needed, loss)
         y = best_colors(self.residual, y, self.data, loss.light)
-        self._earlier = None
-        moved = move(self.request.solver, self.residual, self.progress, y, self.data)
-        self.progress = forget_best(moved)
+        self._go_to(y)
 
     def replan(self, reached: list[LayersUnknowns]) -> LayersResidual:
         """Make a residual with capacity for these unknowns and for the likely scene."""
@@ -272,7 +250,7 @@ class LayersFit(AbstractFit):
             self.progress = set_learning_rate(self.progress, schedule.learning_rate(share))
             y = self.progress.y
             is_spare = jnp.arange(self.length)[:, None, None] >= self.active
-            corners = jnp.where(is_spare, y.corners, self._near_canvas(y).corners)
+            corners = jnp.where(is_spare, y.corners, self._near_canvas(y.corners))
             self.progress = self.progress._replace(y=y._replace(corners=corners))
         if self.request.places_by_error:
             self._add_or_exchange(share)
@@ -316,18 +294,9 @@ class LayersFit(AbstractFit):
             self.data = self.data._replace(width=to_device(width))
             self._earlier, self.progress = None, forget_best(self.progress)
 
-    def _overshoot_of(self, y: LayersUnknowns) -> float:
-        """Distance by which triangles in use leave the canvas, in longer sides of the canvas."""
-        side = max(self.height, self.width)
-        outside = np.abs(np.asarray(y.corners[: self.active]) * POSITION_UNIT / side - 0.5) - 0.5
-        return float(outside.max(initial=0.0))
-
-    def _near_canvas(self, y: LayersUnknowns) -> LayersUnknowns:
-        """Clip the corners of the unknowns to the neighbourhood of the canvas."""
-        side = max(self.height, self.width)
-        low = -self._overshoot * side / POSITION_UNIT
-        high = (1 + self._overshoot) * side / POSITION_UNIT
-        return y._replace(corners=jnp.clip(y.corners, low, high))
+    def _near_canvas(self, corners: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Clip corners to the neighbourhood of the canvas."""
+        return near_canvas(corners, self._overshoot, self.height, self.width)
 
     def _add(self, count: int) -> None:
         """Put up to `count` new triangles in front, where they lower the error most."""
@@ -386,10 +355,7 @@ class LayersFit(AbstractFit):
             return
         self._background = background
         self.data = self.data._replace(background=to_device(background))
-        self._earlier = None
-        self.progress = forget_best(
-            move(self.request.solver, self.residual, self.progress, y, self.data)
-        )
+        self._go_to(y)
 
     def _quantize(self, palette: Palette) -> None:
         """Choose the palette's colour for each triangle anew, and solve for the palette.
@@ -400,7 +366,7 @@ class LayersFit(AbstractFit):
         new = quantize(
             self.residual, y, self.data._replace(frozen=None), self.request.target.premultiplied(),
             palette, is_free=self.request.finds_palette,
-            has_background=self._has_palette_background,
+            has_background=has_palette_background(self.request, self._background),
         )  # fmt: skip
         if self._is_quantized and new.is_close(np.asarray(y.colors), palette):
             return
@@ -409,10 +375,7 @@ class LayersFit(AbstractFit):
         y = y._replace(colors=to_device(new.colors[:, None]))
         self.data = self.data._replace(background=to_device(new.background))
         self._freeze(y)
-        self._earlier = None
-        self.progress = forget_best(
-            move(self.request.solver, self.residual, self.progress, y, self.data)
-        )
+        self._go_to(y)
 
     def own_state(self) -> dict[str, np.ndarray]:
         """Random generator, background, edge width, and the best point before a replacement."""

@@ -1,0 +1,161 @@
+"""Fits one picture, for `softras2d fit`. Imports JAX: for use within a command."""
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from .. import pictures
+from ..fitting.fit import fit
+from ..fitting.result import FitResult
+from ..io.images import MAX_IMAGE_BYTES, decode_image, read_image
+from ..numerics.compilation_cache import keep_compiled_programs
+from .fit_bar import FitBar
+from .fit_files import AnimationFrames, write_all
+from .fit_options import SECONDS, PictureOptions
+from .fit_paths import BUNDLED, STANDARD, find_suffix
+from .fit_start import read_start
+from .fit_summary import summary
+from .fit_weights import pixel_weights
+from .fit_words import option_words
+from .session import print_message
+from .stopping import answered_signals
+from .view import import_server, shown_address
+
+_ANIMATION_SECONDS = 5.0
+"""Time reserved for drawing an animation; at most three tenths of the time limit."""
+
+_BROWSER_SECONDS = 4.0
+"""Time reserved for drawing an SVG's gradients as browsers do; at most a fifth of the limit."""
+
+_LAST_PICTURE_SECONDS = 10.0
+"""Longest time to wait until the page that watches a fit has its last picture."""
+
+
+def fit_single_picture(
+    options: PictureOptions,
+    settings: dict[str, Any],
+    steps: int | None,
+    seconds: float | None,
+    began: float,
+    console: Console,
+    bar: FitBar,
+) -> None:
+    """Fit one picture, write its files, and print a line about them.
+
+    - `settings`: arguments of `fit`, other than those in `options`.
+    - `seconds`: time limit of the whole command, which started at `began`.
+
+    Raises `KeyboardInterrupt` at the end if the fit was interrupted.
+    """
+    keep_compiled_programs()
+    outputs, resume, target = options.outputs, options.resume, options.target
+    family, shading = settings["family"], settings["shading"]
+    bar.show(f"reading {target or BUNDLED}")
+    picture = _read_picture(target)
+    _check_alpha(outputs, picture, settings["background"])
+    height, width = picture.shape[:2]
+    earlier = None if resume is None else FitResult.load(resume)
+    if earlier is not None and steps is not None:
+        _check_more_steps(steps, earlier, resume, console)
+    frames = AnimationFrames((height, width)) if find_suffix(outputs, ".gif") else None
+    start = (
+        "error" if earlier else read_start(options.start, family, settings["size"], height, width)
+    )
+    weights = pixel_weights(options.weights, options.focus, height, width)
+    if steps is None:
+        gradients = bool(find_suffix(outputs, ".svg")) and _has_corner_colors(family, shading)
+        seconds = _seconds_of_fit(seconds, began, frames is not None, gradients)
+    with _watched(picture, target, options.watch, options.browser) as watched:
+        bar.followers = [follower for follower in (frames, watched) if follower is not None]
+        bar.show("starting")
+        with option_words(options.values), answered_signals(console):
+            result = fit(
+                picture, **settings, seconds=seconds, steps=steps, weights=weights, start=start,
+                resume=earlier, report=bar.report, checkpoint=find_suffix(outputs, ".npz"),
+            )  # fmt: skip
+        bar.show("writing")
+        write_all(outputs, result, frames, options.digits)
+        elapsed = time.perf_counter() - began
+        line = summary(outputs, result, elapsed=elapsed, shares=bar.shares, seconds=seconds)
+        # Standard output may be the SVG itself.
+        stdout = Console(soft_wrap=True, highlight=False, stderr=STANDARD in outputs)
+        stdout.print(line, markup=False)
+        if watched is not None:
+            watched.finish(result, _LAST_PICTURE_SECONDS)
+    if result.interrupted:
+        raise KeyboardInterrupt
+
+
+def _check_alpha(outputs: list[Path], picture: Any, background: Any) -> None:
+    """Raise `ValueError` for a JPEG of a picture with alpha, or of a transparent background."""
+    for path in outputs:
+        if background == "transparent" and path.suffix.lower() in (".jpg", ".jpeg"):
+            raise ValueError(f"{path}: JPEG stores no alpha, which --background transparent needs.")
+    if picture.shape[-1] == 4 and bool((picture[..., 3] < 1).any()):
+        for path in outputs:
+            if path.suffix.lower() in (".jpg", ".jpeg"):
+                raise ValueError(f"{path}: JPEG stores no alpha, which the picture to fit has.")
+
+
+def _check_more_steps(steps: int, earlier: Any, resume: Path | None, console: Console) -> None:
+    """Warn if a resumed fit has taken all of the steps that the user asks for."""
+    taken = earlier.history[-1].steps if earlier.history else 0
+    if steps <= taken:
+        message = (
+            f"--steps {steps}: no step is taken, because steps are counted from the start of the "
+            f"fit, and {resume} has {taken}; --steps {taken + 100} would take 100 more"
+        )
+        print_message("warning", message, console)
+
+
+def _read_picture(target: Path | None) -> Any:
+    """Read the picture to fit: a file, standard input, or a bundled picture."""
+    if target == STANDARD:
+        return decode_image(sys.stdin.buffer.read(MAX_IMAGE_BYTES), "-")
+    return read_image(pictures.path(BUNDLED) if target is None else target)
+
+
+def _has_corner_colors(family: str, shading: str | None) -> bool:
+    """Whether the triangles of the fit will have one colour per corner."""
+    return shading != "flat" if family == "mesh" else shading not in (None, "flat")
+
+
+def _seconds_of_fit(seconds: float | None, began: float, animation: bool, gradients: bool) -> float:
+    """Seconds that are left for the fit itself.
+
+    - `seconds`: time limit of the whole command, which started at `began`.
+    - `animation`, `gradients`: whether an animation, or an SVG with gradients, is drawn afterwards.
+    """
+    elapsed = time.perf_counter() - began
+    limit = SECONDS if seconds is None else seconds
+    reserved = elapsed + animation * min(_ANIMATION_SECONDS, 0.3 * limit)
+    if gradients:
+        reserved += min(_BROWSER_SECONDS, 0.2 * limit)
+    return max(1e-3, limit - reserved)
+
+
+@contextmanager
+def _watched(picture: Any, target: Path | None, watch: bool, browser: bool) -> Iterator[Any]:
+    """Serve a page that shows the fit; yields what the fit reports to, or None without --watch.
+
+    The picture to fit is the second file of the page, to compare the fit with.
+    """
+    if not watch:
+        yield None
+        return
+    import_server()
+    from ..viewing.image import Image
+    from ..viewing.serve import ViewerServer
+    from ..viewing.session import Session
+    from ..viewing.watched_fit import WatchedFit
+
+    name = BUNDLED if target is None else target.name
+    fit = WatchedFit(f"fit of {name}", *picture.shape[:2])
+    subjects = [fit, Image(name, lambda: picture)]
+    with ViewerServer(Session(subjects)) as server, shown_address(server.url, browser):
+        yield fit

@@ -1,0 +1,34 @@
+"""How far the corners of fitted triangles may leave the canvas."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..units import POSITION_UNIT
+
+OVERSHOOT = 0.4
+"""Distance by which a corner may leave the canvas, in longer sides of the canvas, unless a scene to
+start from leaves it by more. Hard mode clips what is more than half a side outside."""
+
+
+def overshoot_of(corners: Float[np.ndarray, "triangles 3 2"], height: int, width: int) -> float:
+    """Largest distance by which corners leave the canvas, in longer sides of the canvas.
+
+    - `corners`: as unknowns, in multiples of `POSITION_UNIT`.
+    - `height`, `width`: of the canvas, in pixels.
+    """
+    outside = np.abs(corners * POSITION_UNIT / max(height, width) - 0.5) - 0.5
+    return float(outside.max(initial=0.0))
+
+
+def near_canvas(
+    corners: Float[Array, "triangles 3 2"], overshoot: float, height: int, width: int
+) -> Float[Array, "triangles 3 2"]:
+    """Clip corners to the neighbourhood of the canvas.
+
+    - `overshoot`: distance by which they may leave it, in longer sides of the canvas.
+    - `corners`, `height`, `width`: as in `overshoot_of`.
+    """
+    side = max(height, width)
+    low, high = -overshoot * side / POSITION_UNIT, (1 + overshoot) * side / POSITION_UNIT
+    return jnp.clip(corners, low, high)
