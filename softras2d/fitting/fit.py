@@ -15,7 +15,7 @@ from ..numerics.compiled_programs import drop_programs
 from ..scene import Scene
 from . import choices, steering
 from .budget import Budget, Limits
-from .interrupt import deferred_interrupt
+from .interrupt import Interrupt, deferred_interrupt
 from .loop import ProgressReport, run
 from .loss import LossFunction
 from .prepare import check_images, check_resume, freeze_of, is_transparent, settings_to_resume
@@ -170,21 +170,32 @@ def fit(
 
         weighted = Target(image, choices.prepare_weights(weights, image))
         task = Task(weighted, settings, resume, must_start, masks)
-        try:
-            interrupted = _run(
-                task, limits, report, callback, checkpoint, lambda: interrupt.requested
-            )
-            if not (interrupted or interrupt.requested):
-                task.polish(at_full_size=callback is None)
-            result = task.result(interrupted or interrupt.requested)
-        except KeyboardInterrupt:
-            if checkpoint is not None:
-                _save(task.unscored_result(), checkpoint)
-            raise
-        if checkpoint is not None and result.interrupted:
-            # At once, because a second Ctrl-C may end the program before it can save the result.
-            _save(result, checkpoint)
+        result = _fit_to_the_end(task, limits, report, callback, checkpoint, interrupt)
     return replace(result, interrupted=True) if interrupt.requested else result
+
+
+def _fit_to_the_end(
+    task: Task,
+    limits: Limits,
+    report: Callable[[ProgressReport], None] | None,
+    callback: Callback | None,
+    checkpoint: str | os.PathLike[str] | None,
+    interrupt: Interrupt,
+) -> FitResult:
+    """Run a fit, solve for its colours, and make its result; save what there is on Ctrl-C."""
+    try:
+        interrupted = _run(task, limits, report, callback, checkpoint, lambda: interrupt.requested)
+        if not (interrupted or interrupt.requested):
+            task.polish(at_full_size=callback is None)
+        result = task.result(interrupted or interrupt.requested)
+    except KeyboardInterrupt:
+        if checkpoint is not None:
+            _save(task.unscored_result(), checkpoint)
+        raise
+    if checkpoint is not None and result.interrupted:
+        # At once, because a second Ctrl-C may end the program before it can save the result.
+        _save(result, checkpoint)
+    return result
 
 
 def _check_checkpoint(path: Path) -> None:

@@ -29,6 +29,7 @@ from jaxtyping import Float32, UInt8
 from ..color import linear_to_srgb, premultiply, srgb_to_linear, unpremultiply
 from .budget import BudgetError
 from .drafts import atomic_file
+from .image_errors import reason_text, unreadable
 from .outputs import WRITABLE, check_writable_path
 
 MAX_IMAGE_BYTES = 2**30
@@ -38,20 +39,6 @@ limit is 89 million RGB pixels, or 67 million RGBA pixels (8192 x 8192)."""
 
 _INTEGERS = {"uint8": (oiio.UINT8, 255), "uint16": (oiio.UINT16, 65535)}
 """For each integer format, the type in which it is read, and the integer that means 1."""
-
-
-_UNREAD_KINDS = {
-    b"ftyp" + brand: kind
-    for kind, brands in {
-        "HEIC": (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"),
-        "AVIF": (b"avif", b"avis"),
-    }.items()
-    for brand in brands
-}
-"""Formats of phones and browsers that OpenImageIO (3.2) is built without, by bytes 4 to 11.
-
-**Source:** ISO/IEC 23008-12 (HEIF), annex on brands; AV1 Image File Format, section on brands.
-"""
 
 
 def read_image(
@@ -77,7 +64,7 @@ def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
         raise ValueError(f"{path}: no such file.")
     source = oiio.ImageInput.open(str(path))
     if source is None:
-        raise ValueError(_unreadable(str(path), path))
+        raise ValueError(unreadable(str(path), path))
     try:
         spec = source.spec()
     finally:
@@ -208,7 +195,7 @@ def _read_channels(
     hint.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(str(path), hint)
     if source is None:
-        raise ValueError(_unreadable(name, path))
+        raise ValueError(unreadable(name, path))
     try:
         spec = source.spec()
         _check_size(name, spec)
@@ -221,7 +208,7 @@ def _read_channels(
     finally:
         source.close()
     if pixels is None or error:
-        raise ValueError(f"{name}: the image is damaged or cut short{_reason(error, path)}.")
+        raise ValueError(f"{name}: the image is damaged or cut short{reason_text(error, path)}.")
     shape = (spec.height, spec.width, spec.nchannels)
     # Division rounds correctly; OpenImageIO multiplies by a rounded 1/255. A signalling NaN makes
     # numpy warn here, and is reported by `_check_finite` later.
@@ -372,9 +359,9 @@ def open_output(draft: Path, path: Path, spec: Any) -> Any:
     """Open `draft` for writing; raises `ValueError`, which calls it `path`."""
     target = oiio.ImageOutput.create(str(draft))
     if target is None:
-        raise ValueError(f"{path}: cannot be written{_reason(oiio.geterror(), draft)}.")
+        raise ValueError(f"{path}: cannot be written{reason_text(oiio.geterror(), draft)}.")
     if not target.open(str(draft), spec):
-        raise ValueError(f"{path}: cannot be written{_reason(target.geterror(), draft)}.")
+        raise ValueError(f"{path}: cannot be written{reason_text(target.geterror(), draft)}.")
     return target
 
 
@@ -382,7 +369,7 @@ def close_output(target: Any, draft: Path, path: Path, is_written: bool) -> None
     """Close `draft`; raise `ValueError`, which calls it `path`, unless it is complete."""
     # Closing writes buffered data, so it may fail if the disk is full.
     if not (target.close() and is_written) or not _is_complete(draft):
-        raise ValueError(f"{path}: cannot be written{_reason(target.geterror(), draft)}.")
+        raise ValueError(f"{path}: cannot be written{reason_text(target.geterror(), draft)}.")
 
 
 def _is_complete(draft: Path) -> bool:
@@ -392,24 +379,3 @@ def _is_complete(draft: Path) -> bool:
     with draft.open("rb") as file:
         file.seek(max(0, draft.stat().st_size - 8))
         return file.read() == b"IEND\xae\x42\x60\x82"
-
-
-def _unreadable(name: str, path: Path) -> str:
-    """The error about a file that OpenImageIO does not open; for known formats, with the cure."""
-    reason = _reason(oiio.geterror(), path)
-    with path.open("rb") as file:
-        kind = _UNREAD_KINDS.get(file.read(12)[4:])
-    if kind is not None:
-        return f"{name}: {kind} is not read; save the picture as JPEG or PNG first."
-    return f"{name}: not an image that can be read{reason}."
-
-
-def _reason(message: str, path: Path) -> str:
-    """First line of a message of OpenImageIO in parentheses, without the name of the file."""
-    first = message.strip().splitlines()[0] if message.strip() else ""
-    for quoted in (f' ("{path}")', f" ({path})"):
-        first = first.replace(quoted, "")
-    for named in (f'"{path}"', str(path), path.name):
-        first = first.replace(named, "it")
-    first = "".join(c if c.isprintable() else "?" for c in first).rstrip(".")
-    return f" ({first})" if first else ""

@@ -247,9 +247,9 @@ def test_without_a_photo_a_bundled_picture_is_fitted(photo, tmp_path):
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGINT")
 def test_ctrl_c_saves_the_best_so_far(photo, tmp_path):
     output = tmp_path / "a.npz"
-    command = [*COMMAND, str(photo), "-n", "8", "--steps", "100000", "-o", str(output)]
+    command = [*COMMAND, str(photo), "-n", "8", "--steps", "100000000", "-o", str(output)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    # The steps would take many minutes; half a minute after they begin there is a checkpoint.
+    # The steps would take hours; half a minute after they begin there is a checkpoint.
     limit = time.monotonic() + 300
     while not output.exists():
         assert process.poll() is None and time.monotonic() < limit

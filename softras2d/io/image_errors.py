@@ -1,0 +1,39 @@
+"""Errors about image files in one line: what OpenImageIO says, without paths and line breaks."""
+
+from pathlib import Path
+
+import OpenImageIO as oiio
+
+_UNREAD_KINDS = {
+    b"ftyp" + brand: kind
+    for kind, brands in {
+        "HEIC": (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"),
+        "AVIF": (b"avif", b"avis"),
+    }.items()
+    for brand in brands
+}
+"""Formats of phones and browsers that OpenImageIO (3.2) is built without, by bytes 4 to 11.
+
+**Source:** ISO/IEC 23008-12 (HEIF), annex on brands; AV1 Image File Format, section on brands.
+"""
+
+
+def unreadable(name: str, path: Path) -> str:
+    """The error about a file that OpenImageIO does not open; for known formats, with the cure."""
+    reason = reason_text(oiio.geterror(), path)
+    with path.open("rb") as file:
+        kind = _UNREAD_KINDS.get(file.read(12)[4:])
+    if kind is not None:
+        return f"{name}: {kind} is not read; save the picture as JPEG or PNG first."
+    return f"{name}: not an image that can be read{reason}."
+
+
+def reason_text(message: str, path: Path) -> str:
+    """First line of a message of OpenImageIO in parentheses, without the name of the file."""
+    first = message.strip().splitlines()[0] if message.strip() else ""
+    for quoted in (f' ("{path}")', f" ({path})"):
+        first = first.replace(quoted, "")
+    for named in (f'"{path}"', str(path), path.name):
+        first = first.replace(named, "it")
+    first = "".join(c if c.isprintable() else "?" for c in first).rstrip(".")
+    return f" ({first})" if first else ""
