@@ -144,7 +144,7 @@ def _pair_search(
     return LayerPairs(samples, masks, shape.tiling)
 
 
-_OPAQUE_BLOCK, _LAYERED_BLOCK = 4096, 1024
+_OPAQUE_BLOCK, _LAYERED_BLOCK = 4096, 4096
 """Number of runs in a block: few enough for the data of a block to stay in a core's cache. That of
 layers is smaller, as a block takes as many steps as the sample with most layers."""
 
@@ -160,7 +160,13 @@ def _sweep(
     is_opaque = isinstance(samples, OpaqueSamples)
     block = min(_OPAQUE_BLOCK if is_opaque else _LAYERED_BLOCK, max(shape.crossings, 1))
     blocks = -(-shape.crossings // block)
-    runs = list_runs(outlines.count, capacity=blocks * block)
+    runs = list_runs(
+        outlines.first,
+        outlines.count,
+        outlines.sides.steep,
+        tiling=shape.tiling,
+        capacity=blocks * block,
+    )
     needed = jnp.sum(runs.rank >= 0, dtype=jnp.int32)
     dtype = outlines.sides.start.dtype
     if isinstance(samples, OpaqueSamples):
@@ -181,7 +187,7 @@ def _sweep(
             lambda entry: jax.lax.dynamic_slice_in_dim(entry, number * block, block), runs
         )
         sides, edges, _, first, count = outlines
-        crossings = find_crossings(sides, edges, first, count, block_runs, grid)
+        crossings = find_crossings(sides, edges, first, count, block_runs, shape.tiling)
         block_sweep = (crossings.t, crossings.pixel, jumps_at(crossings))
         return tuple(
             jax.lax.dynamic_update_slice_in_dim(all_runs, entry, number * block, entry.ndim - 1)
@@ -307,7 +313,7 @@ def _layered_jumps(
             jnp.where(is_thick, depth_at(depths, triangle, sample, tiling), on_edge)
             for sample in (crossings.inside, crossings.outside)
         )
-    edge_layer = EdgeLayer(triangle, color, depth_inside, depth_outside)
+    edge_layer = EdgeLayer(crossings.edge // 3, color, depth_inside, depth_outside)
     gains = edge_gains(samples, masks, crossings, edge_layer, tiling)
     # All layers at the sample outside show there.
     is_known = samples.colors.are_known(gains.covers_inside, jnp.ones_like(gains.covers_inside))

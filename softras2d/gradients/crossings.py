@@ -4,7 +4,8 @@ An edge of 45 degrees or steeper is intersected with the rows of samples, any ot
 columns. On each of these lines it passes between two samples, of which one is inside the triangle.
 Which two samples these are is decided by the same integers that decide coverage.
 
-Edges are cut into runs of `LINES` lines, so that the data of an edge are gathered once per run.
+Edges are cut into runs of up to `LINES` lines within a row or column of tiles, so that data of the
+edge and of the tiles are gathered once per run.
 """
 
 import functools
@@ -16,12 +17,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..binning.expansion import expand
 from ..geometry.fixed_point import Edges, Grid, GridTriangles, last_sample_until
+from ..geometry.tiling import Tiling
 from ..geometry.wrapped_value import WrappedValue
 from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
 
 LINES = 8
-"""Number of lines of samples in a run."""
+"""Largest number of lines of samples in a run. No side of a tile has fewer samples, so that the
+samples outside the edge of a run lie in one tile or in two: from one line to the next they move by
+one sample at most."""
 
 
 class Sample(NamedTuple):
@@ -105,9 +109,25 @@ def is_steep(segments: GridTriangles) -> Any:
     return xp.abs(segments.dy) >= xp.abs(segments.dx)
 
 
-def runs_of(count: Any) -> Any:
-    """Number of runs of an edge that crosses `count` lines. For numpy and jax alike."""
-    return -(-count // LINES)
+def count_runs(first: Any, count: Any, steep: Any, tiling: Tiling) -> Any:
+    """Number of runs of each edge, from the lines that it crosses. For numpy and jax alike.
+
+    `first` and `count` are `lines_crossed`. The result is 0 where `count` is.
+    """
+    tile_lines = _lines_of_tile(steep, tiling)
+    runs = _run_of_line(first + count - 1, tile_lines) - _run_of_line(first, tile_lines) + 1
+    return steep.__array_namespace__().where(count > 0, runs, 0)
+
+
+def _lines_of_tile(steep: Any, tiling: Tiling) -> Any:
+    """Number of lines of samples that cross a tile: its rows for steep edges, else its columns."""
+    return steep.__array_namespace__().where(steep, tiling.sample_rows, tiling.sample_columns)
+
+
+def _run_of_line(line: Any, tile_lines: Any) -> Any:
+    """Number of the run that a line is in, where the canvas is cut into runs tile by tile."""
+    runs_of_tile = -(-tile_lines // LINES)
+    return (line // tile_lines) * runs_of_tile + (line % tile_lines) // LINES
 
 
 class Run(NamedTuple):
@@ -153,13 +173,20 @@ class Runs(NamedTuple):
     rank: Int[Array, " runs"]
 
 
-@functools.partial(materialized, static_argnames=("capacity",))
-def list_runs(count: Int[Array, "3 triangles"], *, capacity: int) -> Runs:
+@functools.partial(materialized, static_argnames=("tiling", "capacity"))
+def list_runs(
+    first: Int[Array, "3 triangles"],
+    count: Int[Array, "3 triangles"],
+    steep: Bool[Array, "triangles 3"],
+    *,
+    tiling: Tiling,
+    capacity: int,
+) -> Runs:
     """List the runs of all edges; those beyond `capacity` are missing.
 
-    `count` is the number of lines that each edge crosses.
+    `first` and `count` are `lines_crossed`.
     """
-    by_edge = runs_of(count).T.reshape(-1)
+    by_edge = count_runs(first.T, count.T, steep, tiling).reshape(-1)
     edge, rank = expand(by_edge, capacity)
     is_used = jnp.arange(capacity, dtype=jnp.int32) < jnp.sum(by_edge, dtype=jnp.int32)
     return Runs(edge, jnp.where(is_used, rank, -1))
@@ -171,10 +198,11 @@ def find_crossings(
     first: Int[Array, "3 triangles"],
     count: Int[Array, "3 triangles"],
     runs: Runs,
-    grid: Grid,
+    tiling: Tiling,
 ) -> Crossings:
     """Find the crossings of some runs on the canvas; `first`, `count` are `lines_crossed`."""
-    run = _gather_runs(sides, edges, first, count, runs)
+    grid = tiling.grid
+    run = _gather_runs(sides, edges, first, count, runs, tiling=tiling)
     before, line, t, pixel, valid = _follow(run, grid)
     inside, outside = (
         _sample_beside(run, before, line, jnp.asarray(is_inside), grid)
@@ -185,13 +213,15 @@ def find_crossings(
     return Crossings(runs.edge, valid, inside, outside, gap, t, run.steep, outwards, pixel)
 
 
-@materialized
+@functools.partial(materialized, static_argnames=("tiling",))
 def _gather_runs(
     sides: Sides,
     edges: Edges,
     first: Int[Array, "3 triangles"],
     count: Int[Array, "3 triangles"],
     runs: Runs,
+    *,
+    tiling: Tiling,
 ) -> Run:
     """Gather the data of the edge of each run."""
     edge, rank = runs
@@ -205,11 +235,19 @@ def _gather_runs(
         for ends in (sides.start, sides.end)
     )
     across_start, along_start = jnp.where(steep, y0, x0), jnp.where(steep, x0, y0)
-    lines_left = count.T.reshape(-1)[edge] - rank * LINES
+    first_of_edge, count_of_edge = (lines.T.reshape(-1)[edge] for lines in (first, count))
+    tile_lines = _lines_of_tile(steep, tiling)
+    runs_of_tile = -(-tile_lines // LINES)
+    run = _run_of_line(first_of_edge, tile_lines) + rank
+    first_of_tile = (run // runs_of_tile) * tile_lines
+    start = first_of_tile + (run % runs_of_tile) * LINES
+    end = jnp.minimum(start + LINES, first_of_tile + tile_lines)
+    first_line = jnp.maximum(start, first_of_edge)
+    lines = jnp.minimum(end, first_of_edge + count_of_edge) - first_line
     return Run(
         steep,
-        first_line=first.T.reshape(-1)[edge] + rank * LINES,
-        lines=jnp.where(rank >= 0, lines_left, 0),
+        first_line=first_line,
+        lines=jnp.where(rank >= 0, lines, 0),
         across_start=across_start,
         across_extent=jnp.where(steep, y1, x1) - across_start,
         along_start=along_start,

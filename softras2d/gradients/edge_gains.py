@@ -32,24 +32,24 @@ from .layer_masks import (
     bits_before,
     count_planes,
     entry_bit,
-    find_in_lists,
     gather_masks,
     locate_layers,
-    visit_layers,
 )
 from .layered_samples import LayeredSamples, later_is_in_front
 from .layers_inside import InsideLanes, visit_inside
+from .run_layers import ListedEdges, list_edges, visit_run_layers
+from .run_tiles import RunTiles, tiles_of_runs
 
 
 class EdgeLayer(NamedTuple):
-    """The triangle of an edge, at each crossing.
+    """The triangle of the edge of each run, at its crossings.
 
     - `color`: premultiplied RGBA on the edge. Next to it, a triangle that is thinner than the
       distance of samples could only be given an extrapolated colour.
     - `depth_inside`, `depth_outside`: at both samples; None without depth.
     """
 
-    triangle: Int[Array, "lines runs"]
+    triangle: Int[Array, " runs"]
     color: Float[Array, "4 lines runs"]
     depth_inside: Float[Array, "lines runs"] | None
     depth_outside: Float[Array, "lines runs"] | None
@@ -79,7 +79,9 @@ class _State(NamedTuple):
     """State of the loop over the layers at the samples outside.
 
     - `in_front_of_both`: transmittance of the layers in front that cover both samples;
-      `in_front_outside`: of those that cover the sample outside alone.
+      `in_front_outside`: of those that cover the sample outside alone; `in_front_inside`: of those
+      that cover the sample inside alone, in the same list. The last is None where it is computed by
+      `layers_inside`.
     - `hidden`: whether a triangle drawn earlier lies nearer, so that this one fails the depth test.
     - `behind`: layers that remain visible behind the triangle; `if_absent`: layers that would be
       visible without it. The latter is None without depth, where both are equal.
@@ -87,6 +89,7 @@ class _State(NamedTuple):
 
     in_front_of_both: Float[Array, "lines runs"]
     in_front_outside: Float[Array, "lines runs"]
+    in_front_inside: Float[Array, "lines runs"] | None
     hidden: Bool[Array, "lines runs"]
     behind: _Behind
     if_absent: _Behind | None
@@ -96,15 +99,14 @@ class _Lists(NamedTuple):
     """Where the layers of both samples of each crossing are.
 
     - `is_one_list`: whether both samples are in one tile, so that their masks can be compared.
-    - `position`: number of entries before the triangle in the list of the sample outside.
-    - `is_listed`: whether the next entry is the triangle.
+    - `tiles`: the tiles of the samples outside; `listed`: the triangle in their lists.
     """
 
     inside: SampleAddress
     outside: SampleAddress
     is_one_list: Bool[Array, "lines runs"]
-    position: Int[Array, "lines runs"]
-    is_listed: Bool[Array, "lines runs"]
+    tiles: RunTiles
+    listed: ListedEdges
 
 
 class _Masks(NamedTuple):
@@ -146,11 +148,20 @@ def edge_gains(
     Not differentiable, because the number of steps of the loops depends on values.
     """
     where = _locate_lists(masks, crossings, edge_layer.triangle, tiling)
-    shape, dtype = where.position.shape, samples.background.dtype
+    shape, dtype = crossings.valid.shape, samples.background.dtype
     clear, false = jnp.ones(shape, dtype), jnp.zeros(shape, bool)
     black = jnp.zeros((samples.background.shape[0], *shape), dtype)
     behind = _Behind(black, clear)
-    state = _State(clear, clear, false, behind, None if samples.depths is None else behind)
+    # Where a layer has one alpha, and no depth, it is the same in front of both samples.
+    is_shared = samples.colors.is_flat and samples.depths is None
+    state = _State(
+        in_front_of_both=clear,
+        in_front_outside=clear,
+        in_front_inside=clear if is_shared else None,
+        hidden=false,
+        behind=behind,
+        if_absent=None if samples.depths is None else behind,
+    )
 
     def visit_plane(
         plane: Int[Array, ""], carry: tuple[_State, _SampleFlags]
@@ -171,12 +182,15 @@ def edge_gains(
         where.inside,
         where.outside,
         where.is_one_list,
-        where.position,
-        edge_layer.triangle,
+        where.tiles.of_samples(where.listed.position),
+        jnp.broadcast_to(edge_layer.triangle[None], shape),
         edge_layer.depth_inside,
         crossings.inside,
     )
-    selected = crossings.valid & (flags.is_inside_alone | ~where.is_one_list)
+    is_missed = ~where.is_one_list
+    if state.in_front_inside is None:
+        is_missed = is_missed | flags.is_inside_alone
+    selected = crossings.valid & is_missed
     in_front_inside, covers_inside = visit_inside(
         samples,
         masks,
@@ -185,19 +199,23 @@ def edge_gains(
         flags.covers_inside.reshape(-1),
         tiling,
     )
-    gain = _gain(state, in_front_inside.reshape(shape), edge_layer.color, samples.background)
+    in_front_inside = in_front_inside.reshape(shape)
+    if state.in_front_inside is not None:
+        in_front_inside = in_front_inside * state.in_front_inside
+    gain = _gain(state, in_front_inside, edge_layer.color, samples.background)
     return EdgeGain(gain, covers_inside.reshape(shape), flags.covers_outside)
 
 
 def _locate_lists(
-    masks: LayerMasks, crossings: Crossings, triangle: Int[Array, "lines runs"], tiling: Tiling
+    masks: LayerMasks, crossings: Crossings, triangle: Int[Array, " runs"], tiling: Tiling
 ) -> _Lists:
     """Find the layers of both samples of each crossing."""
     inside, outside = (
         locate_layers(masks, sample, tiling) for sample in (crossings.inside, crossings.outside)
     )
-    position, is_listed = find_in_lists(masks.lists, outside.tile, triangle, longest=masks.longest)
-    return _Lists(inside, outside, inside.tile == outside.tile, position, is_listed)
+    tiles = tiles_of_runs(outside.tile, crossings.valid, masks.lists.start)
+    listed = list_edges(masks, tiles, triangle)
+    return _Lists(inside, outside, inside.tile == outside.tile, tiles, listed)
 
 
 @materialized
@@ -212,8 +230,10 @@ def _compare_masks(
     no_bits = jnp.uint32(0)
     outside = jnp.where(is_valid, outside, no_bits)
     inside = jnp.where(is_valid & where.is_one_list, inside, no_bits)
-    edge_triangle = jnp.where(where.is_listed, entry_bit(where.position, plane), no_bits)
-    in_front = bits_before(where.position, plane)
+    position, is_listed = where.listed
+    edge_triangle = jnp.where(is_listed, entry_bit(position, plane), no_bits)
+    edge_triangle = where.tiles.of_samples(edge_triangle)
+    in_front = where.tiles.of_samples(bits_before(position, plane))
     return _Masks(
         outside,
         outside & inside,
@@ -242,47 +262,62 @@ def _visit_outside(
     tiling: Tiling,
 ) -> _State:
     """Visit the layers of one plane that cover the samples outside, from the front."""
-    depths, triangle = samples.depths, edge_layer.triangle
+    depths, tiles, edge_triangle = samples.depths, where.tiles, edge_layer.triangle[None]
 
-    def visit(
-        state: _State, other: Int[Array, "lines runs"], remaining: UInt32[Array, "lines runs"]
-    ) -> _State:
-        depth = None if depths is None else depth_at(depths, other, outside, tiling)
-        color = samples.colors.at(other, outside, tiling)
-        is_later_in_front = later_is_in_front(other, triangle, depth, edge_layer.depth_outside)
+    def visit(state: _State, layers: Int[Array, "2 runs"], bits: UInt32[Array, "2 runs"]) -> _State:
+        color = samples.colors.of_runs(layers, tiles, outside, tiling)
+        is_later_in_front = None
+        if depths is not None:
+            layer = tiles.of_samples(layers)
+            depth = depth_at(depths, layer, outside, tiling)
+            is_later_in_front = later_is_in_front(
+                layer, edge_triangle, depth, edge_layer.depth_outside
+            )
         return _add_layer(
-            state, triangle, other, remaining, compared.both, color, is_later_in_front
+            state, tiles, layers, bits, edge_triangle, compared, color, is_later_in_front
         )
 
-    return visit_layers(compared.outside, where.outside, samples.lists, plane, visit, state)
+    mask = compared.outside
+    if state.in_front_inside is not None:
+        mask = mask | compared.inside_alone
+    return visit_run_layers(mask, tiles, samples.lists.triangle, plane, visit, state)
 
 
 @materialized
 def _add_layer(
     state: _State,
-    triangle: Int[Array, "lines runs"],
-    other: Int[Array, "lines runs"],
-    remaining: UInt32[Array, "lines runs"],
-    covers_both: UInt32[Array, "lines runs"],
+    tiles: RunTiles,
+    layers: Int[Array, "2 runs"],
+    bits: UInt32[Array, "2 runs"],
+    edge_triangle: Int[Array, "1 runs"],
+    compared: _Masks,
     color: Float[Array, "4 lines runs"],
-    is_later_in_front: Bool[Array, "lines runs"],
+    is_later_in_front: Bool[Array, "lines runs"] | None,
 ) -> _State:
-    """Update the state by the next layer, the triangle `other`.
+    """Update the state by the next layer in both tiles of each run, the triangles `layers`.
 
-    It is the first entry of the mask `remaining`. `covers_both` is `_Masks.both`, and
-    `is_later_in_front` is of this layer and the triangle.
+    `bits` are their entries in the masks. `is_later_in_front` is of the layer and the triangle of
+    the edge; None without depth, where it always is.
     """
-    is_layer = remaining != 0
-    is_shared = (remaining & covers_both & (~remaining + jnp.uint32(1))) != 0
-    is_later, is_earlier = is_layer & (other > triangle), is_layer & (other < triangle)
+    layer, bit = tiles.of_samples(layers), tiles.of_samples(bits)
+    is_layer = (compared.outside & bit) != 0
+    is_shared = (compared.both & bit) != 0
+    is_later, is_earlier = is_layer & (layer > edge_triangle), is_layer & (layer < edge_triangle)
+    if is_later_in_front is None:
+        is_later_in_front = jnp.ones_like(is_later)
     is_in_front = is_later & is_later_in_front
     layer_transmittance = 1.0 - color[3]
+    in_front_inside = state.in_front_inside
+    if in_front_inside is not None:
+        is_inside_alone = (compared.inside_alone & bit) != 0
+        in_front_inside = jnp.where(is_inside_alone, layer_transmittance, 1.0) * in_front_inside
     if_absent = state.if_absent
     if if_absent is not None:
         if_absent = _add_behind(if_absent, color, (is_later & ~is_later_in_front) | is_earlier)
     return _State(
         jnp.where(is_in_front & is_shared, layer_transmittance, 1.0) * state.in_front_of_both,
         jnp.where(is_in_front & ~is_shared, layer_transmittance, 1.0) * state.in_front_outside,
+        in_front_inside,
         state.hidden | (is_earlier & ~is_later_in_front),
         _add_behind(state.behind, color, is_earlier),
         if_absent,

@@ -98,15 +98,15 @@ def gather_masks(
     masks: LayerMasks, where: SampleAddress, plane: Int[Array, ""]
 ) -> UInt32[Array, "*samples"]:
     """Gather the masks of samples in a plane."""
-    plane_masks = jax.lax.dynamic_index_in_dim(masks.masks, plane, 0, keepdims=False)
-    return _gather(plane_masks.reshape(-1), where.entry)
+    return _gather(masks.masks.reshape(masks.masks.shape[0], -1), plane, where.entry)
 
 
 @materialized
 def _gather(
-    plane: UInt32[Array, " masks"], entry: Int[Array, "*samples"]
+    masks: UInt32[Array, "planes masks"], plane: Int[Array, ""], entry: Int[Array, "*samples"]
 ) -> UInt32[Array, "*samples"]:
-    return plane.at[entry].get(mode="promise_in_bounds")
+    # By two indices: to cut out the plane first would copy it.
+    return masks.at[plane, entry].get(mode="promise_in_bounds")
 
 
 @functools.partial(materialized, static_argnames=("longest",))
@@ -147,7 +147,7 @@ def count_planes(masks: LayerMasks) -> Int[Array, ""]:
 
 
 @materialized
-def _most_layers(mask: UInt32[Array, "*samples"]) -> Int[Array, ""]:
+def most_layers(mask: UInt32[Array, "*samples"]) -> Int[Array, ""]:
     """The largest number of entries in any of the masks."""
     return jnp.max(jax.lax.population_count(mask)).astype(jnp.int32)
 
@@ -172,14 +172,14 @@ def entry_bit(position: Int[Array, "*samples"], plane: Int[Array, ""]) -> UInt32
 @materialized
 def first_layer(
     mask: UInt32[Array, "*samples"],
-    where: SampleAddress,
+    list_start: Int[Array, "*samples"],
     listed_triangles: Int[Array, " pairs"],
     plane: Int[Array, ""],
 ) -> Int[Array, "*samples"]:
     """Triangle of the first entry in each mask; any triangle where the mask is empty."""
     lowest = mask & (~mask + jnp.uint32(1))
     entry = jax.lax.population_count(lowest - jnp.uint32(1)).astype(jnp.int32)
-    pair = jnp.clip(where.start + plane * PLANE + entry, 0, listed_triangles.shape[0] - 1)
+    pair = jnp.clip(list_start + plane * PLANE + entry, 0, listed_triangles.shape[0] - 1)
     return listed_triangles.at[pair].get(mode="promise_in_bounds")
 
 
@@ -200,8 +200,8 @@ def visit_layers(
 
     def visit_next(_: Int[Array, ""], carry: tuple[Array, Any]) -> tuple[Array, Any]:
         remaining, state = carry
-        triangle = first_layer(remaining, where, lists.triangle, plane)
+        triangle = first_layer(remaining, where.start, lists.triangle, plane)
         # Subtracting 1 clears the lowest bit that is set, and sets only bits below it.
         return remaining & (remaining - jnp.uint32(1)), visit(state, triangle, remaining)
 
-    return repeat(_most_layers(mask), visit_next, (mask, state))[1]
+    return repeat(most_layers(mask), visit_next, (mask, state))[1]

@@ -209,7 +209,7 @@ def _first_behind(
 
     def visit_plane(plane: Int[Array, ""], layer: Int[Array, " lanes"]) -> Int[Array, " lanes"]:
         mask = gather_masks(masks, where, plane) & ~bits_before(position, plane)
-        entry = first_layer(mask, where, masks.lists.triangle, plane)
+        entry = first_layer(mask, where.start, masks.lists.triangle, plane)
         return jnp.where((layer < 0) & (mask != 0), entry, layer)
 
     return repeat(count_planes(masks), visit_plane, jnp.full_like(position, -1))

@@ -14,6 +14,8 @@ from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.surface import Surface
 from .crossings import Crossings, Sample
+from .run_colors import colors_of_runs
+from .run_tiles import RunTiles
 from .visible_front import Front, color_at, color_on_edge
 
 
@@ -25,6 +27,11 @@ class SampleColors(eqx.Module):
 
     background: eqx.AbstractVar[Float[Array, " channels"]]
 
+    @property
+    def is_flat(self) -> bool:
+        """Whether each triangle is known to have one colour."""
+        return False
+
     @abc.abstractmethod
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
@@ -34,6 +41,15 @@ class SampleColors(eqx.Module):
     @abc.abstractmethod
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
         """Colour of each edge's own triangle where it crosses a line of samples."""
+
+    def of_runs(
+        self, triangle: Int[Array, "2 runs"], tiles: RunTiles, sample: Sample, tiling: Tiling
+    ) -> Float[Array, "channels lines runs"]:
+        """`at`, where all samples of a run in the same tile have the same triangle.
+
+        No triangle may be -1.
+        """
+        return self.at(tiles.of_samples(triangle), sample, tiling)
 
     def at_each(
         self, triangle: Int[Array, " lanes"], sample: Sample, tiling: Tiling
@@ -59,16 +75,30 @@ class SurfaceColors(SampleColors):
     background: Float[Array, " channels"]
     surface: Surface
 
+    @property
+    def is_flat(self) -> bool:
+        """Whether each triangle of the surface has one colour."""
+        return self.surface.is_flat
+
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
         """Shade the triangle at the sample, whether it shows there or not."""
-        flat = self.surface.is_flat
+        flat = self.is_flat
         return color_at(self.surface, self.background, triangle, sample, tiling, flat=flat)
+
+    def of_runs(
+        self, triangle: Int[Array, "2 runs"], tiles: RunTiles, sample: Sample, tiling: Tiling
+    ) -> Float[Array, "channels lines runs"]:
+        """Shade the triangles at the samples of runs, and gather what they need once per run."""
+        if self.surface.textures is not None:
+            # To shade all samples in both tiles would read the texels twice.
+            return super().of_runs(triangle, tiles, sample, tiling)
+        return colors_of_runs(self.surface, triangle, tiles, sample, tiling)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
         """Shade the triangle on its edge."""
-        flat = self.surface.is_flat
+        flat = self.is_flat
         return color_on_edge(self.surface, crossings.edge, crossings.t, tiling, flat=flat)
 
 
@@ -84,6 +114,11 @@ class LayerColors(SampleColors):
     colors: SampleColors
     is_straight: bool = eqx.field(static=True)
 
+    @property
+    def is_flat(self) -> bool:
+        """Whether each layer is known to have one colour."""
+        return self.colors.is_flat
+
     @classmethod
     def of(cls, colors: SampleColors, *, is_straight: bool) -> "LayerColors":
         """Make layers of these colours."""
@@ -92,14 +127,24 @@ class LayerColors(SampleColors):
     @classmethod
     def of_surface(cls, surface: Surface) -> "LayerColors":
         """Make layers of the scene's triangles."""
-        clear = jnp.zeros(surface.channels, surface.corners.color.dtype)
-        return cls.of(SurfaceColors(clear, surface), is_straight=surface.is_flat)
+        color = surface.corners.color
+        if surface.is_flat:
+            # Once for all: what is gathered from here is premultiplied already.
+            surface = surface.with_colors(_to_rgba(color[0], is_straight=True)[None])
+        clear = jnp.zeros(surface.channels, color.dtype)
+        return cls.of(SurfaceColors(clear, surface), is_straight=False)
 
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "4 lines runs"]:
         """Premultiplied RGBA of the triangle at the sample."""
         return self._to_rgba(self.colors.at(triangle, sample, tiling))
+
+    def of_runs(
+        self, triangle: Int[Array, "2 runs"], tiles: RunTiles, sample: Sample, tiling: Tiling
+    ) -> Float[Array, "4 lines runs"]:
+        """Premultiplied RGBA of the triangles at the samples of runs."""
+        return self._to_rgba(self.colors.of_runs(triangle, tiles, sample, tiling))
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "4 lines runs"]:
         """Premultiplied RGBA of the triangle on its edge."""
@@ -112,12 +157,14 @@ class LayerColors(SampleColors):
         return self.colors.are_known(shows_inside, shows_outside)
 
     def _to_rgba(self, color: Float[Array, "channels lines runs"]) -> Float[Array, "4 lines runs"]:
+        if color.shape[0] == 4 and not self.is_straight:
+            return color
         return materialized(functools.partial(_to_rgba, is_straight=self.is_straight))(color)
 
 
 def _to_rgba(
-    color: Float[Array, "channels lines runs"], *, is_straight: bool
-) -> Float[Array, "4 lines runs"]:
+    color: Float[Array, "channels *samples"], *, is_straight: bool
+) -> Float[Array, "4 *samples"]:
     """Add the alpha of opaque colours; premultiply those that are straight."""
     if color.shape[0] == 3:
         return jnp.concatenate([color, jnp.ones_like(color[:1])])

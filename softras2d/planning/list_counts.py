@@ -22,7 +22,7 @@ from ..geometry.fixed_point import (
 )
 from ..geometry.projection import project
 from ..geometry.tiling import Tiling
-from ..gradients.crossings import lines_crossed, runs_of
+from ..gradients.crossings import count_runs, is_steep, lines_crossed
 from ..options import Hard
 from ..scene import Scene
 from .effects import is_occluder, is_shaded, is_translucent
@@ -61,7 +61,8 @@ def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.nda
         fragments = count_fragments(edges, bounds, listed, planes, tiling)
     crossings = None
     if coverage.edge_gradients:
-        crossings = int(runs_of(lines_crossed(segments, grid)[1]).sum(dtype=np.int64))
+        runs = count_runs(*lines_crossed(segments, grid), is_steep(segments), tiling)
+        crossings = int(runs.sum(dtype=np.int64))
     return counts._replace(fragments=fragments, crossings=crossings)
 
 

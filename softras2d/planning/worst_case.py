@@ -4,9 +4,11 @@ In the worst case every triangle touches every tile. Then there is nothing to fi
 lists all triangles, and the lists are constants (`binning.tiles.list_every_triangle`).
 """
 
+import numpy as np
+
 from ..binning.lists import BLOCK
 from ..geometry.tiling import Tiling
-from ..gradients.crossings import runs_of
+from ..gradients.crossings import count_runs
 from .capacities import LAYERS, Capacity
 
 
@@ -19,7 +21,9 @@ def worst_case(triangles: int, tiling: Tiling, *, layers: int | None = None) -> 
     if layers is None:
         layers = next((size for size in LAYERS if triangles <= size), LAYERS[-1])
     chunks = max(-(-triangles // layers), 1)
-    longer_side = max(grid.height, grid.width) * grid.rate
+    # An edge may cross all rows of samples, or all columns.
+    lines, steep = np.array([grid.height, grid.width]) * grid.rate, np.array([True, False])
+    runs = int(count_runs(np.zeros_like(lines), lines, steep, tiling).max())
     pixels = tiling.count * tiling.height * tiling.width
     return Capacity(
         strips=triangles * tiling.rows,
@@ -31,7 +35,7 @@ def worst_case(triangles: int, tiling: Tiling, *, layers: int | None = None) -> 
         steps=-(-tiling.count // BLOCK) * triangles,
         # A fragment has a visible sample, and no two of a pixel have the same.
         fragments=min(triangles, grid.samples) * pixels,
-        crossings=3 * triangles * runs_of(longer_side),
+        crossings=3 * triangles * runs,
     )
 
 

@@ -1,5 +1,6 @@
 """Sampled coverage up to the visible samples: tile lists, coverage words, depth test."""
 
+import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -10,7 +11,9 @@ from ..binning.lists import Steps, cut_steps
 from ..binning.tiles import TileLists
 from ..coverage.depth_test import keep_nearest
 from ..coverage.sampled import coverage_words, gather_words, remove_hidden
-from ..gradients.crossings import runs_of
+from ..geometry.tiling import Tiling
+from ..gradients.boundary_term import Outlines
+from ..gradients.crossings import count_runs
 from ..gradients.visible_front import Front
 from ..numerics.fusion_barrier import materialized
 from ..planning.capacities import Needs
@@ -58,7 +61,8 @@ def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedS
     lists = list_for_plan(projected.edges, projected.bounds, occluders, plan)
     needs = Needs(strips=lists.strips, pairs=lists.pairs)
     if projected.outlines is not None:
-        needs = needs._replace(crossings=materialized(_count_runs)(projected.outlines.count))
+        total_runs = materialized(functools.partial(_total_runs, tiling=plan.tiling))
+        needs = needs._replace(crossings=total_runs(projected.outlines))
     steps = None
     # The capacity for steps counts hidden triangles only with depth, where none is known to hide.
     if scene.depth is not None or (is_translucent(scene) and not list_hidden):
@@ -67,9 +71,10 @@ def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedS
     return BinnedScene(projected, lists, steps, needs)
 
 
-def _count_runs(count: Int[Array, "3 triangles"]) -> Int[Array, ""]:
-    """Number of runs of all edges, from the number of lines that each crosses."""
-    return saturated_sum(runs_of(count).reshape(-1))
+def _total_runs(outlines: Outlines, *, tiling: Tiling) -> Int[Array, ""]:
+    """Number of runs of all edges."""
+    first, count = outlines.first.T, outlines.count.T
+    return saturated_sum(count_runs(first, count, outlines.sides.steep, tiling).reshape(-1))
 
 
 def find_visible(binned: BinnedScene, scene: Scene, plan: Plan) -> VisibleSamples:

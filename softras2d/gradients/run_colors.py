@@ -1,0 +1,104 @@
+"""Colours of layers at the samples of runs; what they need is gathered once per run and tile."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..color import premultiply
+from ..geometry.barycentric import (
+    AffineWeights,
+    affine_weights,
+    interpolate_corners,
+    slot_weights,
+    weights_at,
+)
+from ..geometry.tiling import Tiling
+from ..numerics.fusion_barrier import materialized
+from ..shading.corner_attributes import perspective_weights
+from ..shading.surface import Surface, gather_lanes
+from .crossings import Sample
+from .run_tiles import RunTiles
+
+SampleWeights = tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]]
+"""Weights of corners 1 and 2 at samples."""
+
+
+def colors_of_runs(
+    surface: Surface,
+    triangle: Int[Array, "2 runs"],
+    tiles: RunTiles,
+    sample: Sample,
+    tiling: Tiling,
+) -> Float[Array, "channels lines runs"]:
+    """Colours of triangles at the samples of runs, one in each tile of a run.
+
+    The surface has no textures. Colours are straight if it is flat; else they are premultiplied.
+    """
+    if surface.is_flat:
+        return materialized(_flat_colors_of_runs)(surface.corners.color[0], triangle, tiles)
+    both_tiles = triangle.reshape(-1), tiles.tile.reshape(-1)
+    terms = materialized(functools.partial(_weight_terms, tiling=tiling))(surface, *both_tiles)
+    corners = gather_lanes(surface.corners, both_tiles[0])
+    weights = materialized(functools.partial(_weights_of_runs, tiling=tiling))(
+        terms, corners.inverse_w, sample, tiles
+    )
+    return _premultiply(materialized(_interpolate_runs)(corners.color, weights, tiles))
+
+
+def _flat_colors_of_runs(
+    color: Float[Array, "channels triangles"], triangle: Int[Array, "2 runs"], tiles: RunTiles
+) -> Float[Array, "channels lines runs"]:
+    """Gather the one colour of each triangle for the samples of runs."""
+    return tiles.of_samples(color[:, triangle])
+
+
+def _weight_terms(
+    surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], *, tiling: Tiling
+) -> AffineWeights:
+    """Terms of the weights of triangles in tiles."""
+    weights = slot_weights(surface.edges, surface.area, triangle, tile, tiling, surface.planes)
+    return affine_weights(weights)
+
+
+def _weights_of_runs(
+    terms: AffineWeights,
+    inverse_w: Float[Array, "3 lanes"] | None,
+    sample: Sample,
+    tiles: RunTiles,
+    *,
+    tiling: Tiling,
+) -> SampleWeights:
+    """Weights of corners 1 and 2 at the samples of runs.
+
+    Lanes are the first tiles of the runs, then the second.
+    """
+    column, row = sample
+    column, row = column % tiling.sample_columns, row % tiling.sample_rows
+    runs = row.shape[1]
+    in_tiles = []
+    for lanes in (slice(0, runs), slice(runs, None)):
+        # With an axis for the lines of a run.
+        lane_terms, lane_w = jax.tree.map(
+            lambda entry, lanes=lanes: entry[..., None, lanes], (terms, inverse_w)
+        )
+        second, third = weights_at(lane_terms, column, row)
+        in_tiles.append(perspective_weights((1.0 - second - third, second, third), lane_w)[1:])
+    (second, third), (second_beyond, third_beyond) = in_tiles
+    is_second = tiles.is_second
+    return jnp.where(is_second, second_beyond, second), jnp.where(is_second, third_beyond, third)
+
+
+def _interpolate_runs(
+    color: Float[Array, "3 channels lanes"], weights: SampleWeights, tiles: RunTiles
+) -> Float[Array, "channels lines runs"]:
+    """Interpolate the colours of the corners at the samples of runs."""
+    runs = color.shape[-1] // 2
+    corners = tiles.of_samples(color.reshape(*color.shape[:2], 2, runs))
+    return interpolate_corners(corners, weights[0][None], weights[1][None])
+
+
+@materialized
+def _premultiply(color: Float[Array, "channels lines runs"]) -> Float[Array, "channels lines runs"]:
+    return premultiply(color, axis=0)

@@ -1,0 +1,93 @@
+"""Runs of crossings: their lines, their number, and the tiles in which their samples lie."""
+
+from collections import Counter
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softras2d as sr
+from softras2d.gradients.crossings import LINES, count_runs, find_crossings, list_runs
+from softras2d.gradients.run_tiles import tiles_of_runs
+from softras2d.planning.worst_case import worst_case
+from softras2d.rendering.visible_samples import bin_scene
+
+HEIGHT, WIDTH, COUNT = 70, 75, 60
+"""Sides that no tile divides, and the number of triangles."""
+
+
+def _outlines(samples: int):
+    """Edges of triangles of all sizes, many of them partly off the canvas, and their plan."""
+    rng = np.random.default_rng(samples)
+    centre = rng.uniform(-0.3, 1.3, (COUNT, 1, 2)) * [WIDTH, HEIGHT]
+    spread = rng.choice([1.0, 20.0, 300.0], (COUNT, 1, 1))
+    corners = centre + rng.uniform(-1, 1, (COUNT, 3, 2)) * spread
+    corners[:2] = np.round(corners[:2])
+    scene = sr.Scene.from_soup(corners, np.ones((COUNT, 3)))
+    plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=sr.Hard(samples))
+    outlines = bin_scene(scene, plan).projected.outlines
+    assert outlines is not None
+    return outlines, plan
+
+
+@pytest.mark.parametrize("samples", [1, 4, 9, 16, 64, 256])
+def test_runs_hold_every_line_of_an_edge_once_and_stay_within_tiles(samples):
+    outlines, plan = _outlines(samples)
+    sides, edges, _, first, count = outlines
+    tiling = plan.tiling
+    number = int(count_runs(first.T, count.T, sides.steep, tiling).sum())
+    assert number <= worst_case(COUNT, tiling).crossings
+    runs = list_runs(first, count, sides.steep, tiling=tiling, capacity=number + 5)
+    assert (np.asarray(runs.rank) >= 0).sum() == number
+    crossings = find_crossings(sides, edges, first, count, runs, tiling)
+    valid, along_row = np.asarray(crossings.valid), np.asarray(crossings.along_row)
+    line = np.where(along_row, crossings.outside.row, crossings.outside.column)
+    tile_lines = np.where(along_row, tiling.sample_rows, tiling.sample_columns)
+
+    lines_of_edge = Counter()
+    for run in np.flatnonzero(valid.any(0)):
+        on_edge = line[valid[:, run], run]
+        lines_of_edge.update((int(crossings.edge[run]), int(one)) for one in on_edge)
+        assert len(on_edge) <= LINES
+        assert len(set(on_edge // tile_lines[run])) == 1
+    assert set(lines_of_edge.values()) == {1}
+    # Every line that an edge crosses on the canvas has its crossing.
+    expected = _crossings_on_canvas(sides, first, count, plan.grid)
+    assert abs(len(lines_of_edge) - expected) <= 0.002 * expected
+
+
+def _crossings_on_canvas(sides, first, count, grid) -> int:
+    """Number of lines at which the edges are on the canvas, from their corners in float64."""
+    start, end, steep = (np.asarray(entry, np.float64) for entry in (*sides[:2], sides.steep))
+    total = 0
+    for triangle in range(COUNT):
+        for side in range(3):
+            lines = int(first[side, triangle]) + np.arange(int(count[side, triangle]))
+            across = int(steep[triangle, side])
+            (a, b), (c, d) = (
+                (ends[1 - across, triangle, side], ends[across, triangle, side])
+                for ends in (start, end)
+            )
+            along = a + (c - a) * ((lines + 0.5) / grid.rate - b) / (d - b)
+            length = grid.width if across else grid.height
+            total += int(((along >= 0) & (along <= length)).sum())
+    return total
+
+
+@pytest.mark.parametrize("samples", [1, 4, 9, 16, 64, 256])
+def test_the_samples_outside_a_run_lie_in_its_two_tiles(samples):
+    outlines, plan = _outlines(samples)
+    sides, edges, _, first, count = outlines
+    tiling = plan.tiling
+    number = int(count_runs(first.T, count.T, sides.steep, tiling).sum())
+    runs = list_runs(first, count, sides.steep, tiling=tiling, capacity=number)
+    crossings = find_crossings(sides, edges, first, count, runs, tiling)
+    column, row = (np.asarray(axis) for axis in crossings.outside)
+    tile = row // tiling.sample_rows * tiling.columns + column // tiling.sample_columns
+    starts = jnp.arange(tiling.count, dtype=jnp.int32) * 10
+    tiles = tiles_of_runs(jnp.asarray(tile), crossings.valid, starts)
+    valid = np.asarray(crossings.valid)
+    np.testing.assert_array_equal(np.asarray(tiles.of_samples(tiles.tile))[valid], tile[valid])
+    np.testing.assert_array_equal(np.asarray(tiles.start), 10 * np.asarray(tiles.tile))
+    # Without runs in two tiles the test would show nothing.
+    assert np.asarray(tiles.is_second).any()
