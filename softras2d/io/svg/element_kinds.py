@@ -1,4 +1,9 @@
-"""Lists the names of elements by how they are drawn, and decides which conditions hold."""
+"""Lists the names of elements by how they are drawn, and evaluates their conditional attributes.
+
+To add a shape, write a function that makes its path, and put it into `shape_elements.SHAPES`;
+attributes that style sheets may set go into `_GEOMETRY` there. To add an element that is not a
+path, put its name into `EXTENSIONS`, and draw it in `extensions.draw_extension`.
+"""
 
 from .shape_elements import SHAPES
 from .tree import Element

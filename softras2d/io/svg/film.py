@@ -10,7 +10,7 @@ from jaxtyping import Int
 from ...scene import Scene
 from ..drafts import atomic_file
 from ..outputs import check_writable_path
-from .short_numbers import MAX_DIGITS, joined, short_color, to_units, unit_text
+from .short_numbers import MAX_DIGITS, join_numbers, short_color, to_units, unit_text
 
 
 def write_svg_film(
@@ -77,7 +77,7 @@ def _polygon(
     units: Int[np.ndarray, "frames 3 2"], digits: int, colors: np.ndarray, timing: str
 ) -> str:
     """A triangle; `colors` has one for each frame."""
-    points = [joined([unit_text(n, digits) for n in row.ravel().tolist()]) for row in units]
+    points = [join_numbers([unit_text(n, digits) for n in row.ravel().tolist()]) for row in units]
     return _shape("polygon", [], {"points": points} | _paints(colors), timing)
 
 
