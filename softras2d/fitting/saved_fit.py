@@ -1,4 +1,4 @@
-"""Check the entries of a saved fit: type, shape and range of each, and that they agree.
+"""Check the entries of a saved fit: the type, shape and range of each, and their agreement.
 
 Files come from anywhere, so no entry is used before it has been checked here. Every fault is a
 one-line `ValueError` that names the entry and what was expected.
@@ -159,8 +159,8 @@ def check_state(state: dict[str, Any], settings: dict[str, Any], size: Size, ste
     - `steps`: the number of steps in the last record of the history.
     """
     entries = Entries(state, "state.")
-    frame = Frame.of(size.height, size.width, settings)
-    fit_size = Size(frame.height, frame.width, size.channels)
+    working_size = Frame.of(size.height, size.width, settings)
+    fit_size = Size(working_size.height, working_size.width, size.channels)
     if entries.take("steps", np.int64, ()) != steps:
         raise ValueError(f"`state.steps` must be {steps}, as in the history.")
     entries.finite("image", np.float32, fit_size)

@@ -19,7 +19,7 @@ from ..target import Image, PixelMap, Target
 Corners = Float[np.ndarray, "triangles 3 2"]
 
 _TRIES = 24
-"""Candidates drawn at random for each triangle that is placed."""
+"""Candidates drawn at random for each new triangle."""
 
 _MAX_PAIRS = 2.0**21
 """Largest number of (candidate, pixel) pairs in memory at once; each takes some 100 bytes."""

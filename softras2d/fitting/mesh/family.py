@@ -141,7 +141,7 @@ class MeshFit(AbstractFit):
     ) -> tuple[MeshData, MeshUnknowns]:
         """Make the data and unknowns of a mesh, with the colours of least squared error.
 
-        `scale`: that of `MeshData`, or None to compute it from the altitudes of the triangles.
+        `scale`: as in `MeshData`, or None to compute it from the altitudes of the triangles.
         """
         target = self.request.target
         # Euler's formula: 2 V - 2 - b triangles, with b of the V vertices on the border. The number
@@ -201,7 +201,7 @@ class MeshFit(AbstractFit):
         return {"colors": self._frozen_vertices(mesh)}
 
     def _frozen_vertices(self, mesh: Mesh) -> Mask:
-        """Which vertices the masks freeze: those given, and the corners of given triangles."""
+        """Which vertices are frozen: by the mask `vertices`, or as corners by `triangles`."""
         count, masks = len(mesh.positions), self.request.masks
         frozen = masks.get("vertices", np.zeros(count, bool)).copy()
         check_length("vertices", frozen, count)
