@@ -55,7 +55,7 @@ _SPARE_PIXELS, _SPARE_WIDTHS = -16.0, -4.0
 pixels, with the largest width of a soft edge."""
 
 
-class _BestBeforeReplacement(NamedTuple):
+class _EarlierBest(NamedTuple):
     """The best unknowns before triangles were last replaced, and their loss."""
 
     loss: float
@@ -106,7 +106,7 @@ class LayersFit(AbstractFit):
             self._overshoot = max(OVERSHOOT, overshoot_of(corners, self.height, self.width))
         self.residual = LayersResidual(self._plan([self.likely_scene()]), request.loss)
         self.progress = begin(request.solver, self.residual, y, self.data)
-        self._best_before_replacement: _BestBeforeReplacement | None = None
+        self._earlier_best: _EarlierBest | None = None
         self.image = np.broadcast_to(self._background, image.shape)
         self.last_exchange = 0.0
 
@@ -185,11 +185,8 @@ class LayersFit(AbstractFit):
     def _best(self) -> LayersUnknowns:
         """The best unknowns so far, with the frozen ones at their values."""
         loss = float(self.progress.best_loss)
-        if (
-            self._best_before_replacement is not None
-            and not self._best_before_replacement.loss > loss
-        ):
-            return self._best_before_replacement.y
+        if self._earlier_best is not None and not self._earlier_best.loss > loss:
+            return self._earlier_best.y
         return self._with_frozen_values(
             self.progress.best if np.isfinite(loss) else self.progress.y
         )
@@ -224,7 +221,7 @@ class LayersFit(AbstractFit):
 
     def _go_to(self, y: LayersUnknowns) -> None:
         """Go on from these unknowns, and forget the best so far."""
-        self._best_before_replacement = None
+        self._earlier_best = None
         progress = move(self.request.solver, self.residual, self.progress, y, self.data)
         self.progress = forget_best(progress)
 
@@ -295,7 +292,7 @@ class LayersFit(AbstractFit):
         """
         # With this start, `request.places_by_error` is false.
         settings = self.request.settings | {"start": choices.FROM_OBJECT}
-        y, self._best_before_replacement = self._best, None
+        y, self._earlier_best = self._best, None
         self.request, self.data = self.request._replace(target=target, settings=settings), data
         self.progress = begin(self.request.solver, self.residual, y, data)
 
@@ -307,7 +304,7 @@ class LayersFit(AbstractFit):
         width = schedule.edge_width(share, self._softness)
         if width != np.float32(self.data.width):
             self.data = self.data._replace(width=to_device(width))
-            self._best_before_replacement, self.progress = None, forget_best(self.progress)
+            self._earlier_best, self.progress = None, forget_best(self.progress)
 
     def _near_canvas(self, corners: Float[Array, "..."]) -> Float[Array, "..."]:
         """Clip corners to the neighbourhood of the canvas."""
@@ -350,14 +347,9 @@ class LayersFit(AbstractFit):
         The loss rises for a while afterwards, so the best point before it is remembered.
         """
         if np.isfinite(self.progress.best_loss):
-            earlier_loss = (
-                np.inf
-                if self._best_before_replacement is None
-                else self._best_before_replacement.loss
-            )
-            self._best_before_replacement = _BestBeforeReplacement(
-                min(float(self.progress.best_loss), earlier_loss), self._best
-            )
+            earlier_loss = np.inf if self._earlier_best is None else self._earlier_best.loss
+            best_loss = min(float(self.progress.best_loss), earlier_loss)
+            self._earlier_best = _EarlierBest(best_loss, self._best)
         y = replacement.apply_to_unknowns(self._with_frozen_values(self.progress.y))
         self._freeze(y)
         if self.request.adjustable_rate:
@@ -406,11 +398,8 @@ class LayersFit(AbstractFit):
 
     def family_state(self) -> dict[str, np.ndarray]:
         """Random generator, background, edge width, and the best point before a replacement."""
-        best = (
-            None
-            if self._best_before_replacement is None
-            else (self._best_before_replacement.loss, self._best_before_replacement.y)
-        )
+        earlier = self._earlier_best
+        best = None if earlier is None else (earlier.loss, earlier.y)
         arrays = saved.pack(best, self._overshoot, self.data.width, self._background, self._rng)
         return arrays | steered_state(self._palette, self._is_quantized, self.data.frozen)
 
@@ -428,4 +417,4 @@ class LayersFit(AbstractFit):
             self._freeze(fill_tree(self.progress.y, "frozen", arrays))
         best = saved.unpack_best(self.progress.y, arrays)
         if best is not None:
-            self._best_before_replacement = _BestBeforeReplacement(*best)
+            self._earlier_best = _EarlierBest(*best)

@@ -84,7 +84,7 @@ class MeshFit(AbstractFit):
         self._model: ColorModel = _COLOR_MODELS[request.settings["shading"]]
         self.image = image
         self.last_exchange = 0.0
-        self._best_before_exchange: _Best | None = None
+        self._earlier_best: _Best | None = None
         self._palette = palette_of(request.settings["palette"], request.target, request.seed)
         self._is_quantized = False
         mesh = self._initial_mesh()
@@ -229,8 +229,8 @@ class MeshFit(AbstractFit):
     def _best(self) -> _Best:
         """The best point so far, with its mesh untangled."""
         loss = float(self.progress.best_loss)
-        if self._best_before_exchange is not None and not self._best_before_exchange.loss > loss:
-            return self._best_before_exchange
+        if self._earlier_best is not None and not self._earlier_best.loss > loss:
+            return self._earlier_best
         y = self.progress.best if np.isfinite(loss) else self.progress.y
         mesh, y = _untangled(y, self._mesh, self.data)
         return _Best(loss, y, mesh, self.data)
@@ -261,7 +261,7 @@ class MeshFit(AbstractFit):
         if self.request.may_freeze:
             y = with_frozen(y, freeze(unknowns, self._masks(mesh, palette=False)))
             self.data = self.data._replace(frozen=freeze(y, self._masks(mesh)))
-        self._mesh, self._best_before_exchange = mesh, None
+        self._mesh, self._earlier_best = mesh, None
         self.progress = forget_best(
             move(self.request.solver, self.residual, self.progress, y, self.data)
         )
@@ -281,7 +281,7 @@ class MeshFit(AbstractFit):
     def polish(self) -> None:
         """Go to the best unknowns so far, with the colours of least squared error."""
         _, y, self._mesh, self.data = self._best()
-        self.active, self._best_before_exchange = len(self._mesh.triangles), None
+        self.active, self._earlier_best = len(self._mesh.triangles), None
         # The current plan was made after the last exchange; it may be too small for best unknowns
         # from before it.
         plan_for_best = self._plan([mesh_scene(y, self.data)])
@@ -294,7 +294,7 @@ class MeshFit(AbstractFit):
     def polish_at_full_size(self, target: Target) -> None:
         """Go to the best unknowns, with the colours of least squared error at the target's size."""
         _, y, self._mesh, self.data = self._best()
-        self.active, self._best_before_exchange = len(self._mesh.triangles), None
+        self.active, self._earlier_best = len(self._mesh.triangles), None
         height, width = target.image.shape[:2]
         factors = np.array([width / self.width, height / self.height])
         enlarged = self._mesh._replace(positions=self._mesh.positions * factors)
@@ -348,7 +348,7 @@ class MeshFit(AbstractFit):
         mesh = exchange(self._mesh, self.request.target, count, model=self._model)
         if len(mesh.positions) == len(self._mesh.positions):
             if np.isfinite(self.progress.best_loss):
-                self._best_before_exchange = self._best()
+                self._earlier_best = self._best()
             self._restart_solver(mesh, *self._make_data_and_unknowns(mesh))
             self.progress = self.progress._replace(steps=steps)
 
@@ -367,7 +367,7 @@ class MeshFit(AbstractFit):
         if self._is_quantized and quantized.is_close(np.asarray(y.colors), palette):
             return
         self._is_quantized = True
-        self._palette, self._best_before_exchange = quantized.palette, None
+        self._palette, self._earlier_best = quantized.palette, None
         y = y._replace(colors=to_device(quantized.colors[:, None]))
         self.data = self.data._replace(frozen=freeze(y, self._masks(self._mesh)))
         self.progress = forget_best(
@@ -378,11 +378,11 @@ class MeshFit(AbstractFit):
         """The mesh and the scale of its positions, and the best point before the last exchange."""
         # The scale was computed at the last exchange, so it does not follow from the mesh.
         arrays = {"scale": np.asarray(self.data.scale)} | saved.mesh_arrays("mesh", self._mesh)
-        if self._best_before_exchange is not None:
-            arrays["kept"] = np.array(self._best_before_exchange.loss)
-            arrays |= tree_arrays("kept", self._best_before_exchange.y)
-            arrays |= saved.mesh_arrays("kept.mesh", self._best_before_exchange.mesh)
-            arrays["kept.scale"] = np.asarray(self._best_before_exchange.data.scale)
+        if self._earlier_best is not None:
+            arrays["kept"] = np.array(self._earlier_best.loss)
+            arrays |= tree_arrays("kept", self._earlier_best.y)
+            arrays |= saved.mesh_arrays("kept.mesh", self._earlier_best.mesh)
+            arrays["kept.scale"] = np.asarray(self._earlier_best.data.scale)
         return arrays | steered_state(self._palette, self._is_quantized, self.data.frozen)
 
     def restore_family_state(self, arrays: dict[str, np.ndarray]) -> None:
@@ -397,7 +397,7 @@ class MeshFit(AbstractFit):
             mesh = saved.mesh_of(arrays, "kept.mesh")
             data, template = self._make_data_and_unknowns(mesh, arrays["kept.scale"])
             y = fill_tree(template, "kept", arrays)
-            self._best_before_exchange = _Best(float(arrays["kept"]), y, mesh, data)
+            self._earlier_best = _Best(float(arrays["kept"]), y, mesh, data)
 
 
 def _untangled(y: MeshUnknowns, mesh: Mesh, data: MeshData) -> tuple[Mesh, MeshUnknowns]:
