@@ -106,6 +106,8 @@ class Drawing:
         style = page.style_in_place(page.root)
         viewport = root.viewport._replace(root_font_size=style.font_size)
         paint_root_background(page, style, self.canvas)
+        if np.linalg.det(root.map3) == 0:
+            return
         placement = placed(root.map3, None, self.canvas)
         self._pending.append(_ElementStep(page.root, InheritedState(INITIAL, placement, viewport)))
 
@@ -134,7 +136,8 @@ class Drawing:
             return
         map3 = transformed(self._page, element, declared, style, parent.placement.map3)
         opacity = style.opacity if self._context.opacity else 1.0
-        if np.linalg.det(map3) == 0 or opacity == 0:
+        is_singular = map3 is not parent.placement.map3 and np.linalg.det(map3) == 0
+        if is_singular or opacity == 0:
             return
         placement = parent.placement.with_map(map3)
         if style.clip_path is not None:
