@@ -127,8 +127,13 @@ class Drawing:
         if name == "symbol" and not parent.is_instance(element):
             return
         declared = self._page.declared(element)
-        style = self._page.computed(element, parent.style, declared)
-        if style.display == "none" or not meets_conditions(element):
+        if not meets_conditions(element):
+            return
+        ineffective = ()
+        if "mix-blend-mode" in declared.css and self._has_no_backdrop(element, parent):
+            ineffective = ("mix-blend-mode",)
+        style = self._page.displayed(element, parent.style, declared, ineffective)
+        if style is None:
             return
         if not is_drawable(name):
             # Names that SVG does not define are not drawn by any program.
@@ -149,6 +154,22 @@ class Drawing:
             self._open_group(element, declared, state, opacity)
         else:
             self._draw_shape(element, declared, state, opacity)
+
+    def _has_no_backdrop(self, element: Element, parent: InheritedState) -> bool:
+        """Whether an element is the first that is drawn in an isolated group.
+
+        Nothing lies below it then, so that its blend mode has no effect.
+        """
+        group = element.parent
+        if group is None or group.name != "g" or parent.is_instance(element):
+            return False
+        if self._page.declared(group).css.get("isolation", "").strip() != "isolate":
+            return False
+        for index in reversed(range(element.index)):
+            name = group.children[index].name
+            if name and name not in NEVER_DRAWN:
+                return False
+        return True
 
     def _declare_textures(self, element: Element) -> None:
         for child in element.children:

@@ -336,6 +336,39 @@ def test_a_foreign_default_namespace_is_not_svg():
         parse_svg(f'<svg xmlns="urn:x" width="9" height="9">{rect}</svg>')
 
 
+@pytest.mark.parametrize(
+    "body",
+    [
+        # Nothing of it is displayed.
+        '<rect width="4" height="4" fill="#qqq" filter="url(#f)" style="rx: 2" display="none"/>',
+        '<g style="display: none"><text>a</text></g><text systemLanguage="xx">b</text>',
+        '<linearGradient id="g" href="#none"/><clipPath id="c" clip-path="url(#none)"/>',
+        # Below the first shape of an isolated group lies nothing that it could blend with.
+        '<g style="isolation: isolate"><desc/><rect width="9" height="9" '
+        'style="mix-blend-mode: overlay"/></g>',
+    ],
+)
+def test_what_cannot_change_the_image_is_not_named(body):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read(body, strict=True)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<g style="isolation: isolate"><circle r="3"/>{}</g>',
+        '<g style="isolation: auto">{}</g>',
+        '<g style="isolation: isolate"><defs>{}</defs></g><use href="#r"/>',
+        '<g style="isolation: isolate"><g><circle r="3"/>{}</g></g>',
+    ],
+)
+def test_blend_modes_over_something_are_named(body):
+    rect = '<rect id="r" width="9" height="9" style="mix-blend-mode: overlay"/>'
+    with pytest.warns(UserWarning, match="without effect: mix-blend-mode of <rect>"):
+        read(body.format(rect))
+
+
 def test_no_warning_without_need():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
