@@ -176,6 +176,27 @@ def test_points_may_be_separated_in_any_way():
         assert shape(read('<polygon points="0,0 9,0 9,9 7"/>')).area == 40.5
 
 
+def test_triangles_coloured_by_a_style_sheet():
+    """As Illustrator writes them: the colours are in a style sheet, in classes."""
+    scene = read(
+        "<defs><style>.cls-1{fill:#0f0;}.cls-2,.cls-3{stroke-width:0}.cls-2{fill:#00f}</style></defs>"
+        '<path class="cls-1" d="M0 0L9 0L0 9Z"/><polygon class="cls-2" points="9,0 9,9 0,9"/>'
+    )
+    assert np.asarray(scene.colors)[:, 0].tolist() == [[0, 1, 0], [0, 0, 1]]
+    assert np.asarray(scene.positions)[np.asarray(scene.triangles)[0]].tolist() == [
+        [0, 0], [9, 0], [0, 9],
+    ]  # fmt: skip
+
+
+def test_strokes_are_in_the_coordinates_of_their_element():
+    """A scale along one axis widens the strokes across it alone."""
+    pen = 'stroke="red" stroke-width="2" fill="none" transform="scale(4 1)"'
+    upright = read(f'<path d="M5 0V20" {pen}/>')
+    assert shape(upright).symmetric_difference(shapely.box(16, 0, 24, 20)).area < 1e-3
+    level = read(f'<path d="M0 10H5" {pen}/>')
+    assert shape(level).symmetric_difference(shapely.box(0, 9, 20, 11)).area < 1e-3
+
+
 def test_fill_rules_differ_in_a_star():
     star = '<polygon points="50,0 21,80 97,30 3,30 79,80" fill-rule="{}"/>'
     nonzero, evenodd = (shape(read(star.format(rule))) for rule in ("nonzero", "evenodd"))
@@ -300,6 +321,34 @@ def test_one_warning_names_everything_ignored():
     )
     assert len(caught) == 1
     assert caught[0].filename == __file__ or "parse_svg" not in str(caught[0].filename)
+
+
+@pytest.mark.parametrize(
+    ("body", "cause"),
+    [
+        ("<text>a</text>", "<text>"),
+        ("<foreignObject/>", "<foreignObject>"),
+        ('<rect width="9" height="9"><animate/></rect>', "<animate>"),
+        ("<g><animateTransform/></g>", "<animateTransform>"),
+        ("<animateMotion/>", "<animateMotion>"),
+        ("<set/>", "<set>"),
+        ('<g filter="url(#x)"/>', "filter of <g>"),
+        ('<g mask="url(#x)"/>', "mask of <g>"),
+        ('<g style="mix-blend-mode: multiply"/>', "mix-blend-mode of <g>"),
+        ('<path d="M0 0h9" marker-end="url(#x)"/>', "marker-end of <path>"),
+        ('<path d="M0 0h9" style="marker: url(#x)"/>', "marker of <path>"),
+        ('<path d="M0 0h9v9" fill="url(#x)"/>', "fill of <path>"),
+        ('<path d="M0 0h9v9" stroke="url(#x)"/>', "stroke of <path>"),
+    ],
+)
+def test_everything_that_is_not_supported_is_named(body, cause):
+    pattern = '<pattern id="x" width="1" height="1"><rect width="1" height="1"/></pattern>'
+    with pytest.warns(UserWarning) as caught:
+        read(f"{pattern}\n{body}")
+    assert f"{cause} (line 2" in str(caught[0].message)
+    assert len(caught) == 1
+    with pytest.raises(ValueError, match=r"^<svg>:2: <"):
+        read(f"{pattern}\n{body}", strict=True)
 
 
 def test_strict_refuses_the_first_thing_that_is_not_drawn():
