@@ -329,11 +329,12 @@ def many_paths(count: int) -> str:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "triangles"),
     [
         pytest.param(low_poly(5078), 5078, id="5,078 paths of one triangle"),
-        pytest.param(many_paths(1000), 98_000, id="1e5 points", marks=pytest.mark.slow),
+        pytest.param(many_paths(1000), 98_000, id="1e5 points"),
     ],
 )
 def test_large_drawings_are_read_in_time_without_a_warning(body, triangles):
