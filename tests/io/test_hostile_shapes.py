@@ -1,5 +1,7 @@
 """Shapes that might take hours are read, or refused in one line, within seconds."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,43 @@ def test_costly_shapes_are_read_or_refused_in_time(name, dialect):
     else:
         assert not isinstance(result, str), result
         assert expected is None or result.triangles.shape[0] == expected
+
+
+def low_poly(count: int) -> str:
+    """Triangles as low-poly generators write them: one path for each, with a colour."""
+    corners = random(3 * count).reshape(-1, 6).tolist()
+    d = "M{:.3f},{:.3f}L{:.3f},{:.3f}L{:.3f},{:.3f}Z"
+    fill = '<path d="{}" fill="rgb({},{},{})"/>'
+    return "".join(
+        fill.format(d.format(*points), k % 256, k // 256, 7) for k, points in enumerate(corners)
+    )
+
+
+def many_paths(count: int) -> str:
+    """Paths of 100 points each, around circles."""
+    angle = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    path = '<path d="M{}Z" fill="#{:06x}"/>'
+    return "".join(
+        path.format("L".join(map("{:.2f},{:.2f}".format, *(center + 3 * circle).T)), k)
+        for k, center in enumerate(random(count))
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("body", "triangles"),
+    [
+        pytest.param(low_poly(5078), 5078, id="5,078 paths of one triangle"),
+        pytest.param(many_paths(1000), 98_000, id="1e5 points"),
+    ],
+)
+def test_large_drawings_are_read_in_time_without_a_warning(body, triangles):
+    """`experiments/svg_files` measures the time, which checks of types multiply here."""
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" width="10" height="10">{body}</svg>'
+    with ends_within(30), warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert parse_svg(text).triangles.shape[0] == triangles
 
 
 @pytest.mark.slow

@@ -39,7 +39,7 @@ def is_drawable(name: str) -> bool:
 
 
 def meets_conditions(element: Element) -> bool:
-    """Whether the conditional attributes of an element hold (SVG 2, section 5.9)."""
+    """Whether the conditional attributes of an element hold (SVG 2, section 5.6)."""
     if "requiredExtensions" in element.attrib:
         return False
     languages = element.attrib.get("systemLanguage")
