@@ -24,7 +24,8 @@ SAMPLES = (1, 4, 9, 16, 64, 256)
 class Hard(eqx.Module):
     """Exact supersampling: integer arithmetic decides whether each sample is inside.
 
-    - `samples`: samples per pixel, on a regular grid: 1, 4, 9, 16, 64 or 256.
+    - `samples`: samples per pixel: 1, 4, 9, 16, 64 or 256. With S of them along a side, sample i of
+      a row lies at (i + 1/2) / S pixel (`geometry.fixed_point`).
     - `fill_rule`: with `"inclusive"`, a triangle covers every sample of its closed area. With
       `"top_left"`, a sample on a shared edge belongs to one of the two triangles, and triangles of
       zero area cover nothing.

@@ -28,7 +28,7 @@ Film = list[np.ndarray]
 
 
 def crossing(frames: int) -> Film:
-    """A disc of fruit crosses a valley that stands still."""
+    """Make a film in which a disc of fruit crosses a valley that stands still."""
     valley = shrink(sr.read_image(sr.pictures.path("valley")), HEIGHT, WIDTH)
     fruit = shrink(sr.read_image(sr.pictures.path("fruit")), 64, 64)
     y, x = np.mgrid[:64, :64] + 0.5
@@ -42,7 +42,7 @@ def crossing(frames: int) -> Film:
 
 
 def pan(frames: int) -> Film:
-    """The view moves right over a valley by a pixel per frame."""
+    """Make a film in which the view moves right over a valley, by a pixel per frame."""
     valley = shrink(sr.read_image(sr.pictures.path("valley")), HEIGHT, WIDTH + frames - 1)
     return [np.ascontiguousarray(valley[:, k : k + WIDTH]) for k in range(frames)]
 
@@ -50,10 +50,13 @@ def pan(frames: int) -> Film:
 FILMS = {"crossing": crossing, "pan": pan}
 
 
-def row_of(name: str, film: Film, triangles: int, temporal: float | None) -> dict[str, Any]:
-    """Scores of a film for a temporal weight; None: every frame is fitted alone."""
-    began, used = time.perf_counter(), time.process_time()
-    # The time at which each frame was done.
+def measure(name: str, film: Film, triangles: int, temporal: float | None) -> dict[str, Any]:
+    """Fit a film, and return its scores and times.
+
+    `temporal`: the temporal weight; None: every frame is fitted alone.
+    """
+    start = time.perf_counter(), time.process_time()
+    # Time and processor time at which each frame was done.
     ends: list[tuple[float, float]] = []
     if temporal is None:
         results = sr.fit_batch(film, triangles=triangles, steps=STEPS, seed=SEED)
@@ -64,31 +67,31 @@ def row_of(name: str, film: Film, triangles: int, temporal: float | None) -> dic
             report=lambda *_: ends.append((time.perf_counter(), time.process_time())),
         )  # fmt: skip
     # The first frame compiles, and takes more steps; it is timed by itself.
-    first = ends[0] if ends else (began, used)
+    first = ends[0] if ends else start
     last = ends[-1] if ends else (time.perf_counter(), time.process_time())
-    later = len(film) - bool(ends)
+    later_frames = len(film) - bool(ends)
     return {
         "film": name,
         "temporal": "alone" if temporal is None else temporal,
         "psnr": float(np.mean([result.psnr for result in results])),
         "last_psnr": results[-1].psnr,
         "flicker": 255 * flicker([result.image for result in results], film),
-        "first_seconds": first[0] - began,
-        "frame_seconds": (last[0] - first[0]) / later,
-        "frame_cpu_seconds": (last[1] - first[1]) / later,
+        "first_seconds": first[0] - start[0],
+        "frame_seconds": (last[0] - first[0]) / later_frames,
+        "frame_cpu_seconds": (last[1] - first[1]) / later_frames,
     }
 
 
-def text_of(row: dict[str, Any]) -> list[str]:
-    """A row of the table in the README."""
+def row_texts(row: dict[str, Any]) -> list[str]:
+    """Texts of a row of the README's table."""
     temporal = row["temporal"]
-    flickers = "" if np.isnan(row["flicker"]) else f"{row['flicker']:.2f}"
+    flicker_text = "" if np.isnan(row["flicker"]) else f"{row['flicker']:.2f}"
     return [
         row["film"],
         temporal if temporal == "alone" else f"{temporal:g}",
         f"{row['psnr']:.2f}",
         f"{row['last_psnr']:.2f}",
-        flickers,
+        flicker_text,
         f"{row['frame_seconds']:.2f}",
         f"{row['frame_cpu_seconds']:.2f}",
     ]
@@ -98,11 +101,11 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--frames", type=int, default=30)
     parser.add_argument("--triangles", type=int, default=200)
-    chosen = parser.parse_args()
-    began = time.perf_counter()
+    arguments = parser.parse_args()
+    start_seconds = time.perf_counter()
     work = [("crossing", None), *((name, weight) for name in FILMS for weight in WEIGHTS)]
     rows = [
-        row_of(name, FILMS[name](chosen.frames), chosen.triangles, weight)
+        measure(name, FILMS[name](arguments.frames), arguments.triangles, weight)
         for name, weight in progress.steps(work, "films")
     ]
     results = HERE / "results"
@@ -110,15 +113,15 @@ def main() -> None:
     run = {
         "machine": machine.record(PACKAGES),
         "precision": "float32",
-        "seconds": time.perf_counter() - began,
-        **vars(chosen),
+        "seconds": time.perf_counter() - start_seconds,
+        **vars(arguments),
     }
     report.write_json(results / "run.json", run)
     header = (
         "film", "temporal weight", "mean PSNR, dB", "last PSNR, dB", "flicker, levels",
         "s per frame", "CPU s per frame",
     )  # fmt: skip
-    table = report.table(header, [text_of(row) for row in rows])
+    table = report.table(header, [row_texts(row) for row in rows])
     described = machine.describe(run, seed=f"seed {SEED}")
     texts = {"films": table, "machine": f"{described}; {run['seconds'] / 60:.0f} minutes."}
     report.fill_or_print(HERE / "README.md", texts)

@@ -22,7 +22,7 @@ HERE = Path(__file__).parent
 PACKAGES = ("softras2d", "jax", "jaxlib", "optimistix", "optax", "numpy")
 SEED = 0
 COLORS = 8
-COLUMNS = ("free", "usual", "best", "during", "gain", "gain_over_best")
+COLUMNS = ("free", "after_mean", "after_best", "during", "gain", "gain_over_best")
 PHOTOS = ("kodim05", "kodim13", "kodim20", "kodim23")
 
 FITS: dict[str, dict[str, Any]] = {
@@ -44,24 +44,24 @@ def read_target(path: Path, side: int) -> Image:
 def quantized_after(result: sr.FitResult, target: Image) -> tuple[float, float]:
     """PSNR, in dB, of a finished fit whose colours are then quantised: mean, and best of ten runs.
 
-    Each triangle, and the background, has the mean colour of the target at its visible samples, by
-    which least squares would colour it. K-means, weighted by the number of these samples, makes the
-    palette, from ten random starts. The palette is that of least squared error at these samples.
+    Each triangle, and the background, gets the mean colour of the target at its visible samples,
+    which is its colour of least squared error. K-means reduces these colours to a palette, from ten
+    random starts; a colour has the number of its samples as weight.
     """
     size: dict[str, Any] = {"height": result.height, "width": result.width}
     visible = sr.rasterize(result.scene, sr.plan(result.scene, **size, coverage=sr.Hard(16)))
     triangle = np.asarray(visible.triangle).reshape(target.shape[0] * target.shape[1], -1)
     count = result.scene.triangles.shape[0]
     # The background, index -1, comes last.
-    owner = np.where(triangle < 0, count, triangle).ravel()
+    triangle_of_sample = np.where(triangle < 0, count, triangle).ravel()
     samples = np.repeat(target.reshape(-1, 3), triangle.shape[1], axis=0)
-    weight = np.bincount(owner, minlength=count + 1).astype(np.float64)
-    sums = [np.bincount(owner, channel, count + 1) for channel in samples.T]
+    weight = np.bincount(triangle_of_sample, minlength=count + 1).astype(np.float64)
+    sums = [np.bincount(triangle_of_sample, channel, count + 1) for channel in samples.T]
     mean = np.stack(sums, 1) / np.maximum(weight, 1)[:, None]
     scores = []
     for seed in range(10):
         palette, labels = weighted_kmeans(mean, weight, COLORS, seed)
-        image = palette[labels][owner].reshape(*triangle.shape, 3).mean(1)
+        image = palette[labels][triangle_of_sample].reshape(*triangle.shape, 3).mean(1)
         error = np.mean((image - target.reshape(-1, 3)) ** 2)
         scores.append(-10 * np.log10(error))
     return float(np.mean(scores)), float(max(scores))
@@ -70,7 +70,7 @@ def quantized_after(result: sr.FitResult, target: Image) -> tuple[float, float]:
 def weighted_kmeans(
     colors: Float[np.ndarray, "n 3"], weight: Float[np.ndarray, " n"], count: int, seed: int
 ) -> tuple[Float[np.ndarray, "{count} 3"], Int[np.ndarray, " n"]]:
-    """Palette and labels of colours after 50 rounds of k-means from a random start."""
+    """Reduce colours by 50 rounds of k-means; return the palette, and its index for each colour."""
     rng = np.random.default_rng(seed)
     palette = colors[rng.choice(len(colors), count, replace=False, p=weight / weight.sum())]
     for _ in range(50):
@@ -82,28 +82,31 @@ def weighted_kmeans(
 
 
 def compare(name: str, target: Image, fit: str, steps: int) -> dict[str, Any]:
-    """Scores of one picture and kind of fit: free colours, quantised after, and during the fit."""
+    """Fit one picture with free colours and with a palette; return a row of the README's table.
+
+    `time_ratio`: seconds of the fit with a palette over those of the fit with free colours.
+    """
     settings: dict[str, Any] = FITS[fit] | {"steps": steps, "seed": SEED}
     free = sr.fit(target, **settings)
     during = sr.fit(target, palette=COLORS, **settings)
-    usual, best = quantized_after(free, target)
+    after_mean, after_best = quantized_after(free, target)
     row = {
         "fit": fit,
         "picture": name,
         "free": free.psnr,
-        "usual": usual,
-        "best": best,
+        "after_mean": after_mean,
+        "after_best": after_best,
         "during": during.psnr,
-        "gain": during.psnr - usual,
-        "gain_over_best": during.psnr - best,
-        "seconds": during.history[-1].seconds / free.history[-1].seconds,
+        "gain": during.psnr - after_mean,
+        "gain_over_best": during.psnr - after_best,
+        "time_ratio": during.history[-1].seconds / free.history[-1].seconds,
     }
     print({key: round(x, 2) if isinstance(x, float) else x for key, x in row.items()}, flush=True)
     return row
 
 
-def text_of(row: dict[str, Any]) -> list[str]:
-    """A row of the README's table."""
+def row_texts(row: dict[str, Any]) -> list[str]:
+    """Texts of a row of the README's table."""
     scores = [f"{row[key]:.2f}" for key in COLUMNS]
     return [row["fit"], row["picture"], *scores]
 
@@ -114,30 +117,30 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=1000)
     parser.add_argument("--side", type=int, default=128)
     parser.add_argument("--fits", nargs="*", default=list(FITS))
-    chosen = parser.parse_args()
-    began = time.perf_counter()
+    arguments = parser.parse_args()
+    start_seconds = time.perf_counter()
     paths = {"valley": Path(pictures.path("valley"))}
-    paths |= {name: chosen.data / f"{name}.png" for name in PHOTOS}
+    paths |= {name: arguments.data / f"{name}.png" for name in PHOTOS}
     rows = [
-        compare(name, read_target(path, chosen.side), fit, chosen.steps)
-        for fit in chosen.fits
+        compare(name, read_target(path, arguments.side), fit, arguments.steps)
+        for fit in arguments.fits
         for name, path in paths.items()
         if path.is_file()
     ]
     run = {
         "machine": machine.record(PACKAGES),
         "precision": "float32",
-        "side": chosen.side,
-        "steps": chosen.steps,
+        "side": arguments.side,
+        "steps": arguments.steps,
         "rows": rows,
     }
     (HERE / "results").mkdir(exist_ok=True)
     report.write_json(HERE / "results/palette.json", run)
-    minutes = (time.perf_counter() - began) / 60
+    minutes = (time.perf_counter() - start_seconds) / 60
     header = ["fit", "picture", "free, dB", "after, dB", "after, best of 10", "during, dB"]
     header += ["gain, dB", "gain over best of 10"]
     texts = {
-        "palette": report.table(header, [text_of(row) for row in rows]),
+        "palette": report.table(header, [row_texts(row) for row in rows]),
         "machine": f"{machine.describe(run, seed=f'seed {SEED}')}; {minutes:.0f} minutes.",
     }
     print(json.dumps([row["gain"] for row in rows]))

@@ -16,7 +16,7 @@ _ROOT = Path(__file__).parents[2]
 
 
 def measure() -> dict[str, Any]:
-    """Mebibytes that one image and its gradient take.
+    """Measure the memory, in MiB, of one image and its gradient in a fresh process.
 
     - `program_mib`: arguments, results and temporaries, as the compiler lays them out.
     - `grown_mib`: how far the resident set grew during the call; `process_mib`: its peak.
@@ -28,7 +28,7 @@ def measure() -> dict[str, Any]:
 
 
 def draw_once() -> dict[str, float]:
-    """Draw random triangles whose colours a small network computes from their weights."""
+    """Draw random triangles whose colours go through a small network, with the gradient; in MiB."""
     import jax
     import jax.numpy as jnp
     import numpy as np
@@ -54,11 +54,11 @@ def draw_once() -> dict[str, float]:
 
     arguments = (scene.positions, layers)
     program = jax.jit(jax.value_and_grad(loss, (0, 1))).lower(*arguments).compile()
-    laid_out: Any = program.memory_analysis()
+    program_memory: Any = program.memory_analysis()
     bytes_of_program = (
-        laid_out.argument_size_in_bytes
-        + laid_out.output_size_in_bytes
-        + laid_out.temp_size_in_bytes
+        program_memory.argument_size_in_bytes
+        + program_memory.output_size_in_bytes
+        + program_memory.temp_size_in_bytes
     )
     before, peak_before = _status_mib("VmRSS"), _status_mib("VmHWM")
     # Resets VmHWM to the current resident set.
@@ -74,6 +74,7 @@ def draw_once() -> dict[str, float]:
 
 
 def _status_mib(name: str) -> float:
+    """A memory entry of this process's status, in MiB."""
     status = Path("/proc/self/status").read_text()
     return int(re.search(rf"{name}:\s+(\d+) kB", status)[1]) / 1024  # pyright: ignore
 

@@ -33,7 +33,11 @@ SCENES = {
     "interpolated, translucent": {"corners": 3, "translucent": True},
     "interpolated, translucent, depth": {"corners": 3, "depth": True, "translucent": True},
 }
-"""Scenes by name; the colours of opaque ones go through `resolve`, of others `composite`."""
+"""Arguments of `scene_of` for each scene."""
+
+
+IMAGE = np.random.default_rng(1).random((6, 8, 3)).astype(np.float32)
+"""The texture of all triangles."""
 
 
 def scene_of(
@@ -41,7 +45,7 @@ def scene_of(
 ) -> sr.Scene:
     """Random triangles with sides of 9 to 19 pixels, which overlap and cross the border.
 
-    With depth, each triangle has one, in another order than they are drawn.
+    With depth, each triangle has one depth; their order is not the draw order.
     """
     rng = np.random.default_rng(SEED)
     centers = rng.random((TRIANGLES, 1, 2)) * SIZE_PX
@@ -63,12 +67,11 @@ def scene_of(
     return sr.Scene.from_soup(points.astype(np.float32), colors.astype(np.float32), **optional)
 
 
-IMAGE = np.random.default_rng(1).random((6, 8, 3)).astype(np.float32)
-"""The texture of all triangles."""
-
-
 def exact_gradient(scene: sr.Scene, weight: Array) -> Float[np.ndarray, "vertices 2"]:
-    """By quadrature along edges and over the area, without code of the package."""
+    """Gradient by positions, by quadrature along edges and over the area.
+
+    It uses no code of the package. `weight`: of each pixel and channel in the loss.
+    """
     if scene.colors.shape[2] == 4:
         return edges.position_gradient(scene, np.asarray(weight))
     colors = np.broadcast_to(np.asarray(scene.colors, np.float64), (TRIANGLES, 3, 3))
@@ -89,7 +92,7 @@ def exact_gradient(scene: sr.Scene, weight: Array) -> Float[np.ndarray, "vertice
 
 
 def draw_with_given_colors(scene: sr.Scene, plan: sr.Plan) -> Float[Array, "height width 3"]:
-    """The image by `rasterize` and `resolve`, or of a translucent scene by `composite`."""
+    """Draw an opaque scene by `rasterize` and `resolve`, a translucent one by `composite`."""
     if scene.colors.shape[2] == 3:
         return resolve_scene(scene, plan)
     colors = jnp.broadcast_to(scene.colors, (TRIANGLES, 3, 4))
@@ -101,7 +104,7 @@ def draw_with_given_colors(scene: sr.Scene, plan: sr.Plan) -> Float[Array, "heig
 
 
 def rows_of(name: str) -> Iterator[dict[str, Any]]:
-    """One row for each number of samples."""
+    """Compare the gradients of a scene with the exact one; one row for each number of samples."""
     scene = scene_of(**SCENES[name])
     exact = None
     for samples in SAMPLES:
@@ -117,13 +120,13 @@ def rows_of(name: str) -> Iterator[dict[str, Any]]:
         yield {
             "scene": name,
             "samples": samples,
-            **against("render", by_render, exact),
-            **against("given", by_caller, exact),
-            "apart": float(np.abs(by_caller - by_render).max() / np.abs(by_render).max()),
+            **compare_with_exact("render", by_render, exact),
+            **compare_with_exact("caller", by_caller, exact),
+            "difference": float(np.abs(by_caller - by_render).max() / np.abs(by_render).max()),
         }
 
 
-def against(name: str, gradient: np.ndarray, exact: np.ndarray) -> dict[str, float]:
+def compare_with_exact(name: str, gradient: np.ndarray, exact: np.ndarray) -> dict[str, float]:
     """Cosine to the exact gradient, and length of the gradient over that of the exact one."""
     length, exact_length = np.linalg.norm(gradient), np.linalg.norm(exact)
     return {
@@ -133,17 +136,18 @@ def against(name: str, gradient: np.ndarray, exact: np.ndarray) -> dict[str, flo
 
 
 def gradient_table(rows: list[dict[str, Any]]) -> str:
+    """The README's table of gradients."""
     header = [
-        "scene", "samples", "`render`: cosine", "scale", "given colours: cosine", "scale",
+        "scene", "samples", "`render`: cosine", "scale", "caller's colours: cosine", "scale",
         "largest difference of both",
     ]  # fmt: skip
-    names = ("render_cosine", "render_scale", "given_cosine", "given_scale")
+    names = ("render_cosine", "render_scale", "caller_cosine", "caller_scale")
     body = [
         [
             row["scene"],
             str(row["samples"]),
             *(f"{row[key]:.5f}" for key in names),
-            f"{row['apart']:.0e}",
+            f"{row['difference']:.0e}",
         ]
         for row in rows
     ]
@@ -151,6 +155,7 @@ def gradient_table(rows: list[dict[str, Any]]) -> str:
 
 
 def memory_table(row: dict[str, Any]) -> str:
+    """The README's table of memory, from what `memory.measure` returns."""
     header = ["512 x 512 px, 256 samples", "GiB"]
     labels = {
         "program_mib": "arguments, results and temporaries, by the compiler",
@@ -163,19 +168,19 @@ def memory_table(row: dict[str, Any]) -> str:
 def main() -> None:
     rows = [row for name in progress.steps(SCENES, "scenes") for row in rows_of(name)]
     report.write_csv(HERE / "results" / "gradients.csv", rows)
-    about = {
+    run = {
         "machine": machine.record(PACKAGES),
         "seed": SEED,
         "precision": "float32",
         "memory": memory.measure(),
     }
-    report.write_json(HERE / "results" / "run.json", about)
+    report.write_json(HERE / "results" / "run.json", run)
     report.fill_or_print(
         HERE / "README.md",
         {
             "gradients": gradient_table(rows),
-            "memory": memory_table(about["memory"]),
-            "machine": machine.describe(about, seed=f"seed {SEED}") + ".",
+            "memory": memory_table(run["memory"]),
+            "machine": machine.describe(run, seed=f"seed {SEED}") + ".",
         },
     )
 

@@ -12,15 +12,16 @@ from .fit_bar import FitBar, fit_bar
 from .fit_options import FilmOptions, PictureOptions
 from .fit_paths import (
     BUNDLED,
-    STANDARD,
+    STANDARD_STREAM,
     check_animation,
+    check_digits,
     check_input,
     check_outputs,
     check_start,
 )
-from .fit_words import option_words
+from .fit_words import errors_name_options
 from .session import print_message, session
-from .stopping import answered_signals
+from .stopping import announce_signals
 
 
 def fit_picture(
@@ -67,22 +68,20 @@ def fit_picture(
     [bold]softras2d fit - < photo.jpg > photo.svg[/bold]
 
     Ctrl-C or SIGTERM stops the fit early: the best result so far is written, and the exit code is
-    130. A second Ctrl-C gives up, and leaves only the checkpoint: the file of `-o FIT.npz`.
+    130. After a second Ctrl-C nothing more is written. Only the last checkpoint remains, in the
+    file of `-o FIT.npz`.
     """
-    # Importing Python and this package took time that the user's limit includes.
-    began = time.perf_counter() - time.process_time()
-    settings: dict[str, Any] = {
+    # The user's time limit includes the import of Python and this package, so the start is that of
+    # the process.
+    start_seconds = time.perf_counter() - time.process_time()
+    given: dict[str, Any] = {
         "triangles": triangles, "family": family, "shading": shading, "translucent": translucent,
         "solver": solver, "size": size, "seed": seed, "softness": softness, "colors": colors,
-        "loss": loss, "light": light,
+        "loss": loss, "light": light, "palette": palette, "background": background,
+        "freeze": freeze,
     }  # fmt: skip
     with session(long_running=True, loads_jax=False) as console, fit_bar(console) as bar:
-        settings |= {
-            "softness": _parse_softness(softness),
-            "palette": fit_steering.parse_palette(palette),
-            "background": fit_steering.parse_background(background),
-            "freeze": fit_steering.parse_freeze(freeze),
-        }
+        settings = _parse_texts(given)
         for path in (*(targets or []), weights, resume):
             check_input(path)
         target = targets[0] if targets else None
@@ -90,36 +89,56 @@ def fit_picture(
         options = PictureOptions(
             target, outputs, digits, weights, focus or (), start, resume, watch, browser
         )
-        others = {"weights": weights, "focus": focus, "start": start, "softness": softness}
-        with option_words(options.values):
+        other_options = {"weights": weights, "focus": focus, "start": start}
+        with errors_name_options(options.values):
             _check_arguments(settings, steps, seconds)
         check_start(start, family)
         if animation is not None:
-            film = {"output": output, "seconds": seconds, "resume": resume, "watch": watch}
-            _check_film(targets or [], animation, settings | others | film)
+            unsupported = {"output": output, "seconds": seconds, "resume": resume, "watch": watch}
+            _check_film(targets or [], animation, digits, given | other_options | unsupported)
             film_options = FilmOptions(animation, frame_steps, temporal, fps, digits)
-            _fit_film(targets or [], film_options, settings, steps, began, console, bar)
+            _fit_film(targets or [], film_options, settings, steps, start_seconds, console, bar)
             return
-        if targets and len(targets) > 1:
-            raise ValueError(
-                f"{targets[1]}: a second picture; several are the frames of a film, for "
-                "--animation FILM.svg. To fit each, put them into a folder: softras2d fit-batch."
-            )
-        inputs = {target: "the picture to fit", weights: "the picture of weights"}
-        inputs[Path(start)] = "what the fit starts from"
-        check_outputs(outputs, {path: role for path, role in inputs.items() if path})
+        _check_picture(targets or [], options)
         if resume is not None:
-            _name_ignored(settings | others, console)
+            _warn_of_ignored(given | other_options, console)
         bar.show("loading JAX")
         from .fit_single_picture import fit_single_picture
 
-        fit_single_picture(options, settings, steps, seconds, began, console, bar)
+        fit_single_picture(options, settings, steps, seconds, start_seconds, console, bar)
+
+
+def _parse_texts(given: dict[str, Any]) -> dict[str, Any]:
+    """Parse the options that are texts of numbers or colours; return all settings of the fit."""
+    return given | {
+        "softness": _parse_softness(given["softness"]),
+        "palette": fit_steering.parse_palette(given["palette"]),
+        "background": fit_steering.parse_background(given["background"]),
+        "freeze": fit_steering.parse_freeze(given["freeze"]),
+    }
+
+
+def _check_picture(pictures: list[Path], options: PictureOptions) -> None:
+    """Raise `ValueError` for more than one picture, and for outputs that cannot be written."""
+    if len(pictures) > 1:
+        raise ValueError(
+            f"{pictures[1]}: more than one picture. For a film of these frames, add --animation "
+            "FILM.svg; to fit each picture, put them into a folder and use softras2d fit-batch."
+        )
+    inputs = {options.target: "the picture to fit", options.weights: "the picture of weights"}
+    # A name such as `error` is no file that an output could be.
+    inputs[Path(options.start)] = "what the fit starts from"
+    check_outputs(options.outputs, {path: role for path, role in inputs.items() if path})
+    check_digits(options.digits, options.outputs)
 
 
 def _default_output(target: Path | None) -> Path:
-    """Where the result goes unless a file is named: beside the photo, as an SVG."""
-    if target == STANDARD:
-        return STANDARD
+    """Path of the output if none is given: an SVG beside the photo, or standard output.
+
+    It is standard output if the photo is standard input.
+    """
+    if target == STANDARD_STREAM:
+        return STANDARD_STREAM
     name = BUNDLED if target is None else str(target.with_suffix(""))
     return Path(f"{name}.fit.svg")
 
@@ -128,39 +147,44 @@ def _check_arguments(settings: dict[str, Any], steps: int | None, seconds: float
     """Raise `ValueError` for arguments that `fit` would refuse, before JAX is loaded."""
     from ..fitting import choices, steering
 
-    frozen, _ = steering.settle_freeze(settings["freeze"])
-    # Masks, which would need an object to start from, cannot be given here.
+    frozen, _ = steering.normalize_freeze(settings["freeze"])
+    # The command line takes no masks, the only kind of `freeze` that needs an object as `start`.
     checked = settings | {"freeze": frozen, "start": "error"}
-    choices.check(choices.settle(checked), steps, seconds)
+    choices.check(choices.normalize(checked), steps, seconds)
 
 
-def _name_ignored(options: dict[str, Any], console: Console) -> None:
+def _warn_of_ignored(options: dict[str, Any], console: Console) -> None:
     """Warn of options that were given, but do not apply to a resumed fit."""
-    given = _given(options)
-    if given:
-        message = f"--resume keeps the settings of the file: {given} ignored"
+    ignored = _list_changed_options(options)
+    if ignored:
+        message = f"{ignored}: ignored, because --resume takes the settings from the file"
         print_message("warning", message, console)
 
 
-def _given(options: dict[str, Any]) -> str:
-    """A list of the options whose values are not their defaults."""
+def _list_changed_options(options: dict[str, Any]) -> str:
+    """Names of the options whose values differ from their defaults, as text for a message."""
     defaults = inspect.signature(fit_picture).parameters
-    given = [name for name, value in options.items() if value != defaults[name].default]
-    return ", ".join("-n" if name == "triangles" else f"--{name}" for name in given)
+    changed = [name for name, value in options.items() if value != defaults[name].default]
+    return ", ".join("-n" if name == "triangles" else f"--{name}" for name in changed)
 
 
 _FILM_SETTINGS = ("triangles", "shading", "translucent", "size", "seed", "softness", "light")
 """Parameters of `fit_picture` that `fit_frames` has too."""
 
 
-def _check_film(frames: list[Path], animation: Path, options: dict[str, Any]) -> None:
+def _check_film(
+    frames: list[Path], animation: Path, digits: int | None, options: dict[str, Any]
+) -> None:
     """Raise `ValueError` for a film that cannot be written, and for options that films lack."""
     check_animation(animation)
     if not frames:
         raise ValueError(f"{animation}: --animation needs the frames of a film.")
-    refused = _given({name: value for name, value in options.items() if name not in _FILM_SETTINGS})
-    if refused:
-        raise ValueError(f"{animation}: films are fitted without {refused}.")
+    unsupported = _list_changed_options(
+        {name: value for name, value in options.items() if name not in _FILM_SETTINGS}
+    )
+    if unsupported:
+        raise ValueError(f"{unsupported}: not available for films (--animation).")
+    check_digits(digits, [animation])
 
 
 def _fit_film(
@@ -168,7 +192,7 @@ def _fit_film(
     options: FilmOptions,
     settings: dict[str, Any],
     steps: int | None,
-    began: float,
+    start_seconds: float,
     console: Console,
     bar: FitBar,
 ) -> None:
@@ -178,21 +202,23 @@ def _fit_film(
     from .fit_film import film_summary, fit_film, write_film
 
     keep_compiled_programs()
-    shared = {name: settings[name] for name in _FILM_SETTINGS}
-    with option_words({}), answered_signals(console):
-        results, targets = fit_film(frames, options, shared, steps, bar)
+    film_settings = {name: settings[name] for name in _FILM_SETTINGS}
+    with errors_name_options({}), announce_signals(console):
+        results, targets = fit_film(frames, options, film_settings, steps, bar)
     bar.show("writing")
     write_film(options, results)
-    line = film_summary(options, results, targets, began)
-    Console(soft_wrap=True, highlight=False).print(line, markup=False)
+    summary = film_summary(options, results, targets, start_seconds)
+    Console(soft_wrap=True, highlight=False).print(summary, markup=False)
     if results[-1].interrupted:
         raise KeyboardInterrupt
 
 
-def _parse_softness(text: str) -> Any:
-    """One width of soft edges, or a list of two."""
+def _parse_softness(text: str) -> float | list[float]:
+    """Parse `--softness`: one width of soft edges in pixels, or `FIRST:LAST` as a list of two."""
     try:
         widths = [float(part) for part in text.split(":")]
     except ValueError:
-        raise ValueError(f"--softness must be pixels, or PIXELS:PIXELS; got {text!r}.") from None
+        raise ValueError(
+            f"--softness must be a width in pixels, or FIRST:LAST; got {text!r}."
+        ) from None
     return widths[0] if len(widths) == 1 else widths

@@ -21,7 +21,7 @@ from ..options import Hard
 from ..rendering.planner import plan
 from ..rendering.render import render
 from ..scene import Scene
-from .fit_paths import COMPACT, STANDARD
+from .fit_paths import COMPACT, STANDARD_STREAM
 
 _MAX_FRAMES = 40
 """Scenes of the fit that an animation shows, before the last one."""
@@ -52,7 +52,7 @@ def _write(
     path: Path, result: FitResult, frames: "AnimationFrames | None", digits: int | None
 ) -> None:
     """Write one file of a fit, in the format that its suffix names; `-` is an SVG on stdout."""
-    if path == STANDARD:
+    if path == STANDARD_STREAM:
         with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
             file = Path(folder) / "fit.svg"
             _write(file, result, frames, digits)

@@ -83,10 +83,13 @@ def write_film(options: FilmOptions, results: Sequence[FitResult]) -> None:
 
 
 def film_summary(
-    options: FilmOptions, results: Sequence[FitResult], targets: Sequence[Image], began: float
+    options: FilmOptions,
+    results: Sequence[FitResult],
+    targets: Sequence[Image],
+    start_seconds: float,
 ) -> str:
-    """One line about a film: its file, its scores, and the seconds since `began`."""
-    elapsed = time.perf_counter() - began
+    """One line about a film: its file, its scores, and the seconds since `start_seconds`."""
+    elapsed = time.perf_counter() - start_seconds
     psnr = float(np.mean([result.psnr for result in results]))
     changes = 255 * flicker([result.image for result in results], targets)
     frames = "1 frame" if len(results) == 1 else f"{len(results)} frames"

@@ -163,7 +163,7 @@ Seed = Annotated[int, typer.Option(help="Random seed.", rich_help_panel=SEARCH)]
 Softness = Annotated[
     str,
     typer.Option(
-        metavar="PIXELS[:PIXELS]",
+        metavar="FIRST[:LAST]",
         help="Width of the soft edges of layers, in pixels. Two numbers: at the start, and from "
         "the middle of the fit on.",
         rich_help_panel=SEARCH,

@@ -8,7 +8,7 @@ from typing import get_args
 from .. import names
 from ..io.outputs import WRITABLE, check_writable_path
 
-STANDARD = Path("-")
+STANDARD_STREAM = Path("-")
 """Standard input or standard output, in place of a file."""
 
 BUNDLED = "valley"
@@ -28,7 +28,7 @@ def find_suffix(paths: Sequence[Path], suffix: str) -> Path | None:
 
 def check_input(path: Path | None) -> None:
     """Raise `ValueError` unless a file that was named exists."""
-    if path is None or path == STANDARD or path.is_file():
+    if path is None or path == STANDARD_STREAM or path.is_file():
         return
     if path.is_dir():
         raise ValueError(
@@ -43,7 +43,7 @@ def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
     `inputs` maps files that must not be overwritten to their roles, for the message.
     """
     for path in paths:
-        if path == STANDARD:
+        if path == STANDARD_STREAM:
             continue
         if path.suffix.lower() not in SUFFIXES:
             raise ValueError(f"{path}: the suffix must be one of {', '.join(SUFFIXES)}.")
@@ -55,6 +55,14 @@ def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
                 raise ValueError(f"{path}: that is {role}.")
     if len(set(paths)) < len(paths):
         raise ValueError("the same --output is given twice.")
+
+
+def check_digits(digits: int | None, paths: Sequence[Path]) -> None:
+    """Raise `ValueError` for `--digits` unless one of the files to be written is an SVG."""
+    is_svg = STANDARD_STREAM in paths or find_suffix(paths, ".svg") is not None
+    if digits is not None and not is_svg:
+        names_of_files = ", ".join(map(str, paths))
+        raise ValueError(f"--digits is for SVG files; got no SVG to write, but {names_of_files}.")
 
 
 def check_start(text: str, family: str) -> None:

@@ -17,13 +17,13 @@ from ..numerics.compilation_cache import keep_compiled_programs
 from .fit_bar import FitBar
 from .fit_files import AnimationFrames, write_all
 from .fit_options import SECONDS, PictureOptions
-from .fit_paths import BUNDLED, STANDARD, find_suffix
+from .fit_paths import BUNDLED, STANDARD_STREAM, find_suffix
 from .fit_start import read_start
 from .fit_summary import summary
 from .fit_weights import pixel_weights
-from .fit_words import option_words
+from .fit_words import errors_name_options
 from .session import print_message
-from .stopping import answered_signals
+from .stopping import announce_signals
 from .view import import_server, shown_address
 
 _ANIMATION_SECONDS = 5.0
@@ -41,14 +41,14 @@ def fit_single_picture(
     settings: dict[str, Any],
     steps: int | None,
     seconds: float | None,
-    began: float,
+    start_seconds: float,
     console: Console,
     bar: FitBar,
 ) -> None:
     """Fit one picture, write its files, and print a line about them.
 
     - `settings`: arguments of `fit`, other than those in `options`.
-    - `seconds`: time limit of the whole command, which started at `began`.
+    - `seconds`: time limit of the whole command, which started at `start_seconds`.
 
     Raises `KeyboardInterrupt` at the end if the fit was interrupted.
     """
@@ -69,21 +69,21 @@ def fit_single_picture(
     weights = pixel_weights(options.weights, options.focus, height, width)
     if steps is None:
         gradients = bool(find_suffix(outputs, ".svg")) and _has_corner_colors(family, shading)
-        seconds = _seconds_of_fit(seconds, began, frames is not None, gradients)
+        seconds = _seconds_of_fit(seconds, start_seconds, frames is not None, gradients)
     with _watched(picture, target, options.watch, options.browser) as watched:
         bar.followers = [follower for follower in (frames, watched) if follower is not None]
         bar.show("starting")
-        with option_words(options.values), answered_signals(console):
+        with errors_name_options(options.values), announce_signals(console):
             result = fit(
                 picture, **settings, seconds=seconds, steps=steps, weights=weights, start=start,
                 resume=earlier, report=bar.report, checkpoint=find_suffix(outputs, ".npz"),
             )  # fmt: skip
         bar.show("writing")
         write_all(outputs, result, frames, options.digits)
-        elapsed = time.perf_counter() - began
+        elapsed = time.perf_counter() - start_seconds
         line = summary(outputs, result, elapsed=elapsed, shares=bar.shares, seconds=seconds)
         # Standard output may be the SVG itself.
-        stdout = Console(soft_wrap=True, highlight=False, stderr=STANDARD in outputs)
+        stdout = Console(soft_wrap=True, highlight=False, stderr=STANDARD_STREAM in outputs)
         stdout.print(line, markup=False)
         if watched is not None:
             watched.finish(result, _LAST_PICTURE_SECONDS)
@@ -115,7 +115,7 @@ def _check_more_steps(steps: int, earlier: Any, resume: Path | None, console: Co
 
 def _read_picture(target: Path | None) -> Any:
     """Read the picture to fit: a file, standard input, or a bundled picture."""
-    if target == STANDARD:
+    if target == STANDARD_STREAM:
         return decode_image(sys.stdin.buffer.read(MAX_IMAGE_BYTES), "-")
     return read_image(pictures.path(BUNDLED) if target is None else target)
 
@@ -125,13 +125,15 @@ def _has_corner_colors(family: str, shading: str | None) -> bool:
     return shading != "flat" if family == "mesh" else shading not in (None, "flat")
 
 
-def _seconds_of_fit(seconds: float | None, began: float, animation: bool, gradients: bool) -> float:
+def _seconds_of_fit(
+    seconds: float | None, start_seconds: float, animation: bool, gradients: bool
+) -> float:
     """Seconds that are left for the fit itself.
 
-    - `seconds`: time limit of the whole command, which started at `began`.
+    - `seconds`: time limit of the whole command, which started at `start_seconds`.
     - `animation`, `gradients`: whether an animation, or an SVG with gradients, is drawn afterwards.
     """
-    elapsed = time.perf_counter() - began
+    elapsed = time.perf_counter() - start_seconds
     limit = SECONDS if seconds is None else seconds
     reserved = elapsed + animation * min(_ANIMATION_SECONDS, 0.3 * limit)
     if gradients:

@@ -41,24 +41,31 @@ Freeze = Annotated[
 _COLOR = re.compile(r"#[0-9a-fA-F]{6}")
 
 
-def parse_palette(text: str | None) -> Any:
-    """A number of colours, or a list of RGB values in 0..1, as `fit` takes them."""
+def parse_palette(text: str | None) -> int | list[list[float]] | None:
+    """Parse `--palette`: `8` is a number of colours, `#ff8000,#000000` a list of colours.
+
+    Colours become RGB values in 0..1. None, without the option, stays None. Raises `ValueError` for
+    other text, and for a number of colours outside 1..`MAX_PALETTE`.
+    """
     if text is None:
         return None
     # Imported here, because it loads numpy, which `softras2d --help` does without.
     from ..fitting.steering import MAX_PALETTE
 
     is_number = re.fullmatch(r"\s*[0-9]{1,9}\s*", text) is not None
-    colors = None if is_number else [_parse_color(code.strip()) for code in text.split(",")]
-    if colors is not None and None in colors:
+    codes = [] if is_number else text.split(",")
+    colors = [
+        color for color in (_parse_color(code.strip()) for code in codes) if color is not None
+    ]
+    if len(colors) < len(codes):
         raise ValueError(
             f"--palette must be a number of colours, or colours such as #ff8000,#000000; got "
             f"{text!r:.60}."
         )
-    count = int(text) if colors is None else len(colors)
+    count = int(text) if is_number else len(colors)
     if not 1 <= count <= MAX_PALETTE:
         raise ValueError(f"--palette must have from 1 to {MAX_PALETTE} colours; got {count}.")
-    return count if colors is None else colors
+    return count if is_number else colors
 
 
 def parse_background(text: str) -> Any:

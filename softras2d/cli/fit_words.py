@@ -17,7 +17,7 @@ _NAMED = re.compile(r"`(\w+)(?:=([^`]*))?`")
 
 
 @contextmanager
-def option_words(values: Mapping[str, object]) -> Iterator[None]:
+def errors_name_options(values: Mapping[str, object]) -> Iterator[None]:
     """Raise each `ValueError` of the body again, with options in place of arguments.
 
     `values`: what the user gave for some arguments, such as a file; it follows the option. That of

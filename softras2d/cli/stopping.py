@@ -17,7 +17,7 @@ _ANSWERS = (
 
 
 @contextmanager
-def answered_signals(console: Console) -> Iterator[None]:
+def announce_signals(console: Console) -> Iterator[None]:
     """Print a line for each Ctrl-C or SIGTERM at once; SIGTERM acts like Ctrl-C.
 
     Python runs signal handlers in the main thread, between two instructions, so a handler waits for

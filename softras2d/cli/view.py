@@ -1,23 +1,29 @@
 """`softras2d view`: shows scenes and images in the browser."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
+from .. import scenes
 from . import options
 from .session import session
+
+if TYPE_CHECKING:
+    from ..viewing.scene_file import ReadOptions
+    from ..viewing.subject import Subject
 
 Files = Annotated[
     list[Path],
     typer.Argument(
         metavar="SCENE.svg ...",
         show_default=False,
-        help="SVG files to view, and images to compare them with. A changed SVG file or image is "
-        "drawn again; its textures and saved fits are not.",
+        help="SVG files or bundled scenes to view, and images to compare them with. A changed SVG "
+        "file or image is drawn again; its textures and saved fits are not.",
     ),
 ]
 Port = Annotated[
@@ -54,15 +60,14 @@ def view_files(
     with session(long_running=True) as console:
         # Refused before the heavy imports.
         for path in files:
-            if not path.is_file():
+            if not path.is_file() and not is_bundled(path):
                 raise ValueError(f"{path}: no such file.")
         import_server()
-        from ..viewing.open_files import open_files
         from ..viewing.scene_file import ReadOptions
         from ..viewing.serve import ViewerServer
         from ..viewing.session import Session
 
-        subjects = open_files(files, ReadOptions(dialect, assets, frame, opacity))
+        subjects = open_subjects(files, ReadOptions(dialect, assets, frame, opacity))
         with ViewerServer(Session(subjects), port or 0) as server:
             try:
                 with shown_address(server.url, browser):
@@ -71,6 +76,33 @@ def view_files(
                 # The usual end of a viewer. A picture that is being drawn is finished first.
                 console.print("closing")
         console.print("closed")
+
+
+def is_bundled(path: Path) -> bool:
+    """Whether a path is the name of a bundled scene. A file of that name takes precedence."""
+    return str(path) in scenes.names() and not path.exists()
+
+
+def open_subjects(paths: Sequence[Path], read_options: "ReadOptions") -> list["Subject"]:
+    """One subject for each file or bundled scene."""
+    from ..viewing.open_files import open_files
+
+    files = iter(open_files([path for path in paths if not is_bundled(path)], read_options))
+    return [
+        bundled_subject(str(path), read_options) if is_bundled(path) else next(files)
+        for path in paths
+    ]
+
+
+def bundled_subject(name: str, read_options: "ReadOptions") -> "Subject":
+    """The subject of a bundled scene, read in its own dialect."""
+    from ..viewing.scene_file import SceneFile
+    from ..viewing.scene_in_memory import SceneInMemory
+
+    if not scenes.is_scripted(name):
+        return SceneFile(scenes.path(name), replace(read_options, dialect=scenes.dialect(name)))
+    source = f"from softras2d import scenes\n\nscene = scenes.read({name!r})\n"
+    return SceneInMemory(name, scenes.read(name), scenes.SIZE, scenes.SIZE, source=source)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""How much a film changes where it should stand still."""
+"""Flicker of a film: how much it changes where it should stand still."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 _STILL = 1.5 / 255
-"""Largest change of a channel of a pixel that counts as standing still: one level of 8 bits."""
+"""Largest change of a channel that counts as standing still: one level of 8 bits, and a margin for
+rounding."""
 
 
 def flicker(

@@ -3,7 +3,8 @@
 A triangle is convex, so each edge admits the samples of a row from some position onwards, or up to
 some position. This position is guessed in floats and corrected by one integer test. Each edge gives
 a mask of ones that starts or ends there, and the AND of the three masks is the row. Samples that
-nearer triangles cover are removed by OR and AND NOT.
+nearer triangles cover are removed by OR and AND NOT. Whether a sample exactly on an edge is inside
+(`fill_rule`) is already in the edge functions: `fixed_point.edge_functions`.
 
 Rows of a tile are stored sub-row by sub-row: the first row of every pixel row, then the second, and
 so on. Rows of one pixel are then a fixed stride apart, and sums over them add whole vectors.
@@ -24,7 +25,8 @@ from ..numerics.fusion_barrier import materialized
 _ONES = 0xFFFFFFFF
 
 _GUESS_ERROR = 2.0**-10
-"""Bound on the error of the guess, in samples: three roundings of a quotient below 64."""
+"""Bound on the error of the position that `first_inside` guesses in floats, in samples: three
+roundings of a quotient below 64."""
 
 
 def first_inside(value: HostOrDeviceArray, step: HostOrDeviceArray) -> HostOrDeviceArray:

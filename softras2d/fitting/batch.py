@@ -14,7 +14,7 @@ from ..numerics.device import Devices
 from ..scene import Scene
 from . import choices, steering
 from .budget import SCORING_SECONDS, Budget, Limits
-from .interrupt import deferred_interrupt
+from .interrupt import Interrupt, deferred_interrupt
 from .loop import run
 from .loss import LossFunction
 from .mesh.triangulation import Mesh
@@ -68,7 +68,7 @@ def fit_batch(
     targets of different shapes.
     """
     began = time.perf_counter()
-    groups, masks = steering.settle_freeze(freeze)
+    groups, masks = steering.normalize_freeze(freeze)
     _refuse_masks(masks)
     given: dict[str, Any] = {
         "triangles": triangles, "family": "layers", "solver": solver, "seed": seed, "size": size,
@@ -84,11 +84,7 @@ def fit_batch(
         is_transparent(background, resume[0] if isinstance(resume, Sequence) and resume else None),
     )
     count = len(images)
-    earlier = _for_each("resume", resume, count)
-    if resume is not None:
-        for result in earlier:
-            check_resume(result, images[0])
-            _refuse_masks(result.settings["freeze"])
+    earlier = _check_earlier(resume, count, images[0])
     settings = _settings(given, _for_each("start", start, count), earlier, steps, seconds)
     weight_maps = _weight_maps(weights, earlier)
     limits = Limits.of(began, steps, seconds)
@@ -100,15 +96,36 @@ def fit_batch(
             )
         ]
         interrupted = _run(tasks, limits, report, lambda: interrupt.requested, devices)
-        results = []
-        for task in tasks:
-            # The first scorer was warmed up in `_run`; all targets have one size.
-            task.scorer.share_plan(tasks[0].scorer)
-            if not (interrupted or interrupt.requested):
-                task.polish()
-            results.append(task.result(interrupted))
+        results = _finish(tasks, interrupted, interrupt)
     if interrupt.requested:
         return [replace(result, interrupted=True) for result in results]
+    return results
+
+
+def _check_earlier(
+    resume: Sequence[FitResult] | None, count: int, image: Image
+) -> list[FitResult | None]:
+    """The result that each fit resumes, or None for each if `resume` is None.
+
+    Raises `ValueError` for results that fits of images such as `image` cannot resume.
+    """
+    earlier = _for_each("resume", resume, count)
+    if resume is not None:
+        for result in earlier:
+            check_resume(result, image)
+            _refuse_masks(result.settings["freeze"])
+    return earlier
+
+
+def _finish(tasks: list[Task], interrupted: bool, interrupt: Interrupt) -> list[FitResult]:
+    """Polish all fits, unless they were interrupted, and score them."""
+    results = []
+    for task in tasks:
+        # The first scorer was warmed up in `_run`; all targets have one size.
+        task.scorer.share_plan(tasks[0].scorer)
+        if not (interrupted or interrupt.requested):
+            task.polish()
+        results.append(task.result(interrupted))
     return results
 
 
@@ -139,13 +156,13 @@ def _settings(
     - `given`: the settings from the arguments, other than `start`.
     - `earlier`: the results that are resumed, or None for each fit.
     """
-    common = choices.settle(given | {"start": None})
+    common = choices.normalize(given | {"start": None})
     choices.check(common, steps, seconds)
     settings = []
     for k, (start, result) in enumerate(zip(starts, earlier, strict=True)):
         each = common | {"seed": common["seed"] + k, "start": start}
         if result is not None:
-            each = choices.settle(settings_to_resume(each, result))
+            each = choices.normalize(settings_to_resume(each, result))
         settings.append(each)
     # All must share programs; seeds and starts are the only values that no program depends on.
     ignored = {"seed": 0, "start": None}

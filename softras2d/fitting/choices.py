@@ -17,34 +17,34 @@ from .traits import TRAITS
 STARTS = get_args(names.FitStart)
 """Values of the option `start`, besides a scene or a mesh."""
 
-GIVEN = "given"
+FROM_OBJECT = "given"
 """Value of `start` in saved settings if it was an object. A resumed fit needs only its state."""
 
 
-def settle(settings: dict[str, Any]) -> dict[str, Any]:
+def normalize(settings: dict[str, Any]) -> dict[str, Any]:
     """Fill in shading and size, make `softness` a pair, and turn NumPy scalars into numbers."""
-    settled = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
-    name = settled["family"]
+    normalized = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
+    name = normalized["family"]
     # An unknown family is refused later, by `check`.
     family = TRAITS.get(name, TRAITS["layers"]) if isinstance(name, str) else TRAITS["layers"]
-    if settled["shading"] is None:
-        settled["shading"] = family.default_shading
-    if "size" in settled and settled["size"] is None:
-        settled["size"] = family.default_size
-    if "background" in settled:
-        settled["background"] = steering.settle_background(settled["background"])
-    if "palette" in settled:
-        settled["palette"] = steering.settle_palette(settled["palette"])
-    softness = settled["softness"]
+    if normalized["shading"] is None:
+        normalized["shading"] = family.default_shading
+    if "size" in normalized and normalized["size"] is None:
+        normalized["size"] = family.default_size
+    if "background" in normalized:
+        normalized["background"] = steering.normalize_background(normalized["background"])
+    if "palette" in normalized:
+        normalized["palette"] = steering.normalize_palette(normalized["palette"])
+    softness = normalized["softness"]
     if _is_number(softness):
         softness = (softness, softness)
     if isinstance(softness, tuple | list) and all(map(_is_number, softness)):
-        settled["softness"] = tuple(map(float, softness))
-    return settled
+        normalized["softness"] = tuple(map(float, softness))
+    return normalized
 
 
 def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
-    """Raise `ValueError` unless the arguments of `fit`, as `settle` returns them, are valid."""
+    """Raise `ValueError` unless the arguments of `fit`, as `normalize` returns them, are valid."""
     name = settings["family"]
     _check_choice("family", name, tuple(TRAITS))
     family = TRAITS[name]

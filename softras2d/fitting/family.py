@@ -33,7 +33,7 @@ class FitRequest(NamedTuple):
     - `seed`: of all random choices.
     - `adjustable_rate`: whether the solver has a learning rate that the family may lower.
     - `resume_state`: arrays of an earlier fit, or None for a new fit. The family reads here only
-      the shapes of its arrays; `AbstractFit.restore_own_state` restores their values later.
+      the shapes of its arrays; `AbstractFit.restore_family_state` restores their values later.
     - `masks`: which `"vertices"` and `"triangles"` are frozen, if the option `freeze` has any.
     - `must_start()`: whether time is up for the search for a start, so that steps must begin.
     """
@@ -168,15 +168,15 @@ class AbstractFit(abc.ABC):
         """
 
     @abc.abstractmethod
-    def own_state(self) -> dict[str, np.ndarray]:
+    def family_state(self) -> dict[str, np.ndarray]:
         """Arrays that only fits of this family save; `state.save_state` adds those of all fits.
 
         Their names are part of the file format.
         """
 
     @abc.abstractmethod
-    def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Restore what `own_state` saved; `state.restore_state` has restored the rest before.
+    def restore_family_state(self, arrays: dict[str, np.ndarray]) -> None:
+        """Restore what `family_state` saved; `state.restore_state` has restored the rest before.
 
         Raises `ValueError` for arrays of other shapes or types than this fit has.
         """
@@ -187,8 +187,8 @@ class Family(NamedTuple):
 
     - `make`: the constructor.
     - `unknowns`: makes the pytree of unknowns from its leaves.
-    - `check_state`: checks the entries that `own_state` saved, for the settings, the size and the
-      number of active triangles of the fit. It returns the shapes of the unknowns, or raises
+    - `check_state`: checks the entries that `family_state` saved, for the settings, the size and
+      the number of active triangles of the fit. It returns the shapes of the unknowns, or raises
       `ValueError`.
     """
 

@@ -157,8 +157,8 @@ def fit(
         settings = settings_to_resume(settings, resume)
         weights = resume.state.get("weights.given")
         freeze = freeze_of(resume)
-    settings["freeze"], masks = steering.settle_freeze(freeze)
-    settings = choices.settle(settings)
+    settings["freeze"], masks = steering.normalize_freeze(freeze)
+    settings = choices.normalize(settings)
     choices.check(settings, steps, seconds)
     if checkpoint is not None:
         _check_checkpoint(Path(checkpoint))

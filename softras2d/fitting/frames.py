@@ -63,7 +63,7 @@ def fit_frames(
     Results have no state, so that they cannot be resumed. The first Ctrl-C ends the fit with the
     frames that are done. Raises `ValueError`, one line, for arguments that make no sense.
     """
-    settings = choices.settle(
+    settings = choices.normalize(
         {
             "triangles": triangles, "family": "layers", "solver": "adam", "seed": seed,
             "size": size, "shading": shading, "translucent": translucent, "softness": softness,

@@ -156,9 +156,9 @@ def settings_to_save(settings: dict[str, Any]) -> dict[str, Any]:
     first, last = settings["softness"]
     return settings | {
         "softness": last if first == last else [first, last],
-        "start": start if isinstance(start, str) else choices.GIVEN,
+        "start": start if isinstance(start, str) else choices.FROM_OBJECT,
         "solver": solver if isinstance(solver, str) else type(solver).__name__,
-        "loss": choices.GIVEN if callable(settings["loss"]) else settings["loss"],
+        "loss": choices.FROM_OBJECT if callable(settings["loss"]) else settings["loss"],
     }
 
 
@@ -170,7 +170,7 @@ def settings_to_resume(settings: dict[str, Any], earlier: FitResult) -> dict[str
     """
     solver_name, solver = earlier.settings["solver"], settings["solver"]
     resumed = dict(earlier.settings)
-    if resumed["loss"] == choices.GIVEN:
+    if resumed["loss"] == choices.FROM_OBJECT:
         if not callable(settings["loss"]):
             raise ValueError("`resume` was fitted by a function as `loss`: hand one over again.")
         resumed["loss"] = settings["loss"]

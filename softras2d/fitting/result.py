@@ -191,7 +191,7 @@ def _result(arrays: dict[str, np.ndarray]) -> FitResult:
     settings, interrupted = saved_fit.read_facts(entries)
     image = saved_fit.read_image(entries)
     psnr, ssim = saved_fit.read_scores(entries)
-    history = tuple(_record(row) for row in saved_fit.read_history(entries))
+    history = tuple(_record(row) for row in saved_fit.read_history(entries, Record._fields))
     scene = saved_fit.read_scene(entries, settings, image.shape[2])
     entries.end()
     if state:

@@ -1,4 +1,4 @@
-"""Check the entries of a saved fit: type, shape and range of each, and that they agree.
+"""Check the entries of a saved fit: the type, shape and range of each, and their agreement.
 
 Files come from anywhere, so no entry is used before it has been checked here. Every fault is a
 one-line `ValueError` that names the entry and what was expected.
@@ -33,7 +33,7 @@ _SETTINGS = (
     "colors", "loss", "light", "start", *steering.DEFAULTS,
 )  # fmt: skip
 
-_MAX_FACTS = 2**20
+_MAX_FACTS_BYTES = 2**20
 """Largest number of bytes of JSON in `facts`."""
 
 _MAX_SIDE = 2**16
@@ -41,10 +41,10 @@ _MAX_SIDE = 2**16
 
 
 def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
-    """Take `facts`: the settings, and whether Ctrl-C ended the fit."""
+    """Read the entry `facts`; return the fit's settings, and whether it was interrupted."""
     data = entries.take("facts", np.uint8, ("bytes",))
-    if data.size > _MAX_FACTS:
-        raise ValueError(f"`facts` must be {_MAX_FACTS} bytes at most; got {data.size}.")
+    if data.size > _MAX_FACTS_BYTES:
+        raise ValueError(f"`facts` must be {_MAX_FACTS_BYTES} bytes at most; got {data.size}.")
     facts = read_json("facts", data)
     if facts.get("format") != FORMAT:
         raise ValueError(
@@ -55,6 +55,7 @@ def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
         raise ValueError("`facts` must say whether the fit was `interrupted`, true or false.")
     settings = facts.get("settings")
     if isinstance(settings, dict):
+        # Files from before fits could be steered lack these settings.
         settings = settings | {k: v for k, v in steering.DEFAULTS.items() if k not in settings}
     check_settings(settings)
     assert isinstance(settings, dict)
@@ -73,21 +74,22 @@ def check_settings(settings: Any) -> None:
             raise ValueError(f"`settings` must not have {name!r:.60}.")
     for name in ("family", "shading", "colors", "loss", "light", "solver", "start"):
         if not isinstance(settings[name], str):
-            raise ValueError(f"`settings`: {name!r} must be a word; got {settings[name]!r:.40}.")
+            raise ValueError(f"`settings`: {name!r} must be a string; got {settings[name]!r:.40}.")
     if not isinstance(settings["translucent"], bool):
         raise ValueError("`settings`: 'translucent' must be true or false.")
-    if settings["start"] not in (*choices.STARTS, choices.GIVEN):
+    if settings["start"] not in (*choices.STARTS, choices.FROM_OBJECT):
         raise ValueError(f"`settings`: there is no start {settings['start']!r:.40}.")
     try:
-        # A loss that was a function is not squared error, and nor is "l1".
-        loss = "l1" if settings["loss"] == choices.GIVEN else settings["loss"]
-        choices.check(choices.settle(settings | {"loss": loss}), None, None)
+        # A loss that was a function is not in the file. For these checks any loss other than
+        # squared error may stand for it, such as "l1".
+        loss = "l1" if settings["loss"] == choices.FROM_OBJECT else settings["loss"]
+        choices.check(choices.normalize(settings | {"loss": loss}), None, None)
     except (ValueError, OverflowError) as error:
         raise ValueError(f"`settings`: {error}") from None
 
 
 def read_image(entries: Entries) -> np.ndarray:
-    """Take `image`, the hard image of the fit."""
+    """Read `image`, the hard image of the fit."""
     image = entries.finite("image", np.float32, ("height", "width", "3 or 4"))
     if 0 in image.shape or max(image.shape[:2]) > _MAX_SIDE or image.shape[2] not in (3, 4):
         raise ValueError(
@@ -98,34 +100,44 @@ def read_image(entries: Entries) -> np.ndarray:
 
 
 def read_scores(entries: Entries) -> tuple[float, float]:
-    """Take `scores`: PSNR in dB, which may be infinite, and SSIM."""
+    """Read `scores`: PSNR in dB, which may be infinite, and SSIM."""
     psnr, ssim = entries.take("scores", np.float64, (2,)).tolist()
     if np.isnan(psnr) or not -1.01 <= ssim <= 1.01:
         raise ValueError(f"`scores` must be a PSNR and an SSIM in -1..1; got {psnr}, {ssim}.")
     return psnr, ssim
 
 
-def read_history(entries: Entries) -> np.ndarray:
-    """Take `history`, one row per record; steps and other counts must be whole numbers."""
-    history = entries.take("history", np.float64, ("records", 6))
-    counts, seconds = history[:, [0, 4, 5]], history[:, 1]
+def read_history(entries: Entries, fields: tuple[str, ...]) -> np.ndarray:
+    """Read `history`: one row for each record, whose columns are the fields of `result.Record`.
+
+    `steps`, `accepted` and `active` are counts.
+    """
+    history = entries.take("history", np.float64, ("records", len(fields)))
+    columns = dict(zip(fields, history.T, strict=True))
+    counts = np.stack([columns[name] for name in ("steps", "accepted", "active")])
     with np.errstate(invalid="ignore"):
-        whole = (counts == np.floor(counts)) & (counts >= 0) & (counts < 2**53)
-    if not whole.all():
-        raise ValueError("`history` must count steps and triangles in whole numbers from 0 on.")
-    if not (np.isfinite(seconds) & (seconds >= 0)).all() or (np.diff(counts[:, 0]) < 0).any():
-        raise ValueError("`history` must have finite seconds, and steps that do not fall.")
+        is_count = (counts == np.floor(counts)) & (counts >= 0) & (counts < 2**53)
+    if not is_count.all():
+        raise ValueError(
+            "`history` must have non-negative integers as numbers of steps and triangles."
+        )
+    steps, seconds = columns["steps"], columns["seconds"]
+    if not (np.isfinite(seconds) & (seconds >= 0)).all() or (np.diff(steps) < 0).any():
+        raise ValueError("`history` must have finite seconds, and steps that do not decrease.")
     return history
 
 
 def read_scene(entries: Entries, settings: dict[str, Any], channels: int) -> Scene:
-    """Take the fitted scene, which must be valid and match the settings."""
+    """Read the fitted scene, which must be valid and match the settings."""
     corners = 1 if settings["shading"] == "flat" else 3
     color_channels = 4 if settings["translucent"] else 3
     triangles = entries.take("scene.triangles", np.int32, ("triangles", 3))
     count, max_count = len(triangles), max(2, settings["triangles"])
     if count > max_count:
-        raise ValueError(f"`scene.triangles` must be {max_count} at most, as `settings` say.")
+        raise ValueError(
+            f"`scene.triangles` must have at most {max_count} triangles, the number in `settings`; "
+            f"got {count}."
+        )
     arrays = {
         "positions": entries.take("scene.positions", np.float32, ("vertices", 2)),
         "triangles": triangles,
@@ -147,19 +159,23 @@ def check_state(state: dict[str, Any], settings: dict[str, Any], size: Size, ste
     - `steps`: the number of steps in the last record of the history.
     """
     entries = Entries(state, "state.")
-    frame = Frame.of(size.height, size.width, settings)
-    fit_size = Size(frame.height, frame.width, size.channels)
+    working_size = Frame.of(size.height, size.width, settings)
+    fit_size = Size(working_size.height, working_size.width, size.channels)
     if entries.take("steps", np.int64, ()) != steps:
         raise ValueError(f"`state.steps` must be {steps}, as in the history.")
     entries.finite("image", np.float32, fit_size)
+    # The digest of the target (`state._digest`).
     entries.take("target", np.uint8, (16,))
     active, last_exchange = entries.finite("host", np.float64, (2,), low=0.0).tolist()
     if not active.is_integer() or active > max(2, settings["triangles"]) or last_exchange > 1:
-        raise ValueError("`state.host` must be how many triangles are used, and a share.")
+        raise ValueError(
+            "`state.host` must hold the number of triangles in use and the share of the fit at the "
+            "last exchange, 0..1."
+        )
     if "weights" in entries or "weights.given" in entries:
         entries.finite("weights", np.float32, fit_size[:2], low=0.0)
-        given = entries.finite("weights.given", np.float32, size[:2], low=0.0)
-        if not given.any():
+        target_weights = entries.finite("weights.given", np.float32, size[:2], low=0.0)
+        if not target_weights.any():
             raise ValueError("`state.weights.given` must not be 0 everywhere.")
     family = FAMILIES[settings["family"]]
     shapes = family.check_state(entries, settings, fit_size, int(active))
@@ -173,11 +189,12 @@ def _check_solve(
 ) -> None:
     """Check the unknowns and the solver's arrays, which are in the order of `jax.tree.leaves`.
 
-    `shapes`: those of the unknowns.
+    `shapes`: shapes of the unknowns.
     """
     expected = _solver_arrays(settings, shapes, size)
     if expected is None:
-        # The arrays of a solver object are compared with those of the object when a fit resumes.
+        # The file does not hold a solver object, so its arrays are checked when a fit resumes with
+        # the object.
         for number, shape in enumerate(shapes):
             entries.take(f"solve.{number}", np.float32, shape)
         number = len(shapes)
@@ -199,13 +216,14 @@ def _solver_arrays(
     if settings["solver"] not in SOLVERS:
         return None
     solver = solver_of(settings["solver"])
-    leaves = [jax.ShapeDtypeStruct(shape, np.float32) for shape in shapes]
+    unknown_shapes = [jax.ShapeDtypeStruct(shape, np.float32) for shape in shapes]
     if isinstance(solver, optx.AbstractLeastSquaresSolver):
         # `state.save_state` saves the unknowns, the best unknowns, and their loss.
-        saved = [*leaves, *leaves, jax.ShapeDtypeStruct((), np.float32)]
-        return [(leaf.dtype, leaf.shape) for leaf in saved]
-    y = FAMILIES[settings["family"]].unknowns(leaves)
+        arrays = [*unknown_shapes, *unknown_shapes, jax.ShapeDtypeStruct((), np.float32)]
+        return [(array.dtype, array.shape) for array in arrays]
+    y = FAMILIES[settings["family"]].unknowns(unknown_shapes)
 
+    # Any loss will do, because only the shapes of the solver's state matter.
     def loss(y: Any, args: Any) -> Any:
         total = sum((jnp.sum(leaf) for leaf in jax.tree.leaves(y)), jnp.float32(0))
         return total, (jnp.zeros(size), jnp.zeros((), bool))

@@ -26,7 +26,7 @@ def save_state(fit: AbstractFit, steps: int) -> dict[str, np.ndarray]:
     arrays["target"] = _digest(target.image)
     if target.weights is not None:
         arrays["weights"] = np.asarray(target.weights)
-    return arrays | fit.own_state()
+    return arrays | fit.family_state()
 
 
 def restore_state(fit: AbstractFit, arrays: dict[str, np.ndarray]) -> int:
@@ -47,7 +47,7 @@ def restore_state(fit: AbstractFit, arrays: dict[str, np.ndarray]) -> int:
     fit.image = arrays["image"]
     active, fit.last_exchange = arrays["host"].tolist()
     fit.active = int(active)
-    fit.restore_own_state(arrays)
+    fit.restore_family_state(arrays)
     return steps
 
 
@@ -65,6 +65,9 @@ def _solver_state(fit: AbstractFit) -> Any:
 
 
 def _digest(image: np.ndarray) -> np.ndarray:
-    """A hash that tells images apart, as 16 bytes."""
+    """Hash of the image's float32 values, as 16 bytes.
+
+    It tells whether a fit resumes on its own target.
+    """
     data = np.ascontiguousarray(image, np.float32).tobytes()
     return np.frombuffer(hashlib.blake2b(data, digest_size=16).digest(), np.uint8)

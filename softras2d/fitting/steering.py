@@ -13,7 +13,7 @@ DEFAULTS: dict[str, Any] = {"palette": None, "freeze": [], "background": "mean"}
 """Settings that fits saved by earlier versions do not have, and the values that they stand for."""
 
 
-def settle_palette(palette: Any) -> Any:
+def normalize_palette(palette: Any) -> Any:
     """Convert colours to lists of floats in 0..1; `uint8` colours are taken as 0..255.
 
     What is no array of numbers stays as it is, to be refused by `check_palette`.
@@ -73,7 +73,7 @@ MASKED = ("vertices", "triangles")
 """Groups of the option `freeze` that need a mask. The others are frozen as a whole."""
 
 
-def settle_freeze(freeze: Any) -> tuple[list[str], dict[str, Any]]:
+def normalize_freeze(freeze: Any) -> tuple[list[str], dict[str, Any]]:
     """Split the option `freeze` into the sorted names of its groups, and the masks by name.
 
     Raises `ValueError` for anything but a name, names, or a mapping of names to True or masks.
@@ -137,11 +137,11 @@ def check_length(group: str, mask: np.ndarray, count: int) -> None:
         )
 
 
-def settle_background(background: Any) -> Any:
+def normalize_background(background: Any) -> Any:
     """Convert a colour to a list of floats in 0..1; a `uint8` colour is taken as 0..255."""
     if isinstance(background, str):
         return background
-    color = settle_palette([background])
+    color = normalize_palette([background])
     return color[0] if isinstance(color, list) else background
 
 

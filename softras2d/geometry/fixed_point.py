@@ -317,7 +317,8 @@ def edge_functions(segments: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
     """Set up the three edge functions of each triangle, every entry `[3, triangles]`.
 
     With `"top_left"`, an edge that does not own its boundary is lowered by one unit of the exact
-    value, so that `>= 0` becomes `> 0`; a triangle without area is pushed out everywhere.
+    value, so that `>= 0` becomes `> 0`. The edge functions of a triangle without area are then -1
+    everywhere, so that it covers no sample.
     """
     rate, bits = grid.rate, grid.bits
     x, y, dx, dy = segments[:4]

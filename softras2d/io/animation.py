@@ -93,7 +93,7 @@ def _checked_bytes(path: Path, frames: Iterable[Any]) -> Iterator[np.ndarray]:
         shape = image.shape
         yield to_bytes(as_pixels(name, image))
     if shape is None:
-        raise ValueError(f"{path}: there are no frames; at least one is wanted.")
+        raise ValueError(f"{path}: there are no frames; an animation needs at least one.")
 
 
 def _mark_last(images: Iterator[np.ndarray]) -> Iterator[tuple[np.ndarray, bool]]:

@@ -1,4 +1,4 @@
-"""A compact binary file of a scene, such as a fit: rounded positions and colours, deflated.
+"""Reads and writes compact binary files of scenes: rounded positions and colours, compressed.
 
 Numbers are little-endian. The file is
 
@@ -10,9 +10,10 @@ Numbers are little-endian. The file is
   the levels of the colours, channel by channel, and those of the background. Level k means k/255.
 
 Positions and vertices are integers of 32 bits, in the order x, y. If vertices are implied, the
-first corners of all triangles come first, and then the other corners, less the first. Otherwise
-each vertex, and each corner of a triangle, is stored less the one before it. The four bytes of an
-integer go into four planes, first the lowest bytes of all: zlib finds more that repeats.
+first corners of all triangles come first, and then the other corners, minus the first. Otherwise
+the difference of each row of positions, and of vertices of a triangle, to the row before it is
+stored. The four bytes of an integer go into four planes, the lowest bytes of all integers first,
+because zlib finds more repetitions in them.
 """
 
 import os
@@ -36,14 +37,14 @@ _MARK = b"softras2"
 _HEADER = struct.Struct("<IIIIHBBBB2x")
 
 _MAX_COUNT = 2**24
-"""Most vertices and triangles of a file that is read."""
+"""Largest number of vertices, and of triangles, in a file that is read."""
 
 _MAX_STEPS = 1024
-"""Most steps of a position per pixel."""
+"""Largest number of steps of a position per pixel."""
 
 
 class CompactScene(NamedTuple):
-    """What `read_compact` reads: a scene, and the size of its canvas in pixels."""
+    """A scene, and the size of its canvas in pixels, as `read_compact` returns them."""
 
     scene: Scene
     height: int
@@ -58,11 +59,11 @@ def write_compact(
     width: int,
     steps_per_pixel: int = 8,
 ) -> int:
-    """Write a scene as a compact binary, and return the size of the file in bytes.
+    """Write a scene as a compact binary file; return the size of the file in bytes.
 
     - `height`, `width`: size of the canvas, in pixels.
-    - `steps_per_pixel`: positions are rounded to multiples of 1 / `steps_per_pixel`, of which there
-      are 1 to 1024.
+    - `steps_per_pixel`: 1 to 1024. Positions are rounded to multiples of 1 / `steps_per_pixel`
+      pixels.
 
     Colours are clipped to 0..1 and rounded to 8 bits. The file is written completely or not at all.
     Raises `ValueError`, one line, for textures, depth and perspective, and for values that cannot
@@ -89,7 +90,8 @@ def write_compact(
 def read_compact(path: str | os.PathLike[str]) -> CompactScene:
     """Read a file that `write_compact` wrote.
 
-    Raises `ValueError`, one line, for a file that is missing, damaged, cut short or another.
+    Raises `ValueError`, one line, for a file that is missing, damaged, cut short or of another
+    format.
     """
     path = Path(path)
     if not path.is_file():
@@ -102,7 +104,7 @@ def read_compact(path: str | os.PathLike[str]) -> CompactScene:
 
 
 def _encode(scene: Scene, height: int, width: int, steps_per_pixel: int) -> bytes:
-    """The bytes of a file."""
+    """Make the bytes of a file. Raises `ValueError` for positions that cannot be stored."""
     positions = np.rint(np.asarray(scene.positions, np.float64) * steps_per_pixel)
     if not (np.abs(positions) < 2**30).all():
         raise ValueError("positions must be finite and within 2^30 steps of the canvas.")
@@ -117,40 +119,40 @@ def _encode(scene: Scene, height: int, width: int, steps_per_pixel: int) -> byte
     if is_implied:
         soup = steps.reshape(-1, 3, 2)
         soup[:, 1:] -= soup[:, :1]
-        parts = [_planes(soup.transpose(2, 1, 0))]
+        blocks = [_planes(soup.transpose(2, 1, 0))]
     else:
-        parts = [_planes(_differences(steps).T), _planes(_differences(triangles).T)]
-    parts += [np.moveaxis(levels[0], -1, 0).tobytes(), levels[1].tobytes()]
-    return _MARK + header + zlib.compress(b"".join(parts), 9)
+        blocks = [_planes(_differences(steps).T), _planes(_differences(triangles).T)]
+    blocks += [np.moveaxis(levels[0], -1, 0).tobytes(), levels[1].tobytes()]
+    return _MARK + header + zlib.compress(b"".join(blocks), 9)
 
 
 def _decode(data: bytes) -> CompactScene:
-    """The scene in the bytes of a file; a `ValueError` says what is wrong with them."""
+    """Read the scene from the bytes of a file. Raises `ValueError` for bytes of no valid file."""
     if not data.startswith(_MARK):
         raise ValueError("it does not begin with the mark of the format")
     header = _HEADER.unpack_from(data, len(_MARK))
     height, width, vertices, count, steps_per_pixel = header[:5]
     corners, channels, background_channels, is_implied = header[5:]
     is_valid = corners in (1, 3) and channels in (3, 4) and background_channels in (3, 4)
-    is_small = max(vertices, count) <= _MAX_COUNT and min(height, width, steps_per_pixel) > 0
-    if not (is_valid and is_small) or (is_implied and vertices != 3 * count):
+    is_valid = is_valid and min(height, width, steps_per_pixel) > 0
+    if not is_valid or max(vertices, count) > _MAX_COUNT or (is_implied and vertices != 3 * count):
         raise ValueError("its header holds impossible values")
     index_bytes = 0 if is_implied else 12 * count
     color_bytes = count * corners * channels
-    size = 8 * vertices + index_bytes + color_bytes + background_channels
+    body_bytes = 8 * vertices + index_bytes + color_bytes + background_channels
     unpacker = zlib.decompressobj()
-    body = unpacker.decompress(data[len(_MARK) + _HEADER.size :], size + 1)
-    if len(body) != size or not unpacker.eof:
-        raise ValueError(f"{size} bytes of data were expected, and {len(body)} are there")
-    numbers = _integers(body[: 8 * vertices])
+    body = unpacker.decompress(data[len(_MARK) + _HEADER.size :], body_bytes + 1)
+    if len(body) != body_bytes or not unpacker.eof:
+        raise ValueError(f"{body_bytes} bytes of data were expected; got {len(body)}")
+    steps = _integers(body[: 8 * vertices])
     if is_implied:
-        soup = numbers.reshape(2, 3, count).transpose(2, 1, 0).copy()
+        soup = steps.reshape(2, 3, count).transpose(2, 1, 0).copy()
         soup[:, 1:] += soup[:, :1]
         positions, triangles = soup.reshape(-1, 2), np.arange(vertices)
     else:
-        positions = np.cumsum(numbers.reshape(2, vertices).T, axis=0)
-        corners_before = _integers(body[8 * vertices : 8 * vertices + index_bytes])
-        triangles = np.cumsum(corners_before.reshape(3, count).T, axis=0)
+        positions = np.cumsum(steps.reshape(2, vertices).T, axis=0)
+        index_differences = _integers(body[8 * vertices : 8 * vertices + index_bytes])
+        triangles = np.cumsum(index_differences.reshape(3, count).T, axis=0)
     levels = np.frombuffer(body, np.uint8)[8 * vertices + index_bytes :]
     colors = np.moveaxis(levels[:color_bytes].reshape(channels, count, corners), 0, -1)
     scene = Scene(
@@ -164,12 +166,12 @@ def _decode(data: bytes) -> CompactScene:
 
 
 def _levels(colors: np.ndarray) -> UInt8[np.ndarray, "*shape"]:
-    """Colours as levels of 8 bits."""
+    """Round colours to levels of 8 bits."""
     return np.rint(np.clip(colors, 0, 1) * 255).astype(np.uint8)
 
 
 def _differences(rows: Int[np.ndarray, "rows numbers"]) -> Int[np.ndarray, "rows numbers"]:
-    """Each row less the row before it."""
+    """Difference of each row to the row before it; the first row is unchanged."""
     return np.diff(rows, axis=0, prepend=0)
 
 
@@ -181,7 +183,7 @@ def _planes(integers: Int[np.ndarray, "..."]) -> bytes:
 
 
 def _integers(planes: bytes) -> Int[np.ndarray, " integers"]:
-    """The integers of which `_planes` made bytes, as a list."""
+    """Invert `_planes`; the integers come back in one row."""
     bytes_of_each = np.frombuffer(planes, np.uint8).reshape(4, -1).T
     zigzag = np.ascontiguousarray(bytes_of_each).view("<u4").ravel().astype(np.int64)
     return np.where(zigzag % 2 == 1, -(zigzag + 1) // 2, zigzag // 2)

@@ -113,7 +113,11 @@ def _mean_of_shaded(
 
 
 def _count_channels(visible: Visibility, values: Any) -> int:
-    """Number of channels of the values, or `ValueError` for a wrong shape."""
+    """Number of channels of `values`, an array or a shading function as `resolve` takes them.
+
+    A function is traced with two samples. Raises `ValueError` if the array, or the function's
+    result, has a wrong shape.
+    """
     if not callable(values):
         if values.ndim != 4 or values.shape[:3] != visible.triangle.shape:
             raise ValueError(

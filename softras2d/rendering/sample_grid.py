@@ -1,6 +1,7 @@
-"""The samples of a canvas in the layout of buffers, `[height, width, samples]`.
+"""Order of the samples in buffers, `[height, width, samples]`.
 
 Sample i of a pixel lies in its sub-column i % rate and its sub-row i // rate.
+Where the samples lie in a pixel is decided in `geometry.fixed_point`.
 """
 
 from collections.abc import Callable

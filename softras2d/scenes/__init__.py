@@ -8,6 +8,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..names import SvgDialect
+
 if TYPE_CHECKING:
     from ..scene import Scene
 
@@ -62,6 +64,11 @@ def path(name: str) -> Path:
     if is_scripted(name):
         raise ValueError(f"the bundled scene {name!r} has no file; scenes.read({name!r}) makes it.")
     return Path(__file__).parent / f"{name}.svg"
+
+
+def dialect(name: str) -> SvgDialect:
+    """The dialect of SVG in which the file of a bundled scene is written."""
+    return _READ_OPTIONS.get(name, {}).get("dialect", "svg")
 
 
 def purpose(name: str) -> str:

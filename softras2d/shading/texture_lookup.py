@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
 from ..options import Filter
-from ..texture.level_of_detail import Footprint, Levels, choose_levels, probes
+from ..texture.level_of_detail import Footprint, Levels, choose_levels, level_and_probes
 from ..texture.pyramid import TexturePyramid
 from .corner_attributes import CornerAttributes, CornerWeights
 
@@ -80,7 +80,7 @@ def levels_and_probes_of(
     base = table[:, 0].at[texture].get(mode="clip")
     height, width = base[..., 1].astype(x.dtype), base[..., 2].astype(x.dtype)
     footprint = Footprint(x[0] * width, x[1] * height, y[0] * width, y[1] * height)
-    chosen = probes(footprint, textures.filter)
+    chosen = level_and_probes(footprint, textures.filter)
     texture = jnp.broadcast_to(texture, chosen.level.shape)
     levels = choose_levels(chosen.level, texture, table, textures.filter.level)
     if chosen.axis_u is None or chosen.axis_v is None:

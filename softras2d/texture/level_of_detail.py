@@ -14,6 +14,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ..names import LevelFilter
 from ..numerics import safe
 from ..options import Filter
 
@@ -50,7 +51,7 @@ class Probes(NamedTuple):
     axis_v: Float[Array, "*points"] | None = None
 
 
-def probes(footprint: Footprint, filter: Filter) -> Probes:
+def level_and_probes(footprint: Footprint, filter: Filter) -> Probes:
     """Compute level and probes of a footprint, as `filter` says."""
     # With this bound fourth powers stay finite; no texture is as large.
     u_x, v_x, u_y, v_y = (jnp.clip(entry, -_LARGE, _LARGE) for entry in footprint)
@@ -62,8 +63,8 @@ def probes(footprint: Footprint, filter: Filter) -> Probes:
     # The ellipse J J^T has the squared semi-axes mean +- radius.
     mean = 0.5 * (across + down)
     uu, uv, vv = u_x * u_x + u_y * u_y, u_x * v_x + u_y * v_y, v_x * v_x + v_y * v_y
-    half = 0.5 * (uu - vv)
-    radius = safe.sqrt(half * half + uv * uv)
+    half_difference = 0.5 * (uu - vv)
+    radius = safe.sqrt(half_difference * half_difference + uv * uv)
     longer_squared = mean + radius
     area = u_x * v_y - u_y * v_x
     # longer_squared / |area| is the ratio of the axes: the area is their product. A needle gets the
@@ -73,8 +74,11 @@ def probes(footprint: Footprint, filter: Filter) -> Probes:
     count = jnp.clip(jnp.ceil(ratio - _ROUNDING), 1.0, most)
     level = _half_log2(longer_squared) - jnp.log2(count) + bias
     # Of the two forms of the eigenvector, this takes the one without cancellation.
-    u_longer = half >= 0
-    axis_u, axis_v = jnp.where(u_longer, radius + half, uv), jnp.where(u_longer, uv, radius - half)
+    u_longer = half_difference >= 0
+    axis_u, axis_v = (
+        jnp.where(u_longer, radius + half_difference, uv),
+        jnp.where(u_longer, uv, radius - half_difference),
+    )
     norm = safe.sqrt(axis_u * axis_u + axis_v * axis_v)
     length = safe.divide(safe.sqrt(longer_squared), norm)
     return Probes(level, count, axis_u * length, axis_v * length)
@@ -106,27 +110,30 @@ class Levels(NamedTuple):
 
 
 def choose_levels(
-    detail: Float[Array, "*points"],
+    level_of_detail: Float[Array, "*points"],
     texture: Int[Array, "*points"],
     table: Int[Array, "textures levels 3"],
-    rule: str,
+    level_filter: LevelFilter,
 ) -> Levels:
-    """Choose the levels for a level of detail by `Filter.level`, clamped to the existing levels.
+    """Choose the levels for a level of detail by `Filter.level`.
 
-    Where it is clamped the gradient is zero. `"nearest"` rounds halves up.
+    The level of detail is clamped to the existing levels, with zero gradient where it is clamped.
+    `"nearest"` rounds halves up.
     """
     last = table.shape[1] - 1
 
-    def level(index: Array) -> Level:
+    def level_at(index: Array) -> Level:
         row = table.at[texture, index].get(mode="clip")
         return Level(row[..., 0], row[..., 1], row[..., 2])
 
-    if rule == "zero" or last == 0:
-        return Levels(level(jnp.zeros_like(texture)))
-    inside = (detail > 0) & (detail < last)
-    detail = jnp.where(inside, detail, jnp.where(detail > 0, float(last), 0.0))
-    if rule == "nearest":
-        return Levels(level(jnp.floor(detail + 0.5).astype(jnp.int32)))
-    lower = jnp.minimum(jnp.floor(detail), last - 1.0)
+    if level_filter == "zero" or last == 0:
+        return Levels(level_at(jnp.zeros_like(texture)))
+    inside = (level_of_detail > 0) & (level_of_detail < last)
+    level_of_detail = jnp.where(
+        inside, level_of_detail, jnp.where(level_of_detail > 0, float(last), 0.0)
+    )
+    if level_filter == "nearest":
+        return Levels(level_at(jnp.floor(level_of_detail + 0.5).astype(jnp.int32)))
+    lower = jnp.minimum(jnp.floor(level_of_detail), last - 1.0)
     index = lower.astype(jnp.int32)
-    return Levels(level(index), level(index + 1), detail - lower)
+    return Levels(level_at(index), level_at(index + 1), level_of_detail - lower)

@@ -2,4 +2,8 @@
 
 `Session` answers requests for pictures, pixels and overlays, and knows nothing of the web. The
 server and the widget carry the same messages to the same JavaScript module, `static/viewer.js`.
+
+Requests are answered in a thread of their own (`worker.py`), and large programs compile in another
+(`background.py`), so that a slow render does not delay the page. A newer request replaces older
+ones of the same kind.
 """

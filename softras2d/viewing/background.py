@@ -1,4 +1,4 @@
-"""Compiles roomy plans in another thread, while snug plans draw."""
+"""Compiles plans with headroom in another thread, while tight plans draw."""
 
 from collections import OrderedDict
 from collections.abc import Hashable
@@ -9,16 +9,16 @@ import jax
 from ..planning.plan import Plan
 from ..rendering.render import render_checked
 from ..scene import Scene
-from .plans import roomy_plan
+from .plans import headroom_plan
 from .settings import Settings
 from .view import View
 
-_KEPT = 16
-"""Kinds of views of which the plan is kept."""
+_MAX_PLANS = 16
+"""Largest number of kinds of views whose plan is kept."""
 
 
 class PlanCompiler:
-    """Makes roomy plans and compiles their programs, in a thread of its own.
+    """Makes plans with headroom and compiles their programs, in a separate thread.
 
     Python waits for the thread when it ends, as it must not end while XLA compiles.
     """
@@ -39,7 +39,7 @@ class PlanCompiler:
         for cancelled_kind in [kind for kind, plan in self._plans.items() if plan.cancel()]:
             del self._plans[cancelled_kind]
         self._plans[kind] = self._thread.submit(_compile, scene, view, settings)
-        while len(self._plans) > _KEPT:
+        while len(self._plans) > _MAX_PLANS:
             self._plans.popitem(last=False)
 
     def take(self, kind: Hashable) -> Plan | None:
@@ -58,7 +58,8 @@ class PlanCompiler:
 
 
 def _compile(scene: Scene, view: View, settings: Settings) -> Plan:
-    plan = roomy_plan(scene, view, settings)
+    """Make a plan with headroom, and compile its program by a first render."""
+    plan = headroom_plan(scene, view, settings)
     # A call keeps its program for the next calls, which compiling ahead of time does not.
     jax.block_until_ready(render_checked(scene, plan))
     return plan

@@ -18,7 +18,7 @@ from ..planning.plan import Plan
 from ..rendering.render import render_checked
 from ..scene import Scene
 from .background import PlanCompiler
-from .plans import SNUG_PIXELS, ViewPlans, kind_of
+from .plans import TIGHT_PLAN_PIXELS, ViewPlans, kind_of
 from .settings import Settings
 from .view import View
 
@@ -58,8 +58,8 @@ class Artist:
         return Drawn(rgba, plan, time.perf_counter() - began, sum(compile_seconds))
 
     def prepare_zoom(self, scene: Scene, view: View, settings: Settings) -> None:
-        """Compile a plan with room for zooming in another thread, if the view has a snug plan."""
-        if view.height * view.width >= SNUG_PIXELS:
+        """Compile a plan with headroom in another thread, if the view has a tight plan."""
+        if view.height * view.width >= TIGHT_PLAN_PIXELS:
             self._compiler.start(kind_of(scene, view, settings), scene, view, settings)
 
     def render(

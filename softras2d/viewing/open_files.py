@@ -27,7 +27,7 @@ def fit_subject(name: str, result: FitResult, source: str = "") -> SceneInMemory
 
 def _open(path: Path, options: ReadOptions, kept_images: KeptImages) -> Subject:
     suffix = path.suffix.lower()
-    if suffix == ".svg":
+    if suffix in (".svg", ".svgz"):
         return SceneFile(path, options)
     if suffix == ".npz":
         source = f"scene = sr.FitResult.load({str(path)!r}).scene\n"

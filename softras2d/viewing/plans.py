@@ -4,14 +4,14 @@ JAX compiles a program for each set of capacities. A view that moves needs lists
 every frame, so the plan of one frame is used for as long as it is large enough, with another
 origin.
 
-Unused capacity costs time, so there are two kinds of plans. A snug plan holds the view that it is
-made for, and others that need no more. A roomy plan also holds the same view at twice the zoom, has
-headroom, and has the guard band, because zooming moves most triangles past it. A large canvas is
-first drawn with a snug plan, while a roomy one is made and compiled in another thread
-(`background.py`); a small canvas always has a roomy one.
+Unused capacity costs time, so there are two kinds of plans. A tight plan holds the view that it is
+made for, and others that need no more. A plan with headroom also holds the same view at twice the
+zoom, has longer lists than both need, and has the guard band, because zooming moves most triangles
+past it. A large canvas is first drawn with a tight plan, while one with headroom is made and
+compiled in another thread (`background.py`). A small canvas always has a plan with headroom.
 
-Each octave of zoom has a plan of its own: it begins with the plan of the nearest octave, and gets
-another when it outgrows that.
+Each octave of zoom has its plan: at first that of the nearest octave, and another one when a view
+outgrows it.
 """
 
 import math
@@ -34,20 +34,20 @@ from ..scene import Scene
 from .settings import Settings
 from .view import View
 
-SNUG_PIXELS = 2**20
-"""Pixels of a canvas from which its first plan is snug. On smaller ones the unused capacity of a
-roomy plan costs less than compiling twice."""
+TIGHT_PLAN_PIXELS = 2**20
+"""Number of pixels of a canvas from which its first plan is tight. On smaller canvases the unused
+capacity of a plan with headroom costs less than compiling twice."""
 
 _HEADROOM = 1.25
-"""How many times as long as its two views need the lists of a roomy plan may become.
+"""Length of the lists of a plan with headroom, as a multiple of what its two views need.
 
 It doubles whenever a plan is outgrown, as it is again and again by the scenes of a fit that runs.
 """
 
-_MOST_HEADROOM = 5.0
+_MAX_HEADROOM = 5.0
 
-_KEPT = 64
-"""Plans that are kept."""
+_MAX_PLANS = 64
+"""Largest number of plans that are kept."""
 
 _MAX_MEMORY = 4 * 2**30
 """Bytes of a render beyond which a view is refused."""
@@ -72,7 +72,7 @@ class ViewPlans:
         )
         if nearest_first:
             plan = self._plans[kind, nearest_first[0][1]]
-        elif view.height * view.width >= SNUG_PIXELS:
+        elif view.height * view.width >= TIGHT_PLAN_PIXELS:
             plan = _make_plan([scene], view, settings, grid_bits, headroom=1.0)
         else:
             return self.enlarge(scene, view, settings, grid_bits)
@@ -82,16 +82,16 @@ class ViewPlans:
     def enlarge(
         self, scene: Scene, view: View, settings: Settings, grid_bits: int | None = None
     ) -> Plan:
-        """Make a roomier plan for this view, and keep it for the view's octave of zoom."""
+        """Make a plan with more headroom for this view, and keep it for the octave of zoom."""
         key = kind_of(scene, view, settings, grid_bits), _octave(view)
         headroom = self._headroom.get(key, _HEADROOM)
-        plan = roomy_plan(scene, view, settings, grid_bits, headroom)
-        self._headroom[key] = min(2 * headroom, _MOST_HEADROOM)
+        plan = headroom_plan(scene, view, settings, grid_bits, headroom)
+        self._headroom[key] = min(2 * headroom, _MAX_HEADROOM)
         self._keep(key, plan)
         return plan
 
     def adopt(self, scene: Scene, view: View, settings: Settings, plan: Plan) -> Plan:
-        """Use a roomy plan that another thread has made, for the view's octave of zoom."""
+        """Use a plan with headroom that another thread has made, for the view's octave of zoom."""
         key = kind_of(scene, view, settings), _octave(view)
         self._headroom[key] = 2 * _HEADROOM
         self._keep(key, plan)
@@ -100,12 +100,12 @@ class ViewPlans:
     def _keep(self, key: tuple[Hashable, int], plan: Plan) -> None:
         self._plans[key] = plan
         self._plans.move_to_end(key)
-        while len(self._plans) > _KEPT:
+        while len(self._plans) > _MAX_PLANS:
             oldest, _ = self._plans.popitem(last=False)
             self._headroom.pop(oldest, None)
 
 
-def roomy_plan(
+def headroom_plan(
     scene: Scene,
     view: View,
     settings: Settings,

@@ -74,7 +74,7 @@ class _Connection:
             await self._receive()
         finally:
             self._worker.forget(self)
-            self._session.show(self, None)
+            self._session.set_shown_subject(self, None)
             for task in tasks:
                 task.cancel()
             for task in tasks:
@@ -93,7 +93,7 @@ class _Connection:
                 return
             kind, slot = (str(scalar(request.get(name))) for name in ("kind", "slot"))
             if (kind, slot) == ("picture", "a"):
-                self._session.show(self, scalar(request.get("subject")))
+                self._session.set_shown_subject(self, scalar(request.get("subject")))
             replies = self._session.answer(request)
             self._worker.submit(
                 self, (kind, slot), URGENCY.get(kind, 0), replies, self._deliver_from_worker

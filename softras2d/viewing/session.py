@@ -25,7 +25,7 @@ from .view import View
 _LOGGER = logging.getLogger(__name__)
 
 _COST_REPEATS = 3
-"""Renders of which the median time is taken, for each effect."""
+"""Number of renders per effect; the median of their times counts."""
 
 
 class Reply(NamedTuple):
@@ -43,7 +43,7 @@ class Session:
             raise ValueError("there is nothing to view: give at least one scene or image.")
         self.subjects = tuple(subjects)
         self._artist = Artist()
-        self._shown: dict[Hashable, object] = {}
+        self._subject_of_page: dict[Hashable, object] = {}
 
     def versions(self) -> list[int]:
         """The version of each subject, which changes with its contents."""
@@ -59,39 +59,42 @@ class Session:
         return self._artist.is_compiling()
 
     def close(self) -> None:
-        """Wait until nothing is compiled in the background: Python must not end meanwhile."""
+        """Wait for compilation in the background to end.
+
+        The process must not exit while XLA compiles.
+        """
         self._artist.close()
 
-    def show(self, page: Hashable, number: object) -> None:
-        """Note the number of the subject that a page shows; None when the page is closed."""
-        self._shown[page] = number
+    def set_shown_subject(self, page: Hashable, number: object) -> None:
+        """Record which subject a page shows, by its number. None: the page was closed."""
+        self._subject_of_page[page] = number
         if number is None:
-            del self._shown[page]
+            del self._subject_of_page[page]
         for subject_number, subject in enumerate(self.subjects):
-            subject.watch(subject_number in self._shown.values())
+            subject.watch(subject_number in self._subject_of_page.values())
 
     def answer(self, request: Mapping[str, Any]) -> Iterator[Reply]:
         """Reply to a request, in one step or several.
 
-        What is wrong with a request, or with a file, becomes a reply of kind `"error"`, whose
-        `message` is one line.
+        A fault in a request or a file is answered by a reply of kind `"error"`, whose `message` is
+        one line.
         """
-        common = {name: scalar(request.get(name)) for name in ("kind", "id", "slot")}
-        kind = common["kind"]
+        request_fields = {name: scalar(request.get(name)) for name in ("kind", "id", "slot")}
+        kind = request_fields["kind"]
         try:
             if kind not in _ANSWERS:
                 raise ValueError(f"no request of kind {str(kind)[:40]!r}.")
             for reply in _ANSWERS[kind](self, request):
-                yield reply._replace(header=common | reply.header)
+                yield reply._replace(header=request_fields | reply.header)
         except Exception as error:
-            # A mistake in one overlay must not end the viewer.
+            # A bug in one overlay must not end the viewer.
             message = _one_line(error)
             if not _is_expected(error):
                 message = f"unexpected {type(error).__name__}: {message}"
                 _LOGGER.error(
                     "a request of kind %r failed: %s", kind, message, exc_info=_is_debugging()
                 )
-            yield Reply(common | {"kind": "error", "request": kind, "message": message})
+            yield Reply(request_fields | {"kind": "error", "request": kind, "message": message})
 
     def subject_of(self, request: Mapping[str, Any], name: str = "subject") -> Subject:
         """The subject that a request names by its number."""
@@ -108,19 +111,19 @@ class Session:
         subject, view, settings = self._read(request)
         if subject.is_image:
             rgba = subject.pixels(view)
-            facts = {"milliseconds": 0, "compile_seconds": 0, "effects": [], "plan": "an image"}
+            header = {"milliseconds": 0, "compile_seconds": 0, "effects": [], "plan": "an image"}
         else:
             scene = subject.scene_at(view.zoom)
             drawn = self._artist.draw(scene, view, settings)
             self._artist.prepare_zoom(scene, view, settings)
             rgba = drawn.rgba
-            facts = {
+            header = {
                 "milliseconds": 1e3 * drawn.seconds,
                 "compile_seconds": drawn.compile_seconds,
                 "effects": list(drawn.plan.effects),
                 "plan": str(drawn.plan),
             }
-        facts |= {
+        header |= {
             "height": view.height,
             "width": view.width,
             "view": dataclasses.asdict(view),
@@ -128,7 +131,7 @@ class Session:
             "notes": list(subject.notes()),
             "command": subject.command(view, settings),
         }
-        yield Reply(facts, _bytes(rgba))
+        yield Reply(header, _bytes(rgba))
 
     def png(self, request: Mapping[str, Any]) -> Iterator[Reply]:
         """Draw a view as a PNG file."""
@@ -138,7 +141,7 @@ class Session:
         yield Reply({"name": self.subject_of(request).name}, png_of(rgba))
 
     def inspect(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Look at a pixel: its samples first, then the value that it should have."""
+        """Inspect a pixel: reply with its samples, then with its reference value."""
         subject, view, settings = self._read(request)
         column, row = (read_value(name, int, request.get(name)) for name in ("column", "row"))
         check_range("column", column, 0, view.width - 1)
@@ -147,8 +150,8 @@ class Session:
         report = inspect_pixel(self._artist, scene, view, settings, column, row)
         yield Reply(report.facts, _bytes(report.samples))
         name, value = reference_value(self._artist, scene, view, settings, column, row)
-        facts = {"column": column, "row": row, "name": name, "value": value}
-        yield Reply({"kind": "reference"} | facts)
+        header = {"column": column, "row": row, "name": name, "value": value}
+        yield Reply({"kind": "reference"} | header)
 
     def edges(self, request: Mapping[str, Any]) -> Iterator[Reply]:
         """The corners of the triangles in view, as float32."""
@@ -160,22 +163,25 @@ class Session:
         """How many triangles each tile lists, as uint32 in rows."""
         subject, view, settings = self._read(request)
         scene = subject.scene_at(view.zoom)
-        plan = self._artist.render(scene, view, settings)[1]
+        _, plan = self._artist.render(scene, view, settings)
         lengths, tiling = tile_lengths(scene, plan), plan.tiling
-        facts = {
+        header = {
             "rows": tiling.rows,
             "columns": tiling.columns,
             "tile_height": tiling.height,
             "tile_width": tiling.width,
-            "most": int(lengths.max()),
+            "max": int(lengths.max()),
             "mean": float(lengths.mean()),
             "pairs_listed": int(lengths.sum()),
             "pairs_capacity": plan.capacity_of(len(scene.triangles)).pairs,
         }
-        yield Reply(facts, _bytes(lengths.astype(np.uint32)))
+        yield Reply(header, _bytes(lengths.astype(np.uint32)))
 
     def gradients(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Gradients by the positions, against an image: rows of (x, y, dx, dy) as float32."""
+        """Reply with gradients by vertex positions: rows of (x, y, d/dx, d/dy) as float32.
+
+        They are those of the mean squared difference to another subject's image.
+        """
         subject, view, settings = self._read(request)
         target = self.subject_of(request, "target")
         rows = position_gradients(
@@ -184,10 +190,15 @@ class Session:
         yield Reply({"vertices": len(rows)}, _bytes(rows))
 
     def costs(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Measure what each effect costs, one reply after another."""
+        """Measure the cost of each effect; one reply per effect.
+
+        The first reply, with effect None, is about the complete scene.
+        """
         subject, view, settings = self._read(request)
         scene = subject.scene_at(view.zoom)
-        plan = self._artist.render(scene, view, settings)[1]
+        _, plan = self._artist.render(scene, view, settings)
+        # Without effects, the row of the complete scene is the last one too.
+        last_effect = plan.effects[-1] if plan.effects else None
         for effect, with_effect, without_effect in price_effects(
             scene, plan, repeats=_COST_REPEATS
         ):
@@ -196,11 +207,12 @@ class Session:
                     "effect": effect,
                     "milliseconds": 1e3 * with_effect.seconds,
                     "milliseconds_without": 1e3 * without_effect.seconds,
-                    "is_last": effect == plan.effects[-1] if plan.effects else True,
+                    "is_last": effect == last_effect,
                 }
             )
 
     def _read(self, request: Mapping[str, Any]) -> tuple[Subject, View, Settings]:
+        """Read the subject, the view and the settings that a request names."""
         subject = self.subject_of(request)
         view = read_fields(View, request.get("view"))
         return subject, view, read_fields(Settings, request.get("settings", {}))
@@ -219,11 +231,14 @@ _ANSWERS: dict[str, Callable[[Session, Mapping[str, Any]], Iterator[Reply]]] = {
 """The method that answers each kind of request, most urgent kinds first."""
 
 URGENCY = {kind: rank for rank, kind in enumerate(_ANSWERS)}
-"""Rank of each kind of request: of those that wait, the one with the least is answered first."""
+"""Rank of each kind of request. The waiting request of the lowest rank is answered first."""
 
 
 def scalar(value: Any) -> str | int | float | None:
-    """A value that a reply may repeat; None for lists and objects, which may be nested deeply."""
+    """The value, if it is a string or a number; else None.
+
+    A reply never repeats lists or objects, which may be nested deeply.
+    """
     return value if isinstance(value, str | int | float) else None
 
 
@@ -234,6 +249,7 @@ def _is_expected(error: Exception) -> bool:
 
 
 def _one_line(error: Exception) -> str:
+    """The message of an error as one short line; its type if it has no message."""
     return " ".join(str(error).split())[:300] or type(error).__name__
 
 
@@ -248,20 +264,20 @@ def _bytes(array: np.ndarray) -> memoryview:
 
 
 def _describe(subject: Subject) -> dict[str, Any]:
-    """The facts about a subject that a page needs before it draws it, for JSON."""
-    facts: dict[str, Any] = {
+    """What a page needs to know about a subject before it draws it, for JSON."""
+    header: dict[str, Any] = {
         "name": subject.name,
         "version": subject.version,
         "is_image": subject.is_image,
     }
     try:
-        facts["height"], facts["width"] = subject.size()
+        header["height"], header["width"] = subject.size()
     except Exception as error:
-        # Whatever is wrong with one file, the others are shown.
-        facts |= {"height": 1, "width": 1, "error": _one_line(error)}
+        # A fault in one file must not hide the others.
+        header |= {"height": 1, "width": 1, "error": _one_line(error)}
     fit = subject.fit_state()
     if fit is not None:
-        facts["fit"] = {
+        header["fit"] = {
             "is_running": fit.is_running,
             "history": [
                 [record.steps, record.seconds, record.psnr, record.active]
@@ -270,4 +286,4 @@ def _describe(subject: Subject) -> dict[str, Any]:
                 if np.isfinite(record.psnr)
             ],
         }
-    return facts
+    return header

@@ -19,7 +19,7 @@ from ..rendering.pixel_layers import PixelLayers
 from ..rendering.visibility import Visibility, interpolate, rasterize
 from ..scene import Scene, take_triangles
 from ..shading.sample_texture import sample_texture
-from ..texture.level_of_detail import Footprint, probes
+from ..texture.level_of_detail import Footprint, level_and_probes
 from ..texture.pyramid import TexturePyramid
 from .view import View
 
@@ -178,4 +178,4 @@ def _level(
     )
     if filter.level == "zero":
         return jnp.zeros(index.shape, footprint.dtype)
-    return jnp.clip(probes(texels, filter).level, 0.0, textures.depth - 1.0)
+    return jnp.clip(level_and_probes(texels, filter).level, 0.0, textures.depth - 1.0)

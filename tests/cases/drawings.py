@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 import softras2d as sr
+from softras2d.io.svg.reader import parse_svg
 
 
 def corners_of(scene: sr.Scene) -> np.ndarray:
@@ -34,3 +35,14 @@ def colors_at(scene: sr.Scene, points: Any) -> np.ndarray:
         alpha = shaded[3] if len(shaded) == 4 else 1.0
         result[point] = shaded[:3] * alpha + result[point] * (1 - alpha)
     return result.round(9)
+
+
+def read_body(body: str, **options: Any) -> sr.Scene:
+    """Read a drawing of 100 x 80 pixels with these elements."""
+    head = '<svg xmlns="http://www.w3.org/2000/svg" width="100" height="80">'
+    return parse_svg(f"{head}{body}</svg>", **options)
+
+
+def body_colors(body: str, *points: Any, **options: Any) -> np.ndarray:
+    """The colours of a drawing with these elements, beside points that may lie on edges."""
+    return colors_at(read_body(body, **options), np.add(points, [0.013, 0.017]))

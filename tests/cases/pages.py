@@ -7,13 +7,19 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import softras2d as sr
+
 from .browser import REQUIRE, require_browser
-from .viewing import unpacked
+from .viewing import bytes_of, unpacked
+
+WINDOW = {"width": 920, "height": 560}
+"""Size of a page, in pixels."""
 
 SECONDS = 180.0
 """Longest time to wait for a picture: it may have to be compiled on a busy machine."""
@@ -97,3 +103,30 @@ def frames_of(page: Any) -> list[tuple[dict[str, Any], bytes]]:
 
     page.on("websocket", lambda opened: opened.on("framereceived", receive))
     return frames
+
+
+def view_of(page: Any) -> dict[str, Any]:
+    """The view of the last picture that the page received for its own settings."""
+    pictures = [header for header, _ in page.frames_seen if header["kind"] == "picture"]
+    return [header for header in pictures if header["slot"] == "a"][-1]["view"]
+
+
+def drawn(folder: Path, name: str, view: dict[str, Any], coverage: Any, filter: Any = None) -> Any:
+    """What `render` draws of a file at a view, as bytes."""
+    height, width = (max(1, round(300 * view["zoom"])) for _ in range(2))
+    scene = sr.read_svg(folder / name, height=height, width=width)
+    return bytes_of(scene, view, coverage, filter)
+
+
+def kinds_received(page: Any) -> set[str]:
+    """The kinds of all replies so far."""
+    # Playwright delivers frames while it waits for an answer of the page.
+    page.evaluate("() => 0")
+    return {header["kind"] for header, _ in page.frames_seen}
+
+
+def press(page: Any, *keys: str) -> None:
+    """Press keys, and wait for the picture after each."""
+    for key in keys:
+        page.keyboard.press(key)
+    wait_for_picture(page)

@@ -27,3 +27,8 @@ def draw(mesh: Mesh, colors: np.ndarray, *, model: ColorModel = "vertex") -> np.
     image = np.empty((mesh.height * mesh.width, len(values)))
     image[pairs.pixel] = values.T
     return image.reshape(mesh.height, mesh.width, -1)
+
+
+def mean_psnr(target: np.ndarray) -> float:
+    """PSNR, in dB, of an image that has the target's mean colour everywhere."""
+    return float(-10 * np.log10(((target - target.mean((0, 1))) ** 2).mean()))

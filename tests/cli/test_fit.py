@@ -42,7 +42,7 @@ def photo(tmp_path, monkeypatch):
         (["PHOTO", "--seconds", "nan"], "--seconds must be a number above 0; got nan"),
         (
             ["PHOTO", "--softness", "wide"],
-            "--softness must be pixels, or PIXELS:PIXELS; got 'wide'",
+            "--softness must be a width in pixels, or FIRST:LAST; got 'wide'",
         ),
         (["PHOTO", "-o", "a.svg", "-o", "a.svg"], "given twice"),
         (["PHOTO", "-n", "0"], "-n must be a whole number from 1 on; got 0"),
@@ -58,16 +58,24 @@ def photo(tmp_path, monkeypatch):
             "photo8.png has 8 x 8 pixels; the picture to",
         ),
         (["."], "fit every picture in it with: softras2d fit-batch . -o OUT"),
-        (["PHOTO", "PHOTO8"], "photo8.png: a second picture; several are the frames of a film"),
+        (["PHOTO", "PHOTO8"], "photo8.png: more than one picture. For a film of these frames, add"),
         (["--animation", "a.svg"], "a.svg: --animation needs the frames of a film"),
         (["PHOTO", "--animation", "a.mp4"], "the suffix of an animation must be .svg or .gif"),
         (
             ["PHOTO", "--animation", "a.gif", "--seconds", "9", "--family", "mesh"],
-            "a.gif: films are fitted without --family, --seconds",
+            "--family, --seconds: not available for films (--animation)",
         ),
         (
             ["PHOTO", "PHOTO8", "--animation", "a.svg"],
             "photo8.png: 8 x 8 pixels; the first frame, ",
+        ),
+        (
+            ["PHOTO", "--digits", "1", "-o", "a.png", "-o", "a.s2d"],
+            "--digits is for SVG files; got no SVG to write, but a.png, a.s2d",
+        ),
+        (
+            ["PHOTO", "PHOTO8", "--digits", "1", "--animation", "a.gif"],
+            "--digits is for SVG files; got no SVG to write, but a.gif",
         ),
         (["PHOTO", "--steps", "5", "--seconds", "1"], "give one of --steps and --seconds"),
         (["PHOTO", "--resume", "none.npz"], "none.npz: no such file"),
@@ -139,7 +147,10 @@ def test_options_that_do_not_apply_to_a_resumed_fit_are_named(photo, tmp_path):
     done = CliRunner().invoke(app, ["fit", *command, "--steps", "2", "-o", str(tmp_path / "b.png")])
     assert done.exit_code == 0, done.stderr
     lines = done.stderr.splitlines()
-    assert lines[0] == "warning: --resume keeps the settings of the file: -n, --seed ignored"
+    assert (
+        lines[0]
+        == "warning: -n, --seed: ignored, because --resume takes the settings from the file"
+    )
     assert lines[1].startswith("warning: --steps 2: no step is taken, because steps are counted")
     assert len(lines) == 2
     assert "2 triangles" in done.stdout

@@ -13,7 +13,9 @@ from typer.testing import CliRunner
 from softras2d import scenes
 from softras2d.cli import app, render_steps
 from softras2d.cli.options import RenderOptions, Size
+from softras2d.cli.view import open_subjects
 from softras2d.io.images import decode_image
+from softras2d.viewing.scene_file import ReadOptions
 
 SQUARE = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 20 20"{}>'
@@ -49,6 +51,22 @@ def test_bundled_scenes_have_names(name, tmp_path, monkeypatch):
     # A file of the same name comes first.
     Path(name).write_text(SQUARE.format(' width="20" height="20"'))
     assert read(name)[1:] == (20, 20)
+
+
+@pytest.mark.parametrize("name", ["rings", "hairlines", "ground"])
+def test_the_viewer_knows_bundled_scenes(name, tmp_path, monkeypatch):
+    """From a file, in the course's dialect, and made by a function."""
+    monkeypatch.chdir(tmp_path)
+    drawing = Path("square.svgz")
+    drawing.write_bytes(gzip.compress(SQUARE.format("").encode()))
+    other, subject = open_subjects([drawing, Path(name)], ReadOptions())
+    assert other.size() == (20, 20)
+    assert subject.size() == (scenes.SIZE, scenes.SIZE)
+    np.testing.assert_array_equal(subject.scene_at(1).triangles, scenes.read(name).triangles)
+    # A file of the same name comes first.
+    Path(name).write_text("")
+    with pytest.raises(ValueError, match=name):
+        open_subjects([Path(name)], ReadOptions())[0].size()
 
 
 def test_standard_input_and_output(grey, monkeypatch, tmp_path):

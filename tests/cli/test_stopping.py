@@ -10,7 +10,7 @@ import time
 import pytest
 from rich.console import Console
 
-from softras2d.cli.stopping import answered_signals
+from softras2d.cli.stopping import announce_signals
 from softras2d.fitting.interrupt import deferred_interrupt
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs SIGINT")
@@ -27,7 +27,7 @@ def wait_for_lines(text: io.StringIO, count: int) -> list[str]:
 def test_each_signal_has_its_line_and_sigterm_acts_like_ctrl_c():
     text = io.StringIO()
     before = signal.getsignal(signal.SIGTERM)
-    with answered_signals(Console(file=text, width=200)), deferred_interrupt() as interrupt:
+    with announce_signals(Console(file=text, width=200)), deferred_interrupt() as interrupt:
         os.kill(os.getpid(), signal.SIGTERM)
         assert "once more to give up" in wait_for_lines(text, 1)[0]
         assert interrupt.requested
@@ -41,7 +41,7 @@ def test_each_signal_has_its_line_and_sigterm_acts_like_ctrl_c():
 
 def test_a_signal_that_is_not_deferred_has_no_line():
     text = io.StringIO()
-    with pytest.raises(KeyboardInterrupt), answered_signals(Console(file=text)):
+    with pytest.raises(KeyboardInterrupt), announce_signals(Console(file=text)):
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(1)
     assert text.getvalue() == ""
@@ -51,7 +51,7 @@ def test_other_threads_answer_nothing():
     entered = []
 
     def work():
-        with answered_signals(Console(file=io.StringIO())):
+        with announce_signals(Console(file=io.StringIO())):
             entered.append(signal.getsignal(signal.SIGTERM))
 
     before = signal.getsignal(signal.SIGTERM)

@@ -15,7 +15,7 @@ import pytest
 import softras2d as sr
 from softras2d.fitting import budget, loop, rehearsal
 from softras2d.fitting.budget import Budget, Limits
-from softras2d.fitting.choices import settle
+from softras2d.fitting.choices import normalize
 from softras2d.fitting.interrupt import deferred_interrupt
 from softras2d.fitting.layers.family import LayersFit
 from softras2d.fitting.mesh.family import MeshFit
@@ -219,7 +219,7 @@ def test_softness_falls_to_its_last_width():
 
 def test_settings_become_plain_values():
     settings = {"seed": np.int64(3), "softness": np.float32(2), "shading": None, "family": "mesh"}
-    plain = settle(settings)
+    plain = normalize(settings)
     assert type(plain["seed"]) is int
     assert plain == {"seed": 3, "softness": (2.0, 2.0), "shading": "gouraud", "family": "mesh"}
 

@@ -11,10 +11,11 @@ from softras2d.fitting.mesh.collapse import collapse
 from softras2d.fitting.mesh.colors import ColorModel, mesh_pixels, solve_colors
 from softras2d.fitting.mesh.edge_flips import flip, flip_edges, flip_gains, flippable_edges
 from softras2d.fitting.mesh.evaluation import evaluate
+from softras2d.fitting.mesh.exchange import exchange
 from softras2d.fitting.mesh.full_size import colors_at_full_size
 from softras2d.fitting.mesh.insertion import insert, split
 from softras2d.fitting.mesh.splits import best_splits
-from softras2d.fitting.mesh.start import delaunay_start, error_start, exchange, uniform_start
+from softras2d.fitting.mesh.start import delaunay_start, error_start, uniform_start
 from softras2d.fitting.mesh.triangulation import check_tiling, find_edges, make_mesh
 from softras2d.fitting.target import Target
 from tests.cases.pictures import blobs, draw

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from softras2d.fitting.layers import placement
-from softras2d.fitting.layers.placement import place, random_triangles, removal_costs, soup_pixels
+from softras2d.fitting.layers.placement import (
+    find_new_triangles,
+    random_triangles,
+    removal_costs,
+    soup_pixels,
+)
 from softras2d.fitting.target import Target
 from tests.cases.pictures import blobs
 
@@ -67,7 +72,9 @@ def test_removal_costs_are_the_rise_of_the_error(corner_colors, translucent, wei
 
 def test_gains_are_the_drop_of_the_error():
     image = np.tile(TARGET.mean((0, 1)), (HEIGHT, WIDTH, 1))
-    placed = place(np.random.default_rng(0), image, Target(TARGET), 5, size=8.0)
+    placed = find_new_triangles(
+        np.random.default_rng(0), image, Target(TARGET), 5, circumradius=8.0
+    )
     assert 0 < len(placed.corners) <= 5
     for corners, color, gain in zip(placed.corners, placed.colors, placed.gains, strict=True):
         is_inside, _ = inside(corners)
@@ -80,7 +87,7 @@ def test_gains_are_the_drop_of_the_error():
 
 def test_nothing_is_placed_where_nothing_is_gained():
     flat = np.full_like(TARGET, 0.3)
-    placed = place(np.random.default_rng(0), flat, Target(flat), 5, size=8.0)
+    placed = find_new_triangles(np.random.default_rng(0), flat, Target(flat), 5, circumradius=8.0)
     assert len(placed.corners) == 0
 
 
@@ -88,7 +95,9 @@ def test_triangles_are_placed_where_weights_are():
     weights = np.zeros((HEIGHT, WIDTH))
     weights[:, :20] = 1
     image = np.zeros_like(TARGET)
-    placed = place(np.random.default_rng(0), image, Target(TARGET, weights), 8, size=4.0)
+    placed = find_new_triangles(
+        np.random.default_rng(0), image, Target(TARGET, weights), 8, circumradius=4.0
+    )
     assert (placed.corners[..., 0].mean(1) < 22).all()
 
 
@@ -108,7 +117,9 @@ def test_a_black_shape_on_a_clear_background_counts_as_error():
     """Premultiplied, it differs from the clear background in its alpha alone."""
     target = np.zeros((HEIGHT, WIDTH, 4))
     target[10:30, 12:36, 3] = 1
-    placed = place(np.random.default_rng(0), np.zeros_like(target), Target(target), 4, size=8.0)
+    placed = find_new_triangles(
+        np.random.default_rng(0), np.zeros_like(target), Target(target), 4, circumradius=8.0
+    )
     assert len(placed.corners) > 0
     assert placed.colors.max() == 0
     for one, gain in zip(placed.corners, placed.gains, strict=True):
@@ -126,8 +137,8 @@ def test_candidates_in_blocks_are_those_of_one_block(monkeypatch):
     whole, blocks = [], []
     for pairs, placed in ((2.0**40, whole), (50.0, blocks)):
         monkeypatch.setattr(placement, "_MAX_PAIRS", pairs)
-        placed += place(
-            np.random.default_rng(0), np.zeros_like(TARGET), Target(TARGET), 6, size=7.0
+        placed += find_new_triangles(
+            np.random.default_rng(0), np.zeros_like(TARGET), Target(TARGET), 6, circumradius=7.0
         )
     for a, b in zip(whole, blocks, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12)

@@ -9,50 +9,19 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.binning import tile_side
 
+from ..cases.analytic import SIZE, plan_of, random_scene
 from ..cases.marks import slowly
 from ..oracles import edges
 from ..oracles.analytic import area_in_pixel, centroid_in_pixel, distance
 
-SIZE = 12
-
 SLOW = pytest.mark.slow
-
-
-def random_scene(
-    kind: str = "", *, triangles: int = 7, seed: int = 0, dtype: type = np.float32
-) -> sr.Scene:
-    """Triangles of a few pixels, with the effects that letters name.
-
-    Corner colours (g), alpha (a), a background with alpha (b), depth (d), perspective (q), a
-    texture (t), one with alpha (u).
-    """
-    rng = np.random.default_rng(seed)
-    corners = rng.random((triangles, 1, 2)) * SIZE + rng.normal(size=(triangles, 3, 2)) * 3
-    colors = rng.random((triangles, 3 if "g" in kind else 1, 4 if "a" in kind else 3))
-    background = [0.2, 0.3, 0.4, 0.5] if "b" in kind else [0.1, 0.9, 0.5]
-    optional = {}
-    if "d" in kind:
-        optional["depth"] = rng.random((triangles, 3)).astype(dtype)
-    if "q" in kind:
-        optional["inverse_w"] = (1 + rng.random((triangles, 3))).astype(dtype)
-    if "t" in kind or "u" in kind:
-        optional["uv"] = rng.uniform(0.1, 0.9, (triangles, 3, 2)).astype(dtype)
-        optional["texture_index"] = np.where(np.arange(triangles) == 2, -1, 0)
-        picture = rng.random((8, 8, 4 if "u" in kind else 3)).astype(dtype)
-        optional["textures"] = sr.TexturePyramid.build([picture])
-    return sr.Scene.from_soup(corners.astype(dtype), colors, background=background, **optional)
 
 
 @eqx.filter_jit
 def image_of(scene: sr.Scene, plan: sr.Plan):
     image, overflow = sr.render_checked(scene, plan)
     return eqx.error_if(image, overflow, "overflow")
-
-
-def plan_of(scene, coverage, **options) -> sr.Plan:
-    return sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage, **options)
 
 
 def orient(corners: np.ndarray) -> tuple[np.ndarray, float]:
@@ -367,61 +336,3 @@ def test_what_cannot_be_drawn_is_refused_in_one_line(message):
         plan_of(scene, coverage)
     assert str(error.value).startswith(message)
     assert "\n" not in str(error.value)
-
-
-def drawn_with_side(side, monkeypatch, scene, coverage, goal):
-    """Image, gradient of half its squared distance to a goal, and a tangent, for a tile side."""
-    monkeypatch.setattr(tile_side, "SIDES", (side,))
-    planned = plan_of(scene, coverage)
-    assert planned.tiling.width == side
-
-    def draw(positions, colors):
-        return sr.render_checked(replace(scene, positions=positions, colors=colors), planned)[0]
-
-    inputs = scene.positions, scene.colors
-    directions = (np.sin(np.arange(entry.size)).reshape(entry.shape) for entry in inputs)
-    directions = tuple(
-        jnp.asarray(direction, entry.dtype)
-        for direction, entry in zip(directions, inputs, strict=True)
-    )
-
-    @jax.jit
-    def derive(inputs, directions, goal):
-        image, vjp = jax.vjp(draw, *inputs)
-        return image, vjp(image - goal), jax.jvp(draw, inputs, directions)[1]
-
-    return derive(inputs, directions, goal)
-
-
-@pytest.mark.parametrize(
-    ("kind", "coverage"),
-    [
-        pytest.param("ga", sr.Area(), marks=SLOW),
-        pytest.param("g", sr.Area("sum"), marks=SLOW),
-        pytest.param("ga", sr.Soft(1.2), marks=SLOW),
-        pytest.param("gd", sr.Soft(1.0, "window"), marks=SLOW),
-        pytest.param("u", sr.Area(), marks=SLOW),
-    ],
-)
-def test_small_and_large_tiles_give_equal_images_and_derivatives(
-    kind, coverage, monkeypatch, float64
-):
-    with jax.enable_x64(True):
-        scene = random_scene(kind, dtype=np.float64)
-        goal = np.random.default_rng(1).random((SIZE, SIZE, 3))
-        small, large = (
-            drawn_with_side(side, monkeypatch, scene, coverage, goal) for side in (4, 8)
-        )
-    for a, b in zip(jax.tree.leaves(small), jax.tree.leaves(large), strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
-
-
-def test_tiles_are_small_where_triangles_are():
-    rng = np.random.default_rng(0)
-    sides = {}
-    for count, size in ((4_000, 4), (400, 60), (7, 4)):
-        corners = rng.random((count, 1, 2)) * 256 + rng.normal(size=(count, 3, 2)) * size
-        scene = sr.Scene.from_soup(corners.astype(np.float32), rng.random((count, 1, 3)))
-        sides[count] = sr.plan(scene, height=256, width=256, coverage=sr.Area()).side
-    # Seven triangles are not worth another program.
-    assert sides == {4_000: 4, 400: 8, 7: 8}

@@ -203,7 +203,7 @@ def test_tiles_list_the_triangles_that_touch_them(coverage):
     # A triangle may touch a tile and cover none of its samples.
     assert (lengths >= touching).all() and touching.max() >= 5
     assert (lengths - touching).mean() < 1
-    assert facts["most"] == lengths.max()
+    assert facts["max"] == lengths.max()
 
 
 def test_gradients_are_those_of_the_difference(session):

@@ -1,4 +1,4 @@
-"""A large canvas is drawn with a snug plan first; a roomy one is compiled in another thread."""
+"""A large canvas is first drawn with a tight plan; another thread compiles one with headroom."""
 
 from collections.abc import Iterator
 
@@ -33,14 +33,14 @@ def crowd(copies: int) -> sr.Scene:
 @pytest.fixture
 def artist(monkeypatch: pytest.MonkeyPatch) -> Iterator[Artist]:
     """An artist for whom every canvas is large."""
-    monkeypatch.setattr(plans, "SNUG_PIXELS", 1)
-    monkeypatch.setattr(draw, "SNUG_PIXELS", 1)
+    monkeypatch.setattr(plans, "TIGHT_PLAN_PIXELS", 1)
+    monkeypatch.setattr(draw, "TIGHT_PLAN_PIXELS", 1)
     artist = Artist()
     yield artist
     artist.close()
 
 
-def test_a_zoom_that_outgrows_the_snug_plan_uses_the_one_that_was_compiled(
+def test_a_zoom_that_outgrows_the_tight_plan_uses_the_one_that_was_compiled(
     artist, count_compilations
 ):
     # So many that their tiles list more than the least capacity of a plan at the larger zoom.
@@ -48,14 +48,14 @@ def test_a_zoom_that_outgrows_the_snug_plan_uses_the_one_that_was_compiled(
     small = enlarge(scene, 0.5, 0.5)
     first = artist.draw(small, VIEW, SETTINGS)
     artist.prepare_zoom(small, VIEW, SETTINGS)
-    roomy = artist._compiler.take(kind_of(small, VIEW, SETTINGS))
-    assert roomy is not None and roomy.capacity.pairs > first.plan.capacity.pairs
+    compiled_plan = artist._compiler.take(kind_of(small, VIEW, SETTINGS))
+    assert compiled_plan is not None and compiled_plan.capacity.pairs > first.plan.capacity.pairs
     zoomed = View(1.0, 0, 0, 48, 64)
     with count_compilations() as compiled:
         second = artist.draw(scene, zoomed, SETTINGS)
         third = artist.draw(scene, zoomed, SETTINGS)
     assert compiled.names == []
-    assert second.plan.capacity == third.plan.capacity == roomy.capacity
+    assert second.plan.capacity == third.plan.capacity == compiled_plan.capacity
     view = {"height": 48, "width": 64, "x": 0, "y": 0}
     expected = bytes_of(scene, view, SETTINGS.coverage_option())
     np.testing.assert_array_equal(second.rgba[..., :3], expected)

@@ -1,6 +1,7 @@
 """Answers of a session: pictures equal those of `render`, and panning compiles nothing."""
 
 import gc
+import gzip
 import tracemalloc
 import warnings
 from typing import Any
@@ -180,6 +181,15 @@ def test_what_is_not_drawn_becomes_a_note_and_no_warning(tmp_path):
         session.subjects[0].scene_at(1.0)
     (note,) = session.subjects[0].notes()
     assert "scene.svg" in note and "text" in note
+
+
+def test_compressed_drawings_are_read(tmp_path):
+    path = tmp_path / "scene.svgz"
+    text = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="8"><path d="M0 0h9v9"/></svg>'
+    path.write_bytes(gzip.compress(text.encode()))
+    (subject,) = open_files([path], ReadOptions())
+    assert subject.size() == (8, 9)
+    assert subject.scene_at(1).triangles.shape[0] == 1
 
 
 def test_a_missing_file_is_an_error_of_its_subject_alone(tmp_path):

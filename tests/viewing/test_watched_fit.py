@@ -51,7 +51,7 @@ def test_without_a_page_a_fit_ends_at_once(fit):
 
 
 def test_a_fit_waits_until_its_end_is_told_and_its_last_scene_drawn(fit, session):
-    session.show("page", 0)
+    session.set_shown_subject("page", 0)
     fit.fit_state()
     fit.scene_at(1.0)
     finishing = Finishing(fit)
@@ -65,10 +65,10 @@ def test_a_fit_waits_until_its_end_is_told_and_its_last_scene_drawn(fit, session
 
 @pytest.mark.parametrize("number", [1, None])
 def test_a_fit_does_not_wait_for_pages_that_show_something_else(fit, session, number):
-    session.show("page", 0)
-    session.show("other", 1)
+    session.set_shown_subject("page", 0)
+    session.set_shown_subject("other", 1)
     fit.scene_at(1.0)
     finishing = Finishing(fit)
     assert not finishing.has_ended(0.3)
-    session.show("page", number)
+    session.set_shown_subject("page", number)
     assert finishing.has_ended(30)

@@ -7,12 +7,15 @@ from jaxtyping import Array, Float
 from ..units import POSITION_UNIT
 
 OVERSHOOT = 0.4
-"""Distance by which a corner may leave the canvas, in longer sides of the canvas, unless a scene to
-start from leaves it by more. Hard mode clips what is more than half a side outside."""
+"""Distance by which a corner may leave the square of the longer side, in longer sides, unless a
+scene to start from leaves it by more. Hard mode clips what is more than half a longer side outside
+the canvas."""
 
 
 def overshoot_of(corners: Float[np.ndarray, "triangles 3 2"], height: int, width: int) -> float:
-    """Largest distance by which corners leave the canvas, in longer sides of the canvas.
+    """Largest distance by which corners leave the square of the longer side, in longer sides.
+
+    On both axes, the square reaches from 0 to the longer side of the canvas.
 
     - `corners`: as unknowns, in multiples of `POSITION_UNIT`.
     - `height`, `width`: of the canvas, in pixels.
@@ -24,9 +27,11 @@ def overshoot_of(corners: Float[np.ndarray, "triangles 3 2"], height: int, width
 def near_canvas(
     corners: Float[Array, "triangles 3 2"], overshoot: float, height: int, width: int
 ) -> Float[Array, "triangles 3 2"]:
-    """Clip corners to the neighbourhood of the canvas.
+    """Clip corners to [-overshoot, 1 + overshoot] of the longer side of the canvas, on both axes.
 
-    - `overshoot`: distance by which they may leave it, in longer sides of the canvas.
+    On a canvas that is not square, corners may leave the shorter side by more than `overshoot`.
+
+    - `overshoot`: distance by which corners may leave the square, in longer sides.
     - `corners`, `height`, `width`: as in `overshoot_of`.
     """
     side = max(height, width)

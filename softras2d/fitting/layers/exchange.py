@@ -10,31 +10,33 @@ from ...numerics.device import to_device
 from ..palette import Palette
 from ..target import Image, Target
 from ..units import POSITION_UNIT
-from .placement import place, removal_costs
+from .placement import find_new_triangles, removal_costs
 from .unknowns import LayersUnknowns
 
 _EXPECTED_GAIN = 10.0
-"""Expected gain of a new triangle once it is fitted, as a multiple of its gain when it is placed.
-An exchange is made if the expected gain exceeds the cost of the removal."""
+"""Expected gain of a new triangle once it is fitted, as a multiple of its gain before. A gain is
+the fall of the squared error. A pair is exchanged if its expected gain exceeds the cost of
+removal."""
 
 _NEW_OPACITY = 0.9
 """Opacity of new triangles in a fit of translucent ones."""
 
 
 class Replacement(NamedTuple):
-    """A new order of all triangles, in which some are then replaced by new flat triangles.
+    """Reordered triangles, of which a run is replaced by new flat triangles.
 
-    - `order`: the old index of each triangle.
-    - `first`: index, in the new order, of the first triangle to be replaced.
-    - `corners`, `colors`: the new triangles, in pixels. They replace as many, from `first` on.
+    - `order`: for each index of the new order, the index of the triangle before.
+    - `first_replaced`: index, in the new order, of the first triangle to be replaced.
+    - `corners`, `colors`: the new triangles, in pixels. They replace the triangles
+      `first_replaced`, `first_replaced + 1`, and so on.
     """
 
     order: Int[np.ndarray, " triangles"]
-    first: int
+    first_replaced: int
     corners: Float[np.ndarray, "new 3 2"]
     colors: Float[np.ndarray, "new 3"]
 
-    def in_unknowns(self, y: LayersUnknowns) -> LayersUnknowns:
+    def apply_to_unknowns(self, y: LayersUnknowns) -> LayersUnknowns:
         """Replace triangles in the unknowns."""
         return LayersUnknowns(
             self._in_array(y.corners, self.corners / POSITION_UNIT),
@@ -42,22 +44,22 @@ class Replacement(NamedTuple):
             None if y.opacity is None else self._in_array(y.opacity, _NEW_OPACITY),
         )
 
-    def in_optimizer_state(self, state: Any) -> Any:
+    def apply_to_optimizer_state(self, state: Any) -> Any:
         """Reorder the arrays that have one entry per triangle; entries of new triangles are 0."""
 
-        def reordered(leaf: Any) -> Any:
+        def replace_in_leaf(leaf: Any) -> Any:
             is_per_triangle = (
                 isinstance(leaf, jax.Array) and leaf.ndim and leaf.shape[0] == len(self.order)
             )
             return self._in_array(leaf, 0) if is_per_triangle else leaf
 
-        return jax.tree.map(reordered, state)
+        return jax.tree.map(replace_in_leaf, state)
 
     def _in_array(self, values: jax.Array, new: Any) -> jax.Array:
         """Reorder an array along its first axis, then set the entries of new triangles."""
-        host = np.asarray(values)[self.order]
-        host[self.first : self.first + len(self.corners)] = new
-        return to_device(host)
+        reordered = np.asarray(values)[self.order]
+        reordered[self.first_replaced : self.first_replaced + len(self.corners)] = new
+        return to_device(reordered)
 
 
 def find_exchange(
@@ -69,16 +71,17 @@ def find_exchange(
     count: int,
     *,
     active: int,
-    size: float,
+    circumradius: float,
     palette: Palette | None = None,
 ) -> Replacement | None:
-    """Move up to `count` of the triangles whose removal costs least to where they gain more.
+    """Find up to `count` triangles to remove, and as many new ones to draw in front.
 
-    The moved triangles come in front of the other `active` ones. Only those move whose expected
-    gain exceeds the cost of their removal; None if there are none.
+    Triangles whose removal raises the error least are paired with the new ones that lower it most;
+    a pair counts if its expected gain exceeds the cost of removal. Returns None if no pair does.
 
+    - `active`: number of triangles in use, which are the first ones of `y`.
     - `image`, `target`, `background`: premultiplied; `image` is that of the unknowns `y`.
-    - `size`: typical circumradius of a new triangle, in pixels.
+    - `circumradius`: typical circumradius of a new triangle, in pixels.
     - `palette`: the colours that a triangle may have; None: any.
     """
     length = len(y.corners)
@@ -90,13 +93,17 @@ def find_exchange(
         target,
         background,
     )
-    new = place(rng, image, target, count, size=size, palette=palette)
-    by_gain = np.argsort(-new.gains)
+    candidates = find_new_triangles(
+        rng, image, target, count, circumradius=circumradius, palette=palette
+    )
+    by_gain = np.argsort(-candidates.gains)
     by_cost = np.argsort(costs)[: len(by_gain)]
-    moved = int(np.sum(_EXPECTED_GAIN * new.gains[by_gain] > costs[by_cost]))
-    if moved == 0:
+    pair_count = int(np.sum(_EXPECTED_GAIN * candidates.gains[by_gain] > costs[by_cost]))
+    if pair_count == 0:
         return None
-    removed, placed = by_cost[:moved], by_gain[:moved]
+    removed, placed = by_cost[:pair_count], by_gain[:pair_count]
     staying, spare = np.setdiff1d(np.arange(active), removed), np.arange(active, length)
     order = np.concatenate([staying, removed, spare])
-    return Replacement(order, active - moved, new.corners[placed], new.colors[placed])
+    return Replacement(
+        order, active - pair_count, candidates.corners[placed], candidates.colors[placed]
+    )

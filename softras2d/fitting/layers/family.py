@@ -1,7 +1,7 @@
 """The fit of free triangles, which are added and moved where the error is.
 
-The arrays have one length for the whole fit. Spare triangles, which are not in use yet, lie outside
-the canvas, beyond the reach of any soft edge, where they cost next to nothing. The module
+The arrays have one length for the whole fit. Spare triangles are not in use yet. They lie
+so far outside the canvas that no soft edge reaches it, and cost almost nothing. The module
 `schedule` says when triangles are added and exchanged.
 """
 
@@ -19,6 +19,7 @@ from ...planning.plan import Plan
 from ...planning.size_classes import fine_class
 from ...rendering.planner import plan
 from ...scene import Scene
+from .. import choices
 from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
 from ..frozen import freeze, with_frozen
@@ -40,21 +41,21 @@ from ..units import POSITION_UNIT
 from . import saved, schedule
 from .canvas import OVERSHOOT, near_canvas, overshoot_of
 from .exchange import Replacement, find_exchange
-from .placement import place, random_triangles
+from .placement import find_new_triangles, random_triangles
 from .start import background_of, start_of
 from .steering import frozen_fields, has_palette_background
 from .unknowns import LayersData, LayersResidual, LayersUnknowns, layers_scene
 
 _NEW_SIZE, _EXCHANGED_SIZE = 0.9, 0.35
-"""Circumradius of new triangles, as a multiple of the side of the square that each triangle has on
-average; and the factor by which triangles that an exchange places are smaller."""
+"""Circumradius of a new triangle in units of `_spacing`; and the additional factor for those of an
+exchange."""
 
 _SPARE_PIXELS, _SPARE_WIDTHS = -16.0, -4.0
-"""Both coordinates of a spare triangle: the first number, in pixels, plus the second times the
-largest width of a soft edge."""
+"""Both coordinates of the corners of spare triangles are `_SPARE_PIXELS + _SPARE_WIDTHS * width`
+pixels, with the largest width of a soft edge."""
 
 
-class _Earlier(NamedTuple):
+class _EarlierBest(NamedTuple):
     """The best unknowns before triangles were last replaced, and their loss."""
 
     loss: float
@@ -81,7 +82,8 @@ class LayersFit(AbstractFit):
         self.length = fine_class(self.max_triangles)
         if state is not None:
             self.length = saved.length_of(state)
-        # A resumed fit gets its triangles from its state later, so only the shapes matter here.
+        # The triangles of a resumed fit come from its state, in `restore_family_state`; here only
+        # the shapes matter.
         start = request.start if state is None else "uniform"
         self._rng = np.random.default_rng(request.seed)
         self._background = background_of(settings["background"], start, request.target)
@@ -92,7 +94,7 @@ class LayersFit(AbstractFit):
             to_device(self._background),
             to_device(self._softness[0], np.float32),
         )
-        y, self.active = self._start(start)
+        y, self.active = self._initial_unknowns(start)
         self._palette = palette_of(settings["palette"], request.target, request.seed)
         self._is_quantized = False
         if state is None and "triangles" in request.masks:
@@ -104,7 +106,7 @@ class LayersFit(AbstractFit):
             self._overshoot = max(OVERSHOOT, overshoot_of(corners, self.height, self.width))
         self.residual = LayersResidual(self._plan([self.likely_scene()]), request.loss)
         self.progress = begin(request.solver, self.residual, y, self.data)
-        self._earlier: _Earlier | None = None
+        self._earlier_best: _EarlierBest | None = None
         self.image = np.broadcast_to(self._background, image.shape)
         self.last_exchange = 0.0
 
@@ -118,7 +120,7 @@ class LayersFit(AbstractFit):
         """Both coordinates of spare triangles, in pixels."""
         return _SPARE_PIXELS + _SPARE_WIDTHS * max(self._softness)
 
-    def _start(self, start: str | Scene) -> tuple[LayersUnknowns, int]:
+    def _initial_unknowns(self, start: str | Scene) -> tuple[LayersUnknowns, int]:
         """Make the unknowns to start from; return them and the number of triangles in use."""
         count = self.max_triangles
         triangles = start_of(
@@ -149,8 +151,8 @@ class LayersFit(AbstractFit):
             masks = frozen_fields(self.request, has_fixed_colors=self._is_quantized)
             self.data = self.data._replace(frozen=freeze(y, masks))
 
-    def _drawn(self, y: LayersUnknowns) -> LayersUnknowns:
-        """The unknowns with the frozen ones at their values."""
+    def _with_frozen_values(self, y: LayersUnknowns) -> LayersUnknowns:
+        """The unknowns, with frozen entries at the values at which they were frozen."""
         return with_frozen(y, self.data.frozen)
 
     def _spacing(self, count: int) -> float:
@@ -183,9 +185,11 @@ class LayersFit(AbstractFit):
     def _best(self) -> LayersUnknowns:
         """The best unknowns so far, with the frozen ones at their values."""
         loss = float(self.progress.best_loss)
-        if self._earlier is not None and not self._earlier.loss > loss:
-            return self._earlier.y
-        return self._drawn(self.progress.best if np.isfinite(loss) else self.progress.y)
+        if self._earlier_best is not None and not self._earlier_best.loss > loss:
+            return self._earlier_best.y
+        return self._with_frozen_values(
+            self.progress.best if np.isfinite(loss) else self.progress.y
+        )
 
     def scene(self, *, padded: bool = False) -> Scene:
         """The best scene so far; if `padded`, with its spare triangles, outside the canvas."""
@@ -193,20 +197,23 @@ class LayersFit(AbstractFit):
 
     def current_scene(self) -> Scene:
         """The scene of the last unknowns, without spare triangles."""
-        return self._scene_of(self._drawn(self.progress.y), slice(self.active))
+        return self._scene_of(self._with_frozen_values(self.progress.y), slice(self.active))
 
     def go_on_from(self, scene: Scene) -> None:
-        """Replace the triangles in use by those of `scene`, and its background."""
+        """Set the triangles in use and the background to those of `scene`."""
         corners, colors = scene.positions[scene.triangles] / POSITION_UNIT, scene.colors[..., :3]
         if self._is_quantized and self._palette is not None:
             colors = in_palette(self._palette, colors)
-        before, used = self._drawn(self.progress.y), slice(self.active)
-        y = before._replace(
-            corners=before.corners.at[used].set(corners), colors=before.colors.at[used].set(colors)
+        unknowns, in_use = self._with_frozen_values(self.progress.y), slice(self.active)
+        y = unknowns._replace(
+            corners=unknowns.corners.at[in_use].set(corners),
+            colors=unknowns.colors.at[in_use].set(colors),
         )
-        if before.opacity is not None:
-            y = y._replace(opacity=before.opacity.at[used].set(scene.colors[..., 3].mean(1)))
-        y = with_frozen(y, freeze(before, frozen_fields(self.request, has_fixed_colors=False)))
+        if unknowns.opacity is not None:
+            # A scene has alpha per corner; the fit has one opacity per triangle.
+            opacity = scene.colors[..., 3].mean(1)
+            y = y._replace(opacity=unknowns.opacity.at[in_use].set(opacity))
+        y = with_frozen(y, freeze(unknowns, frozen_fields(self.request, has_fixed_colors=False)))
         self._freeze(y)
         self._background = np.asarray(scene.background)
         self.data = self.data._replace(background=scene.background)
@@ -214,13 +221,13 @@ class LayersFit(AbstractFit):
 
     def _go_to(self, y: LayersUnknowns) -> None:
         """Go on from these unknowns, and forget the best so far."""
-        self._earlier = None
-        moved = move(self.request.solver, self.residual, self.progress, y, self.data)
-        self.progress = forget_best(moved)
+        self._earlier_best = None
+        progress = move(self.request.solver, self.residual, self.progress, y, self.data)
+        self.progress = forget_best(progress)
 
-    def _scene_of(self, y: LayersUnknowns, drawn: slice) -> Scene:
+    def _scene_of(self, y: LayersUnknowns, triangles: slice) -> Scene:
         """The scene of some of the triangles, in colours of the palette if there is one."""
-        y = jax.tree.map(lambda leaf: leaf[drawn], y)
+        y = jax.tree.map(lambda leaf: leaf[triangles], y)
         background = self.data.background
         if self._palette is not None and not self._is_quantized:
             y = y._replace(colors=in_palette(self._palette, y.colors))
@@ -231,20 +238,24 @@ class LayersFit(AbstractFit):
     def polish(self) -> None:
         """Go to the best unknowns so far, with the colours of least squared error."""
         y, loss = self._best, self.request.loss
-        # If the best unknowns are older than the last exchange, the current plan may not fit them.
-        needed = self._plan([self.likely_scene(), layers_scene(y, self.data.background)])
-        if not self.residual.plan.holds(needed):
-            self.residual = LayersResidual(needed, loss)
+        # The current plan was made after the last exchange; it may be too small for best unknowns
+        # from before it.
+        plan_for_best = self._plan([self.likely_scene(), layers_scene(y, self.data.background)])
+        if not self.residual.plan.holds(plan_for_best):
+            self.residual = LayersResidual(plan_for_best, loss)
         y = best_colors(self.residual, y, self.data, loss.light)
         self._go_to(y)
 
     def replan(self, reached: list[LayersUnknowns]) -> LayersResidual:
         """Make a residual with capacity for these unknowns and for the likely scene."""
-        scenes = [layers_scene(self._drawn(y), self.data.background) for y in reached]
+        scenes = [layers_scene(self._with_frozen_values(y), self.data.background) for y in reached]
         return LayersResidual(self._plan([self.likely_scene(), *scenes]), self.request.loss)
 
     def refine(self, share: float) -> None:
-        """Sharpen edges, lower the learning rate, add or exchange triangles, and quantize."""
+        """Sharpen edges, lower the learning rate, add or exchange triangles, and quantize.
+
+        These are done in this order. `share`: how far the fit is, 0..1.
+        """
         self._sharpen(share)
         if self.request.adjustable_rate:
             self.progress = set_learning_rate(self.progress, schedule.learning_rate(share))
@@ -261,15 +272,15 @@ class LayersFit(AbstractFit):
 
     def _add_or_exchange(self, share: float) -> None:
         """Add triangles until all are in use, and then exchange some when due."""
-        total = self.max_triangles
-        added = schedule.triangles_to_add(share, self.active, total)
-        if added:
-            self._add(added)
-        elif not self.request.exchanges or self.active < total:
+        max_triangles = self.max_triangles
+        count = schedule.triangles_to_add(share, self.active, max_triangles)
+        if count:
+            self._add(count)
+        elif not self.request.exchanges or self.active < max_triangles:
             return
         elif schedule.is_exchange_due(share, self.last_exchange):
             self.last_exchange = share
-            self._exchange(schedule.triangles_to_exchange(share, total))
+            self._exchange(schedule.triangles_to_exchange(share, max_triangles))
 
     def retarget(self, target: Target, data: LayersData) -> None:
         """Go on with another target of the same size, from the best unknowns so far.
@@ -279,8 +290,9 @@ class LayersFit(AbstractFit):
 
         From here on no triangle is added or exchanged.
         """
-        settings = self.request.settings | {"start": "given"}
-        y, self._earlier = self._best, None
+        # With this start, `request.places_by_error` is false.
+        settings = self.request.settings | {"start": choices.FROM_OBJECT}
+        y, self._earlier_best = self._best, None
         self.request, self.data = self.request._replace(target=target, settings=settings), data
         self.progress = begin(self.request.solver, self.residual, y, data)
 
@@ -292,7 +304,7 @@ class LayersFit(AbstractFit):
         width = schedule.edge_width(share, self._softness)
         if width != np.float32(self.data.width):
             self.data = self.data._replace(width=to_device(width))
-            self._earlier, self.progress = None, forget_best(self.progress)
+            self._earlier_best, self.progress = None, forget_best(self.progress)
 
     def _near_canvas(self, corners: Float[Array, "..."]) -> Float[Array, "..."]:
         """Clip corners to the neighbourhood of the canvas."""
@@ -300,14 +312,18 @@ class LayersFit(AbstractFit):
 
     def _add(self, count: int) -> None:
         """Put up to `count` new triangles in front, where they lower the error most."""
-        size = _NEW_SIZE * self._spacing(self.active + count)
+        circumradius = _NEW_SIZE * self._spacing(self.active + count)
         target = self.request.target.premultiplied()
         image, palette = premultiply(self.image), self._placing_palette
-        new = place(self._rng, image, target, count, size=size, palette=palette)
-        if len(new.corners):
+        new_triangles = find_new_triangles(
+            self._rng, image, target, count, circumradius=circumradius, palette=palette
+        )
+        if len(new_triangles.corners):
             order = np.arange(self.length)
-            self._replace(Replacement(order, self.active, new.corners, new.colors))
-            self.active += len(new.corners)
+            self._replace(
+                Replacement(order, self.active, new_triangles.corners, new_triangles.colors)
+            )
+            self.active += len(new_triangles.corners)
 
     @property
     def _placing_palette(self) -> Palette | None:
@@ -317,9 +333,9 @@ class LayersFit(AbstractFit):
     def _exchange(self, count: int) -> None:
         """Move up to `count` triangles whose removal costs least to where they gain more."""
         replacement = find_exchange(
-            self._rng, self._drawn(self.progress.y), premultiply(self.image),
+            self._rng, self._with_frozen_values(self.progress.y), premultiply(self.image),
             self.request.target.premultiplied(), self._background, count, active=self.active,
-            size=_NEW_SIZE * _EXCHANGED_SIZE * self._spacing(self.active),
+            circumradius=_NEW_SIZE * _EXCHANGED_SIZE * self._spacing(self.active),
             palette=self._placing_palette,
         )  # fmt: skip
         if replacement is not None:
@@ -331,13 +347,14 @@ class LayersFit(AbstractFit):
         The loss rises for a while afterwards, so the best point before it is remembered.
         """
         if np.isfinite(self.progress.best_loss):
-            earlier = np.inf if self._earlier is None else self._earlier.loss
-            self._earlier = _Earlier(min(float(self.progress.best_loss), earlier), self._best)
-        y = replacement.in_unknowns(self._drawn(self.progress.y))
+            earlier_loss = np.inf if self._earlier_best is None else self._earlier_best.loss
+            best_loss = min(float(self.progress.best_loss), earlier_loss)
+            self._earlier_best = _EarlierBest(best_loss, self._best)
+        y = replacement.apply_to_unknowns(self._with_frozen_values(self.progress.y))
         self._freeze(y)
         if self.request.adjustable_rate:
             # Adam's moving averages have one number per unknown, and start at 0 for new ones.
-            solver_state = replacement.in_optimizer_state(self.progress.state)
+            solver_state = replacement.apply_to_optimizer_state(self.progress.state)
             self.progress = forget_best(self.progress._replace(y=y, state=solver_state))
         else:
             restarted = begin(self.request.solver, self.residual, y, self.data)
@@ -348,7 +365,7 @@ class LayersFit(AbstractFit):
 
         Losses with other colours are not comparable, so a change forgets the best so far.
         """
-        y, target = self._drawn(self.progress.y), self.request.target.premultiplied()
+        y, target = self._with_frozen_values(self.progress.y), self.request.target.premultiplied()
         data = self.data._replace(frozen=None)
         background = best_background(self.residual, y, data, target)
         if np.abs(background - self._background).max() < VISIBLE:
@@ -358,33 +375,37 @@ class LayersFit(AbstractFit):
         self._go_to(y)
 
     def _quantize(self, palette: Palette) -> None:
-        """Choose the palette's colour for each triangle anew, and solve for the palette.
+        """Assign a colour of the palette to each triangle.
+
+        The palette is re-estimated too, unless the user gave it.
 
         Losses with other colours are not comparable, so a change forgets the best so far.
         """
-        y = self._drawn(self.progress.y)
-        new = quantize(
+        y = self._with_frozen_values(self.progress.y)
+        quantized = quantize(
             self.residual, y, self.data._replace(frozen=None), self.request.target.premultiplied(),
             palette, is_free=self.request.finds_palette,
             has_background=has_palette_background(self.request, self._background),
         )  # fmt: skip
-        if self._is_quantized and new.is_close(np.asarray(y.colors), palette):
+        if self._is_quantized and quantized.is_close(np.asarray(y.colors), palette):
             return
         self._is_quantized = True
-        self._palette, self._background = new.palette, new.background
-        y = y._replace(colors=to_device(new.colors[:, None]))
-        self.data = self.data._replace(background=to_device(new.background))
+        self._palette, self._background = quantized.palette, quantized.background
+        y = y._replace(colors=to_device(quantized.colors[:, None]))
+        self.data = self.data._replace(background=to_device(quantized.background))
         self._freeze(y)
         self._go_to(y)
 
-    def own_state(self) -> dict[str, np.ndarray]:
+    def family_state(self) -> dict[str, np.ndarray]:
         """Random generator, background, edge width, and the best point before a replacement."""
-        best = None if self._earlier is None else (self._earlier.loss, self._earlier.y)
+        earlier = self._earlier_best
+        best = None if earlier is None else (earlier.loss, earlier.y)
         arrays = saved.pack(best, self._overshoot, self.data.width, self._background, self._rng)
         return arrays | steered_state(self._palette, self._is_quantized, self.data.frozen)
 
-    def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Restore what `own_state` saved."""
+    def restore_family_state(self, arrays: dict[str, np.ndarray]) -> None:
+        """Restore what `family_state` saved."""
+        # The names in the file format keep their spelling.
         self._background, self._overshoot = arrays["background"], float(arrays["beyond"])
         self.data = self.data._replace(
             background=to_device(self._background), width=to_device(arrays["width"])
@@ -396,4 +417,4 @@ class LayersFit(AbstractFit):
             self._freeze(fill_tree(self.progress.y, "frozen", arrays))
         best = saved.unpack_best(self.progress.y, arrays)
         if best is not None:
-            self._earlier = _Earlier(*best)
+            self._earlier_best = _EarlierBest(*best)

@@ -19,7 +19,7 @@ from ..target import Image, PixelMap, Target
 Corners = Float[np.ndarray, "triangles 3 2"]
 
 _TRIES = 24
-"""Candidates drawn at random for each triangle that is placed."""
+"""Candidates drawn at random for each new triangle."""
 
 _MAX_PAIRS = 2.0**21
 """Largest number of (candidate, pixel) pairs in memory at once; each takes some 100 bytes."""
@@ -28,7 +28,7 @@ _ROUNDING = 1e-9
 """Gains below this, in squared error per pixel of the image, may be rounding errors."""
 
 
-class Placed(NamedTuple):
+class NewTriangles(NamedTuple):
     """New flat triangles: corners in pixels, colours, and by how much each lowers the error."""
 
     corners: Corners
@@ -36,15 +36,15 @@ class Placed(NamedTuple):
     gains: Float[np.ndarray, " triangles"]
 
 
-def place(
+def find_new_triangles(
     rng: np.random.Generator,
     image: Image,
     target: Target,
     count: int,
     *,
-    size: float,
+    circumradius: float,
     palette: Palette | None = None,
-) -> Placed:
+) -> NewTriangles:
     """Find at most `count` opaque triangles to draw over `image`: the best of many random ones.
 
     Candidates are drawn where the error is large, each in the mean colour of the target inside it.
@@ -52,42 +52,42 @@ def place(
     few gain anything.
 
     - `image`, `target`: three channels, or four premultiplied ones, of which the last is alpha.
-    - `size`: typical circumradius, in pixels.
+    - `circumradius`: typical circumradius, in pixels.
     - `palette`: the colours that a triangle may have; None: any.
     """
     height, width = image.shape[:2]
     weights = np.ones((height, width)) if target.weights is None else target.weights
     error = ((image - target.image) ** 2).sum(-1) * weights
-    density = gaussian_filter(error, size / 4, mode="nearest").ravel()
+    density = gaussian_filter(error, circumradius / 4, mode="nearest").ravel()
     density = np.maximum(density, 0) + 1e-12 * max(float(density.max()), 1e-30)
     pixel = rng.choice(density.size, _TRIES * count, p=density / density.sum())
     centers = np.stack([pixel % width, pixel // width], 1) + rng.random((len(pixel), 2))
-    corners = random_triangles(rng, centers, size)
+    corners = random_triangles(rng, centers, circumradius)
     blocks = [
         _colors_and_gains(corners[block], target.image, error, weights, palette)
         for block in _blocks(corners, height * width)
     ]
     colors, gains = (np.concatenate(arrays) for arrays in zip(*blocks, strict=True))
     # At most one triangle is chosen in each square that is as wide as a triangle.
-    side = max(size, 1.0)
+    side = max(circumradius, 1.0)
     column, row = (centers // side).astype(np.int64).T
     square = row * (int(width // side) + 1) + column
     useful = np.flatnonzero(gains > _ROUNDING * error.size)
     chosen = greedy_disjoint(gains[useful], square[useful, None], int(square.max()) + 1)
     chosen = useful[chosen[:count]]
-    return Placed(corners[chosen], colors[chosen], gains[chosen])
+    return NewTriangles(corners[chosen], colors[chosen], gains[chosen])
 
 
 def random_triangles(
-    rng: np.random.Generator, centers: Float[np.ndarray, "triangles 2"], size: float
+    rng: np.random.Generator, centers: Float[np.ndarray, "triangles 2"], circumradius: float
 ) -> Corners:
     """Make random triangles of positive orientation around the given centres.
 
-    They are equilateral with a circumradius near `size`, rotated and stretched at random.
+    They are equilateral with a circumradius near `circumradius`, rotated and stretched at random.
     """
     count = len(centers)
     angle = rng.uniform(0, 2 * np.pi, (count, 1)) + 2 * np.pi / 3 * np.arange(3)
-    radius = size * np.exp(rng.normal(0, 0.4, (count, 1, 1)))
+    radius = circumradius * np.exp(rng.normal(0, 0.4, (count, 1, 1)))
     offsets = radius * np.stack([np.cos(angle), np.sin(angle)], -1)
     axis_angle = rng.uniform(0, np.pi, count)
     axis = np.stack([np.cos(axis_angle), np.sin(axis_angle)], -1)[:, None]

@@ -1,4 +1,4 @@
-"""Remove the vertices that matter least: each is collapsed onto one of its neighbours."""
+"""Collapse the vertices whose removal raises the error least, each onto one of its neighbours."""
 
 from typing import NamedTuple
 

@@ -1,8 +1,9 @@
 """The fit of a mesh that tiles the canvas.
 
 Between chunks of steps, vertices are pulled back until no triangle is flipped. At a few points of a
-fit (`_EXCHANGES`), the vertices that matter least are collapsed, and as many are inserted where
-they lower the error most. The number of vertices stays, and with it the compiled program.
+fit (`_EXCHANGES`), those vertices are collapsed whose removal raises the error least, and as many
+are inserted where they lower it most. The number of vertices does not change, so the compiled
+program can be reused.
 """
 
 from dataclasses import replace
@@ -28,8 +29,9 @@ from ..trees import fill_tree, tree_arrays
 from ..units import POSITION_UNIT
 from . import saved
 from .colors import ColorModel, Colors, solve_colors
+from .exchange import exchange
 from .full_size import colors_at_full_size
-from .start import delaunay_start, error_start, exchange, uniform_start
+from .start import delaunay_start, error_start, uniform_start
 from .triangulation import Mesh, check_tiling, is_bound, signed_areas
 from .unknowns import MeshData, MeshResidual, MeshUnknowns, mesh_scene, vertices_of
 from .untangle import untangle
@@ -42,14 +44,13 @@ _FINAL_RATE_FACTOR = 0.02
 """The last learning rate, as a multiple of the first."""
 
 _SCALE_PER_ALTITUDE, _MIN_SCALE = 0.3, 0.02
-"""Scale of a vertex position, in `POSITION_UNIT`s, per pixel of the least altitude of its
-triangles; and the smallest scale. The largest is 1."""
+"""The scale of a vertex is `clip(_SCALE_PER_ALTITUDE * altitude, _MIN_SCALE, 1)` in units of
+`POSITION_UNIT`, where `altitude` is the least altitude of its triangles in pixels."""
 
 _EXCHANGES = (
     (0.1, 0.15), (0.2, 0.12), (0.3, 0.1), (0.4, 0.08), (0.5, 0.06), (0.6, 0.05), (0.7, 0.04),
 )  # fmt: skip
-"""Pairs of the share of the fit after which vertices are exchanged, and the share of them that is
-exchanged."""
+"""Exchanges: (progress of the fit in 0..1, fraction of the vertices that is exchanged)."""
 
 _COLOR_MODELS: dict[str, ColorModel] = {
     "flat": "triangle", "gouraud": "vertex", "linear": "linear",
@@ -83,27 +84,30 @@ class MeshFit(AbstractFit):
         self._model: ColorModel = _COLOR_MODELS[request.settings["shading"]]
         self.image = image
         self.last_exchange = 0.0
-        self._earlier: _Best | None = None
+        self._earlier_best: _Best | None = None
         self._palette = palette_of(request.settings["palette"], request.target, request.seed)
         self._is_quantized = False
-        mesh = self._start()
-        data, y = self._prepare(mesh)
+        mesh = self._initial_mesh()
+        data, y = self._make_data_and_unknowns(mesh)
         self.residual = MeshResidual(self._plan([mesh_scene(y, data)]), request.loss)
-        self._begin(mesh, data, y)
+        self._restart_solver(mesh, data, y)
 
     @property
     def max_triangles(self) -> int:
-        """The number in use, because a mesh starts with all of its vertices."""
+        """Number of triangles in use.
+
+        It does not grow, because a mesh has all of its vertices from the start.
+        """
         return self.active
 
-    def _start(self) -> Mesh:
+    def _initial_mesh(self) -> Mesh:
         """Make the mesh to start from; a resumed fit has one in its state."""
         request, target = self.request, self.request.target
         if request.resume_state is not None:
-            return self._checked(saved.mesh_of(request.resume_state))
+            return self._checked_mesh(saved.mesh_of(request.resume_state))
         start, seed = request.start, request.seed
         if isinstance(start, Mesh):
-            return self._checked(start)
+            return self._checked_mesh(start)
         vertices = saved.max_vertices(request.settings)
         if start == "uniform":
             return uniform_start(self.height, self.width, vertices, seed=seed)
@@ -117,7 +121,7 @@ class MeshFit(AbstractFit):
             target, vertices, model=self._model, seed=seed, must_start=request.must_start
         )
 
-    def _checked(self, mesh: Mesh) -> Mesh:
+    def _checked_mesh(self, mesh: Mesh) -> Mesh:
         """Return the mesh; raise `ValueError` unless it tiles the canvas and is small enough."""
         if (mesh.height, mesh.width) != (self.height, self.width):
             raise ValueError(
@@ -132,15 +136,16 @@ class MeshFit(AbstractFit):
         check_tiling(mesh)
         return mesh
 
-    def _prepare(
+    def _make_data_and_unknowns(
         self, mesh: Mesh, scale: Float[np.ndarray, "vertices 1"] | None = None
     ) -> tuple[MeshData, MeshUnknowns]:
         """Make the data and unknowns of a mesh, with the colours of least squared error.
 
-        `scale`: that of `MeshData`, or None to compute it from the altitudes of the triangles.
+        `scale`: as in `MeshData`, or None to compute it from the altitudes of the triangles.
         """
         target = self.request.target
-        # The number of triangles is largest when only four of the vertices lie on the border.
+        # Euler's formula: 2 V - 2 - b triangles, with b of the V vertices on the border. The number
+        # is largest when only the four corners lie there.
         capacity, active = 2 * len(mesh.positions) - 6, len(mesh.triangles)
         triangles = np.zeros((capacity, 3), np.int32)
         triangles[:active] = mesh.triangles
@@ -164,24 +169,29 @@ class MeshFit(AbstractFit):
         return data, y
 
     def _padded(self, colors: Colors, capacity: int | None = None) -> Float[Array, "..."]:
-        """Colours as unknowns: those of triangles are filled up with zeros to the capacity."""
+        """Colours as unknowns.
+
+        If they are per triangle, zeros are appended up to `capacity` (default: the present one).
+        """
         if self._model != "vertex":
             capacity = len(self.data.triangles) if capacity is None else capacity
             colors = colors[:, None] if colors.ndim == 2 else colors
-            spare = np.zeros((capacity - len(colors), *colors.shape[1:]))
-            colors = np.concatenate([colors, spare])
+            padding = np.zeros((capacity - len(colors), *colors.shape[1:]))
+            colors = np.concatenate([colors, padding])
         return to_device(colors, np.float32)
 
     def _free_coordinates(self, mesh: Mesh) -> Bool[np.ndarray, "vertices 2"]:
-        """Which coordinates may move: off the border, and not frozen."""
+        """Which coordinates may move: those off the border that are not frozen."""
         if "positions" in self.request.settings["freeze"]:
             return np.zeros((len(mesh.positions), 2), bool)
         return ~is_bound(mesh) & ~self._frozen_vertices(mesh)[:, None]
 
     def _masks(self, mesh: Mesh, *, palette: bool = True) -> dict[str, bool | Mask]:
-        """The frozen colours; frozen positions are not `free` in the data.
+        """Masks of the unknowns that are frozen, for `freeze`.
 
-        `palette`: include the colours if the palette decides them.
+        Of colours only, because frozen positions are excluded by `_free_coordinates`.
+
+        `palette`: whether quantized colours count as frozen.
         """
         if "colors" in self.request.settings["freeze"] or (palette and self._is_quantized):
             return {"colors": True}
@@ -191,7 +201,7 @@ class MeshFit(AbstractFit):
         return {"colors": self._frozen_vertices(mesh)}
 
     def _frozen_vertices(self, mesh: Mesh) -> Mask:
-        """Which vertices the masks freeze: those given, and the corners of given triangles."""
+        """Which vertices are frozen: by the mask `vertices`, or as corners by `triangles`."""
         count, masks = len(mesh.positions), self.request.masks
         frozen = masks.get("vertices", np.zeros(count, bool)).copy()
         check_length("vertices", frozen, count)
@@ -200,13 +210,16 @@ class MeshFit(AbstractFit):
             frozen[mesh.triangles[masks["triangles"]]] = True
         return frozen
 
-    def _begin(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
+    def _restart_solver(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
         """Start a new solve on this mesh."""
         self.progress = begin(self.request.solver, self.residual, y, data)
         self._mesh, self.data, self.active = mesh, data, len(mesh.triangles)
 
     def likely_scene(self) -> Scene:
-        """The scene of the current unknowns, whose cost hardly changes during a fit."""
+        """The scene of the current unknowns.
+
+        Its cost hardly changes during a fit, because all vertices are there from the start.
+        """
         return mesh_scene(self.progress.y, self.data)
 
     def _plan(self, scenes: list[Scene]) -> Plan:
@@ -216,8 +229,8 @@ class MeshFit(AbstractFit):
     def _best(self) -> _Best:
         """The best point so far, with its mesh untangled."""
         loss = float(self.progress.best_loss)
-        if self._earlier is not None and not self._earlier.loss > loss:
-            return self._earlier
+        if self._earlier_best is not None and not self._earlier_best.loss > loss:
+            return self._earlier_best
         y = self.progress.best if np.isfinite(loss) else self.progress.y
         mesh, y = _untangled(y, self._mesh, self.data)
         return _Best(loss, y, mesh, self.data)
@@ -236,8 +249,8 @@ class MeshFit(AbstractFit):
         """Move the vertices towards those of `scene`, and take its colours."""
         mesh = untangle(self._mesh, np.asarray(scene.positions, np.float64))
         positions = mesh.positions.astype(np.float32) / np.asarray(self.data.scale)
-        before = with_frozen(self.progress.y, self.data.frozen)
-        colors = np.array(before.colors)
+        unknowns = with_frozen(self.progress.y, self.data.frozen)
+        colors = np.array(unknowns.colors)
         if self._model == "vertex":
             colors[mesh.triangles] = np.asarray(scene.colors)
         else:
@@ -246,9 +259,9 @@ class MeshFit(AbstractFit):
             colors = in_palette(self._palette, colors)
         y = MeshUnknowns(to_device(positions), to_device(colors))
         if self.request.may_freeze:
-            y = with_frozen(y, freeze(before, self._masks(mesh, palette=False)))
+            y = with_frozen(y, freeze(unknowns, self._masks(mesh, palette=False)))
             self.data = self.data._replace(frozen=freeze(y, self._masks(mesh)))
-        self._mesh, self._earlier = mesh, None
+        self._mesh, self._earlier_best = mesh, None
         self.progress = forget_best(
             move(self.request.solver, self.residual, self.progress, y, self.data)
         )
@@ -259,35 +272,36 @@ class MeshFit(AbstractFit):
         if self._palette is not None and not self._is_quantized:
             y = y._replace(colors=in_palette(self._palette, y.colors))
         scene = mesh_scene(y, best.data)
-        drawn = slice(count)
+        rows = slice(count)
         triangles, colors = (
-            to_device(np.asarray(array)[drawn]) for array in (scene.triangles, scene.colors)
+            to_device(np.asarray(array)[rows]) for array in (scene.triangles, scene.colors)
         )
         return replace(scene, triangles=triangles, colors=colors)
 
     def polish(self) -> None:
         """Go to the best unknowns so far, with the colours of least squared error."""
         _, y, self._mesh, self.data = self._best()
-        self.active, self._earlier = len(self._mesh.triangles), None
-        # If the best unknowns are older than the last exchange, the current plan may not fit them.
-        needed = self._plan([mesh_scene(y, self.data)])
-        if not self.residual.plan.holds(needed):
-            self.residual = MeshResidual(needed, self.request.loss)
+        self.active, self._earlier_best = len(self._mesh.triangles), None
+        # The current plan was made after the last exchange; it may be too small for best unknowns
+        # from before it.
+        plan_for_best = self._plan([mesh_scene(y, self.data)])
+        if not self.residual.plan.holds(plan_for_best):
+            self.residual = MeshResidual(plan_for_best, self.request.loss)
         y = best_colors(self.residual, y, self.data, self.request.loss.light)
-        moved = move(self.request.solver, self.residual, self.progress, y, self.data)
-        self.progress = forget_best(moved)
+        progress = move(self.request.solver, self.residual, self.progress, y, self.data)
+        self.progress = forget_best(progress)
 
     def polish_at_full_size(self, target: Target) -> None:
         """Go to the best unknowns, with the colours of least squared error at the target's size."""
         _, y, self._mesh, self.data = self._best()
-        self.active, self._earlier = len(self._mesh.triangles), None
+        self.active, self._earlier_best = len(self._mesh.triangles), None
         height, width = target.image.shape[:2]
         factors = np.array([width / self.width, height / self.height])
         enlarged = self._mesh._replace(positions=self._mesh.positions * factors)
         colors = colors_at_full_size(enlarged, target, model=self._model)
         y = y._replace(colors=self._padded(np.clip(colors, 0, 1)))
-        moved = move(self.request.solver, self.residual, self.progress, y, self.data)
-        self.progress = forget_best(moved)
+        progress = move(self.request.solver, self.residual, self.progress, y, self.data)
+        self.progress = forget_best(progress)
 
     def replan(self, reached: list[MeshUnknowns]) -> MeshResidual:
         """Make a residual with capacity for these unknowns."""
@@ -295,13 +309,19 @@ class MeshFit(AbstractFit):
         return MeshResidual(plan, self.request.loss)
 
     def refine(self, share: float) -> None:
-        """Untangle the mesh, exchange vertices when due, lower the learning rate, and quantize."""
-        due = [portion for at, portion in _EXCHANGES if self.last_exchange < at <= share]
+        """Untangle the mesh, exchange vertices when due, lower the learning rate, and quantize.
+
+        `share`: how far the fit is, 0..1.
+        """
+        due_fractions = [
+            fraction for progress, fraction in _EXCHANGES if self.last_exchange < progress <= share
+        ]
         if self.progress.steps:
             self._untangle()
-        if due and self.request.exchanges:
+        if due_fractions and self.request.exchanges:
             self.last_exchange = share
-            self._exchange(max(1, int(due[-1] * len(self._mesh.positions))))
+            # If several are due, only the last one is made.
+            self._exchange(max(1, int(due_fractions[-1] * len(self._mesh.positions))))
         if self.request.adjustable_rate:
             factor = max(_FINAL_RATE_FACTOR, 0.5 + 0.5 * np.cos(np.pi * share))
             self.progress = set_learning_rate(self.progress, float(_LEARNING_RATE * factor))
@@ -311,59 +331,62 @@ class MeshFit(AbstractFit):
     def _untangle(self) -> None:
         """Pull vertices back until no triangle is flipped.
 
-        Solvers other than Adam remember their last point, so their unknowns must not change. For
-        them, only the mesh is untangled, from which the next exchange starts.
+        Adam's unknowns are set to the untangled positions. Other solvers remember their last point,
+        so for them only the mesh is untangled, which the next exchange uses.
         """
         self._mesh, y = _untangled(self.progress.y, self._mesh, self.data)
         if self.request.adjustable_rate:
             self.progress = self.progress._replace(y=y)
 
     def _exchange(self, count: int) -> None:
-        """Collapse the `count` vertices that matter least, and insert as many where they gain most.
+        """Collapse the `count` vertices whose removal raises the error least, and insert as many.
 
+        They are inserted where they lower the error most.
         Nothing changes if fewer could be inserted than were collapsed.
         """
         steps = self.progress.steps
         mesh = exchange(self._mesh, self.request.target, count, model=self._model)
         if len(mesh.positions) == len(self._mesh.positions):
             if np.isfinite(self.progress.best_loss):
-                self._earlier = self._best()
-            self._begin(mesh, *self._prepare(mesh))
+                self._earlier_best = self._best()
+            self._restart_solver(mesh, *self._make_data_and_unknowns(mesh))
             self.progress = self.progress._replace(steps=steps)
 
     def _quantize(self, palette: Palette) -> None:
-        """Choose the palette's colour for each triangle anew, and solve for the palette.
+        """Assign a colour of the palette to each triangle.
+
+        The palette is re-estimated too, unless the user gave it.
 
         Losses with other colours are not comparable, so a change forgets the best so far.
         """
         y = with_frozen(self.progress.y, self.data.frozen)
-        new = quantize(
+        quantized = quantize(
             self.residual, y, self.data._replace(frozen=None), self.request.target, palette,
             is_free=self.request.finds_palette, has_background=False,
         )  # fmt: skip
-        if self._is_quantized and new.is_close(np.asarray(y.colors), palette):
+        if self._is_quantized and quantized.is_close(np.asarray(y.colors), palette):
             return
         self._is_quantized = True
-        self._palette, self._earlier = new.palette, None
-        y = y._replace(colors=to_device(new.colors[:, None]))
+        self._palette, self._earlier_best = quantized.palette, None
+        y = y._replace(colors=to_device(quantized.colors[:, None]))
         self.data = self.data._replace(frozen=freeze(y, self._masks(self._mesh)))
         self.progress = forget_best(
             move(self.request.solver, self.residual, self.progress, y, self.data)
         )
 
-    def own_state(self) -> dict[str, np.ndarray]:
+    def family_state(self) -> dict[str, np.ndarray]:
         """The mesh and the scale of its positions, and the best point before the last exchange."""
         # The scale was computed at the last exchange, so it does not follow from the mesh.
         arrays = {"scale": np.asarray(self.data.scale)} | saved.mesh_arrays("mesh", self._mesh)
-        if self._earlier is not None:
-            arrays["kept"] = np.array(self._earlier.loss)
-            arrays |= tree_arrays("kept", self._earlier.y)
-            arrays |= saved.mesh_arrays("kept.mesh", self._earlier.mesh)
-            arrays["kept.scale"] = np.asarray(self._earlier.data.scale)
+        if self._earlier_best is not None:
+            arrays["kept"] = np.array(self._earlier_best.loss)
+            arrays |= tree_arrays("kept", self._earlier_best.y)
+            arrays |= saved.mesh_arrays("kept.mesh", self._earlier_best.mesh)
+            arrays["kept.scale"] = np.asarray(self._earlier_best.data.scale)
         return arrays | steered_state(self._palette, self._is_quantized, self.data.frozen)
 
-    def restore_own_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Restore what `own_state` saved; the constructor has restored the mesh itself."""
+    def restore_family_state(self, arrays: dict[str, np.ndarray]) -> None:
+        """Restore what `family_state` saved; the constructor has restored the mesh itself."""
         self.data = self.data._replace(scale=to_device(arrays["scale"]))
         self._palette = arrays.get("palette")
         self._is_quantized = bool(arrays.get("quantized", False))
@@ -372,9 +395,9 @@ class MeshFit(AbstractFit):
             self.data = self.data._replace(frozen=freeze(values, self._masks(self._mesh)))
         if "kept" in arrays:
             mesh = saved.mesh_of(arrays, "kept.mesh")
-            data, template = self._prepare(mesh, arrays["kept.scale"])
+            data, template = self._make_data_and_unknowns(mesh, arrays["kept.scale"])
             y = fill_tree(template, "kept", arrays)
-            self._earlier = _Best(float(arrays["kept"]), y, mesh, data)
+            self._earlier_best = _Best(float(arrays["kept"]), y, mesh, data)
 
 
 def _untangled(y: MeshUnknowns, mesh: Mesh, data: MeshData) -> tuple[Mesh, MeshUnknowns]:

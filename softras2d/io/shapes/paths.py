@@ -92,6 +92,8 @@ class FlatPath(NamedTuple):
 
     def contours(self, points: np.ndarray) -> list[np.ndarray]:
         """Cut one array with a row for each point into the contours."""
+        if len(self.starts) == 1:
+            return [points]
         return np.split(points, self.starts[1:]) if len(self.starts) else []
 
 

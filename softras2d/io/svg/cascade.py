@@ -3,7 +3,7 @@
 tinycss2 parses style sheets, and cssselect2 matches selectors. What is left to do here is to sort
 declarations by importance and to bound the work.
 
-**Source:** *CSS Cascading and Inheritance 4*, section 6; SVG 2, section 6.6 (presentation
+**Source:** *CSS Cascading and Inheritance 4*, "Cascading"; SVG 2, section 6.6 (presentation
 attributes precede all style sheets, with specificity 0).
 """
 

@@ -1,6 +1,6 @@
 """Computes the regions of `clipPath` elements.
 
-**Source:** *CSS Masking 1*, section 6.
+**Source:** *CSS Masking 1*, for the element `clipPath` and the property `clip-path`.
 """
 
 from typing import Any
@@ -82,7 +82,7 @@ class ClipPaths:
             )
             return None
         if target in chain or len(chain) >= _MAX_NESTING:
-            # An invalid reference has no effect (CSS Masking 1, section 5.1).
+            # An invalid reference has no effect (*CSS Masking 1*, `clip-path`).
             self._page.report(target)(INVALID, "clip-path", "refers to itself")
             return None
         in_box = target.attrib.get("clipPathUnits", "").strip() == "objectBoundingBox"

@@ -205,11 +205,18 @@ class CourseReader:
         display.add_pixels(np.concatenate(rectangles), np.concatenate(colors))
 
     def _frame(self, map3: np.ndarray) -> None:
-        """Draw the black outline of the drawing: a pixel wider and a pixel lower at each end."""
+        """Draw the outline of the drawing with black lines one pixel wide, as the course does.
+
+        The lines run a pixel outside its left and right edge, and a pixel inside its top and bottom
+        edge.
+        """
         height, width = self._size
         corners = affine_maps.apply(map3, [[0, 0], [width, 0], [0, height], [width, height]])
-        a, b, c, d = corners + np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-        self._lines(np.array([a, a, d, d]), np.array([b, c, b, c]), (0.0, 0.0, 0.0, 1.0))
+        offsets = np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+        top_left, top_right, bottom_left, bottom_right = corners + offsets
+        starts = np.array([top_left, top_left, bottom_right, bottom_right])
+        ends = np.array([top_right, bottom_left, top_right, bottom_left])
+        self._lines(starts, ends, (0.0, 0.0, 0.0, 1.0))
 
 
 def _is_silent(tag: str, attributes: Attributes) -> bool:

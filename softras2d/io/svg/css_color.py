@@ -18,6 +18,7 @@ CURRENT = "currentcolor"
 """The value of `color_of` for the keyword `currentColor`."""
 
 _HEX = re.compile(r"#([0-9a-fA-F]{2})([0-9a-fA-F]{2})([0-9a-fA-F]{2})\Z")
+_BYTES = re.compile(r"rgb\(\s*+([0-9]{1,3}+)\s*+,\s*+([0-9]{1,3}+)\s*+,\s*+([0-9]{1,3}+)\s*+\)\Z")
 _PERCENT = re.compile(r"rgb\(([0-9.eE+-]++)%[ ,]\s*+([0-9.eE+-]++)%[ ,]\s*+([0-9.eE+-]++)%\)\Z")
 _BRACKET = re.compile(r"[()\[\]{}]")
 
@@ -54,9 +55,12 @@ def nesting(text: str) -> int:
 
 @functools.lru_cache(maxsize=4096)
 def _parsed(text: str) -> Rgba | str | None:
-    # For the two most common spellings, this is twenty times faster than tinycss2.
+    # For the three most common spellings, this is twenty times faster than tinycss2.
     if match := _HEX.match(text):
         red, green, blue = (int(digits, 16) / 255 for digits in match.groups())
+        return red, green, blue, 1.0
+    if match := _BYTES.match(text):
+        red, green, blue = (_clip(int(digits) / 255) for digits in match.groups())
         return red, green, blue, 1.0
     if match := _PERCENT.match(text):
         try:
@@ -103,7 +107,7 @@ def _srgb(color: Any) -> tuple[float, ...] | None:
     return _encode(_product(_XYZ_TO_LINEAR, xyz))
 
 
-# CSS Color 4, section 17 (sample code): Bradford adaptation, then IEC 61966-2-1 primaries.
+# CSS Color 4, sample code for conversions: Bradford adaptation, then IEC 61966-2-1 primaries.
 _D50_TO_D65 = (
     (0.955473421488075, -0.02309845494876471, 0.06325924320057072),
     (-0.0283697093338637, 1.0099953980813041, 0.021041441191917323),

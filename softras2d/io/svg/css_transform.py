@@ -3,7 +3,8 @@
 Style sheets are stricter than the attribute `transform`: lengths and angles other than 0 need
 units, and arguments are separated by commas.
 
-**Source:** *CSS Transforms 1*, section 7; *CSS Transforms 2*, section 5.
+**Source:** *CSS Transforms 1*, "The transform functions", and *CSS Transforms 2* for `translate`,
+`rotate` and `scale`.
 """
 
 import math

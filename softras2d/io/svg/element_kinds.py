@@ -1,4 +1,9 @@
-"""Lists the names of elements by how they are drawn, and decides which conditions hold."""
+"""Lists the names of elements by how they are drawn, and evaluates their conditional attributes.
+
+To add a shape, write a function that makes its path, and put it into `shape_elements.SHAPES`;
+attributes that style sheets may set go into `_GEOMETRY` there. To add an element that is not a
+path, put its name into `EXTENSIONS`, and draw it in `extensions.draw_extension`.
+"""
 
 from .shape_elements import SHAPES
 from .tree import Element
@@ -34,7 +39,7 @@ def is_drawable(name: str) -> bool:
 
 
 def meets_conditions(element: Element) -> bool:
-    """Whether the conditional attributes of an element hold (SVG 2, section 5.9)."""
+    """Whether the conditional attributes of an element hold (SVG 2, section 5.6)."""
     if "requiredExtensions" in element.attrib:
         return False
     languages = element.attrib.get("systemLanguage")

@@ -23,7 +23,8 @@ from .tree import Element
 from .view_box import Box
 
 _PROPERTIES = {
-    # In the order in which their maps are multiplied (CSS Transforms 2, section 6).
+    # In the order in which their maps are multiplied (*CSS Transforms 2*, current
+    # transformation matrix).
     "translate": translate_property,
     "rotate": rotate_property,
     "scale": scale_property,
@@ -43,7 +44,7 @@ def element_transform(
     An invalid transform is noted and has no effect. `bounds` is called for the bounding box of the
     element if its `transform-box` is that.
 
-    **Source:** *CSS Transforms 1*, sections 4 to 8; *CSS Transforms 2*, sections 5 and 6.
+    **Source:** *CSS Transforms 1*, and *CSS Transforms 2* for `translate`, `rotate` and `scale`.
     """
     names = [name for name in _PROPERTIES if name in declared.css]
     if "transform" in element.attrib and "transform" not in names:

@@ -33,7 +33,14 @@ def draw_extension(
     style: Style,
     opacity: float,
 ) -> None:
-    """Draw an `image`, a `colortri` or a `textri`."""
+    """Draw an `image`, a `colortri` or a `textri`.
+
+    - `opacity`: the element's `opacity`. `fill-opacity` multiplies it for the two triangles, but
+      not for an image.
+
+    Raises `ValueError` for an invalid attribute of a triangle. An image with a fault is left out
+    and noted.
+    """
     if element.name == "image":
         # `fill-opacity` does not apply to images.
         _draw_image(page, element, lengths, placement, opacity)

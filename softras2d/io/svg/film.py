@@ -10,7 +10,7 @@ from jaxtyping import Int
 from ...scene import Scene
 from ..drafts import atomic_file
 from ..outputs import check_writable_path
-from .short_numbers import MAX_DIGITS, joined, short_color, to_units, unit_text
+from .short_numbers import MAX_DIGITS, join_numbers, short_color, to_units, unit_text
 
 
 def write_svg_film(
@@ -23,14 +23,14 @@ def write_svg_film(
     digits: int = 1,
     smooth: bool = False,
 ) -> None:
-    """Write scenes of equal triangles, such as those of `fit_frames`, as an SVG that repeats.
+    """Write the scenes of a film, such as those of `fit_frames`, as an animated SVG that repeats.
 
     Each triangle is a `<polygon>` whose corners and colour are changed by SMIL animations.
 
-    - `scenes`: one for each frame. Triangle k of all scenes is the same one. Colours are flat;
-      of triangles with corner colours, the mean is written.
+    - `scenes`: one for each frame, with arrays of equal shapes. Triangle k of all scenes is the
+      same one, at different times. Colours are flat: of corner colours, the mean is written.
     - `height`, `width`: size of the canvas, in pixels.
-    - `seconds_per_frame`: time of each frame.
+    - `seconds_per_frame`: how long each frame is shown.
     - `digits`: decimals of coordinates, 0 to 6.
     - `smooth`: move triangles evenly from frame to frame, instead of showing one frame after the
       other.
@@ -41,7 +41,7 @@ def write_svg_film(
     path = Path(path)
     check_writable_path(path)
     if not scenes:
-        raise ValueError(f"{path}: there are no frames; at least one is wanted.")
+        raise ValueError(f"{path}: there are no frames; a film needs at least one.")
     if not 0 < seconds_per_frame < float("inf"):
         raise ValueError(f"`seconds_per_frame` must be above 0; got {seconds_per_frame}.")
     if not 0 <= digits <= MAX_DIGITS:
@@ -59,7 +59,7 @@ def write_svg_film(
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
         f'viewBox="0 0 {width} {height}">',
-        _shape("rect", [f'width="{width}" height="{height}"'], _paints(backgrounds), timing),
+        _shape("rect", [f'width="{width}" height="{height}"'], _paint_values(backgrounds), timing),
         *(_polygon(units[:, k], digits, colors[:, k], timing) for k in range(corners.shape[1])),
         "</svg>\n",
     ]
@@ -68,7 +68,7 @@ def write_svg_film(
 
 
 def _timing(seconds: float, smooth: bool) -> str:
-    """The attributes that all animations have."""
+    """Attributes that all animations have: duration, repetition, and steps instead of motion."""
     mode = "" if smooth else ' calcMode="discrete"'
     return f'dur="{seconds:.6g}s" repeatCount="indefinite"{mode}'
 
@@ -76,27 +76,32 @@ def _timing(seconds: float, smooth: bool) -> str:
 def _polygon(
     units: Int[np.ndarray, "frames 3 2"], digits: int, colors: np.ndarray, timing: str
 ) -> str:
-    """A triangle; `colors` has one for each frame."""
-    points = [joined([unit_text(n, digits) for n in row.ravel().tolist()]) for row in units]
-    return _shape("polygon", [], {"points": points} | _paints(colors), timing)
+    """An animated triangle; `colors` has one colour for each frame."""
+    points = [join_numbers([unit_text(n, digits) for n in row.ravel().tolist()]) for row in units]
+    return _shape("polygon", [], {"points": points} | _paint_values(colors), timing)
 
 
-def _paints(colors: np.ndarray) -> dict[str, list[str]]:
-    """The attributes of colours `[frames, 3 or 4]`, with one value for each frame."""
-    paints = {"fill": [short_color(color[:3]) for color in colors]}
+def _paint_values(colors: np.ndarray) -> dict[str, list[str]]:
+    """Values of the paint attributes for each frame, from colours `[frames, 3 or 4]`."""
+    values = {"fill": [short_color(color[:3]) for color in colors]}
     if colors.shape[1] == 4 and (colors[:, 3] < 1).any():
         alphas = [round(1000 * min(max(float(color[3]), 0.0), 1.0)) for color in colors]
-        paints["fill-opacity"] = [unit_text(alpha, 3) for alpha in alphas]
-    return paints
+        values["fill-opacity"] = [unit_text(alpha, 3) for alpha in alphas]
+    return values
 
 
-def _shape(name: str, fixed: list[str], values: dict[str, list[str]], timing: str) -> str:
-    """An element with the attributes of the first frame, and animations of those that change."""
-    attributes = [*fixed, *(f'{key}="{frames[0]}"' for key, frames in values.items())]
+def _shape(
+    name: str, fixed_attributes: list[str], values: dict[str, list[str]], timing: str
+) -> str:
+    """An element with the attributes of the first frame, and animations of those that change.
+
+    `values`: for each attribute that may change, its value in each frame.
+    """
+    attributes = [*fixed_attributes, *(f'{key}="{v[0]}"' for key, v in values.items())]
     animations = [
-        f'<animate attributeName="{key}" {timing} values="{";".join(frames)}"/>'
-        for key, frames in values.items()
-        if len(set(frames)) > 1
+        f'<animate attributeName="{key}" {timing} values="{";".join(value_of_frame)}"/>'
+        for key, value_of_frame in values.items()
+        if len(set(value_of_frame)) > 1
     ]
     start = f"<{name} {' '.join(attributes)}"
     return f"{start}>{''.join(animations)}</{name}>" if animations else f"{start}/>"

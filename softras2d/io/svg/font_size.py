@@ -6,7 +6,7 @@ from .numbers import is_number
 from .units import MEDIUM, Viewport
 
 _KEYWORDS = {
-    # CSS Fonts 4, section 2.5.1.
+    # CSS Fonts 4, absolute sizes of `font-size`.
     name: MEDIUM * factor
     for name, factor in zip(
         ("xx-small", "x-small", "small", "medium", "large", "x-large", "xx-large", "xxx-large"),

@@ -26,7 +26,7 @@ _DOUBLE_COMMA = re.compile(r",\s*+,")
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 
 _PIXELS_PER_UNIT = {
-    # CSS Values 4, section 6.2: an inch is 96 px.
+    # CSS Values 4, "Absolute lengths": an inch is 96 px.
     "": 1.0, "px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "q": 96 / 101.6,
     "pt": 96 / 72, "pc": 16.0,
 }  # fmt: skip

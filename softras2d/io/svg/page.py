@@ -70,6 +70,27 @@ class Page:
         """The style of an element inside a parent of this style."""
         return computed(declared, parent, self.viewport, self.report(element))
 
+    def displayed(
+        self,
+        element: Element,
+        parent: Style,
+        declared: Declarations,
+        ineffective: tuple[str, ...] = (),
+    ) -> Style | None:
+        """The style of an element inside a parent of this style; None if it is not displayed.
+
+        What is wrong with an element that is not displayed is not noted, since it cannot change the
+        image. Neither is what is wrong with the properties `ineffective`.
+        """
+        notices: list[tuple[str, str, str]] = []
+        style = computed(declared, parent, self.viewport, lambda *notice: notices.append(notice))
+        if style.display == "none":
+            return None
+        for kind, name, detail in notices:
+            if name not in ineffective:
+                self.note(element, kind, name, detail)
+        return style
+
     def clip_child_style(self, element: Element, parent: Style, declared: Declarations) -> Style:
         """The style of a child of a clip path, where filters and masks have no effect."""
         return computed(declared, parent, self.viewport, Report(self, element, (WITHOUT_EFFECT,)))

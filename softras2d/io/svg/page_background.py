@@ -14,7 +14,7 @@ from .view_box import Box
 
 
 def paint_root_background(page: Page, style: Style, canvas: Sink) -> None:
-    """Paint the canvas in the `background-color` of the root (CSS Backgrounds 3, 2.11.2)."""
+    """Paint the canvas in the `background-color` of the root (CSS Backgrounds 3)."""
     context, css = page.context, page.declared(page.root).css
     for name in ("background", "background-image"):
         if any(function in css.get(name, "").lower() for function in ("url(", "gradient(")):

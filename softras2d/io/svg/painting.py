@@ -86,7 +86,8 @@ class Painter:
         if self.keeps_sources:
             source = len(self.sources)
             self.sources.append(FillSource(element, original, path, placement.map3))
-        if not isinstance(fill, Gradient) and not placement.clips(np.concatenate(contours)):
+        clips = placement.clip is not None and placement.clips(np.concatenate(contours))
+        if not isinstance(fill, Gradient) and not clips:
             placement.sink.add_polygon(contours, fill, evenodd, source)
             return
         region = filled(contours, evenodd, self._page.budget)

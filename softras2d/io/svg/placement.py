@@ -24,6 +24,9 @@ class Placement(NamedTuple):
 
     def with_map(self, map3: np.ndarray) -> "Placement":
         """The placement with another map. Raises `ValueError` if that is not finite."""
+        if map3 is self.map3:
+            # Most elements have no transform, and their scale takes a singular value decomposition.
+            return self
         return placed(map3, self.clip, self.sink)
 
     def clips(self, points: np.ndarray, margin: float = 0.0) -> bool:

@@ -13,7 +13,7 @@ from .style import Style
 from .tree import Element
 
 _GEOMETRY = {
-    # Attributes that style sheets can set too (SVG 2, section 7.2 and chapter 10).
+    # Attributes that style sheets can set too (SVG 2, chapter 7 and section 9.3.2).
     "circle": ("cx", "cy", "r"),
     "ellipse": ("cx", "cy", "rx", "ry"),
     "rect": ("x", "y", "width", "height", "rx", "ry"),

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 MAX_DIGITS = 6
-"""Most decimals of a coordinate."""
+"""Largest number of decimals of a coordinate."""
 
 
 def to_units(positions: Float[np.ndarray, "*shape"], digits: int) -> Int[np.ndarray, "*shape"]:
@@ -13,25 +13,30 @@ def to_units(positions: Float[np.ndarray, "*shape"], digits: int) -> Int[np.ndar
 
 
 def unit_text(units: int, digits: int) -> str:
-    """The shortest decimal of a number of units, such as `-.25`."""
-    sign, whole = "-" if units < 0 else "", str(abs(units)).rjust(digits + 1, "0")
-    integer, decimals = whole[: len(whole) - digits], whole[len(whole) - digits :].rstrip("0")
-    text = integer if not decimals else f"{integer.lstrip('0')}.{decimals}"
+    """Shortest decimal text of `units` * 10^-digits, such as `-.25`."""
+    sign, all_digits = "-" if units < 0 else "", str(abs(units)).rjust(digits + 1, "0")
+    point = len(all_digits) - digits
+    integer, fraction = all_digits[:point], all_digits[point:].rstrip("0")
+    # `.25` and not `0.25`: SVG allows it, and it is shorter.
+    text = integer if not fraction else f"{integer.lstrip('0')}.{fraction}"
     return sign + text
 
 
-def joined(numbers: list[str]) -> str:
-    """Numbers in a row, with a blank only where the next one does not begin with a sign."""
+def join_numbers(numbers: list[str]) -> str:
+    """Join numbers, with a blank before each but the first and negative ones."""
     return "".join(
         text if index == 0 or text[0] == "-" else f" {text}" for index, text in enumerate(numbers)
     )
 
 
 def triangle_path(corners: Int[np.ndarray, "3 2"], digits: int) -> str:
-    """A closed triangle as path data: one absolute corner, and two relative ones."""
-    steps = np.diff(corners, axis=0).ravel().tolist()
-    first = joined([unit_text(units, digits) for units in corners[0].tolist()])
-    return f"M{first}l{joined([unit_text(units, digits) for units in steps])}z"
+    """Path data of a closed triangle, whose corners are in units of 10^-digits pixels.
+
+    The first corner is absolute; each other one is relative to the one before.
+    """
+    offsets = np.diff(corners, axis=0).ravel().tolist()
+    first_corner = join_numbers([unit_text(units, digits) for units in corners[0].tolist()])
+    return f"M{first_corner}l{join_numbers([unit_text(units, digits) for units in offsets])}z"
 
 
 def short_color(color: Float[np.ndarray, "3"]) -> str:

@@ -106,6 +106,8 @@ class Drawing:
         style = page.style_in_place(page.root)
         viewport = root.viewport._replace(root_font_size=style.font_size)
         paint_root_background(page, style, self.canvas)
+        if np.linalg.det(root.map3) == 0:
+            return
         placement = placed(root.map3, None, self.canvas)
         self._pending.append(_ElementStep(page.root, InheritedState(INITIAL, placement, viewport)))
 
@@ -125,8 +127,13 @@ class Drawing:
         if name == "symbol" and not parent.is_instance(element):
             return
         declared = self._page.declared(element)
-        style = self._page.computed(element, parent.style, declared)
-        if style.display == "none" or not meets_conditions(element):
+        if not meets_conditions(element):
+            return
+        ineffective = ()
+        if "mix-blend-mode" in declared.css and self._has_no_backdrop(element, parent):
+            ineffective = ("mix-blend-mode",)
+        style = self._page.displayed(element, parent.style, declared, ineffective)
+        if style is None:
             return
         if not is_drawable(name):
             # Names that SVG does not define are not drawn by any program.
@@ -134,7 +141,8 @@ class Drawing:
             return
         map3 = transformed(self._page, element, declared, style, parent.placement.map3)
         opacity = style.opacity if self._context.opacity else 1.0
-        if np.linalg.det(map3) == 0 or opacity == 0:
+        is_singular = map3 is not parent.placement.map3 and np.linalg.det(map3) == 0
+        if is_singular or opacity == 0:
             return
         placement = parent.placement.with_map(map3)
         if style.clip_path is not None:
@@ -146,6 +154,22 @@ class Drawing:
             self._open_group(element, declared, state, opacity)
         else:
             self._draw_shape(element, declared, state, opacity)
+
+    def _has_no_backdrop(self, element: Element, parent: InheritedState) -> bool:
+        """Whether an element is the first that is drawn in an isolated group.
+
+        Nothing lies below it then, so that its blend mode has no effect.
+        """
+        group = element.parent
+        if group is None or group.name != "g" or parent.is_instance(element):
+            return False
+        if self._page.declared(group).css.get("isolation", "").strip() != "isolate":
+            return False
+        for index in reversed(range(element.index)):
+            name = group.children[index].name
+            if name and name not in NEVER_DRAWN:
+                return False
+        return True
 
     def _declare_textures(self, element: Element) -> None:
         for child in element.children:

@@ -25,7 +25,7 @@ _FUNCTIONS: dict[str, tuple[tuple[int, ...], Callable[..., np.ndarray]]] = {
 def transform_list(text: str) -> Float64[np.ndarray, "3 3"]:
     """Parse an SVG transform list; returns its matrix. Raises `ValueError` for any other text.
 
-    **Source:** CSS Transforms 1, section 8.
+    **Source:** *CSS Transforms 1*, "The SVG `transform` attribute".
     """
     product, position = affine_maps.identity(), 0
     text = text.strip().rstrip(",").rstrip()

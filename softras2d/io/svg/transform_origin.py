@@ -12,7 +12,7 @@ def transform_origin(
 
     Raises `ValueError` for text that is no origin.
 
-    **Source:** *CSS Transforms 1*, section 5.
+    **Source:** *CSS Transforms 1*, "The `transform-origin` property".
     """
     words = text.lower().split()
     if not 1 <= len(words) <= 3:

@@ -32,7 +32,7 @@ class Viewport(NamedTuple):
         """Parse a length in user units, of which 100 % are `full`.
 
         Raises `ValueError` for any other text. Without a font, `ex` and `ch` are half of the font
-        size, as CSS Values 4, section 6.1.1, says, and `cap` and `ic` are the whole.
+        size, as *CSS Values 4*, "Font-relative lengths", says, and `cap` and `ic` are the whole.
         """
         return length(text, full, self._relative_units(font_size))
 

@@ -67,8 +67,8 @@ def bounds_of(page: Page, root: Element, style: Style, nesting: int = 0) -> Box 
             continue
         for child in children:
             declared = page.declared(child)
-            child_style = page.computed(child, style, declared)
-            if child_style.display != "none":
+            child_style = page.displayed(child, style, declared)
+            if child_style is not None:
                 child_map = transformed(page, child, declared, child_style, map3, nesting + 1)
                 pending.append((child, child_map, child_style, uses))
     if not (np.isfinite(low).all() and np.isfinite(high).all()):

@@ -51,7 +51,7 @@ def document_size(
     """The (height, width) of a standard document in px, not rounded; None if it gives no size.
 
     - `root`: declarations of its root. `width` and `height` are properties, so that style sheets
-      and `style` outrank the attributes (SVG 2, section 7.2).
+      and `style` outrank the attributes (SVG 2, section 7.8).
     - `font_size`: of the root, in px, for `em`.
     - `note`: called for invalid values, which have no effect, with the kind of a notice, the name,
       and what is wrong.

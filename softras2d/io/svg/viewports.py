@@ -61,7 +61,8 @@ def nested_state(
 ) -> InheritedState | None:
     """The state inside of a nested `svg` or an instance of a `symbol`; None if it has no area.
 
-    **Source:** SVG 2, sections 5.5 and 8.2.
+    **Source:** SVG 2, sections 5.5.2 (*Layout of re-used graphics*) and 8.2 (*Computing the
+    equivalent transform of an SVG viewport*).
     """
     lengths = ElementLengths(page, element, declared, state.style)
     viewport, clip = state.viewport, state.placement.clip

@@ -221,7 +221,7 @@ def _paint_attributes(colors: Float32[np.ndarray, "colors channels"]) -> list[st
     """The attributes that fill an element with each of these colours of 3 or 4 channels."""
     rgb = colors[:, :3]
     fills = list(map('fill="rgb({}% {}% {}%)"'.format, *_percent(rgb).T))
-    # `rgb()` would clip colours outside 0..1 (CSS Color 4, section 10.2).
+    # `rgb()` would clip colours outside 0..1 (CSS Color 4).
     for row in np.flatnonzero(((rgb < 0) | (rgb > 1)).any(axis=1)):
         fills[row] = 'fill="color(srgb {} {} {})"'.format(*_shortest(rgb[row]))
     if colors.shape[1] == 3:

@@ -1606,7 +1606,7 @@ class Viewer {
     if (tiles) {
       this.overlayNote.textContent =
         `${tiles.columns} × ${tiles.rows} tiles of ${tiles.tile_width} × ${tiles.tile_height} px; ` +
-        `${tiles.mean.toFixed(1)} triangles each, ${tiles.most} at most. ` +
+        `${tiles.mean.toFixed(1)} triangles each, ${tiles.max} at most. ` +
         `${tiles.pairs_listed.toLocaleString("en")} pairs; the plan holds ${tiles.pairs_capacity.toLocaleString("en")}.`;
       this.overlayNote.hidden = !this.overlays.tiles;
     }

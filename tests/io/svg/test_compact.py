@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.io.svg.short_numbers import joined, short_color, triangle_path, unit_text
+from softras2d.io.svg.short_numbers import join_numbers, short_color, triangle_path, unit_text
 
 
 @pytest.mark.parametrize(
@@ -17,7 +17,7 @@ def test_numbers_are_as_short_as_can_be(units, digits, text):
 
 
 def test_paths_and_colors_are_short():
-    assert joined(["1", "-2", ".5"]) == "1-2 .5"
+    assert join_numbers(["1", "-2", ".5"]) == "1-2 .5"
     corners = np.array([[10, 20], [5, 20], [10, 45]])
     assert triangle_path(corners, 1) == "M1 2l-.5 0 .5 2.5z"
     assert short_color(np.array([1.0, 0.2, 0.0])) == "#f30"

@@ -9,18 +9,9 @@ from softras2d.io import budget
 from softras2d.io.budget import MAX_COPIES
 from softras2d.io.svg.reader import parse_svg
 
-from ...cases.drawings import colors_at, corners_of
+from ...cases.drawings import body_colors, corners_of, read_body
 
 WHITE, RED, LIME, BLUE = [1, 1, 1], [1, 0, 0], [0, 1, 0], [0, 0, 1]
-
-
-def read(body, **options):
-    head = '<svg xmlns="http://www.w3.org/2000/svg" width="100" height="80">'
-    return parse_svg(f"{head}{body}</svg>", **options)
-
-
-def colors(body, *points, **options):
-    return colors_at(read(body, **options), np.add(points, [0.013, 0.017]))
 
 
 def half(color):
@@ -30,10 +21,10 @@ def half(color):
 def test_a_shape_with_opacity_is_composited_as_a_whole():
     """The stroke hides the fill below it, although both are translucent at last."""
     rect = '<rect x="20" y="20" width="40" height="40" fill="red" stroke="blue" stroke-width="10"'
-    result = colors(f'{rect} opacity=".5"/>', [40, 40], [22, 40], [17, 40])
+    result = body_colors(f'{rect} opacity=".5"/>', [40, 40], [22, 40], [17, 40])
     np.testing.assert_allclose(result, [half(RED), half(BLUE), half(BLUE)])
     # Their own opacities let the fill show through.
-    result = colors(f'{rect} stroke-opacity=".5"/>', [22, 40], [17, 40])
+    result = body_colors(f'{rect} stroke-opacity=".5"/>', [22, 40], [17, 40])
     np.testing.assert_allclose(result, [[0.5, 0, 0.5], half(BLUE)])
 
 
@@ -42,7 +33,7 @@ def test_a_group_with_opacity_is_composited_as_a_whole():
         '<g opacity=".5"><rect width="40" height="40" fill="red"/><circle cx="40" cy="40" r="20" '
         'fill="lime"/><path d="M35 35H90V45H35Z" fill="blue"/></g>'
     )
-    result = colors(body, [10, 10], [30, 30], [38, 40], [80, 40], [50, 50], [90, 70])
+    result = body_colors(body, [10, 10], [30, 30], [38, 40], [80, 40], [50, 50], [90, 70])
     wanted = [half(RED), half(LIME), half(BLUE), half(BLUE), half(LIME), WHITE]
     np.testing.assert_allclose(result, wanted)
 
@@ -55,7 +46,7 @@ def test_translucent_members_that_overlap_are_exact():
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        result = colors(body, [10, 10], [25, 10], [50, 10], [32, 10])
+        result = body_colors(body, [10, 10], [25, 10], [50, 10], [32, 10])
     # In the overlap: lime over red, premultiplied, then half of it over white.
     alpha = 0.25 + 0.75 * 0.5
     overlap = [0.75 * 0.5 / 2 + 1 - alpha / 2, 0.25 / 2 + 1 - alpha / 2, 1 - alpha / 2]
@@ -71,23 +62,23 @@ def test_what_cannot_be_exact_is_named():
         'height="40" fill="url(#g)"/><rect x="20" width="40" height="40" fill="url(#g)"/></g>'
     )
     with pytest.warns(UserWarning, match=r"drawn approximately: opacity of <g> \(line 2: "):
-        read(body)
+        read_body(body)
 
 
 def test_groups_within_groups():
     inner = '<g opacity=".5"><rect width="40" height="40"/><rect width="20" height="20"/></g>'
-    result = colors(f'<g opacity=".5">{inner}<rect x="30" width="30" height="30"/></g>',
+    result = body_colors(f'<g opacity=".5">{inner}<rect x="30" width="30" height="30"/></g>',
                     [10, 10], [25, 35], [35, 10], [55, 10])  # fmt: skip
     np.testing.assert_allclose(result[:, 0], [0.75, 0.75, 0.5, 0.5])
-    assert read(f'<g opacity="0">{inner}</g>').triangles.size == 0
-    assert read(inner, opacity=False).colors.shape[-1] == 3
+    assert read_body(f'<g opacity="0">{inner}</g>').triangles.size == 0
+    assert read_body(inner, opacity=False).colors.shape[-1] == 3
 
 
 def test_clip_paths_by_hand():
     clip = '<clipPath id="c"><circle cx="40" cy="40" r="20"/><path d="M0 0h9v9H0z"/></clipPath>'
     rect = '<rect width="100" height="80" fill="red"'
     for body in (f'{rect} clip-path="url(#c)"/>', f'<g clip-path="url(#c)">{rect}/></g>'):
-        result = colors(clip + body, [5, 5], [40, 40], [15, 15], [57, 55], [58, 45])
+        result = body_colors(clip + body, [5, 5], [40, 40], [15, 15], [57, 55], [58, 45])
         assert result.tolist() == [RED, RED, WHITE, WHITE, RED]
 
 
@@ -125,7 +116,7 @@ def test_clip_paths_by_hand():
 )  # fmt: skip
 def test_clip_paths_of_every_kind(clip, inside):
     rect = '<g clip-path="url(#c)"><rect width="80" height="80" fill="red"/></g>'
-    result = colors(clip + rect, [20, 20], [40, 20], [75, 20])
+    result = body_colors(clip + rect, [20, 20], [40, 20], [75, 20])
     assert result.tolist() == [RED if shown else WHITE for shown in inside]
 
 
@@ -136,7 +127,7 @@ def test_clipped_translucent_shapes_with_gradients():
         '<g opacity=".5" clip-path="url(#c)"><rect width="90" height="80" fill="url(#g)"/>'
         '<rect x="40" width="50" height="80"/></g>'
     )
-    result = colors(body, [30, 40], [50, 40], [5, 40])
+    result = body_colors(body, [30, 40], [50, 40], [5, 40])
     np.testing.assert_allclose(result, [half(RED), [0.5] * 3, WHITE], atol=1e-6)
 
 
@@ -145,18 +136,18 @@ def test_use_draws_copies_with_inherited_style():
         '<defs><g id="g"><rect id="r" width="10" height="10"/></g></defs>'
         '<use href="#g" x="20" fill="red"/><use href="#r" transform="translate(40)" fill="lime"/>'
     )
-    result = colors(body, [25, 5], [45, 5], [5, 5])
+    result = body_colors(body, [25, 5], [45, 5], [5, 5])
     assert result.tolist() == [RED, LIME, WHITE]
 
 
 def test_symbols_and_nested_viewports_clip_what_they_scale():
     symbol = '<symbol id="s" viewBox="0 0 10 10"><rect x="5" width="10" height="10"/></symbol>'
-    result = colors(symbol + '<use href="#s" width="40" height="40"/>',
+    result = body_colors(symbol + '<use href="#s" width="40" height="40"/>',
                     [10, 10], [30, 10], [45, 10])  # fmt: skip
     assert result[:, 0].tolist() == [1, 0, 1]
     nested = '<svg x="10" y="10" width="50%" height="40" {}><rect width="100%" height="50"/></svg>'
     for overflow, below in (("", 1), ('overflow="visible"', 0)):
-        result = colors(nested.format(overflow), [5, 20], [55, 20], [65, 20], [20, 55])
+        result = body_colors(nested.format(overflow), [5, 20], [55, 20], [65, 20], [20, 55])
         assert result[:, 0].tolist() == [1, 0, 1, below]
 
 
@@ -168,10 +159,10 @@ def test_switch_and_system_language():
         ('requiredExtensions="x"', "", LIME),
         ('requiredExtensions="x"', 'systemLanguage="fr"', WHITE),
     ):
-        result = colors(f"<switch>{rects.format(first, second)}</switch>", [5, 5])
+        result = body_colors(f"<switch>{rects.format(first, second)}</switch>", [5, 5])
         assert result.tolist() == [wanted]
     # Outside of a switch, the attribute hides elements too.
-    assert read('<rect width="9" height="9" systemLanguage="fr"/>').triangles.size == 0
+    assert read_body('<rect width="9" height="9" systemLanguage="fr"/>').triangles.size == 0
 
 
 def test_transform_origin():
@@ -182,20 +173,22 @@ def test_transform_origin():
         ('style="transform-origin: right bottom; transform: translateX(-2px)" '
          'transform-box="view-box"', ""),
     ):  # fmt: skip
-        result = colors(f'<rect width="10" height="10" {origin} {transform}/>', [95, 75], [5, 5])
+        result = body_colors(
+            f'<rect width="10" height="10" {origin} {transform}/>', [95, 75], [5, 5]
+        )
         assert result[:, 0].tolist() == ([1, 0] if "translateX" in origin else [0, 1])
     # One value leaves the other one at the center.
     one = 'transform-origin="0" transform="scale(1 -1)"'
-    result = colors(f'<rect width="10" height="10" {one}/>', [5, 75], [5, 5])
+    result = body_colors(f'<rect width="10" height="10" {one}/>', [5, 75], [5, 5])
     assert result[:, 0].tolist() == [0, 1]
     own = 'style="transform-box: fill-box; transform-origin: 100% 0; transform: scale(2)"'
-    result = colors(f'<rect x="40" y="10" width="10" height="10" {own}/>', [35, 25], [55, 15])
+    result = body_colors(f'<rect x="40" y="10" width="10" height="10" {own}/>', [35, 25], [55, 15])
     assert result[:, 0].tolist() == [0, 1]
 
 
 def test_geometry_in_style_sheets():
     body = "<style>rect { width: 20px; height: 50%; x: 10px } circle { r: 5px }</style>"
-    result = colors(body + '<rect width="90"/><circle cx="50" cy="9"/>',
+    result = body_colors(body + '<rect width="90"/><circle cx="50" cy="9"/>',
                     [15, 35], [5, 5], [35, 5], [53, 9])  # fmt: skip
     assert result[:, 0].tolist() == [0, 1, 1, 0]
 
@@ -223,7 +216,9 @@ def test_css_transforms(style):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore" if "90" in style else "error")
         turned = "origin" in style
-        result = colors(CORNER.format(f'style="{style}"'), [95, 75] if turned else [45, 35], [5, 5])
+        result = body_colors(
+            CORNER.format(f'style="{style}"'), [95, 75] if turned else [45, 35], [5, 5]
+        )
     assert result.tolist() == [RED, WHITE]
 
 
@@ -247,33 +242,35 @@ def test_css_transforms(style):
 def test_invalid_css_transforms_are_named(declaration, reason):
     name = declaration.partition(":")[0]
     with pytest.warns(UserWarning, match=f"invalid: {name} of <rect> .line 1: .*{reason}"):
-        result = colors(CORNER.format(f'style="{declaration}"'), [5, 5], [45, 35])
+        result = body_colors(CORNER.format(f'style="{declaration}"'), [5, 5], [45, 35])
     assert result.tolist() == [RED, WHITE]
     # The attribute counts where no property is valid.
     attribute = f'style="{declaration}" transform="translate(40 30)"'
     with pytest.warns(UserWarning, match=f"invalid: {name} of <rect>"):
-        result = colors(CORNER.format(attribute), [5, 5], [45, 35])
+        result = body_colors(CORNER.format(attribute), [5, 5], [45, 35])
     assert result.tolist() == [WHITE, RED]
 
 
 def test_invalid_geometry_in_css_leaves_the_attribute():
     with pytest.warns(UserWarning, match=r"width of <rect> .line 1: .*'40q#'"):
-        result = colors('<rect width="20" height="9" style="width: 40q#"/>', [10, 5], [30, 5])
+        result = body_colors('<rect width="20" height="9" style="width: 40q#"/>', [10, 5], [30, 5])
     assert result[:, 0].tolist() == [0, 1]
 
 
 def test_lengths_in_css_have_units():
     with pytest.warns(UserWarning, match=r"width of <rect> .line 1: the length '40' has no unit"):
-        result = colors('<rect width="20" height="9" style="width: 40; x: 0"/>', [10, 5], [30, 5])
+        result = body_colors(
+            '<rect width="20" height="9" style="width: 40; x: 0"/>', [10, 5], [30, 5]
+        )
     assert result[:, 0].tolist() == [0, 1]
 
 
 def test_origins_in_css_have_units():
     origin = 'transform="rotate(180)" transform-origin="50 40"'
     for attributes, corner in ((origin, [95, 75]), (f'{origin} style="x: 0"', [95, 75])):
-        assert colors(CORNER.format(attributes), corner).tolist() == [RED]
+        assert body_colors(CORNER.format(attributes), corner).tolist() == [RED]
     with pytest.warns(UserWarning, match="transform-origin of <rect> .line 1: has no unit"):
-        read(CORNER.format('style="transform-origin: 50 40"'))
+        read_body(CORNER.format('style="transform-origin: 50 40"'))
 
 
 @pytest.mark.parametrize(
@@ -298,7 +295,7 @@ def test_css_that_browsers_draw_is_named():
                         "mask-image: url(#m)"):  # fmt: skip
         name = declaration.partition(":")[0]
         with pytest.warns(UserWarning, match=f"without effect: {name} of <rect> .line 1: "):
-            read(CORNER.format(f'style="{declaration}"'))
+            read_body(CORNER.format(f'style="{declaration}"'))
     text = '<svg style="background: lime url(a.png)" width="9" height="9"/>'
     with pytest.warns(UserWarning, match=r"background of <svg> .line 1: images are not drawn"):
         assert parse_svg(text).background.tolist() == LIME
@@ -306,24 +303,24 @@ def test_css_that_browsers_draw_is_named():
 
 def test_strokes_of_curves_dashes_and_order():
     circle = '<circle cx="40" cy="40" r="20" fill="red" stroke="blue" stroke-width="8"'
-    result = colors(f"{circle}/>", [40, 40], [57, 40], [63, 40], [65, 40])
+    result = body_colors(f"{circle}/>", [40, 40], [57, 40], [63, 40], [65, 40])
     assert result.tolist() == [RED, BLUE, BLUE, WHITE]
-    result = colors(f'{circle} paint-order="stroke"/>', [57, 40], [63, 40])
+    result = body_colors(f'{circle} paint-order="stroke"/>', [57, 40], [63, 40])
     assert result.tolist() == [RED, BLUE]
     dashed = '<path d="M10 10H90" stroke="red" stroke-width="4" stroke-dasharray="20 10"/>'
-    assert colors(dashed, [20, 10], [35, 10], [50, 10]).tolist() == [RED, WHITE, RED]
+    assert body_colors(dashed, [20, 10], [35, 10], [50, 10]).tolist() == [RED, WHITE, RED]
     thin = (
         '<g transform="scale(10 2)"><path d="M1 1V30" stroke="red" stroke-width="4" '
         'vector-effect="non-scaling-stroke"/></g>'
     )
-    result = colors(thin, [8.5, 20], [11.5, 20], [7, 20], [13, 20])
+    result = body_colors(thin, [8.5, 20], [11.5, 20], [7, 20], [13, 20])
     assert result.tolist() == [RED, RED, WHITE, WHITE]
 
 
 def test_a_lone_moveto_draws_no_dot():
     pen = 'stroke="red" stroke-width="8" stroke-linecap="round"'
     for data, wanted in (("M20 20", WHITE), ("M20 20L20 20", RED), ("M20 20Z", RED)):
-        assert colors(f'<path d="{data}" {pen}/>', [20, 20]).tolist() == [wanted]
+        assert body_colors(f'<path d="{data}" {pen}/>', [20, 20]).tolist() == [wanted]
 
 
 def test_translucent_strokes_in_order():
@@ -337,20 +334,20 @@ def test_translucent_strokes_in_order():
             (50, "lime", 0.5),
         )
     )
-    result = colors(body, [20, 20], [50, 20], [20, 50], [50, 50])
+    result = body_colors(body, [20, 20], [50, 20], [20, 50], [50, 50])
     np.testing.assert_allclose(result, [[0.5, 0, 0.5]] * 2 + [half(LIME)] * 2)
 
 
 def test_path_length_scales_dashes():
     path = '<path d="M10 20H50M50 20H90" stroke="red" stroke-width="8" stroke-dasharray="1 1" {}/>'
     at = [[15, 20], [25, 20], [35, 20]]
-    assert colors(path.format('pathLength="8"'), *at)[:, 1].tolist() == [0, 1, 0]
+    assert body_colors(path.format('pathLength="8"'), *at)[:, 1].tolist() == [0, 1, 0]
     moved = 'pathLength="8" stroke-dashoffset="1"'
-    assert colors(path.format(moved), *at)[:, 1].tolist() == [1, 0, 1]
+    assert body_colors(path.format(moved), *at)[:, 1].tolist() == [1, 0, 1]
     for text in ("0", "-8", "x"):
         with pytest.warns(UserWarning, match="pathLength of <path>"):
-            scene = read(path.format(f'pathLength="{text}"'))
-        assert scene.triangles.size == read(path.format("")).triangles.size
+            scene = read_body(path.format(f'pathLength="{text}"'))
+        assert scene.triangles.size == read_body(path.format("")).triangles.size
 
 
 @pytest.mark.parametrize("join", ["miter", "round"])
@@ -359,8 +356,8 @@ def test_relative_paths_close_without_a_spike(join):
     steps = "l.1 .2l.2 .1l-.1 .2l-.2-.5"
     path = '<g transform="scale(80)"><path d="M.3 .3{}{}" stroke="red" stroke-width=".01" {}/></g>'
     pen = f'fill="none" stroke-linejoin="{join}" stroke-miterlimit="99"'
-    closed = corners_of(read(path.format(steps, "z", pen)))
-    exact = corners_of(read(path.format("l.1 .2l.2 .1l-.1 .2", "z", pen)))
+    closed = corners_of(read_body(path.format(steps, "z", pen)))
+    exact = corners_of(read_body(path.format("l.1 .2l.2 .1l-.1 .2", "z", pen)))
     assert closed.shape == exact.shape
     np.testing.assert_allclose(closed, exact, atol=1e-4)
 
@@ -369,7 +366,7 @@ def test_joins_that_are_clipped():
     spike = '<path d="M10 38L60 40L10 42" fill="none" stroke="red" stroke-width="4" {}/>'
     reach = {}
     for join in ("bevel", "miter", "miter-clip"):
-        scene = read(spike.format(f'stroke-linejoin="{join}" stroke-miterlimit="3"'))
+        scene = read_body(spike.format(f'stroke-linejoin="{join}" stroke-miterlimit="3"'))
         reach[join] = corners_of(scene)[..., 0].max()
     # A miter over the limit is a bevel; cut off, it ends three half widths from the corner.
     assert reach["miter"] == reach["bevel"] < 61
@@ -388,7 +385,7 @@ def test_joins_that_are_clipped():
 )
 def test_references_to_themselves_are_named(body):
     with pytest.warns(UserWarning, match="refers to (itself|an ancestor)"):
-        read(body)
+        read_body(body)
 
 
 @pytest.mark.parametrize("limit", [2000, pytest.param(MAX_COPIES, marks=pytest.mark.slow)])
@@ -399,4 +396,4 @@ def test_copies_of_copies_are_refused_beyond_a_limit(limit, monkeypatch):
     )
     body = f'<defs><g id="g0"><rect width="1" height="1"/></g>{levels}</defs><use href="#g9"/>'
     with pytest.raises(ValueError, match=f"copies of elements; at most {limit:,}"):
-        read(body)
+        read_body(body)

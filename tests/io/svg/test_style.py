@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tinycss2.color4
 
 from softras2d.io.budget import Budget
 from softras2d.io.svg.cascade import Cascade
@@ -24,6 +25,7 @@ from softras2d.io.svg.units import Viewport
         ("#FF8000", (1, 128 / 255, 0, 1)),
         ("#ff800080", (1, 128 / 255, 0, 128 / 255)),
         ("rgb(255, 128, 0)", (1, 128 / 255, 0, 1)),
+        ("rgb( 999,128 , 0 )", (1, 128 / 255, 0, 1)),
         ("rgb(255 128 0 / 50%)", (1, 128 / 255, 0, 0.5)),
         ("rgba(255,128,0,.25)", (1, 128 / 255, 0, 0.25)),
         ("rgb(10%, 20.5%, 30%)", (0.1, 0.205, 0.3, 1)),
@@ -52,6 +54,14 @@ def test_invalid_colors_are_none():
     for text in ("", "redd", "#12", "#ggg", "rgb(1 2)", "rgb(1% 2% x%)", "color(display-p3 1 0 0)"):
         assert color_of(text) is None
     assert color_of("currentColor") == "currentcolor"
+
+
+def test_whole_numbers_are_parsed_as_by_tinycss2():
+    """They have a parser of their own, which is faster."""
+    for value in range(0, 300, 7):
+        reference: Any = tinycss2.color4.parse_color(f"rgb({value} {value} 9)")
+        exact = tuple(np.clip(reference.to("srgb").coordinates, 0, 1))
+        assert color_of(f"rgb({value},{value},9)") == (*exact, 1.0)
 
 
 def test_percentages_give_exact_float32():

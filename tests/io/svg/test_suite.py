@@ -29,13 +29,13 @@ STANDARD_IS_RIGHT = {
     "paint-servers/radialGradient/negative-r": (
         "SVG 2, 14.2.3.1: a negative `r` is an error, so that its initial value, 50 %, counts"
     ),
-    "shapes/rect/ch-values": "CSS Values 4, 6.1.1: `ch` is half an em without a font",
-    "shapes/rect/q-values": "CSS Values 4, 6.2: `Q` is a quarter of a millimetre",
-    "shapes/rect/rem-values": "CSS Values 4, 6.1.2: `rem` is the font size of the root",
-    "shapes/rect/rlh-values": "CSS Values 4, 6.1.2: `rlh` is the line height of the root",
-    "shapes/rect/vi-and-vb-values": "CSS Values 4, 6.1.3: lengths relative to the viewport",
-    "shapes/rect/vmin-and-vmax-values": "CSS Values 4, 6.1.3: lengths relative to the viewport",
-    "structure/style/non-presentational-attribute": "SVG 2, 7.2: `height` is a property",
+    "shapes/rect/ch-values": "CSS Values 4, relative lengths: `ch` is half an em without a font",
+    "shapes/rect/q-values": "CSS Values 4, absolute lengths: `Q` is a quarter of a millimetre",
+    "shapes/rect/rem-values": "CSS Values 4, relative lengths: `rem` is the font size of the root",
+    "shapes/rect/rlh-values": "CSS Values 4, relative lengths: `rlh` is the root's line height",
+    "shapes/rect/vi-and-vb-values": "CSS Values 4, relative lengths: of the viewport",
+    "shapes/rect/vmin-and-vmax-values": "CSS Values 4, relative lengths: of the viewport",
+    "structure/style/non-presentational-attribute": "SVG 2, 7.8: `height` is a property",
 }
 """Drawings that are drawn as the standard says, and the clause that the picture contradicts."""
 

@@ -176,6 +176,27 @@ def test_points_may_be_separated_in_any_way():
         assert shape(read('<polygon points="0,0 9,0 9,9 7"/>')).area == 40.5
 
 
+def test_triangles_coloured_by_a_style_sheet():
+    """As Illustrator writes them: the colours are in a style sheet, in classes."""
+    scene = read(
+        "<defs><style>.cls-1{fill:#0f0;}.cls-2,.cls-3{stroke-width:0}.cls-2{fill:#00f}</style></defs>"
+        '<path class="cls-1" d="M0 0L9 0L0 9Z"/><polygon class="cls-2" points="9,0 9,9 0,9"/>'
+    )
+    assert np.asarray(scene.colors)[:, 0].tolist() == [[0, 1, 0], [0, 0, 1]]
+    assert np.asarray(scene.positions)[np.asarray(scene.triangles)[0]].tolist() == [
+        [0, 0], [9, 0], [0, 9],
+    ]  # fmt: skip
+
+
+def test_strokes_are_in_the_coordinates_of_their_element():
+    """A scale along one axis widens the strokes across it alone."""
+    pen = 'stroke="red" stroke-width="2" fill="none" transform="scale(4 1)"'
+    upright = read(f'<path d="M5 0V20" {pen}/>')
+    assert shape(upright).symmetric_difference(shapely.box(16, 0, 24, 20)).area < 1e-3
+    level = read(f'<path d="M0 10H5" {pen}/>')
+    assert shape(level).symmetric_difference(shapely.box(0, 9, 20, 11)).area < 1e-3
+
+
 def test_fill_rules_differ_in_a_star():
     star = '<polygon points="50,0 21,80 97,30 3,30 79,80" fill-rule="{}"/>'
     nonzero, evenodd = (shape(read(star.format(rule))) for rule in ("nonzero", "evenodd"))
@@ -302,6 +323,34 @@ def test_one_warning_names_everything_ignored():
     assert caught[0].filename == __file__ or "parse_svg" not in str(caught[0].filename)
 
 
+@pytest.mark.parametrize(
+    ("body", "cause"),
+    [
+        ("<text>a</text>", "<text>"),
+        ("<foreignObject/>", "<foreignObject>"),
+        ('<rect width="9" height="9"><animate/></rect>', "<animate>"),
+        ("<g><animateTransform/></g>", "<animateTransform>"),
+        ("<animateMotion/>", "<animateMotion>"),
+        ("<set/>", "<set>"),
+        ('<g filter="url(#x)"/>', "filter of <g>"),
+        ('<g mask="url(#x)"/>', "mask of <g>"),
+        ('<g style="mix-blend-mode: multiply"/>', "mix-blend-mode of <g>"),
+        ('<path d="M0 0h9" marker-end="url(#x)"/>', "marker-end of <path>"),
+        ('<path d="M0 0h9" style="marker: url(#x)"/>', "marker of <path>"),
+        ('<path d="M0 0h9v9" fill="url(#x)"/>', "fill of <path>"),
+        ('<path d="M0 0h9v9" stroke="url(#x)"/>', "stroke of <path>"),
+    ],
+)
+def test_everything_that_is_not_supported_is_named(body, cause):
+    pattern = '<pattern id="x" width="1" height="1"><rect width="1" height="1"/></pattern>'
+    with pytest.warns(UserWarning) as caught:
+        read(f"{pattern}\n{body}")
+    assert f"{cause} (line 2" in str(caught[0].message)
+    assert len(caught) == 1
+    with pytest.raises(ValueError, match=r"^<svg>:2: <"):
+        read(f"{pattern}\n{body}", strict=True)
+
+
 def test_strict_refuses_the_first_thing_that_is_not_drawn():
     with pytest.raises(ValueError, match=r"^<svg>:2: <rect> filter: url\(#f\)\.$"):
         read('<circle r="3"/>\n<rect width="4" height="4" filter="url(#f)"/>', strict=True)
@@ -334,6 +383,39 @@ def test_a_foreign_default_namespace_is_not_svg():
     assert shape(read(mixed)).equals(shapely.box(0, 0, 3, 3))
     with pytest.raises(ValueError, match="must be <svg>"):
         parse_svg(f'<svg xmlns="urn:x" width="9" height="9">{rect}</svg>')
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        # Nothing of it is displayed.
+        '<rect width="4" height="4" fill="#qqq" filter="url(#f)" style="rx: 2" display="none"/>',
+        '<g style="display: none"><text>a</text></g><text systemLanguage="xx">b</text>',
+        '<linearGradient id="g" href="#none"/><clipPath id="c" clip-path="url(#none)"/>',
+        # Below the first shape of an isolated group lies nothing that it could blend with.
+        '<g style="isolation: isolate"><desc/><rect width="9" height="9" '
+        'style="mix-blend-mode: overlay"/></g>',
+    ],
+)
+def test_what_cannot_change_the_image_is_not_named(body):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read(body, strict=True)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<g style="isolation: isolate"><circle r="3"/>{}</g>',
+        '<g style="isolation: auto">{}</g>',
+        '<g style="isolation: isolate"><defs>{}</defs></g><use href="#r"/>',
+        '<g style="isolation: isolate"><g><circle r="3"/>{}</g></g>',
+    ],
+)
+def test_blend_modes_over_something_are_named(body):
+    rect = '<rect id="r" width="9" height="9" style="mix-blend-mode: overlay"/>'
+    with pytest.warns(UserWarning, match="without effect: mix-blend-mode of <rect>"):
+        read(body.format(rect))
 
 
 def test_no_warning_without_need():

@@ -1,0 +1,64 @@
+"""Limits of time, drawings and images for tests of hostile files."""
+
+import contextlib
+import signal
+import warnings
+import zlib
+from collections.abc import Iterator
+
+import numpy as np
+
+from softras2d.io.svg.reader import parse_svg
+
+from .png_files import png
+
+
+@contextlib.contextmanager
+def ends_within(seconds: int) -> Iterator[None]:
+    """Raise `TimeoutError` in what takes more processor time.
+
+    The limit is loose, as it is no measurement.
+    """
+
+    def stop(*_: object) -> None:
+        raise TimeoutError(f"not done in {seconds} s")
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+
+
+def outcome(text, dialect="svg", **options):
+    """The scene, or the error's message, which is one line that begins with name and line."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            return parse_svg(text, dialect=dialect, height=60, width=80, **options)
+        except ValueError as error:
+            message = str(error)
+    assert message.startswith("<svg>:1: ") and "\n" not in message
+    return message
+
+
+def points(array):
+    return " ".join(f"{x:.5g},{y:.5g}" for x, y in np.asarray(array).tolist())
+
+
+def polygon(array, attributes=""):
+    return f'<polygon points="{points(array)}" {attributes}/>'
+
+
+def spiral(count):
+    angle = np.linspace(0, 100 * np.pi, count)
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=1) / 80
+    return np.concatenate([along * (angle + 1)[:, None], (along * (angle + 4)[:, None])[::-1]])
+
+
+def grey_png(height, width, rows=b""):
+    """A grey PNG of one bit per pixel."""
+    rows = rows or bytes((width // 8 + 1) * height)
+    return png(height, width, zlib.compress(rows, 9), bits=1, channels=1)
