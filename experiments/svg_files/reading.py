@@ -12,7 +12,7 @@ import warnings
 from pathlib import Path
 
 import softras2d as sr
-from tests.io.test_hostile import low_poly, many_paths, polygon, spiral
+from tests.cases.hostile import low_poly, many_paths, polygon, spiral
 
 from ..common import report
 

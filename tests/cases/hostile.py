@@ -52,6 +52,31 @@ def polygon(array, attributes=""):
     return f'<polygon points="{points(array)}" {attributes}/>'
 
 
+def random(count, seed=0):
+    return np.random.default_rng(seed).random((count, 2)) * 10
+
+
+def low_poly(count: int) -> str:
+    """Triangles as low-poly generators write them: one path for each, with a colour."""
+    corners = random(3 * count).reshape(-1, 6).tolist()
+    d = "M{:.3f},{:.3f}L{:.3f},{:.3f}L{:.3f},{:.3f}Z"
+    fill = '<path d="{}" fill="rgb({},{},{})"/>'
+    return "".join(
+        fill.format(d.format(*points), k % 256, k // 256, 7) for k, points in enumerate(corners)
+    )
+
+
+def many_paths(count: int) -> str:
+    """Paths of 100 points each, around circles."""
+    angle = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    path = '<path d="M{}Z" fill="#{:06x}"/>'
+    return "".join(
+        path.format("L".join(map("{:.2f},{:.2f}".format, *(center + 3 * circle).T)), k)
+        for k, center in enumerate(random(count))
+    )
+
+
 def spiral(count):
     angle = np.linspace(0, 100 * np.pi, count)
     along = np.stack([np.cos(angle), np.sin(angle)], axis=1) / 80

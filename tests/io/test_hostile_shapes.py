@@ -7,7 +7,16 @@ import pytest
 
 from softras2d.io.svg.reader import parse_svg
 
-from ..cases.hostile import ends_within, outcome, points, polygon, spiral
+from ..cases.hostile import (
+    ends_within,
+    low_poly,
+    many_paths,
+    outcome,
+    points,
+    polygon,
+    random,
+    spiral,
+)
 
 
 def wave(count):
@@ -15,10 +24,6 @@ def wave(count):
     upper = np.stack([across, 5 + 4 * np.sin(40 * across)], axis=1)
     lower = np.stack([across[::-1], np.full(count, 5.1)], axis=1)
     return np.concatenate([upper, lower])
-
-
-def random(count, seed=0):
-    return np.random.default_rng(seed).random((count, 2)) * 10
 
 
 BLACK = 'fill="black"'
@@ -69,27 +74,6 @@ def test_costly_shapes_are_read_or_refused_in_time(name, dialect):
     else:
         assert not isinstance(result, str), result
         assert expected is None or result.triangles.shape[0] == expected
-
-
-def low_poly(count: int) -> str:
-    """Triangles as low-poly generators write them: one path for each, with a colour."""
-    corners = random(3 * count).reshape(-1, 6).tolist()
-    d = "M{:.3f},{:.3f}L{:.3f},{:.3f}L{:.3f},{:.3f}Z"
-    fill = '<path d="{}" fill="rgb({},{},{})"/>'
-    return "".join(
-        fill.format(d.format(*points), k % 256, k // 256, 7) for k, points in enumerate(corners)
-    )
-
-
-def many_paths(count: int) -> str:
-    """Paths of 100 points each, around circles."""
-    angle = np.linspace(0, 2 * np.pi, 100, endpoint=False)
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    path = '<path d="M{}Z" fill="#{:06x}"/>'
-    return "".join(
-        path.format("L".join(map("{:.2f},{:.2f}".format, *(center + 3 * circle).T)), k)
-        for k, center in enumerate(random(count))
-    )
 
 
 @pytest.mark.slow
