@@ -144,9 +144,9 @@ def _pair_search(
     return LayerPairs(samples, masks, shape.tiling)
 
 
-_OPAQUE_BLOCK, _LAYERED_BLOCK = 4096, 4096
-"""Number of runs in a block: few enough for the data of a block to stay in a core's cache. That of
-layers is smaller, as a block takes as many steps as the sample with most layers."""
+_BLOCK = 4096
+"""Number of runs in a block: few enough for its data to stay in cache, and enough for two cores.
+Measured with 1,000 translucent triangles at 512 pixels: half or twice as many take longer."""
 
 
 def _sweep(
@@ -157,8 +157,7 @@ def _sweep(
 ) -> Sweep:
     """Find all crossings and their jumps, block by block; `masks` are those of the layers."""
     grid, channels = shape.tiling.grid, shape.channels
-    is_opaque = isinstance(samples, OpaqueSamples)
-    block = min(_OPAQUE_BLOCK if is_opaque else _LAYERED_BLOCK, max(shape.crossings, 1))
+    block = min(_BLOCK, max(shape.crossings, 1))
     blocks = -(-shape.crossings // block)
     runs = list_runs(
         outlines.first,

@@ -7,8 +7,10 @@ is drawn later but lies deeper shows only without it.
 
 The triangle is dimmed by the smaller of the transmittances in front of it at the two samples, since
 a layer that ends between them has a crossing of its own. Layers that cover both samples enter once.
-Few layers in front cover the sample inside alone: the crossings with such layers are gathered and
-visited again (`layers_inside`).
+Layers in front that cover the sample inside alone are visited with those outside if each triangle
+has one colour and there is no depth. Otherwise their alpha or depth is another at the sample
+inside: the crossings with such layers, which are few, are gathered and visited again
+(`layers_inside`). So are those whose samples lie in different tiles.
 
 At the border of the canvas both samples are one, which the triangle covers. There, a triangle that
 is drawn later but lies deeper has already failed the depth test, so that it is missing in what
@@ -152,12 +154,12 @@ def edge_gains(
     clear, false = jnp.ones(shape, dtype), jnp.zeros(shape, bool)
     black = jnp.zeros((samples.background.shape[0], *shape), dtype)
     behind = _Behind(black, clear)
-    # Where a layer has one alpha, and no depth, it is the same in front of both samples.
-    is_shared = samples.colors.is_flat and samples.depths is None
+    # A layer with one alpha and without depth is the same at both samples.
+    visits_inside = samples.colors.is_flat and samples.depths is None
     state = _State(
         in_front_of_both=clear,
         in_front_outside=clear,
-        in_front_inside=clear if is_shared else None,
+        in_front_inside=clear if visits_inside else None,
         hidden=false,
         behind=behind,
         if_absent=None if samples.depths is None else behind,
