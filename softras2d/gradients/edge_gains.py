@@ -150,20 +150,8 @@ def edge_gains(
     Not differentiable, because the number of steps of the loops depends on values.
     """
     where = _locate_lists(masks, crossings, edge_layer.triangle, tiling)
-    shape, dtype = crossings.valid.shape, samples.background.dtype
-    clear, false = jnp.ones(shape, dtype), jnp.zeros(shape, bool)
-    black = jnp.zeros((samples.background.shape[0], *shape), dtype)
-    behind = _Behind(black, clear)
-    # A layer with one alpha and without depth is the same at both samples.
-    visits_inside = samples.colors.is_flat and samples.depths is None
-    state = _State(
-        in_front_of_both=clear,
-        in_front_outside=clear,
-        in_front_inside=clear if visits_inside else None,
-        hidden=false,
-        behind=behind,
-        if_absent=None if samples.depths is None else behind,
-    )
+    shape = crossings.valid.shape
+    false = jnp.zeros(shape, bool)
 
     def visit_plane(
         plane: Int[Array, ""], carry: tuple[_State, _SampleFlags]
@@ -179,7 +167,8 @@ def edge_gains(
         return state, _set_flags(flags, compared)
 
     planes = count_planes(masks)
-    state, flags = repeat(planes, visit_plane, (state, _SampleFlags(false, false, false)))
+    start = _no_layers(samples, shape), _SampleFlags(false, false, false)
+    state, flags = repeat(planes, visit_plane, start)
     lanes = InsideLanes(
         where.inside,
         where.outside,
@@ -206,6 +195,23 @@ def edge_gains(
         in_front_inside = in_front_inside * state.in_front_inside
     gain = _gain(state, in_front_inside, edge_layer.color, samples.background)
     return EdgeGain(gain, covers_inside.reshape(shape), flags.covers_outside)
+
+
+def _no_layers(samples: LayeredSamples, shape: tuple[int, ...]) -> _State:
+    """The state before any layer is visited."""
+    channels, dtype = samples.background.shape[0], samples.background.dtype
+    clear = jnp.ones(shape, dtype)
+    behind = _Behind(jnp.zeros((channels, *shape), dtype), clear)
+    # A layer with one alpha and without depth is the same at both samples.
+    visits_inside = samples.colors.is_flat and samples.depths is None
+    return _State(
+        in_front_of_both=clear,
+        in_front_outside=clear,
+        in_front_inside=clear if visits_inside else None,
+        hidden=jnp.zeros(shape, bool),
+        behind=behind,
+        if_absent=None if samples.depths is None else behind,
+    )
 
 
 def _locate_lists(
