@@ -34,7 +34,7 @@ class LayeredSamples(NamedTuple):
 
 def later_is_in_front(
     other: Int[Array, "*samples"],
-    triangle: Int[Array, "*samples"],
+    triangle: Int[Array, "*#samples"],
     depth: Float[Array, "*samples"] | None,
     triangle_depth: Float[Array, "*samples"] | None,
 ) -> Bool[Array, "*samples"]:
