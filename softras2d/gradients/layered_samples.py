@@ -15,7 +15,7 @@ from .sample_colors import LayerColors
 
 
 class LayeredSamples(NamedTuple):
-    """A translucent scene as its samples show it: inputs of its boundary term.
+    """Which layers a translucent scene has at each sample, and what its boundary term reads of them.
 
     - `covered`: coverage words of each listed pair.
     - `passed`: the same without the samples that fail the depth test.
@@ -38,9 +38,9 @@ def later_is_in_front(
     depth: Float[Array, "*samples"] | None,
     triangle_depth: Float[Array, "*samples"] | None,
 ) -> Bool[Array, "*samples"]:
-    """Whether, of each triangle and another layer, the one that is drawn later lies in front.
+    """Whether the later drawn of two layers lies in front: the triangle of an edge, or another one.
 
-    `depth` is that of the other layer.
+    `triangle_depth` and `depth` are the depths of these two; without them the later is in front.
     """
     if depth is None or triangle_depth is None:
         return jnp.ones(other.shape, bool)

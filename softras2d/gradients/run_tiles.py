@@ -12,7 +12,7 @@ class RunTiles(NamedTuple):
     """The tiles of the samples of each run; both are equal where a run lies in one.
 
     - `start`: start of each tile's list.
-    - `is_second`: whether a sample lies in the second tile.
+    - `is_second`: whether a sample lies in the second tile; false for samples that are not valid.
     """
 
     tile: Int[Array, "2 runs"]
