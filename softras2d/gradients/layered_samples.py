@@ -15,7 +15,7 @@ from .sample_colors import LayerColors
 
 
 class LayeredSamples(NamedTuple):
-    """Which layers a translucent scene has at each sample, and what its boundary term reads of them.
+    """The layers of a translucent scene at each sample, and what its boundary term reads of them.
 
     - `covered`: coverage words of each listed pair.
     - `passed`: the same without the samples that fail the depth test.

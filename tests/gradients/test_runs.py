@@ -15,6 +15,9 @@ from softras2d.rendering.visible_samples import bin_scene
 HEIGHT, WIDTH, COUNT = 70, 75, 60
 """Sides that no tile divides, and the number of triangles."""
 
+SPARE = 5
+"""Entries of the list of runs beyond those that are needed."""
+
 
 def _outlines(samples: int):
     """Edges of triangles of all sizes, many of them partly off the canvas, and their plan."""
@@ -30,16 +33,23 @@ def _outlines(samples: int):
     return outlines, plan
 
 
+def _crossings(outlines, tiling):
+    """All runs, with `SPARE` unused entries, and their crossings."""
+    sides, edges, _, first, count = outlines
+    number = int(count_runs(first.T, count.T, sides.steep, tiling).sum())
+    runs = list_runs(first, count, sides.steep, tiling=tiling, capacity=number + SPARE)
+    return runs, find_crossings(sides, edges, first, count, runs, tiling)
+
+
 @pytest.mark.parametrize("samples", [1, 4, 9, 16, 64, 256])
 def test_runs_hold_every_line_of_an_edge_once_and_stay_within_tiles(samples):
     outlines, plan = _outlines(samples)
-    sides, edges, _, first, count = outlines
+    runs, crossings = _crossings(outlines, plan.tiling)
+    sides, _, _, first, count = outlines
     tiling = plan.tiling
-    number = int(count_runs(first.T, count.T, sides.steep, tiling).sum())
+    number = int((np.asarray(runs.rank) >= 0).sum())
+    assert number == len(runs.rank) - SPARE
     assert number <= worst_case(COUNT, tiling).crossings
-    runs = list_runs(first, count, sides.steep, tiling=tiling, capacity=number + 5)
-    assert (np.asarray(runs.rank) >= 0).sum() == number
-    crossings = find_crossings(sides, edges, first, count, runs, tiling)
     valid, along_row = np.asarray(crossings.valid), np.asarray(crossings.along_row)
     line = np.where(along_row, crossings.outside.row, crossings.outside.column)
     tile_lines = np.where(along_row, tiling.sample_rows, tiling.sample_columns)
@@ -77,11 +87,8 @@ def _crossings_on_canvas(sides, first, count, grid) -> int:
 @pytest.mark.parametrize("samples", [1, 4, 9, 16, 64, 256])
 def test_the_samples_outside_a_run_lie_in_its_two_tiles(samples):
     outlines, plan = _outlines(samples)
-    sides, edges, _, first, count = outlines
+    _, crossings = _crossings(outlines, plan.tiling)
     tiling = plan.tiling
-    number = int(count_runs(first.T, count.T, sides.steep, tiling).sum())
-    runs = list_runs(first, count, sides.steep, tiling=tiling, capacity=number)
-    crossings = find_crossings(sides, edges, first, count, runs, tiling)
     column, row = (np.asarray(axis) for axis in crossings.outside)
     tile = row // tiling.sample_rows * tiling.columns + column // tiling.sample_columns
     starts = jnp.arange(tiling.count, dtype=jnp.int32) * 10
