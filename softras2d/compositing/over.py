@@ -34,24 +34,24 @@ from .sample_blocks import (
 
 
 def composite(
-    surface: Surface, pairs: ListedPairs, steps: Steps, tiling: Tiling, *, longest: int
+    surface: Surface, pairs: ListedPairs, steps: Steps, tiling: Tiling, *, max_list_length: int
 ) -> Float[Array, "tiles 4 tile_width tile_height"]:
     """Sum premultiplied colour and alpha over each pixel's samples, without background.
 
-    Differentiable with respect to the colours of `surface`. No list may have more than `longest`
-    entries.
+    Differentiable with respect to the colours of `surface`. No list may have more than
+    `max_list_length` entries.
     """
     # Blocks of steps are cut into smaller ones: the order of the tiles stays the same.
     assert BLOCK % TILES == 0
     blocks = Blocks(*(entry.reshape(-1, TILES) for entry in (steps.tile, steps.start, steps.count)))
-    sums = _composite(tiling, longest, surface.corners.color, surface, pairs, blocks)
+    sums = _composite(tiling, max_list_length, surface.corners.color, surface, pairs, blocks)
     return in_order_of_tiles(sums, steps, tiling)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def _composite(
     tiling: Tiling,
-    longest: int,
+    max_list_length: int,
     colors: Float[Array, "corners 4 triangles"],
     surface: Surface,
     pairs: ListedPairs,
@@ -66,22 +66,26 @@ def _composite(
 
 
 @_composite.defjvp
-def _(tiling: Tiling, longest: int, primals: Any, tangents: Any) -> tuple[Array, Array]:
+def _(tiling: Tiling, max_list_length: int, primals: Any, tangents: Any) -> tuple[Array, Array]:
     colors, surface, pairs, blocks = jax.lax.stop_gradient(primals)
 
     def forward(fixed: Any, change: Array) -> Array:
         colors, *rest = fixed
         return jax.jvp(
-            lambda colors: _composite.fun(tiling, longest, colors, *rest), (colors,), (change,)
+            lambda colors: _composite.fun(tiling, max_list_length, colors, *rest),
+            (colors,),
+            (change,),
         )[1]
 
     def backward(fixed: Any, cotangent: Array) -> Array:
         colors, surface, pairs, blocks = fixed
         surface = surface.with_colors(colors)
-        return color_gradient(surface, pairs, blocks, cotangent, tiling, longest=longest)
+        return color_gradient(
+            surface, pairs, blocks, cotangent, tiling, max_list_length=max_list_length
+        )
 
     change = linear_map(forward, backward)((colors, surface, pairs, blocks), tangents[0])
-    return _composite(tiling, longest, *primals), change
+    return _composite(tiling, max_list_length, *primals), change
 
 
 def _composite_block(

@@ -71,16 +71,16 @@ def color_gradient(
     cotangent: Float[Array, "blocks 4 width lines"],
     tiling: Tiling,
     *,
-    longest: int,
+    max_list_length: int,
 ) -> Float[Array, "corners 4 triangles"]:
     """Gradient with respect to the colours of corners, from the cotangent of the sums of pixels.
 
-    No list may have more than `longest` entries.
+    No list may have more than `max_list_length` entries.
     """
     colors = surface.corners.color
     corners, _, triangles = colors.shape
     block_samples = (tiling.grid.rate, tiling.grid.rate, tiling.width, TILES * tiling.height)
-    segments = -(-longest // _SEGMENT)
+    segments = -(-max_list_length // _SEGMENT)
     state = GradientState(
         jnp.zeros((corners * 4, pairs.triangle.shape[0]), colors.dtype),
         jnp.zeros((segments, *block_samples), colors.dtype),
@@ -120,31 +120,28 @@ def _add_block(
     """Compute the gradients of the pairs of a block, segment by segment from the back."""
     # A scene of a batch that has outgrown its plan must not lengthen the loops of the others.
     capacity = state.segment_transmittance.shape[0] * _SEGMENT
-    longest = jnp.minimum(jnp.max(lists.block.count), capacity)
-    segments = -(-longest // _SEGMENT)
-    clear = jnp.ones_like(state.layer_transmittance[0])
-    starts = _put(state.segment_transmittance, clear, jnp.zeros((), jnp.int32))
-    state = state._replace(
-        segment_transmittance=repeat(
-            segments - 1, functools.partial(_pass_segment, lists, tiling), starts
-        )
-    )
+    block_list_length = jnp.minimum(jnp.max(lists.block.count), capacity)
+    segments = -(-block_list_length // _SEGMENT)
+    ones = jnp.ones_like(state.layer_transmittance[0])
+    first_filled = _put(state.segment_transmittance, ones, jnp.zeros((), jnp.int32))
+    fill_next = functools.partial(_pass_segment, lists, tiling)
+    state = state._replace(segment_transmittance=repeat(segments - 1, fill_next, first_filled))
 
     def visit_segment(
         step: Int[Array, ""], carry: tuple[GradientState, Array]
     ) -> tuple[GradientState, Array]:
         # In a batch there are further steps for shorter lists: their segments are negative.
         segment = segments - 1 - step
-        return _add_segment(lists, cotangent, segment, longest, carry, tiling)
+        return _add_segment(lists, cotangent, segment, block_list_length, carry, tiling)
 
-    return repeat(segments, visit_segment, (state, jnp.zeros_like(clear)))[0]
+    return repeat(segments, visit_segment, (state, jnp.zeros_like(ones)))[0]
 
 
 def _pass_segment(
     lists: _BlockLists,
     tiling: Tiling,
     segment: Int[Array, ""],
-    starts: Float[Array, "segments *samples"],
+    segment_transmittance: Float[Array, "segments *samples"],
 ) -> Float[Array, "segments *samples"]:
     """Compute the transmittance in front of the next segment from that in front of this one."""
 
@@ -154,15 +151,17 @@ def _pass_segment(
         layer = lists.layer(segment * _SEGMENT + k, jnp.ones((), bool), tiling)
         return transmittance_behind(transmittance, layer, tiling=tiling)
 
-    transmittance = repeat(jnp.asarray(_SEGMENT, jnp.int32), pass_layer, starts[segment])
-    return _put(starts, transmittance, segment + 1)
+    transmittance = repeat(
+        jnp.asarray(_SEGMENT, jnp.int32), pass_layer, segment_transmittance[segment]
+    )
+    return _put(segment_transmittance, transmittance, segment + 1)
 
 
 def _add_segment(
     lists: _BlockLists,
     cotangent: Float[Array, "4 width lines"],
     segment: Int[Array, ""],
-    longest: Int[Array, ""],
+    block_list_length: Int[Array, ""],
     carry: tuple[GradientState, Float[Array, "*samples"]],
     tiling: Tiling,
 ) -> tuple[GradientState, Float[Array, "*samples"]]:
@@ -173,19 +172,19 @@ def _add_segment(
     """
     state, value_behind = carry
     first = segment * _SEGMENT
-    length = jnp.clip(longest - first, 0, _SEGMENT)
+    length = jnp.clip(block_list_length - first, 0, _SEGMENT)
 
     def store_layer(
         k: Int[Array, ""], carry: tuple[Array, Array]
     ) -> tuple[Float[Array, "*samples"], Float[Array, "positions *samples"]]:
-        transmittance, stored = carry
+        transmittance, layer_transmittance = carry
         layer = lists.layer(first + k, segment >= 0, tiling)
-        return transmittance_behind(transmittance, layer, tiling=tiling), _put(
-            stored, transmittance, k
-        )
+        filled = _put(layer_transmittance, transmittance, k)
+        return transmittance_behind(transmittance, layer, tiling=tiling), filled
 
-    start = state.segment_transmittance[jnp.maximum(segment, 0)]
-    _, stored = repeat(length, store_layer, (start, state.layer_transmittance))
+    in_front_of_segment = state.segment_transmittance[jnp.maximum(segment, 0)]
+    initial = (in_front_of_segment, state.layer_transmittance)
+    _, layer_transmittance = repeat(length, store_layer, initial)
 
     def visit_layer(
         step: Int[Array, ""], carry: tuple[Array, Array]
@@ -196,7 +195,7 @@ def _add_segment(
         is_used = (segment >= 0) & (k >= 0)
         layer = lists.layer(first + k, is_used, tiling)
         values = _corner_values(layer.line_colors, cotangent)
-        transmittance = stored[jnp.maximum(k, 0)]
+        transmittance = layer_transmittance[jnp.maximum(k, 0)]
         gradient = _layer_gradient(layer, transmittance, values, value_behind, cotangent, tiling)
         is_valid = is_used & (first + k < lists.block.count)
         pair = jnp.where(is_valid, layer.pair, pair_gradient.shape[1])
@@ -204,16 +203,17 @@ def _add_segment(
         return pair_gradient, _add_behind(value_behind, layer, values, tiling=tiling)
 
     pair_gradient, value_behind = repeat(length, visit_layer, (state.pair_gradient, value_behind))
-    return GradientState(pair_gradient, state.segment_transmittance, stored), value_behind
+    state = GradientState(pair_gradient, state.segment_transmittance, layer_transmittance)
+    return state, value_behind
 
 
 def _put(
-    stored: Float[Array, "positions *samples"],
+    transmittances: Float[Array, "positions *samples"],
     transmittance: Float[Array, "*samples"],
     position: Int[Array, ""],
 ) -> Float[Array, "positions *samples"]:
-    """Store a transmittance. Not `materialized`, as that would copy the whole array."""
-    return jax.lax.dynamic_update_index_in_dim(stored, transmittance, position, 0)
+    """Put one transmittance at a position. Not `materialized`, which would copy the whole array."""
+    return jax.lax.dynamic_update_index_in_dim(transmittances, transmittance, position, 0)
 
 
 @materialized
@@ -221,8 +221,9 @@ def _corner_values(
     line_colors: Float[Array, "4 corners lines"], cotangent: Float[Array, "4 width lines"]
 ) -> Float[Array, "corners width lines"]:
     """Inner product of the cotangent with the colour of each corner, and 1 for alpha."""
-    straight = line_colors.at[3].set(1.0)[:, :, None]
-    channels = [cotangent[channel][None] * straight[channel] for channel in range(4)]
+    # The vector (red, green, blue, 1) of the head of this file.
+    color = line_colors.at[3].set(1.0)[:, :, None]
+    channels = [cotangent[channel][None] * color[channel] for channel in range(4)]
     return channels[0] + channels[1] + channels[2] + channels[3]
 
 

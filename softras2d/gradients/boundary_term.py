@@ -71,14 +71,14 @@ class BoundaryShape(NamedTuple):
 
     - `channels`: number of channels of the image.
     - `crossings`, `max_chunks`: capacities of the plan.
-    - `longest`: length of the longest list of a tile; only translucent scenes need it.
+    - `max_list_length`: length of the longest list of a tile; only translucent scenes need it.
     """
 
     tiling: Tiling
     channels: int
     crossings: int
     max_chunks: int
-    longest: int
+    max_list_length: int
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -113,7 +113,9 @@ def _(shape, primals, tangents):
     )
     masks = None
     if isinstance(samples, LayeredSamples):
-        masks = layer_masks(samples.passed, samples.lists, shape.tiling, longest=shape.longest)
+        masks = layer_masks(
+            samples.passed, samples.lists, shape.tiling, max_list_length=shape.max_list_length
+        )
     change = jnp.zeros_like(value)
     if velocity is not None:
         with jax.named_scope("edge_slopes"):

@@ -36,7 +36,7 @@ class LayerMasks(NamedTuple):
     lists: TileLists
 
     @property
-    def longest(self) -> int:
+    def max_list_length(self) -> int:
         """Length of the longest list that the planes can hold."""
         return PLANE * self.masks.shape[0]
 
@@ -50,14 +50,14 @@ class SampleAddress(NamedTuple):
 
 
 def layer_masks(
-    words: UInt32[Array, "pairs rows"], lists: TileLists, tiling: Tiling, *, longest: int
+    words: UInt32[Array, "pairs rows"], lists: TileLists, tiling: Tiling, *, max_list_length: int
 ) -> LayerMasks:
-    """Transpose the coverage words of the listed pairs; no list is longer than `longest`."""
+    """Transpose the coverage words of the listed pairs, at most `max_list_length` for each tile."""
 
     def plane(number: Int[Array, ""]) -> UInt32[Array, "columns tile_rows"]:
         return _transpose(_gather_plane(words, lists, number), columns=tiling.sample_columns)
 
-    planes = max(-(-longest // PLANE), 1)
+    planes = max(-(-max_list_length // PLANE), 1)
     return LayerMasks(jax.lax.map(plane, jnp.arange(planes, dtype=jnp.int32)), lists)
 
 
@@ -109,15 +109,15 @@ def _gather(
     return masks.at[plane, entry].get(mode="promise_in_bounds")
 
 
-@functools.partial(materialized, static_argnames=("longest",))
+@functools.partial(materialized, static_argnames=("max_list_length",))
 def find_in_lists(
     lists: TileLists,
     tile: Int[Array, "*samples"],
     triangle: Int[Array, "*samples"],
     *,
-    longest: int,
+    max_list_length: int,
 ) -> tuple[Int[Array, "*samples"], Bool[Array, "*samples"]]:
-    """Find a triangle in the list of each tile, which is no longer than `longest`.
+    """Find a triangle in the list of each tile, which is no longer than `max_list_length`.
 
     Returns the number of entries in front of it, by draw order, and whether the next is the
     triangle. By binary search: triangles descend along a list.
@@ -130,7 +130,7 @@ def find_in_lists(
         return lists.triangle.at[pair].get(mode="promise_in_bounds")
 
     position = jnp.zeros_like(triangle)
-    step = 1 << longest.bit_length()
+    step = 1 << max_list_length.bit_length()
     while step:
         probe = position + step
         is_in_front = (probe <= count) & (read(probe - 1) > triangle)

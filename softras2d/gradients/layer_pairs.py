@@ -56,13 +56,15 @@ class LayerPairs(PairSearch):
 
     def candidates(self, slot: Int[Array, " slots"]) -> UInt32[Array, "2 slots rows"]:
         """Mark the pairs of samples that a triangle covers, and passes at one of them alone."""
-        lists, tiling, longest = self.samples.lists, self.tiling, self.masks.longest
+        lists, tiling, max_list_length = self.samples.lists, self.tiling, self.masks.max_list_length
         tile, triangle, is_used = materialized(_read_entries)(lists, slot)
         words = self.samples.covered, self.samples.passed
         marked = []
         for is_down in (False, True):
             next_tile, exists = _next_tile(tile, tiling, is_down=is_down)
-            position, is_listed = find_in_lists(lists, next_tile, triangle, longest=longest)
+            position, is_listed = find_in_lists(
+                lists, next_tile, triangle, max_list_length=max_list_length
+            )
             mark = functools.partial(_mark_changes, is_down=is_down, tiling=tiling)
             next_slot = lists.start[next_tile] + position
             marked.append(materialized(mark)(*words, slot, is_used, next_slot, is_listed & exists))
@@ -80,7 +82,9 @@ class LayerPairs(PairSearch):
         decode = materialized(functools.partial(_decode, tiling=tiling))
         changes = decode(words, ends, lists, self.samples.passed, slot, group)
         where = locate_layers(self.masks, changes.hidden, tiling)
-        position, _ = find_in_lists(lists, where.tile, changes.triangle, longest=self.masks.longest)
+        position, _ = find_in_lists(
+            lists, where.tile, changes.triangle, max_list_length=self.masks.max_list_length
+        )
         hider = _first_behind(self.masks, where, position)
         return materialized(_keep_covering)(self.samples.edges, changes, hider)
 

@@ -30,7 +30,9 @@ class ListedEdges(NamedTuple):
 def list_edges(masks: LayerMasks, tiles: RunTiles, triangle: Int[Array, " runs"]) -> ListedEdges:
     """Find a triangle for each run in the lists of both tiles."""
     both = jnp.stack([triangle, triangle])
-    return ListedEdges(*find_in_lists(masks.lists, tiles.tile, both, longest=masks.longest))
+    return ListedEdges(
+        *find_in_lists(masks.lists, tiles.tile, both, max_list_length=masks.max_list_length)
+    )
 
 
 def visit_run_layers(

@@ -40,7 +40,7 @@ def layer_boundary(
     count = scene.triangles.shape[0]
     shape = boundary_shape(plan.tiling, background.shape[0], plan.capacity_of(count))
     if not plan.lists_all:
-        shape = shape._replace(longest=max(shape.longest, min(count, _SHORT_LIST)))
+        shape = shape._replace(max_list_length=max(shape.max_list_length, min(count, _SHORT_LIST)))
     assert projected.outlines is not None
     colors = LayerColors.of(
         _given_colors(visible, values, layer_triangles, projected), is_straight=True
@@ -50,7 +50,7 @@ def layer_boundary(
         binned.lists, projected.edges, projected.depths, colors, background,
     )  # fmt: skip
     boundary = boundary_term(shape, scene.positions, scene.depth, projected.outlines, samples)
-    return boundary, _outgrows(binned, visible, shape.longest)
+    return boundary, _outgrows(binned, visible, shape.max_list_length)
 
 
 def _given_colors(
@@ -78,14 +78,14 @@ def _given_colors(
     return ShadedColors.of(shade_finite, projected.surface, jnp.zeros(channels, dtype))
 
 
-def _outgrows(binned: BinnedScene, visible: Visibility, longest: int) -> Bool[Array, ""]:
+def _outgrows(binned: BinnedScene, visible: Visibility, max_list_length: int) -> Bool[Array, ""]:
     """Whether a list with the hidden triangles is too long; raises an error as `rasterize` does."""
     plan, count = visible.plan, visible.scene.triangles.shape[0]
-    if plan.lists_all or longest >= count:
+    if plan.lists_all or max_list_length >= count:
         return jnp.zeros((), bool)
     capacity = plan.capacity_of(count)
     longest_list = jnp.max(binned.lists.count)
     # Lists that the masks hold count as no longer than the plan's.
-    needed = jnp.where(longest_list > longest, longest_list, 0)
+    needed = jnp.where(longest_list > max_list_length, longest_list, 0)
     needs = Needs(max_chunks=-(-needed // max(capacity.layers, 1)))
     return raise_on_overflow(compare(needs, False, plan), plan)

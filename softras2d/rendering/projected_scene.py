@@ -127,5 +127,5 @@ def _surface(
 
 def boundary_shape(tiling: Tiling, channels: int, capacity: Capacity) -> BoundaryShape:
     """Shape of the boundary term of an image with this many channels."""
-    max_chunks, longest = capacity.max_chunks, capacity.max_chunks * capacity.layers
-    return BoundaryShape(tiling, channels, capacity.crossings, max_chunks, longest)
+    max_chunks, max_list_length = capacity.max_chunks, capacity.max_chunks * capacity.layers
+    return BoundaryShape(tiling, channels, capacity.crossings, max_chunks, max_list_length)

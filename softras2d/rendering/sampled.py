@@ -71,8 +71,8 @@ class SampledMode(CoverageMode):
         needs = binned.needs
         if is_translucent(scene):
             image = _composite_translucent(binned, background, scene, plan, capacity)
-            longest = jnp.max(binned.lists.count)
-            needs = needs._replace(max_chunks=-(-longest // max(capacity.layers, 1)))
+            max_list_length = jnp.max(binned.lists.count)
+            needs = needs._replace(max_chunks=-(-max_list_length // max(capacity.layers, 1)))
         else:
             visible = find_visible(binned, scene, plan)
             image, fragments = _sum_opaque(
@@ -103,8 +103,10 @@ def _composite_translucent(
     if is_shaded(scene, shading):
         sums = composite_shaded(projected.surface, pairs, steps, tiling, shading=shading)
     else:
-        longest = capacity.max_chunks * capacity.layers
-        sums = over.composite(projected.surface, pairs, steps, tiling, longest=longest)
+        max_list_length = capacity.max_chunks * capacity.layers
+        sums = over.composite(
+            projected.surface, pairs, steps, tiling, max_list_length=max_list_length
+        )
     image = over.to_image(sums, background, tiling)
     if projected.outlines is not None:
         colors = LayerColors.of_surface(projected.surface)

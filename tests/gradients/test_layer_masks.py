@@ -25,7 +25,7 @@ def test_masks_hold_the_layers_of_each_sample_in_order():
     plan = sr.plan(scene, height=SIDE, width=SIDE, coverage=sr.Hard(RATE**2))
     binned = bin_scene(scene, plan)
     words = listed_words(binned, plan)[0]
-    masks = layer_masks(words, binned.lists, plan.tiling, longest=64)
+    masks = layer_masks(words, binned.lists, plan.tiling, max_list_length=64)
     side = SIDE * RATE
     row, column = (axis.ravel() for axis in np.indices((side, side), dtype=np.int32))
     where = locate_layers(masks, Sample(jnp.asarray(column), jnp.asarray(row)), plan.tiling)
@@ -47,13 +47,13 @@ def test_a_triangle_is_found_in_the_list_of_a_tile():
     plan = sr.plan(scene, height=SIDE, width=SIDE, coverage=sr.Hard(RATE**2))
     lists = bin_scene(scene, plan).lists
     words = jnp.zeros((lists.triangle.shape[0], plan.tiling.sample_rows), jnp.uint32)
-    masks = layer_masks(words, lists, plan.tiling, longest=64)
+    masks = layer_masks(words, lists, plan.tiling, max_list_length=64)
     triangle = jnp.arange(-1, COUNT + 1, dtype=jnp.int32)
     for tile in range(plan.tiling.count):
         first = plan.tiling.first_sample(jnp.full_like(triangle, tile))
         where = locate_layers(masks, Sample(*first), plan.tiling)
         position, is_listed = find_in_lists(
-            masks.lists, where.tile, triangle, longest=masks.longest
+            masks.lists, where.tile, triangle, max_list_length=masks.max_list_length
         )
         start, count = int(lists.start[tile]), int(lists.count[tile])
         listed = np.asarray(lists.triangle)[start : start + count]
