@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 import softras2d as sr
-from softras2d.geometry.fixed_point import Grid
+from softras2d.geometry.canvas_grid import Grid
 from tests.oracles.edges import cross
 
 

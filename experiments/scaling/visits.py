@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import softras2d as sr
-from softras2d.geometry.fixed_point import Grid
+from softras2d.geometry.canvas_grid import Grid
 
 from ..common.scenes import Soup, random_soup
 from ..common.timing import interleave

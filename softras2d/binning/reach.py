@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 from jaxtyping import Bool, Float, Int
 
-from ..geometry.fixed_point import Grid, SampleBounds
+from ..geometry.canvas_grid import Grid
+from ..geometry.fixed_point import SampleBounds
 from ..numerics.array_types import HostOrDeviceArray
 
 _UNBOUNDED = 2.0**30

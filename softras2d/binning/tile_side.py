@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.fixed_point import Grid
+from ..geometry.canvas_grid import Grid
 
 SIDES = (8, 4)
 """Sides of a tile to choose from, in pixels."""

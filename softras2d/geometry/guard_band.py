@@ -30,7 +30,8 @@ from ..numerics.double_float import (
     scale,
     subtract,
 )
-from .fixed_point import Corners, Grid, GridTriangles, reorient, to_grid
+from .canvas_grid import Grid, to_grid
+from .fixed_point import Corners, GridTriangles, reorient
 
 _FARTHEST_BITS = 30
 """Coordinates beyond 2^30 pixels are scaled down by a power of two: their products stay finite."""

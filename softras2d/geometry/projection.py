@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 from jaxtyping import Bool
 
 from ..numerics.array_types import HostOrDeviceArray
+from .canvas_grid import Grid
 from .fixed_point import (
     Corners,
     Edges,
-    Grid,
     GridTriangles,
     SampleBounds,
     Snapped,

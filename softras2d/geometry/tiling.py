@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from ..numerics.array_types import HostOrDeviceArray
-from .fixed_point import Grid
+from .canvas_grid import Grid
 
 # Height and width of a tile in pixels, by the samples along a pixel's side. A row of samples fills
 # a 32-bit word, or nearly.

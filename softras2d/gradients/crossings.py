@@ -16,7 +16,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..binning.expansion import expand
-from ..geometry.fixed_point import Edges, Grid, GridTriangles, last_sample_until
+from ..geometry.canvas_grid import Grid
+from ..geometry.fixed_point import Edges, GridTriangles, last_sample_until
 from ..geometry.tiling import Tiling
 from ..geometry.wrapped_value import WrappedValue
 from ..numerics import safe

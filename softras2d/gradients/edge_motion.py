@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..geometry.fixed_point import Grid
+from ..geometry.canvas_grid import Grid
 from ..numerics.fusion_barrier import materialized
 from .crossings import LINES, Sides
 

@@ -21,7 +21,8 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float, Int
 
 from ..geometry.barycentric import twice_area
-from ..geometry.fixed_point import Edges, Grid
+from ..geometry.canvas_grid import Grid
+from ..geometry.fixed_point import Edges
 from ..geometry.guard_band import WeightPlanes
 from ..numerics import safe
 from ..numerics.fusion_barrier import materialized

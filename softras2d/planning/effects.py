@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array, Int
 
-from ..geometry.fixed_point import Grid, snapped_corners, within_guard
+from ..geometry.canvas_grid import Grid
+from ..geometry.fixed_point import snapped_corners, within_guard
 from ..numerics.device import to_device
 from ..options import Coverage, Filter, Hard
 from ..scene import Scene, take_triangles

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..coverage.sampled import rasterize, row_order, triangle_in_tile
-from ..geometry.fixed_point import Edges, Grid, SampleBounds
+from ..geometry.canvas_grid import Grid
+from ..geometry.fixed_point import Edges, SampleBounds
 from ..geometry.tiling import Tiling
 from ..scene import Scene
 from ..shading.fragments import visible_pixels

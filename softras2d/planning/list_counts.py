@@ -12,14 +12,8 @@ from jaxtyping import Int
 from ..binning.expansion import Expansion, expand_on_host
 from ..binning.pairs import find_pairs
 from ..binning.reach import Lines, reached_triangles
-from ..geometry.fixed_point import (
-    Corners,
-    Edges,
-    Grid,
-    GridTriangles,
-    SampleBounds,
-    corners_of,
-)
+from ..geometry.canvas_grid import Grid
+from ..geometry.fixed_point import Corners, Edges, GridTriangles, SampleBounds, corners_of
 from ..geometry.projection import project
 from ..geometry.tiling import Tiling
 from ..gradients.crossings import count_runs, is_steep, lines_crossed

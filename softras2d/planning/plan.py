@@ -8,7 +8,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Int
 
 from ..binning.lists import BLOCK
-from ..geometry.fixed_point import Grid
+from ..geometry.canvas_grid import Grid
 from ..geometry.tiling import Tiling
 from ..names import OnOverflow
 from ..options import Coverage, Filter, Hard

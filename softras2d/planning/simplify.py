@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..geometry.fixed_point import Grid
+from ..geometry.canvas_grid import Grid
 from ..numerics.device import to_device
 from ..options import Filter, Hard
 from ..scene import Scene, check, take_triangles

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..geometry.fixed_point import Grid
+from ..geometry.canvas_grid import Grid
 from ..numerics.device import to_device
 from ..options import Filter
 from ..scene import Scene

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 from jaxtyping import Array, Bool, Float, Int
 
-from ..geometry.fixed_point import Grid
+from ..geometry.canvas_grid import Grid
 from ..geometry.tiling import Tiling
 from ..gradients.crossings import Crossings, Sample
 from ..gradients.sample_colors import SampleColors

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..geometry.fixed_point import Grid
+from ..geometry.canvas_grid import Grid
 from ..names import OnOverflow, PlanCapacity, check_name
 from ..numerics.device import is_traced, to_device
 from ..options import Coverage, Filter, Hard

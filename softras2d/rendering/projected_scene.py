@@ -8,7 +8,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..coverage.depth_test import Depths
 from ..geometry import fixed_point
-from ..geometry.fixed_point import Edges, Grid, GridTriangles, SampleBounds, reorient
+from ..geometry.canvas_grid import Grid
+from ..geometry.fixed_point import Edges, GridTriangles, SampleBounds, reorient
 from ..geometry.guard_band import WeightPlanes
 from ..geometry.projection import project
 from ..geometry.tiling import Tiling

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from ..geometry.fixed_point import Grid
+from ..geometry.canvas_grid import Grid
 from ..gradients.crossings import Sample
 
 

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from ..geometry.fixed_point import Grid
+from ..geometry.canvas_grid import Grid
 from ..numerics.device import is_traced, to_device
 from ..options import Area, Coverage, Filter, Hard
 from ..planning.capacities import choose_layers

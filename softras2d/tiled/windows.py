@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..geometry.fixed_point import Grid, is_padding
+from ..geometry.canvas_grid import Grid
+from ..geometry.fixed_point import is_padding
 from ..scene import Scene
 
 

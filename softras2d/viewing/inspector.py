@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..color import premultiply, unpremultiply
-from ..geometry.fixed_point import Grid
+from ..geometry.canvas_grid import Grid
 from ..io.images import to_bytes
 from ..planning.size_classes import pad
 from ..scene import Scene

@@ -9,7 +9,7 @@ import pytest
 
 from softras2d.binning.expansion import expand_on_host
 from softras2d.binning.pairs import Pairs, find_pairs
-from softras2d.geometry.fixed_point import Grid
+from softras2d.geometry.canvas_grid import Grid
 from softras2d.geometry.projection import project
 from softras2d.geometry.tiling import Tiling
 

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from softras2d.geometry.fixed_point import Grid
+from softras2d.geometry.canvas_grid import Grid
 from softras2d.geometry.projection import Projection, project
 
 from ..oracles.coverage import Canvas

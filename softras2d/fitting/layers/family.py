@@ -1,8 +1,7 @@
 """The fit of free triangles, which are added and moved where the error is.
 
-The arrays have one length for the whole fit. Spare triangles are not in use yet. They lie
-so far outside the canvas that no soft edge reaches it, and cost almost nothing. The module
-`schedule` says when triangles are added and exchanged.
+The arrays have one length for the whole fit: `spare` makes them. `schedule` says when triangles
+are added and exchanged.
 """
 
 from typing import NamedTuple
@@ -42,17 +41,14 @@ from . import saved, schedule
 from .canvas import OVERSHOOT, near_canvas, overshoot_of
 from .exchange import Replacement, find_exchange
 from .placement import find_new_triangles, random_triangles
-from .start import background_of, start_of
+from .spare import padded_unknowns
+from .start import LayersStart, background_of, start_of
 from .steering import frozen_fields, has_palette_background
 from .unknowns import LayersData, LayersResidual, LayersUnknowns, layers_scene
 
 _NEW_SIZE, _EXCHANGED_SIZE = 0.9, 0.35
 """Circumradius of a new triangle in units of `_spacing`; and the additional factor for those of an
 exchange."""
-
-_SPARE_PIXELS, _SPARE_WIDTHS = -16.0, -4.0
-"""Both coordinates of the corners of spare triangles are `_SPARE_PIXELS + _SPARE_WIDTHS * width`
-pixels, with the largest width of a soft edge."""
 
 
 class _EarlierBest(NamedTuple):
@@ -115,11 +111,6 @@ class LayersFit(AbstractFit):
         """The option `triangles`."""
         return self.request.settings["triangles"]
 
-    @property
-    def _spare_position(self) -> float:
-        """Both coordinates of spare triangles, in pixels."""
-        return _SPARE_PIXELS + _SPARE_WIDTHS * max(self._softness)
-
     def _initial_unknowns(self, start: str | Scene) -> tuple[LayersUnknowns, int]:
         """Make the unknowns to start from; return them and the number of triangles in use."""
         count = self.max_triangles
@@ -128,22 +119,14 @@ class LayersFit(AbstractFit):
             gouraud=self._gouraud, translucent=self._translucent,
             circumradius=_NEW_SIZE * self._spacing(count),
         )  # fmt: skip
-        active, length = len(triangles.corners), self.length
-        corners = np.full((length, 3, 2), self._spare_position, np.float32)
-        colors = np.full((length, 3 if self._gouraud else 1, 3), 0.5, np.float32)
-        opacity = np.ones(length, np.float32)
-        corners[:active], colors[:active], opacity[:active] = triangles
-        return self._unknowns(corners, colors, opacity), active
+        return self._padded(triangles), len(triangles.corners)
 
-    def _unknowns(
-        self, corners: np.ndarray, colors: np.ndarray, opacity: np.ndarray
-    ) -> LayersUnknowns:
-        """Make unknowns on the device, from corners in pixels."""
-        return LayersUnknowns(
-            to_device(corners / POSITION_UNIT, np.float32),
-            to_device(colors),
-            to_device(opacity) if self._translucent else None,
-        )
+    def _padded(self, triangles: LayersStart) -> LayersUnknowns:
+        """Make unknowns of these triangles and of spare ones."""
+        return padded_unknowns(
+            triangles, self.length,
+            max_edge_width=max(self._softness), translucent=self._translucent,
+        )  # fmt: skip
 
     def _freeze(self, y: LayersUnknowns) -> None:
         """Freeze what the options say, and colours of the palette, at their values in `y`."""
@@ -164,12 +147,10 @@ class LayersFit(AbstractFit):
         count = self.max_triangles
         rng = np.random.default_rng(0)
         centers = rng.random((count, 2)) * [self.width, self.height]
-        corners = np.full((self.length, 3, 2), self._spare_position)
-        corners[:count] = random_triangles(rng, centers, 1.6 * self._spacing(count))
-        colors = np.zeros((self.length, 3 if self._gouraud else 1, 3), np.float32)
-        opacity = np.full(self.length, 0.5, np.float32)
-        y = self._unknowns(corners, colors, opacity)
-        return layers_scene(y, self.data.background)
+        corners = random_triangles(rng, centers, 1.6 * self._spacing(count))
+        colors = np.zeros((count, 3 if self._gouraud else 1, 3))
+        triangles = LayersStart(corners, colors, np.full(count, 0.5))
+        return layers_scene(self._padded(triangles), self.data.background)
 
     def _plan(self, scenes: list[Scene]) -> Plan:
         """Plan for soft coverage of any width that the fit will use."""
@@ -377,9 +358,8 @@ class LayersFit(AbstractFit):
     def _quantize(self, palette: Palette) -> None:
         """Assign a colour of the palette to each triangle.
 
-        The palette is re-estimated too, unless the user gave it.
-
-        Losses with other colours are not comparable, so a change forgets the best so far.
+        The palette is re-estimated too, unless the user gave it. Losses with other colours are not
+        comparable, so a change forgets the best so far.
         """
         y = self._with_frozen_values(self.progress.y)
         quantized = quantize(

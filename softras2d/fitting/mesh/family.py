@@ -1,7 +1,7 @@
 """The fit of a mesh that tiles the canvas.
 
 Between chunks of steps, vertices are pulled back until no triangle is flipped. At a few points of a
-fit (`_EXCHANGES`), those vertices are collapsed whose removal raises the error least, and as many
+fit (see `schedule`), those vertices are collapsed whose removal raises the error least, and as many
 are inserted where they lower it most. The number of vertices does not change, so the compiled
 program can be reused.
 """
@@ -27,30 +27,18 @@ from ..steering import check_length
 from ..target import Target
 from ..trees import fill_tree, tree_arrays
 from ..units import POSITION_UNIT
-from . import saved
+from . import saved, schedule
 from .colors import ColorModel, Colors, solve_colors
 from .exchange import exchange
 from .full_size import colors_at_full_size
 from .start import delaunay_start, error_start, uniform_start
-from .triangulation import Mesh, check_tiling, is_bound, signed_areas
+from .triangulation import Mesh, check_tiling, is_bound, least_altitudes
 from .unknowns import MeshData, MeshResidual, MeshUnknowns, mesh_scene, vertices_of
 from .untangle import untangle
-
-_LEARNING_RATE = 0.03
-"""A step of Adam changes a position by up to 0.6 pixels and a colour by up to 0.03. The learning
-rate falls as a cosine."""
-
-_FINAL_RATE_FACTOR = 0.02
-"""The last learning rate, as a multiple of the first."""
 
 _SCALE_PER_ALTITUDE, _MIN_SCALE = 0.3, 0.02
 """The scale of a vertex is `clip(_SCALE_PER_ALTITUDE * altitude, _MIN_SCALE, 1)` in units of
 `POSITION_UNIT`, where `altitude` is the least altitude of its triangles in pixels."""
-
-_EXCHANGES = (
-    (0.1, 0.15), (0.2, 0.12), (0.3, 0.1), (0.4, 0.08), (0.5, 0.06), (0.6, 0.05), (0.7, 0.04),
-)  # fmt: skip
-"""Exchanges: (progress of the fit in 0..1, fraction of the vertices that is exchanged)."""
 
 _COLOR_MODELS: dict[str, ColorModel] = {
     "flat": "triangle", "gouraud": "vertex", "linear": "linear",
@@ -150,7 +138,7 @@ class MeshFit(AbstractFit):
         triangles = np.zeros((capacity, 3), np.int32)
         triangles[:active] = mesh.triangles
         if scale is None:
-            altitudes = _least_altitudes(mesh)[:, None]
+            altitudes = least_altitudes(mesh)[:, None]
             scale = POSITION_UNIT * np.clip(_SCALE_PER_ALTITUDE * altitudes, _MIN_SCALE, 1.0)
         data = MeshData(
             self.request.loss.prepare(to_device(target.image, np.float32)),
@@ -313,18 +301,15 @@ class MeshFit(AbstractFit):
 
         `share`: how far the fit is, 0..1.
         """
-        due_fractions = [
-            fraction for progress, fraction in _EXCHANGES if self.last_exchange < progress <= share
-        ]
         if self.progress.steps:
             self._untangle()
-        if due_fractions and self.request.exchanges:
+        vertices = len(self._mesh.positions)
+        count = schedule.vertices_to_exchange(share, self.last_exchange, vertices)
+        if count and self.request.exchanges:
             self.last_exchange = share
-            # If several are due, only the last one is made.
-            self._exchange(max(1, int(due_fractions[-1] * len(self._mesh.positions))))
+            self._exchange(count)
         if self.request.adjustable_rate:
-            factor = max(_FINAL_RATE_FACTOR, 0.5 + 0.5 * np.cos(np.pi * share))
-            self.progress = set_learning_rate(self.progress, float(_LEARNING_RATE * factor))
+            self.progress = set_learning_rate(self.progress, schedule.learning_rate(share))
         if self._palette is not None and (self._is_quantized or share >= PALETTE_START):
             self._quantize(self._palette)
 
@@ -355,9 +340,8 @@ class MeshFit(AbstractFit):
     def _quantize(self, palette: Palette) -> None:
         """Assign a colour of the palette to each triangle.
 
-        The palette is re-estimated too, unless the user gave it.
-
-        Losses with other colours are not comparable, so a change forgets the best so far.
+        The palette is re-estimated too, unless the user gave it. Losses with other colours are not
+        comparable, so a change forgets the best so far.
         """
         y = with_frozen(self.progress.y, self.data.frozen)
         quantized = quantize(
@@ -405,13 +389,3 @@ def _untangled(y: MeshUnknowns, mesh: Mesh, data: MeshData) -> tuple[Mesh, MeshU
     mesh = untangle(mesh, np.asarray(vertices_of(y, data), np.float64))
     positions = mesh.positions.astype(np.float32) / np.asarray(data.scale)
     return mesh, y._replace(positions=to_device(positions))
-
-
-def _least_altitudes(mesh: Mesh) -> Float[np.ndarray, " vertices"]:
-    """The least altitude, in pixels, of the triangles around each vertex."""
-    corners = mesh.positions[mesh.triangles]
-    longest_side = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=-1).max(1)
-    altitude = 2 * signed_areas(mesh.positions, mesh.triangles) / longest_side
-    least = np.full(len(mesh.positions), np.inf)
-    np.minimum.at(least, mesh.triangles.ravel(), np.repeat(altitude, 3))
-    return least

@@ -173,3 +173,13 @@ def greedy_disjoint(
 def is_bound(mesh: Mesh) -> Bool[np.ndarray, "vertices 2"]:
     """Whether each coordinate of each vertex is fixed, because the vertex lies on a border."""
     return ~np.stack([mesh.free_x, mesh.free_y], 1)
+
+
+def least_altitudes(mesh: Mesh) -> Float[np.ndarray, " vertices"]:
+    """The least altitude, in pixels, of the triangles around each vertex."""
+    corners = mesh.positions[mesh.triangles]
+    longest_side = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=-1).max(1)
+    altitude = 2 * signed_areas(mesh.positions, mesh.triangles) / longest_side
+    least = np.full(len(mesh.positions), np.inf)
+    np.minimum.at(least, mesh.triangles.ravel(), np.repeat(altitude, 3))
+    return least

@@ -1,0 +1,37 @@
+"""Arrays of one length for the whole fit: triangles in use first, then spare ones.
+
+Spare triangles are not in use yet. They lie so far outside the canvas that no soft edge reaches
+it, and cost almost nothing.
+"""
+
+import numpy as np
+
+from ...numerics.device import to_device
+from ..units import POSITION_UNIT
+from .start import LayersStart
+from .unknowns import LayersUnknowns
+
+_SPARE_PIXELS, _SPARE_WIDTHS = -16.0, -4.0
+"""Both coordinates of the corners of spare triangles are `_SPARE_PIXELS + _SPARE_WIDTHS * width`
+pixels, with the largest width of a soft edge."""
+
+
+def padded_unknowns(
+    triangles: LayersStart, length: int, *, max_edge_width: float, translucent: bool
+) -> LayersUnknowns:
+    """Make unknowns of `length` triangles: those in use, and spare ones behind them in the arrays.
+
+    - `max_edge_width`: the largest width of a soft edge in the fit, in pixels.
+    - `translucent`: whether the triangles have an opacity.
+    """
+    active, colors_per_triangle = len(triangles.corners), triangles.colors.shape[1]
+    spare_position = _SPARE_PIXELS + _SPARE_WIDTHS * max_edge_width
+    corners = np.full((length, 3, 2), spare_position, np.float32)
+    colors = np.full((length, colors_per_triangle, 3), 0.5, np.float32)
+    opacity = np.ones(length, np.float32)
+    corners[:active], colors[:active], opacity[:active] = triangles
+    return LayersUnknowns(
+        to_device(corners / POSITION_UNIT, np.float32),
+        to_device(colors),
+        to_device(opacity) if translucent else None,
+    )
