@@ -1,8 +1,9 @@
 """Transformations of a batch of scenes equal a loop over single scenes.
 
-`TRANSFORMATIONS` lists those of JAX. Each is traced with every coverage and every input. Most of a
-test's time is compilation. Therefore only those of `FOR_EVERY_MODE` are computed with every
-coverage; the others, and solvers of optax and optimistix, are computed with a few.
+`TRANSFORMATIONS` lists those of JAX. Each is traced with every coverage and every effect. Most of a
+test's time is compilation. Therefore all are computed with the modes in `SIMPLEST` only, and one,
+which has both directions of derivatives of a batch, with those of the most effects, `RICHEST`.
+Solvers of optax and optimistix are computed with a few.
 """
 
 import functools
@@ -22,7 +23,7 @@ import softras2d as sr
 
 from .cases.batches import Batch, Draw, OfScene, batch_from, batch_of, loss, of_each_scene
 from .cases.derivatives import assert_near
-from .cases.modes import LARGE, MODES, mode_input_pairs, plan_of, scene_of
+from .cases.modes import LARGE, MODES, QUICK, RICHEST, mode_input_pairs, plan_of, scene_of
 from .cases.products import stack
 
 TIGHT = 1e-10
@@ -82,11 +83,16 @@ TRANSFORMATIONS = {
     ),
 }
 
-FOR_EVERY_MODE = ("vmap of grad", "Gauss-Newton product")
-"""Batches of derivatives, and both directions of derivatives of a batch."""
+BOTH_DIRECTIONS = "Gauss-Newton product"
 
 
-@pytest.mark.parametrize("mode, name", mode_input_pairs())
+def quick_inputs_and_all() -> list[Any]:
+    """The inputs of the quick modes one by one, and those of each mode together, as None."""
+    together = [pytest.param(mode, None, marks=pytest.mark.slow) for mode in MODES]
+    return mode_input_pairs(QUICK) + together
+
+
+@pytest.mark.parametrize("mode, name", quick_inputs_and_all())
 def test_every_transformation_traces(mode, name):
     """Only traced, not run: JAX refuses some nestings of derivatives and batches when tracing."""
     batch = batch_of(mode, name, np.float32)
@@ -121,10 +127,10 @@ def assert_batch_equals_loop(batch: Batch, names: Iterable[str]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", [*SIMPLEST, *RICHEST])
 def test_transformations_equal_a_loop(mode, float64):
     """By all floats of a scene at once, in a batch that is vectorised."""
-    names = TRANSFORMATIONS if mode in SIMPLEST else FOR_EVERY_MODE
+    names = TRANSFORMATIONS if mode in SIMPLEST else [BOTH_DIRECTIONS]
     assert_batch_equals_loop(batch_of(mode), names)
 
 
@@ -133,7 +139,8 @@ def test_transformations_equal_a_loop(mode, float64):
 def test_transformations_of_large_scenes_equal_a_loop(mode, float64):
     """In a batch whose scenes are drawn one after another."""
     scenes = [scene_of(MODES[mode].effects, np.float64, seed=seed) for seed in range(2)]
-    assert_batch_equals_loop(batch_from(scenes, plan_of(mode, scenes, LARGE)), FOR_EVERY_MODE)
+    batch = batch_from(scenes, plan_of(mode, scenes, LARGE))
+    assert_batch_equals_loop(batch, ["vmap of grad", BOTH_DIRECTIONS])
 
 
 @pytest.mark.slow

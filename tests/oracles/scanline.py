@@ -29,14 +29,14 @@ def area_image(
     planes = [
         _plane(c, np.column_stack([d, k])) for c, d, k in zip(corners, depth, colors, strict=True)
     ]
+    y = (np.arange(height * lines)[:, None] + 0.5) / lines
+    cuts = np.sort(np.clip(_cuts(corners, planes, y, width), 0, width), axis=1)
+    middle, length = (cuts[:, :-1] + cuts[:, 1:]) / 2, np.diff(cuts)
+    color = _colors_at(corners, planes, background, alpha, middle, y)
+    row = np.broadcast_to(y.astype(int), middle.shape)
+    pixel = np.minimum(middle.astype(int), width - 1)
     image = np.zeros((height, width, 3))
-    for line in range(height * lines):
-        y = (line + 0.5) / lines
-        cuts = np.unique(np.clip(_cuts(corners, planes, y, width), 0, width))
-        middle, length = (cuts[:-1] + cuts[1:]) / 2, np.diff(cuts)
-        color = _colors_at(corners, planes, background, alpha, middle, y)
-        pixel = np.minimum(middle.astype(int), width - 1)
-        np.add.at(image[int(y)], pixel, color * length[:, None] / lines)
+    np.add.at(image, (row, pixel), color * length[..., None] / lines)
     return image
 
 
@@ -45,18 +45,20 @@ def _plane(corners: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.linalg.solve(np.column_stack([np.ones(3), corners]), values)
 
 
-def _cuts(corners: np.ndarray, planes: list[np.ndarray], y: float, width: int) -> np.ndarray:
-    cuts = [np.arange(width + 1.0)]
+def _cuts(corners: np.ndarray, planes: list[np.ndarray], y: np.ndarray, width: int) -> np.ndarray:
+    """Cuts `[lines, cuts]` of the scanlines at `y`, `[lines, 1]`; 0 for edges that do not cross."""
+    cuts = [np.broadcast_to(np.arange(width + 1.0), (len(y), width + 1))]
     for triangle in corners:
         for (x0, y0), (x1, y1) in zip(triangle, np.roll(triangle, -1, 0), strict=True):
-            if min(y0, y1) <= y < max(y0, y1):
-                cuts.append(np.array([x0 + (y - y0) / (y1 - y0) * (x1 - x0)]))
+            crosses = (min(y0, y1) <= y) & (y < max(y0, y1))
+            slope = (x1 - x0) / (y1 - y0) if y0 != y1 else 0.0
+            cuts.append(np.where(crosses, x0 + (y - y0) * slope, 0.0))
     for i, first in enumerate(planes):
         for second in planes[:i]:
             constant, right, down = (first - second)[:, 0]
             if right != 0:
-                cuts.append(np.array([-(constant + down * y) / right]))
-    return np.concatenate(cuts)
+                cuts.append(-(constant + down * y) / right)
+    return np.concatenate(cuts, axis=1)
 
 
 def _colors_at(
@@ -65,19 +67,22 @@ def _colors_at(
     background: np.ndarray,
     alpha: np.ndarray,
     x: np.ndarray,
-    y: float,
+    y: np.ndarray,
 ) -> np.ndarray:
-    color = np.broadcast_to(background, (len(x), 3)).copy()
-    least_depth = np.full(len(x), np.inf)
+    """Colours `[lines, points, 3]` at `x`, `[lines, points]`, and `y`, `[lines, 1]`."""
+    color = np.broadcast_to(background, (*x.shape, 3)).copy()
+    least_depth = np.full(x.shape, np.inf)
     for triangle, plane, opacity in zip(corners, planes, alpha, strict=True):
-        following = np.roll(triangle, -1, 0)
-        edge_functions = (following[:, 0] - triangle[:, 0])[:, None] * (y - triangle[:, 1])[
-            :, None
-        ] - (following[:, 1] - triangle[:, 1])[:, None] * (x[None] - triangle[:, :1])
+        edge_functions = np.stack(
+            [
+                (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)
+                for (x0, y0), (x1, y1) in zip(triangle, np.roll(triangle, -1, 0), strict=True)
+            ]
+        )
         inside = (edge_functions >= 0).all(0) | (edge_functions <= 0).all(0)
-        values = plane[0] + x[:, None] * plane[1] + y * plane[2]
-        nearest = inside & (values[:, 0] <= least_depth)
-        least_depth = np.where(nearest, values[:, 0], least_depth)
-        layer = opacity * values[:, 1:] + (1 - opacity) * color
-        color = np.where(nearest[:, None], layer, color)
+        values = plane[0] + x[..., None] * plane[1] + y[..., None] * plane[2]
+        nearest = inside & (values[..., 0] <= least_depth)
+        least_depth = np.where(nearest, values[..., 0], least_depth)
+        layer = opacity * values[..., 1:] + (1 - opacity) * color
+        color = np.where(nearest[..., None], layer, color)
     return color
