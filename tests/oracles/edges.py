@@ -114,11 +114,14 @@ def _area_term(flat: Flat, weights: np.ndarray, rate: int) -> np.ndarray:
     weight_at = weights[y.astype(int), x.astype(int)] / rate**2
     gradient, step = np.zeros(flat.corners.shape), 1e-6
     for entry in np.ndindex(*flat.corners.shape):
+        # A triangle changes the colours of the points inside it only.
+        near = inside[entry[0]]
         values = []
         for sign in (1, -1):
             moved = flat.corners.copy()
             moved[entry] += sign * step
-            values.append((_composite(flat, moved, inside, points) * weight_at).sum())
+            color = _composite(flat, moved, inside[:, near], points[near])
+            values.append((color * weight_at[near]).sum())
         gradient[entry] = (values[0] - values[1]) / (2 * step)
     return gradient
 
