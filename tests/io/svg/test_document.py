@@ -1,12 +1,13 @@
 """Hostile, broken and large XML is refused in one line with the line number."""
 
 import gzip
-import time
 
 import numpy as np
 import pytest
 
 from softras2d.io.svg.reader import parse_svg, read_svg, svg_size
+
+from ...cases.work import count_calls
 
 HEAD = '<svg xmlns="http://www.w3.org/2000/svg" width="10" height="10">'
 RECT = '<rect width="5" height="5"/>'
@@ -111,10 +112,8 @@ def test_large_files_are_refused(tmp_path):
     with path.open("wb") as file:
         file.write(HEAD.encode())
         file.truncate(100 * 2**20)
-    start = time.process_time()
     with pytest.raises(ValueError, match=r"large\.svg: larger than 64 MB"):
         read_svg(path)
-    assert time.process_time() - start < 5
 
 
 def test_endless_files_are_refused():
@@ -262,19 +261,25 @@ def test_strokes_behind_a_projection_are_refused():
         parse_svg(text, transform=[[1, 0, 0], [0, 1, 0], [-1, 0, 1]])
 
 
-def test_five_thousand_polygons_are_read_in_seconds():
+def polygons(count: int) -> tuple[str, np.ndarray]:
+    """A drawing of triangles of different colours, and their corners."""
     rng = np.random.default_rng(0)
-    corners = (rng.random((5_000, 1, 2)) * 1000 + rng.random((5_000, 3, 2)) * 20).round(2)
+    corners = (rng.random((count, 1, 2)) * 1000 + rng.random((count, 3, 2)) * 20).round(2)
+    colors = (rng.random((count, 3)) * 100).round(4)
     lines = [
         '<polygon points="{},{} {},{} {},{}" fill="rgb({}% {}% {}%)"/>'.format(*row)
-        for row in np.concatenate(
-            [corners.reshape(-1, 6), (rng.random((5_000, 3)) * 100).round(4)], axis=1
-        ).tolist()
+        for row in np.concatenate([corners.reshape(-1, 6), colors], axis=1).tolist()
     ]
-    text = '<svg width="1000" height="1000">' + "\n".join(lines) + "</svg>"
-    start = time.process_time()
-    scene = parse_svg(text)
-    assert time.process_time() - start < 10  # 0.3 s alone on a core
+    return '<svg width="1000" height="1000">' + "\n".join(lines) + "</svg>", corners
+
+
+def test_five_thousand_polygons_are_read_exactly():
+    text, corners = polygons(5_000)
     np.testing.assert_array_equal(
-        np.asarray(scene.positions).reshape(-1, 3, 2), corners.astype(np.float32)
+        np.asarray(parse_svg(text).positions).reshape(-1, 3, 2), corners.astype(np.float32)
     )
+
+
+def test_work_is_linear_in_the_number_of_polygons():
+    few, many = (count_calls(lambda n=n: parse_svg(polygons(n)[0])) for n in (200, 2_000))
+    assert many < 12 * few
