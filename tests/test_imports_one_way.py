@@ -7,6 +7,7 @@ Within the package, a module imports from those before it in `ORDER`; `experimen
 import ast
 import shutil
 import subprocess
+import tomllib
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -160,3 +161,17 @@ def test_the_top_of_the_repository_holds_only_what_it_should():
         if listed.returncode == 0:
             names = {path.split("/")[0] for path in listed.stdout.splitlines()}
     assert {name for name in names if not name.startswith(".")} <= TOP_LEVEL
+
+
+def test_types_are_checked_in_every_package_but_those_of_text():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]
+    (option,) = (
+        word.removeprefix("--jaxtyping-packages=")
+        for word in settings["ini_options"]["addopts"]
+        if word.startswith("--jaxtyping-packages=")
+    )
+    *checked, checker = option.split(",")
+    assert checker == "beartype.beartype"
+    of_text = {"io", "cli", "__main__"}
+    expected = {f"softras2d.{name}" for name in ORDER if name not in of_text}
+    assert set(checked) == expected | {"softras2d.io.shapes"}

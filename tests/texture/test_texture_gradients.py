@@ -49,7 +49,7 @@ def test_derivatives_equal_differences_and_are_adjoint(options, sampler, shading
     """
     soup = soup_of(21, reach=1, **options)
     scene, plan = _drawn(soup, sampler, shading)
-    weight = None
+    weight, cotangent = None, None
     for seed, names in enumerate([*((name,) for name in MOVING), MOVING]):
         direction = direction_of(scene, plan, seed, names)
         image, tangent = forward(scene, plan, direction)
@@ -60,8 +60,9 @@ def test_derivatives_equal_differences_and_are_adjoint(options, sampler, shading
         assert differs.mean() < 0.005, f"{names}: {differs.sum()} pixels, by up to {error.max()}"
         present = any(getattr(scene, name) is not None for name in names)
         assert not present or np.abs(expected).max() > 1e-3, names
-        weight = weight_of(image) if weight is None else weight
-        cotangent = backward(scene, plan, weight)
+        if weight is None:
+            weight = weight_of(image)
+            cotangent = backward(scene, plan, weight)
         np.testing.assert_allclose(inner(weight, tangent), inner(cotangent, direction), rtol=1e-9)
 
 
