@@ -13,6 +13,7 @@ import pytest
 import softras2d as sr
 from softras2d import scenes
 
+from .cases.marks import slowly
 from .oracles.coverage import Canvas, draw
 
 REFERENCES = Path(__file__).parent / "references"
@@ -20,7 +21,7 @@ SIZE = 300
 SHADED = ("minified", "zone_plate", "stretched", "magnified", "ground", "overlap", "crossing")
 """Scenes with further effects than colour."""
 
-BOTH_RATES = pytest.mark.parametrize("samples", [1, 16])
+BOTH_RATES = pytest.mark.parametrize("samples", [slowly(1), 16])
 
 
 def _read(name: str) -> sr.Scene:

@@ -109,12 +109,11 @@ SHAPES = {
 }
 
 
-SLOW = [("soft", "softras"), ("soft", "window"), ("centroid", 2)]
+SLOW = [("soft", 1), ("soft", "softras"), ("soft", "window"), ("centroid", 2)]
 
 MEASURES = [
     ("area", ""),
     ("soft", "logistic"),
-    ("soft", 1),
     *(pytest.param(*which, marks=pytest.mark.slow) for which in SLOW),
 ]
 
@@ -190,6 +189,7 @@ def test_derivatives_equal_those_of_plain_autodiff(shape, float64):
     np.testing.assert_allclose(second_of_ours, second_of_plain, rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(triangles)
 def test_weights_are_those_of_the_centroid(corners):

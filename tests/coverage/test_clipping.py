@@ -106,6 +106,7 @@ def test_axis_aligned_edges_stay_exact():
     np.testing.assert_array_equal(_coverage_of_each(right_of)[0], wanted)
 
 
+@pytest.mark.slow
 def test_a_fan_of_huge_triangles_covers_each_sample_once():
     """Under `top_left`, since neighbours are cut alike."""
     on = Canvas(21, 29, 4, "top_left")
@@ -123,6 +124,7 @@ def test_a_fan_of_huge_triangles_covers_each_sample_once():
         np.testing.assert_array_equal(draw_scene(scene, _plan(scene, on)), 0.5)
 
 
+@pytest.mark.slow
 def test_weights_are_those_of_the_uncut_triangle():
     """Corner colours are not interpolated over the cut triangle."""
     corners = np.array([[(-1000, -1000), (3000, -1000), (-1000, 3000)]], np.float32)

@@ -8,10 +8,11 @@ import pytest
 
 import softras2d as sr
 
+from ..cases.marks import slowly
 from ..cases.scenes import SIZES, canvas, draw_scene
 from ..oracles.coverage import Canvas, coverage, draw
 
-RATES = pytest.mark.parametrize("rate", [1, 2, 3, 4, 8, 16])
+RATES = pytest.mark.parametrize("rate", [4, *(slowly(rate) for rate in (1, 2, 3, 8, 16))])
 RULES = pytest.mark.parametrize("fill_rule", ["inclusive", "top_left"])
 ONE_RULE_QUICKLY = pytest.mark.parametrize(
     "fill_rule", ["inclusive", pytest.param("top_left", marks=pytest.mark.slow)]
@@ -96,7 +97,7 @@ def test_a_jittered_tiling_covers_each_sample_once(rate):
         np.testing.assert_array_equal(image, 0.5)
 
 
-@pytest.mark.parametrize("rate", [1, 4, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("rate", [4, slowly(1), slowly(8)])
 def test_a_random_triangulation_covers_each_sample_once(rate):
     on = canvas(rate, "top_left")
     tilings = [_split_at_random(np.random.default_rng(seed), on, 40) for seed in range(3)]

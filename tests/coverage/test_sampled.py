@@ -127,7 +127,8 @@ def test_one_triangle_equals_the_oracle():
     assert_same_counts(image, draw(corners, colors_of(1), np.ones(3), on), on.samples)
 
 
-@pytest.mark.parametrize("channels", [slowly(3), 4])
+@pytest.mark.slow
+@pytest.mark.parametrize("channels", [3, 4])
 def test_three_hundred_layers_equal_the_oracle(channels):
     on = Canvas(21, 29)
     rng = np.random.default_rng(5)
@@ -141,6 +142,7 @@ def test_three_hundred_layers_equal_the_oracle(channels):
     np.testing.assert_allclose(image, expected, rtol=0, atol=2e-6)
 
 
+@pytest.mark.slow
 def test_two_thousand_small_triangles_equal_the_oracle():
     on = Canvas(100, 75)
     rng = np.random.default_rng(6)
@@ -217,6 +219,7 @@ def test_alpha_one_is_opaque():
     assert_same_counts(image, expected, on.samples)
 
 
+@pytest.mark.slow
 def test_thin_and_long_keeps_its_colors():
     """A sliver a million times longer than thick, on one row of samples, far from the origin."""
     on = Canvas(8, 2048)
@@ -253,6 +256,7 @@ def test_origin():
         assert_same_counts(image, draw(corners, colors, BLACK, on), on.samples)
 
 
+@pytest.mark.slow
 def test_jit_vmap_and_eager_agree():
     on = canvas(4)
     colors = colors_of(COUNT)
@@ -280,6 +284,7 @@ def test_vmap_of_interpolated_translucent():
     np.testing.assert_allclose(image, eager, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fill_rule", ["inclusive", slowly("top_left")])
 def test_float64_gives_the_same_image(fill_rule):
     on = canvas(4, fill_rule)
@@ -306,6 +311,7 @@ def test_float64_gives_the_same_image(fill_rule):
             np.testing.assert_array_equal(image, expected)
 
 
+@pytest.mark.slow
 def test_corner_colors_of_large_triangles_at_256_samples():
     """Sums over 256 samples of values near 2^31, whose multiple the float estimate must give."""
     on = Canvas(16, 16, rate=16)

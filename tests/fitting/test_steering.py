@@ -83,7 +83,7 @@ SOME = np.array([True, False, True, False, False, True])
     [
         pytest.param("positions", marks=pytest.mark.slow),
         pytest.param(["colors"], marks=pytest.mark.slow),
-        {"triangles": SOME},
+        pytest.param({"triangles": SOME}, marks=pytest.mark.slow),
     ],
     ids=["positions", "colors", "mask"],
 )
@@ -223,6 +223,7 @@ def symmetric(scene, report):
     return replace(scene, positions=scene.positions.at[half : 2 * half].set(mirrored))
 
 
+@pytest.mark.slow
 def test_a_callback_makes_a_fit_symmetric_and_may_stop_it():
     settings: dict[str, Any] = {"triangles": 6, "start": cloud(), "steps": 20}
     result = sr.fit(TARGET, callback=symmetric, **settings)

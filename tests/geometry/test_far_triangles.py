@@ -118,6 +118,7 @@ def colored(corners: Any) -> sr.Scene:
     return sr.Scene.from_soup(np.asarray(corners, np.float32)[None], np.eye(3)[None])
 
 
+@pytest.mark.slow
 def test_an_image_is_a_window_of_a_larger_canvas():
     """The triangle whose orientation would change if it were clamped to the band."""
     scene = colored(FAR_TRIANGLE)

@@ -117,7 +117,7 @@ def test_both_edges_of_a_thin_strip_equal_the_quadrature(samples, most, width, d
 
 
 @pytest.mark.parametrize("side", [0.03, pytest.param(11.97, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("alpha", [None, 0.6])
+@pytest.mark.parametrize("alpha", [None, slowly(0.6)])
 @pytest.mark.parametrize("inwards", [False, slowly(True)])
 def test_an_edge_between_border_and_first_sample_equals_the_quadrature(inwards, alpha, side):
     """The triangle reaches across the canvas, or ends just inside it."""
@@ -269,6 +269,7 @@ def test_moving_a_scene_with_its_origin_leaves_the_gradient():
     np.testing.assert_array_equal(gradients[0], gradients[2])
 
 
+@pytest.mark.slow
 def test_more_triangles_need_a_plan_with_more_crossings():
     scene = random_scene("", triangles=2)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
@@ -286,6 +287,7 @@ def test_second_derivatives_are_zero():
     assert not np.asarray(second(scene.positions, ones)).any()
 
 
+@pytest.mark.slow
 def test_a_program_without_gradients_leaves_out_the_boundary_term():
     scene = random_scene("g")
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))

@@ -163,6 +163,7 @@ def test_vmap_equals_a_loop(translucent):
         np.testing.assert_allclose(depth, alone, atol=2e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("translucent", [False, slowly(True)])
 def test_without_crossings_the_gradient_by_depth_is_zero(translucent):
     scene = crossing_scene(0, corner_colors=False, translucent=translucent)
@@ -172,6 +173,7 @@ def test_without_crossings_the_gradient_by_depth_is_zero(translucent):
     assert not np.asarray(jax.grad(total, 1)(scene.positions, depth)).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [1.0, slowly(0.5)])
 @pytest.mark.parametrize("tilt", [0.0, slowly(1e-9), slowly(1e-6)])
 def test_nearly_equal_planes_have_bounded_gradients(tilt, alpha):

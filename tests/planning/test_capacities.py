@@ -95,6 +95,7 @@ def test_an_overflow_is_nan_if_the_plan_says_so(coverage):
     assert np.isnan(gradient).all()
 
 
+@pytest.mark.slow
 def test_a_worst_case_plan_needs_no_values():
     """Shapes are enough, also within a trace, and any positions are drawn."""
     scene = random_scene()

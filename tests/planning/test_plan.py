@@ -78,6 +78,7 @@ def test_render_and_render_checked_give_one_image():
     np.testing.assert_array_equal(sr.render(scene, plan), image)
 
 
+@pytest.mark.slow
 def test_plans_for_a_list_and_for_a_batch_are_equal():
     scenes = [random_scene(seed) for seed in range(4)]
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes)

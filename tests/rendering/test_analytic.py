@@ -121,6 +121,7 @@ def smoothstep(corners, x, y, width: float) -> float:
     return u * u * (3 - 2 * u)
 
 
+@pytest.mark.slow
 def test_depth_blends_attributes_of_nearest_points_by_softmax():
     scene, width, temperature = random_scene("gad"), 1.3, 0.2
     plan = plan_of(scene, sr.Soft(width, "window", temperature=temperature))
@@ -150,6 +151,7 @@ def test_depth_blends_attributes_of_nearest_points_by_softmax():
     np.testing.assert_allclose(image, truth, atol=5e-5)
 
 
+@pytest.mark.slow
 def test_area_averages_corner_colors():
     scene = random_scene("ga")
     truth = np.broadcast_to(np.asarray(scene.background, np.float64), (SIZE, SIZE, 3)).copy()
@@ -266,6 +268,7 @@ def test_area_gradient_is_exact_without_overlap():
     assert gradient @ truth / np.linalg.norm(gradient) / np.linalg.norm(truth) > 0.9999
 
 
+@pytest.mark.slow
 def test_gradient_of_a_tilings_sum_equals_differences_of_its_areas():
     mesh = grid_mesh()
     corners = np.asarray(mesh.positions)[np.asarray(mesh.triangles)]

@@ -133,6 +133,7 @@ def test_only_the_scenes_that_outgrow_their_plan_are_nan():
     assert_near(of_batch[1], jax.jit(gradient)(small.positions), 1e-5, least=0)
 
 
+@pytest.mark.slow
 def test_buffers_and_composited_layers_of_an_outgrown_plan_are_nan():
     """Also under `jit`, where the flag is known only when the program runs."""
     scene, plan = too_large_for_plan(sr.Hard(4))

@@ -92,6 +92,7 @@ def with_equal_depths(soup: Soup) -> Soup:
     return replace(soup, depth=np.repeat(depth, 3, 1).astype(np.float32))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "layers, options",
     [
@@ -197,6 +198,7 @@ def test_far_triangles_equal_the_oracle(capacity):
         assert_shows(sr.rasterize(scene, plan), expected, 1e-4, 1e-4, certain)
 
 
+@pytest.mark.slow
 def test_shared_vertices_and_interpolated_attributes_equal_the_oracle():
     x, y = np.meshgrid(np.linspace(-3, 31, 5), np.linspace(-2, 26, 4))
     positions = np.stack([x.ravel(), y.ravel()], -1) + np.random.default_rng(0).normal(size=(20, 2))
@@ -225,6 +227,7 @@ def test_shared_vertices_and_interpolated_attributes_equal_the_oracle():
         assert "\n" not in str(raised.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [1.0, slowly(0.5)])
 def test_layers_and_overdraw_count_what_opaque_triangles_hide(alpha):
     """Each covers all tiles of a canvas on which the lists leave out what is hidden in a tile."""

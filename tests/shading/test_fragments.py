@@ -71,6 +71,7 @@ def test_too_many_fragments_are_reported():
         sr.render(large, plan)
 
 
+@pytest.mark.slow
 def test_a_plan_counts_all_of_several_surfaces_in_one_plane():
     """Rounding decides which of them is visible, and differs by device."""
 

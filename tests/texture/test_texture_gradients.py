@@ -108,6 +108,7 @@ def _table(scene: sr.Scene) -> np.ndarray:
     return np.asarray(scene.textures.levels)
 
 
+@pytest.mark.slow
 def test_gradients_reach_the_base_images(float64):
     """Through `TexturePyramid.build` under jit, against the oracle's reduction of every level."""
     soup = soup_of(24, reach=2)
