@@ -14,13 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from ..coverage.sampled import gather_words
-from ..geometry.barycentric import (
-    AffineWeights,
-    affine_weights,
-    interpolate_corners,
-    slot_weights,
-    weights_at,
-)
+from ..geometry.barycentric import AffineWeights, interpolate_corners, weights_at
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.surface import Surface
@@ -161,8 +155,8 @@ def _line_weights(
     surface: Surface, triangle: Int[Array, " block"], tile: Int[Array, " block"], tiling: Tiling
 ) -> AffineWeights:
     """Terms of the weights for each line of a block."""
-    weights = slot_weights(surface.edges, surface.area, triangle, tile, tiling, surface.planes)
-    return jax.tree.map(lambda entry: jnp.repeat(entry, tiling.height, -1), affine_weights(weights))
+    terms = surface.weight_terms(triangle, tile, tiling)
+    return jax.tree.map(lambda entry: jnp.repeat(entry, tiling.height, -1), terms)
 
 
 @functools.partial(materialized, static_argnames=("tiling",))

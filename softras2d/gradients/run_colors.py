@@ -7,13 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..color import premultiply
-from ..geometry.barycentric import (
-    AffineWeights,
-    affine_weights,
-    interpolate_corners,
-    slot_weights,
-    weights_at,
-)
+from ..geometry.barycentric import AffineWeights, interpolate_corners, weights_at
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.corner_attributes import perspective_weights
@@ -39,7 +33,9 @@ def colors_of_runs(
     if surface.is_flat:
         return materialized(_flat_colors_of_runs)(surface.corners.color[0], triangle, tiles)
     both_tiles = triangle.reshape(-1), tiles.tile.reshape(-1)
-    terms = materialized(functools.partial(_weight_terms, tiling=tiling))(surface, *both_tiles)
+    terms = materialized(functools.partial(Surface.weight_terms, tiling=tiling))(
+        surface, *both_tiles
+    )
     corners = gather_lanes(surface.corners, both_tiles[0])
     weights = materialized(functools.partial(_weights_of_runs, tiling=tiling))(
         terms, corners.inverse_w, sample, tiles
@@ -52,14 +48,6 @@ def _flat_colors_of_runs(
 ) -> Float[Array, "channels lines runs"]:
     """Gather the one colour of each triangle for the samples of runs."""
     return tiles.of_samples(color[:, triangle])
-
-
-def _weight_terms(
-    surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], *, tiling: Tiling
-) -> AffineWeights:
-    """Terms of the weights of triangles in tiles."""
-    weights = slot_weights(surface.edges, surface.area, triangle, tile, tiling, surface.planes)
-    return affine_weights(weights)
 
 
 def _weights_of_runs(

@@ -12,7 +12,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..geometry.barycentric import Weights, slot_weights, twice_area
+from ..geometry.barycentric import (
+    AffineWeights,
+    Weights,
+    affine_weights,
+    slot_weights,
+    twice_area,
+)
 from ..geometry.fixed_point import Edges
 from ..geometry.guard_band import WeightPlanes
 from ..geometry.tiling import Tiling
@@ -78,6 +84,13 @@ class Surface(NamedTuple):
     def is_flat(self) -> bool:
         """Whether each triangle has one colour."""
         return self.textures is None and self.corners.color.shape[0] == 1
+
+    def weight_terms(
+        self, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
+    ) -> AffineWeights:
+        """Terms of the interpolation weights of triangles in tiles."""
+        weights = slot_weights(self.edges, self.area, triangle, tile, tiling, self.planes)
+        return affine_weights(weights)
 
 
 class Lanes(NamedTuple):
