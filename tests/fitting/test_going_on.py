@@ -57,8 +57,7 @@ def test_a_fit_that_exceeds_its_plan_makes_another(solver, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", ["adam", "lm"])
-def test_a_batch_that_exceeds_its_plans_makes_others(solver, monkeypatch):
+def test_a_batch_that_exceeds_its_plans_makes_others(monkeypatch):
     """The first plan of each fit is that of an empty scene."""
     plans = []
     plan_of = LayersFit._plan
@@ -70,7 +69,7 @@ def test_a_batch_that_exceeds_its_plans_makes_others(solver, monkeypatch):
         return _plan_of_no_triangles(self, plan_of)
 
     monkeypatch.setattr(LayersFit, "_plan", plan_too_small)
-    many = sr.fit_batch([TARGET, TARGET[::-1]], triangles=600, solver=solver, steps=6)
+    many = sr.fit_batch([TARGET, TARGET[::-1]], triangles=600, steps=6)
     assert len(plans) > 2
     for result in many:
         assert result.history[-1].steps == 6
