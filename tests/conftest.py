@@ -14,7 +14,7 @@ from softras2d.numerics.compiled_programs import drop_programs
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-# Tracing makes many objects that stay, and few cycles: looking for these seldom saves a tenth of the
+# Tracing makes many objects that stay, and few cycles: looking for them seldom saves a tenth of the
 # time.
 gc.set_threshold(100_000, 50, 100)
 
