@@ -259,6 +259,7 @@ class TestOnRealScenes:
         assert str(plan) in result.stdout
         assert "flat, opaque" in result.stdout and "300 x 300" in result.stdout
 
+    @pytest.mark.slow
     def test_info_prices_each_effect(self):
         result = run("info", scenes.path("glass"), "--cost", "--samples", 1, "--size", 32)
         assert result.exit_code == 0, result.stderr

@@ -89,6 +89,7 @@ def test_canvases_of_any_size_equal_the_oracle(height, width, rate):
     _check_cases(Canvas(height, width, rate))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side, rate", [slowly(64, 1), (32, 4)])
 def test_triangles_over_the_full_grid_equal_the_oracle(side, rate):
     """Where the longer side is a power of two, triangles of the band span all 2^23 grid units."""
@@ -181,6 +182,7 @@ def test_colors_equal_the_oracle(corners, channels, background):
     _check_colors(canvas(4), channels, corners, background)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [3, slowly(16)])
 def test_interpolated_translucent_at_other_rates(rate):
     _check_colors(canvas(rate, "top_left"), channels=4, corners=3, background=4)

@@ -31,6 +31,7 @@ def picture_of(text):
     return decode_image(base64.b64decode(data), "picture")
 
 
+@pytest.mark.slow
 def test_a_scene_shows_itself_above_its_text():
     shown = SCENE._repr_html_()
     assert shown is not None

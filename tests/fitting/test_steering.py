@@ -27,6 +27,7 @@ def colors_of(result: sr.FitResult) -> np.ndarray:
     return np.unique(colors, axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [

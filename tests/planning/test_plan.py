@@ -41,6 +41,7 @@ def test_similar_scenes_have_few_capacities():
     assert len(structures) <= 4
 
 
+@pytest.mark.slow
 def test_equal_plans_share_a_program(count_compilations):
     scene = random_scene()
     assert jax.tree.structure(plan_of(scene)) == jax.tree.structure(plan_of(scene))

@@ -174,6 +174,7 @@ def test_area_averages_corner_colors():
 SLOW_LIMITS = [("", "logistic"), ("ga", "softras"), ("gauq", "window"), ("gdtq", "softras")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "profile"),
     [("gat", "logistic"), *(pytest.param(*each, marks=pytest.mark.slow) for each in SLOW_LIMITS)],

@@ -34,6 +34,7 @@ def write(path, corners, colors, digits=2) -> str:
     return path.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [False, True])
 def test_the_image_is_that_of_the_rounded_scene(tmp_path, alpha):
     rng = np.random.default_rng(0)
