@@ -31,7 +31,7 @@ from .cases.modes import (
 )
 from .cases.products import Products, float_leaves, products, stack
 
-IN_FLOAT64 = ("hard-textured", "hard-all", "soft-all", "sum-textured")
+IN_FLOAT64 = ("hard-textured", "hard-all", "soft-all", "area-all", "sum-textured")
 """One mode of each way to compute and to blend coverage, with the most effects."""
 
 
