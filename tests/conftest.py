@@ -1,7 +1,8 @@
-"""Strict JAX, seeded hypothesis, float64 on demand, and a counter of compilations."""
+"""Strict JAX, quick compilation, seeded hypothesis, float64 on demand, a counter of compilations."""
 
 import contextlib
 import gc
+import os
 from collections.abc import Callable, Iterator
 
 import hypothesis
@@ -10,6 +11,14 @@ import jax.monitoring
 import pytest
 
 from softras2d.numerics.compiled_programs import drop_programs
+
+if "SOFTRAS2D_OPTIMIZED_TESTS" not in os.environ:
+    # Most tests run a program once, and compiling it with little optimization takes a third of the
+    # time. CI repeats the tests that measure roundings or compare bits as users' programs compile.
+    os.environ["XLA_FLAGS"] = (
+        f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0"
+        " --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+    ).strip()
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")

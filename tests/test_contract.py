@@ -24,15 +24,13 @@ from .cases.modes import (
     MODES,
     NO_AREA,
     OFF_CANVAS,
+    RICHEST,
     SIZE,
     mode_input_pairs,
     plan_of,
     scene_of,
 )
 from .cases.products import Products, float_leaves, products, stack
-
-IN_FLOAT64 = ("hard-textured", "hard-all", "soft-all", "area-all", "sum-textured")
-"""One mode of each way to compute and to blend coverage, with the most effects."""
 
 
 def direction_of(scene: sr.Scene, name: str, seed: int) -> Any:
@@ -106,7 +104,7 @@ def test_jvp_and_vjp_agree(mode, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mode, name", mode_input_pairs(IN_FLOAT64))
+@pytest.mark.parametrize("mode, name", mode_input_pairs(RICHEST))
 def test_jvp_and_vjp_agree_in_float64(mode, name, float64):
     assert_adjoint(derivatives_of(mode, np.float64), name, mode, 1e-10)
 

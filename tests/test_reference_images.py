@@ -5,6 +5,7 @@ After an intended change, `pytest tests/test_reference_images.py -m "slow or not
 `tests/references/failures/`.
 """
 
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ def _read(name: str) -> sr.Scene:
     return scenes.read(name, height=SIZE, width=SIZE)
 
 
-def _plan(scene, samples: int) -> sr.Plan:
+def _plan(scene: sr.Scene | list[sr.Scene], samples: int) -> sr.Plan:
     return sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(samples=samples))
 
 
@@ -66,28 +67,30 @@ def test_bundled_scenes_in_one_structure_equal_their_references(samples, assert_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["ground"])
-def test_a_textured_scene_equals_its_reference(name, assert_image_matches):
-    """One scene with further effects; the others are left to the slow run."""
-    scene = _read(name)
-    assert_image_matches(sr.render(scene, _plan(scene, 1)), _file(name, 1))
+@pytest.mark.parametrize("samples", [1, 16])
+def test_bundled_scenes_without_effects_equal_the_oracle(samples):
+    """Those of one structure share a program."""
+    read = {name: _read(name) for name in scenes.names()}
+    alike = defaultdict(list)
+    for scene in filter(_is_plain, read.values()):
+        alike[np.shape(scene.colors)[1:]].append(sr.pad(scene))
+    for group in alike.values():
+        plan = _plan(group, samples)
+        for scene in group:
+            image = np.asarray(sr.render(scene, plan))
+            corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
+            on = Canvas(SIZE, SIZE, round(samples**0.5))
+            expected = draw(corners, scene.colors, scene.background, on)
+            np.testing.assert_allclose(image, expected, rtol=0, atol=2e-6)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "samples"), [*((name, 16) for name in scenes.names()), *((name, 1) for name in SHADED)]
-)
-def test_a_bundled_scene_equals_its_reference_and_the_oracle(name, samples, assert_image_matches):
-    """Each scene in the structure of its file, against its reference and the oracle."""
+@pytest.mark.parametrize("samples", [1, 16])
+@pytest.mark.parametrize("name", SHADED)
+def test_a_bundled_scene_with_effects_equals_its_reference(name, samples, assert_image_matches):
+    """Other tests compare these effects with oracles."""
     scene = _read(name)
-    image = np.asarray(sr.render(scene, _plan(scene, samples)))
-    assert_image_matches(image, _file(name, samples))
-    if not _is_plain(scene):
-        return  # Other tests compare these effects with oracles.
-    corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
-    on = Canvas(SIZE, SIZE, round(samples**0.5))
-    expected = draw(corners, scene.colors, scene.background, on)
-    np.testing.assert_allclose(image, expected, rtol=0, atol=2e-6)
+    assert_image_matches(sr.render(scene, _plan(scene, samples)), _file(name, samples))
 
 
 def test_every_reference_belongs_to_a_scene():

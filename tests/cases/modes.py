@@ -64,8 +64,8 @@ MODES = {
     "sum-textured": Mode(sr.Area("sum"), "corners texture perspective", hides=False),
 }
 
-RICHEST = ("hard-textured", "hard-all", "soft-textured", "soft-all", "area-all", "sum-textured")
-"""Modes whose effects include those of the others."""
+RICHEST = ("hard-all", "soft-all", "area-all", "sum-textured")
+"""The mode of most effects for each way to compute and to blend coverage."""
 
 QUICK = ("hard", "soft")
 """Modes that are tested in the quick run."""

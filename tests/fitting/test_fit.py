@@ -114,7 +114,7 @@ def known_scene(number: int, seed: int) -> tuple[sr.Scene, np.ndarray, sr.Scene]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(5))
 def test_levenberg_marquardt_recovers_a_known_scene(seed):
     scene, image, start = known_scene(3, seed)
     result = sr.fit(

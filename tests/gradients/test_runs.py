@@ -43,7 +43,7 @@ def _crossings(outlines, tiling):
     return runs, find_crossings(sides, edges, first, count, runs, tiling)
 
 
-@pytest.mark.parametrize("samples", [16, *(slowly(count) for count in (1, 4, 9, 64, 256))])
+@pytest.mark.parametrize("samples", [16, *(slowly(count) for count in (1, 9, 256))])
 def test_runs_hold_every_line_of_an_edge_once_and_stay_within_tiles(samples):
     outlines, plan = _outlines(samples)
     runs, crossings = _crossings(outlines, plan.tiling)
@@ -86,7 +86,7 @@ def _crossings_on_canvas(sides, first, count, grid) -> int:
     return total
 
 
-@pytest.mark.parametrize("samples", [16, *(slowly(count) for count in (1, 4, 9, 64, 256))])
+@pytest.mark.parametrize("samples", [16, *(slowly(count) for count in (1, 9, 256))])
 def test_the_samples_outside_a_run_lie_in_its_two_tiles(samples):
     outlines, plan = _outlines(samples)
     _, crossings = _crossings(outlines, plan.tiling)

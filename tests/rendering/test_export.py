@@ -16,7 +16,11 @@ PLATFORMS = ("cuda", "tpu")
 
 
 @pytest.mark.parametrize(
-    "name", [*QUICK[1:], *(pytest.param(name, marks=pytest.mark.slow) for name in RICHEST)]
+    "name",
+    [
+        *QUICK[1:],
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("hard-textured", *RICHEST)),
+    ],
 )
 def test_images_and_gradients_lower_for_accelerators(name):
     """The programs of both are built as for these platforms; nothing is compiled."""

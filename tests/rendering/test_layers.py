@@ -47,7 +47,6 @@ def gradient(draw, scene: sr.Scene, plan: sr.Plan):
 
 
 CASES = [
-    pytest.param(sr.Hard(4), {"alpha": True}, id="hard"),
     pytest.param(sr.Hard(4), {"alpha": True, "depth": True}, id="hard-depth"),
     pytest.param(sr.Hard(4), {"alpha": True, "clear": True}, id="hard-clear"),
     pytest.param(sr.Soft(1.5), {"alpha": True}, id="soft"),
