@@ -1,4 +1,4 @@
-"""Strict JAX, quick compilation, seeded hypothesis, float64 on demand, a counter of compilations."""
+"""Strict JAX, quick compilation, seeded hypothesis, float64 on demand, counted compilations."""
 
 import contextlib
 import gc

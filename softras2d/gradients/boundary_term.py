@@ -38,9 +38,10 @@ from ..geometry.fixed_point import Edges
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
-from .crossings import LINES, Crossings, Sides, find_crossings, list_runs
+from .crossings import LINES, Crossings, Runs, Sides, find_crossings, list_runs
 from .edge_gains import EdgeGain, EdgeLayer, edge_gains
 from .edge_motion import Sweep, edge_speeds, image_tangent
+from .hidden_runs import keep_runs, lowest_visible, may_show
 from .interpenetration import depth_changes, image_change
 from .layer_masks import LayerMasks, layer_masks
 from .layer_pairs import LayerPairs
@@ -168,9 +169,10 @@ def _sweep(
         tiling=shape.tiling,
         capacity=blocks * block,
     )
-    needed = jnp.sum(runs.rank >= 0, dtype=jnp.int32)
     dtype = outlines.sides.start.dtype
     if isinstance(samples, OpaqueSamples):
+        if samples.depths is None:
+            runs = _without_hidden(outlines, samples, runs, shape.tiling, block)
         jumps_at = functools.partial(_opaque_jumps, shape, samples)
     else:
         assert masks is not None
@@ -184,11 +186,7 @@ def _sweep(
             Float[Array, "channels lines runs"],
         ],
     ) -> Any:
-        block_runs = jax.tree.map(
-            lambda entry: jax.lax.dynamic_slice_in_dim(entry, number * block, block), runs
-        )
-        sides, edges, _, first, count = outlines
-        crossings = find_crossings(sides, edges, first, count, block_runs, shape.tiling)
+        crossings = _crossings_of_block(outlines, runs, number, block, shape.tiling)
         block_sweep = (crossings.t, crossings.pixel, jumps_at(crossings))
         return tuple(
             jax.lax.dynamic_update_slice_in_dim(all_runs, entry, number * block, entry.ndim - 1)
@@ -198,8 +196,39 @@ def _sweep(
     lines = (LINES, blocks * block)
     past_last_pixel = jnp.full(lines, grid.height * grid.width, jnp.int32)
     sweep = (jnp.zeros(lines, dtype), past_last_pixel, jnp.zeros((channels, *lines), dtype))
-    sweep = repeat(-(-needed // block), visit, sweep)
+    sweep = repeat(_blocks_in_use(runs, block), visit, sweep)
     return Sweep(runs.edge, *sweep)
+
+
+def _blocks_in_use(runs: Runs, block: int) -> Int[Array, ""]:
+    """Number of blocks of `block` runs that hold any."""
+    return -(-jnp.sum(runs.rank >= 0, dtype=jnp.int32) // block)
+
+
+def _crossings_of_block(
+    outlines: Outlines, runs: Runs, number: Int[Array, ""], block: int, tiling: Tiling
+) -> Crossings:
+    """Find the crossings of one block of runs."""
+    block_runs = jax.tree.map(
+        lambda entry: jax.lax.dynamic_slice_in_dim(entry, number * block, block), runs
+    )
+    sides, edges, _, first, count = outlines
+    return find_crossings(sides, edges, first, count, block_runs, tiling)
+
+
+def _without_hidden(
+    outlines: Outlines, samples: OpaqueSamples, runs: Runs, tiling: Tiling, block: int
+) -> Runs:
+    """Leave out runs of edges that nearer triangles hide, in a scene without depth."""
+    lowest = lowest_visible(samples.front, tiling)
+
+    def visit(number: Int[Array, ""], kept: Bool[Array, " runs"]) -> Bool[Array, " runs"]:
+        crossings = _crossings_of_block(outlines, runs, number, block, tiling)
+        in_block = may_show(crossings.edge, crossings.inside, crossings.valid, lowest, tiling)
+        return jax.lax.dynamic_update_slice_in_dim(kept, in_block, number * block, 0)
+
+    kept = repeat(_blocks_in_use(runs, block), visit, jnp.zeros(runs.edge.shape, bool))
+    return keep_runs(runs, kept)
 
 
 def _opaque_jumps(

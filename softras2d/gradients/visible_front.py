@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, UInt32
+from jaxtyping import Array, Float, Int, Shaped, UInt32
 
 from ..binning.lists import Chunks
 from ..geometry.tiling import Tiling
@@ -41,7 +41,7 @@ def _triangle_of_slot(
     slot_triangles: Int[Array, " slots"], slot: Int[Array, "*samples"]
 ) -> Int[Array, "*samples"]:
     """Gather the triangle of each slot, -1 where `slot` is -1."""
-    return jnp.where(slot < 0, -1, slot_triangles[jnp.maximum(slot, 0)])
+    return jnp.where(slot < 0, -1, gather(slot_triangles, jnp.maximum(slot, 0)))
 
 
 def slot_at(
@@ -69,7 +69,7 @@ def _locate_chunks(
 ]:
     """First chunk and number of chunks of each sample's tile; word and bit as in `address`."""
     tile, word_index, bit = address(sample, tiling)
-    return chunks.first[tile], chunks.count[tile], word_index, bit
+    return gather(chunks.first, tile), gather(chunks.count, tile), word_index, bit
 
 
 @functools.partial(materialized, static_argnames=("rows", "max_chunks"))
@@ -93,7 +93,7 @@ def _covering_chunk(
     while step:
         probe = uncovered + step
         probed_chunk = jnp.clip(first + probe - 1, 0, covered_words.shape[0] // rows - 1)
-        word = covered_words.at[probed_chunk * rows + word_index].get(mode="promise_in_bounds")
+        word = gather(covered_words, probed_chunk * rows + word_index)
         is_uncovered = (word >> bit) & jnp.uint32(1) == 0
         uncovered = jnp.where((probe <= count) & is_uncovered, probe, uncovered)
         step //= 2
@@ -118,10 +118,15 @@ def _visible_slot(
     valid_chunk = jnp.maximum(chunk, 0)
     for layer in range(layers):
         slot = valid_chunk * layers + layer
-        word = visible_words.at[slot * rows + word_index].get(mode="promise_in_bounds")
+        word = gather(visible_words, slot * rows + word_index)
         is_visible = ((word >> bit) & jnp.uint32(1) == 1) & (chunk >= 0)
         visible_slot = jnp.where(is_visible, slot, visible_slot)
     return visible_slot
+
+
+def gather(values: Shaped[Array, " n"], index: Int[Array, "*samples"]) -> Shaped[Array, "*samples"]:
+    """The values at indices 0..n-1, which are not checked: elsewhere the result is undefined."""
+    return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def address(
@@ -129,12 +134,14 @@ def address(
 ) -> tuple[Int[Array, "*samples"], Int[Array, "*samples"], UInt32[Array, "*samples"]]:
     """Index of each sample's tile, of its coverage word in the tile, and of its bit in the word."""
     rate = tiling.grid.rate
-    column, row = sample
+    # Without a sign, division by a constant is a shift, or a product and a shift.
+    column, row = (axis.astype(jnp.uint32) for axis in sample)
     tile = (row // tiling.sample_rows) * tiling.columns + column // tiling.sample_columns
     # The inverse of `coverage.sampled.row_order`.
     row = row % tiling.sample_rows
     word_index = (row % rate) * tiling.height + row // rate
-    return tile, word_index, (column % tiling.sample_columns).astype(jnp.uint32)
+    bit = column % tiling.sample_columns
+    return tile.astype(jnp.int32), word_index.astype(jnp.int32), bit
 
 
 def color_at(

@@ -1,0 +1,100 @@
+"""Runs that are left out as hidden change nothing in the image, and most others do."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import softras2d as sr
+from softras2d.gradients.boundary_term import _opaque_jumps
+from softras2d.gradients.crossings import Sample, find_crossings, list_runs
+from softras2d.gradients.hidden_runs import keep_runs, lowest_visible, may_show
+from softras2d.gradients.sample_colors import OpaqueSamples, SurfaceColors
+from softras2d.gradients.visible_front import triangle_at
+from softras2d.rendering.projected_scene import boundary_shape
+from softras2d.rendering.visible_samples import bin_scene, find_visible
+
+from ..cases.marks import slowly
+
+SIDE, COUNT = 50, 120
+
+
+def _soup(*, thin: bool) -> sr.Scene:
+    """Triangles of all sizes, some of them thinner than a sample; the last covers a corner."""
+    rng = np.random.default_rng(1)
+    spread = rng.choice([1.0, 8.0, 40.0], (COUNT, 1, 1))
+    corners = rng.uniform(0, SIDE, (COUNT, 1, 2)) + rng.uniform(-1, 1, (COUNT, 3, 2)) * spread
+    if thin:
+        corners[::2, 2] = corners[::2, :2].mean(1) + 0.03
+    corners[-1] = [(-5, -5), (30, -5), (-5, 30)]
+    return sr.Scene.from_soup(corners.astype(np.float32), rng.random((COUNT, 3)))
+
+
+def _crossings(scene: sr.Scene, samples: int):
+    """All runs of a scene, their crossings, and its samples."""
+    plan = sr.plan(scene, height=SIDE, width=SIDE, coverage=sr.Hard(samples))
+    binned = bin_scene(scene, plan)
+    projected = binned.projected
+    outlines = projected.outlines
+    assert outlines is not None
+    capacity = plan.capacity_of(COUNT)
+    runs = list_runs(
+        outlines.first,
+        outlines.count,
+        outlines.sides.steep,
+        tiling=plan.tiling,
+        capacity=capacity.crossings,
+    )
+    sides, edges, _, first, count = outlines
+    crossings = find_crossings(sides, edges, first, count, runs, plan.tiling)
+    front, covered = find_visible(binned, scene, plan)
+    colors = SurfaceColors(jnp.ones(3), projected.surface)
+    opaque = OpaqueSamples(front, covered, projected.edges, None, colors)
+    return plan, runs, crossings, opaque, boundary_shape(plan.tiling, 3, capacity)
+
+
+@pytest.mark.parametrize("samples, thin", [(4, True), slowly(4, False), slowly(9, True)])
+def test_hidden_runs_change_nothing_and_most_others_do(samples, thin):
+    plan, runs, crossings, opaque, shape = _crossings(_soup(thin=thin), samples)
+    jumps = np.asarray(jax.jit(_opaque_jumps, static_argnums=0)(shape, opaque, crossings))
+    changes = (jumps != 0).any((0, 1))
+    lowest = lowest_visible(opaque.front, plan.tiling)
+    may = may_show(crossings.edge, crossings.inside, crossings.valid, lowest, plan.tiling)
+    kept = np.asarray(may)
+    assert not (changes & ~kept).any()
+    used = np.asarray(runs.rank) >= 0
+    assert not (kept & ~used).any()
+    assert kept.sum() < 0.5 * used.sum()
+    assert changes.sum() > 0.4 * kept.sum()
+
+
+def test_the_lowest_triangle_of_a_row_is_that_of_its_samples():
+    plan, _, _, opaque, _ = _crossings(_soup(thin=False), 4)
+    tiling, rate = plan.tiling, plan.tiling.grid.rate
+    lowest = np.asarray(lowest_visible(opaque.front, tiling)).reshape(tiling.count, -1)
+    row, column = np.mgrid[: SIDE * rate, : SIDE * rate].astype(np.int32)
+    sample = Sample(jnp.asarray(column), jnp.asarray(row))
+    shown = np.asarray(
+        triangle_at(opaque.front, sample, tiling, max_chunks=plan.capacity_of(COUNT).max_chunks)
+    )
+    for tile in range(tiling.count):
+        top = tile // tiling.columns * tiling.sample_rows
+        left = tile % tiling.columns * tiling.sample_columns
+        for number in range(tiling.sample_rows):
+            y = top + number
+            word = number % rate * tiling.height + number // rate
+            if y < SIDE * rate:
+                expected = shown[y, left : left + tiling.sample_columns].min()
+                is_cut = left + tiling.sample_columns > SIDE * rate
+                assert lowest[tile, word] == expected or (is_cut and lowest[tile, word] == -1)
+
+
+def test_kept_runs_stay_in_order_and_the_rest_of_the_list_is_unused():
+    _, runs, *_ = _crossings(_soup(thin=False), 4)
+    kept = np.random.default_rng(0).random(len(runs.rank)) < 0.3
+    kept &= np.asarray(runs.rank) >= 0
+    found = keep_runs(runs, jnp.asarray(kept))
+    number = int(kept.sum())
+    np.testing.assert_array_equal(found.edge[:number], np.asarray(runs.edge)[kept])
+    np.testing.assert_array_equal(found.rank[:number], np.asarray(runs.rank)[kept])
+    assert (np.asarray(found.rank[number:]) == -1).all()
