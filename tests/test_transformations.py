@@ -1,9 +1,9 @@
 """Transformations of a batch of scenes equal a loop over single scenes.
 
 `TRANSFORMATIONS` lists those of JAX. Each is traced with every coverage and every effect. Most of a
-test's time is compilation. Therefore all are computed with the modes in `SIMPLEST` only, and one,
-which has both directions of derivatives of a batch, with those of the most effects, `RICHEST`.
-Solvers of optax and optimistix are computed with a few.
+test's time is compilation. Therefore all are computed with the modes in `SIMPLEST` only, and the
+gradient of a batch with those of the most effects, `RICHEST`. Solvers of optax and optimistix are
+computed with a few.
 """
 
 import functools
@@ -116,6 +116,13 @@ def test_the_gradient_of_a_batch_equals_a_loop_in_float32():
     assert_near(of_batch(batch.floats, batch.tangents), expected, 1e-5, least=0)
 
 
+def assert_gradient_of_batch_equals_loop(batch: Batch) -> None:
+    of_scene = jax.jit(jax.grad(lambda floats: loss(batch.draw(floats))))
+    expected = stack([of_scene(floats) for floats, _ in batch.elements()])
+    of_batch = jax.jit(functools.partial(grad_of_vmap, batch.draw))(batch.floats, batch.tangents)
+    assert_near(of_batch, expected, TIGHT, least=0)
+
+
 def assert_batch_equals_loop(batch: Batch, names: Iterable[str]) -> None:
     """Compare the transformations of these names with what each scene gives alone."""
     scenes = of_each_scene(batch)
@@ -127,11 +134,16 @@ def assert_batch_equals_loop(batch: Batch, names: Iterable[str]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mode", [*SIMPLEST, *RICHEST])
+@pytest.mark.parametrize("mode", SIMPLEST)
 def test_transformations_equal_a_loop(mode, float64):
     """By all floats of a scene at once, in a batch that is vectorised."""
-    names = TRANSFORMATIONS if mode in SIMPLEST else [BOTH_DIRECTIONS]
-    assert_batch_equals_loop(batch_of(mode), names)
+    assert_batch_equals_loop(batch_of(mode), TRANSFORMATIONS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", RICHEST)
+def test_the_gradient_of_a_batch_with_many_effects_equals_a_loop(mode, float64):
+    assert_gradient_of_batch_equals_loop(batch_of(mode))
 
 
 @pytest.mark.slow

@@ -99,8 +99,6 @@ def with_equal_depths(soup: Soup) -> Soup:
         (3, {"depth": True, "perspective": True}),
         slowly(1, {"depth": True, "perspective": True}),
         slowly(3, {}),
-        slowly(1, {"depth": True}),
-        slowly(1, {"perspective": True}),
         slowly(COUNT, {"depth": True}),
         slowly(COUNT + 1, {"perspective": True}),
     ],
