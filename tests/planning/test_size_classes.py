@@ -190,13 +190,13 @@ def test_fits_of_similar_size_share_programs(count_compilations, monkeypatch):
 
 
 @pytest.mark.slow
-def test_two_hundred_sizes_compile_twelve_programs_at_most(count_compilations):
+def test_a_hundred_sizes_compile_twelve_programs_at_most(count_compilations):
     """And use hardly more memory and maps than the first of them."""
     with count_compilations() as compiled:
-        _random_sizes(200, 50, seed=0)
+        _random_sizes(100, 25, seed=0)
         assert len(compiled) <= 12, compiled.names
         before = _maps_and_memory()
-        _random_sizes(60, 10, seed=0)
+        _random_sizes(40, 10, seed=0)
     after = _maps_and_memory()
     assert after[0] - before[0] < 300
     assert after[1] - before[1] < 50

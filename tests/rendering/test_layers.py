@@ -47,8 +47,7 @@ def gradient(draw, scene: sr.Scene, plan: sr.Plan):
 
 
 CASES = [
-    pytest.param(sr.Hard(4), {"alpha": True, "depth": True}, id="hard-depth"),
-    pytest.param(sr.Hard(4), {"alpha": True, "clear": True}, id="hard-clear"),
+    pytest.param(sr.Hard(4), {"alpha": True, "depth": True, "clear": True}, id="hard"),
     pytest.param(sr.Soft(1.5), {"alpha": True}, id="soft"),
     pytest.param(sr.Area(), {"alpha": True, "clear": True}, id="area"),
     pytest.param(sr.Area(), {"alpha": False}, id="area-opaque"),

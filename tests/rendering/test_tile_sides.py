@@ -42,10 +42,8 @@ def drawn_with_side(side, monkeypatch, scene, coverage, goal):
 @pytest.mark.parametrize(
     ("kind", "coverage"),
     [
-        pytest.param("ga", sr.Area(), marks=SLOW),
         pytest.param("g", sr.Area("sum"), marks=SLOW),
         pytest.param("ga", sr.Soft(1.2), marks=SLOW),
-        pytest.param("gd", sr.Soft(1.0, "window"), marks=SLOW),
         pytest.param("u", sr.Area(), marks=SLOW),
     ],
 )
