@@ -41,7 +41,7 @@ from ..numerics.fusion_barrier import materialized
 from .crossings import LINES, Crossings, Runs, Sides, find_crossings, list_runs
 from .edge_gains import EdgeGain, EdgeLayer, edge_gains
 from .edge_motion import Sweep, edge_speeds, image_tangent
-from .hidden_runs import keep_runs, lowest_visible, may_show
+from .hidden_runs import distances, farthest_visible, keep_runs, may_show
 from .interpenetration import depth_changes, image_change
 from .layer_masks import LayerMasks, layer_masks
 from .layer_pairs import LayerPairs
@@ -171,8 +171,7 @@ def _sweep(
     )
     dtype = outlines.sides.start.dtype
     if isinstance(samples, OpaqueSamples):
-        if samples.depths is None:
-            runs = _without_hidden(outlines, samples, runs, shape.tiling, block)
+        runs = _without_hidden(outlines, samples, runs, shape.tiling, block)
         jumps_at = functools.partial(_opaque_jumps, shape, samples)
     else:
         assert masks is not None
@@ -219,12 +218,16 @@ def _crossings_of_block(
 def _without_hidden(
     outlines: Outlines, samples: OpaqueSamples, runs: Runs, tiling: Tiling, block: int
 ) -> Runs:
-    """Leave out runs of edges that nearer triangles hide, in a scene without depth."""
-    lowest = lowest_visible(samples.front, tiling)
+    """Leave out runs of edges that nearer triangles hide."""
+    nearest, farthest = distances(samples.depths, outlines.vertex.shape[0])
+    farthest_in_row = farthest_visible(samples.front, farthest, tiling)
 
     def visit(number: Int[Array, ""], kept: Bool[Array, " runs"]) -> Bool[Array, " runs"]:
         crossings = _crossings_of_block(outlines, runs, number, block, tiling)
-        in_block = may_show(crossings.edge, crossings.inside, crossings.valid, lowest, tiling)
+        nearest_of_run = nearest[crossings.edge // 3]
+        in_block = may_show(
+            nearest_of_run, crossings.inside, crossings.valid, farthest_in_row, tiling
+        )
         return jax.lax.dynamic_update_slice_in_dim(kept, in_block, number * block, 0)
 
     kept = repeat(_blocks_in_use(runs, block), visit, jnp.zeros(runs.edge.shape, bool))

@@ -8,7 +8,7 @@ import pytest
 import softras2d as sr
 from softras2d.gradients.boundary_term import _opaque_jumps
 from softras2d.gradients.crossings import Sample, find_crossings, list_runs
-from softras2d.gradients.hidden_runs import keep_runs, lowest_visible, may_show
+from softras2d.gradients.hidden_runs import distances, farthest_visible, keep_runs, may_show
 from softras2d.gradients.sample_colors import OpaqueSamples, SurfaceColors
 from softras2d.gradients.visible_front import triangle_at
 from softras2d.rendering.projected_scene import boundary_shape
@@ -19,15 +19,24 @@ from ..cases.marks import slowly
 SIDE, COUNT = 50, 120
 
 
-def _soup(*, thin: bool) -> sr.Scene:
-    """Triangles of all sizes, some of them thinner than a sample; the last covers a corner."""
+def _soup(*, thin: bool, depth: bool = False) -> sr.Scene:
+    """Triangles of all sizes, some of them thinner than a sample; the last covers a corner.
+
+    With depth some are tilted, and cross others.
+    """
     rng = np.random.default_rng(1)
     spread = rng.choice([1.0, 8.0, 40.0], (COUNT, 1, 1))
     corners = rng.uniform(0, SIDE, (COUNT, 1, 2)) + rng.uniform(-1, 1, (COUNT, 3, 2)) * spread
     if thin:
         corners[::2, 2] = corners[::2, :2].mean(1) + 0.03
     corners[-1] = [(-5, -5), (30, -5), (-5, 30)]
-    return sr.Scene.from_soup(corners.astype(np.float32), rng.random((COUNT, 3)))
+    corner_depth = None
+    if depth:
+        corner_depth = rng.random((COUNT, 1)) + rng.choice([0, 0.1], (COUNT, 1)) * rng.random(3)
+        corner_depth[-1] = 0.3
+    return sr.Scene.from_soup(
+        corners.astype(np.float32), rng.random((COUNT, 3)), depth=corner_depth
+    )
 
 
 def _crossings(scene: sr.Scene, samples: int):
@@ -49,17 +58,22 @@ def _crossings(scene: sr.Scene, samples: int):
     crossings = find_crossings(sides, edges, first, count, runs, plan.tiling)
     front, covered = find_visible(binned, scene, plan)
     colors = SurfaceColors(jnp.ones(3), projected.surface)
-    opaque = OpaqueSamples(front, covered, projected.edges, None, colors)
+    opaque = OpaqueSamples(front, covered, projected.edges, projected.depths, colors)
     return plan, runs, crossings, opaque, boundary_shape(plan.tiling, 3, capacity)
 
 
-@pytest.mark.parametrize("samples, thin", [(4, True), slowly(4, False), slowly(9, True)])
-def test_hidden_runs_change_nothing_and_most_others_do(samples, thin):
-    plan, runs, crossings, opaque, shape = _crossings(_soup(thin=thin), samples)
+@pytest.mark.parametrize(
+    "samples, thin, depth",
+    [(4, True, False), slowly(4, False, True), slowly(9, True, False), slowly(9, True, True)],
+)
+def test_hidden_runs_change_nothing_and_most_others_do(samples, thin, depth):
+    plan, runs, crossings, opaque, shape = _crossings(_soup(thin=thin, depth=depth), samples)
     jumps = np.asarray(jax.jit(_opaque_jumps, static_argnums=0)(shape, opaque, crossings))
     changes = (jumps != 0).any((0, 1))
-    lowest = lowest_visible(opaque.front, plan.tiling)
-    may = may_show(crossings.edge, crossings.inside, crossings.valid, lowest, plan.tiling)
+    nearest, farthest = distances(opaque.depths, COUNT)
+    in_row = farthest_visible(opaque.front, farthest, plan.tiling)
+    of_run = nearest[crossings.edge // 3]
+    may = may_show(of_run, crossings.inside, crossings.valid, in_row, plan.tiling)
     kept = np.asarray(may)
     assert not (changes & ~kept).any()
     used = np.asarray(runs.rank) >= 0
@@ -68,10 +82,12 @@ def test_hidden_runs_change_nothing_and_most_others_do(samples, thin):
     assert changes.sum() > 0.4 * kept.sum()
 
 
-def test_the_lowest_triangle_of_a_row_is_that_of_its_samples():
+def test_the_farthest_triangle_of_a_row_is_that_of_its_samples():
     plan, _, _, opaque, _ = _crossings(_soup(thin=False), 4)
     tiling, rate = plan.tiling, plan.tiling.grid.rate
-    lowest = np.asarray(lowest_visible(opaque.front, tiling)).reshape(tiling.count, -1)
+    farthest = farthest_visible(opaque.front, distances(None, COUNT).farthest, tiling)
+    farthest = np.asarray(farthest).reshape(tiling.count, -1)
+    of_background = np.iinfo(np.int32).max
     row, column = np.mgrid[: SIDE * rate, : SIDE * rate].astype(np.int32)
     sample = Sample(jnp.asarray(column), jnp.asarray(row))
     shown = np.asarray(
@@ -84,9 +100,10 @@ def test_the_lowest_triangle_of_a_row_is_that_of_its_samples():
             y = top + number
             word = number % rate * tiling.height + number // rate
             if y < SIDE * rate:
-                expected = shown[y, left : left + tiling.sample_columns].min()
+                lowest = shown[y, left : left + tiling.sample_columns].min()
                 is_cut = left + tiling.sample_columns > SIDE * rate
-                assert lowest[tile, word] == expected or (is_cut and lowest[tile, word] == -1)
+                expected = of_background if lowest < 0 or is_cut else -lowest
+                assert farthest[tile, word] == expected
 
 
 def test_kept_runs_stay_in_order_and_the_rest_of_the_list_is_unused():
