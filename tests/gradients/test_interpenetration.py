@@ -131,9 +131,9 @@ def test_gradient_approaches_differences_of_the_area_image(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("translucent", [False, True])
-def test_jvp_vjp_and_both_precisions_agree(translucent, float64):
-    scene = crossing_scene(3, corner_colors=True, translucent=translucent)
+def test_jvp_vjp_and_both_precisions_agree(float64):
+    """In layers; the contract test has opaque triangles that cross."""
+    scene = crossing_scene(3, corner_colors=True, translucent=True)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(16))
     total = weighted_sum(scene, plan, weights_of())
     inputs = scene.positions, scene.depth

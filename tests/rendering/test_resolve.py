@@ -50,7 +50,6 @@ EVERYTHING: dict[str, Any] = {"depth": True, "perspective": True}
         (UNTEXTURED, PLAIN),
         slowly({**UNTEXTURED, "colors": (1, 3)}, PLAIN),
         slowly({"depth": True, "colors": (1, 3)}, Sampler("nearest", "nearest", border="repeat")),
-        slowly({"perspective": True}, Sampler("bilinear", "linear")),
         slowly(EVERYTHING, Sampler("bilinear", "linear", anisotropy=3)),
     ],
 )
