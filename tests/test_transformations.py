@@ -86,14 +86,14 @@ TRANSFORMATIONS = {
 BOTH_DIRECTIONS = "Gauss-Newton product"
 
 
-def quick_inputs_and_all() -> list[Any]:
+def inputs_to_trace() -> list[Any]:
     """The inputs of the quick modes one by one; those of each other mode together, as None."""
     others = [mode for mode in MODES if mode not in QUICK]
     together = [pytest.param(mode, None, marks=pytest.mark.slow) for mode in others]
     return mode_input_pairs(QUICK) + together
 
 
-@pytest.mark.parametrize("mode, name", quick_inputs_and_all())
+@pytest.mark.parametrize("mode, name", inputs_to_trace())
 def test_every_transformation_traces(mode, name):
     """Only traced, not run: JAX refuses some nestings of derivatives and batches when tracing."""
     batch = batch_of(mode, name, np.float32)
@@ -102,18 +102,10 @@ def test_every_transformation_traces(mode, name):
 
 
 def test_the_gradient_of_a_batch_equals_a_loop_in_float32():
-    # Two programs that run once each: the compiler need not optimize.
-    compile_quickly = functools.partial(
-        jax.jit,
-        compiler_options={
-            "xla_backend_optimization_level": 0,
-            "xla_cpu_use_fusion_emitters": False,
-        },
-    )
     batch = batch_of("hard", "positions", np.float32)
-    of_scene = compile_quickly(jax.grad(lambda positions: loss(batch.draw(positions))))
+    of_scene = jax.jit(jax.grad(lambda positions: loss(batch.draw(positions))))
     expected = stack([of_scene(positions) for positions, _ in batch.elements()])
-    of_batch = compile_quickly(functools.partial(grad_of_vmap, batch.draw))
+    of_batch = jax.jit(functools.partial(grad_of_vmap, batch.draw))
     assert_near(of_batch(batch.floats, batch.tangents), expected, 1e-5, least=0)
 
 

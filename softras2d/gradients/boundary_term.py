@@ -41,7 +41,7 @@ from ..numerics.fusion_barrier import materialized
 from .crossings import LINES, Crossings, Runs, Sides, find_crossings, list_runs
 from .edge_gains import EdgeGain, EdgeLayer, edge_gains
 from .edge_motion import Sweep, edge_speeds, image_tangent
-from .hidden_runs import distances, farthest_visible, keep_runs, may_show
+from .hidden_runs import distance_range, farthest_visible_distance, keep_runs, may_be_visible
 from .interpenetration import depth_changes, image_change
 from .layer_masks import LayerMasks, layer_masks
 from .layer_pairs import LayerPairs
@@ -158,7 +158,10 @@ def _sweep(
     samples: OpaqueSamples | LayeredSamples,
     masks: LayerMasks | None,
 ) -> Sweep:
-    """Find all crossings and their jumps, block by block; `masks` are those of the layers."""
+    """Find the crossings that may be visible, and their jumps, block by block.
+
+    `masks` are those of the layers.
+    """
     grid, channels = shape.tiling.grid, shape.channels
     block = min(_BLOCK, max(shape.crossings, 1))
     blocks = -(-shape.crossings // block)
@@ -219,13 +222,13 @@ def _without_hidden(
     outlines: Outlines, samples: OpaqueSamples, runs: Runs, tiling: Tiling, block: int
 ) -> Runs:
     """Leave out runs of edges that nearer triangles hide."""
-    nearest, farthest = distances(samples.depths, outlines.vertex.shape[0])
-    farthest_in_row = farthest_visible(samples.front, farthest, tiling)
+    nearest, farthest = distance_range(samples.depths, outlines.vertex.shape[0])
+    farthest_in_row = farthest_visible_distance(samples.front, farthest, tiling)
 
     def visit(number: Int[Array, ""], kept: Bool[Array, " runs"]) -> Bool[Array, " runs"]:
         crossings = _crossings_of_block(outlines, runs, number, block, tiling)
         nearest_of_run = nearest[crossings.edge // 3]
-        in_block = may_show(
+        in_block = may_be_visible(
             nearest_of_run, crossings.inside, crossings.valid, farthest_in_row, tiling
         )
         return jax.lax.dynamic_update_slice_in_dim(kept, in_block, number * block, 0)

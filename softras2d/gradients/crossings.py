@@ -164,7 +164,7 @@ class Run(NamedTuple):
 
 
 class Runs(NamedTuple):
-    """The list of all runs.
+    """A list of runs, whose unused entries come last.
 
     - `edge`: the edge of each run, as 3 triangle + side.
     - `rank`: number of the run on its edge; -1 in unused entries.

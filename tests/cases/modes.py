@@ -64,7 +64,7 @@ MODES = {
     "sum-textured": Mode(sr.Area("sum"), "corners texture perspective", hides=False),
 }
 
-RICHEST = ("hard-all", "soft-all", "area-all", "sum-textured")
+RICHEST = ("hard-textured", "hard-all", "soft-all", "area-all", "sum-textured")
 """The mode of most effects for each way to compute and to blend coverage."""
 
 QUICK = ("hard", "soft")

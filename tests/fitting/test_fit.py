@@ -341,13 +341,13 @@ def test_a_fit_without_steps_is_valid():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shading", ["gouraud"])
-def test_layers_start_from_a_delaunay_mesh(shading):
+def test_layers_start_from_a_delaunay_mesh():
     """Abutting triangles with least-squares colours resemble the image from the first step on."""
-    result = sr.fit(TARGET, triangles=60, shading=shading, start="delaunay", steps=0)
+    settings: dict[str, Any] = {"triangles": 60, "shading": "gouraud", "start": "delaunay"}
+    result = sr.fit(TARGET, steps=0, **settings)
     assert 40 < result.scene.triangles.shape[0] <= 60
     assert result.psnr > mean_psnr(TARGET) + 4
-    moved = sr.fit(TARGET, triangles=60, shading=shading, start="delaunay", steps=50)
+    moved = sr.fit(TARGET, steps=50, **settings)
     assert moved.psnr > result.psnr + 1
 
 

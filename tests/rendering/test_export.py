@@ -19,7 +19,7 @@ PLATFORMS = ("cuda", "tpu")
     "name",
     [
         *QUICK[1:],
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("hard-textured", *RICHEST)),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in RICHEST),
     ],
 )
 def test_images_and_gradients_lower_for_accelerators(name):
