@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Num
 
-from ..binning.expansion import expand
+from ..binning.expansion import expand_on_device
 from ..coverage.depth_test import Depths
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
@@ -98,8 +98,6 @@ def keep_runs(runs: Runs, kept: Bool[Array, " runs"]) -> Runs:
 
     No unused entry may be kept.
     """
-    count = kept.astype(jnp.int32)
-    owner, _ = expand(count, kept.shape[0])
-    is_used = jnp.arange(kept.shape[0], dtype=jnp.int32) < jnp.sum(count, dtype=jnp.int32)
-    kept_runs: Runs = jax.tree.map(lambda entry: entry[owner], runs)
-    return kept_runs._replace(rank=jnp.where(is_used, kept_runs.rank, -1))
+    expansion = expand_on_device(kept.astype(jnp.int32), capacity=kept.shape[0])
+    kept_runs: Runs = jax.tree.map(lambda entry: entry[expansion.owner], runs)
+    return kept_runs._replace(rank=jnp.where(expansion.is_used, kept_runs.rank, -1))
