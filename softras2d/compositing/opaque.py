@@ -288,12 +288,12 @@ def add_background(
 
     `covered` are the samples that each chunk and the chunks before it in its tile cover.
     """
-    uncovered = sample_sums(_uncovered(covered, chunks), tiling, moments=False)
+    uncovered = sample_sums(uncovered_words(covered, chunks), tiling, moments=False)
     return _add_background(sums, uncovered.count, background, tiling)
 
 
 @materialized
-def _uncovered(
+def uncovered_words(
     covered: UInt32[Array, "chunks rows"], chunks: Chunks
 ) -> UInt32[Array, "tiles rows"]:
     """Find the samples of each tile that none of its chunks covers."""

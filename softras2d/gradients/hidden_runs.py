@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Num
 
 from ..binning.expansion import expand_on_device
+from ..compositing.opaque import uncovered_words
 from ..coverage.depth_test import Depths
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
@@ -63,11 +64,9 @@ def farthest_visible_distance(
     in_slot = jnp.where(front.visible != 0, farthest[chunks.triangle][..., None], least)
     in_tile = jnp.full((tiling.count, in_slot.shape[-1]), least, farthest.dtype)
     in_tile = in_tile.at[chunks.tile].max(jnp.max(in_slot, 1))
-    last = jnp.clip(chunks.first + chunks.count - 1, 0, front.covered_so_far.shape[0] - 1)
     every_column = jnp.uint32(2**tiling.sample_columns - 1)
-    is_covered = (front.covered_so_far[last] & every_column) == every_column
-    is_covered = is_covered & (chunks.count > 0)[:, None]
-    return jnp.where(is_covered, in_tile, greatest).reshape(-1)
+    uncovered = uncovered_words(front.covered_so_far, chunks) & every_column
+    return jnp.where(uncovered == 0, in_tile, greatest).reshape(-1)
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
