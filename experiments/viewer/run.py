@@ -9,7 +9,7 @@ import json
 import os
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,11 +21,11 @@ from softras2d.viewing.frames import frame_of
 from softras2d.viewing.scene_file import ReadOptions, SceneFile
 from softras2d.viewing.scene_in_memory import SceneInMemory
 from softras2d.viewing.serve import ViewerServer
-from softras2d.viewing.session import Session
+from softras2d.viewing.session import Reply, Session
 from softras2d.viewing.subject import Subject
-from tests.cases.pages import running_browser, wait_for_picture
 
 from ..common import machine
+from .devtools import Page, open_page
 
 RESULTS = Path(__file__).parent / "results"
 HEIGHT, WIDTH = 1216, 1600
@@ -35,12 +35,27 @@ PANS, RENDERS, VIEWS = 11, 7, 500
 """Views of each scene of which the median is taken; renders of each; views after which memory is
 measured."""
 
-_FRAME = """() => new Promise((done) => {
+MEMORY_SCENE = "rings"
+
+_FRAME = """new Promise((done) => {
   const stage = document.querySelector(".sr-stage");
   const began = performance.now();
   stage.dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowLeft", bubbles: true}));
   requestAnimationFrame(() => done(performance.now() - began));
 })"""
+
+_DRAWN_MS = """document.querySelector(".sr-viewer").dataset.drawnMs"""
+
+
+class _RecordingSession(Session):
+    """A session that keeps the last request for a picture."""
+
+    last_picture: Mapping[str, Any] = {}
+
+    def answer(self, request: Mapping[str, Any]) -> Iterator[Reply]:
+        if request.get("kind") == "picture":
+            self.last_picture = request
+        return super().answer(request)
 
 
 def main() -> None:
@@ -51,26 +66,20 @@ def main() -> None:
     arguments = parser.parse_args()
     sr.keep_compiled_programs()
     rows, memory, result = [], [], {}
-    with running_browser() as browser:
-        for name in arguments.scenes:
-            # A viewer of its own: scenes that share one also share plans.
-            session = Session([_subject(name)])
-            with ViewerServer(session) as server:
-                page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT + 28})
-                requests: list[str] = []
-                # Playwright takes no bound method of a built-in type.
-                note = lambda text, requests=requests: requests.append(text)  # noqa: E731
-                page.on("websocket", lambda socket, note=note: socket.on("framesent", note))
-                page.goto(server.url)
-                page.keyboard.press("h")
-                wait_for_picture(page)
-                rows.append({"scene": name} | _measure(page, session, requests))
-                print(rows[-1], flush=True)
-                if name == arguments.scenes[-1]:
-                    memory = _memory(page, arguments.views)
-                page.close()
-            # After each scene, so that a run that is stopped leaves what it has measured.
-            result = write(rows, memory)
+    for name in arguments.scenes:
+        # A viewer of its own: scenes that share one also share plans.
+        session = _RecordingSession([_subject(name)])
+        with ViewerServer(session) as server, open_page(server.url) as page:
+            page.resize(HEIGHT, WIDTH)
+            page.wait_for_picture()
+            # Hides the panel, so that the canvas fills the page.
+            page.press("h")
+            rows.append({"scene": name} | _measure(page, session))
+            print(rows[-1], flush=True)
+            if name == MEMORY_SCENE:
+                memory = _memory(page, arguments.views)
+        # After each scene, so that a run that is stopped leaves what it has measured.
+        result = write(rows, memory)
     print(table(result))
 
 
@@ -78,7 +87,6 @@ def write(rows: list[dict[str, Any]], memory: list[float]) -> dict[str, Any]:
     """Write `results/response.json`; returns what it holds."""
     result = {
         "machine": machine.record(["softras2d", "jax", "jaxlib", "starlette", "uvicorn"]),
-        "canvas": [WIDTH, HEIGHT],
         "rows": rows,
         "memory_mib": memory,
     }
@@ -93,20 +101,14 @@ def _subject(name: str) -> Subject:
     return SceneFile(scenes.path(name), ReadOptions(dialect))
 
 
-def _measure(page: Any, session: Session, requests: list[str]) -> dict[str, Any]:
-    """Milliseconds from request to drawn pixels, of `render` alone, and of a frame that pans.
-
-    `requests`: what the page has sent so far; the last picture is the one that is drawn alone.
-    """
-    page.locator(".sr-stage").focus()
-    page.keyboard.press("ArrowRight")
-    wait_for_picture(page)
+def _measure(page: Page, session: _RecordingSession) -> dict[str, Any]:
+    """Milliseconds from request to drawn pixels, of `render` alone, and of a frame that pans."""
+    page.press("ArrowRight")
     _wait_until_compiled(session)
     answers = [_pan(page, key) for key in ("ArrowLeft", "ArrowRight") * (PANS // 2 + 1)]
     frames = [page.evaluate(_FRAME) for _ in range(PANS)]
-    wait_for_picture(page)
-    sent = [json.loads(text) for text in requests]
-    request = [message for message in sent if message["kind"] == "picture"][-1]
+    page.wait_for_picture()
+    request = session.last_picture
     view = request["view"]
     scene = session.subjects[request["subject"]].scene_at(view["zoom"])
     plan = sr.plan(
@@ -128,6 +130,7 @@ def _measure(page: Any, session: Session, requests: list[str]) -> dict[str, Any]
         "render_processor_ms": round(min(alone.processor), 1),
         "frame_ms": round(statistics.median(frames), 1),
         "message_mb": round(sizes[-1] / 1e6, 2),
+        "canvas": [view["width"], view["height"]],
     }
 
 
@@ -137,16 +140,15 @@ def _wait_until_compiled(session: Session) -> None:
         time.sleep(0.1)
 
 
-def _answer_bytes(session: Session, request: dict[str, Any]) -> int:
+def _answer_bytes(session: Session, request: Mapping[str, Any]) -> int:
     """Answer a request as the server does; returns the length of its message."""
     (reply,) = session.answer(request)
     return len(frame_of(reply))
 
 
-def _pan(page: Any, key: str) -> float:
-    page.keyboard.press(key)
-    wait_for_picture(page)
-    return float(page.locator(".sr-viewer").get_attribute("data-drawn-ms"))
+def _pan(page: Page, key: str) -> float:
+    page.press(key)
+    return float(page.evaluate(_DRAWN_MS))
 
 
 class Times(NamedTuple):
@@ -168,13 +170,11 @@ def _times(call: Callable[[], Any], count: int) -> Times:
     return times
 
 
-def _memory(page: Any, views: int) -> list[float]:
+def _memory(page: Page, views: int) -> list[float]:
     """MiB that the process holds, after a fifth of the views and every fifth from there."""
-    page.locator(".sr-stage").focus()
     held = []
     for view in range(views):
-        page.keyboard.press(("ArrowLeft", "i", "ArrowUp", "ArrowRight", "o", "ArrowDown")[view % 6])
-        wait_for_picture(page)
+        page.press(("ArrowLeft", "i", "ArrowUp", "ArrowRight", "o", "ArrowDown")[view % 6])
         if (view + 1) % max(views // 5, 1) == 0:
             held.append(round(_resident(), 1))
     return held

@@ -1,0 +1,109 @@
+"""A page of Chromium that is driven over its DevTools protocol, and that nothing else observes.
+
+Playwright receives a copy of every message of a page, also if nobody asked for it. With pictures of
+megabytes that takes as long as the viewer takes to answer, on the same cores.
+"""
+
+import itertools
+import json
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from websockets.sync.client import ClientConnection, connect
+
+from tests.cases.browser import require_browser
+
+_SECONDS = 300.0
+"""Longest time to wait for a picture, which may have to be compiled."""
+
+_STATE = """document.querySelector(".sr-viewer")?.dataset.state"""
+
+_PRESS = """document.querySelector(".sr-stage").dispatchEvent(
+  new KeyboardEvent("keydown", {key: %s, bubbles: true}))"""
+
+
+class Page:
+    """A page that shows the viewer."""
+
+    def __init__(self, connection: ClientConnection):
+        self._connection = connection
+        self._numbers = itertools.count(1)
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Call a method of the protocol; returns its result."""
+        number = next(self._numbers)
+        message = {"id": number, "method": method, "params": parameters}
+        self._connection.send(json.dumps(message))
+        while True:
+            reply = json.loads(self._connection.recv(_SECONDS))
+            if reply.get("id") == number:
+                return reply["result"]
+
+    def evaluate(self, expression: str) -> Any:
+        """The value of a JavaScript expression; a promise is awaited."""
+        options = {"awaitPromise": True, "returnByValue": True}
+        return self.call("Runtime.evaluate", expression=expression, **options)["result"].get(
+            "value"
+        )
+
+    def resize(self, height: int, width: int) -> None:
+        """Set the size of the page in pixels."""
+        size = {"height": height, "width": width, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
+
+    def press(self, key: str) -> None:
+        """Press a key of the viewer, and wait until the exact picture is shown."""
+        self.evaluate(_PRESS % json.dumps(key))
+        self.wait_for_picture()
+
+    def wait_for_picture(self) -> None:
+        """Wait until the exact picture is shown."""
+        until = time.monotonic() + _SECONDS
+        # A key is answered within a few frames.
+        time.sleep(0.1)
+        while (state := self.evaluate(_STATE)) != "exact":
+            assert state != "error", self.evaluate('document.querySelector(".sr-status").innerText')
+            assert time.monotonic() < until, f"waited {_SECONDS} s for a picture"
+            time.sleep(0.02)
+
+
+@contextmanager
+def open_page(url: str) -> Iterator[Page]:
+    """A page of a Chromium of its own, without a window."""
+    folder = tempfile.mkdtemp()
+    options = ["--headless=new", "--no-sandbox", "--remote-debugging-port=0", "--hide-scrollbars"]
+    browser = subprocess.Popen(
+        [require_browser(), *options, f"--user-data-dir={folder}", url],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        with connect(_page_address(browser), max_size=None) as connection:
+            yield Page(connection)
+    finally:
+        browser.kill()
+        browser.wait()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _page_address(browser: "subprocess.Popen[str]") -> str:
+    """The address at which the first page of a browser that starts takes commands."""
+    assert browser.stderr is not None
+    for line in browser.stderr:
+        if found := re.search(r"DevTools listening on ws://([^/]+)/", line):
+            break
+    else:
+        raise RuntimeError("Chromium did not start.")
+    while True:
+        with urllib.request.urlopen(f"http://{found[1]}/json") as answer:
+            for target in json.load(answer):
+                if target["type"] == "page":
+                    return target["webSocketDebuggerUrl"]
+        time.sleep(0.05)
