@@ -10,8 +10,7 @@ from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jax.core import ShapedArray
-from jax.extend.core import Primitive
+from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 
 Inputs = TypeVar("Inputs")
@@ -31,44 +30,31 @@ def one_by_one(
 
     def call(inputs: Inputs) -> Result:
         leaves, tree = jax.tree.flatten(inputs)
-        flat = _FlatFunction(function, tree, recompute)
-        outputs = _one_by_one.bind(*leaves, function=flat)
-        return jax.tree.unflatten(flat.result_tree(leaves), outputs)
+        trace = jax.make_jaxpr(lambda *leaves: function(tree.unflatten(leaves)), return_shape=True)
+        # Traced once: the primitive's rules and its lowering use what was traced.
+        jaxpr, result = trace(*leaves)
+        outputs = _one_by_one.bind(*leaves, jaxpr=jaxpr, recompute=recompute)
+        return jax.tree.unflatten(jax.tree.structure(result), outputs)
 
     return call
-
-
-class _FlatFunction:
-    """A function of arrays that returns a list of arrays; a static parameter of the primitive."""
-
-    def __init__(self, function: Callable[[Any], Any], tree: Any, recompute: bool):
-        self.function, self.tree, self.recompute = function, tree, recompute
-
-    def __call__(self, *leaves: Any) -> list[Any]:
-        return jax.tree.leaves(self.function(self.tree.unflatten(leaves)))
-
-    def result_tree(self, leaves: list[Any]) -> Any:
-        """Structure of the result for arrays of these shapes."""
-        shapes = [jax.ShapeDtypeStruct(jnp.shape(leaf), jnp.result_type(leaf)) for leaf in leaves]
-        result = jax.eval_shape(lambda *leaves: self.function(self.tree.unflatten(leaves)), *shapes)
-        return jax.tree.structure(result)
 
 
 _one_by_one = Primitive("one_by_one")
 _one_by_one.multiple_results = True
 
 
-def _run(*leaves: Any, function: _FlatFunction) -> list[Any]:
+def _run(*leaves: Any, jaxpr: ClosedJaxpr, recompute: bool) -> list[Any]:
     """The value, which is also the lowering."""
-    return function(*leaves)
+    return jaxpr_as_fun(jaxpr)(*leaves)
 
 
-def _shapes(*leaves: Any, function: _FlatFunction) -> list[ShapedArray]:
-    arguments = [jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves]
-    return [ShapedArray(out.shape, out.dtype) for out in jax.eval_shape(function, *arguments)]
+def _shapes(*leaves: Any, jaxpr: ClosedJaxpr, recompute: bool) -> list[Any]:
+    return jaxpr.out_avals
 
 
-def _jvp(primals: Any, tangents: Any, *, function: _FlatFunction) -> tuple[list[Any], list[Any]]:
+def _jvp(
+    primals: Any, tangents: Any, *, jaxpr: ClosedJaxpr, recompute: bool
+) -> tuple[list[Any], list[Any]]:
     """Differentiate the function itself: what was batched before is a `jax.lax.map` by now."""
     active = [i for i, tangent in enumerate(tangents) if type(tangent) is not ad.Zero]
 
@@ -76,12 +62,14 @@ def _jvp(primals: Any, tangents: Any, *, function: _FlatFunction) -> tuple[list[
         leaves = list(primals)
         for i, value in zip(active, values, strict=True):
             leaves[i] = value
-        return function(*leaves)
+        return jaxpr_as_fun(jaxpr)(*leaves)
 
     return jax.jvp(by_active, [primals[i] for i in active], [tangents[i] for i in active])
 
 
-def _batch(arguments: Any, axes: Any, *, function: _FlatFunction) -> tuple[list[Any], list[int]]:
+def _batch(
+    arguments: Any, axes: Any, *, jaxpr: ClosedJaxpr, recompute: bool
+) -> tuple[list[Any], list[int]]:
     moved = [
         argument if axis is None else jnp.moveaxis(argument, axis, 0)
         for argument, axis in zip(arguments, axes, strict=True)
@@ -92,14 +80,14 @@ def _batch(arguments: Any, axes: Any, *, function: _FlatFunction) -> tuple[list[
         leaves = list(moved)
         for i, value in zip(batched, values, strict=True):
             leaves[i] = value
-        return _one_by_one.bind(*leaves, function=function)
+        return _one_by_one.bind(*leaves, jaxpr=jaxpr, recompute=recompute)
 
-    step = jax.checkpoint(of_element) if function.recompute else of_element
+    step = jax.checkpoint(of_element) if recompute else of_element
     outputs = jax.lax.map(step, [moved[i] for i in batched])
     return outputs, [0] * len(outputs)
 
 
-_one_by_one.def_impl(jax.jit(_run, static_argnames="function"))
+_one_by_one.def_impl(jax.jit(_run, static_argnames=("jaxpr", "recompute")))
 _one_by_one.def_abstract_eval(_shapes)
 ad.primitive_jvps[_one_by_one] = _jvp
 batching.primitive_batchers[_one_by_one] = _batch
