@@ -5,6 +5,7 @@ the triangle in space. **Source:** Heckbert and Moreton, *Interpolation for Poly
 and Shading* (1991), section 4.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -80,7 +81,8 @@ def perspective_weights(
     total = first + second + third
     # Inside the triangle the total is no less than the least q. Far outside, where no sample is
     # visible but all are evaluated, it can reach zero and the gradients would be infinite.
-    floor = 0.5 * jnp.min(jax.lax.stop_gradient(inverse_w), 0)
+    least = functools.reduce(jnp.minimum, jax.lax.stop_gradient(inverse_w))
+    floor = 0.5 * least
     total = jnp.where(total < floor, floor, total)
     return safe.divide(first, total), safe.divide(second, total), safe.divide(third, total)
 

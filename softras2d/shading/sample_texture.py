@@ -7,7 +7,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..options import Filter
-from ..texture.filtering import Lookup, read_levels, tap_levels
 from ..texture.pyramid import TexturePyramid
 from .texture_lookup import LevelsAndProbes, Textures, levels_and_probes_of, probe_point
 
@@ -61,15 +60,12 @@ def _sum_probes(
     textures: Textures, uv: Float[Array, "2 points"], chosen: LevelsAndProbes
 ) -> Float[Array, "channels points"]:
     """The mean over the probes of each point."""
-    pyramid = textures.pyramid
-    lookup = Lookup(textures.filter.pixel, pyramid.border, pyramid.addressing)
 
     def add_probe(total: Array, probe: Array) -> tuple[Array, None]:
         at, share = probe_point(uv, chosen, probe)
-        taps = tap_levels(chosen.levels, at, lookup)
-        texel = read_levels(textures.texels, taps, lookup.filter)
+        texel = textures.read(chosen.levels, at).T[: textures.channels]
         return total + (texel if share is None else texel * share[None]), None
 
     probes = jnp.arange(textures.filter.anisotropy, dtype=jnp.int32)
-    none_yet = jnp.zeros((pyramid.channels, uv.shape[1]), textures.texels.dtype)
+    none_yet = jnp.zeros((textures.channels, uv.shape[1]), textures.texels.dtype)
     return jax.lax.scan(jax.checkpoint(add_probe), none_yet, probes)[0]

@@ -120,7 +120,7 @@ def surface_of(
 
 def count_channels(corners: CornerAttributes, textures: Textures | None) -> int:
     """Number of channels of the shaded colours."""
-    return max(corners.color.shape[1], 3 if textures is None else textures.texels.shape[0])
+    return max(corners.color.shape[1], 3 if textures is None else textures.channels)
 
 
 @materialized

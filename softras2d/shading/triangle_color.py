@@ -4,6 +4,7 @@ The last axis of arrays is `[lanes]`: a lane is a triangle in a tile, or in a pi
 Colours are premultiplied, `[channels, lanes]`.
 """
 
+import functools
 from collections.abc import Callable
 
 import jax
@@ -14,8 +15,6 @@ from ..color import premultiply
 from ..geometry.barycentric import Weights, weight_sums
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from ..texture.filtering import LevelTaps, Lookup, read_levels, tap_levels
-from ..texture.texel_filters import AbstractTexelFilter
 from .corner_attributes import CornerAttributes, CornerWeights, interpolate, perspective_weights
 from .surface import Lanes, Points, Surface, level_chooser
 from .texture_lookup import LevelsAndProbes, Textures, modulate, probe_point
@@ -58,19 +57,25 @@ def add_shade(
     return add_color(total, weights, corners, texture, textures, choose, shown=shown, probe=probe)
 
 
-@materialized
 def _weights_at(
     weights: Weights, inverse_w: Float[Array, "3 lanes"] | None, points: Points
 ) -> CornerWeights:
     """Compute the weights of the corners at points, in space where there is `inverse_w`."""
+    on_screen = _screen_weights_at(weights, points)
+    if inverse_w is None:
+        return on_screen
+    return materialized(perspective_weights)(on_screen, inverse_w)
+
+
+@materialized
+def _screen_weights_at(weights: Weights, points: Points) -> CornerWeights:
+    """Compute the weights of the corners at points on the screen."""
     count, across, down = points
     if count is None:
-        first, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
-    else:
-        number = count.astype(weights.per_value.dtype)
-        sums = weight_sums(weights, count, across, down)
-        first, second, third = (total / number for total in sums)
-    return perspective_weights((first, second, third), inverse_w)
+        return weight_sums(weights, jnp.ones_like(across), across, down)
+    number = count.astype(weights.per_value.dtype)
+    first, second, third = weight_sums(weights, count, across, down)
+    return first / number, second / number, third / number
 
 
 def add_color(
@@ -100,11 +105,8 @@ def add_color(
         chosen = choose(uv)
         assert chosen is not None
         uv, share = probe_point(uv, chosen, jnp.asarray(probe))
-        pyramid = textures.pyramid
-        lookup = Lookup(textures.filter.pixel, pyramid.border, pyramid.addressing)
-        taps = tap_levels(chosen.levels, uv, lookup)
-        texels, filter = textures.texels, lookup.filter
-        return _add_textured(total, shown, color, texels, taps, filter, texture, share)
+        texel = textures.read(chosen.levels, uv, shown)
+        return _add_textured(total, shown, color, texel, texture, share, channels=textures.channels)
 
 
 @materialized
@@ -117,19 +119,22 @@ def _add_untextured(
     return _add_where(total, shown, premultiply(color, axis=0))
 
 
-@materialized
+@functools.partial(materialized, static_argnames=("channels",))
 def _add_textured(
     total: Float[Array, "channels *points"],
     shown: Bool[Array, "*points"] | None,
     color: Float[Array, "color_channels *shaded"],
-    texels: Float[Array, "texel_channels texels"],
-    taps: LevelTaps,
-    filter: AbstractTexelFilter,
+    texel: Float[Array, "*points 4"],
     texture: Int[Array, "*lanes"],
     share: Float[Array, "*chosen"] | None,
+    *,
+    channels: int,
 ) -> Float[Array, "channels *points"]:
-    """Read the texels, and add their product with a straight colour to `total` where `shown`."""
-    texel = read_levels(texels, taps, filter)
+    """Add the product of texels and a straight colour to `total` where `shown`.
+
+    Of the RGBA of a texel the first `channels` count.
+    """
+    texel = jnp.moveaxis(texel, -1, 0)[:channels]
     return _add_where(total, shown, modulate(color, texel, texture, share))
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..names import PixelFilter, TextureAddressing, TextureBorder
 from ..numerics.fusion_barrier import materialized
@@ -64,34 +64,37 @@ def tap_levels(levels: Levels, uv: Float[Array, "2 *points"], lookup: Lookup) ->
     return LevelTaps(fine, taps(levels.coarse, uv), levels.fraction)
 
 
+@functools.partial(materialized, static_argnames=("filter",))
 def read_levels(
-    texels: Float[Array, "channels texels"], taps: LevelTaps, filter: AbstractTexelFilter
-) -> Float[Array, "channels *points"]:
-    """Gather the texels of the taps and mix them."""
-    fine = _read(texels, taps.fine, filter)
-    if taps.coarse is None or taps.fraction is None:
-        return fine
-    return fine + taps.fraction[None] * (_read(texels, taps.coarse, filter) - fine)
+    texels: Float[Array, "texels 4"],
+    taps: LevelTaps,
+    filter: AbstractTexelFilter,
+    shown: Bool[Array, "*points"] | None = None,
+) -> Float[Array, "*points 4"]:
+    """Gather the texels of the taps and mix them; 0 where not `shown`, and None is everywhere."""
+    mixed = _read(texels, taps.fine, filter)
+    if taps.coarse is not None and taps.fraction is not None:
+        coarse = _read(texels, taps.coarse, filter)
+        mixed = mixed + taps.fraction[..., None] * (coarse - mixed)
+    # Inside the kernel, so that texels of points that are not shown are not read.
+    return mixed if shown is None else jnp.where(shown[..., None], mixed, 0.0)
 
 
 def _read(
-    texels: Float[Array, "channels texels"], taps: Taps, filter: AbstractTexelFilter
-) -> Float[Array, "channels *points"]:
+    texels: Float[Array, "texels 4"], taps: Taps, filter: AbstractTexelFilter
+) -> Float[Array, "*points 4"]:
     """Gather the texels of the taps and mix them in one level."""
-    channels, count = texels.shape
-    points = taps.texels[0].ndim - 1
-    channel = jnp.arange(channels, dtype=jnp.int32).reshape(-1, *(1,) * points) * count
 
     def gather(u: Array, v: Array) -> Array:
-        # Indices are in range for finite points; the clamp keeps a NaN from reading beyond. The
-        # gather is along a single flat axis: XLA stores the result of a gather along one of two
-        # axes transposed.
-        return texels.reshape(-1).at[channel + (u[0] + v[1])[None]].get(mode="clip")
+        # Indices are in range for finite points, and XLA clamps those of a NaN. Indices without
+        # sign spare the branch for negative ones, which JAX counts from the end.
+        index = (u[0] + v[1]).astype(jnp.uint32)
+        return texels.at[index].get(mode="promise_in_bounds")
 
     if taps.fraction is None:
         return gather(taps.texels[0], taps.texels[0])
     # Here, and not where taps are computed: one fraction is less to store than all weights.
-    across, down = (filter.weights(fraction[None]) for fraction in taps.fraction)
+    across, down = (filter.weights(fraction[..., None]) for fraction in taps.fraction)
     rows = [_mix([gather(u, v) for u in taps.texels], across) for v in taps.texels]
     return _mix(rows, down)
 

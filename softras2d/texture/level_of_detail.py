@@ -9,6 +9,7 @@ al., *Feline: Fast Elliptical Lines for Anisotropic Texture Mapping* (SIGGRAPH 1
 probes along the major axis of the footprint's ellipse.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -16,6 +17,7 @@ from jaxtyping import Array, Float, Int
 
 from ..names import LevelFilter
 from ..numerics import safe
+from ..numerics.fusion_barrier import materialized
 from ..options import Filter
 
 _POINT = 2.0**-60
@@ -121,19 +123,47 @@ def choose_levels(
     `"nearest"` rounds halves up.
     """
     last = table.shape[1] - 1
-
-    def level_at(index: Array) -> Level:
-        row = table.at[texture, index].get(mode="clip")
-        return Level(row[..., 0], row[..., 1], row[..., 2])
+    level_at = functools.partial(_level_at, table, texture)
 
     if level_filter == "zero" or last == 0:
         return Levels(level_at(jnp.zeros_like(texture)))
-    inside = (level_of_detail > 0) & (level_of_detail < last)
-    level_of_detail = jnp.where(
-        inside, level_of_detail, jnp.where(level_of_detail > 0, float(last), 0.0)
-    )
     if level_filter == "nearest":
-        return Levels(level_at(jnp.floor(level_of_detail + 0.5).astype(jnp.int32)))
+        return Levels(level_at(_nearest_level(level_of_detail, last)))
+    index, fraction = _level_below(level_of_detail, last)
+    return Levels(level_at(index), level_at(index + 1), fraction)
+
+
+@functools.partial(materialized, static_argnames=("last",))
+def _nearest_level(level_of_detail: Float[Array, "*points"], last: int) -> Int[Array, "*points"]:
+    """Round the level of detail to the nearest of the levels 0 to `last`, and halves up."""
+    return jnp.floor(_clamp(level_of_detail, last) + 0.5).astype(jnp.int32)
+
+
+@functools.partial(materialized, static_argnames=("last",))
+def _level_below(
+    level_of_detail: Float[Array, "*points"], last: int
+) -> tuple[Int[Array, "*points"], Float[Array, "*points"]]:
+    """The finer of the two levels that are mixed, and the weight of the other one."""
+    level_of_detail = _clamp(level_of_detail, last)
     lower = jnp.minimum(jnp.floor(level_of_detail), last - 1.0)
-    index = lower.astype(jnp.int32)
-    return Levels(level_at(index), level_at(index + 1), level_of_detail - lower)
+    return lower.astype(jnp.int32), level_of_detail - lower
+
+
+def _clamp(level_of_detail: Float[Array, "*points"], last: int) -> Float[Array, "*points"]:
+    """Clamp to the existing levels, with zero gradient where it is clamped."""
+    inside = (level_of_detail > 0) & (level_of_detail < last)
+    nearest = jnp.where(level_of_detail > 0, float(last), 0.0)
+    return jnp.where(inside, level_of_detail, nearest)
+
+
+@materialized
+def _level_at(
+    table: Int[Array, "textures levels 3"],
+    texture: Int[Array, "*points"],
+    index: Int[Array, "*points"],
+) -> Level:
+    """Read what the table says about a level of each point's texture."""
+    entry = texture * table.shape[1] + index
+    # A column at a time: XLA computes the index again for each number of a row.
+    columns = jnp.moveaxis(table, -1, 0).reshape(3, -1)
+    return Level(*(column.at[entry].get(mode="clip") for column in columns))
