@@ -1,5 +1,6 @@
 """`softras2d view`: shows scenes and images in the browser."""
 
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
@@ -17,13 +18,16 @@ if TYPE_CHECKING:
     from ..viewing.scene_file import ReadOptions
     from ..viewing.subject import Subject
 
+STANDARD_INPUT = Path("-")
+
 Files = Annotated[
     list[Path],
     typer.Argument(
         metavar="SCENE.svg ...",
         show_default=False,
-        help="SVG files or bundled scenes to view, and images to compare them with. A changed SVG "
-        "file or image is drawn again; its textures and saved fits are not.",
+        help="SVG files or bundled scenes to view, and images to compare them with. - reads an SVG "
+        "file from standard input. A changed SVG file or image is drawn again; its textures and "
+        "saved fits are not.",
     ),
 ]
 Port = Annotated[
@@ -60,7 +64,7 @@ def view_files(
     with session(long_running=True) as console:
         # Refused before the heavy imports.
         for path in files:
-            if not path.is_file() and not is_bundled(path):
+            if not path.is_file() and not is_bundled(path) and path != STANDARD_INPUT:
                 raise ValueError(f"{path}: no such file.")
         import_server()
         from ..viewing.scene_file import ReadOptions
@@ -84,14 +88,32 @@ def is_bundled(path: Path) -> bool:
 
 
 def open_subjects(paths: Sequence[Path], read_options: "ReadOptions") -> list["Subject"]:
-    """One subject for each file or bundled scene."""
+    """One subject for each file, bundled scene, or `-`."""
     from ..viewing.open_files import open_files
 
-    files = iter(open_files([path for path in paths if not is_bundled(path)], read_options))
-    return [
-        bundled_subject(str(path), read_options) if is_bundled(path) else next(files)
-        for path in paths
-    ]
+    others = [path for path in paths if not is_bundled(path) and path != STANDARD_INPUT]
+    files = iter(open_files(others, read_options))
+    subjects = []
+    for path in paths:
+        if is_bundled(path):
+            subjects.append(bundled_subject(str(path), read_options))
+        elif path == STANDARD_INPUT:
+            subjects.append(_read_standard_input(read_options))
+        else:
+            subjects.append(next(files))
+    return subjects
+
+
+def _read_standard_input(read_options: "ReadOptions") -> "Subject":
+    """The subject of an SVG file that is read from standard input."""
+    from ..io.svg.document import MAX_BYTES
+    from ..viewing.scene_file import SceneFile
+
+    text = sys.stdin.buffer.read(MAX_BYTES + 1)
+    subject = SceneFile(STANDARD_INPUT, read_options, text)
+    # Unlike a file it will not change, so that an error is better raised before a page opens.
+    subject.size()
+    return subject
 
 
 def bundled_subject(name: str, read_options: "ReadOptions") -> "Subject":

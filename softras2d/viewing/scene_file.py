@@ -1,11 +1,13 @@
-"""A subject that is an SVG file, read again for each zoom and whenever the file changes."""
+"""A subject that is an SVG drawing, read again for each zoom and whenever its file changes."""
 
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..io.svg.reader import read_svg_with_notice, svg_size
+from ..io.svg.declared_size import declared_size
+from ..io.svg.document import Document, from_text, load
+from ..io.svg.reader import read_document_with_notice
 from ..names import SvgDialect
 from ..options import Filter, Hard
 from ..scene import Scene
@@ -24,7 +26,7 @@ class ReadOptions:
     opacity: bool = True
 
     def arguments(self) -> dict[str, Any]:
-        """The keywords of `read_svg_with_notice`."""
+        """The keywords of `read_document_with_notice`."""
         return {
             "dialect": self.dialect,
             "assets": self.assets,
@@ -41,16 +43,19 @@ class ReadOptions:
 
 
 class SceneFile(Subject):
-    """An SVG file.
+    """An SVG file, or the text of one.
 
     It is read again at each zoom, so that curves, and lines of one pixel, are those of that size.
+
+    - `path`: the file, or what stands for it on the command line.
+    - `text`: what is read instead of the file, such as standard input; None is the file.
     """
 
-    may_change = True
-
-    def __init__(self, path: Path, options: ReadOptions):
+    def __init__(self, path: Path, options: ReadOptions, text: bytes | None = None):
         super().__init__(path.name)
+        self.may_change = text is None
         self._path = path
+        self._text = text
         self._options = options
         self._scenes = EnlargedScenes()
         self._size: tuple[int, tuple[int, int]] | None = None
@@ -59,6 +64,8 @@ class SceneFile(Subject):
     @property
     def version(self) -> int:
         """The time of the last change of the file, in nanoseconds; 0 if there is no file."""
+        if self._text is not None:
+            return 0
         try:
             return self._path.stat().st_mtime_ns
         except OSError:
@@ -68,16 +75,21 @@ class SceneFile(Subject):
         """The size that the file declares."""
         version = self.version
         if self._size is None or self._size[0] != version:
-            self._size = version, svg_size(self._path, dialect=self._options.dialect)
+            self._size = version, declared_size(self._document(), self._options.dialect)
         return self._size[1]
+
+    def _document(self) -> Document:
+        if self._text is None:
+            return load(self._path)
+        return from_text(self._text, str(self._path))
 
     def scene_at(self, zoom: int | float) -> Scene:
         """Read the file at the size of this zoom."""
         return self._scenes.get(self, zoom, self._read)
 
     def _read(self, height: int, width: int) -> Scene:
-        scene, notice = read_svg_with_notice(
-            self._path, height=height, width=width, **self._options.arguments()
+        scene, notice = read_document_with_notice(
+            self._document(), height=height, width=width, **self._options.arguments()
         )
         self._notes = () if notice is None else (notice,)
         return scene
@@ -89,7 +101,8 @@ class SceneFile(Subject):
     def command(self, view: View, settings: Settings) -> str:
         """The command `softras2d render` of the same picture."""
         height, width = enlarged_size(*self.size(), view.zoom)
-        words = ["softras2d", "render", str(self._path), "-o", f"{self._path.stem}-view.png"]
+        name = "stdin" if str(self._path) == "-" else self._path.stem
+        words = ["softras2d", "render", str(self._path), "-o", f"{name}-view.png"]
         words += ["--size", f"{width}x{height}", "--origin", f"{view.x},{view.y}"]
         words += ["--window", f"{view.width}x{view.height}"]
         words += self._options.flags() + settings_flags(settings)

@@ -16,6 +16,8 @@ from softras2d.cli.options import RenderOptions, Size
 from softras2d.cli.view import open_subjects
 from softras2d.io.images import decode_image
 from softras2d.viewing.scene_file import ReadOptions
+from softras2d.viewing.settings import Settings
+from softras2d.viewing.view import View
 
 SQUARE = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 20 20"{}>'
@@ -77,6 +79,21 @@ def test_standard_input_and_output(grey, monkeypatch, tmp_path):
     assert decode_image(result.stdout_bytes, "stdout").shape == (20, 20, 3)
     assert "20 x 20 pixels" in result.stderr
     assert [path.name for path in tmp_path.iterdir() if path.name != "cache"] == []
+
+
+def test_the_viewer_reads_standard_input(monkeypatch):
+    text = SQUARE.format(' width="20" height="20"').encode()
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(text)))
+    (subject,) = open_subjects([Path("-")], ReadOptions())
+    assert subject.size() == (20, 20) and not subject.may_change
+    # It is there at every zoom, although it was read once.
+    for zoom in (1, 3):
+        assert subject.scene_at(zoom).triangles.shape[0] == 2
+    command = subject.command(View(zoom=3, x=0, y=0, height=30, width=40), Settings())
+    assert command.startswith("softras2d render - -o stdin-view.png --size 60x60 ")
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(b"<svg")))
+    with pytest.raises(ValueError, match=r"^-:1: "):
+        open_subjects([Path("-")], ReadOptions())
 
 
 def test_several_scenes_do_not_go_to_standard_output(grey):

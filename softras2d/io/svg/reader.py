@@ -117,16 +117,16 @@ def read_svg(
     return drawn.scene
 
 
-def read_svg_with_notice(
-    path: str | os.PathLike[str], *, height: int, width: int, dialect: str = "svg",
+def read_document_with_notice(
+    document: Document, *, height: int, width: int, dialect: str = "svg",
     assets: str | os.PathLike[str] | None = None, opacity: bool = True, frame: bool | None = None,
 ) -> tuple[Scene, str | None]:  # fmt: skip
-    """Like `read_svg`, but return the text of the warning, or None, instead of issuing it.
+    """Read as `read_svg` does, but return the text of the warning, or None, instead of issuing it.
 
     Threads share the filters of `warnings`, so that a thread cannot safely catch what it issues.
     """
     options = _Options(dialect, None, assets, opacity, frame, False, TOLERANCE, False, None)
-    drawn = _read(load(path), height, width, options)
+    drawn = _read(document, height, width, options)
     return drawn.scene, drawn.notice
 
 
