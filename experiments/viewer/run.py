@@ -106,9 +106,10 @@ def _measure(page: Page, session: _RecordingSession) -> dict[str, Any]:
     page.press("ArrowRight")
     _wait_until_compiled(session)
     answers = [_pan(page, key) for key in ("ArrowLeft", "ArrowRight") * (PANS // 2 + 1)]
+    # The view that was measured: the frames below pan on.
+    request = session.last_picture
     frames = [page.evaluate(_FRAME) for _ in range(PANS)]
     page.wait_for_picture()
-    request = session.last_picture
     view = request["view"]
     scene = session.subjects[request["subject"]].scene_at(view["zoom"])
     plan = sr.plan(
