@@ -19,8 +19,9 @@ from .corner_attributes import CornerAttributes, CornerWeights
 class Textures(NamedTuple):
     """All textures of a scene, and how they are filtered.
 
-    - `texels`: RGBA of the pyramid, with an alpha of 1 if it has none. XLA reads rows of four
-      numbers as one vector, three times as fast as rows of three or a channel at a time.
+    - `texels`: RGBA of the pyramid, with an alpha of 1 if it has none. The index of a row is
+      computed once for its four numbers: two to three times as fast as a gather per channel, and a
+      little faster than rows of three.
     """
 
     pyramid: TexturePyramid

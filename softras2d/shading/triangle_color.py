@@ -132,7 +132,7 @@ def _add_textured(
 ) -> Float[Array, "channels *points"]:
     """Add the product of texels and a straight colour to `total` where `shown`.
 
-    Of the RGBA of a texel the first `channels` count.
+    Only the first `channels` of a texel's RGBA are used.
     """
     texel = jnp.moveaxis(texel, -1, 0)[:channels]
     return _add_where(total, shown, modulate(color, texel, texture, share))
