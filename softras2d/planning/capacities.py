@@ -69,6 +69,7 @@ class Headroom(NamedTuple):
     - `least_slots`: least number of slots of a plan, and least capacity for strips and for pairs.
     - `coarse_slots`: up to this number of slots, size classes are powers of two; above it, also
       three quarters of powers of two.
+    - `fine_slots`: above this number of slots, also five and seven eighths of powers of two.
     - `small_slots`: up to this number of slots, the capacities of strips, pairs and crossings are
       in proportion to the slots.
     - `list_all_slots`: where all triangles of all tiles are no more slots than this, every tile
@@ -79,6 +80,7 @@ class Headroom(NamedTuple):
     divisor: int
     least_slots: int
     coarse_slots: int
+    fine_slots: int | None
     small_slots: int
     list_all_slots: int
 
@@ -88,6 +90,7 @@ SAMPLED_HEADROOM = Headroom(
     divisor=16,
     least_slots=2**12,
     coarse_slots=2**14,
+    fine_slots=2**14,
     small_slots=2**14,
     list_all_slots=2**12,
 )
@@ -96,6 +99,8 @@ ANALYTIC_HEADROOM = Headroom(
     divisor=16,
     least_slots=2**11,
     coarse_slots=0,
+    # A fit replans as its scene changes, and compiles for each class that it passes.
+    fine_slots=None,
     small_slots=0,
     list_all_slots=2**11,
 )
@@ -202,6 +207,10 @@ def _in_proportion(need: int, needed_slots: int, slots: int, *, halves: bool = F
 def _slot_class(need: int, headroom: Headroom) -> int:
     """Capacity for the slots of all chunks."""
     wanted = _with_headroom(need, headroom)
+    if headroom.fine_slots is not None and wanted > headroom.fine_slots:
+        # An image of a large scene takes as long as its slots, used or not.
+        eighth = (1 << (wanted - 1).bit_length()) // 8
+        return -(-wanted // eighth) * eighth
     return _size_class(wanted, headroom.least_slots, headroom.coarse_slots)
 
 
