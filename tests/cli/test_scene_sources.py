@@ -89,7 +89,7 @@ def test_the_viewer_reads_standard_input(monkeypatch):
     # It is there at every zoom, although it was read once.
     for zoom in (1, 3):
         assert subject.scene_at(zoom).triangles.shape[0] == 2
-    command = subject.command(View(zoom=3, x=0, y=0, height=30, width=40), Settings())
+    command = subject.command(View(zoom=3.0, x=0, y=0, height=30, width=40), Settings())
     assert command.startswith("softras2d render - -o stdin-view.png --size 60x60 ")
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(b"<svg")))
     with pytest.raises(ValueError, match=r"^-:1: "):
