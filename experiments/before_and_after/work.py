@@ -33,7 +33,7 @@ COVERAGES: dict[str, Callable[[], Any]] = {
 def main() -> None:
     """Answer commands until standard input ends."""
     arrays = np.load(sys.argv[1])
-    call: Callable[[], object] = lambda: None  # noqa: E731
+    call: Callable[[], object] | None = None
     for line in sys.stdin:
         command, *words = line.split()
         if command == "prepare":
@@ -48,6 +48,7 @@ def main() -> None:
             peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
             answer = {"first_s": seconds, "peak_mib": peak, "before_mib": before}
         else:
+            assert call is not None, "prepare first"
             processor, wall = time.process_time(), time.perf_counter()
             call()
             wall_ms = 1e3 * (time.perf_counter() - wall)
