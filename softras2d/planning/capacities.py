@@ -104,8 +104,8 @@ ANALYTIC_HEADROOM = Headroom(
     small_slots=0,
     list_all_slots=2**11,
 )
-"""Size classes are finer than for sampled coverage, as a slot of a gradient costs several times as
-much."""
+"""Size classes of small scenes are finer than for sampled coverage, as a slot of a gradient costs
+several times as much."""
 
 VARYING_HEADROOM = ANALYTIC_HEADROOM._replace(merge_cost=1)
 """Where colours vary within a triangle, a slot costs more, so that a chunk costs fewer slots."""
