@@ -159,7 +159,9 @@ def lab(tmp_path: Path) -> Iterator[str]:
         assert address is not None
         yield f"{address.group()}/lab/tree/view.ipynb?token=viewer"
     finally:
-        process.terminate()
+        # Asked to end, the server waits for kernels and pages, now and then for minutes. Its kernel
+        # ends without it.
+        process.kill()
         process.wait(60)
 
 
