@@ -57,7 +57,7 @@ def main() -> None:
         row = [name, f"{size:.2f}", f"{triangles:,.0f}"]
         rows.append([*row, f"{wall:.2f}", f"{processor:.2f}", f"{peak:.2f}"])
         print(rows[-1], flush=True)
-    header = ["drawing", "MB", "triangles", "s", "s of the processor", "peak memory, GB"]
+    header = ["drawing", "MB", "triangles", "s", "CPU time, s", "peak memory, GB"]
     report.fill_markers(HERE / "README.md", "reading", report.table(header, rows))
 
 

@@ -14,7 +14,7 @@ from ..fitting.target import Image
 from ..io.animation import write_animation
 from ..io.compact_scene import write_compact
 from ..io.images import write_image
-from ..io.svg.gradients import in_browsers
+from ..io.svg.browser_gradients import in_browsers
 from ..io.svg.writer import write_svg
 from ..numerics.device import to_device
 from ..options import Hard

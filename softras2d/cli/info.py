@@ -66,8 +66,7 @@ def describe_scene(
         table.add_row("file", str(path))
         # Standard input can be read only once.
         if str(path) != "-":
-            file_height, file_width = SceneSource(path, dialect).size()
-            table.add_row("size in file", f"{file_width} x {file_height} pixels")
+            table.add_row("size in file", _size_in_file(SceneSource(path, dialect)))
         for name, value in scene_properties(scene):
             table.add_row(name, value)
         console = Console(highlight=False)
@@ -76,6 +75,15 @@ def describe_scene(
         console.print(str(plan), markup=False, soft_wrap=True)
         if cost:
             console.print(_cost_table(scene, plan, status_console))
+
+
+def _size_in_file(source: Any) -> str:
+    """The size that a scene gives, as text."""
+    try:
+        height, width = source.size()
+    except ValueError:
+        return "none"
+    return f"{width} x {height} pixels"
 
 
 def _cost_table(scene: Any, plan: Any, status_console: Console) -> Table:

@@ -250,12 +250,13 @@ def _render_tiled(
     from ..tiled.write_tiles import write_tiles
     from .render_steps import make_tiled_plan, read_scene, window_size
 
-    check_stream(target)
+    with _errors_of_output():
+        check_stream(target)
     started = time.perf_counter()
     scene, height, width = read_scene(path, settings)
     height, width = window_size(settings.window, height, width)
     plan = make_tiled_plan(scene, height, width, settings, tiling.tile)
-    with _tile_bar(console) as report:
+    with _tile_bar(console) as report, _errors_of_output():
         write_tiles(
             target, scene, plan, devices=jax.local_devices(), linear=settings.linear,
             truncate=truncate, report=report,
@@ -277,14 +278,23 @@ def _tile_bar(console: Console) -> Iterator[Callable[[int, int], None]]:
 
 
 class OutputError(ValueError):
-    """An error about the image file, whose message says all: the scene is not to blame."""
+    """An error about the image file. Its message is complete: the scene's name is not added."""
+
+
+@contextmanager
+def _errors_of_output() -> Iterator[None]:
+    """Turn errors about the image file into `OutputError`."""
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        raise OutputError(one_line(error)) from error
 
 
 def _write(target: Path, image: Any, linear: bool, truncate: bool) -> None:
     """Write an image file, or a PNG on standard output for `-`."""
     from ..io.images import write_image
 
-    try:
+    with _errors_of_output():
         if str(target) != "-":
             write_image(target, image, linear=linear, truncate=truncate)
             return
@@ -293,8 +303,6 @@ def _write(target: Path, image: Any, linear: bool, truncate: bool) -> None:
             write_image(file, image, linear=linear, truncate=truncate)
             sys.stdout.buffer.write(file.read_bytes())
             sys.stdout.buffer.flush()
-    except (ValueError, OSError) as error:
-        raise OutputError(one_line(error)) from error
 
 
 def _coverage_text(settings: RenderOptions) -> str:

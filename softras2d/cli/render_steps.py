@@ -55,14 +55,13 @@ def read_scene(path: Path, options: RenderOptions) -> tuple[Scene, int, int]:
 def _warn_of_margins(source: SceneSource, height: int, width: int) -> None:
     """Warn if the drawing leaves margins on a canvas of this size."""
     try:
-        file_height, file_width = source.size()
+        size = source.size_with_margins(height, width)
     except ValueError:
         return
-    # Sizes are rounded to pixels, which changes the aspect ratio a little.
-    if abs(height * file_width - width * file_height) > max(file_height, file_width):
+    if size is not None:
         warnings.warn(
-            f"{source.path}: drawn with margins, as it is {file_width} x {file_height}; "
-            "--fit cover, contain or stretch chooses.",
+            f"{source.path}: drawn with margins, because the drawing is {size[1]:g} x "
+            f"{size[0]:g}; use --fit contain, cover or stretch.",
             UserWarning,
             stacklevel=2,
         )

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from .. import scenes
-from ..io.svg.document import MAX_BYTES
+from ..io.svg.declared_size import size_with_margins
+from ..io.svg.document import MAX_BYTES, from_text, load
 from ..io.svg.reader import parse_svg, parse_svg_size, read_svg, svg_size
 from ..scene import Scene
 
@@ -44,9 +45,18 @@ class SceneSource:
                 return parse_svg_size(self._standard_input, name="-", dialect=self.dialect)
             return svg_size(self.path, dialect=self.dialect)
         except ValueError as error:
-            # Here the size is an option, not an argument.
+            # On the command line, an option sets the size.
             message = str(error).replace("pass `height` and `width`", "use --size WIDTHxHEIGHT")
             raise ValueError(message) from None
+
+    def size_with_margins(self, height: int, width: int) -> tuple[float, float] | None:
+        """The (height, width) of a drawing that leaves margins on a canvas; None if it fills it."""
+        if self.is_bundled:
+            side = scenes.SIZE
+            return None if abs(height - width) <= 1 else (side, side)
+        text = self._standard_input
+        document = load(self.path) if text is None else from_text(text, "-")
+        return size_with_margins(document, height, width)
 
     def read(self, **keywords: Any) -> Scene:
         """Read the scene; `keywords` are those of `read_svg` without `dialect`."""

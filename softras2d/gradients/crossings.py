@@ -127,8 +127,12 @@ def _lines_of_tile(steep: Any, tiling: Tiling) -> Any:
 
 def _run_of_line(line: Any, tile_lines: Any) -> Any:
     """Number of the run that a line is in, where the canvas is cut into runs tile by tile."""
-    runs_of_tile = -(-tile_lines // LINES)
-    return (line // tile_lines) * runs_of_tile + (line % tile_lines) // LINES
+    return (line // tile_lines) * _runs_of_tile(tile_lines) + (line % tile_lines) // LINES
+
+
+def _runs_of_tile(tile_lines: Any) -> Any:
+    """Number of runs that the lines of a tile are cut into."""
+    return -(-tile_lines // LINES)
 
 
 class Run(NamedTuple):
@@ -238,7 +242,7 @@ def _gather_runs(
     across_start, along_start = jnp.where(steep, y0, x0), jnp.where(steep, x0, y0)
     first_of_edge, count_of_edge = (lines.T.reshape(-1)[edge] for lines in (first, count))
     tile_lines = _lines_of_tile(steep, tiling)
-    runs_of_tile = -(-tile_lines // LINES)
+    runs_of_tile = _runs_of_tile(tile_lines)
     run = _run_of_line(first_of_edge, tile_lines) + rank
     first_of_tile = (run // runs_of_tile) * tile_lines
     start = first_of_tile + (run % runs_of_tile) * LINES

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..io.svg.declared_size import declared_size
-from ..io.svg.document import Document, from_text, load
+from ..io.svg.document import Document, SvgError, from_text, load
 from ..io.svg.reader import read_document_with_notice
 from ..names import SvgDialect
 from ..options import Filter, Hard
@@ -75,7 +75,13 @@ class SceneFile(Subject):
         """The size that the file declares."""
         version = self.version
         if self._size is None or self._size[0] != version:
-            self._size = version, declared_size(self._document(), self._options.dialect)
+            try:
+                size = declared_size(self._document(), self._options.dialect)
+            except SvgError as error:
+                # The viewer has no option for the size.
+                message = str(error).replace("pass `height` and `width`", "give it one")
+                raise SvgError(message) from None
+            self._size = version, size
         return self._size[1]
 
     def _document(self) -> Document:

@@ -118,7 +118,9 @@ def test_a_file_without_a_size_says_which_option_gives_it(tmp_path):
 def test_margins_are_announced_and_chosen(tmp_path):
     path = tmp_path / "a.svg"
     path.write_text(SQUARE.format(' width="20" height="20"'))
-    with pytest.warns(UserWarning, match=r"drawn with margins, as it is 20 x 20; --fit cover"):
+    with pytest.warns(
+        UserWarning, match=r"drawn with margins, because the drawing is 20 x 20; use --fit"
+    ):
         scene, *_ = read(path, size=Size(80, 40))
     assert np.asarray(scene.positions).max(axis=0).tolist() == [60, 20]
     for fit, corner in (("contain", [60, 20]), ("cover", [80, 20]), ("stretch", [80, 20])):
@@ -127,10 +129,34 @@ def test_margins_are_announced_and_chosen(tmp_path):
     assert np.asarray(scene.positions).min(axis=0).tolist() == [0, 0]
 
 
-def test_an_error_about_the_output_does_not_name_the_input(grey, tmp_path):
+@pytest.mark.parametrize(
+    "attributes, size",
+    [
+        ('width="20" height="10"', Size(40, 40)),
+        ('width="20" height="20" preserveAspectRatio="none"', Size(80, 40)),
+        ('width="20" height="20" preserveAspectRatio="xMidYMid slice"',
+         Size(80, 40)),
+    ],
+)  # fmt: skip
+def test_a_drawing_that_fills_the_canvas_is_not_announced(attributes, size, tmp_path, recwarn):
+    path = tmp_path / "a.svg"
+    path.write_text(SQUARE.format(f" {attributes}"))
+    read(path, size=size)
+    assert not recwarn.list
+
+
+def test_info_of_a_drawing_without_a_size(tmp_path):
+    path = tmp_path / "a.svg"
+    path.write_text(SQUARE.format(""))
+    result = run("info", path, "--size", "20x20")
+    assert result.exit_code == 0 and "size in file" in result.stdout and "none" in result.stdout
+
+
+@pytest.mark.parametrize("options", [[], ["--tiled"]])
+def test_an_error_about_the_output_does_not_name_the_input(options, grey, tmp_path):
     path = tmp_path / "a.svg"
     path.write_text(SQUARE.format(' width="20" height="20"'))
-    result = run("render", path, "-o", tmp_path / "none" / "a.png")
+    result = run("render", path, "-o", tmp_path / "none" / "a.png", *options)
     assert result.exit_code == 1
     assert "none" in result.stderr and "a.svg" not in result.stderr
 

@@ -202,23 +202,13 @@ def _winding_by_rays(
     return winding if axis == 1 else -winding
 
 
-def winding_number(
-    contours: Float[np.ndarray, "m n 2"], points: Float[np.ndarray, "m 2"]
-) -> Int[np.ndarray, " m"]:
-    """Winding number of each closed contour around its point.
-
-    It is the number of edges that cross the ray from the point to the right, with a sign for their
-    direction in y.
-
-    **Source:** Sunday, *Inclusion of a point in a polygon* (2001).
-    """
-    return _ray_turns(contours, np.roll(contours, -1, axis=1), points[:, None]).sum(axis=1)
-
-
 def _ray_turns(a: np.ndarray, b: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Sign of the crossing of edge a-b with the ray to the right of a point; 0 if there is none.
 
-    It is 1 if y increases from a to b, and -1 if it decreases.
+    It is 1 if y increases from a to b, and -1 if it decreases. The sum over the edges of a contour
+    is its winding number around the point.
+
+    **Source:** Sunday, *Inclusion of a point in a polygon* (2001).
     """
     up = (a[..., 1] <= points[..., 1]) & (b[..., 1] > points[..., 1])
     down = (a[..., 1] > points[..., 1]) & (b[..., 1] <= points[..., 1])

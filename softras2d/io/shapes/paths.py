@@ -1,7 +1,7 @@
 """Flattens paths of lines, Bezier curves and elliptical arcs to polygons, within a tolerance.
 
-A curve is evaluated at parameters that depend on its control points only through their number. Each
-vertex of the polygon is therefore a fixed linear combination of control points, with Bernstein
+A curve is evaluated at evenly spaced parameters; only their number depends on the control points.
+Each vertex of the polygon is therefore a fixed linear combination of control points, with Bernstein
 polynomials as weights, and can be moved with them.
 """
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .browser_gradients import GradientLines, Gradients, fit_gradients
 from .context import FALLBACK
-from .gradients import GradientLines, Gradients, fit_gradients
 from .seams import seams, shares_edge, tiles_canvas
 
 _FALLBACK = f'{FALLBACK}="1"'

@@ -121,6 +121,7 @@ class Cascade:
         self._notices = notices
         self._matcher = _ChargedMatcher(budget)
         self._selectors = 0
+        self._noted: set[tuple[int, str, str]] = set()
 
     def add_sheet(self, element: Element) -> None:
         """Add the rules of a `<style>` element."""
@@ -153,8 +154,8 @@ class Cascade:
                     )
                     self._add_rules(rules_within, element)
             elif rule.type == "at-rule":
-                # Character sets and namespaces change nothing here.
-                if rule.lower_at_keyword not in ("charset", "namespace"):
+                # These change nothing that is drawn: fonts are of text.
+                if rule.lower_at_keyword not in ("charset", "namespace", "font-face"):
                     name = f"@{rule.lower_at_keyword}"
                     self._notices.add(WITHOUT_EFFECT, element.tag, element.line, name)
             else:
@@ -203,9 +204,9 @@ class Cascade:
     def _style_attribute(self, text: str, element: Element) -> tuple[_Block, _Block]:
         if not set("\"'\\{}[]@/(!") & set(text):
             # This common form takes a tenth of the time of the parser.
-            pairs = (declaration.partition(":") for declaration in text.split(";"))
-            plain = [(n.strip().lower(), v.strip()) for n, colon, v in pairs if colon and v.strip()]
-            if all(name.replace("-", "").isalpha() for name, _ in plain):
+            pairs = [part.partition(":") for part in text.split(";") if part.strip()]
+            plain = [(name.strip().lower(), value.strip()) for name, _, value in pairs]
+            if all(name.replace("-", "").isalpha() and value for name, value in plain):
                 block: _Block = {}
                 for name, value in plain:
                     _append(block, name, [value])
@@ -216,7 +217,7 @@ class Cascade:
         """Important and normal declarations of a block, or of the text of a `style` attribute."""
         if isinstance(content, str) and nesting(content) > _MAX_NESTING:
             detail = f"brackets are nested deeper than {_MAX_NESTING}"
-            self._notices.add(INVALID, element.tag, element.line, attribute, detail)
+            self._note(INVALID, element, attribute, detail)
             return {}, {}
         important: _Block = {}
         normal: _Block = {}
@@ -225,16 +226,24 @@ class Cascade:
                 content, skip_comments=True, skip_whitespace=True
             )
         except ValueError as error:
-            self._notices.add(INVALID, element.tag, element.line, attribute, str(error))
+            self._note(INVALID, element, attribute, str(error))
             return {}, {}
         for node in nodes:
             if node.type != "declaration":
-                detail = getattr(node, "message", node.type)
-                self._notices.add(INVALID, element.tag, element.line, attribute, detail)
+                is_rule = node.type in ("qualified-rule", "at-rule")
+                detail = "a rule within a rule" if is_rule else "a part is not a declaration"
+                self._note(WITHOUT_EFFECT if is_rule else INVALID, element, attribute, detail)
                 continue
             values = important if node.important else normal
             _append(values, node.lower_name, [tinycss2.serialize(node.value).strip()])
         return important, normal
+
+    def _note(self, kind: str, element: Element, attribute: str, detail: str) -> None:
+        """Note an error of an element once: its `style` is parsed for each of its copies."""
+        key = (id(element), attribute, detail)
+        if key not in self._noted:
+            self._noted.add(key)
+            self._notices.add(kind, element.tag, element.line, attribute, detail)
 
 
 def _append(block: _Block, name: str, values: list[str]) -> None:

@@ -11,6 +11,7 @@ import shapely
 from ...geometry import affine_maps
 from ..shapes.paths import flatten
 from ..shapes.regions import EMPTY, filled, intersection, united
+from .element_kinds import meets_conditions, report_animations
 from .notices import INVALID, NOT_DRAWN, WITHOUT_EFFECT
 from .page import Page
 from .shape_elements import SHAPES, ElementLengths
@@ -102,6 +103,7 @@ class ClipPaths:
         map3 = transformed(self._page, target, self._page.declared(target), style, map3)
         if in_box and box is not None:
             map3 = map3 @ affine_maps.matrix(box.width, 0.0, 0.0, box.height, box.x, box.y)
+        report_animations(self._page, target)
         regions = []
         for child in target.children:
             region = self._child_region(child, style, map3, chain)
@@ -118,6 +120,8 @@ class ClipPaths:
         """The region of a shape, or of a `use` of a shape; None for other elements."""
         page = self._page
         page.budget.charge("copies", 1)
+        if not meets_conditions(child):
+            return None
         declared = page.declared(child)
         style = page.clip_child_style(child, parent, declared)
         if style.display == "none":
@@ -130,7 +134,7 @@ class ClipPaths:
             lengths = ElementLengths(page, child, declared, style)
             map3 = map3 @ affine_maps.translate(lengths.read("x"), lengths.read("y"))
             shape = page.target(child.attrib.get("href"))
-            if shape is None or shape.name not in SHAPES:
+            if shape is None or shape.name not in SHAPES or not meets_conditions(shape):
                 return None
             declared = page.declared(shape)
             style = page.clip_child_style(shape, style, declared)
@@ -160,6 +164,7 @@ class ClipPaths:
     ) -> Any:
         """The inside of a shape by its `clip-rule`, in pixels; None for one without area."""
         page = self._page
+        report_animations(page, shape)
         path = SHAPES[shape.name](lengths)
         if path is None or abs(np.linalg.det(map3)) == 0:
             return None

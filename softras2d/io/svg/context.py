@@ -8,6 +8,7 @@ import numpy as np
 from .assets import Assets
 from .display_list import DisplayList
 from .document import Attributes, in_one_line
+from .notices import MAX_NAMES
 
 SILENT = frozenset({"title", "desc", "metadata"})
 """Elements that draw nothing in SVG, and are therefore skipped without a warning."""
@@ -30,7 +31,7 @@ class Context:
     - `assets`: the image files that may be read; `display`: the shapes so far.
     - `background`: sRGB of a rect that has become the background, or None.
     - `elements`, `ignored`: counts of elements that are not supported, and of properties and
-      values without effect.
+      values without effect, in dialect `course`.
     """
 
     name: str
@@ -64,12 +65,8 @@ class Context:
         return in_one_line(f"{self.name}: {'; '.join(causes)}.") if causes else None
 
 
-_MAX_NAMES = 50
-"""Maximum number of names in a warning, since each element may have a different name."""
-
-
 def _counts(counter: Counter[str]) -> str:
     names = [f"{name[:60]} ({count})" for name, count in sorted(counter.items())]
-    if len(names) > _MAX_NAMES:
-        names[_MAX_NAMES:] = [f"{len(names) - _MAX_NAMES} more"]
+    if len(names) > MAX_NAMES:
+        names[MAX_NAMES:] = [f"{len(names) - MAX_NAMES} more"]
     return ", ".join(names)

@@ -1,8 +1,9 @@
 """Maps the control points of a drawing to the vertices of its triangles.
 
 A curve is flattened at fixed parameters, so that each vertex of a filled path is a fixed linear
-combination of at most four control points. The map is therefore affine, and exact as long as the
-points keep the order of the triangulation: it moves the triangles, and makes no new ones.
+combination of at most four control points. The map is therefore affine. It is exact for the
+triangulation of the file: it moves these triangles and never triangulates again, so that they may
+overlap or turn over after large moves.
 """
 
 import re
@@ -56,8 +57,8 @@ class SvgControls(eqx.Module):
       they are where shapes cross or are clipped or divided. `"radius"`: they lie on arcs, circles,
       ellipses or rects. `"other"`: they belong to strokes, images, `colortri` or `textri`.
 
-    A constant vertex has weights of zero, and its position as `offset`. The vertices that a
-    translucent fill has inside count as cut. The image does not depend on them.
+    A constant vertex has weights of zero, and its position as `offset`. Vertices that are added
+    inside of a translucent fill also count as `"cut"`; the image does not depend on where they lie.
     """
 
     scene: Scene
@@ -202,7 +203,7 @@ def _controlled_paths(
     for number, element in enumerate(elements(root)):
         source = by_element.get(id(element))
         attribute = _ATTRIBUTE.get(element.name)
-        if source is None or attribute is None or attribute not in element.attrib:
+        if source is None or attribute not in element.attrib or not source.is_from_attribute:
             continue
         paths.append((element, ControlledPath(number, attribute, first, source.path)))
         first += len(source.path.points)
@@ -302,7 +303,11 @@ def _arc_data(arc: Arc, end: np.ndarray) -> str:
     return f"A{_number(rx)} {_number(ry)} {_number(rotation)} {flags} {_pair(end)}"
 
 
-_PAIR = re.compile(rb"""([^\s=/<>"']++)\s*+=\s*+("[^"]*+"|'[^']*+')""")
+_NAME = re.compile(rb"""[^\s/<>]*+""")
+"""The name of an element, after `<`."""
+
+_PAIR = re.compile(rb"""\s*+([^\s=/<>"']++)\s*+=\s*+("[^"]*+"|'[^']*+')""")
+"""The next attribute of a start tag, with its value."""
 
 
 def _with_attributes(document: Document, texts: dict[int, tuple[str, str]]) -> str:
@@ -316,13 +321,19 @@ def _with_attributes(document: Document, texts: dict[int, tuple[str, str]]) -> s
     for number in sorted(texts):
         name, value = texts[number]
         position = starts[number] + 1
-        # The name of the element, then its attributes.
-        while (match := _PAIR.search(data, position)) and match[1] != name.encode():
+        position = _NAME.match(data, position).end()  # type: ignore[union-attr]
+        while (match := _PAIR.match(data, position)) and match[1] != name.encode():
             position = match.end()
         if match is None:
             raise SvgError(
-                f"{document.name}: control points can be written to ASCII or UTF-8 only."
+                f"{document.name}: control points can be written only to a file in ASCII or UTF-8 "
+                f"whose start tags have the attribute {name!r} themselves."
             )
         pieces += [data[end : match.start(2)], b'"', value.encode(), b'"']
         end = match.end(2)
-    return b"".join([*pieces, data[end:]]).decode()
+    try:
+        return b"".join([*pieces, data[end:]]).decode()
+    except UnicodeDecodeError:
+        raise SvgError(
+            f"{document.name}: control points can be written to ASCII or UTF-8 only."
+        ) from None

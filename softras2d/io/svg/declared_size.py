@@ -7,7 +7,7 @@ from .notices import Notices
 from .page import cascade_of, root_font_size
 from .tree import Element, read_tree
 from .units import MEDIUM
-from .view_box import course_size, document_size, round_up
+from .view_box import course_size, document_size, round_up, view_box
 
 _ENCODINGS = ("utf-8", "utf-16-le", "utf-16-be")
 """Encodings that the parser knows, up to differences outside of ASCII."""
@@ -37,13 +37,32 @@ def declared_size(document: Document, dialect: str, tree: Element | None = None)
     return round_up(size)
 
 
+def size_with_margins(document: Document, height: int, width: int) -> tuple[float, float] | None:
+    """The (height, width) in user units of a standard drawing that leaves margins on a canvas.
+
+    None if it fills the canvas of `height` x `width` pixels, up to one pixel.
+    """
+    _, attributes = root(document)
+    if {"none", "slice"} & set(attributes.get("preserveAspectRatio", "").split()):
+        return None
+    try:
+        box = view_box(attributes)
+    except ValueError:
+        box = None
+    size = declared_size(document, "svg") if box is None else (box.height, box.width)
+    if min(size) == 0:
+        return None
+    margin = max(height - width * size[0] / size[1], width - height * size[1] / size[0])
+    return size if margin > 1 else None
+
+
 def _standard_size(
     document: Document, attributes: Attributes, tree: Element | None
 ) -> tuple[float, float] | None:
     """The size that a standard document declares in its root, by attributes or by CSS.
 
-    Media queries are then about the size that the attributes give, as there is no canvas yet. The
-    whole document is read only if it may have style sheets.
+    There is no canvas yet, so media queries are evaluated for the size in the root's attributes.
+    The whole document is read only if it may have style sheets.
     """
     size = document_size(Declarations({}, attributes, {}), MEDIUM, lambda *_: None)
     if not any("style".encode(code) in document.data for code in _ENCODINGS):

@@ -5,6 +5,8 @@ attributes that style sheets may set go into `_GEOMETRY` there. To add an elemen
 path, put its name into `EXTENSIONS`, and draw it in `extensions.draw_extension`.
 """
 
+from .notices import NOT_DRAWN
+from .page import Page
 from .shape_elements import SHAPES
 from .tree import Element
 
@@ -24,10 +26,10 @@ NEVER_DRAWN = frozenset({
 })  # fmt: skip
 """Elements that draw nothing by themselves."""
 
-NOT_SUPPORTED = frozenset({
-    "animate", "animateColor", "animateMotion", "animateTransform", "audio", "canvas",
-    "foreignObject", "iframe", "set", "text", "video",
-})  # fmt: skip
+ANIMATIONS = frozenset({"animate", "animateColor", "animateMotion", "animateTransform", "set"})
+"""Elements that change their parent, or the element that they refer to, over time."""
+
+NOT_SUPPORTED = ANIMATIONS | {"audio", "canvas", "foreignObject", "iframe", "text", "video"}
 """Elements that other programs draw, or that change what they draw."""
 
 _GRAPHICS = CONTAINERS | EXTENSIONS | NOT_SUPPORTED | SHAPES.keys()
@@ -47,6 +49,13 @@ def meets_conditions(element: Element) -> bool:
         return True
     tags = [tag.strip().lower() for tag in languages.split(",")]
     return any(tag == LANGUAGE or tag.startswith(f"{LANGUAGE}-") for tag in tags)
+
+
+def report_animations(page: Page, element: Element) -> None:
+    """Note the animations directly inside an element that is not drawn where it is."""
+    for child in element.children:
+        if child.name in ANIMATIONS:
+            page.not_drawn(NOT_DRAWN, child)
 
 
 def switched(element: Element) -> list[Element]:

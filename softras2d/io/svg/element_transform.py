@@ -14,7 +14,7 @@ from .css_transform import (
     transform_property,
     translate_property,
 )
-from .notices import INVALID
+from .notices import INVALID, WITHOUT_EFFECT, kind_of_refused
 from .page import Page, Report
 from .style import Style
 from .transform_attribute import transform_list
@@ -55,6 +55,8 @@ def element_transform(
     box = Box(0.0, 0.0, viewport.width, viewport.height)
     if style.transform_box != "view-box":
         box = bounds() or Box(0.0, 0.0, 0.0, 0.0)
+        if style.transform_box in ("stroke-box", "border-box"):
+            report(WITHOUT_EFFECT, "transform-box", "taken as fill-box")
     units = Units(viewport, box, style.font_size)
     product = affine_maps.identity()
     for name in names:
@@ -84,7 +86,7 @@ def _declared_map(
         try:
             return _PROPERTIES[name](text, units)
         except ValueError as error:
-            report(INVALID, name, str(error))
+            report(kind_of_refused(text), name, str(error))
     if name == "transform" and "transform" in element.attrib:
         try:
             return transform_list(element.attrib["transform"])

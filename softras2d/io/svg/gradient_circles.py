@@ -1,8 +1,8 @@
 """The circles along which a radial gradient has one colour each, and the rays that cross them.
 
 Position 0 along the gradient is its start circle, and position 1 its end circle. Centers and radii
-of the other circles are interpolated and extrapolated. Where several circles meet a point, it has
-the colour of the largest position (as in HTML, *createRadialGradient*).
+of the other circles are interpolated and extrapolated. If several circles pass through a point, the
+one with the largest position gives its colour (as in HTML, *createRadialGradient*).
 """
 
 import math
@@ -34,7 +34,7 @@ class Circles(Protocol):
         ...
 
     def largest_radius(self, position: float, points: Float[np.ndarray, "n 2"]) -> float:
-        """Upper bound on the radius up to a position, of the circles that matter at points."""
+        """Upper bound on the radii of circles up to `position` that are visible at `points`."""
         ...
 
 

@@ -33,5 +33,5 @@ class InheritedState(NamedTuple):
     instance: Instance | None = None
 
     def is_instance(self, element: Element) -> bool:
-        """Whether an element is what the innermost `use` asks for, rather than a part of it."""
+        """Whether an element is the target of the innermost `use`, rather than its descendant."""
         return self.instance is not None and self.instance.target is element

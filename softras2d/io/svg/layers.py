@@ -3,7 +3,7 @@
 The shapes of a group are divided into cells that do not overlap, each with the colour of the whole
 group there. The group's opacity can then be multiplied into each cell. What an opaque shape covers
 is cut out of the shapes below. Where a translucent shape lies over others, the overlap becomes a
-cell of its own. Its colour is exact unless the alpha of both varies, or one has a texture.
+cell of its own. Its colour is exact if the alpha of both is constant and neither has a texture.
 """
 
 from collections.abc import Sequence

@@ -3,6 +3,7 @@
 Every notice names an element, the attribute or property that is the cause, and a line.
 """
 
+import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -20,8 +21,20 @@ INVALID = "ignored as invalid"
 APPROXIMATE = "drawn approximately"
 """The element is drawn with the nearest equivalent."""
 
-_MAX_NAMES = 50
-"""Maximum number of causes in a warning, since each element may have another."""
+_UNSUPPORTED_VALUES = re.compile(
+    r"""\b(?:var|env|calc|min|max|clamp|color-mix|translatez|translate3d|scalez|scale3d|rotatex
+    |rotatey|rotatez|rotate3d|matrix3d|perspective)\s*\(|\bcontext-(?:fill|stroke)\b""",
+    re.IGNORECASE | re.VERBOSE,
+)
+"""Values of CSS and SVG that are valid, and that this reader does not know."""
+
+MAX_NAMES = 50
+"""Maximum number of causes of a kind in a warning, since each element may have another."""
+
+
+def kind_of_refused(value: str) -> str:
+    """The kind of a notice about a value that the reader cannot parse."""
+    return WITHOUT_EFFECT if _UNSUPPORTED_VALUES.search(value) else INVALID
 
 
 class _Cause(NamedTuple):
@@ -57,6 +70,7 @@ class Notices:
 
         Raises `SvgError` if notices are errors.
         """
+        detail = detail.removeprefix(f"{attribute}: ").rstrip(".")
         cause = _Cause(kind, element[:60], attribute and attribute[:60])
         if self._strict:
             what = f"{attribute}: {detail or kind}" if attribute else detail or kind
@@ -74,9 +88,9 @@ class Notices:
     def _parts(self) -> Iterator[str]:
         for kind in (NOT_DRAWN, WITHOUT_EFFECT, APPROXIMATE, INVALID):
             causes = [cause for cause in self._counts if cause.kind == kind]
-            names = [self._named(cause) for cause in causes[:_MAX_NAMES]]
-            if len(causes) > _MAX_NAMES:
-                names.append(f"{len(causes) - _MAX_NAMES} more")
+            names = [self._named(cause) for cause in causes[:MAX_NAMES]]
+            if len(causes) > MAX_NAMES:
+                names.append(f"{len(causes) - MAX_NAMES} more")
             if names:
                 yield f"{kind}: {', '.join(names)}"
 

@@ -124,9 +124,10 @@ def leading_float(text: str | None) -> float:
 
 
 def length(text: str, full: float | None, units: Mapping[str, float] | None = None) -> float:
-    """Parse a length in px; 100 % are `full` px, or an error if that is None.
+    """Parse a length in px.
 
-    `units` are px per unit for units beside those of fixed size.
+    - `full`: what 100 % is, in px; a percentage is an error if it is None.
+    - `units`: the sizes in px of further units, such as `em`.
     """
     match = _LENGTH.match(text)
     if match is None:

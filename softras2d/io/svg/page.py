@@ -96,7 +96,10 @@ class Page:
         return computed(declared, parent, self.viewport, Report(self, element, (WITHOUT_EFFECT,)))
 
     def style_in_place(self, element: Element) -> Style:
-        """The style of an element that is not drawn where it is, such as a gradient's stop."""
+        """Style of an element that is used by reference, such as a gradient stop or a clip path.
+
+        It is computed from the ancestors that the element has in the document.
+        """
         chain = []
         ancestor: Element | None = element
         while ancestor is not None and id(ancestor) not in self._styles:
@@ -126,6 +129,10 @@ def cascade_of(
     """
     cascade = Cascade(notices, budget, *size)
     for element in elements(root):
+        is_foreign_link = not element.name and element.tag.rpartition(":")[2] == "link"
+        if is_foreign_link and "stylesheet" in element.attrib.get("rel", "").lower().split():
+            # Style sheets of other files are not fetched.
+            notices.add(WITHOUT_EFFECT, element.tag, element.line, "href")
         if element.name == "style" and FALLBACK not in element.attrib:
             try:
                 cascade.add_sheet(element)

@@ -8,6 +8,7 @@ import numpy as np
 from ...geometry import affine_maps
 from .css_color import CURRENT, Rgba
 from .css_transform import Units
+from .element_kinds import report_animations
 from .element_transform import about_origin
 from .gradient_pieces import Gradient, LinearGradient, RadialGradient, Stop
 from .notices import INVALID
@@ -121,6 +122,7 @@ def _stops(page: Page, chain: list[Element], opacity: float) -> list[Stop]:
     if stops is None:
         children: list[Element] = []
         for gradient in chain:
+            report_animations(page, gradient)
             children = [child for child in gradient.children if child.name == "stop"]
             if children:
                 break
@@ -133,6 +135,7 @@ def _stops(page: Page, chain: list[Element], opacity: float) -> list[Stop]:
 
 
 def _stop(page: Page, element: Element) -> Stop:
+    report_animations(page, element)
     style = page.style_in_place(element)
     color: Any = style.color if style.stop_color == CURRENT else style.stop_color
     offset = 0.0
@@ -226,7 +229,7 @@ def _radial(
         return _solid(stops[-1])
     center, focus = (cx, cy), (fx, fy)
     if fr > r:
-        # From its other end, the gradient is the same, and its circles grow.
+        # Swap both ends: the gradient stays the same, and its circles then grow.
         center, focus, r, fr = focus, center, fr, r
         stops = [Stop(1.0 - stop.offset, stop.color) for stop in reversed(stops)]
     distance = math.hypot(focus[0] - center[0], focus[1] - center[1])

@@ -36,12 +36,14 @@ class FillSource(NamedTuple):
 
     - `path`: the path of the file; `outline`: the same, flattened.
     - `map3`: from the shape's user units to pixels.
+    - `is_from_attribute`: whether the path is that of an attribute, rather than of a style sheet.
     """
 
     element: Element
     path: Path
     outline: FlatPath
     map3: np.ndarray
+    is_from_attribute: bool
 
 
 class Painter:
@@ -85,7 +87,9 @@ class Painter:
         source = -1
         if self.keeps_sources:
             source = len(self.sources)
-            self.sources.append(FillSource(element, original, path, placement.map3))
+            is_from_attribute = "d" not in self._page.declared(element).css
+            source_of_fill = FillSource(element, original, path, placement.map3, is_from_attribute)
+            self.sources.append(source_of_fill)
         clips = placement.clip is not None and placement.clips(np.concatenate(contours))
         if not isinstance(fill, Gradient) and not clips:
             placement.sink.add_polygon(contours, fill, evenodd, source)
@@ -105,8 +109,8 @@ class Painter:
             return
         points, map3, scale = path.points, placement.map3, placement.scale
         if style.vector_effect == "non-scaling-stroke":
-            # The outline is made in pixels, whatever the element's own units are. Chromium too
-            # ignores the size at which the whole drawing is shown.
+            # The width is in pixels of the canvas, at whatever size the drawing is shown, as in
+            # Chromium.
             scale, points, map3 = 1.0, affine_maps.apply(map3, points), affine_maps.identity()
         outlines = self._outlines(element, path, points, style, scale)
         if not outlines:
@@ -159,9 +163,12 @@ class Painter:
         except ValueError:
             report(INVALID, "pathLength", "is not a finite number")
             return pattern, offset
-        if stated <= 0:
-            report(INVALID, "pathLength", "must be positive")
+        if stated < 0:
+            report(INVALID, "pathLength", "must not be negative")
             return pattern, offset
+        if stated == 0:
+            # Every length is scaled to infinity: the path is one dash.
+            return (), 0.0
         total = 0.0
         for contour, is_closed in zip(contours, closed, strict=True):
             chain = np.concatenate([contour, contour[:1]]) if is_closed else contour
@@ -200,7 +207,7 @@ class Painter:
         meets = shapely.intersects(region, polygons)
         inside = meets & shapely.contains_properly(region, polygons)
         crossing = np.flatnonzero(meets & ~inside)
-        # The vertices near each piece are not known; GEOS clips in time of the whole region.
+        # GEOS takes time proportional to the whole region for each piece.
         size = int(shapely.get_num_coordinates(region))
         self._page.budget.charge("overlays", size * len(crossing) // 8)
         polygons[crossing] = shapely.intersection(polygons[crossing], region)

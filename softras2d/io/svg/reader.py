@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
 from ...geometry.affine_maps import check_map
-from ...names import TextureAddressing
+from ...names import SvgDialect, TextureAddressing
 from ...scene import Scene
 from ...texture.pyramid import TexturePyramid
 from ..budget import Budget
@@ -23,13 +23,13 @@ from .course_dialect import CourseReader
 from .declared_size import declared_size
 from .display_list import DisplayList, Triangles
 from .document import LIBRARY_ERRORS, Document, SvgError, from_text, load, reason, walk
-from .notices import Notices
+from .notices import WITHOUT_EFFECT, Notices
 from .page import Page
 from .svg_dialect import Drawing
 from .tree import Element, read_tree
 from .view_box import MAX_SIDE
 
-_DIALECTS = ("svg", "course")
+_DIALECTS = get_args(SvgDialect)
 
 _FITS = {
     # Values of `fit`, and what they mean as `preserveAspectRatio`.
@@ -100,8 +100,9 @@ def read_svg(
     If the first shape is an opaque rect that covers viewBox and canvas, it becomes the
     `background`. Vertices are mapped to pixels in float64 and rounded to float32.
 
-    Media queries are about the canvas, on a screen with light colours. An image that is missing,
-    unreadable or outside `assets` is left out. In dialect `"course"`, it is an error.
+    Media queries are evaluated for a screen of the canvas's size with the light colour scheme. An
+    image that is missing, unreadable or outside `assets` is left out. In dialect `"course"`, it is
+    an error.
 
     Raises `ValueError`, one line with file and line number, for a document that is not well-formed,
     declares entities other than short texts, or is larger than 64 MB, for textures that are missing
@@ -256,6 +257,7 @@ def _read(
         else:
             notices = Notices(document.name, options.strict)
             with _errors_named(document):
+                _note_style_sheet(document, notices)
                 drawing = Drawing(Page(tree, context, notices, options.tolerance))
             drawing.painter.keeps_sources = keeps_sources
             drawing.draw()
@@ -268,6 +270,14 @@ def _read(
     with _errors_named(document), np.errstate(over="ignore", invalid="ignore"):
         scene = _make_scene(context, triangles, addressing, options.linear)
     return _Drawn(scene, triangles, drawing, message)
+
+
+def _note_style_sheet(document: Document, notices: Notices) -> None:
+    """Note a style sheet that the document refers to before its root; none is fetched."""
+    prolog = document.data.partition(b"<svg")[0]
+    before, found, _ = prolog.partition(b"<?xml-stylesheet")
+    if found:
+        notices.add(WITHOUT_EFFECT, "?xml-stylesheet?", before.count(b"\n") + 1, "href")
 
 
 def _warn(drawn: _Drawn) -> None:
@@ -298,12 +308,13 @@ def _canvas_size(
         file_height, file_width = declared_size(document, dialect, tree)
         height = file_height if height is None else height
         width = file_width if width is None else width
-    if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
+    is_whole = all(isinstance(side, int | np.integer) for side in (height, width))
+    if not is_whole or not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
         raise ValueError(
-            f"{document.name}: `height` and `width` must be 1 to {MAX_SIDE} pixels; "
-            f"got {height} and {width}."
+            f"{document.name}: `height` and `width` must be whole numbers of pixels, 1 to "
+            f"{MAX_SIDE}; got {height!r} and {width!r}."
         )
-    return int(height), int(width)
+    return height, width
 
 
 def _check_dialect(dialect: str) -> None:
@@ -315,8 +326,13 @@ def _check_options(options: _Options) -> None:
     _check_dialect(options.dialect)
     if options.frame and options.dialect != "course":
         raise ValueError(f"`frame=True` needs dialect 'course'; got dialect {options.dialect!r}.")
-    if not 1e-4 <= options.tolerance <= 1e4:
-        raise ValueError(f"`tolerance` must be 0.0001 to 10000 pixels; got {options.tolerance}.")
+    is_number = isinstance(options.tolerance, int | float | np.number)
+    if not is_number or not 1e-4 <= options.tolerance <= 1e4:
+        raise ValueError(f"`tolerance` must be 0.0001 to 10000 pixels; got {options.tolerance!r}.")
+    if options.fit is not None and options.dialect == "course":
+        raise ValueError("`fit` is of dialect 'svg'; the course has a rule of its own.")
+    if options.fit is not None and options.transform is not None:
+        raise ValueError("give `fit` or `transform`, not both.")
     if options.fit is not None and options.fit not in _FITS:
         raise ValueError(f"`fit` must be {', '.join(map(repr, _FITS))}; got {options.fit!r}.")
 

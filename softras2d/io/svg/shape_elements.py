@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from ..shapes.paths import Path
 from .cascade import Declarations
-from .notices import INVALID
+from .notices import INVALID, kind_of_refused
 from .numbers import leading_numbers
 from .page import Page
 from .path_data import ellipse_path, parse_path_data, polygon_path, rect_path
@@ -67,7 +67,7 @@ class ElementLengths:
             try:
                 return parse(text, full, self._style.font_size)
             except ValueError as error:
-                self.report(INVALID, name, str(error))
+                self.report(kind_of_refused(text), name, str(error))
         return default
 
     def size(self, name: str, default: float = 0.0) -> float:

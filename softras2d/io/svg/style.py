@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from .cascade import Declarations
 from .css_color import CURRENT, Rgba, color_of
 from .font_size import font_size_of, shorthand_size
-from .notices import INVALID, WITHOUT_EFFECT
+from .notices import INVALID, WITHOUT_EFFECT, kind_of_refused
 from .numbers import finite, fraction, is_number
 from .units import MEDIUM, Viewport
 
@@ -17,13 +17,19 @@ _URL = re.compile(r"url\(\s*+(?:\"([^\"]*+)\"|'([^']*+)'|([^()\"'\s]*+))\s*+\)\s
 _WORD = re.compile(r"[^\s()]++(?:\([^()]*+\))?+")
 """A word of a value, or a function without functions in it."""
 
+_VECTOR_EFFECTS = (
+    "none", "non-scaling-stroke", "non-scaling-size", "non-rotation", "fixed-position", "viewport",
+    "screen",
+)  # fmt: skip
+
 BLACK: Rgba = (0.0, 0.0, 0.0, 1.0)
 
 
 class PaintServer(NamedTuple):
-    """A reference to a gradient or pattern, and the paint to use where there is none.
+    """A paint that refers to a gradient or pattern, as in `url(#id) red`.
 
-    `fallback` is the paint to use if the reference is broken. False means that the file gives none.
+    `fallback` is the paint after the reference, used if the reference is broken; False if there is
+    none.
     """
 
     reference: str
@@ -90,7 +96,13 @@ _UNSUPPORTED_IN_CSS = {
     # The same for properties that are no presentation attributes.
     "animation": ("none",),
     "animation-name": ("none",),
+    "backdrop-filter": ("none",),
+    "clip": ("auto",),
     "mask-image": ("none",),
+    "-webkit-filter": ("none",),
+    "-webkit-mask": ("none",),
+    "-webkit-mask-image": ("none",),
+    "-webkit-transform": ("none",),
     "offset": ("none",),
     "offset-path": ("none",),
     "zoom": ("1", "100%", "normal"),
@@ -133,8 +145,9 @@ def computed(declared: Declarations, parent: Style, viewport: Viewport, note: No
                         changes[field] = parsed
                     break
                 except ValueError as error:
-                    excerpt = declaration.text.strip()[:40]
-                    note(INVALID, name, f"{str(error).rstrip('.')} ({excerpt!r})")
+                    detail, excerpt = str(error).rstrip("."), repr(declaration.text.strip()[:40])
+                    kind = kind_of_refused(declaration.text)
+                    note(kind, name, detail if excerpt in detail else f"{detail} ({excerpt})")
     return parent._replace(**(_NOT_INHERITED | changes))
 
 
@@ -237,6 +250,24 @@ def _one_of(*words: str) -> Callable[..., str]:
         return text.lower()
 
     return parse
+
+
+def _words_of(*known: str) -> Callable[..., str]:
+    def parse(text: str, *_: object) -> str:
+        words = text.lower().split()
+        if not words or not set(words) <= set(known):
+            raise ValueError(f"has words other than {', '.join(known)}")
+        return " ".join(words)
+
+    return parse
+
+
+_display = _words_of(
+    "none", "contents", "block", "inline", "flow", "flow-root", "table", "flex", "grid", "ruby",
+    "run-in", "list-item", "inline-block", "inline-table", "inline-flex", "inline-grid", "math",
+    "table-row-group", "table-header-group", "table-footer-group", "table-row", "table-cell",
+    "table-column-group", "table-column", "table-caption", "compact", "marker",
+)  # fmt: skip
 
 
 def _stroke_width(text: str, _: Style, viewport: Viewport, font_size: float) -> float:
@@ -342,9 +373,9 @@ _PARSERS: dict[str, Callable[..., Any]] = {
     "visibility": _one_of("visible", "hidden", "collapse"),
     "font_size": _font_size,
     "opacity": _opacity,
-    "display": _any_text,
-    "overflow": _any_text,
-    "vector_effect": _any_text,
+    "display": _display,
+    "overflow": _words_of("visible", "hidden", "scroll", "auto", "clip"),
+    "vector_effect": _words_of(*_VECTOR_EFFECTS),
     "clip_path": _clip_path,
     "transform_origin": _any_text,
     "transform_box": _one_of("view-box", "fill-box", "stroke-box", "content-box", "border-box"),

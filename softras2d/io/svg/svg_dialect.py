@@ -1,7 +1,8 @@
 """Draws standard SVG, and the course's additional elements `colortri`, `textri` and `texture`.
 
 It is the dialect `"svg"` of `read_svg`. Elements are visited in document order with an explicit
-stack, since documents may be nested deeply. What has an error is left out as SVG 2 says, and noted.
+stack, since documents may be nested deeply. Errors are handled as SVG 2 prescribes, and each is
+added to the warning.
 """
 
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from .element_kinds import (
     NOT_SUPPORTED,
     is_drawable,
     meets_conditions,
+    report_animations,
     switched,
 )
 from .extensions import draw_extension
@@ -122,6 +124,7 @@ class Drawing:
             return
         if name == "defs":
             self._declare_textures(element)
+            report_animations(self._page, element)
         if name == "" or name in NEVER_DRAWN or FALLBACK in element.attrib:
             return
         if name == "symbol" and not parent.is_instance(element):
@@ -139,14 +142,18 @@ class Drawing:
             # Names that SVG does not define are not drawn by any program.
             self._page.not_drawn(NOT_DRAWN if name in NOT_SUPPORTED else INVALID, element)
             return
-        map3 = transformed(self._page, element, declared, style, parent.placement.map3)
+        use = parent.instance.use if parent.instance and parent.is_instance(element) else None
+        map3 = parent.placement.map3
+        if element is not self.root:
+            map3 = transformed(self._page, element, declared, style, map3, use)
         opacity = style.opacity if self._context.opacity else 1.0
         is_singular = map3 is not parent.placement.map3 and np.linalg.det(map3) == 0
         if is_singular or opacity == 0:
             return
         placement = parent.placement.with_map(map3)
         if style.clip_path is not None:
-            box = bounds_of(self._page, element, style) if self._clips.needs_box(style) else None
+            needs_box = self._clips.needs_box(style)
+            box = bounds_of(self._page, element, style, use) if needs_box else None
             clip = self._clips.clipped(element, style, map3, box, placement.clip)
             placement = placement._replace(clip=clip)
         state = parent._replace(style=style, placement=placement)

@@ -35,7 +35,7 @@ def instantiate(
     page.budget.charge("copies", depth)
     if state.instance is None:
         ancestors = list(use.ancestors)
-        # About as many steps as take the time of one test.
+        # Looking at an ancestor takes no longer than testing a selector.
         page.budget.charge("selector_tests", len(ancestors))
         if any(ancestor is target for ancestor in ancestors):
             report(INVALID, "href", "refers to an ancestor")

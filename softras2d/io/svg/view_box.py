@@ -29,13 +29,17 @@ class Box(NamedTuple):
 
 
 def view_box(attributes: dict[str, str]) -> Box | None:
-    """Parse the attribute `viewBox`; None if there is none."""
+    """Parse the attribute `viewBox`; None if there is none.
+
+    Its width or height may be 0, which disables drawing (SVG 2, section 8.6). Raises `ValueError`
+    for text that is no viewBox.
+    """
     text = attributes.get("viewBox")
     if text is None:
         return None
     numbers = number_list(text)
-    if len(numbers) != 4 or min(numbers[2:]) <= 0:
-        raise ValueError(f"viewBox: expected x, y and a positive width and height, got {text!r}.")
+    if len(numbers) != 4 or min(numbers[2:]) < 0:
+        raise ValueError(f"viewBox: expected x, y, width and height, got {text!r}.")
     return Box(*numbers)
 
 
@@ -65,6 +69,8 @@ def document_size(
         box = view_box(root.attributes)
     except ValueError as error:
         note(INVALID, "viewBox", str(error))
+    if box is not None and (box.width == 0 or box.height == 0):
+        box = None
     height = _side(root, "height", box and box.height, font_size, note)
     width = _side(root, "width", box and box.width, font_size, note)
     if box is not None:
@@ -84,8 +90,8 @@ def _side(
 ) -> float | None:
     """Parse `width` or `height` in px, of which 100 % are `full`; None if it is `auto`.
 
-    Without a viewBox, `full` is None. Then `auto` and percentages say nothing, and the value of the
-    next lower rank counts.
+    Without a viewBox, `full` is None. `auto` and percentages are then skipped, and the declaration
+    of the next lower rank is used.
     """
     units = {"em": font_size, "rem": font_size, "ex": font_size / 2}
     candidates = [(text.strip(), True) for text in root.css_values(name)]

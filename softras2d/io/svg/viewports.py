@@ -9,10 +9,12 @@ import shapely
 from ...geometry import affine_maps
 from ..shapes.regions import intersection
 from .cascade import Declarations
+from .element_transform import element_transform
 from .inherited_state import InheritedState
 from .notices import INVALID
 from .page import Page, root_font_size
 from .shape_elements import ElementLengths
+from .style import INITIAL, Style
 from .tree import Element
 from .units import Viewport
 from .view_box import Box, document_size, fit, round_up, view_box
@@ -48,48 +50,101 @@ def root_viewport(page: Page) -> RootViewport:
     if size is not None and round_up(size) == (context.height, context.width):
         # The canvas has the document's size, rounded up: do not stretch to the rounding.
         canvas = size
-    map3 = context.transform
-    if map3 is None:
-        map3 = _fitted(page, root, box, *canvas)
     height, width = size or canvas
+    transform = _root_transform(page, declared, height, width)
+    if context.transform is not None:
+        map3 = context.transform @ transform
+    elif box.width == 0 or box.height == 0:
+        # Nothing is drawn (SVG 2, section 8.6).
+        map3 = np.zeros((3, 3))
+    else:
+        scale = affine_maps.matrix(canvas[1] / width, 0.0, 0.0, canvas[0] / height, 0.0, 0.0)
+        fitted = _fitted(page, root, box, *canvas)
+        map3 = scale @ transform @ np.linalg.inv(scale) @ fitted
     viewport = Viewport(box.width, box.height, width, height)
     return RootViewport(map3, box, viewport, min(canvas[0] / height, canvas[1] / width))
+
+
+def _root_transform(page: Page, declared: Declarations, height: float, width: float) -> np.ndarray:
+    """The transform of the root, in px of the document.
+
+    Unlike those of other elements, it comes after the viewBox and is about the centre by default,
+    as that of a box of CSS.
+
+    **Source:** SVG 2, section 8.4 and appendix *User agent style sheet*.
+    """
+    page.viewport = Viewport(width, height, width, height)
+    style = page.computed(page.root, INITIAL, declared)
+    if "transform-origin" not in declared.css | declared.attributes:
+        style = style._replace(transform_origin="50% 50%")
+    transform = element_transform(
+        page, page.root, declared, style, lambda: Box(0.0, 0.0, width, height)
+    )
+    return affine_maps.identity() if transform is None else transform
+
+
+class NestedViewport(NamedTuple):
+    """The viewport of a nested `svg`, or of an instance of a `symbol` or `svg`.
+
+    - `box`: the rectangle that it takes in user units of its parent.
+    - `map3`: from user units of its children to those of its parent.
+    - `lengths`: what lengths of its children are relative to.
+    """
+
+    box: Box
+    map3: np.ndarray
+    lengths: Viewport
+
+
+def nested_viewport(
+    page: Page, element: Element, declared: Declarations, style: Style, use: Element | None
+) -> NestedViewport | None:
+    """The viewport of an `svg` or `symbol`; None if it has no area.
+
+    `use` is the element that asks for an instance of it, and None if there is none.
+
+    **Source:** SVG 2, sections 5.5.2 (*Layout of re-used graphics*) and 8.2 (*Computing the
+    equivalent transform of an SVG viewport*).
+    """
+    lengths, viewport = ElementLengths(page, element, declared, style), page.viewport
+    width = lengths.size("width", viewport.width)
+    height = lengths.size("height", viewport.height)
+    x, y = lengths.read("x"), lengths.read("y")
+    if use is not None:
+        # The size of `use` replaces that of its target.
+        use_lengths = ElementLengths(page, use, page.declared(use), style)
+        width, height = use_lengths.size("width", width), use_lengths.size("height", height)
+    if width <= 0 or height <= 0:
+        return None
+    rectangle, map3 = Box(x, y, width, height), affine_maps.translate(x, y)
+    box = _view_box(page, element)
+    if box is not None:
+        if box.width == 0 or box.height == 0:
+            return None
+        map3 = map3 @ _fitted(page, element, box, height, width)
+        width, height = box.width, box.height
+    return NestedViewport(rectangle, map3, viewport._replace(width=width, height=height))
 
 
 def nested_state(
     page: Page, element: Element, declared: Declarations, state: InheritedState
 ) -> InheritedState | None:
-    """The state inside of a nested `svg` or an instance of a `symbol`; None if it has no area.
-
-    **Source:** SVG 2, sections 5.5.2 (*Layout of re-used graphics*) and 8.2 (*Computing the
-    equivalent transform of an SVG viewport*).
-    """
-    lengths = ElementLengths(page, element, declared, state.style)
-    viewport, clip = state.viewport, state.placement.clip
-    width = lengths.size("width", viewport.width)
-    height = lengths.size("height", viewport.height)
-    x, y = lengths.read("x"), lengths.read("y")
-    if state.instance is not None and state.is_instance(element):
-        # The size of `use` replaces that of its target.
-        use = state.instance.use
-        use_lengths = ElementLengths(page, use, page.declared(use), state.style)
-        width, height = use_lengths.size("width", width), use_lengths.size("height", height)
-    if width <= 0 or height <= 0:
+    """The state inside of a nested `svg` or an instance of a `symbol`; None if it has no area."""
+    use = state.instance.use if state.instance and state.is_instance(element) else None
+    nested = nested_viewport(page, element, declared, state.style, use)
+    if nested is None:
         return None
-    map3 = state.placement.map3 @ affine_maps.translate(x, y)
+    placement = state.placement
     if state.style.overflow not in ("visible", "auto"):
-        corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]
-        clip = shapely.Polygon(affine_maps.apply(map3, corners))
-        if state.placement.clip is not None:
-            clip = intersection(clip, state.placement.clip, page.budget)
+        x, y, width, height = nested.box
+        corners = [[x, y], [x + width, y], [x + width, y + height], [x, y + height]]
+        clip = shapely.Polygon(affine_maps.apply(placement.map3, corners))
+        if placement.clip is not None:
+            clip = intersection(clip, placement.clip, page.budget)
         shapely.prepare(clip)
-    box = _view_box(page, element)
-    if box is not None:
-        map3 = map3 @ _fitted(page, element, box, height, width)
-        width, height = box.width, box.height
+        placement = placement._replace(clip=clip)
     return state._replace(
-        placement=state.placement._replace(clip=clip).with_map(map3),
-        viewport=viewport._replace(width=width, height=height),
+        placement=placement.with_map(placement.map3 @ nested.map3), viewport=nested.lengths
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.io.svg.gradients import VISIBLE, fit_gradients, hard_light, in_browsers
+from softras2d.io.svg.browser_gradients import VISIBLE, fit_gradients, hard_light, in_browsers
 from softras2d.io.svg.seams import shares_edge, tiles_canvas
 
 SQUARE = np.array([[[0, 0], [9, 0], [0, 9]], [[9, 9], [0, 9], [9, 0]]], np.float32)

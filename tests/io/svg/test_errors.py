@@ -94,3 +94,65 @@ class TestLineBreaks:
             for message in messages:
                 assert len(message.splitlines()) == 1
                 assert message.startswith(("a.svg: ", "a.svg:2: "))
+
+
+@pytest.mark.parametrize(
+    "element, notice",
+    [
+        ('<rect style="fill:red; foo"/>', "ignored as invalid: style of <rect> (line 2: a part is"),
+        ('<rect style="fill:"/>', "ignored as invalid: fill of <rect> (line 2: "),
+        ('<rect style="display:foo"/>', "ignored as invalid: display of <rect>"),
+        ('<rect opacity="bad"/>', "of <rect> (line 2: expected a number in 0..1, got 'bad')"),
+        ('<rect fill="var(--a)"/>', "without effect: fill of <rect>"),
+        ('<rect style="transform:translateZ(0)"/>', "without effect: transform of <rect>"),
+        ('<rect style="-webkit-filter:blur(2px)"/>', "without effect: -webkit-filter of <rect>"),
+        ('<g style="transform-box:stroke-box;transform:scale(2)"/>', "taken as fill-box"),
+        ('<h:link xmlns:h="http://www.w3.org/1999/xhtml" rel="stylesheet" href="a.css"/>',
+         "without effect: href of <h:link> (line 2)"),
+        ('<defs><animate href="#a"/></defs>', "not drawn: <animate> (line 2)"),
+        ('<linearGradient id="g"><stop><set/></stop><stop/></linearGradient>'
+         '<rect width="9" height="9" fill="url(#g)"/>', "not drawn: <set> (line 2)"),
+        ('<clipPath id="c"><rect width="9" height="9"><animate/></rect></clipPath>'
+         '<rect width="9" height="9" clip-path="url(#c)"/>', "not drawn: <animate> (line 2)"),
+    ],
+)  # fmt: skip
+def test_what_has_no_effect_is_named(element, notice):
+    with pytest.warns(UserWarning) as caught:
+        parse_svg(drawing(element))
+    assert len(caught) == 1 and notice in str(caught[0].message)
+    with pytest.raises(ValueError, match=r":2: <"):
+        parse_svg(drawing(element), strict=True)
+
+
+def test_keywords_are_not_case_sensitive_and_invalid_ones_do_not_count(recwarn):
+    style = "display:NONE"
+    scene = parse_svg(drawing(f'<rect width="9" height="9" style="{style}"/>'))
+    assert len(scene.triangles) == 0 and not recwarn.list
+    style = "display:none;display:foo"
+    assert len(parse_svg(drawing(f'<rect width="9" height="9" style="{style}"/>')).triangles) == 0
+
+
+def test_an_error_is_counted_once_for_each_element_and_not_for_each_copy():
+    body = '<rect id="a" width="9" height="9" style="fill:red; foo"/>' + '<use href="#a"/>' * 3
+    with pytest.warns(UserWarning, match=r"style of <rect> \(line 2: "):
+        parse_svg(drawing(body))
+
+
+def test_a_style_sheet_of_another_file_is_named():
+    text = f'<?xml version="1.0"?>\n<?xml-stylesheet href="a.css"?>\n{drawing()}'
+    with pytest.warns(UserWarning, match=r"href of <\?xml-stylesheet\?> \(line 2\)"):
+        parse_svg(text)
+
+
+@pytest.mark.parametrize(
+    "options, told",
+    [
+        ({"fit": "cover", "dialect": "course"}, "`fit` is of dialect 'svg'"),
+        ({"fit": "cover", "transform": np.eye(3)}, "give `fit` or `transform`, not both"),
+        ({"height": 10.5}, "whole numbers of pixels"),
+        ({"tolerance": 1e9}, "`tolerance` must be"),
+    ],
+)
+def test_options_without_a_meaning_are_refused(options, told):
+    with pytest.raises(ValueError, match=told):
+        parse_svg(drawing(), **options)

@@ -344,7 +344,9 @@ def test_path_length_scales_dashes():
     assert body_colors(path.format('pathLength="8"'), *at)[:, 1].tolist() == [0, 1, 0]
     moved = 'pathLength="8" stroke-dashoffset="1"'
     assert body_colors(path.format(moved), *at)[:, 1].tolist() == [1, 0, 1]
-    for text in ("0", "-8", "x"):
+    # Zero scales every dash to infinity.
+    assert body_colors(path.format('pathLength="0"'), *at)[:, 1].tolist() == [0, 0, 0]
+    for text in ("-8", "x"):
         with pytest.warns(UserWarning, match="pathLength of <path>"):
             scene = read_body(path.format(f'pathLength="{text}"'))
         assert scene.triangles.size == read_body(path.format("")).triangles.size

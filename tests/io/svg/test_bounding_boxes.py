@@ -1,0 +1,87 @@
+"""Bounding boxes of elements, and the viewports and conditions that they depend on."""
+
+import numpy as np
+import pytest
+
+from softras2d.io.svg.reader import parse_svg
+
+from ...cases.drawings import body_colors, colors_at
+
+WHITE, BLACK = [1, 1, 1], [0, 0, 0]
+
+LEFT_HALF = (
+    '<clipPath id="c" clipPathUnits="objectBoundingBox"><rect width=".5" height="1"/></clipPath>'
+)
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        '<rect width="40" height="40" clip-path="url(#c)"/>',
+        '<g clip-path="url(#c)"><svg width="40" height="40" viewBox="0 0 4 4">'
+        '<rect width="4" height="4"/></svg></g>',
+        '<svg width="40" height="40" viewBox="0 0 4 4" clip-path="url(#c)">'
+        '<rect width="100%" height="4"/></svg>',
+        '<symbol id="s" viewBox="0 0 4 4"><rect width="4" height="4"/></symbol>'
+        '<use href="#s" width="40" height="40" clip-path="url(#c)"/>',
+        '<symbol id="s" viewBox="0 0 4 4" clip-path="url(#c)"><rect width="4" height="4"/></symbol>'
+        '<use href="#s" width="40" height="40"/>',
+        '<g clip-path="url(#c)"><switch><rect width="40" height="40"/>'
+        '<rect width="400" height="400"/></switch></g>',
+        '<g clip-path="url(#c)"><rect width="40" height="40"/>'
+        '<rect width="400" height="400" systemLanguage="de"/></g>',
+        '<g clip-path="url(#c)"><symbol><rect width="400" height="400"/></symbol>'
+        '<rect width="40" height="40"/></g>',
+    ],
+    ids=[
+        "rect", "svg-in-g", "svg", "use-of-symbol", "symbol", "switch", "language", "unused-symbol",
+    ],
+)  # fmt: skip
+def test_the_box_of_what_is_drawn(element):
+    """All are a square of 40 px, whose left half is shown."""
+    result = body_colors(LEFT_HALF + element, [5, 5], [15, 35], [25, 5], [45, 5])
+    np.testing.assert_allclose(result, [BLACK, BLACK, WHITE, WHITE])
+
+
+def test_a_nested_viewport_turns_about_its_own_center():
+    body = (
+        '<svg x="20" y="20" width="40" height="40" viewBox="0 0 4 4" '
+        'style="transform-box:fill-box;transform-origin:center;transform:rotate(180deg)">'
+        '<rect width="4" height="4" fill="red"/><rect width="2" height="4"/></svg>'
+    )
+    result = body_colors(body, [25, 30], [55, 30], [65, 30])
+    np.testing.assert_allclose(result, [[1, 0, 0], BLACK, WHITE])
+
+
+def test_children_of_clip_paths_have_conditions():
+    clip = (
+        '<clipPath id="c"><rect width="90" height="70" systemLanguage="de"/>'
+        '<rect width="80" height="60" requiredExtensions="x"/><rect width="10" height="10"/>'
+        "</clipPath>"
+    )
+    body = f'{clip}<rect width="50" height="50" clip-path="url(#c)"/>'
+    np.testing.assert_allclose(body_colors(body, [5, 5], [15, 15]), [BLACK, WHITE])
+
+
+@pytest.mark.parametrize(
+    "attributes, points",
+    [
+        ('transform="rotate(180)"', [[95, 95], [5, 5]]),
+        ('transform="translate(50)" viewBox="0 0 50 50"', [[60, 10], [10, 10]]),
+        ('transform="scale(.5)" transform-origin="0 0"', [[3, 3], [7, 7]]),
+    ],
+)
+def test_the_transform_of_the_root_is_that_of_a_box_of_css(attributes, points):
+    """About its centre by default, and outside of the viewBox: in px of the document."""
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" width="100" height="100" {attributes}>'
+    scene = parse_svg(f'{head}<rect width="10" height="10"/></svg>')
+    np.testing.assert_allclose(colors_at(scene, np.add(points, 0.01)), [BLACK, WHITE])
+
+
+@pytest.mark.parametrize("box", ["0 0 0 10", "0 0 10 0"])
+def test_a_view_box_without_area_draws_nothing(box, recwarn):
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9" viewBox="{box}">'
+    assert len(parse_svg(f'{head}<rect width="9" height="9"/></svg>').triangles) == 0
+    nested = f'<svg viewBox="{box}"><rect width="9" height="9"/></svg>'
+    np.testing.assert_allclose(body_colors(nested, [5, 5]), [WHITE])
+    assert not recwarn.list
