@@ -205,6 +205,11 @@ def test_overlays_leave_the_picture_as_it_is(page):
         wait_for(lambda kind=kind: kind in kinds_received(page), kind)
         is_shown = lambda: (canvas_of(page, ".sr-overlay") != plain).sum() > 200  # noqa: E731
         wait_for(is_shown, f"{kind} on the overlay")
+        if kind == "tiles":
+            overlay = canvas_of(page, ".sr-overlay").astype(int)
+            shaded = overlay[(overlay != plain).any(axis=-1)]
+            is_warm = shaded[:, 0] > shaded[:, 1] + 50
+            assert is_warm.mean() > 0.5, "most of a tile is shaded from orange to red"
         np.testing.assert_array_equal(canvas_of(page), before)
         press(page, key)
         np.testing.assert_array_equal(canvas_of(page, ".sr-overlay"), plain)
