@@ -67,6 +67,8 @@ def apply(map3: np.ndarray, points: Any) -> np.ndarray:
     """
     points = np.asarray(points, np.float64)
     mapped = points @ map3[:, :2].T + map3[:, 2]
+    if map3[2, 0] == 0 and map3[2, 1] == 0 and map3[2, 2] == 1:
+        return mapped[..., :2]
     w = mapped[..., 2:]
     if not (w > 0).all():
         raise ValueError("`transform` sends a point to infinity or behind it (w <= 0).")

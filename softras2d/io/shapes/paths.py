@@ -214,16 +214,19 @@ def _polygons(path: Path, control: np.ndarray, budget: Budget) -> FlatPath:
             indices.pop()
     budget.charge("points", len(indices))
     index = np.array(indices, np.int64)
-    controls = np.repeat(index[:, None], 4, axis=1)
+    controls = index[:, None].repeat(4, 1)
     if path.fixed:
         controls[np.isin(index, list(path.fixed))] = -1
-    weights = np.zeros((len(index), 4))
-    weights[:, 0] = 1.0
+    weights = np.broadcast_to(_FIRST_OF_FOUR, controls.shape)
     smooth = np.zeros(len(index), bool)
     points = control[index] if len(index) else np.zeros((0, 2))
     return FlatPath(
         points, np.array(starts, np.int64), np.array(closed, bool), smooth, controls, weights
     )
+
+
+_FIRST_OF_FOUR = np.array([1.0, 0.0, 0.0, 0.0])
+"""Weights of four control points, of which the first is the point itself."""
 
 
 def _padded(start: int, segment: tuple[int, ...]) -> tuple[int, int, int, int]:

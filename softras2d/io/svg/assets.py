@@ -105,7 +105,9 @@ class Assets:
         if _SCHEME.match(name):
             raise ValueError(f"{name[:60]!r} is not a file beside the scene; nothing is fetched.")
         if self._folder is None or self._root is None:
-            raise ValueError(f"{name!r} is named, but a text has no folder; name one by `assets` or --assets.")
+            raise ValueError(
+                f"{name!r} is named, but a text has no folder; name one by `assets` or --assets."
+            )
         try:
             root = self._root.resolve()
             path = (self._folder / name).resolve()

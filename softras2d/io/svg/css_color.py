@@ -39,9 +39,7 @@ def color_of(text: str) -> Rgba | str | None:
     `color(srgb-linear ...)`, which are not clipped.
     """
     text = text.strip()
-    if len(text) > _MAX_LENGTH or nesting(text) > _MAX_NESTING:
-        return None
-    return _parsed(text)
+    return _parsed(text) if len(text) <= _MAX_LENGTH else None
 
 
 def nesting(text: str) -> int:
@@ -55,6 +53,8 @@ def nesting(text: str) -> int:
 
 @functools.lru_cache(maxsize=4096)
 def _parsed(text: str) -> Rgba | str | None:
+    if nesting(text) > _MAX_NESTING:
+        return None
     # For the three most common spellings, this is twenty times faster than tinycss2.
     if match := _HEX.match(text):
         red, green, blue = (int(digits, 16) / 255 for digits in match.groups())

@@ -15,6 +15,7 @@ from .numbers import NUMBER
 _SEPARATOR = r"[ \t\r\n\f]*+,?+[ \t\r\n\f]*+"
 _COMMAND = re.compile(r"[ \t\r\n\f]*+([MmZzLlHhVvCcSsQqTtAa])[ \t\r\n\f]*+")
 _ARGUMENT = re.compile(rf"({NUMBER}){_SEPARATOR}")
+_RUN = re.compile(rf"(?:{NUMBER}{_SEPARATOR})*+")
 _FLAG = re.compile(rf"([01]){_SEPARATOR}")
 
 _SAME_POINT = 1e-9
@@ -48,21 +49,12 @@ def _checked(text: str) -> tuple[str, str | None]:
     while match:
         command = match[1]
         count = _ARGUMENTS[command.upper()]
-        words.append(command)
-        position = match.end()
-        complete, argument = len(words), 0
-        while count:
-            pattern = _FLAG if command in "Aa" and argument % 7 in (3, 4) else _ARGUMENT
-            match = pattern.match(text, position)
-            if match is None:
-                break
-            words.append(match[1] if len(match[1]) < 40 else repr(float(match[1])))
-            position = match.end()
-            argument += 1
-            if argument % count == 0:
-                complete = len(words)
-        if count and (argument == 0 or complete < len(words)):
-            del words[complete if argument >= count else complete - 1 :]
+        read = _arc_arguments if command in "Aa" else _arguments
+        arguments, position = read(text, match.end()) if count else ([], match.end())
+        complete = len(arguments) // count * count if count else 0
+        if complete or not count:
+            words += [command, *arguments[:complete]]
+        if count and (not complete or complete < len(arguments)):
             return _joined(words), f"{command} needs {count} numbers, at {text[position:][:20]!r}"
         match = _COMMAND.match(text, position)
     if text[position:].strip():
@@ -70,16 +62,35 @@ def _checked(text: str) -> tuple[str, str | None]:
     return _joined(words), None
 
 
+def _arguments(text: str, position: int) -> tuple[list[str], int]:
+    """The numbers from a position on, and the position after them."""
+    run = _RUN.match(text, position)
+    assert run is not None, "a run may be empty"
+    return _ARGUMENT.findall(run[0]), run.end()
+
+
+def _arc_arguments(text: str, position: int) -> tuple[list[str], int]:
+    """The same for arcs, whose flags need no separator."""
+    arguments: list[str] = []
+    while True:
+        pattern = _FLAG if len(arguments) % 7 in (3, 4) else _ARGUMENT
+        match = pattern.match(text, position)
+        if match is None:
+            return arguments, position
+        arguments.append(match[1])
+        position = match.end()
+
+
 def _joined(words: list[str]) -> str:
-    # Numbers such as `1.`, `+.5` and `007` are read by Python.
-    return " ".join(w if w.isalpha() or _is_plain(w) else repr(float(w)) for w in words)
+    # Other numbers, such as `1.`, `+.5`, `007` and those of many digits, are read by Python.
+    is_plain = _PLAIN_WORD.match
+    return " ".join(
+        word if len(word) < 40 and is_plain(word) else repr(float(word)) for word in words
+    )
 
 
-_PLAIN_NUMBER = re.compile(r"-?+(?:0|[1-9][0-9]*+)(?:\.[0-9]++)?+\Z")
-
-
-def _is_plain(word: str) -> bool:
-    return _PLAIN_NUMBER.match(word) is not None
+_PLAIN_WORD = re.compile(r"(?:-?+(?:0|[1-9][0-9]*+)(?:\.[0-9]++)?+|[A-Za-z])\Z")
+"""A command, or a number as fontTools reads it."""
 
 
 class PathPen:
