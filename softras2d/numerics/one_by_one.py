@@ -17,15 +17,13 @@ Inputs = TypeVar("Inputs")
 Result = TypeVar("Result")
 
 
-def one_by_one(
-    function: Callable[[Inputs], Result], *, recompute: bool
-) -> Callable[[Inputs], Result]:
+def one_by_one(function: Callable[[Inputs], Result]) -> Callable[[Inputs], Result]:
     """The function, a batch of which is computed by `jax.lax.map`.
 
     It maps a tree of arrays to a tree of arrays, and may not close over traced values. Its
-    derivative is that of the function itself: the gradient of a batch goes element after element,
-    and a batch of gradients is vectorised as usual. With `recompute` the gradient of a batch calls
-    the function again, instead of storing its intermediate arrays for the whole batch.
+    derivative is that of the function itself. The gradient of a batch goes element after element,
+    and calls the function again: storing its intermediate arrays for the whole batch takes longer.
+    A batch of gradients is vectorised as usual.
     """
 
     def call(inputs: Inputs) -> Result:
@@ -33,7 +31,7 @@ def one_by_one(
         trace = jax.make_jaxpr(lambda *leaves: function(tree.unflatten(leaves)), return_shape=True)
         # Traced once: the primitive's rules and its lowering use what was traced.
         jaxpr, result = trace(*leaves)
-        outputs = _one_by_one.bind(*leaves, jaxpr=jaxpr, recompute=recompute)
+        outputs = _one_by_one.bind(*leaves, jaxpr=jaxpr)
         return jax.tree.unflatten(jax.tree.structure(result), outputs)
 
     return call
@@ -43,18 +41,16 @@ _one_by_one = Primitive("one_by_one")
 _one_by_one.multiple_results = True
 
 
-def _run(*leaves: Any, jaxpr: ClosedJaxpr, recompute: bool) -> list[Any]:
+def _run(*leaves: Any, jaxpr: ClosedJaxpr) -> list[Any]:
     """The value, which is also the lowering."""
     return jaxpr_as_fun(jaxpr)(*leaves)
 
 
-def _shapes(*leaves: Any, jaxpr: ClosedJaxpr, recompute: bool) -> list[Any]:
+def _shapes(*leaves: Any, jaxpr: ClosedJaxpr) -> list[Any]:
     return jaxpr.out_avals
 
 
-def _jvp(
-    primals: Any, tangents: Any, *, jaxpr: ClosedJaxpr, recompute: bool
-) -> tuple[list[Any], list[Any]]:
+def _jvp(primals: Any, tangents: Any, *, jaxpr: ClosedJaxpr) -> tuple[list[Any], list[Any]]:
     """Differentiate the function itself: what was batched before is a `jax.lax.map` by now."""
     active = [i for i, tangent in enumerate(tangents) if type(tangent) is not ad.Zero]
 
@@ -67,9 +63,7 @@ def _jvp(
     return jax.jvp(by_active, [primals[i] for i in active], [tangents[i] for i in active])
 
 
-def _batch(
-    arguments: Any, axes: Any, *, jaxpr: ClosedJaxpr, recompute: bool
-) -> tuple[list[Any], list[int]]:
+def _batch(arguments: Any, axes: Any, *, jaxpr: ClosedJaxpr) -> tuple[list[Any], list[int]]:
     moved = [
         argument if axis is None else jnp.moveaxis(argument, axis, 0)
         for argument, axis in zip(arguments, axes, strict=True)
@@ -80,14 +74,13 @@ def _batch(
         leaves = list(moved)
         for i, value in zip(batched, values, strict=True):
             leaves[i] = value
-        return _one_by_one.bind(*leaves, jaxpr=jaxpr, recompute=recompute)
+        return _one_by_one.bind(*leaves, jaxpr=jaxpr)
 
-    step = jax.checkpoint(of_element) if recompute else of_element
-    outputs = jax.lax.map(step, [moved[i] for i in batched])
+    outputs = jax.lax.map(jax.checkpoint(of_element), [moved[i] for i in batched])
     return outputs, [0] * len(outputs)
 
 
-_one_by_one.def_impl(jax.jit(_run, static_argnames=("jaxpr", "recompute")))
+_one_by_one.def_impl(jax.jit(_run, static_argnames="jaxpr"))
 _one_by_one.def_abstract_eval(_shapes)
 ad.primitive_jvps[_one_by_one] = _jvp
 batching.primitive_batchers[_one_by_one] = _batch

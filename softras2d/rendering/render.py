@@ -84,11 +84,6 @@ _CACHED_PIXELS = 2**16
 cores with 8 to 30 triangles at 28 to 128 pixels: up to here a batch is faster all at once."""
 
 
-_STORED_PIXELS = 2**19
-"""Pixels of all slots up to which the gradient of a batch stores what it needs of each scene, about
-50 bytes a pixel. Larger scenes are drawn again instead."""
-
-
 def _fills_cache(scene: Scene, plan: Plan) -> bool:
     """Whether the scenes of a batch are better drawn one after another."""
     return jax.default_backend() == "cpu" and _count_pixels(scene, plan) > _CACHED_PIXELS
@@ -103,11 +98,7 @@ def _count_pixels(scene: Scene, plan: Plan) -> int:
 def _render_one_by_one(scene: Scene, plan: Plan) -> Drawn:
     """Draw as `_render` does; in a batch, one scene after another."""
     arrays, static = eqx.partition((scene, plan), eqx.is_array)
-    # Sampled coverage stores more than it takes to compute it again.
-    recompute = plan.side == 0 or _count_pixels(scene, plan) > _STORED_PIXELS
-    draw = one_by_one(
-        lambda arrays: _drawn_arrays(*eqx.combine(arrays, static)), recompute=recompute
-    )
+    draw = one_by_one(lambda arrays: _drawn_arrays(*eqx.combine(arrays, static)))
     return Drawn(*draw(arrays))
 
 
