@@ -22,7 +22,7 @@ PROCESSES = (1, 2, 4)
 CROP = 96
 """Side of a picture, in pixels."""
 
-STEPS = 150
+STEPS = 60
 SECONDS = 20.0
 """Time limit of a batch for a process that has a core for itself."""
 

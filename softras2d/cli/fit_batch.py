@@ -32,7 +32,7 @@ Output = Annotated[
 Seconds = Annotated[
     float | None,
     typer.Option(
-        help="Stop each batch after this many seconds.",
+        help="Stop each batch after this many seconds, without the time of compiling.",
         show_default=f"{fit_options.SECONDS:.0f}",
         rich_help_panel=fit_options.SEARCH,
     ),
@@ -122,13 +122,18 @@ def fit_folder(
         done = [read_scores(picture, output) for picture in assigned if is_done(picture, output)]
         skipped = len(done)
         budget = {"steps": steps} if steps is not None else {"seconds": seconds or 30.0}
+        fitted_sizes = set()
         with _progress_bar(console, len(assigned), done) as show:
             for each in batches:
+                # The first batch of a size waits for its program, whichever process fits it.
+                compiles_first = steps is None and each.size not in fitted_sizes
                 for fitted in fit_pictures(
                     each, output, count=batch, seed=seed, fail=failures.append,
+                    compiles_first=compiles_first,
                     devices=_local_devices(), triangles=triangles, solver=solver, size=size,
                     **budget,
                 ):  # fmt: skip
+                    fitted_sizes.add(each.size)
                     done.append(fitted)
                     show()
         for failure in dict.fromkeys(failures):

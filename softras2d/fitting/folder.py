@@ -123,12 +123,15 @@ def fit_pictures(
     count: int,
     seed: int,
     fail: Callable[[str], None],
+    compiles_first: bool = False,
     devices: Devices | None = None,
     **settings: Any,
 ) -> Iterator[Fitted]:
     """Fit a batch, and write the files of each picture that are not in `folder` yet.
 
     - `count`: number of fits of a batch, to which it is filled up with copies of its pictures.
+    - `compiles_first`: whether programs are compiled before, by a fit of one step, so that a limit
+      of `seconds` counts fitting alone.
     - `settings`: other arguments of `fit_batch`.
 
     The files of NAME.jpg are NAME.svg and NAME.json, of which the second is written last. Yields a
@@ -149,7 +152,12 @@ def fit_pictures(
     substitute = next(iter(images.values()))
     targets = [images.get(picture, substitute) for picture in batch.pictures]
     targets += [substitute] * (count - len(targets))
-    results = fit_batch(targets, seed=seed + batch.first_seed, devices=devices, **settings)
+    settings |= {"seed": seed + batch.first_seed, "devices": devices}
+    if compiles_first:
+        one_step = {name: value for name, value in settings.items() if name != "seconds"}
+        if fit_batch(targets, **one_step | {"steps": 1})[0].interrupted:
+            raise KeyboardInterrupt
+    results = fit_batch(targets, **settings)
     if results[0].interrupted:
         raise KeyboardInterrupt
     for index, picture in enumerate(batch.pictures):

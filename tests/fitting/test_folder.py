@@ -7,12 +7,20 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.fitting.folder import find_pictures, make_batches, shrunken, size_class
+from softras2d.fitting.folder import (
+    find_pictures,
+    fit_pictures,
+    make_batches,
+    shrunken,
+    size_class,
+)
 
 SIZES = [(40, 64), (64, 40), (41, 66), (48, 48), (90, 57)]
 """Height and width of pictures, of three size classes at 32 pixels."""
@@ -63,6 +71,29 @@ def test_batches_depend_on_the_folder_alone(tmp_path):
         find_pictures(folder)
     with pytest.raises(ValueError, match="no pictures"):
         find_pictures(tmp_path)
+
+
+@pytest.mark.parametrize("compiles_first", [True, False])
+def test_a_time_limit_counts_no_compilation(compiles_first, tmp_path, monkeypatch):
+    """The first fit of a size is preceded by one of a single step."""
+    calls: list[dict[str, Any]] = []
+
+    def fit(targets: list[Any], **settings: Any) -> list[Any]:
+        calls.append(settings)
+        return [SimpleNamespace(interrupted="seconds" in settings)]
+
+    monkeypatch.setattr("softras2d.fitting.folder.fit_batch", fit)
+    (batch, *_) = make_batches(find_pictures(make_folder(tmp_path / "p", 3)), 32, 4, pytest.fail)
+    with pytest.raises(KeyboardInterrupt):
+        next(
+            fit_pictures(
+                batch, tmp_path, count=4, seed=0, fail=pytest.fail, compiles_first=compiles_first,
+                seconds=1.5, triangles=8,
+            )
+        )  # fmt: skip
+    limits = [{name: c[name] for name in ("steps", "seconds") if name in c} for c in calls]
+    assert limits == [{"steps": 1}] * compiles_first + [{"seconds": 1.5}]
+    assert all(c["triangles"] == 8 and c["seed"] == batch.first_seed for c in calls)
 
 
 def start(folder: Path, output: Path, cache: Path, *options: str) -> subprocess.Popen:
