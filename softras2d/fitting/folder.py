@@ -152,10 +152,10 @@ def fit_pictures(
     substitute = next(iter(images.values()))
     targets = [images.get(picture, substitute) for picture in batch.pictures]
     targets += [substitute] * (count - len(targets))
-    settings |= {"seed": seed + batch.first_seed, "devices": devices}
+    settings = settings | {"seed": seed + batch.first_seed, "devices": devices}
     if compiles_first:
-        one_step = {name: value for name, value in settings.items() if name != "seconds"}
-        if fit_batch(targets, **one_step | {"steps": 1})[0].interrupted:
+        one_step: dict[str, Any] = settings | {"steps": 1, "seconds": None}
+        if fit_batch(targets, **one_step)[0].interrupted:
             raise KeyboardInterrupt
     results = fit_batch(targets, **settings)
     if results[0].interrupted:
