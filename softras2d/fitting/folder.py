@@ -36,7 +36,7 @@ _SHARES = 16
 
 
 class SizeClass(NamedTuple):
-    """Size in pixels to which pictures are shrunk before they are fitted."""
+    """A size in pixels, shared by pictures of about the same shape, which are shrunk to it."""
 
     height: int
     width: int
@@ -76,9 +76,10 @@ def size_class(height: int, width: int, size: int) -> SizeClass:
 
 
 def find_pictures(folder: Path) -> list[Path]:
-    """The pictures of a folder, by name; raises `ValueError` if there are none.
+    """The picture files of a folder, sorted by name.
 
-    Two pictures whose names differ in the suffix alone would have the same files: also an error.
+    Raises `ValueError` if there is none, and if two names differ in the suffix alone, since the
+    results of both would have the same file names.
     """
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder.")
@@ -96,7 +97,7 @@ def find_pictures(folder: Path) -> list[Path]:
 def make_batches(
     pictures: Sequence[Path], size: int, count: int, fail: Callable[[str], None]
 ) -> list[Batch]:
-    """Group pictures into batches of up to `count` of one size class.
+    """Group pictures by size class, and divide each group into batches of at most `count`.
 
     `size`: the longest side of a fit, in pixels. `fail` gets one line for each picture that cannot
     be read.
@@ -127,7 +128,7 @@ def fit_pictures(
     devices: Devices | None = None,
     **settings: Any,
 ) -> Iterator[Fitted]:
-    """Fit a batch, and write the files of each picture that are not in `folder` yet.
+    """Fit the pictures of a batch, and write the results that `folder` does not hold yet.
 
     - `count`: number of fits of a batch, to which it is filled up with copies of its pictures.
     - `compiles_first`: whether programs are compiled before, by a fit of one step, so that a limit
@@ -172,7 +173,10 @@ def is_done(picture: Path, folder: Path) -> bool:
 
 
 def read_scores(picture: Path, folder: Path) -> Fitted:
-    """The scores of a picture that is done; raises `ValueError` for a file of something else."""
+    """Read the scores of a picture that was fitted before, from its report NAME.json.
+
+    Raises `ValueError` if the file is no such report.
+    """
     path = folder / f"{picture.stem}.json"
     try:
         scores = json.loads(path.read_text(encoding="utf-8"))
@@ -192,7 +196,7 @@ def shrunken(
 
 
 def _write(result: FitResult, picture: Path, folder: Path, seed: int) -> None:
-    """Write the files of a picture, with nothing in them that a second fit would not repeat."""
+    """Write NAME.svg and NAME.json; the same fit writes the same bytes again (no times, no dates)."""
     height, width = image_size(picture)
     factors = np.array([[width / result.width, height / result.height]], np.float32)
     positions = to_device(np.asarray(result.scene.positions) * factors)

@@ -35,3 +35,7 @@ class InheritedState(NamedTuple):
     def is_instance(self, element: Element) -> bool:
         """Whether an element is the target of the innermost `use`, rather than its descendant."""
         return self.instance is not None and self.instance.target is element
+
+    def use_of(self, element: Element) -> Element | None:
+        """The `use` that asks for an instance of this element; None if it is drawn in its place."""
+        return self.instance.use if self.instance and self.is_instance(element) else None

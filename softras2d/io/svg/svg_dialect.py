@@ -142,7 +142,7 @@ class Drawing:
             # Names that SVG does not define are not drawn by any program.
             self._page.not_drawn(NOT_DRAWN if name in NOT_SUPPORTED else INVALID, element)
             return
-        use = parent.instance.use if parent.instance and parent.is_instance(element) else None
+        use = parent.use_of(element)
         map3 = parent.placement.map3
         if element is not self.root:
             map3 = transformed(self._page, element, declared, style, map3, use)

@@ -130,8 +130,7 @@ def nested_state(
     page: Page, element: Element, declared: Declarations, state: InheritedState
 ) -> InheritedState | None:
     """The state inside of a nested `svg` or an instance of a `symbol`; None if it has no area."""
-    use = state.instance.use if state.instance and state.is_instance(element) else None
-    nested = nested_viewport(page, element, declared, state.style, use)
+    nested = nested_viewport(page, element, declared, state.style, state.use_of(element))
     if nested is None:
         return None
     placement = state.placement
