@@ -196,7 +196,7 @@ def shrunken(
 
 
 def _write(result: FitResult, picture: Path, folder: Path, seed: int) -> None:
-    """Write NAME.svg and NAME.json; the same fit writes the same bytes again (no times, no dates)."""
+    """Write NAME.svg and NAME.json, without times, so that the same fit writes the same bytes."""
     height, width = image_size(picture)
     factors = np.array([[width / result.width, height / result.height]], np.float32)
     positions = to_device(np.asarray(result.scene.positions) * factors)
