@@ -25,8 +25,8 @@ COUNT = 10
 class Mode(NamedTuple):
     """A coverage, the effects that it draws, and which of its derivatives are zero.
 
-    - `effects`: words among `corners` (colours), `alpha`, `texture`, `depth`, `perspective`, and
-      `clear` (a background of four channels).
+    - `effects`: words among `corners` (colours), `alpha`, `texture`, `depth`, `perspective`,
+      `clear` (a background of four channels), and `far` (triangles past the guard band).
     - `zero`: inputs whose derivative is zero.
     - `hides`: whether a triangle hides what lies behind it. Blending by depth does not, since what
       lies deeper has a weight, however small; nor does a sum.
@@ -51,9 +51,9 @@ GLASS = "corners alpha texture perspective clear"
 
 MODES = {
     "hard": Mode(sr.Hard(4), "corners"),
-    "hard-textured": Mode(sr.Hard(4), OPAQUE),
+    "hard-textured": Mode(sr.Hard(4), f"{OPAQUE} far"),
     "hard-all": Mode(sr.Hard(4), ALL, zero=("depth",)),
-    "hard-still": Mode(sr.Hard(4, edge_gradients=False), "depth", zero=("positions", "depth")),
+    "hard-still": Mode(sr.Hard(4, edge_gradients=False), "depth far", zero=("positions", "depth")),
     "soft": Mode(sr.Soft(1.3), "corners alpha"),
     "soft-textured": Mode(sr.Soft(1.3, "window"), GLASS),
     "soft-all": Mode(sr.Soft(1.3, temperature=0.3), ALL, hides=False),
@@ -84,10 +84,13 @@ def scene_of(effects: str, dtype: type = np.float32, seed: int = 0) -> sr.Scene:
     """Triangles of a few pixels, over and beside one that covers the left of the canvas."""
     rng = np.random.default_rng(seed)
     corners = rng.random((COUNT, 1, 2)) * SIZE + rng.normal(size=(COUNT, 3, 2)) * 4
-    corners[COVERING] = [(7.7, -30), (7.2, 46), (-30, 8)]
+    # Corners up to half a canvas beyond the border lie within the guard band.
+    is_far = "far" in effects
+    corners = np.clip(corners, -SIZE / 2, 1.5 * SIZE)
+    corners[COVERING] = [(7.7, -30), (7.2, 46), (-30, 8)] if is_far else [(8, -7), (7, 23), (-8, 8)]
     corners[HIDDEN] = np.array([2.5, 7.5]) + rng.uniform(-2, 2, (3, 2))
     corners[NO_AREA] = corners[NO_AREA, :1]
-    corners[OFF_CANVAS] += 500
+    corners[OFF_CANVAS] = np.array([500, 500] if is_far else [20, 9]) + rng.uniform(-3, 3, (3, 2))
     colors = rng.random((COUNT, 3 if "corners" in effects else 1, 4 if "alpha" in effects else 3))
     colors[COVERING, :, 3:] = 1
     optional: dict[str, Any] = {
