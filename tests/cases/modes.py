@@ -90,7 +90,7 @@ def scene_of(effects: str, dtype: type = np.float32, seed: int = 0) -> sr.Scene:
     corners[COVERING] = [(7.7, -30), (7.2, 46), (-30, 8)] if is_far else [(8, -7), (7, 23), (-8, 8)]
     corners[HIDDEN] = np.array([2.5, 7.5]) + rng.uniform(-2, 2, (3, 2))
     corners[NO_AREA] = corners[NO_AREA, :1]
-    corners[OFF_CANVAS] = np.array([500, 500] if is_far else [20, 9]) + rng.uniform(-3, 3, (3, 2))
+    corners[OFF_CANVAS] = np.add([(-3, 0), (2, -3), (1, 3)], 500 if is_far else 20)
     colors = rng.random((COUNT, 3 if "corners" in effects else 1, 4 if "alpha" in effects else 3))
     colors[COVERING, :, 3:] = 1
     optional: dict[str, Any] = {
