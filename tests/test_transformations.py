@@ -87,8 +87,11 @@ BOTH_DIRECTIONS = "Gauss-Newton product"
 
 
 def inputs_to_trace() -> list[Any]:
-    """The inputs of the quick modes one by one; those of each other mode together, as None."""
-    others = [mode for mode in MODES if mode not in QUICK]
+    """The inputs of the quick modes one by one; those of each other mode together, as None.
+
+    The modes in `SIMPLEST` are computed with every transformation, all inputs together.
+    """
+    others = [mode for mode in MODES if mode not in (*QUICK, *SIMPLEST)]
     together = [pytest.param(mode, None, marks=pytest.mark.slow) for mode in others]
     return mode_input_pairs(QUICK) + together
 

@@ -24,11 +24,6 @@ class SceneSource:
     path: Path
     dialect: str
 
-    @property
-    def is_bundled(self) -> bool:
-        """Whether it is a bundled scene."""
-        return str(self.path) in scenes.names() and not self.path.exists()
-
     @cached_property
     def _standard_input(self) -> bytes | None:
         """The content of standard input; None for other sources."""
@@ -38,7 +33,7 @@ class SceneSource:
 
     def size(self) -> tuple[int, int]:
         """The (height, width) that the scene gives, in pixels."""
-        if self.is_bundled:
+        if scenes.is_bundled(self.path):
             return scenes.SIZE, scenes.SIZE
         try:
             if self._standard_input is not None:
@@ -51,7 +46,7 @@ class SceneSource:
 
     def size_with_margins(self, height: int, width: int) -> tuple[float, float] | None:
         """The (height, width) of a drawing that leaves margins on a canvas; None if it fills it."""
-        if self.is_bundled:
+        if scenes.is_bundled(self.path):
             side = scenes.SIZE
             return None if abs(height - width) <= 1 else (side, side)
         text = self._standard_input
@@ -60,7 +55,7 @@ class SceneSource:
 
     def read(self, **keywords: Any) -> Scene:
         """Read the scene; `keywords` are those of `read_svg` without `dialect`."""
-        if self.is_bundled:
+        if scenes.is_bundled(self.path):
             name = str(self.path)
             if scenes.is_scripted(name):
                 keywords = {key: keywords[key] for key in ("height", "width")}

@@ -64,7 +64,7 @@ def view_files(
     with session(long_running=True) as console:
         # Refused before the heavy imports.
         for path in files:
-            if not path.is_file() and not is_bundled(path) and path != STANDARD_INPUT:
+            if not path.is_file() and not scenes.is_bundled(path) and path != STANDARD_INPUT:
                 raise ValueError(f"{path}: no such file.")
         import_server()
         from ..viewing.scene_file import ReadOptions
@@ -82,20 +82,15 @@ def view_files(
         console.print("closed")
 
 
-def is_bundled(path: Path) -> bool:
-    """Whether a path is the name of a bundled scene. A file of that name takes precedence."""
-    return str(path) in scenes.names() and not path.exists()
-
-
 def open_subjects(paths: Sequence[Path], read_options: "ReadOptions") -> list["Subject"]:
     """One subject for each file, bundled scene, or `-`."""
     from ..viewing.open_files import open_files
 
-    others = [path for path in paths if not is_bundled(path) and path != STANDARD_INPUT]
+    others = [path for path in paths if not scenes.is_bundled(path) and path != STANDARD_INPUT]
     files = iter(open_files(others, read_options))
     subjects = []
     for path in paths:
-        if is_bundled(path):
+        if scenes.is_bundled(path):
             subjects.append(bundled_subject(str(path), read_options))
         elif path == STANDARD_INPUT:
             subjects.append(_read_standard_input(read_options))

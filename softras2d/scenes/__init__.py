@@ -55,6 +55,11 @@ def is_scripted(name: str) -> bool:
     return name in _SCRIPTED
 
 
+def is_bundled(path: Path) -> bool:
+    """Whether a path is the name of a bundled scene. A file of that name takes precedence."""
+    return str(path) in names() and not path.exists()
+
+
 def path(name: str) -> Path:
     """The SVG file of a bundled scene.
 
