@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from .fitting.result import FitResult
     from .io.compact_scene import read_compact, write_compact
     from .io.images import read_image, write_image
-    from .io.svg.control_points import SvgControls
-    from .io.svg.film import write_svg_film
-    from .io.svg.reader import read_svg, read_svg_controls
-    from .io.svg.writer import write_svg
+    from .io.svg.reading.control_points import SvgControls
+    from .io.svg.reading.reader import read_svg, read_svg_controls
+    from .io.svg.writing.film import write_svg_film
+    from .io.svg.writing.writer import write_svg
     from .numerics.compilation_cache import keep_compiled_programs
     from .options import Area, Filter, Hard, Soft
     from .planning.plan import Plan
@@ -55,7 +55,7 @@ _DEFINED_IN = {
     "Plan": ".planning.plan",
     "Scene": ".scene",
     "Soft": ".options",
-    "SvgControls": ".io.svg.control_points",
+    "SvgControls": ".io.svg.reading.control_points",
     "TexturePyramid": ".texture.pyramid",
     "TiledPlan": ".tiled.plan_tiles",
     "Visibility": ".rendering.visibility",
@@ -75,8 +75,8 @@ _DEFINED_IN = {
     "rasterize": ".rendering.visibility",
     "read_compact": ".io.compact_scene",
     "read_image": ".io.images",
-    "read_svg": ".io.svg.reader",
-    "read_svg_controls": ".io.svg.reader",
+    "read_svg": ".io.svg.reading.reader",
+    "read_svg_controls": ".io.svg.reading.reader",
     "render": ".rendering.render",
     "render_checked": ".rendering.render",
     "render_tiles": ".tiled.render_tiles",
@@ -88,8 +88,8 @@ _DEFINED_IN = {
     "view": ".viewing.notebook",
     "write_compact": ".io.compact_scene",
     "write_image": ".io.images",
-    "write_svg": ".io.svg.writer",
-    "write_svg_film": ".io.svg.film",
+    "write_svg": ".io.svg.writing.writer",
+    "write_svg_film": ".io.svg.writing.film",
     "write_tiles": ".tiled.write_tiles",
 }
 

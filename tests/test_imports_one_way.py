@@ -5,6 +5,7 @@ Within the package, a module imports from those before it in `ORDER`; `experimen
 """
 
 import ast
+import re
 import shutil
 import subprocess
 import tomllib
@@ -47,6 +48,18 @@ ORDER = (
     "__main__",
 )
 """Files and folders at the top of the package. Each imports from itself and those before it."""
+
+ORDER_IN_SVG = (
+    "xml",
+    "values",
+    "css",
+    "canvas",
+    "elements",
+    "painting",
+    "reading",
+    "writing",
+)
+"""Folders of `io/svg`. Each imports from itself and those before it."""
 
 FOLDERS = {"softras2d", "tests", "notebooks", "experiments"}
 TOP_LEVEL = FOLDERS | {"pyproject.toml", "README.md", "LICENSE"}
@@ -116,6 +129,37 @@ def test_imports_go_one_way():
         if rank[top_level_name(other)] > rank[top_level_name(module)]
     ]
     assert not wrong
+
+
+SVG = "softras2d.io.svg"
+
+
+def folder_in_svg(module: str) -> str:
+    """The folder of `io/svg` in which a module of it lies, as in `ORDER_IN_SVG`."""
+    return module.removeprefix(f"{SVG}.").split(".")[0]
+
+
+def test_every_module_of_svg_lies_in_a_folder_with_a_rank():
+    modules = {module for module in GRAPH if module.startswith(f"{SVG}.")}
+    assert {folder_in_svg(module) for module in modules} == set(ORDER_IN_SVG)
+    assert [file.name for file in (PACKAGE / "io" / "svg").glob("*.py")] == ["__init__.py"]
+
+
+def test_imports_in_svg_go_one_way():
+    rank = {name: number for number, name in enumerate(ORDER_IN_SVG)}
+    wrong = [
+        f"{module} imports {other}"
+        for module, others in GRAPH.items()
+        for other in sorted(others)
+        if module.startswith(f"{SVG}.") and other.startswith(f"{SVG}.")
+        if rank[folder_in_svg(other)] > rank[folder_in_svg(module)]
+    ]
+    assert not wrong
+
+
+def test_the_docstring_of_svg_lists_its_folders_in_order():
+    docstring = ast.get_docstring(ast.parse(FILES[SVG].read_text(encoding="utf-8")))
+    assert tuple(re.findall(r"^- `(\w+)`:", docstring or "", re.MULTILINE)) == ORDER_IN_SVG
 
 
 def test_no_modules_import_each_other_in_a_circle():

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import softras2d as sr
-from softras2d.io.svg.reader import svg_size
+from softras2d.io.svg.reading.reader import svg_size
 from tests.cases.browser import psnr, require_browser, screenshot
 
 from ..common import machine, report

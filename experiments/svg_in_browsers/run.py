@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import softras2d as sr
-from softras2d.io.svg.browser_gradients import in_browsers
+from softras2d.io.svg.writing.browser_gradients import in_browsers
 from tests.cases.browser import psnr, require_browser, screenshot
 
 from ..common import machine, report

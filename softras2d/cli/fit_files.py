@@ -14,8 +14,8 @@ from ..fitting.target import Image
 from ..io.animation import write_animation
 from ..io.compact_scene import write_compact
 from ..io.images import write_image
-from ..io.svg.browser_gradients import in_browsers
-from ..io.svg.writer import write_svg
+from ..io.svg.writing.browser_gradients import in_browsers
+from ..io.svg.writing.writer import write_svg
 from ..numerics.device import to_device
 from ..options import Hard
 from ..rendering.planner import plan

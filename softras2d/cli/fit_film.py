@@ -13,7 +13,7 @@ from ..fitting.result import FitResult
 from ..fitting.target import Image
 from ..io.animation import write_animation
 from ..io.images import read_image
-from ..io.svg.film import write_svg_film
+from ..io.svg.writing.film import write_svg_film
 from .fit_bar import FitBar
 from .fit_files import small_images
 from .fit_options import FilmOptions

@@ -11,7 +11,7 @@ from ..fitting.frame import Frame
 from ..fitting.mesh.triangulation import Mesh, make_mesh
 from ..fitting.result import FitResult
 from ..fitting.traits import TRAITS
-from ..io.svg.reader import read_svg
+from ..io.svg.reading.reader import read_svg
 from ..numerics.device import to_device
 from ..scene import Scene
 

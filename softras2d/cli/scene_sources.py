@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from .. import scenes
-from ..io.svg.declared_size import size_with_margins
-from ..io.svg.document import MAX_BYTES, from_text, load
-from ..io.svg.reader import parse_svg, parse_svg_size, read_svg, svg_size
+from ..io.svg.reading.declared_size import size_with_margins
+from ..io.svg.reading.reader import parse_svg, parse_svg_size, read_svg, svg_size
+from ..io.svg.xml.document import MAX_BYTES, from_text, load
 from ..scene import Scene
 
 

@@ -101,7 +101,7 @@ def open_subjects(paths: Sequence[Path], read_options: "ReadOptions") -> list["S
 
 def _read_standard_input(read_options: "ReadOptions") -> "Subject":
     """The subject of an SVG file that is read from standard input."""
-    from ..io.svg.document import MAX_BYTES
+    from ..io.svg.xml.document import MAX_BYTES
     from ..viewing.scene_file import SceneFile
 
     text = sys.stdin.buffer.read(MAX_BYTES + 1)

@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from ..io.drafts import atomic_file
 from ..io.images import image_size, read_image
-from ..io.svg.writer import write_svg
+from ..io.svg.writing.writer import write_svg
 from ..numerics.device import Devices, to_device
 from .batch import fit_batch
 from .resample import shrink

@@ -101,6 +101,6 @@ def read(name: str, **keywords: Any) -> "Scene":
         from .scripted import SCRIPTED
 
         return SCRIPTED[name].make(**({"height": SIZE, "width": SIZE} | keywords))
-    from ..io.svg.reader import read_svg
+    from ..io.svg.reading.reader import read_svg
 
     return read_svg(path(name), **(_READ_OPTIONS.get(name, {}) | keywords))

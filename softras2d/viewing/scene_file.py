@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..io.svg.declared_size import declared_size
-from ..io.svg.document import Document, SvgError, from_text, load
-from ..io.svg.reader import read_document_with_notice
+from ..io.svg.reading.declared_size import declared_size
+from ..io.svg.reading.reader import read_document_with_notice
+from ..io.svg.xml.document import Document, SvgError, from_text, load
 from ..names import SvgDialect
 from ..options import Filter, Hard
 from ..scene import Scene

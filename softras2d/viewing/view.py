@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ..io.svg.view_box import MAX_SIDE
+from ..io.svg.elements.view_box import MAX_SIDE
 from .message_fields import check_range
 
 MAX_CANVAS_SIDE = 8192

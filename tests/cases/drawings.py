@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 import softras2d as sr
-from softras2d.io.svg.reader import parse_svg
+from softras2d.io.svg.reading.reader import parse_svg
 
 
 def corners_of(scene: sr.Scene) -> np.ndarray:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from softras2d.io.svg.reader import parse_svg
+from softras2d.io.svg.reading.reader import parse_svg
 
 from .png_files import png
 

@@ -13,7 +13,7 @@ import pytest
 
 import softras2d as sr
 from softras2d import scenes
-from softras2d.io.svg.reader import read_svg, svg_size
+from softras2d.io.svg.reading.reader import read_svg, svg_size
 
 from ..cases.fuzzing import cases
 

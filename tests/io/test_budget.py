@@ -6,7 +6,7 @@ import pytest
 from softras2d.io import budget
 from softras2d.io.budget import Budget, BudgetError
 from softras2d.io.shapes import overlaps
-from softras2d.io.svg.display_list import DisplayList
+from softras2d.io.svg.canvas.display_list import DisplayList
 
 
 def test_charges_add_up_to_the_limit():

@@ -16,10 +16,8 @@ import softras2d as sr
 from softras2d import scenes
 from softras2d.io.budget import MAX_TEXELS, Budget, BudgetError
 from softras2d.io.images import decode_image, read_image
-from softras2d.io.svg import (
-    assets,
-)
-from softras2d.io.svg.reader import read_svg
+from softras2d.io.svg.reading.reader import read_svg
+from softras2d.io.svg.xml import assets
 
 from ..cases.hostile import ends_within, grey_png, outcome, polygon
 from ..cases.marks import slowly

@@ -7,23 +7,12 @@ import numpy as np
 import pytest
 
 from softras2d.io.budget import Budget
-from softras2d.io.svg import (
-    assets,
-    cascade,
-    css_color,
-    css_transform,
-    media_queries,
-    notices,
-    numbers,
-    path_data,
-    style,
-    transform_attribute,
-    tree,
-    units,
-    view_box,
-)
-from softras2d.io.svg.font_size import shorthand_size
-from softras2d.io.svg.transform_origin import transform_origin
+from softras2d.io.svg.css import cascade, media_queries, style
+from softras2d.io.svg.css.font_size import shorthand_size
+from softras2d.io.svg.elements import css_transform, view_box
+from softras2d.io.svg.values import css_color, numbers, path_data, transform_attribute, units
+from softras2d.io.svg.values.transform_origin import transform_origin
+from softras2d.io.svg.xml import assets, notices, tree
 
 from ..cases.hostile import ends_within, outcome
 

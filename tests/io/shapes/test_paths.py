@@ -7,7 +7,7 @@ import pytest
 
 from softras2d.io.budget import Budget, BudgetError
 from softras2d.io.shapes.paths import Path, Subpath, arc_between, flatten
-from softras2d.io.svg.path_data import ellipse_path, parse_path_data, rect_path
+from softras2d.io.svg.values.path_data import ellipse_path, parse_path_data, rect_path
 
 CURVES = {
     "cubic": "M0 0C40 90 90 -60 100 40",

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softras2d.io.svg.reader import parse_svg
+from softras2d.io.svg.reading.reader import parse_svg
 
 from ...cases.drawings import body_colors, colors_at
 

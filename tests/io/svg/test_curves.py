@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.io.svg.reader import parse_svg
+from softras2d.io.svg.reading.reader import parse_svg
 
 SIDE, GRID = 60, 16
 

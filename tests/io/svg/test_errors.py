@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softras2d.io.images import write_image
-from softras2d.io.svg.reader import parse_svg
+from softras2d.io.svg.reading.reader import parse_svg
 
 HUGE = "1e39"
 """Finite as Python reads it, and beyond float32."""

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from softras2d.io.svg.reader import parse_svg
+from softras2d.io.svg.reading.reader import parse_svg
 
 from ...cases.drawings import colors_at
 

@@ -7,7 +7,7 @@ import pytest
 
 from softras2d.io import budget
 from softras2d.io.budget import MAX_COPIES
-from softras2d.io.svg.reader import parse_svg
+from softras2d.io.svg.reading.reader import parse_svg
 
 from ...cases.drawings import body_colors, corners_of, read_body
 

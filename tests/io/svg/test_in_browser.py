@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.io.svg.browser_gradients import in_browsers
+from softras2d.io.svg.writing.browser_gradients import in_browsers
 
 from ...cases.browser import psnr, require_browser, screenshot
 from ...cases.marks import slowly

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import softras2d as sr
-from softras2d.io.svg.reader import parse_svg
+from softras2d.io.svg.reading.reader import parse_svg
 
 from ...cases.marks import slowly
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.io.svg.reader import read_svg
+from softras2d.io.svg.reading.reader import read_svg
 
 from ...cases.drawings import colors_at
 

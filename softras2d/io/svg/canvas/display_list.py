@@ -1,0 +1,389 @@
+"""Collects the shapes of a drawing in order, and triangulates all of them at the end.
+
+Shapes of one kind are triangulated together, which is much faster than one by one. The index of a
+shape in draw order is called its **draw**. Sorting triangles by draw restores the order between
+kinds.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from jaxtyping import Float32, Int
+
+from ...budget import Budget, BudgetError
+from ...shapes.ear_clipping import clip_ears, crosses_itself, fill_nonzero
+from ...shapes.pixel_lines import pixel_lines
+from ...shapes.polygons import fan, fan_inside, fill_regions, triangulate
+from ...shapes.strokes import Outline, stroke, union
+from ..values.css_color import Rgba
+from ..xml.document import SvgError
+from .paint import Paint
+
+
+class Triangles(NamedTuple):
+    """Triangles of a drawing, in draw order; all arrays are float32 except `texture`.
+
+    - `corners`: `[triangles, 3, 2]`, in pixels.
+    - `colors`: `[triangles, 1 or 3, 4]`, sRGB with straight alpha; one colour per corner if any
+      triangle needs it.
+    - `uv`: `[triangles, 3, 2]`, zero for triangles without texture; of length 0 if no triangle has
+      a texture.
+    - `texture`: `[triangles]`, index of the texture, or -1.
+    - `draw`: `[triangles]`, index of the shape of each, in draw order.
+    """
+
+    corners: np.ndarray
+    colors: np.ndarray
+    uv: np.ndarray
+    texture: np.ndarray
+    draw: np.ndarray
+
+
+class _Batch(NamedTuple):
+    """Triangles of one kind of shape, and the draw of each.
+
+    `colors` replace those of the draws.
+    """
+
+    draw: Int[np.ndarray, " triangles"]
+    corners: Float32[np.ndarray, "triangles 3 2"]
+    uv: Float32[np.ndarray, "triangles 3 2"] | None = None
+    colors: Float32[np.ndarray, "triangles 3 4"] | None = None
+
+
+class DisplayList:
+    """Shapes of a drawing, in draw order. Coordinates are in pixels, float64.
+
+    - `line`: line number of the element that is being read, for errors found by `finish`.
+    - `approximated`: number of the course's polygons that `finish` filled by the nonzero rule
+      instead of the course's ear clipping.
+    """
+
+    def __init__(self, name: str, budget: Budget | None = None):
+        self.name = name
+        self.budget = budget or Budget()
+        self.line = 0
+        self.approximated = 0
+        # By draw: its line number, its colour or the colours of its corners, its texture.
+        self._lines: list[int] = []
+        self._colors: list[Rgba | np.ndarray] = []
+        self._textures: dict[int, int] = {}
+        # By kind of shape: the draws and their geometry.
+        self._triangles: list[tuple[int, np.ndarray, np.ndarray | None]] = []
+        self._polygons: list[tuple[int, np.ndarray | list[np.ndarray], bool]] = []
+        self._regions: list[tuple[int, Any, Paint]] = []
+        self._ears: list[tuple[int, np.ndarray, np.ndarray]] = []
+        self._strokes: list[tuple[int, Outline, np.ndarray]] = []
+        self._hairlines: list[tuple[int, np.ndarray]] = []
+        self._pixels: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def __len__(self) -> int:
+        return len(self._lines)
+
+    def _new_draw(self, color: Rgba | np.ndarray) -> int:
+        self._lines.append(self.line)
+        self._colors.append(color)
+        return len(self._lines) - 1
+
+    def add_triangles(self, corners: np.ndarray, color: Rgba | np.ndarray) -> None:
+        """Add triangles `[k, 3, 2]` of one colour, or of one colour per corner `[3, 4]`."""
+        self.budget.charge("triangles", len(corners))
+        self._triangles.append((self._new_draw(color), corners, None))
+
+    def add_textured(
+        self, points: np.ndarray, color: Rgba, uv: np.ndarray, texture: int, translucent: bool
+    ) -> None:
+        """Add a convex polygon `[n, 2]` with a texture; `uv` `[n, 2]` at its corners."""
+        cut = fan_inside if translucent and len(points) > 3 else fan
+        triangles = cut(np.concatenate([points, uv], axis=1)[None])[0]
+        self.budget.charge("triangles", len(triangles))
+        draw = self._new_draw(color)
+        self._textures[draw] = texture
+        self._triangles.append((draw, triangles[..., :2], triangles[..., 2:]))
+
+    def add_polygon(
+        self, points: np.ndarray | list[np.ndarray], color: Rgba, evenodd: bool = False
+    ) -> int:
+        """Add the inside of closed contours `[n, 2]`, by the nonzero or the even-odd rule.
+
+        Returns its draw.
+        """
+        contours = [points] if isinstance(points, np.ndarray) else points
+        self.budget.charge("points", sum(map(len, contours)))
+        self._polygons.append((self._new_draw(color), points, evenodd))
+        return len(self) - 1
+
+    def add_region(self, region: Any, paint: Paint) -> int:
+        """Add a shapely region with a paint; returns its draw."""
+        self.budget.charge("points", int(shapely.get_num_coordinates(region)))
+        draw = self._new_draw(tuple(paint.color[:, 2]))
+        if paint.texture >= 0:
+            self._textures[draw] = paint.texture
+        self._regions.append((draw, region, paint))
+        return draw
+
+    def add_ears(self, plane: np.ndarray, points: np.ndarray, color: Rgba) -> None:
+        """Add a polygon that is triangulated by the course's ear clipping.
+
+        Ears are chosen on `plane` `[n, 2]`, float32, the points before they are mapped to pixels.
+        """
+        self.budget.charge("points", len(points))
+        self._ears.append((self._new_draw(color), plane, points))
+
+    def add_stroke(self, outline: Outline | list[Outline], map3: np.ndarray, color: Rgba) -> None:
+        """Add a stroke, which is triangulated in the outline's units and then mapped to pixels.
+
+        Several outlines are one shape: where they overlap, a translucent one is drawn once.
+        """
+        outlines = [outline] if isinstance(outline, Outline) else outline
+        draw = self._new_draw(color)
+        for chain in outlines:
+            self.budget.charge("points", len(chain.points))
+            self._strokes.append((draw, chain, map3))
+
+    def add_hairlines(self, segments: np.ndarray, color: Rgba) -> None:
+        """Add lines `[k, 4]` (x0, y0, x1, y1), one pixel wide, each over the one before."""
+        self.budget.charge("points", len(segments))
+        self._hairlines.append((self._new_draw(color), segments))
+
+    def add_pixels(self, rectangles: np.ndarray, colors: np.ndarray) -> None:
+        """Add rectangles of whole pixels `[k, 4]` with colours `[k, 4]`, each a draw of its own.
+
+        A rectangle is (x0, y0, x1, y1), of which x1 and y1 are exclusive.
+        """
+        # As many as `_rectangles` makes.
+        self.budget.charge("triangles", int(np.where(colors[:, 3] < 1, 4, 2).sum()))
+        first = len(self)
+        self._lines += [self.line] * len(rectangles)
+        self._colors += map(tuple, colors.tolist())
+        self._pixels.append((np.arange(first, len(self)), rectangles))
+
+    def finish(self, height: int, width: int) -> Triangles:
+        """Triangulate all shapes on a canvas of `height` x `width` pixels.
+
+        Raises `ValueError` for coordinates that are not finite in float32, and for work beyond the
+        budget.
+        """
+        batches = [
+            _Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
+            self._from_triangles(),
+            self._from_polygons(),
+            self._from_regions(),
+            self._from_ears(),
+            self._from_strokes(),
+            self._from_hairlines(height, width),
+            self._from_pixels(),
+        ]
+        batches = [batch for batch in batches if batch is not None]
+        draw = np.concatenate([batch.draw for batch in batches])
+        order = np.argsort(draw, kind="stable")
+        draw = draw[order]
+        uv, texture = np.zeros((0, 3, 2), np.float32), np.full(len(self), -1)
+        if self._textures:
+            texture[list(self._textures)] = list(self._textures.values())
+            uvs = [np.zeros_like(b.corners) if b.uv is None else b.uv for b in batches]
+            uv = np.concatenate(uvs)[order]
+        corners = np.concatenate([batch.corners for batch in batches])[order]
+        colors = self._color_table()[draw]
+        if any(batch.colors is not None for batch in batches):
+            colors = np.array(np.broadcast_to(colors, (len(draw), 3, 4)))
+            rank = np.empty(len(order), np.int64)
+            rank[order] = np.arange(len(order))
+            end = 0
+            for batch in batches:
+                start, end = end, end + len(batch.draw)
+                if batch.colors is not None:
+                    colors[rank[start:end]] = batch.colors
+        return Triangles(corners, colors, uv, texture[draw], draw)
+
+    def _color_table(self) -> np.ndarray:
+        """Colours of all draws, `[draws, 1 or 3, 4]`; `ValueError` if float32 cannot hold one."""
+        if not any(isinstance(color, np.ndarray) for color in self._colors):
+            table = np.array(self._colors, np.float64).reshape(-1, 1, 4)
+            return self._float32(table, np.arange(len(table)), "a colour")
+        colors = [np.reshape(color, (-1, 4)) for color in self._colors]
+        if any(len(color) > 1 for color in colors):
+            colors = [np.broadcast_to(color, (3, 4)) for color in colors]
+        if not colors:
+            return np.ones((0, 1, 4), np.float32)
+        table = np.array(colors).reshape(len(colors), -1, 4)
+        return self._float32(table, np.arange(len(table)), "a colour")
+
+    def _is_translucent(self, draws: np.ndarray) -> np.ndarray:
+        """Whether each draw is translucent. Each must have a single colour."""
+        return np.array([self._colors[draw][3] < 1 for draw in draws.tolist()], bool)
+
+    def _batch(self, draw: np.ndarray, corners: np.ndarray) -> _Batch:
+        return _Batch(draw, self._float32(corners, draw))
+
+    def _float32(
+        self, values: np.ndarray, draws: np.ndarray, noun: str = "a coordinate"
+    ) -> np.ndarray:
+        """Round values `[k, ...]`, one row for each of `draws`, to float32.
+
+        If one is not finite then, raises `ValueError` with the line of its draw. The error calls
+        the value `noun`.
+        """
+        with np.errstate(over="ignore"):
+            rounded = values.astype(np.float32)
+        is_bad = ~np.isfinite(rounded).all(axis=tuple(range(1, rounded.ndim)))
+        if is_bad.any():
+            raise self._error(int(draws[np.argmax(is_bad)]), f"{noun} is not finite in float32.")
+        return rounded
+
+    def _error(self, draw: int, message: str) -> SvgError:
+        return SvgError(f"{self.name}:{self._lines[draw]}: {message}")
+
+    def _from_triangles(self) -> _Batch | None:
+        if not self._triangles:
+            return None
+        draw, corners, uvs = zip(*self._triangles, strict=True)
+        batch = self._batch(np.repeat(draw, list(map(len, corners))), np.concatenate(corners))
+        if not self._textures:
+            return batch
+        uvs = [np.zeros_like(c) if uv is None else uv for uv, c in zip(uvs, corners, strict=True)]
+        return batch._replace(
+            uv=self._float32(np.concatenate(uvs), batch.draw, "a texture coordinate")
+        )
+
+    def _from_polygons(self) -> _Batch | None:
+        if not self._polygons:
+            return None
+        draw, contours, evenodd = zip(*self._polygons, strict=True)
+        draw = np.array(draw)
+        # Checked first, since GEOS does not handle infinities.
+        points = [c if isinstance(c, np.ndarray) else np.concatenate(c) for c in contours]
+        self._float32(np.concatenate(points), np.repeat(draw, list(map(len, points))))
+        try:
+            corners, owner = triangulate(
+                contours, evenodd, self._is_translucent(draw).tolist(), self.budget
+            )
+        except BudgetError as error:
+            raise self._error(int(draw[error.index]), f"the polygon {error}") from None
+        return self._batch(draw[owner], corners)
+
+    def _from_regions(self) -> _Batch | None:
+        if not self._regions:
+            return None
+        draw, regions, paints = zip(*self._regions, strict=True)
+        draw, regions = np.array(draw), np.array(regions, object)
+        translucent = np.array([not paint.is_opaque for paint in paints])
+        # GEOS does not handle infinities.
+        coordinates, region = shapely.get_coordinates(regions, return_index=True)
+        self._float32(coordinates, draw[region])
+        corners, owner = fill_regions(regions, translucent, np.arange(len(regions)))
+        self.budget.charge("triangles", len(corners))
+        batch = self._batch(draw[owner], corners)
+        matrices = np.stack([paint.color for paint in paints])
+        if matrices[..., :2].any():
+            matrix = matrices[owner]
+            colors = np.einsum("tij,tcj->tci", matrix[..., :2], corners) + matrix[:, None, :, 2]
+            colors[..., 3] = np.clip(colors[..., 3], 0.0, 1.0)
+            batch = batch._replace(colors=self._float32(colors, batch.draw, "a colour"))
+        if not self._textures:
+            return batch
+        maps = np.stack([np.zeros((2, 3)) if p.uv is None else p.uv for p in paints])[owner]
+        uv = np.einsum("tij,tcj->tci", maps[..., :2], corners) + maps[:, None, :, 2]
+        return batch._replace(uv=self._float32(uv, batch.draw, "a texture coordinate"))
+
+    def _from_ears(self) -> _Batch | None:
+        if not self._ears:
+            return None
+        draw, planes, contours = zip(*self._ears, strict=True)
+        try:
+            owner, ears, skipped = clip_ears(planes, self.budget)
+        except BudgetError as error:
+            raise self._error(draw[error.index], f"the polygon {error}") from None
+        starts = np.cumsum([0, *map(len, contours)])
+        corners, owners = [np.concatenate(contours)[starts[owner, None] + ears]], [owner]
+        for index in skipped:
+            self._float32(contours[index], np.full(len(contours[index]), draw[index]))
+            try:
+                self.approximated += crosses_itself(planes[index], self.budget, index)
+                corners.append(fill_nonzero(contours[index], self.budget))
+            except BudgetError as error:
+                raise self._error(draw[index], f"the polygon {error}") from None
+            owners.append(np.full(len(corners[-1]), index))
+        return self._batch(np.array(draw)[np.concatenate(owners)], np.concatenate(corners))
+
+    def _from_strokes(self) -> _Batch | None:
+        if not self._strokes:
+            return None
+        draw, outlines, maps = zip(*self._strokes, strict=True)
+        draw = np.array(draw)
+        try:
+            corners, owner = stroke(outlines, self.budget)
+        except BudgetError as error:
+            raise self._error(int(draw[error.index]), f"the stroke {error}") from None
+        corners = self._mapped(np.array(maps), corners, owner, draw)
+        is_translucent = self._is_translucent(draw)
+        is_opaque = ~is_translucent[owner]
+        # The triangles of a stroke overlap at joins, where a translucent one would be blended
+        # twice.
+        translucent_draws, triangle_draws = np.unique(draw[is_translucent]), draw[owner]
+        starts = np.searchsorted(triangle_draws, translucent_draws)
+        ends = np.searchsorted(triangle_draws, translucent_draws + 1)
+        regions = np.empty(len(translucent_draws), object)
+        for k, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+            try:
+                regions[k] = union(corners[start:end], self.budget)
+            except BudgetError as error:
+                stroke_draw = int(translucent_draws[k])
+                raise self._error(stroke_draw, f"the translucent stroke {error}") from None
+        if len(regions) == 0:
+            return self._batch(triangle_draws, corners)
+        filled, filled_draws = fill_regions(regions, np.ones(len(regions), bool), translucent_draws)
+        return self._batch(
+            np.concatenate([triangle_draws[is_opaque], filled_draws]),
+            np.concatenate([corners[is_opaque], filled]),
+        )
+
+    def _mapped(
+        self, maps: np.ndarray, corners: np.ndarray, owner: np.ndarray, draw: np.ndarray
+    ) -> np.ndarray:
+        """Map triangles `[t, 3, 2]` to pixels, each by the map `[3, 3]` of the stroke `owner`."""
+        maps = maps[owner]
+        with np.errstate(over="ignore", invalid="ignore"):
+            mapped = np.einsum("tij,tcj->tci", maps[..., :2], corners) + maps[:, None, :, 2]
+        is_bad = ~(mapped[..., 2] > 0).all(axis=1)
+        if is_bad.any():
+            message = "`transform` sends a stroke to infinity or behind it (w <= 0)."
+            raise self._error(int(draw[owner[np.argmax(is_bad)]]), message)
+        mapped = mapped[..., :2] / mapped[..., 2:]
+        self._float32(mapped, draw[owner])
+        return mapped
+
+    def _from_hairlines(self, height: int, width: int) -> _Batch | None:
+        if not self._hairlines:
+            return None
+        draw, segments = zip(*self._hairlines, strict=True)
+        draw = np.repeat(draw, list(map(len, segments)))
+        rounded = self._float32(np.concatenate(segments), draw)
+        triangles_each = np.where(self._is_translucent(draw), 4, 2)
+        try:
+            rectangles, line = pixel_lines(rounded, height, width, self.budget, triangles_each)
+        except BudgetError as error:
+            raise self._error(int(draw[error.index]), f"the line {error}") from None
+        return self._rectangles(draw[line], rectangles)
+
+    def _from_pixels(self) -> _Batch | None:
+        if not self._pixels:
+            return None
+        draw, rectangles = zip(*self._pixels, strict=True)
+        return self._rectangles(np.concatenate(draw), np.concatenate(rectangles))
+
+    def _rectangles(self, draw: np.ndarray, rectangles: np.ndarray) -> _Batch:
+        """Two triangles per opaque rectangle, four per translucent one (`polygons.py` says why)."""
+        x0, y0, x1, y1 = rectangles.astype(np.float64).T
+        quads = np.stack([x0, y0, x1, y0, x1, y1, x0, y1], axis=-1).reshape(-1, 4, 2)
+        is_translucent = self._is_translucent(draw)
+        corners, owners = [], []
+        for chosen, cut in ((~is_translucent, fan), (is_translucent, fan_inside)):
+            triangles = cut(quads[chosen])
+            corners.append(triangles.reshape(-1, 3, 2))
+            owners.append(np.repeat(np.flatnonzero(chosen), triangles.shape[1]))
+        # Rectangles of one draw may overlap, so their order must not change.
+        owner = np.concatenate(owners)
+        order = np.argsort(owner, kind="stable")
+        return self._batch(draw[owner[order]], np.concatenate(corners)[order])

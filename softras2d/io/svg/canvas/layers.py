@@ -1,0 +1,130 @@
+"""Composites groups with opacity by geometry, as the renderer has no groups.
+
+The shapes of a group are divided into cells that do not overlap, each with the colour of the whole
+group there. The group's opacity can then be multiplied into each cell. What an opaque shape covers
+is cut out of the shapes below. Where a translucent shape lies over others, the overlap becomes a
+cell of its own. Its colour is exact if the alpha of both is constant and neither has a texture.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+
+from ...budget import Budget
+from ...shapes.regions import difference, grown, intersection, is_empty, united
+from .paint import Paint, composite_paints
+
+_GAP = 2.0**-10
+"""Width, in pixels, by which a shape is cut farther than the shape above it reaches.
+
+Samples often lie exactly on edges, where two cells that share the edge would both be blended. The
+gap is a twentieth of the tolerance of curves.
+"""
+
+
+class Item(NamedTuple):
+    """A region with a paint, in pixels.
+
+    - `source`: index of the shape that it is a part of, or -1.
+    - `family`: number that it shares with other items that are known not to overlap it.
+    """
+
+    region: Any
+    paint: Paint
+    source: int = -1
+    family: int = -1
+
+
+def disjoint_cells(items: Sequence[Item], budget: Budget) -> tuple[list[Item], bool]:
+    """Divide the items of a group, in draw order, into cells that do not overlap.
+
+    Returns also whether all colours are exact.
+    """
+    neighbours = _overlapping(items, budget)
+    if not any(len(in_front) for in_front in neighbours):
+        return list(items), True
+    visible = _without_hidden(items, neighbours, budget)
+    cells: list[list[Item]] = [[] for _ in items]
+    items_behind: list[list[int]] = [[] for _ in items]
+    for index, in_front in enumerate(neighbours):
+        for later in in_front.tolist():
+            items_behind[later].append(index)
+    is_exact = True
+    for index, item in enumerate(visible):
+        uncovered = item.region
+        if not item.paint.is_opaque:
+            for behind in items_behind[index]:
+                uncovered, is_blend_exact = _blend(item, uncovered, cells, behind, index, budget)
+                is_exact &= is_blend_exact
+        if not is_empty(uncovered):
+            cells[index].append(item._replace(region=uncovered))
+    return [cell for cells_of_item in cells for cell in cells_of_item], is_exact
+
+
+def _overlapping(items: Sequence[Item], budget: Budget) -> list[np.ndarray]:
+    """Indices of the later items of other families whose boxes overlap that of each item."""
+    regions = np.array([item.region for item in items], object)
+    boxes = shapely.bounds(regions)
+    tree = shapely.STRtree(shapely.box(*boxes.T))
+    families = np.array([item.family for item in items])
+    neighbours = []
+    for index, box in enumerate(shapely.box(*boxes.T)):
+        nearby = tree.query(box)
+        budget.charge("overlays", len(nearby))
+        is_later = nearby > index
+        is_later &= (families[nearby] != families[index]) | (families[index] < 0)
+        neighbours.append(np.sort(nearby[is_later]))
+    return neighbours
+
+
+def _without_hidden(
+    items: Sequence[Item], neighbours: list[np.ndarray], budget: Budget
+) -> list[Item]:
+    """Cut from each item what the opaque items in front of it hide."""
+    visible = []
+    # A stroke of many dashes often lies in front of several pieces of the fill behind it.
+    covers: dict[tuple[int, ...], Any] = {}
+    for item, in_front in zip(items, neighbours, strict=True):
+        opaque = tuple(k for k in in_front.tolist() if items[k].paint.is_opaque)
+        if opaque:
+            if opaque not in covers:
+                regions = [items[k].region for k in opaque]
+                covers[opaque] = grown(united(regions, budget), _GAP, budget)
+            item = item._replace(region=difference(item.region, covers[opaque], budget))
+        visible.append(item)
+    return visible
+
+
+def _blend(
+    item: Item,
+    uncovered: Any,
+    cells: list[list[Item]],
+    behind: int,
+    index: int,
+    budget: Budget,
+) -> tuple[Any, bool]:
+    """Blend `item` over the cells of the item `behind`, where it covers them.
+
+    `cells` is changed: the overlaps are taken from `cells[behind]`, and appended to `cells[index]`
+    in the blended colours. `uncovered` is the region of `item` that covers no cell so far. Returns
+    what is left of it, and whether the blended colours are exact.
+    """
+    remaining_cells, is_exact = [], True
+    for cell in cells[behind]:
+        common = intersection(cell.region, item.region, budget)
+        if is_empty(common):
+            remaining_cells.append(cell)
+            continue
+        points = shapely.get_coordinates(common)
+        paint, is_paint_exact = composite_paints(item.paint, cell.paint, points)
+        is_exact &= is_paint_exact
+        cells[index].append(Item(common, paint, item.source))
+        border = grown(common, _GAP, budget)
+        remaining = difference(cell.region, border, budget)
+        if not is_empty(remaining):
+            remaining_cells.append(cell._replace(region=remaining))
+        uncovered = difference(uncovered, border, budget)
+    cells[behind] = remaining_cells
+    return uncovered, is_exact

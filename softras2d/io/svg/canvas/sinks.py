@@ -1,0 +1,275 @@
+"""Receives painted shapes: the canvas draws them at once, a layer collects them for a group."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+import shapely
+
+from ....geometry import affine_maps
+from ...budget import Budget
+from ...shapes.regions import EMPTY, filled, is_empty, polygons_of
+from ...shapes.strokes import Outline, stroke, union
+from ..values.css_color import Rgba
+from .display_list import DisplayList
+from .layers import Item, disjoint_cells
+from .paint import Paint, constant_paint, corner_paint
+
+
+class Textured(NamedTuple):
+    """A convex polygon with a texture.
+
+    - `points`, `uv`: `[n, 2]`, in pixels, and texture coordinates.
+    - `color`: white, with the opacity.
+    - `translucent`: whether the texture or the opacity lets something show through.
+    """
+
+    points: np.ndarray
+    color: Rgba
+    uv: np.ndarray
+    texture: int
+    translucent: bool
+
+
+@runtime_checkable
+class Sink(Protocol):
+    """Receives the shapes of a drawing, in draw order, in pixels."""
+
+    def add_polygon(
+        self, contours: list[np.ndarray], color: Rgba, evenodd: bool, source: int
+    ) -> None:
+        """Add the inside of closed contours `[n, 2]`. `source` identifies their control points."""
+        ...
+
+    def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
+        """Add the outlines of one path, which `map3` maps to pixels."""
+        ...
+
+    def add_triangle(self, corners: np.ndarray, colors: np.ndarray) -> None:
+        """Add a triangle `[3, 2]` with a colour for each corner `[3, 4]`."""
+        ...
+
+    def add_textured(self, textured: Textured) -> None:
+        """Add a polygon with a texture."""
+        ...
+
+    def add_items(self, items: list[Item]) -> None:
+        """Add regions that do not overlap each other."""
+        ...
+
+
+class Canvas:
+    """The sink that draws on the display list. `sources` has the source of each draw, or -1."""
+
+    def __init__(self, display: DisplayList):
+        self._display = display
+        self.sources: dict[int, int] = {}
+
+    def add_polygon(
+        self, contours: list[np.ndarray], color: Rgba, evenodd: bool, source: int
+    ) -> None:
+        """Draw the inside of contours."""
+        points = contours[0] if len(contours) == 1 else contours
+        self.sources[self._display.add_polygon(points, color, evenodd)] = source
+
+    def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
+        """Draw the strokes of a path."""
+        if color[3] < 1 and len(outlines) > 1:
+            self._display.add_stroke(outlines, map3, color)
+            return
+        for outline in outlines:
+            self._display.add_stroke(outline, map3, color)
+
+    def add_triangle(self, corners: np.ndarray, colors: np.ndarray) -> None:
+        """Draw a triangle."""
+        self._display.add_triangles(corners[None], colors)
+
+    def add_textured(self, textured: Textured) -> None:
+        """Draw a polygon with a texture."""
+        self._display.add_textured(*textured)
+
+    def add_items(self, items: list[Item]) -> None:
+        """Draw regions."""
+        for item in items:
+            self.sources[self._display.add_region(item.region, item.paint)] = item.source
+
+
+class _Call(NamedTuple):
+    """A shape that a layer has received.
+
+    - `bounds`: its bounding box (x0, y0, x1, y1), or a larger one.
+    - `replay`: passes it on to a sink, with its alpha multiplied by an opacity.
+    - `items`: makes regions of it.
+    - `family`: number of the call of `add_items` that it belongs to, or -1.
+    """
+
+    bounds: np.ndarray
+    replay: Callable[[Sink, float], None]
+    items: Callable[[], list[Item]]
+    family: int = -1
+
+
+class Layer:
+    """The sink that collects the shapes of a group, which `finish` composites as a whole."""
+
+    def __init__(self, budget: Budget):
+        self._budget = budget
+        self._calls: list[_Call] = []
+        self._families = 0
+
+    def add_polygon(
+        self, contours: list[np.ndarray], color: Rgba, evenodd: bool, source: int
+    ) -> None:
+        """Collect the inside of contours."""
+
+        self._calls.append(
+            _Call(
+                _bounds(np.concatenate(contours)),
+                lambda sink, opacity: sink.add_polygon(
+                    contours, _faded(color, opacity), evenodd, source
+                ),
+                lambda: [
+                    Item(filled(contours, evenodd, self._budget), constant_paint(color), source)
+                ],
+            )
+        )
+
+    def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
+        """Collect the strokes of a path."""
+        widest = max(outlines, key=lambda outline: outline.width)
+        reach = widest.width / 2 * widest.scale * max(widest.miterlimit, 1.5)
+        points = affine_maps.apply(map3, np.concatenate([line.points for line in outlines]))
+        bounds = _bounds(points) + reach * np.array([-1.0, -1.0, 1.0, 1.0])
+
+        self._calls.append(
+            _Call(
+                bounds,
+                lambda sink, opacity: sink.add_strokes(outlines, map3, _faded(color, opacity)),
+                lambda: [Item(stroked(outlines, map3, self._budget), constant_paint(color))],
+            )
+        )
+
+    def add_triangle(self, corners: np.ndarray, colors: np.ndarray) -> None:
+        """Collect a triangle."""
+        self._calls.append(
+            _Call(
+                _bounds(corners),
+                lambda sink, opacity: sink.add_triangle(corners, colors * [1, 1, 1, opacity]),
+                lambda: triangle_items(corners, colors),
+            )
+        )
+
+    def add_textured(self, textured: Textured) -> None:
+        """Collect a polygon with a texture."""
+        self._calls.append(
+            _Call(
+                _bounds(textured.points),
+                lambda sink, opacity: sink.add_textured(
+                    textured._replace(
+                        color=_faded(textured.color, opacity),
+                        translucent=textured.translucent or opacity < 1,
+                    )
+                ),
+                lambda: textured_items(textured),
+            )
+        )
+
+    def add_items(self, items: list[Item]) -> None:
+        """Collect regions, which do not overlap each other."""
+        self._families += 1
+        for item in items:
+            item = item._replace(family=self._families)
+            self._calls.append(
+                _Call(
+                    np.array(shapely.bounds(item.region)),
+                    lambda sink, opacity, item=item: sink.add_items(
+                        [item._replace(paint=item.paint.with_opacity(opacity))]
+                    ),
+                    lambda item=item: [item],
+                    self._families,
+                )
+            )
+
+    def finish(self, sink: Sink, opacity: float) -> bool:
+        """Composite the shapes as a group with an opacity, and pass the result on to a sink.
+
+        Returns whether the colours are exact.
+        """
+        if not self._calls:
+            return True
+        # Groups within groups pass every shape on once more.
+        self._budget.charge("overlays", 16 * len(self._calls))
+        is_alone = self._is_alone()
+        alone: list[Item] = []
+        overlapping: list[Item] = []
+        for call, is_free in zip(self._calls, is_alone.tolist(), strict=True):
+            if is_free and call.family < 0:
+                call.replay(sink, opacity)
+            else:
+                items = [item for item in call.items() if not is_empty(item.region)]
+                (alone if is_free else overlapping).extend(items)
+        cells, is_exact = disjoint_cells(overlapping, self._budget) if overlapping else ([], True)
+        # These do not overlap each other, so that an outer group need not test them again.
+        if cells or alone:
+            sink.add_items([c._replace(paint=c.paint.with_opacity(opacity)) for c in cells + alone])
+        return is_exact
+
+    def _is_alone(self) -> np.ndarray:
+        """Whether the bounding box of each shape meets none of another family."""
+        if len(self._calls) == 1:
+            return np.ones(1, bool)
+        bounds = np.stack([call.bounds for call in self._calls])
+        if not np.isfinite(bounds).all():
+            raise ValueError("a coordinate is not finite in float32.")
+        families = np.array([call.family for call in self._calls])
+        if (families == families[0]).all() and families[0] >= 0:
+            return np.ones(len(families), bool)
+        boxes: Any = shapely.box(*bounds.T)
+        tree = shapely.STRtree(boxes)
+        is_alone = np.ones(len(boxes), bool)
+        for start in range(0, len(boxes), 1024):
+            shape, neighbour = tree.query(boxes[start : start + 1024])
+            self._budget.charge("overlays", len(shape))
+            shape = shape + start
+            meets = (shape != neighbour) & (
+                (families[shape] != families[neighbour]) | (families[shape] < 0)
+            )
+            is_alone[shape[meets]] = False
+        return is_alone
+
+
+def stroked(outlines: list[Outline], map3: np.ndarray, budget: Budget) -> Any:
+    """The region of the strokes of a path, in pixels."""
+    corners, _ = stroke(outlines, budget)
+    if len(corners) == 0:
+        return EMPTY
+    corners = affine_maps.apply(map3, corners)
+    with np.errstate(over="ignore"):
+        if not np.isfinite(corners.astype(np.float32)).all():
+            raise ValueError("stroke: a coordinate is not finite in float32.")
+    return polygons_of(union(corners, budget))
+
+
+def triangle_items(corners: np.ndarray, colors: np.ndarray) -> list[Item]:
+    """The region of a triangle with a colour for each corner."""
+    paint = corner_paint(corners, colors)
+    return [] if paint is None else [Item(shapely.Polygon(corners), paint)]
+
+
+def textured_items(textured: Textured) -> list[Item]:
+    """The region of a polygon with a texture."""
+    points = textured.points
+    matrix = np.column_stack([points[:3], np.ones(3)])
+    if abs(np.linalg.det(matrix)) < 1e-12:
+        return []
+    uv = np.linalg.solve(matrix, textured.uv[:3]).T
+    paint = Paint(constant_paint(textured.color).color, uv, textured.texture, textured.translucent)
+    return [Item(shapely.Polygon(points), paint)]
+
+
+def _faded(color: Rgba, opacity: float) -> Rgba:
+    return (*color[:3], color[3] * opacity)
+
+
+def _bounds(points: np.ndarray) -> np.ndarray:
+    return np.concatenate([points.min(axis=0), points.max(axis=0)])

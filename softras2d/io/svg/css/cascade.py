@@ -1,0 +1,377 @@
+"""Finds the declarations of every element: attributes, style sheets and `style`, in their order.
+
+tinycss2 parses style sheets, and cssselect2 matches selectors. What is left to do here is to sort
+declarations by importance and to bound the work.
+
+**Source:** *CSS Cascading and Inheritance 4*, "Cascading"; SVG 2, section 6.6 (presentation
+attributes precede all style sheets, with specificity 0).
+"""
+
+from typing import Any, NamedTuple
+
+import cssselect2
+import tinycss2
+
+from ...budget import Budget
+from ..values.css_color import nesting
+from ..xml.notices import INVALID, WITHOUT_EFFECT, Notices
+from ..xml.tree import Element
+from . import media_queries
+
+_MAX_NESTING = 32
+"""Limit of brackets within brackets in CSS, since tinycss2 recurses for each."""
+
+_MAX_SELECTORS = 20_000
+"""Limit of selectors of a document, since each is compiled by Python."""
+
+_PSEUDO_CLASSES = frozenset(
+    [
+        "root",
+        "empty",
+        "first-child",
+        "last-child",
+        "only-child",
+        "link",
+        "visited",
+        "hover",
+        "active",
+        "focus",
+        "target",
+        "focus-within",
+        "focus-visible",
+        "any-link",
+        "enabled",
+        "disabled",
+        "checked",
+    ]
+)
+"""Pseudo-classes that take constant time."""
+
+_COSTLY_PSEUDO_CLASSES = frozenset(["first-of-type", "last-of-type", "only-of-type"])
+"""Pseudo-classes that look at all siblings."""
+
+_FUNCTIONS = {
+    "not": False, "is": False, "where": False, "matches": False, "nth-child": False,
+    "nth-last-child": False, "nth-of-type": True, "nth-last-of-type": True,
+}  # fmt: skip
+"""Functional pseudo-classes, and whether they look at all siblings. `has` is left out."""
+
+
+class Declarations(NamedTuple):
+    """Values by property name.
+
+    - `css`: from style sheets and the attribute `style`; of several, the one of highest rank.
+    - `attributes`: all attributes of the element; those that are presentation attributes have an
+      effect where `css` has no value.
+    - `outranked`: the other values of `css`, in order of rank. An invalid declaration has no
+      effect, so that one of these then counts.
+    """
+
+    css: dict[str, str]
+    attributes: dict[str, str]
+    outranked: dict[str, list[str]]
+
+    def css_values(self, name: str) -> list[str]:
+        """The values that `css` gives a property, from the highest rank down."""
+        if name not in self.css:
+            return []
+        return [self.css[name], *reversed(self.outranked.get(name, ()))]
+
+
+_Block = dict[str, list[str]]
+"""Values of each property that a block of declarations gives, in order."""
+
+_MAX_OUTRANKED = 16
+"""Limit of values of one property that are tried after an invalid one."""
+
+
+class _Cost(NamedTuple):
+    """Properties of a selector that bound the time of testing it.
+
+    - `descendants`, `tildes`: numbers of combinators that leave a choice of ancestors or siblings.
+    - `last_looks_at_siblings`: whether a pseudo-class of the last compound looks at all siblings.
+    - `others_look_at_siblings`: whether one of another compound does.
+    """
+
+    descendants: int
+    tildes: int
+    last_looks_at_siblings: bool
+    others_look_at_siblings: bool
+
+
+class _Rule(NamedTuple):
+    """Declarations of a rule, and the cost of testing its selector."""
+
+    important: _Block
+    normal: _Block
+    cost: _Cost
+
+
+class Cascade:
+    """The style sheets of a document.
+
+    - `notices`: receives what is invalid.
+    - `budget`: charged for tests of selectors.
+    - `height`, `width`: size of the canvas in pixels, for media queries.
+    """
+
+    def __init__(self, notices: Notices, budget: Budget, height: int, width: int):
+        self._height = height
+        self._width = width
+        self._notices = notices
+        self._matcher = _ChargedMatcher(budget)
+        self._selectors = 0
+        self._noted: set[tuple[int, str, str]] = set()
+
+    def add_sheet(self, element: Element) -> None:
+        """Add the rules of a `<style>` element."""
+        kind = element.attrib.get("type", "text/css").strip().lower() or "text/css"
+        if kind != "text/css":
+            return
+        if not self._matches(element.attrib.get("media", ""), element, "media"):
+            return
+        text = "".join(element.texts)
+        if nesting(text) > _MAX_NESTING:
+            detail = f"brackets are nested deeper than {_MAX_NESTING}"
+            self._notices.add(INVALID, element.tag, element.line, "text", detail)
+            return
+        try:
+            rules = tinycss2.parse_stylesheet(text, skip_comments=True, skip_whitespace=True)
+        except ValueError as error:
+            # Raised for integers of thousands of digits.
+            self._notices.add(INVALID, element.tag, element.line, "text", str(error))
+            return
+        self._add_rules(rules, element)
+
+    def _add_rules(self, rules: list[Any], element: Element) -> None:
+        for rule in rules:
+            if rule.type == "qualified-rule":
+                self._add_rule(rule, element)
+            elif rule.type == "at-rule" and rule.lower_at_keyword == "media" and rule.content:
+                if self._matches(tinycss2.serialize(rule.prelude), element, "@media"):
+                    rules_within = tinycss2.parse_rule_list(
+                        rule.content, skip_comments=True, skip_whitespace=True
+                    )
+                    self._add_rules(rules_within, element)
+            elif rule.type == "at-rule":
+                # These change nothing that is drawn: fonts are of text.
+                if rule.lower_at_keyword not in ("charset", "namespace", "font-face"):
+                    name = f"@{rule.lower_at_keyword}"
+                    self._notices.add(WITHOUT_EFFECT, element.tag, element.line, name)
+            else:
+                self._notices.add(INVALID, element.tag, element.line, "rule", str(rule.message))
+
+    def _matches(self, media: str, element: Element, attribute: str) -> bool:
+        """Whether a media query list matches. One whose value is unknown is noted, and does not."""
+        is_match = media_queries.matches(media, self._height, self._width)
+        if is_match is None:
+            self._notices.add(WITHOUT_EFFECT, element.tag, element.line, attribute, media.strip())
+        return bool(is_match)
+
+    def _add_rule(self, rule: Any, element: Element) -> None:
+        important, normal = self._parsed(rule.content, element, "rule")
+        selector_text = tinycss2.serialize(rule.prelude).strip()
+        costs = _selector_costs(rule.prelude)
+        try:
+            if costs is None:
+                raise cssselect2.SelectorError("is not supported")
+            selectors = cssselect2.compile_selector_list(rule.prelude)
+        except (cssselect2.SelectorError, NotImplementedError, SyntaxError, ValueError):
+            # A rule with one invalid selector is dropped as a whole.
+            self._notices.add(WITHOUT_EFFECT, element.tag, element.line, "selector", selector_text)
+            return
+        self._selectors += len(selectors)
+        if self._selectors > _MAX_SELECTORS:
+            raise ValueError(f"brings the style sheets to more than {_MAX_SELECTORS} selectors.")
+        for selector, cost in zip(selectors, costs, strict=True):
+            if selector.pseudo_element is None:
+                self._matcher.add_selector(selector, _Rule(important, normal, cost))
+
+    def declarations(self, element: Element) -> Declarations:
+        """The declarations of an element that take effect."""
+        text = element.attrib.get("style")
+        if not self._selectors:
+            if text is None:
+                return Declarations({}, element.attrib, {})
+            important, normal = self._style_attribute(text, element)
+            return _ranked([normal, important], element)
+        rules = [payload for _, _, _, payload in self._matcher.match(element)]
+        inline = ({}, {}) if text is None else self._style_attribute(text, element)
+        blocks = [rule.normal for rule in rules]
+        blocks += [inline[1], *(rule.important for rule in rules), inline[0]]
+        return _ranked(blocks, element)
+
+    def _style_attribute(self, text: str, element: Element) -> tuple[_Block, _Block]:
+        if not set("\"'\\{}[]@/(!") & set(text):
+            # This common form takes a tenth of the time of the parser.
+            pairs = [part.partition(":") for part in text.split(";") if part.strip()]
+            plain = [(name.strip().lower(), value.strip()) for name, _, value in pairs]
+            if all(name.replace("-", "").isalpha() and value for name, value in plain):
+                block: _Block = {}
+                for name, value in plain:
+                    _append(block, name, [value])
+                return {}, block
+        return self._parsed(text, element, "style")
+
+    def _parsed(self, content: Any, element: Element, attribute: str) -> tuple[_Block, _Block]:
+        """Important and normal declarations of a block, or of the text of a `style` attribute."""
+        if isinstance(content, str) and nesting(content) > _MAX_NESTING:
+            detail = f"brackets are nested deeper than {_MAX_NESTING}"
+            self._note(INVALID, element, attribute, detail)
+            return {}, {}
+        important: _Block = {}
+        normal: _Block = {}
+        try:
+            nodes = tinycss2.parse_blocks_contents(
+                content, skip_comments=True, skip_whitespace=True
+            )
+        except ValueError as error:
+            self._note(INVALID, element, attribute, str(error))
+            return {}, {}
+        for node in nodes:
+            if node.type != "declaration":
+                is_rule = node.type in ("qualified-rule", "at-rule")
+                detail = "a rule within a rule" if is_rule else "a part is not a declaration"
+                self._note(WITHOUT_EFFECT if is_rule else INVALID, element, attribute, detail)
+                continue
+            values = important if node.important else normal
+            _append(values, node.lower_name, [tinycss2.serialize(node.value).strip()])
+        return important, normal
+
+    def _note(self, kind: str, element: Element, attribute: str, detail: str) -> None:
+        """Note an error of an element once: its `style` is parsed for each of its copies."""
+        key = (id(element), attribute, detail)
+        if key not in self._noted:
+            self._noted.add(key)
+            self._notices.add(kind, element.tag, element.line, attribute, detail)
+
+
+def _append(block: _Block, name: str, values: list[str]) -> None:
+    # The name moves to the end, so that the order of shorthands and longhands counts.
+    block[name] = [*block.pop(name, ()), *values][-_MAX_OUTRANKED - 1 :]
+
+
+def _ranked(blocks: list[_Block], element: Element) -> Declarations:
+    """The declarations of an element from blocks of increasing rank."""
+    merged: _Block = {}
+    for block in blocks:
+        for name, values in block.items():
+            _append(merged, name, values)
+    css = {name: values[-1] for name, values in merged.items()}
+    outranked = {name: values[:-1] for name, values in merged.items() if len(values) > 1}
+    return Declarations(css, element.attrib, outranked)
+
+
+class _ChargedMatcher(cssselect2.Matcher):
+    """A matcher that charges `selector_tests` to a budget before it tests selectors."""
+
+    def __init__(self, budget: Budget):
+        super().__init__()
+        self._budget = budget
+
+    def add_relevant_selectors(self, element: Element, selectors: list, relevant: list) -> None:
+        """Test selectors; called by `match`."""
+        if not selectors:
+            return
+        tests = len(selectors)
+        depth = siblings = None
+        for *_, rule in selectors:
+            if not any(rule.cost):
+                continue
+            if depth is None or siblings is None:
+                ancestors = list(element.ancestors)
+                depth = len(ancestors)
+                # Combinators above a descendant combinator choose siblings of an ancestor.
+                siblings = sum(len(e.etree_siblings) for e in (element, *ancestors))
+            tests += _tests(rule.cost, depth, siblings)
+        self._budget.charge("selector_tests", tests)
+        super().add_relevant_selectors(element, selectors, relevant)
+
+
+def _tests(cost: _Cost, depth: int, siblings: int) -> int:
+    """An upper bound on the tests of compounds that one test of a selector causes.
+
+    - `depth`: number of ancestors of the element.
+    - `siblings`: number of siblings of the element and of all its ancestors together.
+    """
+    tests = _choices(depth, cost.descendants) * _choices(siblings, cost.tildes)
+    if cost.others_look_at_siblings:
+        tests *= siblings
+    return tests + siblings * cost.last_looks_at_siblings
+
+
+def _choices(among: int, count: int) -> int:
+    """Number of ways to choose at most `count` of `among` elements, in a fixed order.
+
+    This bounds the tests that a chain of combinators causes, since every prefix of a choice is
+    tested. The result stops growing where it exceeds every limit.
+    """
+    choices = total = 1
+    for k in range(min(count, among)):
+        choices = choices * (among - k) // (k + 1)
+        total += choices
+        if total > 2**40:
+            break
+    return total
+
+
+def _selector_costs(prelude: list[Any]) -> list[_Cost] | None:
+    """The cost of each selector of a list.
+
+    None if one of them is not supported because of the time that it takes.
+    """
+    costs, selector = [], []
+    for token in [*prelude, None]:
+        if token is not None and not (token.type == "literal" and token.value == ","):
+            selector.append(token)
+            continue
+        cost = _selector_cost(selector)
+        if cost is None:
+            return None
+        costs.append(cost)
+        selector = []
+    return costs
+
+
+def _selector_cost(tokens: list[Any]) -> _Cost | None:
+    while tokens and tokens[-1].type == "whitespace":
+        tokens = tokens[:-1]
+    descendants, tildes = _combinators(tokens)
+    last_looks_at_siblings = others_look_at_siblings = False
+    previous = None
+    for token in tokens:
+        if token.type == "whitespace" or (token.type == "literal" and token.value in ">+~"):
+            others_look_at_siblings |= last_looks_at_siblings
+            last_looks_at_siblings = False
+        elif token.type == "ident" and previous == ":":
+            if token.lower_value in _COSTLY_PSEUDO_CLASSES:
+                last_looks_at_siblings = True
+            elif token.lower_value not in _PSEUDO_CLASSES:
+                return None
+        elif token.type == "function":
+            if token.lower_name not in _FUNCTIONS:
+                return None
+            last_looks_at_siblings |= _FUNCTIONS[token.lower_name]
+            if any(argument.type == "function" for argument in token.arguments):
+                return None
+            more_descendants, more_tildes = _combinators(token.arguments)
+            descendants, tildes = descendants + more_descendants, tildes + more_tildes
+        previous = token.value if token.type == "literal" else None
+    return _Cost(descendants, tildes, last_looks_at_siblings, others_look_at_siblings)
+
+
+def _combinators(tokens: list[Any]) -> tuple[int, int]:
+    """Numbers of descendant combinators, which are whitespace between compounds, and of `~`."""
+    descendants = tildes = 0
+    is_separated, is_after_compound = False, False
+    for token in tokens:
+        if token.type == "comment":
+            continue
+        if token.type == "whitespace":
+            is_separated = True
+            continue
+        is_combinator = token.type == "literal" and token.value in (">", "+", "~", ",")
+        tildes += is_combinator and token.value == "~"
+        descendants += is_separated and is_after_compound and not is_combinator
+        is_separated, is_after_compound = False, not is_combinator
+    return descendants, tildes

@@ -1,0 +1,55 @@
+"""Parses font sizes: of the property `font-size`, and of the shorthand `font`."""
+
+import contextlib
+
+from ..values.numbers import is_number
+from ..values.units import MEDIUM, Viewport
+
+_KEYWORDS = {
+    # CSS Fonts 4, absolute sizes of `font-size`.
+    name: MEDIUM * factor
+    for name, factor in zip(
+        ("xx-small", "x-small", "small", "medium", "large", "x-large", "xx-large", "xxx-large"),
+        (3 / 5, 3 / 4, 8 / 9, 1, 6 / 5, 3 / 2, 2, 3),
+        strict=True,
+    )
+}
+
+_FONTS_WITHOUT_SIZE = (
+    "inherit", "unset", "initial", "revert", "revert-layer", "caption", "icon", "menu",
+    "message-box", "small-caption", "status-bar",
+)  # fmt: skip
+"""Values of `font` that name no size. The fonts of a system have about the size `medium`."""
+
+
+def font_size_of(text: str, parent_size: float, viewport: Viewport) -> float:
+    """Parse a font size, in user units, inside a parent of this size.
+
+    Raises `ValueError` for text that is none.
+    """
+    if text.lower() in _KEYWORDS:
+        return _KEYWORDS[text.lower()]
+    if text.lower() in ("larger", "smaller"):
+        return parent_size * (1.2 if text.lower() == "larger" else 1 / 1.2)
+    size = viewport.length(text, parent_size, parent_size)
+    if size < 0:
+        raise ValueError("must not be negative")
+    return size
+
+
+def shorthand_size(text: str, parent_size: float, viewport: Viewport) -> float | None:
+    """The font size of a shorthand `font`; None if it has none, and is invalid.
+
+    It is the first word that is a size. Weights, which are numbers, are no sizes, as those have
+    units in CSS.
+    """
+    keyword = text.strip().lower()
+    if keyword in _FONTS_WITHOUT_SIZE:
+        return parent_size if keyword in ("inherit", "unset") else MEDIUM
+    for word in text.split()[:16]:
+        word = word.partition("/")[0]
+        if is_number(word) and word != "0":
+            continue
+        with contextlib.suppress(ValueError):
+            return font_size_of(word, parent_size, viewport)
+    return None

@@ -1,0 +1,160 @@
+"""Decides whether media queries of style sheets match the canvas.
+
+A drawing is shown as browsers show an image: on a screen whose viewport is the canvas, in light
+colours, without a pointer. A query that asks for anything else is unknown.
+
+**Source:** *Media Queries 4*, section 3; unknown values by its section 3.2.
+"""
+
+import operator
+import re
+from collections.abc import Callable
+from typing import Any
+
+import tinycss2
+
+from ..values.css_color import nesting
+from ..values.numbers import length
+
+_MAX_NESTING = 8
+"""Limit of brackets within brackets, since tinycss2 recurses for each."""
+
+_RANGE = re.compile(r"([a-z-]++)\s*+(<=|>=|<|>|=|:)\s*+([^<>=:]++)\Z")
+_REVERSED_RANGE = re.compile(r"([^<>=:]++)(<=|>=|<|>)\s*+([a-z-]++)\s*+\Z")
+_DOUBLE_RANGE = re.compile(r"([^<>=:]++)(<=?+|>=?+)\s*+([a-z-]++)\s*+(<=?+|>=?+)([^<>=:]++)\Z")
+
+_COMPARISONS: dict[str, Callable[[float, float], bool]] = {
+    "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge,
+    "=": operator.eq, ":": operator.eq,
+}  # fmt: skip
+_REVERSED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
+
+_KEYWORDS = {
+    # The value of each discrete feature.
+    "hover": "none",
+    "any-hover": "none",
+    "pointer": "none",
+    "any-pointer": "none",
+    "prefers-color-scheme": "light",
+    "prefers-contrast": "no-preference",
+    "prefers-reduced-motion": "no-preference",
+    "scripting": "none",
+    "update": "none",
+}
+
+
+def matches(text: str, height: int, width: int) -> bool | None:
+    """Whether one query of a list matches a canvas of this size, in px; None if that is unknown.
+
+    An empty list matches.
+    """
+    if nesting(text) > _MAX_NESTING:
+        return None
+    tokens: list[Any] = [
+        token
+        for token in tinycss2.parse_component_value_list(text.lower(), skip_comments=True)
+        if token.type != "whitespace"
+    ]
+    if not tokens:
+        return True
+    queries: list[list[Any]] = [[]]
+    for token in tokens:
+        if token.type == "literal" and token.value == ",":
+            queries.append([])
+        else:
+            queries[-1].append(token)
+    return _any([_query(query, height, width) for query in queries])
+
+
+def _query(tokens: list[Any], height: int, width: int) -> bool | None:
+    """The value of one query: a medium with conditions, or conditions alone."""
+    words = [token.value if token.type == "ident" else "" for token in tokens]
+    is_negated = words[:1] == ["not"] and len(words) > 1 and words[1] != ""
+    start = 1 if is_negated or words[:1] == ["only"] else 0
+    if not words[start : start + 1] or words[start] == "":
+        return _condition(tokens, height, width)
+    if words[start] == "not":
+        return _condition(tokens, height, width)
+    is_medium = words[start] in ("all", "screen")
+    conditions = tokens[start + 2 :]
+    if len(tokens) == start + 1:
+        value: bool | None = is_medium
+    elif words[start + 1] == "and":
+        value = _all([is_medium, _condition(conditions, height, width)])
+    else:
+        # A query with an error matches nothing.
+        return False
+    return _not(value) if is_negated else value
+
+
+def _condition(tokens: list[Any], height: int, width: int) -> bool | None:
+    """The value of features that are joined by `and` or by `or`, or negated by `not`."""
+    if len(tokens) == 2 and tokens[0].type == "ident" and tokens[0].value == "not":
+        return _not(_feature(tokens[1], height, width))
+    values = [_feature(token, height, width) for token in tokens[0::2]]
+    joints = {token.value if token.type == "ident" else "" for token in tokens[1::2]}
+    if len(tokens) % 2 == 0 or len(joints) > 1 or not joints <= {"and", "or"}:
+        return False
+    return _any(values) if joints == {"or"} else _all(values)
+
+
+def _feature(token: Any, height: int, width: int) -> bool | None:
+    """The value of one feature, or of a condition, in parentheses."""
+    if token.type != "() block":
+        return None
+    content = [t for t in token.content if t.type not in ("whitespace", "comment")]
+    if any(t.type == "() block" for t in content):
+        return _condition(content, height, width)
+    text = tinycss2.serialize(token.content).strip()
+    sizes = {"height": float(height), "width": float(width), "aspect-ratio": width / height}
+    if text in (*sizes, "color"):
+        return True
+    if match := _DOUBLE_RANGE.match(text):
+        low, first, name, second, high = match.groups()
+        return _all([
+            _compared(sizes, name, _REVERSED[first], low), _compared(sizes, name, second, high),
+        ])  # fmt: skip
+    if match := _REVERSED_RANGE.match(text):
+        return _compared(sizes, match[3], _REVERSED[match[2]], match[1])
+    match = _RANGE.match(text)
+    if match is None:
+        return _KEYWORDS[text] not in ("none", "no-preference") if text in _KEYWORDS else None
+    name, comparison, value = match[1], match[2], match[3].strip()
+    if name == "orientation":
+        return value == ("portrait" if height >= width else "landscape")
+    if name in _KEYWORDS:
+        return value == _KEYWORDS[name]
+    if name.startswith(("min-", "max-")):
+        comparison = ">=" if name.startswith("min-") else "<="
+        name = name[4:]
+    return _compared(sizes, name, comparison, value)
+
+
+def _compared(sizes: dict[str, float], name: str, comparison: str, text: str) -> bool | None:
+    """Whether a size of the canvas compares with a length or a ratio; None for other features."""
+    if name not in sizes:
+        return None
+    try:
+        if name == "aspect-ratio":
+            numerator, _, denominator = text.partition("/")
+            value = float(numerator) / float(denominator or "1")
+        else:
+            # Relative to the initial font size, whatever the root's is.
+            value = length(text, None, {"em": 16.0, "rem": 16.0})
+    except (ValueError, ZeroDivisionError):
+        return None
+    return _COMPARISONS[comparison](sizes[name], value)
+
+
+def _not(value: bool | None) -> bool | None:
+    return None if value is None else not value
+
+
+def _all(values: list[bool | None]) -> bool | None:
+    """The conjunction in three-valued logic."""
+    return False if False in values else None if None in values else True
+
+
+def _any(values: list[bool | None]) -> bool | None:
+    """The disjunction in three-valued logic."""
+    return True if True in values else None if None in values else False

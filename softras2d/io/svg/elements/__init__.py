@@ -1,0 +1,1 @@
+"""This stage computes where elements lie: paths, transforms, viewports, bounds, clip paths."""

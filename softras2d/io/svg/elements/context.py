@@ -1,0 +1,72 @@
+"""Holds the options and the collected results of reading one document, for both dialects."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..canvas.display_list import DisplayList
+from ..xml.assets import Assets
+from ..xml.document import Attributes, in_one_line
+from ..xml.notices import MAX_NAMES
+
+SILENT = frozenset({"title", "desc", "metadata"})
+"""Elements that draw nothing in SVG, and are therefore skipped without a warning."""
+
+FALLBACK = "data-fallback"
+"""Attribute of the elements that `write_svg` adds for browsers alone, such as a gradient below a
+`colortri`. Both dialects skip these elements and their children without a warning."""
+
+
+@dataclass
+class Context:
+    """Options for reading one document, and what has been collected from it so far.
+
+    - `name`: name of the document in errors and warnings.
+    - `height`, `width`: size of the canvas in pixels.
+    - `transform`: the caller's map `[3, 3]` from SVG units to pixels; None for the dialect's view.
+    - `opacity`: whether opacities and alpha are applied.
+    - `frame`: whether the course's outline of the drawing is drawn.
+    - `fit`: value of `preserveAspectRatio` that replaces that of the root, or None.
+    - `assets`: the image files that may be read; `display`: the shapes so far.
+    - `background`: sRGB of a rect that has become the background, or None.
+    - `elements`, `ignored`: counts of elements that are not supported, and of properties and
+      values without effect, in dialect `course`.
+    """
+
+    name: str
+    height: int
+    width: int
+    transform: np.ndarray | None
+    opacity: bool
+    frame: bool
+    fit: str | None
+    assets: Assets
+    display: DisplayList
+    background: tuple[float, float, float] | None = None
+    elements: Counter[str] = field(default_factory=Counter)
+    ignored: Counter[str] = field(default_factory=Counter)
+
+    def declare_texture(self, attributes: Attributes) -> None:
+        """Remember the file of a `texture` element by its `texid`, for later elements."""
+        self.assets.declare(attributes.get("texid", ""), attributes.get("filename", ""))
+
+    def warning(self) -> str | None:
+        """One line that names everything that is not supported, with counts; None if nothing is."""
+        causes = []
+        if self.elements:
+            causes.append(f"not drawn: {_counts(self.elements)}")
+        if self.ignored:
+            causes.append(f"without effect: {_counts(self.ignored)}")
+        if count := self.display.approximated:
+            causes.append(
+                f"self-crossing polygons too large to be clipped, filled nonzero: {count}"
+            )
+        return in_one_line(f"{self.name}: {'; '.join(causes)}.") if causes else None
+
+
+def _counts(counter: Counter[str]) -> str:
+    names = [f"{name[:60]} ({count})" for name, count in sorted(counter.items())]
+    if len(names) > MAX_NAMES:
+        names[MAX_NAMES:] = [f"{len(names) - MAX_NAMES} more"]
+    return ", ".join(names)

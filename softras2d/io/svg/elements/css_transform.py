@@ -1,0 +1,145 @@
+"""Parses the CSS properties `transform`, `translate`, `rotate` and `scale`.
+
+Style sheets are stricter than the attribute `transform`: lengths and angles other than 0 need
+units, and arguments are separated by commas.
+
+**Source:** *CSS Transforms 1*, "The transform functions", and *CSS Transforms 2* for `translate`,
+`rotate` and `scale`.
+"""
+
+import math
+import re
+from collections.abc import Callable
+from typing import NamedTuple
+
+from jaxtyping import Float64
+from numpy import ndarray
+
+from ....geometry import affine_maps
+from ..values.numbers import finite
+from ..values.units import Viewport
+from .view_box import Box
+
+_FUNCTION = re.compile(r"\s*+([a-zA-Z]++)\(([^()]*+)\)")
+_DIMENSION = re.compile(r"([^a-zA-Z%]*+(?:[eE][+-]?+[0-9]++)?+)([a-zA-Z]*+|%)\Z")
+_DEGREES = {"deg": 1.0, "rad": 180 / math.pi, "grad": 0.9, "turn": 360.0}
+
+
+class Units(NamedTuple):
+    """Sizes to which the lengths in a transform are relative.
+
+    `box` is the reference box, for percentages.
+    """
+
+    viewport: Viewport
+    box: Box
+    font_size: float
+
+
+def _number(text: str, units: Units) -> float:
+    return finite(text)
+
+
+def _factor(text: str, units: Units) -> float:
+    return finite(text[:-1]) / 100 if text.endswith("%") else finite(text)
+
+
+def _angle(text: str, units: Units) -> float:
+    match = _DIMENSION.match(text)
+    if match is None or not match[1]:
+        raise ValueError(f"expected an angle, got {text[:24]!r}")
+    value, unit = finite(match[1]), match[2].lower()
+    if unit not in _DEGREES and (unit or value):
+        raise ValueError(f"the angle {text[:24]!r} has no unit, such as `deg`")
+    return value * _DEGREES.get(unit, 1.0)
+
+
+def _along_x(text: str, units: Units) -> float:
+    return units.viewport.css_length(text, units.box.width, units.font_size)
+
+
+def _along_y(text: str, units: Units) -> float:
+    return units.viewport.css_length(text, units.box.height, units.font_size)
+
+
+class _Function(NamedTuple):
+    """A transform function.
+
+    - `arguments`: parses each argument.
+    - `required`: number of arguments that must be given.
+    - `matrix`: the matrix for those that are given.
+    """
+
+    arguments: tuple[Callable[[str, Units], float], ...]
+    required: int
+    matrix: Callable[..., ndarray]
+
+
+def _skew(x: float, y: float = 0.0) -> ndarray:
+    return affine_maps.skew_x(x) + affine_maps.skew_y(y) - affine_maps.identity()
+
+
+_FUNCTIONS = {
+    "matrix": _Function((_number,) * 6, 6, affine_maps.matrix),
+    "translate": _Function((_along_x, _along_y), 1, affine_maps.translate),
+    "translatex": _Function((_along_x,), 1, affine_maps.translate),
+    "translatey": _Function((_along_y,), 1, lambda y: affine_maps.translate(0.0, y)),
+    "scale": _Function((_factor, _factor), 1, affine_maps.scale),
+    "scalex": _Function((_factor,), 1, lambda x: affine_maps.scale(x, 1.0)),
+    "scaley": _Function((_factor,), 1, lambda y: affine_maps.scale(1.0, y)),
+    "rotate": _Function((_angle,), 1, affine_maps.rotate),
+    "skew": _Function((_angle, _angle), 1, _skew),
+    "skewx": _Function((_angle,), 1, affine_maps.skew_x),
+    "skewy": _Function((_angle,), 1, affine_maps.skew_y),
+}
+
+
+def transform_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
+    """Parse the property `transform`; returns its matrix. Raises `ValueError` for invalid text."""
+    product, position = affine_maps.identity(), 0
+    text = text.strip()
+    if text.lower() in ("none", "initial", "unset"):
+        return product
+    while position < len(text):
+        match = _FUNCTION.match(text, position)
+        name = match[1].lower() if match else ""
+        if match is None or name not in _FUNCTIONS:
+            raise ValueError(f"expected a function, got {text[position:][:24]!r}")
+        product = product @ _matrix(name, match[2].split(","), units)
+        position = match.end()
+    return product
+
+
+def translate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
+    """Parse the property `translate`, like `transform_property`."""
+    return _property("translate", text, units)
+
+
+def rotate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
+    """Parse the property `rotate`, like `transform_property`; only the axis z is supported."""
+    words = text.lower().split()
+    if len(words) == 2 and "z" in words:
+        words.remove("z")
+    return _property("rotate", " ".join(words), units)
+
+
+def scale_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
+    """Parse the property `scale`, like `transform_property`."""
+    return _property("scale", text, units)
+
+
+def _property(name: str, text: str, units: Units) -> Float64[ndarray, "3 3"]:
+    """The matrix of a property that has the arguments of a function, separated by blanks."""
+    if text.strip().lower() in ("none", "initial", "unset"):
+        return affine_maps.identity()
+    return _matrix(name, text.split(), units)
+
+
+def _matrix(name: str, texts: list[str], units: Units) -> Float64[ndarray, "3 3"]:
+    function = _FUNCTIONS[name]
+    most = len(function.arguments)
+    if not function.required <= len(texts) <= most:
+        wanted = f"{most}" if function.required == most else f"{function.required} or {most}"
+        raise ValueError(f"{name} takes {wanted} values, got {len(texts)}")
+    parsers = zip(function.arguments, texts, strict=False)
+    return function.matrix(*(parse(text.strip(), units) for parse, text in parsers))

@@ -1,0 +1,66 @@
+"""Lists the names of elements by how they are drawn, and evaluates their conditional attributes.
+
+To add a shape, write a function that makes its path, and put it into `shape_elements.SHAPES`;
+attributes that style sheets may set go into `_GEOMETRY` there. To add an element that is not a
+path, put its name into `EXTENSIONS`, and draw it in `extensions.draw_extension`.
+"""
+
+from ..xml.notices import NOT_DRAWN
+from ..xml.tree import Element
+from .page import Page
+from .shape_elements import SHAPES
+
+LANGUAGE = "en"
+"""The language of the user, for `systemLanguage`."""
+
+CONTAINERS = frozenset({"a", "g", "svg", "switch", "symbol", "use"})
+"""Elements whose children are drawn."""
+
+EXTENSIONS = frozenset({"colortri", "image", "textri"})
+"""Elements that `extensions.py` draws."""
+
+NEVER_DRAWN = frozenset({
+    "clipPath", "color-profile", "cursor", "defs", "desc", "filter", "font", "font-face",
+    "linearGradient", "marker", "mask", "metadata", "pattern", "radialGradient", "script", "stop",
+    "style", "texture", "title", "view",
+})  # fmt: skip
+"""Elements that draw nothing by themselves."""
+
+ANIMATIONS = frozenset({"animate", "animateColor", "animateMotion", "animateTransform", "set"})
+"""Elements that change their parent, or the element that they refer to, over time."""
+
+NOT_SUPPORTED = ANIMATIONS | {"audio", "canvas", "foreignObject", "iframe", "text", "video"}
+"""Elements that other programs draw, or that change what they draw."""
+
+_GRAPHICS = CONTAINERS | EXTENSIONS | NOT_SUPPORTED | SHAPES.keys()
+
+
+def is_drawable(name: str) -> bool:
+    """Whether elements of a name are drawn here."""
+    return name in SHAPES or name in EXTENSIONS or name in CONTAINERS
+
+
+def meets_conditions(element: Element) -> bool:
+    """Whether the conditional attributes of an element hold (SVG 2, section 5.6)."""
+    if "requiredExtensions" in element.attrib:
+        return False
+    languages = element.attrib.get("systemLanguage")
+    if languages is None:
+        return True
+    tags = [tag.strip().lower() for tag in languages.split(",")]
+    return any(tag == LANGUAGE or tag.startswith(f"{LANGUAGE}-") for tag in tags)
+
+
+def report_animations(page: Page, element: Element) -> None:
+    """Note the animations directly inside an element that is not drawn where it is."""
+    for child in element.children:
+        if child.name in ANIMATIONS:
+            page.not_drawn(NOT_DRAWN, child)
+
+
+def switched(element: Element) -> list[Element]:
+    """The child of a `switch` that is drawn: the first whose conditions hold."""
+    for child in element.children:
+        if child.name in _GRAPHICS and meets_conditions(child):
+            return [child]
+    return []

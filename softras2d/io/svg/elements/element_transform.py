@@ -1,0 +1,95 @@
+"""Computes the map of an element's transform, from its properties or its attribute."""
+
+from collections.abc import Callable
+
+from jaxtyping import Float64
+from numpy import ndarray
+
+from ....geometry import affine_maps
+from ..css.cascade import Declarations
+from ..css.style import Style
+from ..values.transform_attribute import transform_list
+from ..values.transform_origin import transform_origin
+from ..xml.notices import INVALID, WITHOUT_EFFECT, kind_of_refused
+from ..xml.tree import Element
+from .css_transform import (
+    Units,
+    rotate_property,
+    scale_property,
+    transform_property,
+    translate_property,
+)
+from .page import Page, Report
+from .view_box import Box
+
+_PROPERTIES = {
+    # In the order in which their maps are multiplied (*CSS Transforms 2*, current
+    # transformation matrix).
+    "translate": translate_property,
+    "rotate": rotate_property,
+    "scale": scale_property,
+    "transform": transform_property,
+}
+
+
+def element_transform(
+    page: Page,
+    element: Element,
+    declared: Declarations,
+    style: Style,
+    bounds: Callable[[], Box | None],
+) -> Float64[ndarray, "3 3"] | None:
+    """The map from an element's user units to those of its parent; None without a transform.
+
+    An invalid transform is noted and has no effect. `bounds` is called for the bounding box of the
+    element if its `transform-box` is that.
+
+    **Source:** *CSS Transforms 1*, and *CSS Transforms 2* for `translate`, `rotate` and `scale`.
+    """
+    names = [name for name in _PROPERTIES if name in declared.css]
+    if "transform" in element.attrib and "transform" not in names:
+        names.append("transform")
+    if not names:
+        return None
+    report, viewport = page.report(element), page.viewport
+    box = Box(0.0, 0.0, viewport.width, viewport.height)
+    if style.transform_box != "view-box":
+        box = bounds() or Box(0.0, 0.0, 0.0, 0.0)
+        if style.transform_box in ("stroke-box", "border-box"):
+            report(WITHOUT_EFFECT, "transform-box", "taken as fill-box")
+    units = Units(viewport, box, style.font_size)
+    product = affine_maps.identity()
+    for name in names:
+        product = product @ _declared_map(name, element, declared, units, report)
+    return about_origin(product, style, units, report)
+
+
+def about_origin(
+    map3: Float64[ndarray, "3 3"], style: Style, units: Units, report: Report
+) -> Float64[ndarray, "3 3"]:
+    """A transform about the `transform-origin` of a style. An invalid origin is noted."""
+    if style.transform_origin == "0 0":
+        return map3
+    try:
+        x, y = transform_origin(style.transform_origin, units.box, units.viewport, units.font_size)
+    except ValueError as error:
+        report(INVALID, "transform-origin", str(error))
+        return map3
+    return affine_maps.translate(x, y) @ map3 @ affine_maps.translate(-x, -y)
+
+
+def _declared_map(
+    name: str, element: Element, declared: Declarations, units: Units, report: Report
+) -> Float64[ndarray, "3 3"]:
+    """The map of the valid declaration of highest rank; the identity if none is valid."""
+    for text in declared.css_values(name):
+        try:
+            return _PROPERTIES[name](text, units)
+        except ValueError as error:
+            report(kind_of_refused(text), name, str(error))
+    if name == "transform" and "transform" in element.attrib:
+        try:
+            return transform_list(element.attrib["transform"])
+        except ValueError as error:
+            report(INVALID, name, str(error))
+    return affine_maps.identity()

@@ -1,0 +1,144 @@
+"""Turns shape elements into paths, with SVG's rules for missing and invalid attributes."""
+
+import math
+from collections.abc import Callable
+
+from ...shapes.paths import Path
+from ..css.cascade import Declarations
+from ..css.style import Style
+from ..values.numbers import leading_numbers
+from ..values.path_data import ellipse_path, parse_path_data, polygon_path, rect_path
+from ..xml.notices import INVALID, kind_of_refused
+from ..xml.tree import Element
+from .page import Page
+
+_GEOMETRY = {
+    # Attributes that style sheets can set too (SVG 2, chapter 7 and section 9.3.2).
+    "circle": ("cx", "cy", "r"),
+    "ellipse": ("cx", "cy", "rx", "ry"),
+    "rect": ("x", "y", "width", "height", "rx", "ry"),
+    "image": ("x", "y", "width", "height"),
+    "svg": ("x", "y", "width", "height"),
+    "symbol": ("x", "y", "width", "height"),
+    "use": ("x", "y", "width", "height"),
+    "path": ("d",),
+}
+
+
+class ElementLengths:
+    """Reads lengths of an element in user units; notes those that are invalid.
+
+    `style` and `page` give what lengths are relative to.
+    """
+
+    def __init__(self, page: Page, element: Element, declared: Declarations, style: Style):
+        self._page = page
+        self._element = element
+        self._declared = declared
+        self._style = style
+        self.report = page.report(element)
+
+    def text(self, name: str) -> str | None:
+        """The text of a geometry property."""
+        values = self._css_values(name)
+        return values[0] if values else self._element.attrib.get(name)
+
+    def _css_values(self, name: str) -> list[str]:
+        """The values from style sheets, where they may set the property."""
+        if name not in _GEOMETRY.get(self._element.name, ()):
+            return []
+        return self._declared.css_values(name)
+
+    def read(self, name: str, default: float = 0.0) -> float:
+        """A length; `default` if it is missing, `auto` or invalid."""
+        viewport = self._page.viewport
+        if name in ("x", "x1", "x2", "cx", "width", "rx"):
+            full = viewport.width
+        elif name == "r":
+            full = viewport.diagonal
+        else:
+            full = viewport.height
+        candidates = [(text, viewport.css_length) for text in self._css_values(name)]
+        if (text := self._element.attrib.get(name)) is not None:
+            candidates.append((text, viewport.length))
+        for text, parse in candidates:
+            if text.strip() in ("auto", "inherit", "initial", "unset"):
+                return default
+            try:
+                return parse(text, full, self._style.font_size)
+            except ValueError as error:
+                self.report(kind_of_refused(text), name, str(error))
+        return default
+
+    def size(self, name: str, default: float = 0.0) -> float:
+        """A length that must not be negative; `default` if it is."""
+        value = self.read(name, default)
+        if value < 0:
+            self.report(INVALID, name, "must not be negative")
+            return default
+        return value
+
+
+def _rect(lengths: ElementLengths) -> Path | None:
+    width, height = lengths.size("width"), lengths.size("height")
+    if width <= 0 or height <= 0:
+        return None
+    rx, ry = lengths.size("rx", math.nan), lengths.size("ry", math.nan)
+    rx, ry = (ry if math.isnan(rx) else rx), (rx if math.isnan(ry) else ry)
+    rx, ry = (0.0 if math.isnan(radius) else radius for radius in (rx, ry))
+    x, y = lengths.read("x"), lengths.read("y")
+    return rect_path(x, y, width, height, min(rx, width / 2), min(ry, height / 2))
+
+
+def _circle(lengths: ElementLengths) -> Path | None:
+    radius = lengths.size("r")
+    if radius <= 0:
+        return None
+    return ellipse_path(lengths.read("cx"), lengths.read("cy"), radius, radius)
+
+
+def _ellipse(lengths: ElementLengths) -> Path | None:
+    rx, ry = lengths.size("rx", math.nan), lengths.size("ry", math.nan)
+    # A radius that is missing or `auto` is that of the other axis.
+    rx, ry = (ry if math.isnan(rx) else rx), (rx if math.isnan(ry) else ry)
+    if not (rx > 0 and ry > 0):
+        return None
+    return ellipse_path(lengths.read("cx"), lengths.read("cy"), rx, ry)
+
+
+def _line(lengths: ElementLengths) -> Path:
+    x1, y1, x2, y2 = (lengths.read(name) for name in ("x1", "y1", "x2", "y2"))
+    path = polygon_path([(x1, y1), (x2, y2)], False)
+    path.fixed = {0, 1}
+    return path
+
+
+def _points(lengths: ElementLengths, closed: bool) -> Path:
+    numbers, error = leading_numbers(lengths.text("points") or "")
+    if error is None and len(numbers) % 2:
+        error = "has an odd number of coordinates"
+    if error is not None:
+        lengths.report(INVALID, "points", error)
+    return polygon_path(list(zip(numbers[0::2], numbers[1::2], strict=False)), closed)
+
+
+def _path(lengths: ElementLengths) -> Path:
+    text = lengths.text("d") or ""
+    if text.strip().startswith("path("):
+        text = text.strip()[5:].rstrip(") ").strip("\"' ")
+    path, error = parse_path_data(text)
+    if error is not None:
+        lengths.report(INVALID, "d", error)
+    return path
+
+
+SHAPES: dict[str, Callable[[ElementLengths], Path | None]] = {
+    "circle": _circle,
+    "ellipse": _ellipse,
+    "line": _line,
+    "path": _path,
+    "polygon": lambda lengths: _points(lengths, True),
+    "polyline": lambda lengths: _points(lengths, False),
+    "rect": _rect,
+}
+"""The path of each shape element; None for one that is not drawn."""

@@ -1,0 +1,139 @@
+"""Computes bounding boxes of elements in their own user units, and transforms relative to these."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ....geometry import affine_maps
+from ...shapes.paths import flatten
+from ..css.cascade import Declarations
+from ..css.style import Style
+from ..values.units import Viewport
+from ..xml.tree import Element
+from .element_kinds import CONTAINERS, meets_conditions, switched
+from .element_transform import element_transform
+from .page import Page
+from .shape_elements import SHAPES, ElementLengths
+from .view_box import Box
+from .viewports import nested_viewport
+
+_MAX_NESTING = 32
+"""Limit of boxes that depend on boxes within them, by `transform-box`, and of `use` in `use`."""
+
+
+def transformed(
+    page: Page,
+    element: Element,
+    declared: Declarations,
+    style: Style,
+    map3: np.ndarray,
+    use: Element | None = None,
+    nesting: int = 0,
+) -> np.ndarray:
+    """The map of an element: that of its parent, `map3`, after the element's own transform.
+
+    `use` and `nesting` are as for `bounds_of`.
+    """
+    transform = element_transform(
+        page, element, declared, style, lambda: bounds_of(page, element, style, use, nesting)
+    )
+    return map3 if transform is None else map3 @ transform
+
+
+class _Visit(NamedTuple):
+    """An element whose bounds are needed.
+
+    - `map3`: from its user units to those of the element whose bounding box is computed.
+    - `viewport`: what its lengths are relative to.
+    - `use`: the element that asks for an instance of it, or None.
+    - `uses`: number of instances of which it is a part.
+    """
+
+    element: Element
+    map3: np.ndarray
+    style: Style
+    viewport: Viewport
+    use: Element | None
+    uses: int
+
+
+def bounds_of(
+    page: Page, root: Element, style: Style, use: Element | None = None, nesting: int = 0
+) -> Box | None:
+    """The bounding box of the fills in an element, without strokes; None if it is empty.
+
+    - `use`: the element `use` that asks for an instance of `root`, or None.
+    - `nesting`: number of boxes that wait for this one; beyond `_MAX_NESTING` the box is taken as
+      empty.
+
+    Every element visited is charged to the budget as a copy, because drawing visits it again.
+
+    **Source:** SVG 2, section 8.10.
+    """
+    if nesting > _MAX_NESTING:
+        return None
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    viewport = page.viewport
+    pending = [_Visit(root, affine_maps.identity(), style, viewport, use, 0)]
+    while pending:
+        visit = pending.pop()
+        page.viewport = visit.viewport
+        page.budget.charge("copies", 1)
+        if visit.element.name in CONTAINERS:
+            pending += _visits_of_children(page, visit, nesting)
+        elif visit.element.name in SHAPES or visit.element.name == "image":
+            points = _points(page, visit)
+            if len(points):
+                points = affine_maps.apply(visit.map3, points)
+                low = np.minimum(low, points.min(axis=0))
+                high = np.maximum(high, points.max(axis=0))
+    page.viewport = viewport
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        return None
+    return Box(*low.tolist(), *(high - low).tolist())
+
+
+def _visits_of_children(page: Page, visit: _Visit, nesting: int) -> Iterator[_Visit]:
+    """The children of a container that are drawn."""
+    element, map3, style, viewport, use, uses = visit
+    declared, children = page.declared(element), element.children
+    use_of_children = None
+    if element.name == "use":
+        target = page.target(element.attrib.get("href"))
+        lengths = ElementLengths(page, element, declared, style)
+        map3 = map3 @ affine_maps.translate(lengths.read("x"), lengths.read("y"))
+        uses, use_of_children = uses + 1, element
+        children = [] if target is None or uses > _MAX_NESTING else [target]
+    elif element.name == "switch":
+        children = switched(element)
+    elif element.name in ("svg", "symbol") and element is not page.root:
+        nested = nested_viewport(page, element, declared, style, use)
+        if nested is None:
+            return
+        map3, viewport = map3 @ nested.map3, nested.lengths
+    page.viewport = viewport
+    for child in children:
+        if not meets_conditions(child) or (child.name == "symbol" and use_of_children is None):
+            continue
+        declared = page.declared(child)
+        child_style = page.displayed(child, style, declared)
+        if child_style is not None:
+            child_map = transformed(
+                page, child, declared, child_style, map3, use_of_children, nesting + 1
+            )
+            yield _Visit(child, child_map, child_style, viewport, use_of_children, uses)
+
+
+def _points(page: Page, visit: _Visit) -> np.ndarray:
+    """Points `[n, 2]` of the outline of a shape, or two corners of an image, in its user units."""
+    element = visit.element
+    lengths = ElementLengths(page, element, page.declared(element), visit.style)
+    if element.name == "image":
+        x, y = lengths.read("x"), lengths.read("y")
+        return np.array([[x, y], [x + lengths.size("width"), y + lengths.size("height")]])
+    path = SHAPES[element.name](lengths)
+    if path is None or not path.points:
+        return np.zeros((0, 2))
+    scale = float(np.linalg.norm(visit.map3[:2, :2], 2)) * page.pixels_per_px
+    return flatten(path, np.eye(2) * scale, page.tolerance, page.budget).points

@@ -1,0 +1,169 @@
+"""Computes the size of a drawing, and the map from its user units to the pixels of a canvas."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+from ....geometry import affine_maps
+from ..css.cascade import Declarations
+from ..values.numbers import is_number, leading_float, length, number_list
+from ..xml.notices import INVALID
+
+MAX_SIDE = 2**16
+"""Maximum side of a canvas, in pixels. The spacing of float32 is at most 1/256 pixel there."""
+
+_ALIGNMENT = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
+"""Fraction of the free space that lies before the viewBox."""
+
+
+class Box(NamedTuple):
+    """A rectangle in user units."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+
+def view_box(attributes: dict[str, str]) -> Box | None:
+    """Parse the attribute `viewBox`; None if there is none.
+
+    Its width or height may be 0, which disables drawing (SVG 2, section 8.6). Raises `ValueError`
+    for text that is no viewBox.
+    """
+    text = attributes.get("viewBox")
+    if text is None:
+        return None
+    numbers = number_list(text)
+    if len(numbers) != 4 or min(numbers[2:]) < 0:
+        raise ValueError(f"viewBox: expected x, y, width and height, got {text!r}.")
+    return Box(*numbers)
+
+
+def course_size(attributes: dict[str, str]) -> tuple[float, float] | None:
+    """The (height, width) of a document of the course, from its root; None if it gives neither."""
+    size = leading_float(attributes.get("height")), leading_float(attributes.get("width"))
+    return size if max(size) > 0 else None
+
+
+def document_size(
+    root: Declarations, font_size: float, note: Callable[[str, str, str], None]
+) -> tuple[float, float] | None:
+    """The (height, width) of a standard document in px, not rounded; None if it gives no size.
+
+    - `root`: declarations of its root. `width` and `height` are properties, so that style sheets
+      and `style` outrank the attributes (SVG 2, section 7.8).
+    - `font_size`: of the root, in px, for `em`.
+    - `note`: called for invalid values, which have no effect, with the kind of a notice, the name,
+      and what is wrong.
+
+    Percentages are relative to the viewBox. A side that is missing, `auto` or 100 % is computed
+    from the other side and the aspect ratio of the viewBox. If both are, the size is that of the
+    viewBox.
+    """
+    box = None
+    try:
+        box = view_box(root.attributes)
+    except ValueError as error:
+        note(INVALID, "viewBox", str(error))
+    if box is not None and (box.width == 0 or box.height == 0):
+        box = None
+    height = _side(root, "height", box and box.height, font_size, note)
+    width = _side(root, "width", box and box.width, font_size, note)
+    if box is not None:
+        if height is None:
+            height = box.height if width is None else width * box.height / box.width
+        if width is None:
+            width = height * box.width / box.height
+    return None if height is None or width is None else (height, width)
+
+
+def _side(
+    root: Declarations,
+    name: str,
+    full: float | None,
+    font_size: float,
+    note: Callable[[str, str, str], None],
+) -> float | None:
+    """Parse `width` or `height` in px, of which 100 % are `full`; None if it is `auto`.
+
+    Without a viewBox, `full` is None. `auto` and percentages are then skipped, and the declaration
+    of the next lower rank is used.
+    """
+    units = {"em": font_size, "rem": font_size, "ex": font_size / 2}
+    candidates = [(text.strip(), True) for text in root.css_values(name)]
+    if name in root.attributes:
+        candidates.append((root.attributes[name].strip(), False))
+    for text, is_css in candidates:
+        is_relative = text in ("auto", "initial", "unset") or text.endswith("%")
+        if is_relative and full is None:
+            continue
+        if (is_relative and not text.endswith("%")) or text == "100%":
+            return None
+        try:
+            side = length(text, full, units)
+            if is_css and side and is_number(text):
+                raise ValueError(f"the length {text[:24]!r} has no unit, such as `px`")
+            if side <= 0:
+                raise ValueError(f"expected a positive length, got {text[:24]!r}")
+            return side
+        except ValueError as error:
+            note(INVALID, name, str(error))
+    return None
+
+
+def round_up(size: tuple[float, float]) -> tuple[int, int]:
+    """Round a (height, width) up to whole pixels, at least 1 each."""
+    # Units such as mm give sizes that exceed a whole number by a rounding error.
+    height, width = (max(1, math.ceil(min(side, 1e15) - 1e-6)) for side in size)
+    return height, width
+
+
+def fit(box: Box, height: float, width: float, aspect: str = "") -> Float64[np.ndarray, "3 3"]:
+    """The map from `box` to a viewport of `height` x `width` with a corner at the origin.
+
+    `aspect` is the attribute `preserveAspectRatio`.
+
+    **Source:** SVG 2, section 8.2 (*equivalent transform of an SVG viewport*).
+    """
+    x_scale, y_scale = width / box.width, height / box.height
+    words = aspect.split()
+    words = words[1:] if words[:1] == ["defer"] else words
+    align, meet_or_slice = "", ""
+    if len(words) < 3:
+        align, meet_or_slice = (words + ["xMidYMid", "meet"][len(words) :])[:2]
+    if align != "none":
+        x_align, y_align = _ALIGNMENT.get(align[1:4]), _ALIGNMENT.get(align[5:])
+        is_known = align[:1] + align[4:5] == "xY" and meet_or_slice in ("meet", "slice")
+        if x_align is None or y_align is None or not is_known:
+            raise ValueError(f"preserveAspectRatio: {aspect!r} is none of its values.")
+        x_scale = y_scale = (min if meet_or_slice == "meet" else max)(x_scale, y_scale)
+    else:
+        x_align = y_align = 0.0
+    x = x_align * (width - box.width * x_scale) - box.x * x_scale
+    y = y_align * (height - box.height * y_scale) - box.y * y_scale
+    return affine_maps.matrix(x_scale, 0.0, 0.0, y_scale, x, y)
+
+
+def course_view(size: tuple[float, float], height: int, width: int) -> Float64[np.ndarray, "3 3"]:
+    """The course's map from a drawing of (height, width) `size` to a canvas of `height` x `width`.
+
+    It keeps the aspect ratio and centres the drawing, with a margin of a tenth of its longer side
+    at both ends of that side. The matrices are those of the course, so that float64 is rounded
+    alike.
+    """
+    svg_height, svg_width = size
+    span = 0.6 * max(svg_width, svg_height)
+    to_ndc = np.array(
+        [
+            [1.0, 0.0, span - svg_width / 2],
+            [0.0, 1.0, span - svg_height / 2],
+            [0.0, 0.0, 2 * span],
+        ]
+    )
+    side = float(min(width, height))
+    to_screen = affine_maps.matrix(side, 0.0, 0.0, side, (width - side) / 2, (height - side) / 2)
+    return to_screen @ to_ndc

@@ -1,0 +1,167 @@
+"""Establishes viewports: that of the root, which is the canvas, and nested ones."""
+
+import contextlib
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from ....geometry import affine_maps
+from ...shapes.regions import intersection
+from ..css.cascade import Declarations
+from ..css.style import INITIAL, Style
+from ..values.units import Viewport
+from ..xml.notices import INVALID
+from ..xml.tree import Element
+from .element_transform import element_transform
+from .inherited_state import InheritedState
+from .page import Page, root_font_size
+from .shape_elements import ElementLengths
+from .view_box import Box, document_size, fit, round_up, view_box
+
+
+class RootViewport(NamedTuple):
+    """How the root of a document is fitted into the canvas.
+
+    - `map3`: from its user units to pixels of the canvas.
+    - `box`: its viewBox, or the whole document where it has none.
+    - `viewport`: what lengths of its children are relative to.
+    - `pixels_per_px`: pixels of the canvas per px of the document.
+    """
+
+    map3: np.ndarray
+    box: Box
+    viewport: Viewport
+    pixels_per_px: float
+
+
+def root_viewport(page: Page) -> RootViewport:
+    """Fit the viewBox of the root into the canvas."""
+    context, root = page.context, page.root
+    canvas, box = (float(context.height), float(context.width)), None
+    declared = page.declared(root)
+    size = document_size(declared, root_font_size(declared, *canvas), page.report(root))
+    # An invalid viewBox is noted by `document_size`.
+    with contextlib.suppress(ValueError):
+        box = view_box(root.attrib)
+    if box is None:
+        height, width = size or canvas
+        box = Box(0.0, 0.0, width, height)
+    if size is not None and round_up(size) == (context.height, context.width):
+        # The canvas has the document's size, rounded up: do not stretch to the rounding.
+        canvas = size
+    height, width = size or canvas
+    transform = _root_transform(page, declared, height, width)
+    if context.transform is not None:
+        map3 = context.transform @ transform
+    elif box.width == 0 or box.height == 0:
+        # Nothing is drawn (SVG 2, section 8.6).
+        map3 = np.zeros((3, 3))
+    else:
+        scale = affine_maps.matrix(canvas[1] / width, 0.0, 0.0, canvas[0] / height, 0.0, 0.0)
+        fitted = _fitted(page, root, box, *canvas)
+        map3 = scale @ transform @ np.linalg.inv(scale) @ fitted
+    viewport = Viewport(box.width, box.height, width, height)
+    return RootViewport(map3, box, viewport, min(canvas[0] / height, canvas[1] / width))
+
+
+def _root_transform(page: Page, declared: Declarations, height: float, width: float) -> np.ndarray:
+    """The transform of the root, in px of the document.
+
+    Unlike those of other elements, it comes after the viewBox and is about the centre by default,
+    as that of a box of CSS.
+
+    **Source:** SVG 2, section 8.4 and appendix *User agent style sheet*.
+    """
+    page.viewport = Viewport(width, height, width, height)
+    style = page.computed(page.root, INITIAL, declared)
+    if "transform-origin" not in declared.css | declared.attributes:
+        style = style._replace(transform_origin="50% 50%")
+    transform = element_transform(
+        page, page.root, declared, style, lambda: Box(0.0, 0.0, width, height)
+    )
+    return affine_maps.identity() if transform is None else transform
+
+
+class NestedViewport(NamedTuple):
+    """The viewport of a nested `svg`, or of an instance of a `symbol` or `svg`.
+
+    - `box`: the rectangle that it takes in user units of its parent.
+    - `map3`: from user units of its children to those of its parent.
+    - `lengths`: what lengths of its children are relative to.
+    """
+
+    box: Box
+    map3: np.ndarray
+    lengths: Viewport
+
+
+def nested_viewport(
+    page: Page, element: Element, declared: Declarations, style: Style, use: Element | None
+) -> NestedViewport | None:
+    """The viewport of an `svg` or `symbol`; None if it has no area.
+
+    `use` is the element that asks for an instance of it, and None if there is none.
+
+    **Source:** SVG 2, sections 5.5.2 (*Layout of re-used graphics*) and 8.2 (*Computing the
+    equivalent transform of an SVG viewport*).
+    """
+    lengths, viewport = ElementLengths(page, element, declared, style), page.viewport
+    width = lengths.size("width", viewport.width)
+    height = lengths.size("height", viewport.height)
+    x, y = lengths.read("x"), lengths.read("y")
+    if use is not None:
+        # The size of `use` replaces that of its target.
+        use_lengths = ElementLengths(page, use, page.declared(use), style)
+        width, height = use_lengths.size("width", width), use_lengths.size("height", height)
+    if width <= 0 or height <= 0:
+        return None
+    rectangle, map3 = Box(x, y, width, height), affine_maps.translate(x, y)
+    box = _view_box(page, element)
+    if box is not None:
+        if box.width == 0 or box.height == 0:
+            return None
+        map3 = map3 @ _fitted(page, element, box, height, width)
+        width, height = box.width, box.height
+    return NestedViewport(rectangle, map3, viewport._replace(width=width, height=height))
+
+
+def nested_state(
+    page: Page, element: Element, declared: Declarations, state: InheritedState
+) -> InheritedState | None:
+    """The state inside of a nested `svg` or an instance of a `symbol`; None if it has no area."""
+    nested = nested_viewport(page, element, declared, state.style, state.use_of(element))
+    if nested is None:
+        return None
+    placement = state.placement
+    if state.style.overflow not in ("visible", "auto"):
+        x, y, width, height = nested.box
+        corners = [[x, y], [x + width, y], [x + width, y + height], [x, y + height]]
+        clip = shapely.Polygon(affine_maps.apply(placement.map3, corners))
+        if placement.clip is not None:
+            clip = intersection(clip, placement.clip, page.budget)
+        shapely.prepare(clip)
+        placement = placement._replace(clip=clip)
+    return state._replace(
+        placement=placement.with_map(placement.map3 @ nested.map3), viewport=nested.lengths
+    )
+
+
+def _view_box(page: Page, element: Element) -> Box | None:
+    try:
+        return view_box(element.attrib)
+    except ValueError as error:
+        page.report(element)(INVALID, "viewBox", str(error))
+        return None
+
+
+def _fitted(page: Page, element: Element, box: Box, height: float, width: float) -> np.ndarray:
+    """The map of a viewBox into a viewport of this size, by `preserveAspectRatio`."""
+    aspect = element.attrib.get("preserveAspectRatio", "")
+    if element is page.root and page.context.fit is not None:
+        aspect = page.context.fit
+    try:
+        return fit(box, height, width, aspect)
+    except ValueError as error:
+        page.report(element)(INVALID, "preserveAspectRatio", str(error))
+        return fit(box, height, width)

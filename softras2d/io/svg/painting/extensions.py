@@ -1,0 +1,162 @@
+"""Draws images, and the course's elements `colortri` and `textri`, in the dialect `svg`.
+
+An error in one of these two is raised, since no other program writes them. An image that cannot be
+read is left out, as browsers do.
+"""
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from ....geometry import affine_maps
+from ...budget import BudgetError
+from ...shapes.regions import intersection, is_empty
+from ..canvas.layers import Item
+from ..canvas.placement import Placement
+from ..canvas.sinks import Textured, textured_items, triangle_items
+from ..css.style import Style
+from ..elements.page import Page
+from ..elements.shape_elements import ElementLengths
+from ..elements.view_box import Box, fit
+from ..values.numbers import number_list
+from ..xml.document import Attributes
+from ..xml.notices import INVALID, NOT_DRAWN
+from ..xml.tree import Element
+
+
+def draw_extension(
+    page: Page,
+    element: Element,
+    lengths: ElementLengths,
+    placement: Placement,
+    style: Style,
+    opacity: float,
+) -> None:
+    """Draw an `image`, a `colortri` or a `textri`.
+
+    - `opacity`: the element's `opacity`. `fill-opacity` multiplies it for the two triangles, but
+      not for an image.
+
+    Raises `ValueError` for an invalid attribute of a triangle. An image with a fault is left out
+    and noted.
+    """
+    if element.name == "image":
+        # `fill-opacity` does not apply to images.
+        _draw_image(page, element, lengths, placement, opacity)
+    else:
+        _draw_triangle(page, element, placement, style.fill_opacity * opacity)
+
+
+def _draw_triangle(page: Page, element: Element, placement: Placement, opacity: float) -> None:
+    """Draw a triangle with a colour for each corner, or with a texture."""
+    attributes = element.attrib
+    points = _numbers(attributes, "points", 6).reshape(3, 2)
+    corners = affine_maps.apply(placement.map3, points)
+    if element.name == "textri":
+        uv = _numbers(attributes, "uvs", 6).reshape(3, 2)
+        texture = page.context.assets.texture(attributes.get("texid", ""))
+        _add_textured(page, placement, corners, uv, texture, opacity)
+        return
+    colors = _numbers(attributes, "colors", 12).reshape(3, 4)
+    if not ((colors[:, 3] >= 0) & (colors[:, 3] <= 1)).all():
+        raise ValueError(f"colors: alpha must be in 0..1, got {attributes['colors']!r}.")
+    colors[:, 3] = colors[:, 3] * opacity if page.context.opacity else 1.0
+    if placement.clips(corners):
+        _add_clipped(page, placement, triangle_items(corners, colors))
+    else:
+        placement.sink.add_triangle(corners, colors)
+
+
+def _draw_image(
+    page: Page,
+    element: Element,
+    lengths: ElementLengths,
+    placement: Placement,
+    opacity: float,
+) -> None:
+    """Draw an image file as a texture (SVG 2, section 12.3)."""
+    href = element.attrib.get("href")
+    if href is None:
+        lengths.report(INVALID, "href", "image without href")
+        return
+    assets = page.context.assets
+    try:
+        texture = assets.linked(href)
+    except BudgetError:
+        raise
+    except ValueError as error:
+        lengths.report(NOT_DRAWN, "href", str(error))
+        return
+    picture_height, picture_width = map(float, assets.textures[texture].shape[:2])
+    width, height = lengths.read("width", math.inf), lengths.read("height", math.inf)
+    for name, side in (("width", width), ("height", height)):
+        if side < 0:
+            lengths.report(INVALID, name, "must not be negative")
+    if width <= 0 or height <= 0:
+        return
+    # Infinity stands for `auto`: the side follows from the picture.
+    if width == math.inf:
+        is_auto = height == math.inf
+        width = picture_width if is_auto else height * picture_width / picture_height
+    if height == math.inf:
+        height = width * picture_height / picture_width
+    box = Box(0.0, 0.0, picture_width, picture_height)
+    try:
+        to_viewport = fit(box, height, width, element.attrib.get("preserveAspectRatio", ""))
+    except ValueError as error:
+        lengths.report(INVALID, "preserveAspectRatio", str(error))
+        to_viewport = fit(box, height, width)
+    # With `slice`, the picture reaches beyond the viewport, which clips it. Texture coordinates
+    # are fractions of the picture.
+    low, high = affine_maps.apply(to_viewport, [[0.0, 0.0], [picture_width, picture_height]])
+    start, end = np.maximum(low, 0.0), np.minimum(high, [width, height])
+    uv = _box_corners(Box(*((start - low) / (high - low)), *((end - start) / (high - low))))
+    origin = np.array([lengths.read("x"), lengths.read("y")])
+    corners = _box_corners(Box(*(origin + start), *(end - start)))
+    points = affine_maps.apply(placement.map3, corners)
+    _add_textured(page, placement, points, uv, texture, opacity)
+
+
+def _add_textured(
+    page: Page,
+    placement: Placement,
+    points: Float[np.ndarray, "n 2"],
+    uv: Float[np.ndarray, "n 2"],
+    texture: int,
+    opacity: float,
+) -> None:
+    """Add a convex polygon, in pixels, with a texture."""
+    alpha = opacity if page.context.opacity else 1.0
+    translucent = alpha < 1 or page.context.assets.textures[texture].shape[-1] == 4
+    textured = Textured(points, (1.0, 1.0, 1.0, alpha), uv, texture, translucent)
+    if placement.clips(points):
+        _add_clipped(page, placement, textured_items(textured))
+    else:
+        placement.sink.add_textured(textured)
+
+
+def _add_clipped(page: Page, placement: Placement, items: list[Item]) -> None:
+    for item in items:
+        region = intersection(item.region, placement.clip, page.budget)
+        if not is_empty(region):
+            placement.sink.add_items([item._replace(region=region)])
+
+
+def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray, " {count}"]:
+    """Parse an attribute of exactly `count` numbers."""
+    try:
+        numbers = number_list(attributes.get(name, ""))
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+    if len(numbers) != count:
+        raise ValueError(f"{name}: expected {count} numbers, got {len(numbers)}.")
+    return np.array(numbers)
+
+
+def _box_corners(box: Box) -> Float[np.ndarray, "4 2"]:
+    """Corners in the order top left, top right, bottom right, bottom left."""
+    x, y = box.x, box.y
+    return np.array(
+        [[x, y], [x + box.width, y], [x + box.width, y + box.height], [x, y + box.height]]
+    )

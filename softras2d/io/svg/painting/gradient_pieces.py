@@ -1,0 +1,160 @@
+"""The gradients of a drawing, and the strips in each of which a linear one is an affine function.
+
+A linear gradient is affine between two stops, so that strips between its stops are exact.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ...budget import Budget
+from ..canvas.paint import Paint, Stop, constant_paint, linear_paint
+
+BORDER_SHIFT = 2.0**-14 * 0.618
+"""Offset of the borders between pieces, in units of the gradient. Samples lie at simple fractions,
+and so do most stops. With the offset no sample lies on a border, where both of the translucent
+pieces that meet there would be blended."""
+
+
+class LinearGradient(NamedTuple):
+    """A gradient along a line.
+
+    - `stops`: at least two, in order. `spread`: `pad`, `reflect` or `repeat`.
+    - `to_unit`: `[3]`, maps `(x, y, 1)` in pixels to the position along the line.
+    """
+
+    stops: tuple[Stop, ...]
+    spread: str
+    to_unit: Float[np.ndarray, "3"]
+
+
+class RadialGradient(NamedTuple):
+    """A gradient between the circles (focus, focal_radius) and (center, radius).
+
+    `to_pixels` is the affine map `[3, 3]` from the units of the circles.
+    """
+
+    stops: tuple[Stop, ...]
+    spread: str
+    to_pixels: Float[np.ndarray, "3 3"]
+    center: tuple[float, float]
+    radius: float
+    focus: tuple[float, float]
+    focal_radius: float
+
+
+Gradient = LinearGradient | RadialGradient
+
+
+class Interval(NamedTuple):
+    """Positions along a gradient between two stops, and the colours of those stops.
+
+    The colours of the positions from `start` to `end` are interpolated linearly. Either position
+    may be infinite; then both colours are the same.
+    """
+
+    start: float
+    end: float
+    start_color: np.ndarray
+    end_color: np.ndarray
+
+
+class Piece(NamedTuple):
+    """A convex polygon `[n, 2]`, and its paint."""
+
+    points: np.ndarray
+    paint: Paint
+
+
+def linear_pieces(
+    gradient: LinearGradient, bounds: tuple[float, float, float, float], budget: Budget
+) -> list[Piece]:
+    """Divide the box (x0, y0, x1, y1) into strips."""
+    x0, y0, x1, y1 = bounds
+    box = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    t = box @ gradient.to_unit[:2] + gradient.to_unit[2]
+    pieces = []
+    for interval in intervals(gradient, float(t.min()), float(t.max()), budget):
+        strip = _clip_to_interval(box, gradient.to_unit, interval)
+        if len(strip) > 2:
+            pieces.append(Piece(strip, _strip_paint(gradient, interval)))
+    return pieces
+
+
+def _strip_paint(gradient: LinearGradient, interval: Interval) -> Paint:
+    """The paint of an interval; its start colour if the interval is infinite, or too short."""
+    if math.isfinite(interval.start) and math.isfinite(interval.end):
+        paint = linear_paint(gradient.to_unit, *interval)
+        if np.isfinite(paint.color).all():
+            return paint
+    return constant_paint(tuple(interval.start_color))
+
+
+def intervals(gradient: Gradient, low: float, high: float, budget: Budget) -> Iterator[Interval]:
+    """The intervals between stops that meet the positions from `low` to `high`.
+
+    The first and the last interval of a gradient with `pad` are infinite.
+    """
+    stops = gradient.stops
+    if gradient.spread == "pad":
+        budget.charge("overlays", 8 * len(stops))
+        if low < stops[0].offset + BORDER_SHIFT:
+            start_color = stops[0].color
+            yield Interval(-math.inf, stops[0].offset + BORDER_SHIFT, start_color, start_color)
+        yield from _period(stops, 0, False)
+        if high > stops[-1].offset:
+            end_color = stops[-1].color
+            yield Interval(stops[-1].offset + BORDER_SHIFT, math.inf, end_color, end_color)
+        return
+    # Each piece begins and ends `BORDER_SHIFT` after its period.
+    first_period, end_period = math.floor(low - BORDER_SHIFT), math.ceil(high)
+    if not end_period - first_period < 2**40:
+        raise ValueError("has a gradient that repeats too often.")
+    budget.charge("overlays", 8 * len(stops) * (end_period - first_period))
+    # Between an outer stop and the end of the period, the colour is that of the stop.
+    period_stops = (Stop(0.0, stops[0].color), *stops, Stop(1.0, stops[-1].color))
+    for period in range(first_period, end_period):
+        yield from _period(period_stops, period, gradient.spread == "reflect" and period % 2 != 0)
+
+
+def _period(stops: tuple[Stop, ...], period: int, is_reversed: bool) -> Iterator[Interval]:
+    """The intervals of positive length between the stops of one period."""
+    ordered = stops
+    if is_reversed:
+        ordered = tuple(Stop(1.0 - stop.offset, stop.color) for stop in reversed(stops))
+    for before, after in itertools.pairwise(ordered):
+        if after.offset > before.offset:
+            yield Interval(
+                period + before.offset + BORDER_SHIFT,
+                period + after.offset + BORDER_SHIFT,
+                before.color,
+                after.color,
+            )
+
+
+def _clip_to_interval(
+    polygon: Float[np.ndarray, "n 2"], to_unit: Float[np.ndarray, "3"], interval: Interval
+) -> Float[np.ndarray, "m 2"]:
+    """Clip a convex polygon to the points whose position along a gradient is in an interval."""
+    if interval.start > -math.inf:
+        polygon = _clip(polygon, polygon @ to_unit[:2] + to_unit[2] - interval.start)
+    if interval.end < math.inf and len(polygon):
+        polygon = _clip(polygon, interval.end - (polygon @ to_unit[:2] + to_unit[2]))
+    return polygon
+
+
+def _clip(points: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Clip a convex polygon to where an affine function with these values is not negative."""
+    clipped = []
+    for k in range(len(points)):
+        j = (k + 1) % len(points)
+        if values[k] >= 0:
+            clipped.append(points[k])
+        if (values[k] >= 0) != (values[j] >= 0):
+            t = values[k] / (values[k] - values[j])
+            clipped.append(points[k] + t * (points[j] - points[k]))
+    return np.array(clipped).reshape(-1, 2)

@@ -1,0 +1,247 @@
+"""Reads `linearGradient` and `radialGradient`, with references between them."""
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+
+from ....geometry import affine_maps
+from ..canvas.paint import Stop
+from ..elements.css_transform import Units
+from ..elements.element_kinds import report_animations
+from ..elements.element_transform import about_origin
+from ..elements.page import Page, affine_part
+from ..elements.view_box import Box
+from ..values.css_color import CURRENT, Rgba
+from ..values.numbers import fraction
+from ..values.transform_attribute import transform_list
+from ..values.units import MEDIUM
+from ..xml.notices import INVALID
+from ..xml.tree import Element
+from .gradient_pieces import Gradient, LinearGradient, RadialGradient
+
+GRADIENTS = ("linearGradient", "radialGradient")
+
+Fill = Rgba | Gradient | None
+"""What a paint server paints: one colour, a gradient, or nothing."""
+
+_TOUCHING = 1e-3
+"""Distance between circles, in radii, below which they count as touching."""
+
+_MAX_TEMPLATES = 1000
+"""Limit of gradients that refer to each other in a chain."""
+
+
+def gradient_fill(
+    page: Page, gradient: Element, box: Box, map3: np.ndarray, opacity: float
+) -> Fill | Literal[False]:
+    """The paint of a gradient element; False if it is relative to a box without area.
+
+    - `box`: bounding box of the shape in user units.
+    - `map3`: from the shape's units to pixels.
+    - `opacity`: factor of the alpha of all colours.
+
+    **Source:** SVG 2, section 14.2.
+    """
+    chain = _templates(page, gradient)
+    stops = _stops(page, chain, opacity)
+    if not stops:
+        return None
+    if len(stops) == 1:
+        return _solid(stops[0])
+    units = _inherited(page, chain, "gradientUnits", ("userSpaceOnUse", "objectBoundingBox"))
+    in_box = units != "userSpaceOnUse"
+    to_pixels = affine_part(map3)
+    if in_box:
+        if box.width <= 0 or box.height <= 0:
+            return False
+        to_pixels = to_pixels @ affine_maps.matrix(box.width, 0.0, 0.0, box.height, box.x, box.y)
+    to_pixels = to_pixels @ _gradient_transform(page, chain, in_box)
+    if not np.isfinite(to_pixels).all() or abs(np.linalg.det(to_pixels)) < 1e-30:
+        return None
+    spread = _inherited(page, chain, "spreadMethod", ("pad", "reflect", "repeat")) or "pad"
+    if gradient.name == "linearGradient":
+        return _linear(page, chain, stops, spread, to_pixels, in_box)
+    return _radial(page, chain, stops, spread, to_pixels, in_box)
+
+
+def _templates(page: Page, gradient: Element) -> list[Element]:
+    """A gradient followed by the chain of gradients to which it refers, without repetitions."""
+    chain, seen = [gradient], {id(gradient)}
+    while (href := chain[-1].attrib.get("href")) is not None:
+        target = page.target(href)
+        if target is None or target.name not in GRADIENTS:
+            page.report(chain[-1])(INVALID, "href", f"refers to no gradient ({href[:40]!r})")
+            break
+        if id(target) in seen or len(chain) > _MAX_TEMPLATES:
+            page.report(chain[-1])(INVALID, "href", "refers to itself")
+            break
+        seen.add(id(target))
+        chain.append(target)
+    return chain
+
+
+def pattern_applies(pattern: Element, box: Box) -> bool:
+    """Whether a pattern can be applied to a shape with this bounding box (SVG 2, section 14.3)."""
+    units = pattern.attrib.get("patternUnits", "").strip()
+    return units == "userSpaceOnUse" or "href" in pattern.attrib or min(box.width, box.height) > 0
+
+
+def _inherited(page: Page, chain: list[Element], name: str, words: tuple[str, ...]) -> str | None:
+    """The value of an attribute of the first gradient that has it, if it is one of `words`."""
+    for gradient in chain:
+        if (text := gradient.attrib.get(name)) is not None:
+            if text.strip() in words:
+                return text.strip()
+            page.report(gradient)(INVALID, name, f"is none of {', '.join(words)} ({text[:40]!r})")
+            return None
+    return None
+
+
+def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.ndarray:
+    """The map of `gradientTransform`, about the gradient's `transform-origin`."""
+    for gradient in chain:
+        if (text := gradient.attrib.get("gradientTransform")) is None:
+            continue
+        report = page.report(gradient)
+        try:
+            transform = transform_list(text)
+            if np.linalg.det(transform) == 0:
+                raise ValueError("has no inverse")
+        except ValueError as error:
+            report(INVALID, "gradientTransform", str(error))
+            break
+        style, viewport = page.style_in_place(gradient), page.viewport
+        box = Box(0.0, 0.0, 1.0, 1.0) if in_box else Box(0.0, 0.0, viewport.width, viewport.height)
+        return about_origin(transform, style, Units(viewport, box, style.font_size), report)
+    return affine_maps.identity()
+
+
+def _stops(page: Page, chain: list[Element], opacity: float) -> list[Stop]:
+    """The stops of the first gradient that has any, with their alpha multiplied."""
+    stops = page.gradient_stops.get(id(chain[0]))
+    if stops is None:
+        children: list[Element] = []
+        for gradient in chain:
+            report_animations(page, gradient)
+            children = [child for child in gradient.children if child.name == "stop"]
+            if children:
+                break
+        stops = _in_order([_stop(page, child) for child in children])
+        page.gradient_stops[id(chain[0])] = stops
+    page.budget.charge("overlays", len(chain) + len(stops))
+    if opacity == 1 or not page.context.opacity:
+        return stops
+    return [Stop(stop.offset, stop.color * [1.0, 1.0, 1.0, opacity]) for stop in stops]
+
+
+def _stop(page: Page, element: Element) -> Stop:
+    report_animations(page, element)
+    style = page.style_in_place(element)
+    color: Any = style.color if style.stop_color == CURRENT else style.stop_color
+    offset = 0.0
+    if (text := element.attrib.get("offset")) is not None:
+        try:
+            offset = fraction(text)
+        except ValueError as error:
+            page.report(element)(INVALID, "offset", str(error))
+    alpha = color[3] * style.stop_opacity if page.context.opacity else 1.0
+    return Stop(offset, np.array([*color[:3], alpha]))
+
+
+def _in_order(stops: list[Stop]) -> list[Stop]:
+    """Stops whose offsets do not decrease: a smaller one becomes the largest before it."""
+    ordered: list[Stop] = []
+    for stop in stops:
+        offset = max(stop.offset, ordered[-1].offset) if ordered else stop.offset
+        ordered.append(Stop(offset, stop.color))
+    return ordered
+
+
+def _solid(stop: Stop) -> Rgba | None:
+    red, green, blue, alpha = stop.color.tolist()
+    return (red, green, blue, alpha) if alpha > 0 else None
+
+
+class _Lengths:
+    """Reads lengths of a gradient, in its units, from the first of a chain that has them."""
+
+    def __init__(self, page: Page, chain: list[Element], in_box: bool):
+        self._page = page
+        self._chain = [gradient for gradient in chain if gradient.name == chain[0].name]
+        self._in_box = in_box
+
+    def read(self, name: str, default: str | float) -> float:
+        """The value of an attribute; `default` is text, or the value itself."""
+        viewport = self._page.viewport
+        full = {"x": viewport.width, "y": viewport.height}.get(
+            name[-1] if name[-1] in "xy" else name[0], viewport.diagonal
+        )
+        full = 1.0 if self._in_box else full
+        for gradient in self._chain:
+            if (text := gradient.attrib.get(name)) is not None:
+                try:
+                    font_size = self._page.style_in_place(gradient).font_size
+                    return viewport.length(text, full, font_size)
+                except ValueError as error:
+                    self._page.report(gradient)(INVALID, name, str(error))
+                    break
+        return viewport.length(default, full, MEDIUM) if isinstance(default, str) else default
+
+
+def _linear(
+    page: Page,
+    chain: list[Element],
+    stops: list[Stop],
+    spread: str,
+    to_pixels: np.ndarray,
+    in_box: bool,
+) -> Fill:
+    lengths = _Lengths(page, chain, in_box)
+    x1, y1 = lengths.read("x1", "0%"), lengths.read("y1", "0%")
+    x2, y2 = lengths.read("x2", "100%"), lengths.read("y2", "0%")
+    squared = (x2 - x1) ** 2 + (y2 - y1) ** 2
+    if not 0 < squared < math.inf:
+        return _solid(stops[-1])
+    along = np.array([x2 - x1, y2 - y1, 0.0]) / squared
+    along[2] = -(along[0] * x1 + along[1] * y1)
+    return LinearGradient(tuple(stops), spread, along @ np.linalg.inv(to_pixels))
+
+
+def _radial(
+    page: Page,
+    chain: list[Element],
+    stops: list[Stop],
+    spread: str,
+    to_pixels: np.ndarray,
+    in_box: bool,
+) -> Fill:
+    lengths = _Lengths(page, chain, in_box)
+    cx, cy, r = (lengths.read(name, "50%") for name in ("cx", "cy", "r"))
+    fx, fy, fr = lengths.read("fx", cx), lengths.read("fy", cy), lengths.read("fr", 0.0)
+    report = page.report(chain[0])
+    if r < 0:
+        report(INVALID, "r", "must not be negative")
+        r = 0.5 if in_box else 0.5 * page.viewport.diagonal
+    if fr < 0:
+        report(INVALID, "fr", "must not be negative")
+        fr = 0.0
+    if r == 0:
+        return _solid(stops[-1])
+    center, focus = (cx, cy), (fx, fy)
+    if fr > r:
+        # Swap both ends: the gradient stays the same, and its circles then grow.
+        center, focus, r, fr = focus, center, fr, r
+        stops = [Stop(1.0 - stop.offset, stop.color) for stop in reversed(stops)]
+    distance = math.hypot(focus[0] - center[0], focus[1] - center[1])
+    if fr == r and distance == 0:
+        # SVG 2, section 14.2.3.2: no gradient is drawn if both circles are the same.
+        return None
+    if distance > 0 and fr < r and abs(distance + fr - r) < r * _TOUCHING:
+        # Circles that touch from inside have no area in common with a ray at their common tangent.
+        t = max(r * (1 - _TOUCHING) - fr, 0.0) / distance
+        focus = (
+            center[0] + (focus[0] - center[0]) * t,
+            center[1] + (focus[1] - center[1]) * t,
+        )
+    return RadialGradient(tuple(stops), spread, to_pixels, center, r, focus, fr)

@@ -1,0 +1,257 @@
+"""Fills and strokes paths: flattens them, resolves their paints, and passes the shapes on.
+
+A shape of one colour that is not clipped stays a set of contours or outlines, which the display
+list triangulates many at a time. A clipped shape or one with a gradient becomes regions.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+
+from ....geometry import affine_maps
+from ...shapes.dashes import dashes
+from ...shapes.paths import FlatPath, Path, flatten
+from ...shapes.regions import filled, intersection, is_empty, polygons_of
+from ...shapes.strokes import Outline
+from ..canvas.layers import Item
+from ..canvas.paint import constant_paint
+from ..canvas.placement import Placement
+from ..canvas.sinks import stroked
+from ..css.style import CURRENT, PaintServer, Style
+from ..elements.page import Page
+from ..elements.view_box import Box
+from ..values.css_color import Rgba
+from ..values.numbers import finite
+from ..xml.notices import INVALID, WITHOUT_EFFECT
+from ..xml.tree import Element
+from .gradient_pieces import Gradient, LinearGradient, linear_pieces
+from .paint_servers import GRADIENTS, Fill, gradient_fill, pattern_applies
+from .radial_pieces import radial_pieces
+
+
+class FillSource(NamedTuple):
+    """A shape that has been filled, from which `control_points.py` finds its control points.
+
+    - `path`: the path of the file; `outline`: the same, flattened.
+    - `map3`: from the shape's user units to pixels.
+    - `is_from_attribute`: whether the path is that of an attribute, rather than of a style sheet.
+    """
+
+    element: Element
+    path: Path
+    outline: FlatPath
+    map3: np.ndarray
+    is_from_attribute: bool
+
+
+class Painter:
+    """Paints the shapes of a page. `sources` are all that it has filled, if `keeps_sources`."""
+
+    def __init__(self, page: Page):
+        self._page = page
+        self.sources: list[FillSource] = []
+        self.keeps_sources = False
+
+    def paint(
+        self, element: Element, path: Path, style: Style, placement: Placement, opacity: float
+    ) -> None:
+        """Fill and stroke a path in the order that its style gives."""
+        if style.visibility != "visible":
+            return
+        linear = placement.map3[:2, :2] / (placement.map3[2, 2] or 1.0)
+        outline = flatten(path, linear, self._page.tolerance, self._page.budget)
+        for kind in style.paint_order:
+            if kind == "fill":
+                self._fill(element, path, outline, style, placement, opacity)
+            else:
+                self._stroke(element, outline, style, placement, opacity)
+
+    def _fill(
+        self, element: Element, original: Path, path: FlatPath, style: Style, placement: Placement,
+        opacity: float,
+    ) -> None:  # fmt: skip
+        if style.fill is None or element.name == "line" or len(path.points) < 3:
+            return
+        fill = self._resolved(
+            element, "fill", style.fill, style, style.fill_opacity * opacity, path, placement
+        )
+        if fill is None:
+            return
+        points = affine_maps.apply(placement.map3, path.points)
+        contours = [contour for contour in path.contours(points) if len(contour) > 2]
+        if not contours:
+            return
+        evenodd = style.fill_rule == "evenodd"
+        source = -1
+        if self.keeps_sources:
+            source = len(self.sources)
+            is_from_attribute = "d" not in self._page.declared(element).css
+            source_of_fill = FillSource(element, original, path, placement.map3, is_from_attribute)
+            self.sources.append(source_of_fill)
+        clips = placement.clip is not None and placement.clips(np.concatenate(contours))
+        if not isinstance(fill, Gradient) and not clips:
+            placement.sink.add_polygon(contours, fill, evenodd, source)
+            return
+        region = filled(contours, evenodd, self._page.budget)
+        self._add_region(region, fill, placement, source)
+
+    def _stroke(
+        self, element: Element, path: FlatPath, style: Style, placement: Placement, opacity: float
+    ) -> None:
+        if style.stroke is None or style.stroke_width <= 0 or len(path.points) == 0:
+            return
+        paint = self._resolved(
+            element, "stroke", style.stroke, style, style.stroke_opacity * opacity, path, placement
+        )
+        if paint is None:
+            return
+        points, map3, scale = path.points, placement.map3, placement.scale
+        if style.vector_effect == "non-scaling-stroke":
+            # The width is in pixels of the canvas, at whatever size the drawing is shown, as in
+            # Chromium.
+            scale, points, map3 = 1.0, affine_maps.apply(map3, points), affine_maps.identity()
+        outlines = self._outlines(element, path, points, style, scale)
+        if not outlines:
+            return
+        reach = style.stroke_width / 2 * scale * max(style.stroke_miterlimit, 1.5)
+        corners = affine_maps.apply(map3, points)
+        if not isinstance(paint, Gradient) and not placement.clips(corners, reach):
+            placement.sink.add_strokes(outlines, map3, paint)
+            return
+        region = stroked(outlines, map3, self._page.budget)
+        self._add_region(region, paint, placement, -1)
+
+    def _outlines(
+        self, element: Element, path: FlatPath, points: np.ndarray, style: Style, scale: float
+    ) -> list[Outline]:
+        outlines = []
+        contours, closed_contours = path.contours(points), path.closed.tolist()
+        chains = zip(contours, path.contours(path.smooth), closed_contours, strict=True)
+        pattern, offset = style.stroke_dasharray, style.stroke_dashoffset
+        if pattern and "pathLength" in element.attrib:
+            pattern, offset = self._scaled_dashes(element, contours, closed_contours, style)
+        for chain, smooth, closed in chains:
+            if len(chain) == 1 and not closed:
+                # A lone `M` draws nothing; a segment of zero length has two points and is a dot.
+                continue
+            pieces = [(chain, smooth, closed)]
+            if pattern and len(chain) > 1:
+                cut = dashes(chain, smooth, closed, pattern, offset, self._page.budget)
+                pieces = [(dash, is_smooth, False) for dash, is_smooth in cut]
+            outlines += [
+                Outline(
+                    line, is_closed, style.stroke_width, style.stroke_linecap,
+                    style.stroke_linejoin, style.stroke_miterlimit, scale, is_smooth,
+                )
+                for line, is_smooth, is_closed in pieces
+            ]  # fmt: skip
+        return outlines
+
+    def _scaled_dashes(
+        self, element: Element, contours: list[np.ndarray], closed: list[bool], style: Style
+    ) -> tuple[tuple[float, ...], float]:
+        """The dash pattern and its offset, in units of which the path has `pathLength`.
+
+        **Source:** SVG 2, section 9.6.1.
+        """
+        pattern, offset = style.stroke_dasharray, style.stroke_dashoffset
+        report = self._page.report(element)
+        try:
+            stated = finite(element.attrib["pathLength"])
+        except ValueError:
+            report(INVALID, "pathLength", "is not a finite number")
+            return pattern, offset
+        if stated < 0:
+            report(INVALID, "pathLength", "must not be negative")
+            return pattern, offset
+        if stated == 0:
+            # Every length is scaled to infinity: the path is one dash.
+            return (), 0.0
+        total = 0.0
+        for contour, is_closed in zip(contours, closed, strict=True):
+            chain = np.concatenate([contour, contour[:1]]) if is_closed else contour
+            total += float(np.hypot(*np.diff(chain, axis=0).T).sum())
+        factor = total / stated
+        if not 0 < factor * sum(pattern) < math.inf:
+            return (), 0.0
+        return tuple(factor * length for length in pattern), factor * offset
+
+    def _add_region(
+        self, region: Any, fill: Rgba | Gradient, placement: Placement, source: int
+    ) -> None:
+        """Clip a region in pixels, divide it into paints, and pass it on."""
+        if placement.clip is not None:
+            region = intersection(region, placement.clip, self._page.budget)
+        if is_empty(region):
+            return
+        if not isinstance(fill, Gradient):
+            placement.sink.add_items([Item(region, constant_paint(fill), source)])
+            return
+        low_x, low_y, high_x, high_y = map(float, shapely.bounds(region))
+        bounds = (low_x, low_y, high_x, high_y)
+        if isinstance(fill, LinearGradient):
+            pieces = linear_pieces(fill, bounds, self._page.budget)
+        else:
+            pieces = radial_pieces(fill, bounds, self._page.tolerance, self._page.budget)
+        placement.sink.add_items(self._cut(region, pieces, source))
+
+    def _cut(self, region: Any, pieces: list, source: int) -> list[Item]:
+        """Intersect a region with convex pieces."""
+        pieces = [piece for piece in pieces if piece.paint.color[3].any()]
+        if len(pieces) == 1:
+            return [Item(region, pieces[0].paint, source)]
+        polygons: Any = np.array([shapely.Polygon(piece.points) for piece in pieces], object)
+        shapely.prepare(region)
+        meets = shapely.intersects(region, polygons)
+        inside = meets & shapely.contains_properly(region, polygons)
+        crossing = np.flatnonzero(meets & ~inside)
+        # GEOS takes time proportional to the whole region for each piece.
+        size = int(shapely.get_num_coordinates(region))
+        self._page.budget.charge("overlays", size * len(crossing) // 8)
+        polygons[crossing] = shapely.intersection(polygons[crossing], region)
+        return [
+            Item(polygons_of(polygons[k]), pieces[k].paint, source)
+            for k in np.flatnonzero(meets).tolist()
+            if not is_empty(polygons[k])
+        ]
+
+    def _resolved(
+        self, element: Element, name: str, paint: Any, style: Style, opacity: float,
+        path: FlatPath, placement: Placement,
+    ) -> Fill:  # fmt: skip
+        """Resolve a paint for a shape: to a colour, a gradient, or None."""
+        opacity = opacity if self._page.context.opacity else 1.0
+        if isinstance(paint, PaintServer):
+            server = self._page.target(paint.reference)
+            report = self._page.report(element)
+            if server is not None and server.name in GRADIENTS:
+                fill = gradient_fill(self._page, server, _bounds(path), placement.map3, opacity)
+                if fill is not False:
+                    return fill
+            elif server is not None and server.name == "pattern":
+                if pattern_applies(server, _bounds(path)):
+                    report(WITHOUT_EFFECT, name, "patterns are not drawn")
+            elif paint.fallback is False:
+                report(INVALID, name, f"refers to no paint ({paint.reference[:40]!r})")
+            paint = None if paint.fallback is False else paint.fallback
+        paint = style.color if paint == CURRENT else paint
+        if paint is None:
+            return None
+        red, green, blue, alpha = paint
+        # A fill of opacity 0 is kept, as a scene may hold triangles that will become visible.
+        if alpha == 0 or (name == "stroke" and self._page.context.opacity and opacity == 0):
+            return None
+        return red, green, blue, alpha * opacity if self._page.context.opacity else 1.0
+
+
+def paints_both(style: Style) -> bool:
+    """Whether a shape of this style may have a fill and a stroke."""
+    return style.fill is not None and style.stroke is not None and style.stroke_width > 0
+
+
+def _bounds(path: FlatPath) -> Box:
+    """The bounding box of the fill of a path that has points, in user units."""
+    low, high = path.points.min(axis=0).tolist(), path.points.max(axis=0).tolist()
+    return Box(low[0], low[1], high[0] - low[0], high[1] - low[1])

@@ -1,0 +1,138 @@
+"""Divides a bounding box into triangles in each of which a radial gradient is an affine function.
+
+A radial gradient is affine along every ray that crosses its circles. Between neighbouring rays, it
+is interpolated along the chords of the circles: colours are displaced by at most the distance
+between a chord and its arc.
+"""
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from ...budget import Budget
+from ..canvas.paint import constant_paint, corner_paint
+from .gradient_circles import Circles, circles_of
+from .gradient_pieces import BORDER_SHIFT, Interval, Piece, RadialGradient, intervals
+
+_COLOR_ERROR = 1 / 1024
+"""Colour error that is invisible. A ring's chords may be coarser than the tolerance of curves, as
+long as they change no colour by more."""
+
+
+def radial_pieces(
+    gradient: RadialGradient,
+    bounds: tuple[float, float, float, float],
+    tolerance: float,
+    budget: Budget,
+) -> list[Piece]:
+    """Divide the box (x0, y0, x1, y1) into triangles between rays and circles."""
+    x0, y0, x1, y1 = bounds
+    box = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    inverse = np.linalg.inv(gradient.to_pixels)
+    local_box = box @ inverse[:2, :2].T + inverse[:2, 2]
+    circles = circles_of(gradient)
+    low, high = circles.span(local_box)
+    high = max(high, 1.0)
+    all_intervals = list(intervals(gradient, low + BORDER_SHIFT, high, budget))
+    rings = [
+        _from_position(interval, low)
+        for interval in all_intervals
+        if math.isfinite(interval.start) and low < interval.end < math.inf
+    ]
+    sectors = _sectors(gradient, rings, tolerance, circles, local_box)
+    budget.charge("overlays", 8 * sectors * len(all_intervals))
+    rays = circles.rays(sectors)
+
+    def circle(position: float) -> np.ndarray:
+        points = circles.circle(position, rays)
+        return points @ gradient.to_pixels[:2, :2].T + gradient.to_pixels[:2, 2]
+
+    pieces = []
+    stops, is_padded = gradient.stops, gradient.spread == "pad"
+    first_start = rings[0].start if rings else stops[0].offset
+    if is_padded and first_start > low:
+        color = stops[0].color
+        pieces += _ring(circle(low), circle(first_start), color, color, box)
+    for start, end, start_color, end_color in rings:
+        pieces += _ring(circle(start), circle(end), start_color, end_color, box)
+    if is_padded:
+        # The box without the last circle, as a ring that ends far outside.
+        last_end = rings[-1].end if rings else stops[-1].offset
+        color = stops[-1].color
+        pieces += _ring(circle(last_end), circle(4 * high + 1), color, color, box)
+    return pieces
+
+
+def _from_position(interval: Interval, low: float) -> Interval:
+    """The part of an interval from the position `low` on, which is where circles begin.
+
+    An interval that begins `BORDER_SHIFT` after it begins there too, as nothing else is painted in
+    between.
+    """
+    if interval.start > low + BORDER_SHIFT:
+        return interval
+    t = max(low - interval.start, 0.0) / (interval.end - interval.start)
+    color = interval.start_color + t * (interval.end_color - interval.start_color)
+    return interval._replace(start=low, start_color=color)
+
+
+def _sectors(
+    gradient: RadialGradient,
+    rings: list[Interval],
+    tolerance: float,
+    circles: Circles,
+    points: Float[np.ndarray, "n 2"],
+) -> int:
+    """Number of rays between which chords are close enough to the arcs of the rings.
+
+    A chord may be off by `tolerance` pixels, or by more if no colour changes by `_COLOR_ERROR`. The
+    convex hull of `points`, in units of the gradient, is what is painted.
+    """
+    stretch = float(np.linalg.norm(gradient.to_pixels[:2, :2], 2))
+    allowed = math.inf
+    for start, end, start_color, end_color in rings:
+        width = (end - start) * gradient.radius * stretch
+        change = float(np.abs(end_color - start_color).max())
+        allowed = min(allowed, _COLOR_ERROR * width / change if change > 0 else math.inf)
+    offsets = [stop.offset for stop in gradient.stops]
+    has_jumps = len(set(offsets)) < len(offsets) or gradient.spread == "repeat"
+    # Near the sides of a tube, circles of very different colours lie close together.
+    if has_jumps or gradient.radius == gradient.focal_radius:
+        allowed = tolerance
+    allowed = max(allowed, tolerance)
+    last_end = max((ring.end for ring in rings), default=1.0)
+    radius = circles.largest_radius(last_end, points) * stretch
+    if not allowed < radius:
+        return 16
+    return int(min(max(16, math.ceil(math.pi / math.acos(1 - allowed / radius))), 2**14))
+
+
+def _ring(
+    inner_circle: Float[np.ndarray, "rays 2"],
+    outer_circle: Float[np.ndarray, "rays 2"],
+    inner_color: np.ndarray,
+    outer_color: np.ndarray,
+    box: np.ndarray,
+) -> list[Piece]:
+    """The pieces between two circles that meet the box, with the colours at both circles."""
+    quads = np.stack(
+        [inner_circle[:-1], outer_circle[:-1], outer_circle[1:], inner_circle[1:]], axis=1
+    )
+    is_near = ((quads.min(axis=1) <= box.max(axis=0)) & (quads.max(axis=1) >= box.min(axis=0))).all(
+        1
+    )
+    quads = quads[is_near]
+    if (inner_color == outer_color).all():
+        paint = constant_paint(tuple(inner_color))
+        return [Piece(quad, paint) for quad in quads]
+    pieces = []
+    for a, b, c, d in quads:
+        for corners, colors in (
+            (np.stack([a, b, c]), np.stack([inner_color, outer_color, outer_color])),
+            (np.stack([a, c, d]), np.stack([inner_color, outer_color, inner_color])),
+        ):
+            paint = corner_paint(corners, colors)
+            if paint is not None:
+                pieces.append(Piece(corners, paint))
+    return pieces

@@ -1,0 +1,287 @@
+"""Draws the SVG subset of the classic rasterizer course, including its deviations from SVG.
+
+It is the dialect `"course"` of `read_svg`.
+"""
+
+import re
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from ....geometry import affine_maps
+from ...budget import MAX_TRIANGLES
+from ..elements.context import FALLBACK, SILENT, Context
+from ..elements.view_box import course_size, course_view
+from ..values.css_color import Rgba
+from ..values.numbers import blank_separated, leading_float, number_pairs
+from ..values.transform_attribute import course_transform
+from ..xml.document import Attributes, Children
+
+_HEX = re.compile(r"\s*+#?+([0-9a-fA-F]*+)")
+
+_PIXELS_AT_ONCE = 2**18
+"""Pixels of an `image` that are turned into rectangles in one block, which bounds memory."""
+
+
+class CourseReader:
+    """Draws elements with their meaning in the course, including its deviations from SVG.
+
+    It is a `document.Reader`. Only `transform` is inherited: every element has its own style.
+    """
+
+    def __init__(self, context: Context):
+        self._context = context
+        self._size = (0.0, 0.0)
+        # The map `[3, 3]` to pixels of the root, and of each open group.
+        self._maps: list[np.ndarray] = []
+        self._shapes = {
+            "colortri": self._colortri,
+            "image": self._image,
+            "line": self._line,
+            "polygon": self._polygon,
+            "polyline": self._polyline,
+            "rect": self._rect,
+            "textri": self._textri,
+        }
+
+    def open(self, tag: str, attributes: Attributes, line: int) -> Children:
+        """Draw a shape, or enter the root or a group."""
+        self._context.display.line = line
+        if not self._maps:
+            self._maps.append(self._root_map(tag, attributes))
+            return Children.READ
+        if _is_silent(tag, attributes):
+            return Children.SKIPPED
+        if tag == "texture":
+            self._context.declare_texture(attributes)
+            return Children.NAMED
+        if tag != "g" and tag not in self._shapes:
+            self._context.elements[tag] += 1
+            return Children.SKIPPED
+        map3 = self._maps[-1]
+        if "transform" in attributes:
+            map3 = map3 @ course_transform(attributes["transform"], self._unknown_function)
+        if tag == "g":
+            self._maps.append(map3)
+            return Children.READ
+        self._shapes[tag](map3, attributes)
+        return Children.NAMED
+
+    def inside(self, tag: str, attributes: Attributes, line: int) -> None:
+        """Count a child of a shape or texture: the course ignores all of them."""
+        if not _is_silent(tag, attributes):
+            self._context.elements[tag] += 1
+
+    def close(self) -> None:
+        """Leave a group or the root; the frame comes after everything else."""
+        map3 = self._maps.pop()
+        if not self._maps and self._context.frame:
+            self._frame(map3)
+
+    def _root_map(self, tag: str, attributes: Attributes) -> np.ndarray:
+        """The course's view of the drawing, unless the caller gave a transform."""
+        if tag != "svg":
+            raise ValueError("is the root, which must be <svg>.")
+        size = course_size(attributes)
+        map3 = self._context.transform
+        if map3 is None:
+            if size is None:
+                raise ValueError("needs width and height in the course's dialect; it has none.")
+            map3 = course_view(size, self._context.height, self._context.width)
+        self._size = size or (0.0, 0.0)
+        return map3
+
+    def _unknown_function(self, name: str) -> None:
+        self._context.ignored[f"transform {name!r}"] += 1
+
+    def _color(self, attributes: Attributes, name: str) -> Rgba:
+        """Parse the hex digits of a colour attribute, with its opacity; black without digits."""
+        match = _HEX.match(attributes.get(name, ""))
+        code = min(int((match and match[1]) or "0", 16), 0xFFFFFFFF)
+        red, green, blue = (float(np.float32((code >> shift & 255) / 255)) for shift in (16, 8, 0))
+        return red, green, blue, self._opacity(attributes, name)
+
+    def _opacity(self, attributes: Attributes, name: str) -> float:
+        text = attributes.get(f"{name}-opacity")
+        if text is None or not self._context.opacity:
+            return 1.0
+        return min(max(leading_float(text), 0.0), 1.0)
+
+    def _rect(self, map3: np.ndarray, attributes: Attributes) -> None:
+        x, y, width, height = (
+            leading_float(attributes.get(n)) for n in ("x", "y", "width", "height")
+        )
+        fill = self._color(attributes, "fill")
+        if width == 0 and height == 0:
+            self._point(affine_maps.apply(map3, [[x, y]])[0], fill)
+            return
+        points = np.array([[x, y], [x + width, y], [x, y + height], [x + width, y + height]])
+        a, b, c, d = corners = affine_maps.apply(map3, points)
+        if fill[3] < 1:
+            self._context.display.add_polygon(corners[[0, 1, 3, 2]], fill)
+        else:
+            self._context.display.add_triangles(np.array([[a, b, c], [c, b, d]]), fill)
+        self._outline(corners[[0, 1, 3, 2]], attributes)
+
+    def _point(self, position: np.ndarray, color: Rgba) -> None:
+        """Fill the pixel that contains a position, if it lies on the canvas."""
+        x, y = np.floor(position.astype(np.float32)).astype(np.float64)
+        if 0 <= x < self._context.width and 0 <= y < self._context.height:
+            rectangle = np.array([[x, y, x + 1, y + 1]])
+            self._context.display.add_pixels(rectangle, np.array([color]))
+
+    def _polygon(self, map3: np.ndarray, attributes: Attributes) -> None:
+        points = np.array(number_pairs(attributes.get("points", "")), np.float32).reshape(-1, 2)
+        corners = affine_maps.apply(map3, points)
+        if len(points) > 2:
+            self._context.display.add_ears(points, corners, self._color(attributes, "fill"))
+        self._outline(corners, attributes)
+
+    def _outline(self, corners: np.ndarray, attributes: Attributes) -> None:
+        """Draw pixel lines around the corners if there is a `stroke`; even `"none"` is black."""
+        if "stroke" in attributes and len(corners):
+            self._lines(corners, np.roll(corners, -1, axis=0), self._color(attributes, "stroke"))
+
+    def _polyline(self, map3: np.ndarray, attributes: Attributes) -> None:
+        points = np.array(number_pairs(attributes.get("points", ""))).reshape(-1, 2)
+        if len(points) > 1:
+            corners = affine_maps.apply(map3, points)
+            self._lines(corners[:-1], corners[1:], self._color(attributes, "stroke"))
+
+    def _line(self, map3: np.ndarray, attributes: Attributes) -> None:
+        ends = [leading_float(attributes.get(name)) for name in ("x1", "y1", "x2", "y2")]
+        if "stroke" in attributes:
+            start, end = affine_maps.apply(map3, np.reshape(ends, (2, 2)))
+            self._lines(start[None], end[None], self._color(attributes, "stroke"))
+
+    def _lines(self, starts: np.ndarray, ends: np.ndarray, color: Rgba) -> None:
+        self._context.display.add_hairlines(np.concatenate([starts, ends], axis=1), color)
+
+    def _colortri(self, map3: np.ndarray, attributes: Attributes) -> None:
+        points = _numbers(attributes, "points", 6).reshape(3, 2)
+        colors = _numbers(attributes, "colors", 12).reshape(3, 4)
+        colors[:, 3] = self._opacity(attributes, "fill")
+        self._context.display.add_triangles(affine_maps.apply(map3, points)[None], colors)
+
+    def _textri(self, map3: np.ndarray, attributes: Attributes) -> None:
+        points = _numbers(attributes, "points", 6).reshape(3, 2)
+        uv = _numbers(attributes, "uvs", 6).reshape(3, 2)
+        texture = self._context.assets.texture(attributes.get("texid", ""))
+        white = (1.0, 1.0, 1.0, self._opacity(attributes, "fill"))
+        self._context.display.add_textured(
+            affine_maps.apply(map3, points), white, uv, texture, False
+        )
+
+    def _image(self, map3: np.ndarray, attributes: Attributes) -> None:
+        """Fill every pixel between the two corners; a mirrored image draws nothing."""
+        x, y, width, height = (
+            leading_float(attributes.get(n)) for n in ("x", "y", "width", "height")
+        )
+        href = attributes.get("xlink:href", attributes.get("href"))
+        if href is None:
+            self._context.ignored["image without href"] += 1
+            return
+        picture = self._context.assets.picture(href)[..., :3]
+        ends = affine_maps.apply(map3, [[x, y], [x + width, y + height]]).astype(np.float32)
+        columns, u = _pixels(ends[:, 0], self._context.width)
+        rows, v = _pixels(ends[:, 1], self._context.height)
+        if len(columns) == 0 or len(rows) == 0:
+            return
+        display = self._context.display
+        display.budget.charge("steps", len(columns) * len(rows))
+        # Rows are sampled in blocks. Once there are more rectangles than the budget allows, the
+        # rest is not sampled, since `add_pixels` will raise.
+        block_rows = max(_PIXELS_AT_ONCE // len(columns), 1)
+        rectangles, colors, count = [], [], 0
+        for start in range(0, len(rows), block_rows):
+            block = slice(start, start + block_rows)
+            sampled = _bilinear(picture, u, v[block])
+            runs, run_colors = _merge_runs(rows[block], columns, sampled)
+            rectangles.append(runs)
+            colors.append(np.pad(run_colors, ((0, 0), (0, 1)), constant_values=1.0))
+            count += len(runs)
+            if 2 * count > MAX_TRIANGLES:
+                break
+        display.add_pixels(np.concatenate(rectangles), np.concatenate(colors))
+
+    def _frame(self, map3: np.ndarray) -> None:
+        """Draw the outline of the drawing with black lines one pixel wide, as the course does.
+
+        The lines run a pixel outside its left and right edge, and a pixel inside its top and bottom
+        edge.
+        """
+        height, width = self._size
+        corners = affine_maps.apply(map3, [[0, 0], [width, 0], [0, height], [width, height]])
+        offsets = np.array([[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+        top_left, top_right, bottom_left, bottom_right = corners + offsets
+        starts = np.array([top_left, top_left, bottom_right, bottom_right])
+        ends = np.array([top_right, bottom_left, top_right, bottom_left])
+        self._lines(starts, ends, (0.0, 0.0, 0.0, 1.0))
+
+
+def _is_silent(tag: str, attributes: Attributes) -> bool:
+    """Whether an element is left out without a warning, as every name with a prefix is."""
+    return ":" in tag or tag in SILENT or FALLBACK in attributes
+
+
+def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray, " {count}"]:
+    """Parse the first `count` numbers of an attribute; `ValueError` if it has fewer."""
+    try:
+        numbers = blank_separated(attributes.get(name, ""))
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+    if len(numbers) < count:
+        raise ValueError(
+            f"{name}: expected {count} numbers with blanks between, got {len(numbers)}."
+        )
+    return np.array(numbers[:count])
+
+
+def _pixels(
+    ends: Float32[np.ndarray, "2"], side: int
+) -> tuple[Float[np.ndarray, " pixels"], Float[np.ndarray, " pixels"]]:
+    """Pixels of a canvas between two ends, and the position of each in the picture, 0..1."""
+    low, high = float(ends[0]), float(ends[1])
+    first, last = max(np.floor(low), 0.0), min(np.floor(high), side - 1.0)
+    if high < low or last < first:
+        return np.zeros(0), np.zeros(0)
+    pixels = np.arange(int(first), int(last) + 1, dtype=np.float64)
+    return pixels, (pixels + 0.5 - low) / (high - low + 1.0)
+
+
+def _bilinear(
+    picture: Float[np.ndarray, "picture_height picture_width 3"],
+    u: Float[np.ndarray, " columns"],
+    v: Float[np.ndarray, " rows"],
+) -> Float[np.ndarray, "rows columns 3"]:
+    """Interpolate the colours at each (u, v) between the four texels around it.
+
+    The course maps 0 and 1 to the centres of the first and last texel.
+    """
+    height, width = picture.shape[:2]
+    x, y = u * (width - 1), v * (height - 1)
+    left, top = np.floor(x), np.floor(y)
+    columns = [np.clip(left + k, 0, width - 1).astype(np.int64) for k in (0, 1)]
+    rows = [np.clip(top + k, 0, height - 1).astype(np.int64) for k in (0, 1)]
+    x_weight, y_weight = (x - left)[None, :, None], (y - top)[:, None, None]
+    upper, lower = (
+        picture[row][:, columns[0]] * (1 - x_weight) + picture[row][:, columns[1]] * x_weight
+        for row in rows
+    )
+    return upper * (1 - y_weight) + lower * y_weight
+
+
+def _merge_runs(
+    rows: Float[np.ndarray, " rows"],
+    columns: Float[np.ndarray, " columns"],
+    colors: Float[np.ndarray, "rows columns 3"],
+) -> tuple[Float[np.ndarray, "rectangles 4"], Float[np.ndarray, "rectangles 3"]]:
+    """Merge runs of equal colour in each row of pixels into rectangles; returns also their RGB."""
+    starts_run = np.ones(colors.shape[:2], bool)
+    starts_run[:, 1:] = (colors[:, 1:] != colors[:, :-1]).any(axis=-1)
+    row, start = np.nonzero(starts_run)
+    # A run ends where the next one of its row begins, or with the row.
+    next_start = np.append(start[1:], len(columns))
+    ends = np.where(next_start > start, next_start, len(columns))
+    rectangles = np.stack([columns[start], rows[row], columns[ends - 1] + 1, rows[row] + 1], axis=1)
+    return rectangles, colors[row, start]

@@ -1,0 +1,74 @@
+"""Computes the size that a document declares, before there is a canvas."""
+
+from ...budget import Budget
+from ..css.cascade import Declarations
+from ..elements.page import cascade_of, root_font_size
+from ..elements.view_box import course_size, document_size, round_up, view_box
+from ..values.units import MEDIUM
+from ..xml.document import LIBRARY_ERRORS, Attributes, Document, SvgError, reason, root
+from ..xml.notices import Notices
+from ..xml.tree import Element, read_tree
+
+_ENCODINGS = ("utf-8", "utf-16-le", "utf-16-be")
+"""Encodings that the parser knows, up to differences outside of ASCII."""
+
+_DEFAULT_SIZE = (150.0, 300.0)
+"""Height and width, in px, that browsers give a drawing that declares no size."""
+
+
+def declared_size(document: Document, dialect: str, tree: Element | None = None) -> tuple[int, int]:
+    """The (height, width) in pixels that a document declares, rounded up.
+
+    `tree` is the root of a standard document if it has been read. Raises `SvgError` if the document
+    declares no size.
+    """
+    tag, attributes = root(document)
+    try:
+        if dialect == "course":
+            size, known = course_size(attributes), "width and height"
+        else:
+            size, known = _standard_size(document, attributes, tree), "width, height or viewBox"
+        if size is None:
+            raise ValueError(f"gives no size ({known}): pass `height` and `width`.")
+    except SvgError:
+        raise
+    except (ValueError, *LIBRARY_ERRORS) as error:
+        raise SvgError(f"{document.name}: <{tag[:60]}> {reason(error)}") from None
+    return round_up(size)
+
+
+def size_with_margins(document: Document, height: int, width: int) -> tuple[float, float] | None:
+    """The (height, width) in user units of a standard drawing that leaves margins on a canvas.
+
+    None if it fills the canvas of `height` x `width` pixels, up to one pixel.
+    """
+    _, attributes = root(document)
+    if {"none", "slice"} & set(attributes.get("preserveAspectRatio", "").split()):
+        return None
+    try:
+        box = view_box(attributes)
+    except ValueError:
+        box = None
+    size = declared_size(document, "svg") if box is None else (box.height, box.width)
+    if min(size) == 0:
+        return None
+    margin = max(height - width * size[0] / size[1], width - height * size[1] / size[0])
+    return size if margin > 1 else None
+
+
+def _standard_size(
+    document: Document, attributes: Attributes, tree: Element | None
+) -> tuple[float, float] | None:
+    """The size that a standard document declares in its root, by attributes or by CSS.
+
+    There is no canvas yet, so media queries are evaluated for the size in the root's attributes.
+    The whole document is read only if it may have style sheets.
+    """
+    size = document_size(Declarations({}, attributes, {}), MEDIUM, lambda *_: None)
+    if not any("style".encode(code) in document.data for code in _ENCODINGS):
+        return size
+    budget, notices = Budget(), Notices(document.name, strict=False)
+    tree = read_tree(document, budget) if tree is None else tree
+    canvas = round_up(size or _DEFAULT_SIZE)
+    declared = cascade_of(tree, document.name, notices, budget, canvas).declarations(tree)
+    return document_size(declared, root_font_size(declared, *map(float, canvas)), lambda *_: None)

@@ -1,0 +1,372 @@
+"""Reads SVG files as scenes, in two dialects: standard SVG, and the rasterizer course's subset."""
+
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
+
+import numpy as np
+
+from ....geometry.affine_maps import check_map
+from ....names import SvgDialect, TextureAddressing
+from ....scene import Scene
+from ....texture.pyramid import TexturePyramid
+from ...budget import Budget
+from ...shapes.paths import TOLERANCE
+from ..canvas.display_list import DisplayList, Triangles
+from ..elements.context import Context
+from ..elements.page import Page
+from ..elements.view_box import MAX_SIDE
+from ..xml.assets import Assets
+from ..xml.document import LIBRARY_ERRORS, Document, SvgError, from_text, load, reason, walk
+from ..xml.notices import WITHOUT_EFFECT, Notices
+from ..xml.tree import Element, read_tree
+from .control_points import SvgControls, make_controls
+from .course_dialect import CourseReader
+from .declared_size import declared_size
+from .svg_dialect import Drawing
+
+_DIALECTS = get_args(SvgDialect)
+
+_FITS = {
+    # Values of `fit`, and what they mean as `preserveAspectRatio`.
+    "contain": "xMidYMid meet",
+    "cover": "xMidYMid slice",
+    "stretch": "none",
+}
+
+
+@dataclass(frozen=True)
+class _Options:
+    """The options of `read_svg` other than the size of the canvas."""
+
+    dialect: str
+    transform: Any
+    assets: str | os.PathLike[str] | None
+    opacity: bool
+    frame: bool | None
+    linear: bool
+    tolerance: float
+    strict: bool
+    fit: str | None
+
+
+def read_svg(
+    path: str | os.PathLike[str],
+    *,
+    height: int | None = None,
+    width: int | None = None,
+    dialect: str = "svg",
+    transform: Any = None,
+    assets: str | os.PathLike[str] | None = None,
+    opacity: bool = True,
+    frame: bool | None = None,
+    linear: bool = False,
+    tolerance: float = TOLERANCE,
+    strict: bool = False,
+    fit: str | None = None,
+) -> Scene:
+    """Read an SVG file as a scene.
+
+    The scene has the smallest structure that can represent the file, and a white background unless
+    the file has another.
+
+    - `height`, `width`: size of the canvas in pixels; by default the size that the file declares,
+      rounded up. The drawing is fitted into the canvas by its viewBox and preserveAspectRatio, or
+      by the course's rule.
+    - `dialect`: `"svg"`, standard SVG; or `"course"`, the classic rasterizer course's rules, with
+      lines one pixel wide that are not antialiased. Both have the additional elements `colortri`,
+      `textri` and `texture`.
+    - `transform`: homogeneous 3x3 map from the file's units to pixels, used instead of that fit.
+    - `assets`: folder outside of which no image file is read; by default the folder of the file.
+    - `opacity`: whether opacities and alpha are applied; if not, everything is opaque.
+    - `frame`: whether the course's outline of the drawing is drawn; by default it is in dialect
+      `"course"`. `True` is an error in dialect `"svg"`.
+    - `linear`: whether colours and textures are decoded from sRGB to linear light.
+    - `tolerance`: largest distance between a curve and its polygon, in pixels of the canvas.
+    - `strict`: whether anything invalid or not supported is an error instead of a warning.
+    - `fit`: how a drawing of another aspect ratio fills the canvas: `"contain"` leaves margins,
+      `"cover"` cuts the drawing, `"stretch"` distorts it; by default, what the file says.
+
+    Dialect `"svg"` draws paths, basic shapes, images, style sheets, gradients, clip paths, dashes,
+    `use`, `symbol`, nested `svg` and `switch`. A shape or group with `opacity` is composited as a
+    whole, by cutting what is covered. Not drawn are text, filters, masks, patterns, markers, blend
+    modes, `foreignObject` and animations. An invalid attribute is ignored as SVG 2 says. One
+    `UserWarning` names everything left out or ignored: element, attribute, first line, and count.
+
+    If the first shape is an opaque rect that covers viewBox and canvas, it becomes the
+    `background`. Vertices are mapped to pixels in float64 and rounded to float32.
+
+    Media queries are evaluated for a screen of the canvas's size with the light colour scheme. An
+    image that is missing, unreadable or outside `assets` is left out. In dialect `"course"`, it is
+    an error.
+
+    Raises `ValueError`, one line with file and line number, for a document that is not well-formed,
+    declares entities other than short texts, or is larger than 64 MB, for textures that are missing
+    or outside `assets`, for invalid attributes of `colortri` and `textri`, and for a `transform`
+    that is singular or sends points to infinity. Also for a document that exceeds a
+    limit of `softras2d.io.budget`, such as 2,097,152 triangles, 4,194,304 points, 100,000 points in
+    which polygons cross themselves, or 67,108,864 pixels in all images together (1 GiB). Limits are
+    checked before the work is done.
+    """
+    options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
+    drawn = _read(load(path), height, width, options)
+    _warn(drawn)
+    return drawn.scene
+
+
+def read_document_with_notice(
+    document: Document, *, height: int, width: int, dialect: str = "svg",
+    assets: str | os.PathLike[str] | None = None, opacity: bool = True, frame: bool | None = None,
+) -> tuple[Scene, str | None]:  # fmt: skip
+    """Read as `read_svg` does, but return the text of the warning, or None, instead of issuing it.
+
+    Threads share the filters of `warnings`, so that a thread cannot safely catch what it issues.
+    """
+    options = _Options(dialect, None, assets, opacity, frame, False, TOLERANCE, False, None)
+    drawn = _read(document, height, width, options)
+    return drawn.scene, drawn.notice
+
+
+def parse_svg(
+    text: str | bytes,
+    *,
+    name: str = "<svg>",
+    height: int | None = None,
+    width: int | None = None,
+    dialect: str = "svg",
+    transform: Any = None,
+    assets: str | os.PathLike[str] | None = None,
+    opacity: bool = True,
+    frame: bool | None = None,
+    linear: bool = False,
+    tolerance: float = TOLERANCE,
+    strict: bool = False,
+    fit: str | None = None,
+) -> Scene:
+    """Like `read_svg`, for the text of an SVG file; errors call it `name`.
+
+    Names of image files are relative to `assets`; without it, no file is read.
+    """
+    options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
+    drawn = _read(from_text(text, name), height, width, options)
+    _warn(drawn)
+    return drawn.scene
+
+
+def read_svg_controls(
+    path: str | os.PathLike[str],
+    *,
+    height: int | None = None,
+    width: int | None = None,
+    transform: Any = None,
+    assets: str | os.PathLike[str] | None = None,
+    opacity: bool = True,
+    linear: bool = False,
+    tolerance: float = TOLERANCE,
+    strict: bool = False,
+    fit: str | None = None,
+) -> SvgControls:
+    """Read an SVG file as a scene whose vertices follow from the control points of its paths.
+
+    The arguments are those of `read_svg` in dialect `"svg"`. Vertices of filled paths, polygons and
+    polylines are exactly linear in the control points. Others are constants of the map, counted in
+    `constant_vertices`. Raises `ValueError` also for a `transform` in perspective.
+    """
+    document = load(path)
+    options = _Options("svg", transform, assets, opacity, None, linear, tolerance, strict, fit)
+    drawn = _read(document, height, width, options, keeps_sources=True)
+    _warn(drawn)
+    drawing = drawn.drawing
+    assert drawing is not None
+    with _errors_named(document):
+        return make_controls(
+            document, drawing.root, drawn.scene, drawn.triangles, drawing.canvas,
+            drawing.painter.sources,
+        )  # fmt: skip
+
+
+def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int, int]:
+    """The (height, width) in pixels that an SVG file declares, rounded up.
+
+    In dialect `"svg"`, style sheets outrank the attributes of the root, and a missing side is
+    computed from the viewBox. Raises `ValueError`, one line, if the file declares no size.
+    """
+    _check_dialect(dialect)
+    return declared_size(load(path), dialect)
+
+
+def parse_svg_size(
+    text: str | bytes, *, name: str = "<svg>", dialect: str = "svg"
+) -> tuple[int, int]:
+    """Like `svg_size`, for the text of an SVG file; errors call it `name`."""
+    _check_dialect(dialect)
+    return declared_size(from_text(text, name), dialect)
+
+
+class _Drawn(NamedTuple):
+    """A document that has been read: its scene and triangles, and what has drawn it.
+
+    - `drawing`: None in dialect `course`.
+    - `notice`: what was left out or ignored, for a warning; None if nothing was.
+    """
+
+    scene: Scene
+    triangles: Triangles
+    drawing: Drawing | None
+    notice: str | None
+
+
+def _read(
+    document: Document,
+    height: int | None,
+    width: int | None,
+    options: _Options,
+    keeps_sources: bool = False,
+) -> _Drawn:
+    _check_options(options)
+    budget = Budget()
+    is_course = options.dialect == "course"
+    tree = None if is_course else read_tree(document, budget)
+    height, width = _canvas_size(document, options.dialect, tree, height, width)
+    context = Context(
+        name=document.name,
+        height=height,
+        width=width,
+        transform=None if options.transform is None else check_map(options.transform),
+        opacity=options.opacity,
+        frame=is_course if options.frame is None else options.frame,
+        fit=None if options.fit is None else _FITS[options.fit],
+        assets=Assets(
+            document.folder,
+            None if options.assets is None else Path(options.assets),
+            alpha=options.opacity and not is_course,
+            budget=budget,
+        ),
+        display=DisplayList(document.name, budget),
+    )
+    drawing = None
+    # An overflow gives a coordinate that is not finite, which the display list reports. GEOS may
+    # leave any flag set.
+    with np.errstate(all="ignore"):
+        if tree is None:
+            walk(document, CourseReader(context), budget)
+        else:
+            notices = Notices(document.name, options.strict)
+            with _errors_named(document):
+                _note_style_sheet(document, notices)
+                drawing = Drawing(Page(tree, context, notices, options.tolerance))
+            drawing.painter.keeps_sources = keeps_sources
+            drawing.draw()
+        with _errors_named(document):
+            triangles = context.display.finish(height, width)
+    message = context.warning() if is_course else notices.warning()
+    if message and options.strict:
+        raise SvgError(message)
+    addressing = "corners" if is_course else "half_texel"
+    with _errors_named(document), np.errstate(over="ignore", invalid="ignore"):
+        scene = _make_scene(context, triangles, addressing, options.linear)
+    return _Drawn(scene, triangles, drawing, message)
+
+
+def _note_style_sheet(document: Document, notices: Notices) -> None:
+    """Note a style sheet that the document refers to before its root; none is fetched."""
+    prolog = document.data.partition(b"<svg")[0]
+    before, found, _ = prolog.partition(b"<?xml-stylesheet")
+    if found:
+        notices.add(WITHOUT_EFFECT, "?xml-stylesheet?", before.count(b"\n") + 1, "href")
+
+
+def _warn(drawn: _Drawn) -> None:
+    """Issue the notice of a document as a warning of the function that called the reader."""
+    if drawn.notice:
+        warnings.warn(drawn.notice, UserWarning, stacklevel=3)
+
+
+@contextmanager
+def _errors_named(document: Document) -> Iterator[None]:
+    """Add the name of the document to errors of checks and libraries, which do not know it."""
+    try:
+        yield
+    except SvgError:
+        raise
+    except (ValueError, *LIBRARY_ERRORS) as error:
+        raise SvgError(f"{document.name}: {reason(error)}") from None
+
+
+def _canvas_size(
+    document: Document,
+    dialect: str,
+    tree: Element | None,
+    height: int | None,
+    width: int | None,
+) -> tuple[int, int]:
+    if height is None or width is None:
+        file_height, file_width = declared_size(document, dialect, tree)
+        height = file_height if height is None else height
+        width = file_width if width is None else width
+    is_whole = all(isinstance(side, int | np.integer) for side in (height, width))
+    if not is_whole or not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
+        raise ValueError(
+            f"{document.name}: `height` and `width` must be whole numbers of pixels, 1 to "
+            f"{MAX_SIDE}; got {height!r} and {width!r}."
+        )
+    return height, width
+
+
+def _check_dialect(dialect: str) -> None:
+    if dialect not in _DIALECTS:
+        raise ValueError(f"`dialect` must be 'svg' or 'course'; got {dialect!r}.")
+
+
+def _check_options(options: _Options) -> None:
+    _check_dialect(options.dialect)
+    if options.frame and options.dialect != "course":
+        raise ValueError(f"`frame=True` needs dialect 'course'; got dialect {options.dialect!r}.")
+    is_number = isinstance(options.tolerance, int | float | np.number)
+    if not is_number or not 1e-4 <= options.tolerance <= 1e4:
+        raise ValueError(f"`tolerance` must be 0.0001 to 10000 pixels; got {options.tolerance!r}.")
+    if options.fit is not None and options.dialect == "course":
+        raise ValueError("`fit` is of dialect 'svg'; the course has a rule of its own.")
+    if options.fit is not None and options.transform is not None:
+        raise ValueError("give `fit` or `transform`, not both.")
+    if options.fit is not None and options.fit not in _FITS:
+        raise ValueError(f"`fit` must be {', '.join(map(repr, _FITS))}; got {options.fit!r}.")
+
+
+def _make_scene(
+    context: Context,
+    triangles: Triangles,
+    addressing: TextureAddressing,
+    linear: bool,
+) -> Scene:
+    """Make the scene of some triangles, without arrays and channels that no triangle needs."""
+    colors = triangles.colors
+    background = np.array(context.background or (1.0, 1.0, 1.0))
+    if linear:
+        # Imported here, since it loads an image library.
+        from ....color import srgb_to_linear
+
+        colors = np.concatenate([srgb_to_linear(colors[..., :3]), colors[..., 3:]], axis=-1)
+        background = srgb_to_linear(background)
+    images = context.assets.textures
+    if (colors[..., 3] == 1).all() and all(image.shape[-1] == 3 for image in images):
+        colors = colors[..., :3]
+    if (colors == colors[:, :1]).all():
+        colors = colors[:, :1]
+    textured = {}
+    if images:
+        textured = {
+            "uv": triangles.uv,
+            "texture_index": triangles.texture.astype(np.int32),
+            "textures": TexturePyramid.build(images, "clamp", addressing, linear),
+        }
+    return Scene.from_soup(
+        triangles.corners,
+        colors,
+        background=background.astype(np.float32),
+        **textured,
+    )

@@ -1,0 +1,1 @@
+"""This stage parses the text of attributes: numbers, units, colours, path data, transforms."""

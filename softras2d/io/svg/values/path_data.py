@@ -1,0 +1,222 @@
+"""Reads path data (`d`) and the basic shapes as paths.
+
+The grammar of path data is fontTools'. Its regular expressions take quadratic time for long runs of
+digits in arcs, and skip what is no number, so the text is first checked and written with blanks.
+"""
+
+import re
+
+from fontTools.svgLib.path import parse_path
+
+from ...shapes.paths import Arc, Path, Subpath, arc_between, end_of
+from .numbers import NUMBER
+
+# Possessive, so that matching takes linear time.
+_SEPARATOR = r"[ \t\r\n\f]*+,?+[ \t\r\n\f]*+"
+_COMMAND = re.compile(r"[ \t\r\n\f]*+([MmZzLlHhVvCcSsQqTtAa])[ \t\r\n\f]*+")
+_ARGUMENT = re.compile(rf"({NUMBER}){_SEPARATOR}")
+_RUN = re.compile(rf"(?:{NUMBER}{_SEPARATOR})*+")
+_FLAG = re.compile(rf"([01]){_SEPARATOR}")
+
+_SAME_POINT = 1e-9
+"""Distance between points that count as one, in units of the largest coordinate of a subpath."""
+
+_ARGUMENTS = {"M": 2, "L": 2, "T": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "A": 7, "Z": 0}
+
+
+def parse_path_data(text: str) -> tuple[Path, str | None]:
+    """Parse path data; returns the path up to the first error, and the error or None.
+
+    **Source:** SVG 2, section 9.3.9 (grammar) and 9.5.4 (error handling).
+    """
+    tidy, error = _checked(text)
+    pen = PathPen()
+    try:
+        parse_path(tidy, pen)
+    except (ValueError, IndexError, OverflowError):
+        # The message quotes the whole path.
+        error = error or "path data must begin with M and have all numbers of each command"
+    return pen.path, error
+
+
+def _checked(text: str) -> tuple[str, str | None]:
+    """The longest prefix that the grammar allows, in a form that fontTools reads, and the error."""
+    if text.strip() == "none":
+        return "", None
+    words: list[str] = []
+    position = 0
+    match = _COMMAND.match(text)
+    while match:
+        command = match[1]
+        count = _ARGUMENTS[command.upper()]
+        read = _arc_arguments if command in "Aa" else _arguments
+        arguments, position = read(text, match.end()) if count else ([], match.end())
+        complete = len(arguments) // count * count if count else 0
+        if complete or not count:
+            words += [command, *arguments[:complete]]
+        if count and (not complete or complete < len(arguments)):
+            return _joined(words), f"{command} needs {count} numbers, at {text[position:][:20]!r}"
+        match = _COMMAND.match(text, position)
+    if text[position:].strip():
+        return _joined(words), f"expected a command or a number, at {text[position:][:20]!r}"
+    return _joined(words), None
+
+
+def _arguments(text: str, position: int) -> tuple[list[str], int]:
+    """The numbers from a position on, and the position after them."""
+    run = _RUN.match(text, position)
+    assert run is not None, "a run may be empty"
+    return _ARGUMENT.findall(run[0]), run.end()
+
+
+def _arc_arguments(text: str, position: int) -> tuple[list[str], int]:
+    """The same for arcs, whose flags need no separator."""
+    arguments: list[str] = []
+    while True:
+        pattern = _FLAG if len(arguments) % 7 in (3, 4) else _ARGUMENT
+        match = pattern.match(text, position)
+        if match is None:
+            return arguments, position
+        arguments.append(match[1])
+        position = match.end()
+
+
+def _joined(words: list[str]) -> str:
+    # Other numbers, such as `1.`, `+.5`, `007` and those of many digits, are read by Python.
+    is_plain = _PLAIN_WORD.match
+    return " ".join(
+        word if len(word) < 40 and is_plain(word) else repr(float(word)) for word in words
+    )
+
+
+_PLAIN_WORD = re.compile(r"(?:-?+(?:0|[1-9][0-9]*+)(?:\.[0-9]++)?+|[A-Za-z])\Z")
+"""A command, or a number as fontTools reads it."""
+
+
+class PathPen:
+    """Receives the segments of a path from fontTools, as its pens do, in absolute coordinates."""
+
+    def __init__(self):
+        self.path = Path()
+
+    def moveTo(self, point: tuple[float, float]) -> None:
+        """Begin a subpath."""
+        self.path.subpaths.append(Subpath(self.path.add_point(*point)))
+
+    def lineTo(self, point: tuple[float, float]) -> None:
+        """A line from the current point."""
+        self._add(point)
+
+    def qCurveTo(self, control: tuple[float, float], end: tuple[float, float]) -> None:
+        """A quadratic Bezier curve from the current point."""
+        self._add(control, end)
+
+    def curveTo(
+        self, first: tuple[float, float], second: tuple[float, float], end: tuple[float, float]
+    ) -> None:
+        """A cubic Bezier curve from the current point."""
+        self._add(first, second, end)
+
+    def arcTo(
+        self,
+        rx: float,
+        ry: float,
+        rotation: float,
+        large: bool,
+        sweep: bool,
+        end: tuple[float, float],
+    ) -> None:
+        """An elliptical arc from the current point."""
+        subpath = self.path.subpaths[-1]
+        start = self.path.points[_last(subpath)]
+        ellipse = arc_between(start, end, (rx, ry), rotation, large, sweep)
+        if ellipse is None:
+            self._add(end)
+        else:
+            subpath.segments.append(Arc(self.path.add_point(*end), *ellipse))
+
+    def closePath(self) -> None:
+        """Close the subpath."""
+        subpath = self.path.subpaths[-1]
+        subpath.closed = True
+        last = _last(subpath)
+        segment = subpath.segments[-1] if subpath.segments else None
+        if last == subpath.start or not self._is_at_start(subpath, last):
+            return
+        # A segment that ends where the subpath begins ends in the same control point.
+        if isinstance(segment, Arc):
+            subpath.segments[-1] = segment._replace(end=subpath.start)
+        elif segment is not None:
+            subpath.segments[-1] = (*segment[:-1], subpath.start)
+        # No later segment can refer to the other point.
+        del self.path.points[last:]
+
+    def _is_at_start(self, subpath: Subpath, index: int) -> bool:
+        """Whether a point is where a subpath begins, apart from the rounding of relative moves."""
+        (x, y), (start_x, start_y) = self.path.points[index], self.path.points[subpath.start]
+        if (x, y) == (start_x, start_y):
+            return True
+        largest = max(max(abs(x), abs(y)) for x, y in self.path.points[subpath.start :])
+        return max(abs(x - start_x), abs(y - start_y)) < _SAME_POINT * largest
+
+    def endPath(self) -> None:
+        """Leave the subpath open."""
+
+    def _add(self, *points: tuple[float, float]) -> None:
+        indices = tuple(self.path.add_point(*point) for point in points)
+        self.path.subpaths[-1].segments.append(indices)
+
+
+def _last(subpath: Subpath) -> int:
+    """Index of the current point of a subpath."""
+    if not subpath.segments:
+        return subpath.start
+    return end_of(subpath.segments[-1])
+
+
+def polygon_path(points: list[tuple[float, float]], closed: bool) -> Path:
+    """The path through points."""
+    path = Path(points=list(points))
+    if points:
+        path.subpaths.append(Subpath(0, [(k,) for k in range(1, len(points))], closed))
+    return path
+
+
+def rect_path(x: float, y: float, width: float, height: float, rx: float, ry: float) -> Path:
+    """A rectangle with corners of radii `rx` and `ry`, from the top left corner clockwise.
+
+    **Source:** SVG 2, section 10.2.
+    """
+    if rx <= 0 or ry <= 0:
+        corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+        return polygon_path(corners, True)
+    right, bottom = x + width, y + height
+    pen = PathPen()
+    pen.moveTo((x + rx, y))
+    for line_end, arc_end in (
+        ((right - rx, y), (right, y + ry)),
+        ((right, bottom - ry), (right - rx, bottom)),
+        ((x + rx, bottom), (x, bottom - ry)),
+        ((x, y + ry), (x + rx, y)),
+    ):
+        pen.lineTo(line_end)
+        pen.arcTo(rx, ry, 0.0, False, True, arc_end)
+    pen.closePath()
+    return _fixed(pen.path)
+
+
+def ellipse_path(cx: float, cy: float, rx: float, ry: float) -> Path:
+    """An ellipse, from its rightmost point clockwise (SVG 2, sections 10.3 and 10.4)."""
+    pen = PathPen()
+    ends = [(cx, cy + ry), (cx - rx, cy), (cx, cy - ry), (cx + rx, cy)]
+    pen.moveTo(ends[-1])
+    for end in ends:
+        pen.arcTo(rx, ry, 0.0, False, True, end)
+    pen.closePath()
+    return _fixed(pen.path)
+
+
+def _fixed(path: Path) -> Path:
+    """The path with all points marked as no control points of the file."""
+    path.fixed = set(range(len(path.points)))
+    return path

@@ -1,0 +1,183 @@
+"""Approximates triangles with corner colours by linear gradients, which browsers can draw.
+
+The colours inside a triangle are an affine function of the position, whose matrix has rank two. A
+linear gradient is constant along parallel lines, so its matrix has rank one. `fit_gradients` finds
+the nearest gradient by a singular value decomposition of the corner colours. The residual has
+rank one too. Where it would be visible, a second gradient in the blend mode `hard-light` adds it:
+grey leaves the colour below unchanged, lighter greys lighten it and darker greys darken it.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ....scene import Scene
+
+VISIBLE = 8 / 255
+"""Colour error at a corner above which a second gradient is written."""
+
+INSET = 0.3
+"""Distance, in pixels, by which both ends of the first gradient are moved inwards.
+
+Browsers paint a pixel on an edge in the colour of its centre, which may lie outside the triangle,
+while the mean colour of the covered part lies inside. For a mesh of 10,000 triangles, the PSNR is
+39.0 dB with an inset of 0 and 41.7 dB with 0.3, the best of 0, 0.15, 0.3 and 0.5.
+"""
+
+_FLAT = 0.5 / 255
+"""Largest singular value of the corner colours up to which a triangle is painted in its mean."""
+
+
+class GradientLines(NamedTuple):
+    """Affine functions, one per triangle, that grow from `low` at `start` to `high` at `end`.
+
+    `is_valid` is False for constants, and for triangles of almost no area, which have no line.
+    """
+
+    start: Float[np.ndarray, "triangles 2"]
+    end: Float[np.ndarray, "triangles 2"]
+    low: Float[np.ndarray, " triangles"]
+    high: Float[np.ndarray, " triangles"]
+    is_valid: Bool[np.ndarray, " triangles"]
+
+
+class Gradients(NamedTuple):
+    """One or two linear gradients for each triangle. Colours are sRGB, in 0..1.
+
+    - `mean`: mean of the corner colours, `[triangles, 3 or 4]`.
+    - `first`, `first_colors`: line of the first gradient, and its colours at the start and the end
+      of that line, which lie `INSET` inside the triangle.
+    - `has_second`: whether a triangle needs the second gradient, whose mode is `hard-light`.
+    - `second`, `second_colors`: line of the second gradient, and its colours at both ends.
+    - `second_grey`: position of its grey on that line, from 0 at the start to 1 at the end.
+    - `shown`: the corner colours that both gradients produce without the inset,
+      `[triangles, 3, 3 or 4]`.
+    """
+
+    mean: np.ndarray
+    first: GradientLines
+    first_colors: tuple[np.ndarray, np.ndarray]
+    second: GradientLines
+    second_colors: tuple[np.ndarray, np.ndarray]
+    second_grey: np.ndarray
+    has_second: np.ndarray
+    shown: np.ndarray
+
+
+def in_browsers(scene: Scene) -> Scene:
+    """Give a scene the colours in which a browser shows `write_svg(..., fallback=True)`.
+
+    Those are the colours that the gradients can produce. Antialiasing is not modelled. Textured
+    triangles, which no browser draws, are left unchanged.
+    """
+    colors = np.asarray(scene.colors)
+    if colors.shape[1] == 1:
+        return scene
+    corners = np.asarray(scene.positions, np.float32)[np.asarray(scene.triangles)]
+    shown = fit_gradients(corners, colors).shown
+    if scene.texture_index is not None:
+        is_textured = np.asarray(scene.texture_index) >= 0
+        shown = np.where(is_textured[:, None, None], colors, shown)
+    return replace(scene, colors=jnp.asarray(shown.astype(colors.dtype)))
+
+
+def fit_gradients(
+    corners: Float[np.ndarray, "triangles 3 2"], colors: Float[np.ndarray, "triangles 3 channels"]
+) -> Gradients:
+    """Fit linear gradients to triangles with corner colours of 3 or 4 channels.
+
+    The first gradient minimises the squared error, summed over the three corners. Translucent
+    triangles have no second one, since it would also blend with what lies below them.
+    """
+    corners, colors = corners.astype(np.float64), np.clip(colors.astype(np.float64), 0.0, 1.0)
+    mean = colors.mean(axis=1)
+    # The deviations of three corners sum to zero, so at most two singular values are not zero.
+    left_vectors, singular_values, directions = np.linalg.svd(
+        colors - mean[:, None], full_matrices=False
+    )
+    # A singular vector has either sign. Pointing it to the lighter end makes files reproducible.
+    signs = np.where(directions.sum(axis=2) < 0, -1.0, 1.0)
+    directions = directions * signs[:, :, None]
+    # Coordinates of each corner colour along the two directions.
+    coordinates = left_vectors * (singular_values * signs)[:, None]
+    first, second = (_gradient_lines(corners, coordinates[:, :, k]) for k in (0, 1))
+    first = first._replace(is_valid=first.is_valid & (singular_values[:, 0] > _FLAT))
+    low, high = (
+        np.clip(mean + value[:, None] * directions[:, 0], 0, 1) for value in (first.low, first.high)
+    )
+    shown = mean[:, None] + first.is_valid[:, None, None] * (
+        coordinates[:, :, :1] * directions[:, None, 0]
+    )
+    shown = np.clip(shown, 0.0, 1.0)
+    residual = coordinates[:, :, 1:2] * directions[:, None, 1]
+    has_second = (np.abs(residual).max(axis=(1, 2)) > VISIBLE) & first.is_valid & second.is_valid
+    if colors.shape[2] == 4:
+        has_second &= (colors[..., 3] == 1).all(axis=1)
+    # The second gradient is computed for the mean colour: exact where the first one has it.
+    backdrop = mean[:, :3]
+    second_low, second_high = (
+        _hard_light_source(value[:, None] * directions[:, 1, :3], backdrop)
+        for value in (second.low, second.high)
+    )
+    source = _hard_light_source(residual[..., :3], backdrop[:, None])
+    shown[..., :3] = np.where(
+        has_second[:, None, None], hard_light(shown[..., :3], source), shown[..., :3]
+    )
+    # The residual is zero where its function crosses zero, and grey adds nothing there.
+    second_grey = -second.low / np.where(has_second, second.high - second.low, 1.0)
+    first, first_colors = _inset(first, low, high)
+    return Gradients(
+        mean, first, first_colors, second, (second_low, second_high), second_grey, has_second, shown
+    )
+
+
+def _inset(
+    lines: GradientLines, low: np.ndarray, high: np.ndarray
+) -> tuple[GradientLines, tuple[np.ndarray, np.ndarray]]:
+    """Move both ends of each line inwards by `INSET`, at most to its middle.
+
+    `low` and `high` are the colours at the old ends. Returns the shorter lines, and the colours at
+    both of their ends.
+    """
+    line_vector = lines.end - lines.start
+    length = np.sqrt((line_vector**2).sum(axis=1, keepdims=True))
+    t = np.minimum(INSET / np.maximum(length, 2.0 * INSET), 0.5)
+    shorter = lines._replace(start=lines.start + t * line_vector, end=lines.end - t * line_vector)
+    return shorter, (low + t * (high - low), high + t * (low - high))
+
+
+def hard_light(
+    backdrop: Float[np.ndarray, "*shape"], source: Float[np.ndarray, "*shape"]
+) -> Float[np.ndarray, "*shape"]:
+    """Blend `source` over the opaque colours `backdrop` in the mode `hard-light`.
+
+    **Source:** *Compositing and Blending Level 1* (W3C, 2024), section 10.1.9.
+    """
+    darker, lighter = 2.0 * backdrop * source, backdrop + (1.0 - backdrop) * (2.0 * source - 1.0)
+    return np.where(source <= 0.5, darker, lighter)
+
+
+def _hard_light_source(difference: np.ndarray, backdrop: np.ndarray) -> np.ndarray:
+    """The source with which `hard_light` adds `difference` to `backdrop`, clamped to 0..1."""
+    largest = np.where(difference < 0, backdrop, 1.0 - backdrop)
+    return np.clip(0.5 + 0.5 * difference / np.maximum(largest, 1 / 255), 0.0, 1.0)
+
+
+def _gradient_lines(
+    corners: Float[np.ndarray, "triangles 3 2"], values: Float[np.ndarray, "triangles 3"]
+) -> GradientLines:
+    """The line of the affine function that has `values` at the corners of each triangle."""
+    lowest, low, high = values.argmin(axis=1), values.min(axis=1), values.max(axis=1)
+    (ux, uy), (vx, vy) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
+    du, dv = (values[:, k] - values[:, 0] for k in (1, 2))
+    area = ux * vy - uy * vx
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        gradient = np.stack([du * vy - dv * uy, dv * ux - du * vx], axis=1) / area[:, None]
+        line_vector = gradient * ((high - low) / (gradient**2).sum(axis=1))[:, None]
+    is_valid = np.isfinite(line_vector).all(axis=1)
+    start = np.take_along_axis(corners, lowest[:, None, None], axis=1)[:, 0]
+    end = start + np.where(is_valid[:, None], line_vector, 0.0)
+    return GradientLines(start, end, low, high, is_valid)

@@ -1,0 +1,107 @@
+"""Writes films of triangles as animated SVG files, which browsers play."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int
+
+from ....scene import Scene
+from ...drafts import atomic_file
+from ...outputs import check_writable_path
+from .short_numbers import MAX_DIGITS, join_numbers, short_color, to_units, unit_text
+
+
+def write_svg_film(
+    path: str | os.PathLike[str],
+    scenes: Sequence[Scene],
+    *,
+    height: int,
+    width: int,
+    seconds_per_frame: int | float = 0.1,
+    digits: int = 1,
+    smooth: bool = False,
+) -> None:
+    """Write the scenes of a film, such as those of `fit_frames`, as an animated SVG that repeats.
+
+    Each triangle is a `<polygon>` whose corners and colour are changed by SMIL animations.
+
+    - `scenes`: one for each frame, with arrays of equal shapes. Triangle k of all scenes is the
+      same one, at different times. Colours are flat: of corner colours, the mean is written.
+    - `height`, `width`: size of the canvas, in pixels.
+    - `seconds_per_frame`: how long each frame is shown.
+    - `digits`: decimals of coordinates, 0 to 6.
+    - `smooth`: move triangles evenly from frame to frame, instead of showing one frame after the
+      other.
+
+    The file is written completely or not at all. Raises `ValueError`, one line, for no scenes,
+    scenes of unequal shapes, and values that cannot be written.
+    """
+    path = Path(path)
+    check_writable_path(path)
+    if not scenes:
+        raise ValueError(f"{path}: there are no frames; a film needs at least one.")
+    if not 0 < seconds_per_frame < float("inf"):
+        raise ValueError(f"`seconds_per_frame` must be above 0; got {seconds_per_frame}.")
+    if not 0 <= digits <= MAX_DIGITS:
+        raise ValueError(f"`digits` must be 0 to {MAX_DIGITS}; got {digits}.")
+    shapes = {(scene.triangles.shape, scene.colors.shape) for scene in scenes}
+    if len(shapes) != 1:
+        raise ValueError(f"{path}: the scenes of a film must have equal shapes; got {len(shapes)}.")
+    corners = np.stack([np.asarray(s.positions)[np.asarray(s.triangles)] for s in scenes])
+    colors = np.stack([np.asarray(s.colors).mean(1) for s in scenes])
+    backgrounds = np.stack([np.asarray(s.background) for s in scenes])
+    if not all(np.isfinite(values).all() for values in (corners, colors, backgrounds)):
+        raise ValueError(f"{path}: positions and colours must be finite.")
+    timing = _timing(len(scenes) * seconds_per_frame, smooth)
+    units = to_units(corners, digits)
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
+        f'viewBox="0 0 {width} {height}">',
+        _shape("rect", [f'width="{width}" height="{height}"'], _paint_values(backgrounds), timing),
+        *(_polygon(units[:, k], digits, colors[:, k], timing) for k in range(corners.shape[1])),
+        "</svg>\n",
+    ]
+    with atomic_file(path) as draft:
+        draft.write_text("\n".join(lines), encoding="utf-8")
+
+
+def _timing(seconds: float, smooth: bool) -> str:
+    """Attributes that all animations have: duration, repetition, and steps instead of motion."""
+    mode = "" if smooth else ' calcMode="discrete"'
+    return f'dur="{seconds:.6g}s" repeatCount="indefinite"{mode}'
+
+
+def _polygon(
+    units: Int[np.ndarray, "frames 3 2"], digits: int, colors: np.ndarray, timing: str
+) -> str:
+    """An animated triangle; `colors` has one colour for each frame."""
+    points = [join_numbers([unit_text(n, digits) for n in row.ravel().tolist()]) for row in units]
+    return _shape("polygon", [], {"points": points} | _paint_values(colors), timing)
+
+
+def _paint_values(colors: np.ndarray) -> dict[str, list[str]]:
+    """Values of the paint attributes for each frame, from colours `[frames, 3 or 4]`."""
+    values = {"fill": [short_color(color[:3]) for color in colors]}
+    if colors.shape[1] == 4 and (colors[:, 3] < 1).any():
+        alphas = [round(1000 * min(max(float(color[3]), 0.0), 1.0)) for color in colors]
+        values["fill-opacity"] = [unit_text(alpha, 3) for alpha in alphas]
+    return values
+
+
+def _shape(
+    name: str, fixed_attributes: list[str], values: dict[str, list[str]], timing: str
+) -> str:
+    """An element with the attributes of the first frame, and animations of those that change.
+
+    `values`: for each attribute that may change, its value in each frame.
+    """
+    attributes = [*fixed_attributes, *(f'{key}="{v[0]}"' for key, v in values.items())]
+    animations = [
+        f'<animate attributeName="{key}" {timing} values="{";".join(value_of_frame)}"/>'
+        for key, value_of_frame in values.items()
+        if len(set(value_of_frame)) > 1
+    ]
+    start = f"<{name} {' '.join(attributes)}"
+    return f"{start}>{''.join(animations)}</{name}>" if animations else f"{start}/>"

@@ -1,0 +1,147 @@
+"""Hides the seams that browsers show between triangles that share an edge.
+
+A browser blends antialiased polygons one by one. Where two opaque triangles share an edge, the
+first covers a fraction `a` of a pixel and the second the fraction `1 - a`. The fraction `a (1 - a)`
+of what lies below still shows, so a mesh looks like a wireframe. `write_svg` adds two remedies:
+
+- **Seam lines.** A line along the edge, below the mesh, has the colour A of the triangle that is
+  drawn first. What shows through is then A too, and the pixel is exact: with the colour B of the
+  second triangle, `(1 - a) B + a (a A + (1 - a) A)`. Pixels that contain a vertex stay approximate.
+  Any SVG renderer can draw lines.
+- **Sums.** Where triangles tile the canvas without overlap, the blend mode `plus-lighter` adds the
+  colours times the coverage of all triangles, which is exact at vertices too. Only some renderers
+  support the mode, so a style sheet tests for it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int
+
+from ..elements.context import FALLBACK
+
+SEAM_WIDTH = 1.4
+"""Width of seam lines, in pixels: about the diagonal of a pixel.
+
+A line must cover the pixels that its edge crosses, but is visible where it reaches beyond the
+outline of a mesh. In Chromium, without sums, a flat mesh of 10,000 triangles has 37.9 dB with a
+width of 1.0 and 39.0 with 1.4; one of 1,000 has 45.1 dB with 1.2, 46.4 with 1.4 and 44.7 with 3.
+"""
+
+_TOLERANCE = 1e-3
+"""Distance, in pixels, within which an edge lies on the border of the canvas."""
+
+
+class Edges(NamedTuple):
+    """Distinct edges of triangles, whose vertices are equal if their positions are.
+
+    Side k of a triangle goes from corner k to the next corner.
+
+    - `count`: number of triangles that have the edge.
+    - `first`: the first side on this edge, as three times the index of its triangle plus k.
+    - `edge_of_side`: index of the edge on which each side lies.
+    - `is_forward`: whether a side goes from the lower to the higher vertex number of its edge.
+    """
+
+    count: Int[np.ndarray, " edges"]
+    first: Int[np.ndarray, " edges"]
+    edge_of_side: Int[np.ndarray, "triangles 3"]
+    is_forward: Bool[np.ndarray, "triangles 3"]
+
+
+def find_edges(points: Float32[np.ndarray, "triangles 3 2"]) -> Edges:
+    """Find the distinct edges of triangles that are given by their corners."""
+    # Adding zero makes -0 and 0 the same bits, and bits sort faster than pairs of floats.
+    bits = np.ascontiguousarray(points.reshape(-1, 2) + np.float32(0.0)).view(np.uint64)
+    _, vertex = np.unique(bits.ravel(), return_inverse=True)
+    start = vertex.reshape(-1, 3).astype(np.int64)
+    end = np.roll(start, -1, axis=1)
+    keys = np.minimum(start, end) * max(1, len(vertex)) + np.maximum(start, end)
+    _, first, edge, count = np.unique(
+        keys.ravel(), return_index=True, return_inverse=True, return_counts=True
+    )
+    return Edges(count, first, edge.reshape(-1, 3), start < end)
+
+
+def tiles_canvas(points: Float32[np.ndarray, "triangles 3 2"], height: int, width: int) -> bool:
+    """Whether triangles cover each point of the canvas exactly once, and nothing outside of it.
+
+    They do if three conditions hold. Each side inside the canvas coincides with exactly one other
+    side, of opposite direction once all triangles have the same orientation. Every other side lies
+    on the border. The areas sum to that of the canvas. The number of triangles that cover a point
+    can then change only at the border.
+    """
+    if len(points) == 0:
+        return False
+    edges, corners = find_edges(points), points.astype(np.float64)
+    (ux, uy), (vx, vy) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
+    area = 0.5 * (ux * vy - uy * vx)
+    if (area == 0).any() or abs(np.abs(area).sum() - height * width) > 1e-5 * height * width:
+        return False
+    direction = np.where(edges.is_forward, 1, -1) * np.sign(area).astype(np.int64)[:, None]
+    balance = np.bincount(edges.edge_of_side.ravel(), direction.ravel(), len(edges.count))
+    is_inner = (edges.count == 2) & (balance == 0)
+    triangle, side = np.divmod(edges.first[~is_inner], 3)
+    ends = np.stack([corners[triangle, side], corners[triangle, (side + 1) % 3]], axis=1)
+    borders = np.array([[0.0, width], [0.0, height]])
+    # [edges, ends, axis, border]
+    is_on = np.abs(ends[..., None] - borders) <= _TOLERANCE
+    is_border = is_on.all(axis=1).reshape(-1, 4).any(axis=1) & (edges.count[~is_inner] == 1)
+    return bool(is_border.all())
+
+
+def shares_edge(points: Float32[np.ndarray, "triangles 3 2"]) -> Bool[np.ndarray, " triangles"]:
+    """Whether each triangle shares an edge with another one."""
+    edges = find_edges(points)
+    return np.asarray((edges.count[edges.edge_of_side] > 1).any(axis=1))
+
+
+def seams(
+    points: Float32[np.ndarray, "triangles 3 2"], coordinates: np.ndarray, colors: list[str]
+) -> dict[int, str]:
+    """Make a `<g>` of seam lines for each connected part of a mesh of opaque triangles.
+
+    Each group must be drawn before the triangle whose index is its key: the first of that part.
+    `coordinates` are `points` as text, `[triangles, 3, 2]`; `colors` are one per triangle, as CSS.
+    """
+    edges = find_edges(points)
+    is_shared = edges.count > 1
+    if not is_shared.any():
+        return {}
+    # Imported here, since the import takes long, and separate triangles rarely share an edge.
+    from scipy import sparse
+    from scipy.sparse.csgraph import connected_components
+
+    # Edges of the graph: from every triangle with a shared edge to the first triangle that has it.
+    triangle, side = np.nonzero(is_shared[edges.edge_of_side])
+    first_triangle = edges.first[edges.edge_of_side[triangle, side]] // 3
+    graph = sparse.coo_matrix(
+        (np.ones(len(triangle)), (triangle, first_triangle)), (len(points),) * 2
+    )
+    _, component = connected_components(graph, directed=False)
+    # Bit k is set if side k of the triangle is drawn as a seam line of its colour.
+    side_bits = np.zeros(len(points), np.int64)
+    triangle, side = np.divmod(edges.first[is_shared], 3)
+    np.bitwise_or.at(side_bits, triangle, 1 << side)
+    # In reverse order, so that where lines meet, that of the triangle drawn first is on top.
+    with_lines = np.flatnonzero(side_bits)[::-1]
+    first_of_component = np.unique(component, return_index=True)[1]
+    groups: dict[int, list[str]] = {}
+    for index in with_lines.tolist():
+        line = _path_along_sides(coordinates[index].tolist(), int(side_bits[index]))
+        path = f'<path stroke="{colors[index]}" d="{line}"/>'
+        groups.setdefault(int(first_of_component[component[index]]), []).append(path)
+    return {start: "\n".join([_GROUP, *paths, "</g>"]) for start, paths in groups.items()}
+
+
+_GROUP = f'<g {FALLBACK}="1" fill="none" stroke-width="{SEAM_WIDTH}" stroke-linejoin="bevel">'
+
+_START_CORNER = (0, 0, 1, 0, 2, 2, 1, 0)
+"""For each set of sides, as bits, the corner at which the path along these sides begins."""
+
+
+def _path_along_sides(corners: list[list[str]], side_bits: int) -> str:
+    """Path data along the sides of a triangle whose bits are set."""
+    start, count = _START_CORNER[side_bits], side_bits.bit_count()
+    points = [corners[(start + k) % 3] for k in range(min(count + 1, 3))]
+    return "M" + " ".join(f"{x} {y}" for x, y in points) + ("z" if count == 3 else "")

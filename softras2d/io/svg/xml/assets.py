@@ -1,0 +1,136 @@
+"""Reads the image files to which a document refers, if it may, and numbers them as textures."""
+
+import base64
+import binascii
+import re
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+
+from ...budget import Budget, BudgetError
+from .document import MAX_BYTES
+
+_SCHEME = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]++:|//|\\\\")
+_DATA = re.compile(r"data:(image/[^;,]*+)?+(?:;(?!base64,)[^;,]*+)*+;base64,")
+
+
+class Assets:
+    """The images of a document, in sRGB with straight alpha. Each is read once, on first use.
+
+    - `folder`: folder of the document, to which names are relative.
+    - `root`: folder that must contain every file, after symbolic links are resolved.
+    - `alpha`: whether textures keep an alpha channel; a channel that is 1 everywhere is dropped.
+    - `budget`: charged for the pixels that the header of each image claims.
+    """
+
+    def __init__(
+        self, folder: Path | None, root: Path | None, alpha: bool, budget: Budget | None = None
+    ):
+        self._budget = budget or Budget()
+        self._alpha = alpha
+        self._folder = folder or root
+        self._root = root or folder
+        self._declared: dict[str, Path] = {}
+        self._indices: dict[Path | str, int] = {}
+        self._pictures: dict[Path | str, np.ndarray] = {}
+        self._unreadable: dict[str, str] = {}
+        self.textures: list[np.ndarray] = []
+
+    def declare(self, texid: str, filename: str) -> None:
+        """Let `texid` name a file. Raises `ValueError` for a file that may not be read."""
+        self._declared[texid] = self._path(filename)
+
+    def texture(self, texid: str) -> int:
+        """Index in `textures` of a declared texture."""
+        if texid not in self._declared:
+            raise ValueError(f"no texture {texid!r} is declared before it.")
+        return self._index(self._declared[texid])
+
+    def linked(self, href: str) -> int:
+        """Index in `textures` of the image that the `href` of an `image` element refers to.
+
+        Raises `ValueError` for an image that cannot be read; it is tried only once.
+        """
+        if href in self._unreadable:
+            raise ValueError(self._unreadable[href])
+        try:
+            return self._index(self._key(href))
+        except BudgetError:
+            raise
+        except ValueError as error:
+            self._unreadable[href] = str(error)
+            raise
+
+    def picture(self, href: str) -> np.ndarray:
+        """The image `[height, width, 3 or 4]` that the `href` of an `image` element refers to."""
+        return self._read(self._key(href))
+
+    def _key(self, href: str) -> Path | str:
+        """The file to which a link refers, or a `data:` URI as it is."""
+        if href.lstrip().startswith("data:"):
+            return href
+        return self._path(unquote(href.strip()))
+
+    def _index(self, key: Path | str) -> int:
+        if key not in self._indices:
+            picture = self._read(key)
+            if picture.shape[-1] == 4 and (not self._alpha or (picture[..., 3] == 1).all()):
+                picture = picture[..., :3]
+            self._indices[key] = len(self.textures)
+            self.textures.append(picture)
+        return self._indices[key]
+
+    def _read(self, key: Path | str) -> np.ndarray:
+        # Imported here, since scenes without images need no image library.
+        from ...images import read_charged
+
+        if key not in self._pictures:
+            if isinstance(key, str):
+                picture = read_charged(_embedded(key), "embedded image", self._charge)
+            elif key.stat().st_size > MAX_BYTES:
+                raise ValueError(f"{key}: larger than {MAX_BYTES >> 20} MB.")
+            else:
+                picture = read_charged(key, str(key), self._charge)
+            self._pictures[key] = np.asarray(picture)
+        return self._pictures[key]
+
+    def _charge(self, pixels: int) -> None:
+        self._budget.charge("texels", pixels)
+
+    def _path(self, name: str) -> Path:
+        """The file of a name. Raises `ValueError` unless it exists inside the root."""
+        if not name:
+            raise ValueError("no file is named.")
+        if _SCHEME.match(name):
+            raise ValueError(f"{name[:60]!r} is not a file beside the scene; nothing is fetched.")
+        if self._folder is None or self._root is None:
+            raise ValueError(
+                f"{name!r} is named, but a text has no folder; name one by `assets` or --assets."
+            )
+        try:
+            root = self._root.resolve()
+            path = (self._folder / name).resolve()
+            is_inside, exists = path.is_relative_to(root), path.is_file()
+        except (OSError, RuntimeError, ValueError) as error:
+            raise ValueError(f"{name[:60]!r} cannot be a file: {error}.") from None
+        if not is_inside:
+            raise ValueError(f"{name!r} lies outside the folder {root}; see `assets`.")
+        if not exists:
+            raise ValueError(f"{name!r}: there is no such file ({path}).")
+        return path
+
+
+def _embedded(uri: str) -> bytes:
+    """The bytes of a `data:` URI."""
+    uri = uri.lstrip()
+    header = _DATA.match(uri)
+    if header is None:
+        raise ValueError("data: only base64 images are read.")
+    if (header[1] or "").startswith("image/svg"):
+        raise ValueError("data: an SVG inside an SVG is not read.")
+    try:
+        text = "".join(unquote(uri[header.end() :]).split())
+        return base64.b64decode(text, validate=True)
+    except (binascii.Error, ValueError):
+        raise ValueError("data: not valid base64.") from None

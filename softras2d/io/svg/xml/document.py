@@ -1,0 +1,273 @@
+"""Parses XML element by element, safely: no entities, no network, errors with line numbers.
+
+Expat is the parser of Python's standard library. It fetches nothing by itself: files that a doctype
+refers to are not read. Entities are read only if they are short texts that refer to nothing, as
+drawing programs declare for namespaces. The course's dialect refuses all entities. No tree is
+built.
+"""
+
+import contextlib
+import enum
+import os
+import zlib
+from pathlib import Path
+from typing import NamedTuple, NoReturn, Protocol, runtime_checkable
+from xml.parsers import expat
+
+import shapely.errors
+
+from ...budget import MAX_DEFAULTS, Budget
+
+MAX_BYTES = 64 * 2**20
+"""Size limit of a document. Larger ones are refused before they are parsed."""
+
+MAX_ENTITIES = 256
+"""Entities that a document may declare."""
+
+MAX_ENTITY_LENGTH = 256
+"""Length of the text of an entity. Expat limits the total length of what entities become."""
+
+MAX_DEPTH = 100_000
+"""Limit of elements within elements."""
+
+Attributes = dict[str, str]
+"""Attributes of an element: values by name, both as in the document."""
+
+
+class Document(NamedTuple):
+    """A document before it is parsed.
+
+    - `data`: its bytes.
+    - `name`: its name in errors.
+    - `folder`: folder to which names of image files are relative, or None.
+    """
+
+    data: bytes
+    name: str
+    folder: Path | None
+
+
+class Children(enum.Enum):
+    """How the children of an element are treated."""
+
+    READ = "opened and closed like any element"
+    NAMED = "not opened; direct children are passed to `Reader.inside`"
+    SKIPPED = "ignored"
+
+
+@runtime_checkable
+class Reader(Protocol):
+    """Receives the elements of a document from `walk`, in document order."""
+
+    def open(self, tag: str, attributes: Attributes, line: int) -> Children:
+        """An element begins; the result says how its children are treated."""
+        ...
+
+    def inside(self, tag: str, attributes: Attributes, line: int) -> None:
+        """A direct child of an element whose children are NAMED."""
+        ...
+
+    def close(self) -> None:
+        """The innermost open element whose children are READ ends."""
+        ...
+
+
+@runtime_checkable
+class TextReader(Reader, Protocol):
+    """A reader that also receives the text between tags."""
+
+    def text(self, text: str) -> None:
+        """Character data in the innermost open element, possibly one piece of several."""
+        ...
+
+
+class SvgError(ValueError):
+    """An error in a document: one line with its name and the line number."""
+
+    def __init__(self, message: str):
+        super().__init__(in_one_line(message))
+
+
+def in_one_line(text: str) -> str:
+    """The text with line breaks, which attributes may contain, replaced by blanks."""
+    return " ".join(text.splitlines())
+
+
+def load(path: str | os.PathLike[str]) -> Document:
+    """Load a file. Raises `ValueError` if it cannot be read or is too large."""
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            # Reading one byte more than the limit also works for devices and pipes, which have no
+            # size.
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise SvgError(f"{path}: cannot be read: {error.strerror or error}.") from None
+    return _checked(Document(data, str(path), path.parent))
+
+
+def from_text(text: str | bytes, name: str) -> Document:
+    """The document of a string; errors call it `name`."""
+    return _checked(Document(text.encode() if isinstance(text, str) else text, name, None))
+
+
+def _checked(document: Document) -> Document:
+    if len(document.data) > MAX_BYTES:
+        raise SvgError(f"{document.name}: larger than {MAX_BYTES >> 20} MB, the most that is read.")
+    if document.data[:2] == b"\x1f\x8b":
+        return document._replace(data=_unpacked(document))
+    return document
+
+
+def _unpacked(document: Document) -> bytes:
+    """The content of a compressed document (`.svgz`), up to the limit of size."""
+    try:
+        unpacker = zlib.decompressobj(wbits=31)
+        data = unpacker.decompress(document.data, MAX_BYTES + 1)
+    except zlib.error as error:
+        raise SvgError(f"{document.name}: cannot be decompressed: {error}.") from None
+    if len(data) > MAX_BYTES:
+        limit = MAX_BYTES >> 20
+        raise SvgError(f"{document.name}: larger than {limit} MB when decompressed.")
+    if not unpacker.eof:
+        raise SvgError(f"{document.name}: cannot be decompressed: it is cut short.")
+    return data
+
+
+LIBRARY_ERRORS = (ArithmeticError, MemoryError, RecursionError, shapely.errors.ShapelyError)
+"""Errors besides `ValueError` that extreme values may cause in libraries."""
+
+
+_MAX_REASON = 500
+"""Maximum length of the message of an error. Messages quote attributes, which may be huge."""
+
+
+def reason(error: Exception) -> str:
+    """The message of an error on one line; a plain sentence for errors of libraries."""
+    text = " ".join(str(error).split())
+    text = text if len(text) <= _MAX_REASON else f"{text[:_MAX_REASON]}..."
+    if isinstance(error, ValueError):
+        return text
+    if isinstance(error, MemoryError):
+        return "needs more memory than there is."
+    if isinstance(error, RecursionError):
+        return "is nested too deeply."
+    return f"has values too extreme to be drawn ({text})."
+
+
+def walk(
+    document: Document, reader: Reader, budget: Budget | None = None, with_text: bool = False
+) -> None:
+    """Pass every element to `reader`, in document order, and charge attributes to `budget`.
+
+    `with_text` also passes character data, if `reader` is a `TextReader`, and expands entities.
+
+    Raises `SvgError`, one line with name, line number, element and message, for errors in the XML
+    and for `ValueError`s of `reader`.
+    """
+    budget = budget or Budget()
+    parser = expat.ParserCreate()
+    depth = 0
+    # Depth below an element whose children are not read; 0 outside of such elements.
+    skipped_depth = 0
+    names_children = False
+
+    def start(tag: str, attributes: Attributes) -> None:
+        nonlocal depth, skipped_depth, names_children
+        depth += 1
+        line = parser.CurrentLineNumber
+        try:
+            budget.charge("attributes", len(attributes))
+            if depth > MAX_DEPTH:
+                raise ValueError(f"is nested deeper than {MAX_DEPTH}.")
+            if skipped_depth:
+                if skipped_depth == 1 and names_children:
+                    reader.inside(tag, attributes, line)
+                skipped_depth += 1
+                return
+            children = reader.open(tag, attributes, line)
+        except (ValueError, *LIBRARY_ERRORS) as error:
+            message = f"{document.name}:{line}: <{tag[:60]}> {reason(error)}"
+            raise SvgError(message) from None
+        if children is not Children.READ:
+            skipped_depth, names_children = 1, children is Children.NAMED
+
+    def end(_: str) -> None:
+        nonlocal depth, skipped_depth
+        depth -= 1
+        if skipped_depth:
+            skipped_depth -= 1
+        else:
+            reader.close()
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    if with_text:
+        assert isinstance(reader, TextReader)
+        parser.buffer_text = True
+        parser.CharacterDataHandler = reader.text
+    _parse(document, parser, with_entities=with_text)
+
+
+class _RootRead(Exception):
+    """Raised by `root` to stop the parser after the first element."""
+
+
+def root(document: Document) -> tuple[str, Attributes]:
+    """Name and attributes of the first element. The rest of the document is not parsed."""
+    parser = expat.ParserCreate()
+    elements: list[tuple[str, Attributes]] = []
+
+    def start(tag: str, attributes: Attributes) -> None:
+        elements.append((tag, attributes))
+        raise _RootRead
+
+    parser.StartElementHandler = start
+    with contextlib.suppress(_RootRead):
+        _parse(document, parser, with_entities=True)
+    return elements[0]
+
+
+def _parse(document: Document, parser: expat.XMLParserType, with_entities: bool = False) -> None:
+    """Run a parser whose element handlers are set; errors in the XML become `SvgError`."""
+
+    def refuse(problem: str) -> NoReturn:
+        raise SvgError(f"{document.name}:{parser.CurrentLineNumber}: {problem}")
+
+    entities = 0
+
+    def check_entity(*declaration: object) -> None:
+        nonlocal entities
+        _, is_parameter, value, *_ = declaration
+        is_plain = isinstance(value, str) and not is_parameter and not set("&%<") & set(value)
+        entities += 1
+        if not (with_entities and is_plain and entities <= MAX_ENTITIES):
+            refuse("the document declares an entity, which is not supported.")
+        if len(str(value)) > MAX_ENTITY_LENGTH:
+            refuse(f"the document declares an entity of over {MAX_ENTITY_LENGTH} characters.")
+
+    def refuse_undeclared_entity(*_: object) -> NoReturn:
+        refuse("an entity is used that is not declared, which is not supported.")
+
+    defaults = 0
+
+    def count_default(*attribute: object) -> None:
+        nonlocal defaults
+        _, _, _, default, _ = attribute
+        defaults += default is not None
+        if defaults > MAX_DEFAULTS:
+            refuse(f"the document declares more than {MAX_DEFAULTS} attribute defaults.")
+
+    parser.AttlistDeclHandler = count_default
+    parser.EntityDeclHandler = check_entity
+    parser.SkippedEntityHandler = refuse_undeclared_entity
+    try:
+        parser.Parse(document.data, True)
+    except expat.ExpatError as error:
+        problem = expat.ErrorString(error.code)
+        raise SvgError(f"{document.name}:{error.lineno}: not well-formed XML: {problem}.") from None
+    except SvgError:
+        raise
+    except (ValueError, LookupError) as error:
+        # Raised for an encoding that Python does not know or that does not fit the bytes.
+        raise SvgError(f"{document.name}:1: cannot be decoded: {error}.") from None

@@ -1,0 +1,166 @@
+"""Builds the tree of a document, with namespaces resolved, for the dialect `svg`.
+
+Style sheets and references need the whole document: a rule may follow the element that it selects,
+and `use` may refer to anything. No function here recurses, since documents may be nested deeply.
+"""
+
+from collections.abc import Iterator
+
+from ...budget import Budget
+from .document import Attributes, Children, Document, walk
+
+SVG = "http://www.w3.org/2000/svg"
+_XLINK = "http://www.w3.org/1999/xlink"
+_XML = "http://www.w3.org/XML/1998/namespace"
+
+_MAX_PREFIXES = 256
+"""Limit of namespace prefixes in one scope, since a scope is copied when it grows."""
+
+
+class Element:
+    """An element of a document.
+
+    It has the attributes of `cssselect2.ElementWrapper` that selectors use. That class itself
+    stores the ancestors and previous siblings of every element, which takes quadratic memory.
+
+    - `name`: local name in the namespace of SVG; empty for elements of other namespaces.
+    - `tag`: the name as written, for messages.
+    - `attrib`: attributes without a namespace, and `href` of XLink where there is no other `href`.
+    - `line`: line number of the start tag.
+    - `texts`: character data directly inside a `<style>`, in pieces.
+    """
+
+    __slots__ = ("attrib", "children", "index", "line", "name", "parent", "tag", "texts")
+
+    in_html_document = False
+    lang = ""
+
+    def __init__(
+        self, name: str, tag: str, attrib: Attributes, parent: "Element | None", line: int
+    ):
+        self.name = name
+        self.tag = tag
+        self.attrib = attrib
+        self.parent = parent
+        self.line = line
+        self.children: list[Element] = []
+        self.texts: list[str] = []
+        self.index = 0 if parent is None else len(parent.children)
+
+    def get(self, name: str, default: str | None = None) -> str | None:
+        """The value of an attribute."""
+        return self.attrib.get(name, default)
+
+    @property
+    def etree_element(self) -> "Element":
+        return self
+
+    @property
+    def local_name(self) -> str:
+        return self.name
+
+    @property
+    def namespace_url(self) -> str:
+        return SVG if self.name else ""
+
+    @property
+    def id(self) -> str | None:
+        return self.attrib.get("id")
+
+    @property
+    def classes(self) -> set[str]:
+        return set(self.attrib.get("class", "").split())
+
+    @property
+    def ancestors(self) -> Iterator["Element"]:
+        """The ancestors, from the parent to the root."""
+        ancestor = self.parent
+        while ancestor is not None:
+            yield ancestor
+            ancestor = ancestor.parent
+
+    @property
+    def etree_siblings(self) -> list["Element"]:
+        return [self] if self.parent is None else self.parent.children
+
+    @property
+    def etree_children(self) -> list["Element"]:
+        return self.children
+
+    @property
+    def previous(self) -> "Element | None":
+        return self.etree_siblings[self.index - 1] if self.index else None
+
+    @property
+    def previous_siblings(self) -> Iterator["Element"]:
+        siblings = self.etree_siblings
+        return (siblings[index] for index in range(self.index))
+
+
+def read_tree(document: Document, budget: Budget) -> Element:
+    """Parse a document; returns its root, which is `<svg>`. Raises `SvgError` like `walk`."""
+    builder = _TreeBuilder(budget)
+    walk(document, builder, budget, with_text=True)
+    assert builder.root is not None, "a document without root is not well-formed"
+    return builder.root
+
+
+class _TreeBuilder:
+    """Builds the tree from the elements that `walk` passes on."""
+
+    def __init__(self, budget: Budget):
+        self.root: Element | None = None
+        self._budget = budget
+        self._open: list[tuple[Element, dict[str, str]]] = []
+
+    def open(self, tag: str, attributes: Attributes, line: int) -> Children:
+        """Add an element to the innermost open one."""
+        self._budget.charge("elements", 1)
+        parent, scope = self._open[-1] if self._open else (None, {"xml": _XML})
+        declared = {
+            name[6:]: value
+            for name, value in attributes.items()
+            if name == "xmlns" or name.startswith("xmlns:")
+        }
+        if declared:
+            scope = scope | declared
+            if len(scope) > _MAX_PREFIXES:
+                raise ValueError(f"is in the scope of more than {_MAX_PREFIXES} namespaces.")
+        prefix, _, name = tag.rpartition(":")
+        # Documents without any namespace are common in tutorials, and drawn.
+        if scope.get(prefix, "" if prefix else SVG) != SVG:
+            name = ""
+        if parent is None and name != "svg":
+            raise ValueError("is the root, which must be <svg>.")
+        element = Element(name, tag, _without_namespaces(attributes, scope), parent, line)
+        if parent is None:
+            self.root = element
+        else:
+            parent.children.append(element)
+        self._open.append((element, scope))
+        return Children.READ
+
+    def text(self, text: str) -> None:
+        """Add character data to the innermost open element, if it is a style sheet."""
+        if self._open and self._open[-1][0].name == "style":
+            self._open[-1][0].texts.append(text)
+
+    def inside(self, tag: str, attributes: Attributes, line: int) -> None:
+        """Never called, as all children are opened."""
+
+    def close(self) -> None:
+        """Leave the innermost open element."""
+        self._open.pop()
+
+
+def _without_namespaces(attributes: Attributes, scope: dict[str, str]) -> Attributes:
+    """The attributes that SVG knows, by their local names."""
+    if not any(":" in name for name in attributes):
+        return attributes
+    plain = {name: value for name, value in attributes.items() if ":" not in name}
+    for name, value in attributes.items():
+        prefix, colon, local = name.partition(":")
+        # Files without a declaration of `xlink` are common.
+        if colon and local == "href" and scope.get(prefix, prefix) in (_XLINK, "xlink"):
+            plain.setdefault("href", value)
+    return plain
