@@ -1,7 +1,8 @@
 """Tile lists of different lengths as dense arrays, in two layouts.
 
-*Chunks* cut each tile's list into pieces of a few slots. All chunks are computed at once, as an
-array `[chunks, layers]`. *Steps* are for work that must go through each list in order. Tiles are
+*Chunks* cut each tile's list into pieces of a few slots. A *slot* holds one entry of the list, which
+is a triangle in a tile, or is empty. All chunks are computed at once, as an array
+`[chunks, layers]`, whose second axis counts the slots of a chunk. *Steps* are for work that must go through each list in order. Tiles are
 put into blocks of `BLOCK`, those with the longest lists first, and one step visits one entry in the
 list of each tile of a block.
 """
@@ -44,12 +45,13 @@ class Chunks(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """Steps through the lists of blocks of tiles, block after block, each list from its start.
+    """Steps through the tile lists, block after block; a step visits one entry of each list.
 
-    - `block`, `position`: the block of each step, and which entry of its tiles' lists is visited.
+    - `block`, `position`: the block of each step, and the position that it visits in the lists of
+      the block's tiles, from 0. Lists with no entry there are not visited.
     - `tile`, `start`, `count`: the tiles of each block, and the first entry and length of their
       lists. The last block is padded with empty lists of tile 0.
-    - `slot`: index of each tile among the tiles of all blocks.
+    - `slot`: index of each tile in the flattened `tile`.
     - `needed`: number of steps, which may exceed the capacity.
     """
 

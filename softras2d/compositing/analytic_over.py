@@ -161,7 +161,7 @@ def alpha_of_chunks(opacity: Opacities) -> ChunkPixels:
 
 @materialized
 def alpha_change_of_chunks(opacity: Opacities, opacity_change: Opacities) -> ChunkPixels:
-    """Compute the jvp of `_alpha`."""
+    """Compute the jvp of `alpha_of_chunks`."""
     transmittance, change = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
     for k in range(opacity.shape[1]):
         clear = 1.0 - opacity[:, k]

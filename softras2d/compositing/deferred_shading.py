@@ -87,7 +87,11 @@ def _is_visible(
     sub_row: Int[Array, ""],
     sub_column: Int[Array, ""],
 ) -> Bool[Array, " fragments"]:
-    """Decide whether each fragment is visible at a sample of its pixel."""
+    """Decide whether each fragment is visible at one sample of its pixel.
+
+    - `bits`: as in `Fragments`.
+    - `sub_row`, `sub_column`: the sample, 0..S-1 on each axis, the same for all fragments.
+    """
     return (bits[sub_row] >> sub_column.astype(jnp.uint32)) & jnp.uint32(1) == 1
 
 

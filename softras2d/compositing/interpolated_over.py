@@ -4,10 +4,11 @@ The colours at all pixels of all slots take far more memory than those of the co
 and reading them takes longer than interpolating them. So they are never stored: the composite and
 its derivatives interpolate them again where they are needed, for blocks of slots at a time.
 
-Corner j has the colour c_j and the weight w_j in a pixel. A slot adds its colour times T a, its
-opacity times the transmittance in front of it. So if g is the cotangent of the pixel, that of the
-weight w_j of corners 1 and 2 is T a (c_j - c_0) . g, from which `PixelFunction.vjp` computes the
-derivatives by the positions. That of c_j is the sum of T a w_j g over the pixels.
+Corner j has the colour c_j, and the weight w_j in a pixel. A slot of opacity a, with transmittance
+T in front of it, adds T a times its colour to the pixel. Let g be the cotangent of the pixel. Then
+the cotangent of w_j, for corners 1 and 2, is T a (c_j - c_0) . g, from which `PixelFunction.vjp`
+computes the derivatives by the positions. The cotangent of c_j is the sum of T a w_j g over the
+pixels.
 """
 
 import functools

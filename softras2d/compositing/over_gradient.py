@@ -220,8 +220,8 @@ def _put(
 def _corner_values(
     line_colors: Float[Array, "4 corners lines"], cotangent: Float[Array, "4 width lines"]
 ) -> Float[Array, "corners width lines"]:
-    """Inner product of the cotangent with the colour of each corner, and 1 for alpha."""
-    # The vector (red, green, blue, 1) of the head of this file.
+    """Compute W = q . c for each corner, in the symbols of this file."""
+    # c is (red, green, blue, 1): 1 in place of alpha.
     color = line_colors.at[3].set(1.0)[:, :, None]
     channels = [cotangent[channel][None] * color[channel] for channel in range(4)]
     return channels[0] + channels[1] + channels[2] + channels[3]

@@ -251,7 +251,11 @@ def passes_tile(
 
 
 def may_pass_tile(edge: ClippedEdge, side: int) -> Bool[Array, "*slots"]:
-    """Whether the bounding box of a clipped edge meets the tile."""
+    """Whether a clipped edge may pass through its slot's tile, by its bounding box.
+
+    `side` is the side of the tile, in pixels. The result is true for every edge that passes through
+    the tile, and for some that only pass near it.
+    """
 
     def overlaps(begin: Array, step: Array) -> Array:
         end = begin + step

@@ -159,7 +159,10 @@ class AbstractFit(abc.ABC):
 
     @abc.abstractmethod
     def polish(self) -> None:
-        """Go to the best unknowns so far, and set their colours to those of least squared error."""
+        """Replace the unknowns by the best so far, with colours solved for least squared error.
+
+        `residual` is replaced too if its plan is too small for these unknowns.
+        """
 
     def polish_at_full_size(self, target: Target) -> None:  # noqa: B027
         """Improve the best unknowns for a `target` larger than the fit, at the end of the fit.

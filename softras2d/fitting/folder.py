@@ -32,7 +32,8 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".bmp", ".webp", "
 """Suffixes of the files of a folder that are taken for pictures."""
 
 _SHARES = 16
-"""Steps of the shorter side of a size class, from 1/16 of the longer side to all of it."""
+"""Number of aspect ratios of size classes: the shorter side is 1/16, 2/16, ... or 16/16 of the
+longer side."""
 
 
 class SizeClass(NamedTuple):
@@ -45,8 +46,9 @@ class SizeClass(NamedTuple):
 class Batch(NamedTuple):
     """Pictures that are fitted together.
 
-    - `number`: of the batch, in an order that depends on the folder alone.
-    - `first_seed`: number of the first picture, which is added to the seed.
+    - `number`: index of the batch, in an order that depends on the folder alone.
+    - `first_seed`: index of its first picture among the pictures of all batches. The seed of a
+      picture's fit is the seed of the command plus the index of the picture.
     """
 
     number: int
@@ -111,9 +113,9 @@ def make_batches(
     batches, seed = [], 0
     for kind in sorted(groups):
         for first in range(0, len(groups[kind]), count):
-            together = tuple(groups[kind][first : first + count])
-            batches.append(Batch(len(batches), kind, together, seed))
-            seed += len(together)
+            members = tuple(groups[kind][first : first + count])
+            batches.append(Batch(len(batches), kind, members, seed))
+            seed += len(members)
     return batches
 
 
@@ -130,7 +132,8 @@ def fit_pictures(
 ) -> Iterator[Fitted]:
     """Fit the pictures of a batch, and write the results that `folder` does not hold yet.
 
-    - `count`: number of fits of a batch, to which it is filled up with copies of its pictures.
+    - `count`: number of fits in every batch. A smaller one is filled up with copies of its first
+      readable picture, so that all batches of a size class share a program.
     - `compiles_first`: whether programs are compiled before, by a fit of one step, so that a limit
       of `seconds` counts fitting alone.
     - `settings`: other arguments of `fit_batch`.

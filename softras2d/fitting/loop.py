@@ -33,8 +33,8 @@ class ProgressReport(NamedTuple):
     - `triangles`: the largest number of triangles that the fit may have.
     - `scene()`: the best scene at the time of the call, in pixels of the target. All scenes of a
       fit have the same shapes: triangles not in use lie outside the canvas or have no area.
-    - `saved_psnr`: PSNR of the best scene, as the result would have it, when it was last drawn;
-      NaN before that. It is drawn now and then, in another thread.
+    - `saved_psnr`: PSNR, in dB, that the result would have if the best scene were saved now. It is
+      computed from time to time in another thread; this is the last value, NaN before the first.
     """
 
     record: Record
@@ -78,8 +78,8 @@ def run(
     """Advance fits together to the end of the budget; return whether they were interrupted.
 
     - `histories`: one for each fit, to which a record is appended after each chunk.
-    - `steps`: number of steps of the fit that is resumed.
-    - `max_steps`: the largest number of steps of a chunk.
+    - `steps`: number of steps taken before this call, by the fit that is resumed; else 0.
+    - `max_steps`: the largest number of steps of one chunk, not of the fit.
     - `stop()`: whether Ctrl-C was pressed; asked before each chunk.
     - `report(share, seconds_left)`: called after each chunk. A `KeyboardInterrupt` from it counts
       as Ctrl-C; any other exception is passed on.

@@ -307,7 +307,7 @@ def _find_visible(
     """
     triangle = (crossings.edge // 3)[None]
     shows_inside, is_in_front = triangle_inside == triangle, triangle_outside < triangle
-    # A triangle that covers neither sample is visible between two that show the same triangle.
+    # A triangle too thin to cover either sample: both samples show the same other triangle.
     is_thin = (triangle_inside == triangle_outside) & ~shows_inside
     if depths is not None:
         depth = jnp.where(shows_inside, depths.outside, depths.on_edge)
@@ -344,7 +344,8 @@ def _layered_jumps(
     if depths is not None:
         on_edge = depth_on_edge(depths, crossings.edge, crossings.t)
         is_thick = materialized(covers)(samples.edges, triangle, crossings.inside)
-        # Next to the edge, the depth of a thinner triangle would be extrapolated.
+        # A triangle that misses the sample inside is thinner than the sample distance. Its depth at
+        # both samples would be extrapolated, so its depth on the edge is used.
         depth_inside, depth_outside = (
             jnp.where(is_thick, depth_at(depths, triangle, sample, tiling), on_edge)
             for sample in (crossings.inside, crossings.outside)

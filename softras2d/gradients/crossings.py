@@ -95,10 +95,12 @@ def lines_crossed(segments: GridTriangles, grid: Grid) -> tuple[Any, Any]:
     start = xp.where(steep, segments.y, segments.x)
     end = start + xp.where(steep, segments.dy, segments.dx)
     size = xp.where(steep, grid.height, grid.width) * grid.rate
-    # Open at the lesser end and closed at the greater: edges that meet count a line once.
+    # The lesser end is excluded and the greater one included, so that a line through a corner is
+    # counted for one of the two edges that meet there.
     first = last_sample_until(xp.minimum(start, end), grid) + 1
     last = last_sample_until(xp.maximum(start, end), grid)
     first, last = xp.maximum(first, 0), xp.minimum(last, size - 1)
+    # Triangles without area, and edges that no sample tests (`constant`), have no boundary term.
     bounding = (segments.constant == 0) & (segments.orientation != 0)[None]
     count = xp.where(bounding, xp.maximum(last - first + 1, 0), 0)
     return first.astype(xp.int32), count.astype(xp.int32)
@@ -140,9 +142,9 @@ class Run(NamedTuple):
 
     - `steep`: whether the lines are rows.
     - `first_line`, `lines`: the first line of samples, and the number of lines.
-    - `across_start`, `across_extent`: half the start and the extent of the edge across the lines,
-      in pixels.
-    - `along_start`, `along_extent`: the same along the lines.
+    - `across_start`, `across_extent`: coordinate of the edge's start perpendicular to the lines,
+      and the step from there to its end; both in pixels and halved, so that no float overflows.
+    - `along_start`, `along_extent`: the same in the direction of the lines.
     - `first_value`: the edge value at sample 0 of line 0.
     - `value_along`, `value_across`: its change from sample to sample, and from line to line.
     """

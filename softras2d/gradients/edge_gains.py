@@ -12,9 +12,9 @@ has one colour and there is no depth. Otherwise their alpha or depth is another 
 inside: the crossings with such layers, which are few, are gathered and visited again
 (`layers_inside`). So are those whose samples lie in different tiles.
 
-At the border of the canvas both samples are one, which the triangle covers. There, a triangle that
-is drawn later but lies deeper has already failed the depth test, so that it is missing in what
-would be visible without the triangle.
+At the border of the canvas, both samples of a crossing are the same sample, and the edge's triangle
+covers it. A triangle that is drawn later but lies deeper has failed the depth test there, so it is
+no layer of the sample. Without the edge's triangle it would show; this term leaves it out.
 """
 
 from typing import NamedTuple
@@ -46,8 +46,8 @@ from .run_tiles import RunTiles, tiles_of_runs
 class EdgeLayer(NamedTuple):
     """The triangle of the edge of each run, at its crossings.
 
-    - `color`: premultiplied RGBA on the edge. Next to it, a triangle that is thinner than the
-      distance of samples could only be given an extrapolated colour.
+    - `color`: premultiplied RGBA on the edge. It is not taken at the samples beside the edge, where
+      the colour of a triangle thinner than the sample distance would be extrapolated.
     - `depth_inside`, `depth_outside`: at both samples; None without depth.
     """
 
@@ -114,9 +114,10 @@ class _Lists(NamedTuple):
 class _Masks(NamedTuple):
     """Entries of one plane of the list of the sample outside, as masks.
 
-    - `outside`: those that cover the sample outside; `both`: and the one inside.
-    - `inside_alone`: those in front of the triangle that cover the sample inside alone.
-    - `triangle_inside`, `triangle_outside`: the triangle itself, if it covers the sample.
+    - `outside`: entries that cover the sample outside; `both`: entries that cover both samples.
+    - `inside_alone`: entries in front of the edge's triangle that cover only the sample inside.
+    - `triangle_inside`, `triangle_outside`: the entry of the edge's triangle, if it covers the
+      sample inside or outside.
     """
 
     outside: UInt32[Array, "lines runs"]
@@ -302,10 +303,11 @@ def _add_layer(
     color: Float[Array, "4 lines runs"],
     is_later_in_front: Bool[Array, "lines runs"] | None,
 ) -> _State:
-    """Update the state by the next layer in both tiles of each run, the triangles `layers`.
+    """Update the state by the next layer of each run, which is one triangle for each of its tiles.
 
-    `bits` are their entries in the masks. `is_later_in_front` is of the layer and the triangle of
-    the edge; None without depth, where it always is.
+    - `layers`, `bits`: these triangles, and their bits in the masks.
+    - `is_later_in_front`: whether the later drawn of the layer and the edge's triangle lies in
+      front; None without depth, where it always does.
     """
     layer, bit = tiles.of_samples(layers), tiles.of_samples(bits)
     is_layer = (compared.outside & bit) != 0

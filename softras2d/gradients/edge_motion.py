@@ -1,7 +1,7 @@
 """How the image changes as edges move, from what each crossing gains: a linear map.
 
-The speed of a crossing is that of its point of the edge along the line of samples. Speed times the
-jump of colour is the change of the crossing's pixel.
+The speed of a crossing is the speed at which the edge moves along the line of samples there. Speed
+times the jump of colour is added to the derivative of the crossing's pixel.
 """
 
 import functools
@@ -19,8 +19,8 @@ class Sweep(NamedTuple):
     """How the image changes when edges move, crossing by crossing.
 
     - `edge`, `t`, `pixel`: as in `Crossings`.
-    - `jump`: change of the pixel's colour for each pixel that the edge moves towards greater x or
-      y, along the line of samples that it crosses.
+    - `jump`: derivative of the pixel's colour by the position of the crossing on its line of
+      samples, per pixel of motion towards greater x or y.
     """
 
     edge: Int[Array, " runs"]

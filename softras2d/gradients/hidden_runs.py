@@ -20,9 +20,10 @@ from ..numerics.fusion_barrier import materialized
 from .crossings import Runs, Sample
 from .visible_front import Front, address, gather
 
-_OF_RANGE, _OF_DEPTH = 2.0**-8, 2.0**-16
-"""Tolerance for depth at a sample outside the range of the corner depths: a share of that range,
-for roundings of weights, and one of the greatest absolute depth, for those of depth."""
+_RANGE_TOLERANCE, _DEPTH_TOLERANCE = 2.0**-8, 2.0**-16
+"""How far the depth at a sample may lie outside the range of the corner depths: the first times the
+length of that range, for roundings of weights, plus the second times the greatest absolute depth,
+for roundings of depth."""
 
 
 class DistanceRange(NamedTuple):
@@ -43,7 +44,7 @@ def distance_range(depths: Depths | None, triangles: int) -> DistanceRange:
         return DistanceRange(negated, negated)
     least, greatest = jnp.min(depths.depth, 0), jnp.max(depths.depth, 0)
     magnitude = jnp.maximum(jnp.abs(least), jnp.abs(greatest))
-    tolerance = _OF_RANGE * (greatest - least) + _OF_DEPTH * magnitude
+    tolerance = _RANGE_TOLERANCE * (greatest - least) + _DEPTH_TOLERANCE * magnitude
     return DistanceRange(least - tolerance, greatest + tolerance)
 
 

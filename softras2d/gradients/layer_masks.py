@@ -87,7 +87,7 @@ def _transpose(
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def locate_layers(masks: LayerMasks, sample: Sample, tiling: Tiling) -> SampleAddress:
-    """Find where the layers of samples are."""
+    """Find the tile, the start of its list and the index of the mask of each sample."""
     tile, word_index, column = address(sample, tiling)
     tile_rows = masks.masks.shape[2]
     entry = column.astype(jnp.int32) * tile_rows + tile * tiling.sample_rows + word_index
@@ -119,8 +119,9 @@ def find_in_lists(
 ) -> tuple[Int[Array, "*samples"], Bool[Array, "*samples"]]:
     """Find a triangle in the list of each tile, which is no longer than `max_list_length`.
 
-    Returns the number of entries in front of it, by draw order, and whether the next is the
-    triangle. By binary search: triangles descend along a list.
+    Returns the number of entries that are drawn after the triangle, and whether the entry that
+    follows them is the triangle itself. Lists are in descending order of triangle indices, so this
+    is a binary search.
     """
     start, count = lists.start[tile], lists.count[tile]
     last = lists.triangle.shape[0] - 1
@@ -141,7 +142,7 @@ def find_in_lists(
 
 @materialized
 def count_planes(masks: LayerMasks) -> Int[Array, ""]:
-    """Number of planes that hold the longest list, as far as there are planes."""
+    """Number of planes that the longest list needs, at most the number that `masks` has."""
     # A scene of a batch that has outgrown its plan must not lengthen the loops of the others.
     return jnp.minimum(-(-jnp.max(masks.lists.count) // PLANE), masks.masks.shape[0])
 

@@ -167,7 +167,7 @@ def _next_samples(
     tiling: Tiling,
     is_down: bool,
 ) -> UInt32[Array, "slots rows"]:
-    """Move to each bit that of the sample to the right, or below if `is_down`.
+    """Shift words by one sample: each bit becomes that to the right, or below if `is_down`.
 
     `beyond` are the words of the next tile in this direction.
     """
@@ -286,7 +286,10 @@ def _add_layer(
     draws_ahead: Int[Array, " lanes"],
     is_layer: Bool[Array, " lanes"],
 ) -> _Layers:
-    """Add the next layer from the front; it is drawn `draws_ahead` triangles after the one."""
+    """Add the next layer from the front.
+
+    `draws_ahead` is the index of its triangle minus that of the triangle whose effect is computed.
+    """
     color, alpha = rgba[: layers.color.shape[0]], rgba[3]
     is_in_front = is_layer & (draws_ahead > 0)
     is_triangle = is_layer & (draws_ahead == 0)

@@ -1,10 +1,12 @@
-"""Pairs of neighbouring samples between which two triangles may interpenetrate: how to find them.
+"""The search for pairs of neighbouring samples between which two triangles may interpenetrate.
 
-The interface of a search (`PairSearch`), and what its two members share: that of opaque scenes
-(`opaque_pairs`) and that of translucent ones (`layer_pairs`). Candidates are bits of words, like
-coverage: a triangle shows at one sample, and covers the next one without showing there. They are
-found for a block of slots together, counted, decoded in groups, and those that remain are moved to
-the first lanes.
+This file holds the interface (`PairSearch`), and the functions that its two members share: the
+search in opaque scenes (`opaque_pairs`) and in translucent ones (`layer_pairs`).
+
+A candidate is a pair of samples: a triangle shows at one of them, and covers the other without
+showing there. Candidates are stored as bits of words, like coverage. They are marked and counted
+for a block of slots at a time, and decoded in groups of `CANDIDATES`, one for each lane. The pairs
+that pass the exact test are moved to the first lanes.
 """
 
 import abc
@@ -57,7 +59,7 @@ class Candidates(NamedTuple):
 class PairSearch(eqx.Module):
     """A search for pairs of samples between which two triangles may interpenetrate.
 
-    Slots are the places of triangles in tiles that have one coverage word for each row of samples.
+    A slot is a pair of a triangle and a tile, with one coverage word for each row of samples.
     """
 
     @property

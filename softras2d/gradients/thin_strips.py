@@ -40,7 +40,8 @@ def ends_before_edge(
     - `triangle_outside`: that triangle, -1 for the background, which has no end.
     - `shows_inside`: whether the edge's own triangle is visible at the sample inside.
 
-    At the border of the canvas both samples are the same, and what lies beyond the edge is unknown.
+    At the border of the canvas both samples are the same, and show the edge's own triangle. The
+    result is true there, so that what lies beyond the edge is searched for.
     """
     triangle = jnp.maximum(triangle_outside, 0)
     reaches_edge = _covers_near(edges, triangle, crossings.outside, _offset_outside(crossings))
@@ -149,10 +150,11 @@ def _nearest_other(
     edge_depth: Float[Array, " lanes"] | None,
     tiling: Tiling,
 ) -> tuple[Int[Array, " lanes"], Bool[Array, " lanes"]]:
-    """Find the nearest triangle at each point but the edge's own, and whether the latter is nearer.
+    """Find the nearest triangle at each point, except the edge's own.
 
-    The nearest is -1 where none covers the point. `offset` is that of the point from `sample`, in
-    samples. `edge_depth` is the depth of `edge_triangle`, None without depth.
+    Returns this triangle, -1 where none covers the point, and whether the edge's own triangle lies
+    in front of it. `offset` leads from `sample` to the point, in samples. `edge_depth` is the depth
+    of `edge_triangle`; None without depth.
     """
     chunks, depths = samples.front.chunks, samples.depths
     area = None

@@ -54,9 +54,13 @@ def _boxes(colors: Float[np.ndarray, "n 3"], counts: Int[np.ndarray, "n"]) -> In
 def _heap_entry(
     box: int, members: np.ndarray, colors: np.ndarray, counts: np.ndarray
 ) -> tuple[float, int, np.ndarray, int, float]:
-    """Entry of a box in a heap: minus its squared error, the box, its members, and the cut.
+    """Make the heap entry of a box of colours; the box with the largest squared error comes first.
 
-    The cut is the channel with the largest error, and the mean of that channel.
+    - `members`: indices in `colors` of the colours of the box.
+    - `counts`: number of pixels of each colour.
+
+    Returns minus the squared error, summed over pixels; the box and its members; and where to cut
+    it: the channel with the largest error, and the mean of that channel.
     """
     member_colors, weights = colors[members], counts[members]
     means = weights @ member_colors / weights.sum()

@@ -46,7 +46,10 @@ class Capacity(NamedTuple):
 
 
 class Needs(NamedTuple):
-    """Length of each list of `Capacity` that a scene needed, known after its program has run."""
+    """Length of each list of `Capacity` that a scene needed, known after its program has run.
+
+    `layers` stays 0: it is chosen by the plan, and no scene needs more or less of it.
+    """
 
     strips: int | Int[Array, ""] = 0
     pairs: int | Int[Array, ""] = 0
@@ -72,8 +75,8 @@ class Headroom(NamedTuple):
     - `fine_slots`: above this number of slots, also five and seven eighths of powers of two.
     - `small_slots`: up to this number of slots, the capacities of strips, pairs and crossings are
       in proportion to the slots.
-    - `list_all_slots`: where all triangles of all tiles are no more slots than this, every tile
-      lists every triangle: a plan of as many slots costs more.
+    - `list_all_slots`: if one slot for every triangle in every tile makes no more slots than this,
+      every tile lists every triangle, which costs less than making lists of as many slots.
     """
 
     merge_cost: int
@@ -114,8 +117,8 @@ LAYERS = (2, 4, 8)
 """Numbers of slots that a chunk may have."""
 
 _LEAST_STEPS, _LEAST_CROSSINGS, _LEAST_FRAGMENTS = 32, 2**14, 2**12
-"""Capacities that every plan has: they cost next to nothing, and small scenes share programs by
-them."""
+"""Least capacities for steps, crossings and fragments. They cost next to nothing, and small scenes
+with different needs share programs because of them."""
 
 _LEAST_MAX_CHUNKS, _COARSE_MAX_CHUNKS = 4, 16
 """Least `Capacity.max_chunks`, and that of small scenes."""
@@ -137,8 +140,8 @@ def choose_capacity(
 ) -> Capacity:
     """Choose capacities for the largest needs of the scenes counted, with headroom.
 
-    - `in_order`: whether something goes through lists in order.
-    - `pixels`: number of the canvas.
+    - `in_order`: whether lists are visited in order, for translucency or for the depth test.
+    - `pixels`: number of pixels of the canvas.
     - `layers`: slots of a chunk; unless given, the number of least cost.
     """
     layers = choose_layers(counts, headroom) if layers is None else layers

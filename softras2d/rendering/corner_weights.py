@@ -1,6 +1,8 @@
-"""Barycentric weights at samples, as the colour of triangles whose corners have unit vectors.
+"""Barycentric weights at samples, computed as interpolated colours.
 
-So the weights have the derivative of every other interpolated attribute: the interior term.
+The corners of each triangle get the colours (1, 0, 0), (0, 1, 0) and (0, 0, 1), so that the colour
+of a sample is its three weights. They then have the derivative of any interpolated attribute, the
+interior term.
 """
 
 import equinox as eqx
@@ -24,7 +26,7 @@ from .projected_scene import Projected, project_scene
 def with_unit_corners(scene: Scene, *, perspective: bool = True) -> Scene:
     """The scene with unit vectors as the colours of its corners, and without textures.
 
-    Without `perspective` it is interpolated on the screen.
+    Without `perspective`, `inverse_w` is left out, so that the weights are affine on the screen.
     """
     shape = (scene.triangles.shape[0], 3, 3)
     colors = jnp.broadcast_to(jnp.eye(3, dtype=scene.positions.dtype), shape)

@@ -107,7 +107,7 @@ class CoverageMode(abc.ABC):
         growth: Growth,
         tile_side: int | None = None,
     ) -> Listing:
-        """How these drawings of canvases of one size are listed, and a function that counts.
+        """Choose tiling and headroom for drawings of one canvas size, and how to count their lists.
 
         `tile_side`: pixels along a tile under analytic coverage; unless given, the side of least
         work. In the worst case only the shapes of the scenes are known; otherwise they are

@@ -15,8 +15,8 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: int) -> PixelLayers:
     """Find the topmost triangles of each pixel, with their coverage and barycentric weights.
 
     - `plan`: for `Soft` or `Area` coverage; `rasterize` is for `Hard`.
-    - `layers`: how many triangles to keep at each pixel, in reverse draw order. Triangles of which
-      no pixel of a tile shows anything, since an opaque one covers all of it, may be left out.
+    - `layers`: how many triangles to keep at each pixel, in reverse draw order. A triangle may be
+      left out in a tile that an opaque triangle in front of it covers completely.
 
     Pure: use it under `jit` and `vmap`. A scene that outgrows its plan is treated as in `render`.
     Raises `ValueError` for another coverage, and for fewer layers than one.

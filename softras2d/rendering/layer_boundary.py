@@ -30,8 +30,8 @@ def layer_boundary(
 ) -> tuple[Float[Array, "height width channels"], Bool[Array, ""]]:
     """Compute zeros whose derivative is the boundary term of the premultiplied image.
 
-    `values` is as for `composite`, or an array of it; `background` is premultiplied. Also returns
-    whether a list is longer than the boundary term can hold.
+    `values` is the function or the array that `composite` was given; `background` is premultiplied.
+    Also returns whether a list is longer than the boundary term can hold.
     """
     scene, plan = with_unit_corners(visible.scene), visible.plan
     # Colours of the caller may be translucent where the scene's are opaque.

@@ -23,20 +23,21 @@ from .overflow import Outcome, compare, raise_on_overflow, refuse_overflow
 def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     """Draw the scene: the exact mean over the samples of each pixel.
 
-    Rows from the top, in the dtype of the positions; values lie in the range of the colours. Over
-    a background of three channels the image has three; over one of four it is straight RGBA, with
-    colour 0 (and gradient 0) where alpha is 0.
+    Row 0 is at the top. The image has the dtype of the positions, and its values lie in the range
+    of the colours. With a background of three channels the image has three. With one of four it is
+    straight RGBA, with colour 0 (and gradient 0) where alpha is 0.
 
     Pure: use it under `jit` and `vmap`, and close over the plan or pass it. It never looks at
     values: a triangle with a NaN or infinite corner covers nothing. Derivatives with respect to
     colours, texture coordinates, texels, `inverse_w` and background are exact, forwards and
-    backwards. Those to positions are of the box-filtered image, evaluated on the grid of samples
-    (`gradients`), unless `Hard.edge_gradients` is off. Those to depth are of the lines along which
-    triangles cross in depth, and zero elsewhere.
+    backwards. Under `Hard`, the derivative with respect to positions is that of the box-filtered
+    image, evaluated on the sample grid (see `softras2d/gradients`), unless `Hard.edge_gradients` is
+    off; the derivative with respect to depth is due to the lines along which triangles cross in
+    depth, and zero elsewhere. A triangle with a NaN or infinite corner has a gradient of zero.
 
     A concrete scene is padded to a size class first (`softras2d.pad`), so that scenes of similar
-    size share a compiled program. Under a trace of your own the shapes are what comes in: pad
-    outside, once.
+    size share a compiled program. Under your own `jit` the scene is not padded: pad it once,
+    outside.
 
     Raises `ValueError` when the scene outgrows the plan, naming the list that is too short. Under a
     trace the compiled program raises it when it runs, wrapped by JAX in an error of its own, also
@@ -80,8 +81,9 @@ def _render_and_compare(scene: Scene, plan: Plan) -> tuple[Array, Outcome]:
 
 
 _CACHED_PIXELS = 2**16
-"""Pixels of all slots up to which a scene of a batch leaves the cache to others. Measured on two
-cores with 8 to 30 triangles at 28 to 128 pixels: up to here a batch is faster all at once."""
+"""Number of pixels, over all slots, up to which the scenes of a batch are drawn all at once on a
+CPU. A larger scene fills the cache by itself, and a batch of such scenes is drawn one by one.
+Measured on two cores with 8 to 30 triangles at 28 to 128 pixels."""
 
 
 def _fills_cache(scene: Scene, plan: Plan) -> bool:

@@ -36,11 +36,12 @@ def resolve(
     stored, and also where the gradient needs a colour that no sample shows. For an opaque scene
     whose colours it computes, image and gradient are those of `render`.
 
-    Derivatives: by whatever the values depend on, through the weights too (the interior term); and
-    by `scene.positions` and `scene.depth` the boundary term, for the values on both sides of each
-    visible edge. The values of an array are known at samples only, so edges next to a colour that
-    no sample shows have none: those of triangles or strips between two samples, and those within
-    half a sample of the border of the canvas. `Hard(edge_gradients=False)` has no boundary term.
+    The derivative has two parts. The interior term is that of the values themselves, by whatever
+    they depend on, through the barycentric weights too. The boundary term, by `scene.positions` and
+    `scene.depth`, comes from the difference of the values on both sides of each visible edge;
+    `Hard(edge_gradients=False)` leaves it out. An array has values at samples only, so it has no
+    boundary term at edges next to a colour that no sample shows: edges of triangles or strips
+    between two samples, and edges within half a sample of the border of the canvas.
 
     Outside `jit` a function is traced on each call: put the call under `jax.jit`. Raises
     `ValueError` for several layers, and for shapes that do not match.
@@ -100,8 +101,8 @@ def _mean_of_shaded(
         weights = buffer_weights(projected, triangle.reshape(rows, -1), sample, visible.plan)
         flat = triangle.reshape(-1)
         is_clear = (flat < 0)[:, None]
-        # A point in a triangle: a function that has no derivative at weights of 0, such as a
-        # normalization, would spoil the whole gradient with a NaN.
+        # Samples of the background are shaded at the centroid of triangle 0. At weights of 0 a
+        # function such as a normalization has no derivative, and its NaN would reach every input.
         weights = jnp.where(is_clear, 1.0 / 3.0, weights.reshape(3, -1).T)
         values = jnp.where(is_clear, background, shade(jnp.maximum(flat, 0), weights))
         return jnp.mean(values.reshape(rows, grid.width, grid.samples, -1), 2)

@@ -89,7 +89,7 @@ class Visibility(eqx.Module):
     def overdraw(self) -> Int[Array, "height width samples"]:
         """How many triangles cover each sample, hidden ones too; -1 if triangles are missing.
 
-        Its largest value is a number of `layers` with which no triangle is left out.
+        With `layers` equal to its largest value, `rasterize` leaves out no triangle.
         """
         count = _count_covering(pad_concrete(self.scene, self.plan), self.plan)
         return jnp.where(self.overflow, -1, count)
@@ -122,8 +122,8 @@ def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility:
 
     - `plan`: for `Hard` coverage; `pixel_layers` is for `Soft` and `Area`.
     - `layers`: how many triangles to keep at each sample, nearest first: in reverse draw order, and
-      with depth only those that pass the depth test when they are drawn. Translucent triangles are
-      layers like opaque ones, which hide none behind them. One layer costs least.
+      with depth only those that pass the depth test when they are drawn. All triangles count as
+      translucent here: an opaque one does not hide the layers behind it. One layer costs least.
 
     Pure: use it under `jit` and `vmap`. The indices have no derivative; those of the other buffers,
     of `interpolate` and of `resolve` are by all floats of the scene. A scene that outgrows its plan
@@ -201,7 +201,7 @@ def _find_triangles(scene: Scene, plan: Plan, layers: int) -> tuple[Array, Outco
         return jnp.full(shape, -1, jnp.int32), compare(Needs(), False, plan)
     scene = jax.lax.stop_gradient(scene)
     if layers == 1:
-        # Opaque triangles have the same nearest one, and no layers behind it are listed.
+        # Without alpha, the nearest triangle is the same, and triangles behind it are not listed.
         scene = with_unit_corners(scene)
     binned = bin_scene(scene, plan, list_hidden=layers > 1)
     needs = binned.needs

@@ -64,7 +64,8 @@ def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedS
         total_runs = materialized(functools.partial(_total_runs, tiling=plan.tiling))
         needs = needs._replace(crossings=total_runs(projected.outlines))
     steps = None
-    # The capacity for steps counts hidden triangles only with depth, where none is known to hide.
+    # With depth, no triangle is known to hide another, so the planned steps count them all. Without
+    # depth they leave out hidden triangles, so lists with these are not cut into steps.
     if scene.depth is not None or (is_translucent(scene) and not list_hidden):
         steps = cut_steps(lists, capacity=capacity.steps)
         needs = needs._replace(steps=steps.needed)

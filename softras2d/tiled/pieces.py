@@ -94,7 +94,10 @@ def _with_entries(
     change_vertices: Callable[[Any], Any],
     triangles: Int[np.ndarray, "triangles 3"],
 ) -> Scene:
-    """Apply a function to every array with an entry for each triangle, another for each vertex."""
+    """Change every array that has an entry for each triangle or for each vertex.
+
+    `triangles` replaces the vertex indices.
+    """
     functions = {
         "positions": change_vertices, "colors": change_triangles, "uv": change_triangles,
         "texture_index": change_triangles, "depth": change_vertices, "inverse_w": change_vertices,

@@ -286,7 +286,7 @@ def _compact(counts: Counts) -> Counts:
 
 
 def _counts_of_canvas(windows: _Windows, counts: dict[int, Counts], listing: Listing) -> Counts:
-    """Counts of the whole canvas, whose chunks are to have as many slots as those of its windows.
+    """Counts of the whole canvas, from which the slots of a chunk are chosen for all windows.
 
     The windows of the last row and column reach beyond the canvas. They are counted again without
     the tiles there.

@@ -109,8 +109,8 @@ def sampled_boxes(
     """Pixels of the samples in the bounding boxes of triangles, exactly as `render` computes them.
 
     `corners` are in pixels of the scene, and `origin` is the pixel at the canvas's upper left. A
-    window must not
-    list a triangle that the whole canvas does not: colours would be summed in another order.
+    window must not list a triangle that the whole canvas does not list, because its colours would
+    then be summed in another order.
     """
     unit, rate = 2.0**grid.bits, grid.rate
     # In float64, these numbers of units are exact.

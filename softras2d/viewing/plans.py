@@ -91,7 +91,11 @@ class ViewPlans:
         return plan
 
     def adopt(self, scene: Scene, view: View, settings: Settings, plan: Plan) -> Plan:
-        """Use a plan with headroom that another thread has made, for the view's octave of zoom."""
+        """Keep a plan with headroom that another thread has made, for the view's octave of zoom.
+
+        `plan` is for the view's kind (`kind_of`). Returns it with the origin and the other array
+        leaves of this view. If it is outgrown, the next one gets twice the default headroom.
+        """
         key = kind_of(scene, view, settings), _octave(view)
         self._headroom[key] = 2 * _HEADROOM
         self._keep(key, plan)

@@ -94,7 +94,12 @@ def collapse(
 
 
 def _candidates(mesh: Mesh, least_area: float) -> Collapses:
-    """List every allowed collapse of a vertex onto a neighbour."""
+    """List every allowed collapse of a vertex onto a neighbour.
+
+    A vertex on a side of the canvas may only move along that side, and a corner of the canvas not
+    at all. Every changed triangle must keep its orientation, and an area of at least `least_area`
+    square pixels.
+    """
     triangles, positions = mesh.triangles, mesh.positions
     pairs = np.concatenate([triangles[:, [i, j]] for i in range(3) for j in range(3) if i != j])
     vertex, neighbor = np.unique(pairs, axis=0).T

@@ -220,7 +220,11 @@ class CourseReader:
 
 
 def _is_silent(tag: str, attributes: Attributes) -> bool:
-    """Whether an element is left out without a warning, as every name with a prefix is."""
+    """Whether an element is left out without a warning.
+
+    These are elements with a namespace prefix, those that draw nothing (`SILENT`), and those that
+    `write_svg` adds for browsers alone (`FALLBACK`).
+    """
     return ":" in tag or tag in SILENT or FALLBACK in attributes
 
 

@@ -67,7 +67,11 @@ class Assets:
         return self._read(self._key(href))
 
     def _key(self, href: str) -> Path | str:
-        """The file to which a link refers, or a `data:` URI as it is."""
+        """Key of a linked image in the caches: the path of its file, or its `data:` URI unchanged.
+
+        `href` is a `data:` URI, or the percent-encoded name of a file. Raises `ValueError` for a
+        file that may not be read.
+        """
         if href.lstrip().startswith("data:"):
             return href
         return self._path(unquote(href.strip()))
