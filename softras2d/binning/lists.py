@@ -1,10 +1,12 @@
 """Tile lists of different lengths as dense arrays, in two layouts.
 
-*Chunks* cut each tile's list into pieces of a few slots. A *slot* holds one entry of the list, which
-is a triangle in a tile, or is empty. All chunks are computed at once, as an array
-`[chunks, layers]`, whose second axis counts the slots of a chunk. *Steps* are for work that must go through each list in order. Tiles are
-put into blocks of `BLOCK`, those with the longest lists first, and one step visits one entry in the
-list of each tile of a block.
+*Chunks* cut each tile's list into pieces of a few slots. A *slot* holds one entry of the list, a
+triangle in a tile, or is empty. All chunks are computed at once, as an array `[chunks, layers]`,
+whose second axis counts the slots of a chunk.
+
+*Steps* are for work that must go through each list in order. Tiles are put into blocks of `BLOCK`,
+those with the longest lists first, and one step visits one entry in the list of each tile of a
+block.
 """
 
 import functools
