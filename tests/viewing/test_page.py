@@ -47,6 +47,12 @@ def test_texture_keys_change_what_is_drawn(page, folder):
     expected = drawn(folder, "stretched.svg", view_of(page), sr.Hard(1), filter)
     np.testing.assert_array_equal(shown[..., :3], expected)
     assert (shown != before).any()
+    # The costs of its effects are shown until another view is drawn.
+    page.get_by_role("button", name="Measure what each costs").click()
+    panel = page.locator(".sr-viewer")
+    wait_for(lambda: re.search(r"texture\s*[+−][0-9.]+ ms", panel.inner_text()), "a cost")
+    press(page, "ArrowLeft")
+    assert not re.search(r"texture\s*[+−]", panel.inner_text())
 
 
 def test_wheel_and_drag_move_the_view(page, folder):

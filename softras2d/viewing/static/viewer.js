@@ -843,7 +843,6 @@ class Viewer {
     const count = this.subjects.length;
     if (!count || index < 0 || index >= count || index === this.current) return;
     this.current = index;
-    this.cancelCosts();
     this.overlayData = {};
     this.pictures = {};
     this.pictureRequests = {};
@@ -859,7 +858,6 @@ class Viewer {
 
   setSetting(name, value) {
     this.settings = { ...this.settings, [name]: value };
-    this.cancelCosts();
     this.updateControls();
     this.schedule();
   }
@@ -984,8 +982,11 @@ class Viewer {
       this.requestedAt = performance.now();
       hasRequested = true;
     }
-    if (hasRequested) this.setState("pending");
-    else if (this.isExact()) this.onExact();
+    if (hasRequested) {
+      this.setState("pending");
+      // The costs that are shown belong to the last picture.
+      this.cancelCosts();
+    } else if (this.isExact()) this.onExact();
     clearTimeout(this.busyTimer);
     this.busyTimer = setTimeout(() => this.updateStatus(), BUSY_MS + 10);
   }
@@ -1067,7 +1068,6 @@ class Viewer {
     });
     this.subjects = subjects;
     const subject = this.subject();
-    if (before && before.version !== subject.version) this.cancelCosts();
     this.subjectGroup.hidden = subjects.length < 2;
     this.subjectChoice.replaceChildren(
       ...subjects.map(({ name }, index) => h("option", { value: index }, `${index + 1}  ${name}`)),
@@ -1137,7 +1137,6 @@ class Viewer {
     } else if (request === "costs") {
       if (id !== this.costId) return;
       this.cancelCosts();
-      this.updateEffects();
     }
     this.say(message);
   }
@@ -1728,11 +1727,12 @@ class Viewer {
     this.updateEffects();
   }
 
-  // Forgets the costs when the settings or the file change. Replies still to come are ignored.
+  // Forgets the costs of effects. Replies still to come are ignored.
   cancelCosts() {
     this.costs.clear();
     this.costId = null;
     this.isMeasuring = false;
+    this.updateEffects();
   }
 
   updateEffects() {
