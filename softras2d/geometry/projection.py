@@ -8,7 +8,8 @@ import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from jaxtyping import Bool
+import numpy as np
+from jaxtyping import Bool, Int
 
 from ..numerics.array_types import HostOrDeviceArray
 from .canvas_grid import Grid
@@ -72,7 +73,9 @@ def project(
     )
     segments = materialize(directed_triangles)(snapped, materialize(orient)(snapped))
     far_weights = None
-    if cut:
+    if cut and isinstance(is_far, np.ndarray) and not weights:
+        segments = _clip_selected(corners, segments, np.flatnonzero(is_far), grid)
+    elif cut:
         far = materialize(far_triangles)(corners, is_far)
         segments = materialize(functools.partial(clip, grid=grid))(far, segments)
         if weights:
@@ -80,6 +83,24 @@ def project(
     edges = materialize(functools.partial(edge_functions, grid=grid, fill_rule=fill_rule))(segments)
     box = materialize(functools.partial(sample_bounds, grid=grid))(segments)
     return Projection(corners, segments, split_edges(edges), box, far_weights, is_far)
+
+
+def _clip_selected(
+    corners: Corners, segments: GridTriangles, selected: Int[np.ndarray, " far"], grid: Grid
+) -> GridTriangles:
+    """Cut the triangles with these indices to the guard band, on the host.
+
+    Few triangles of a large scene are far, and most of the time would be spent on the others.
+    """
+    if selected.size == 0:
+        return segments
+    all_far = np.ones(selected.size, bool)
+    far = far_triangles(Corners(*(entry[selected] for entry in corners)), all_far)
+    cut = clip(far, GridTriangles(*(entry[..., selected] for entry in segments)), grid)
+    merged = [np.array(entry) for entry in segments]
+    for entry, values in zip(merged, cut, strict=True):
+        entry[..., selected] = values
+    return GridTriangles(*merged)
 
 
 def _snap_stage(

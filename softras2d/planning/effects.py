@@ -72,10 +72,17 @@ def _is_pixel_shaded(drawing: Drawing) -> bool:
 
 
 def _within_guard_band(drawing: Drawing) -> np.ndarray:
-    positions, triangles = (
-        np.asarray(e) for e in (drawing.scene.positions, drawing.scene.triangles)
+    """Whether each triangle lies within the guard band, `[triangles]`."""
+    positions, triangles, origin = (
+        np.asarray(array)
+        for array in (drawing.scene.positions, drawing.scene.triangles, drawing.origin)
     )
-    corners = snapped_corners(positions, triangles, np.asarray(drawing.origin), drawing.grid)
+    low, high = np.array(drawing.grid.guard, positions.dtype)
+    on_canvas = positions - origin.astype(positions.dtype)
+    # Snapping moves a vertex by less than a pixel, so this needs no snapped corners.
+    if ((on_canvas >= low + 1) & (on_canvas <= high - 1)).all():
+        return np.ones(len(triangles), bool)
+    corners = snapped_corners(positions, triangles, origin, drawing.grid)
     return np.asarray(within_guard(corners, drawing.grid))
 
 

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 import softras2d as sr
+from softras2d.geometry.canvas_grid import Grid
+from softras2d.geometry.projection import project
 
 from ..cases.far_triangles import covered_by, near_an_edge, project_one
 from ..cases.shading import COUNT, ON, scene_of, soup_of
@@ -43,6 +45,28 @@ def far_soup(seed: int, on: Canvas, **effects: Any) -> Soup:
     for index in range(0, COUNT, 2):
         corners[index] = far_corners(rng, on)
     return replace(soup, corners=corners)
+
+
+@pytest.mark.parametrize("far", [0, 1, 40])
+def test_few_far_triangles_are_cut_like_all(far):
+    """On the host only those past the band are cut; the device cuts all and selects."""
+    on, rng = Canvas(24, 31, 2), np.random.default_rng(far)
+    corners = rng.uniform(0, 24, (40, 3, 2)).astype(np.float32)
+    for index in rng.permutation(40)[:far]:
+        corners[index] = 3 * far_corners(rng, on)
+    triangles = np.arange(120, dtype=np.int32).reshape(40, 3)
+    arrays = corners.reshape(-1, 2), triangles, np.zeros(2, np.int32)
+    grid = Grid.for_canvas(on.height, on.width, on.rate)
+    on_host = project(*arrays, grid, "inclusive", cut=True)
+    on_device = project(*map(jnp.asarray, arrays), grid, "inclusive", cut=True)
+    assert on_host.is_far.sum() >= far / 2
+    for name in ("segments", "edges", "bounds", "is_far"):
+        for one, other in zip(
+            jax.tree.leaves(getattr(on_host, name)),
+            jax.tree.leaves(getattr(on_device, name)),
+            strict=True,
+        ):
+            np.testing.assert_array_equal(one, other, err_msg=name)
 
 
 @pytest.mark.parametrize("origin", [(0, 0), (-377, 261)])
