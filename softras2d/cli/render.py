@@ -256,7 +256,7 @@ def _render_tiled(
     scene, height, width = read_scene(path, settings)
     height, width = window_size(settings.window, height, width)
     plan = make_tiled_plan(scene, height, width, settings, tiling.tile)
-    with _tile_bar(console) as report, _errors_of_output():
+    with _tile_bar(console) as report, _errors_of_output(named=target):
         write_tiles(
             target, scene, plan, devices=jax.local_devices(), linear=settings.linear,
             truncate=truncate, report=report,
@@ -282,12 +282,19 @@ class OutputError(ValueError):
 
 
 @contextmanager
-def _errors_of_output() -> Iterator[None]:
-    """Turn errors about the image file into `OutputError`."""
+def _errors_of_output(named: Path | None = None) -> Iterator[None]:
+    """Turn errors about the image file into `OutputError`.
+
+    With `named`, the path of the image file, a `ValueError` that does not begin with this path is
+    about the scene, and is raised as it is.
+    """
     try:
         yield
     except (ValueError, OSError) as error:
-        raise OutputError(one_line(error)) from error
+        line = one_line(error)
+        if named is not None and isinstance(error, ValueError) and not line.startswith(f"{named}:"):
+            raise
+        raise OutputError(line) from error
 
 
 def _write(target: Path, image: Any, linear: bool, truncate: bool) -> None:

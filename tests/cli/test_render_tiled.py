@@ -6,6 +6,7 @@ from typer.testing import CliRunner
 
 import softras2d as sr
 from softras2d.cli import app
+from softras2d.tiled import write_tiles
 
 
 def run(*arguments: object) -> tuple[int, str]:
@@ -32,3 +33,21 @@ def test_contradictions_are_one_line(tmp_path):
     ):
         code, output = run("wheel", *arguments)
         assert code == 1 and message in output and len(output.strip().splitlines()) == 1
+
+
+def test_errors_name_the_scene_or_the_image_file(tmp_path, monkeypatch):
+    image = tmp_path / "a.png"
+    for message, line in (
+        ("too many triangles.", "wheel: too many triangles."),
+        (f"{image}: the disk is full.", f"{image}: the disk is full."),
+    ):
+
+        def fail(*arguments, text=message, **options):
+            raise ValueError(text)
+
+        monkeypatch.setattr(write_tiles, "write_tiles", fail)
+        code, output = run("wheel", "-o", image, "--tiled", "--size", "64")
+        # Lines of a terminal are wrapped, also within a path.
+        text = output.replace("\n", "")
+        assert code == 1 and line in text
+        assert ("wheel" in text) == line.startswith("wheel")
