@@ -87,7 +87,8 @@ def scene_of(effects: str, dtype: type = np.float32, seed: int = 0) -> sr.Scene:
     # Corners up to half a canvas beyond the border lie within the guard band.
     is_far = "far" in effects
     corners = np.clip(corners, -SIZE / 2, 1.5 * SIZE)
-    corners[COVERING] = [(7.7, -30), (7.2, 46), (-30, 8)] if is_far else [(8, -7), (7, 23), (-8, 8)]
+    covering = [(7.7, -30), (7.2, 46), (-30, 8)], [(7.7, -7.6), (7.2, 23.3), (-7.7, 8.2)]
+    corners[COVERING] = covering[0 if is_far else 1]
     corners[HIDDEN] = np.array([2.5, 7.5]) + rng.uniform(-2, 2, (3, 2))
     corners[NO_AREA] = corners[NO_AREA, :1]
     corners[OFF_CANVAS] = np.add([(-3, 0), (2, -3), (1, 3)], 500 if is_far else 20)
