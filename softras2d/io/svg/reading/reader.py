@@ -352,7 +352,8 @@ def _make_scene(
 
         colors = np.concatenate([srgb_to_linear(colors[..., :3]), colors[..., 3:]], axis=-1)
         background = srgb_to_linear(background)
-    images = context.assets.textures
+    # An image may have been read whose shape has no area, or is clipped away.
+    images = context.assets.textures if (triangles.texture >= 0).any() else []
     if (colors[..., 3] == 1).all() and all(image.shape[-1] == 3 for image in images):
         colors = colors[..., :3]
     if (colors == colors[:, :1]).all():

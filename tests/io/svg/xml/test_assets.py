@@ -166,6 +166,16 @@ def test_hidden_and_empty_images_draw_nothing(folder):
         read(folder, "<image/>")
 
 
+@pytest.mark.parametrize("attributes", ['width="0"', 'width="9" clip-path="url(#away)"'])
+def test_images_without_area_leave_other_shapes(folder, attributes):
+    body = (
+        '<clipPath id="away"><rect x="50" y="50" width="2" height="2"/></clipPath>'
+        f'<rect width="20" height="20"/><image {attributes} height="9" href="a.png"/>'
+    )
+    scene = read(folder, body)
+    assert scene.triangles.shape[0] == 2 and scene.textures is None
+
+
 def test_embedded_images_are_read():
     scene = parse_svg(f'<svg {NS} width="9" height="9"><image href="{embedded(PIXELS)}"/></svg>')
     np.testing.assert_array_equal(base(scene), premultiplied(PIXELS))
