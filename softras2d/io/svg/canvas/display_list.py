@@ -22,15 +22,15 @@ from .paint import Paint
 
 
 class Triangles(NamedTuple):
-    """Triangles of a drawing, in draw order; all arrays are float32 except `texture`.
+    """Triangles of a drawing, in draw order.
 
-    - `corners`: `[triangles, 3, 2]`, in pixels.
-    - `colors`: `[triangles, 1 or 3, 4]`, sRGB with straight alpha; one colour per corner if any
-      triangle needs it.
-    - `uv`: `[triangles, 3, 2]`, zero for triangles without texture; of length 0 if no triangle has
-      a texture.
-    - `texture`: `[triangles]`, index of the texture, or -1.
-    - `draw`: `[triangles]`, index of the shape of each, in draw order.
+    - `corners`: `[triangles, 3, 2]`, float32, in pixels.
+    - `colors`: `[triangles, 1 or 3, 4]`, float32, sRGB with straight alpha. All triangles have one
+      colour per corner if any of them needs it.
+    - `uv`: `[triangles, 3, 2]`, float32, texture coordinates of the corners, zero for a triangle
+      without texture. `[0, 3, 2]` if no triangle has a texture.
+    - `texture`: `[triangles]`, integer, index in `Assets.textures`; -1 for no texture.
+    - `draw`: `[triangles]`, integer, index in draw order of the shape that each belongs to.
     """
 
     corners: np.ndarray
@@ -41,9 +41,12 @@ class Triangles(NamedTuple):
 
 
 class _Batch(NamedTuple):
-    """Triangles of one kind of shape, and the draw of each.
+    """Triangles of all shapes of one kind.
 
-    `colors` replace those of the draws.
+    - `draw`: index in draw order of the shape that each triangle belongs to.
+    - `corners`: in pixels.
+    - `uv`: texture coordinates of the corners; None if none of these triangles has a texture.
+    - `colors`: sRGB with straight alpha at the corners; None to use the colours of each draw.
     """
 
     draw: Int[np.ndarray, " triangles"]
@@ -55,9 +58,15 @@ class _Batch(NamedTuple):
 class DisplayList:
     """Shapes of a drawing, in draw order. Coordinates are in pixels, float64.
 
-    - `line`: line number of the element that is being read, for errors found by `finish`.
+    Colours are sRGB with straight alpha. Every `add_...` method charges its shape to the budget,
+    and raises `BudgetError` if a limit is exceeded.
+
+    - `name`: name of the document, for errors.
+    - `budget`: limits the work; None for a new one.
+    - `line`: line number of the element that is being read, set by the dialect. It is stored with
+      each shape, so that errors of `finish` can name it.
     - `approximated`: number of the course's polygons that `finish` filled by the nonzero rule
-      instead of the course's ear clipping.
+      instead of the course's ear clipping, because they cross themselves and have too many points.
     """
 
     def __init__(self, name: str, budget: Budget | None = None):
@@ -65,7 +74,8 @@ class DisplayList:
         self.budget = budget or Budget()
         self.line = 0
         self.approximated = 0
-        # By draw: its line number, its colour or the colours of its corners, its texture.
+        # By draw: the line number of its element, its colour or the colours of its corners, and
+        # the index of its texture.
         self._lines: list[int] = []
         self._colors: list[Rgba | np.ndarray] = []
         self._textures: dict[int, int] = {}
@@ -87,14 +97,23 @@ class DisplayList:
         return len(self._lines) - 1
 
     def add_triangles(self, corners: np.ndarray, color: Rgba | np.ndarray) -> None:
-        """Add triangles `[k, 3, 2]` of one colour, or of one colour per corner `[3, 4]`."""
+        """Add triangles `[k, 3, 2]` as one draw.
+
+        They have a single colour, or all of them have the same colours `[3, 4]` at their corners.
+        """
         self.budget.charge("triangles", len(corners))
         self._triangles.append((self._new_draw(color), corners, None))
 
     def add_textured(
         self, points: np.ndarray, color: Rgba, uv: np.ndarray, texture: int, translucent: bool
     ) -> None:
-        """Add a convex polygon `[n, 2]` with a texture; `uv` `[n, 2]` at its corners."""
+        """Add a convex polygon with a texture.
+
+        - `points`, `uv`: `[n, 2]`, its corners in pixels, and their texture coordinates.
+        - `color`: factor of the texture's colours and alpha.
+        - `texture`: index in `Assets.textures`.
+        - `translucent`: whether inner edges must avoid samples, which would be blended twice there.
+        """
         cut = fan_inside if translucent and len(points) > 3 else fan
         triangles = cut(np.concatenate([points, uv], axis=1)[None])[0]
         self.budget.charge("triangles", len(triangles))
@@ -105,9 +124,10 @@ class DisplayList:
     def add_polygon(
         self, points: np.ndarray | list[np.ndarray], color: Rgba, evenodd: bool = False
     ) -> int:
-        """Add the inside of closed contours `[n, 2]`, by the nonzero or the even-odd rule.
+        """Add the inside of one closed contour `[n, 2]`, or of several that form one shape.
 
-        Returns its draw.
+        It is filled by the even-odd rule if `evenodd`, and otherwise by the nonzero rule. Returns
+        the draw of the shape.
         """
         contours = [points] if isinstance(points, np.ndarray) else points
         self.budget.charge("points", sum(map(len, contours)))
@@ -115,7 +135,7 @@ class DisplayList:
         return len(self) - 1
 
     def add_region(self, region: Any, paint: Paint) -> int:
-        """Add a shapely region with a paint; returns its draw."""
+        """Add a shapely (multi)polygon in pixels, filled with a paint; returns its draw."""
         self.budget.charge("points", int(shapely.get_num_coordinates(region)))
         draw = self._new_draw(tuple(paint.color[:, 2]))
         if paint.texture >= 0:
@@ -126,7 +146,8 @@ class DisplayList:
     def add_ears(self, plane: np.ndarray, points: np.ndarray, color: Rgba) -> None:
         """Add a polygon that is triangulated by the course's ear clipping.
 
-        Ears are chosen on `plane` `[n, 2]`, float32, the points before they are mapped to pixels.
+        - `plane`: `[n, 2]`, float32, its vertices in user units, from which ears are chosen.
+        - `points`: `[n, 2]`, the same vertices in pixels.
         """
         self.budget.charge("points", len(points))
         self._ears.append((self._new_draw(color), plane, points))
@@ -134,7 +155,9 @@ class DisplayList:
     def add_stroke(self, outline: Outline | list[Outline], map3: np.ndarray, color: Rgba) -> None:
         """Add a stroke, which is triangulated in the outline's units and then mapped to pixels.
 
-        Several outlines are one shape: where they overlap, a translucent one is drawn once.
+        - `outline`: one chain of segments, or several that form one shape. A translucent shape is
+          blended once where its outlines overlap.
+        - `map3`: homogeneous map `[3, 3]` from the outline's units to pixels.
         """
         outlines = [outline] if isinstance(outline, Outline) else outline
         draw = self._new_draw(color)
@@ -143,16 +166,19 @@ class DisplayList:
             self._strokes.append((draw, chain, map3))
 
     def add_hairlines(self, segments: np.ndarray, color: Rgba) -> None:
-        """Add lines `[k, 4]` (x0, y0, x1, y1), one pixel wide, each over the one before."""
+        """Add lines one pixel wide, by the course's rule, as one draw.
+
+        `segments` is `[k, 4]`: (x0, y0, x1, y1) in pixels. Each line is drawn over the ones before.
+        """
         self.budget.charge("points", len(segments))
         self._hairlines.append((self._new_draw(color), segments))
 
     def add_pixels(self, rectangles: np.ndarray, colors: np.ndarray) -> None:
-        """Add rectangles of whole pixels `[k, 4]` with colours `[k, 4]`, each a draw of its own.
+        """Add rectangles of whole pixels, each as a separate draw with one of the colours `[k, 4]`.
 
-        A rectangle is (x0, y0, x1, y1), of which x1 and y1 are exclusive.
+        `rectangles` is `[k, 4]`: (x0, y0, x1, y1) in pixels, where x1 and y1 are exclusive.
         """
-        # As many as `_rectangles` makes.
+        # The number of triangles that `_rectangles` will make.
         self.budget.charge("triangles", int(np.where(colors[:, 3] < 1, 4, 2).sum()))
         first = len(self)
         self._lines += [self.line] * len(rectangles)
@@ -160,10 +186,13 @@ class DisplayList:
         self._pixels.append((np.arange(first, len(self)), rectangles))
 
     def finish(self, height: int, width: int) -> Triangles:
-        """Triangulate all shapes on a canvas of `height` x `width` pixels.
+        """Triangulate all shapes; returns their triangles in draw order.
 
-        Raises `ValueError` for coordinates that are not finite in float32, and for work beyond the
-        budget.
+        `height` and `width` are the size of the canvas in pixels, which bounds the course's lines.
+        Other shapes are not cut at its border.
+
+        Raises `ValueError` for coordinates and colours that are not finite in float32, for a stroke
+        that its map sends to infinity, and for work beyond the budget.
         """
         batches = [
             _Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
@@ -198,7 +227,10 @@ class DisplayList:
         return Triangles(corners, colors, uv, texture[draw], draw)
 
     def _color_table(self) -> np.ndarray:
-        """Colours of all draws, `[draws, 1 or 3, 4]`; `ValueError` if float32 cannot hold one."""
+        """Colours of all draws, `[draws, 1 or 3, 4]`, float32; one per corner if any draw needs it.
+
+        Raises `ValueError` for a colour that is not finite in float32.
+        """
         if not any(isinstance(color, np.ndarray) for color in self._colors):
             table = np.array(self._colors, np.float64).reshape(-1, 1, 4)
             return self._float32(table, np.arange(len(table)), "a colour")
@@ -211,7 +243,7 @@ class DisplayList:
         return self._float32(table, np.arange(len(table)), "a colour")
 
     def _is_translucent(self, draws: np.ndarray) -> np.ndarray:
-        """Whether each draw is translucent. Each must have a single colour."""
+        """Whether the alpha of each of these draws is below 1. Each must have a single colour."""
         return np.array([self._colors[draw][3] < 1 for draw in draws.tolist()], bool)
 
     def _batch(self, draw: np.ndarray, corners: np.ndarray) -> _Batch:
@@ -220,10 +252,10 @@ class DisplayList:
     def _float32(
         self, values: np.ndarray, draws: np.ndarray, noun: str = "a coordinate"
     ) -> np.ndarray:
-        """Round values `[k, ...]`, one row for each of `draws`, to float32.
+        """Round values `[k, ...]` to float32; row i belongs to the draw `draws[i]`.
 
-        If one is not finite then, raises `ValueError` with the line of its draw. The error calls
-        the value `noun`.
+        Raises `SvgError` if a value is then not finite. The error names the line of the first such
+        draw, and calls the value `noun`.
         """
         with np.errstate(over="ignore"):
             rounded = values.astype(np.float32)
@@ -342,7 +374,15 @@ class DisplayList:
     def _mapped(
         self, maps: np.ndarray, corners: np.ndarray, owner: np.ndarray, draw: np.ndarray
     ) -> np.ndarray:
-        """Map triangles `[t, 3, 2]` to pixels, each by the map `[3, 3]` of the stroke `owner`."""
+        """Map triangles of strokes to pixels; returns `[t, 3, 2]` in float64.
+
+        - `maps`: `[outlines, 3, 3]`, homogeneous map of each outline to pixels.
+        - `corners`: `[t, 3, 2]`, in the units of the outlines.
+        - `owner`: `[t]`, index of the outline of each triangle.
+        - `draw`: `[outlines]`, draw of each outline, for errors.
+
+        Raises `SvgError` for points at infinity, or that are not finite in float32.
+        """
         maps = maps[owner]
         with np.errstate(over="ignore", invalid="ignore"):
             mapped = np.einsum("tij,tcj->tci", maps[..., :2], corners) + maps[:, None, :, 2]
@@ -374,7 +414,11 @@ class DisplayList:
         return self._rectangles(np.concatenate(draw), np.concatenate(rectangles))
 
     def _rectangles(self, draw: np.ndarray, rectangles: np.ndarray) -> _Batch:
-        """Two triangles per opaque rectangle, four per translucent one (`polygons.py` says why)."""
+        """Divide rectangles `[k, 4]` into two triangles each, or four if they are translucent.
+
+        `draw` `[k]` is the draw of each rectangle. The docstring of `polygons.py` says why
+        translucent rectangles need more triangles.
+        """
         x0, y0, x1, y1 = rectangles.astype(np.float64).T
         quads = np.stack([x0, y0, x1, y0, x1, y1, x0, y1], axis=-1).reshape(-1, 4, 2)
         is_translucent = self._is_translucent(draw)

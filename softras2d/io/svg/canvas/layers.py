@@ -17,7 +17,7 @@ from ...shapes.regions import difference, grown, intersection, is_empty, united
 from .paint import Paint, composite_paints
 
 _GAP = 2.0**-10
-"""Width, in pixels, by which a shape is cut farther than the shape above it reaches.
+"""Width, in pixels, of the gap that is left between a shape and a cut made by the shape in front.
 
 Samples often lie exactly on edges, where two cells that share the edge would both be blended. The
 gap is a twentieth of the tolerance of curves.
@@ -25,10 +25,12 @@ gap is a twentieth of the tolerance of curves.
 
 
 class Item(NamedTuple):
-    """A region with a paint, in pixels.
+    """A shapely (multi)polygon in pixels, and its paint.
 
-    - `source`: index of the shape that it is a part of, or -1.
-    - `family`: number that it shares with other items that are known not to overlap it.
+    - `source`: index in `Painter.sources` of the filled shape that the region is a part of; -1 if
+      it is not part of a fill, or if sources are not kept.
+    - `family`: number shared by items that are known not to overlap each other; -1 for an item that
+      may overlap any other.
     """
 
     region: Any
@@ -38,9 +40,10 @@ class Item(NamedTuple):
 
 
 def disjoint_cells(items: Sequence[Item], budget: Budget) -> tuple[list[Item], bool]:
-    """Divide the items of a group, in draw order, into cells that do not overlap.
+    """Divide the items of a group into cells that do not overlap.
 
-    Returns also whether all colours are exact.
+    `items` are in draw order, back to front. Returns the cells, and whether the colours of all of
+    them are exact.
     """
     neighbours = _overlapping(items, budget)
     if not any(len(in_front) for in_front in neighbours):
@@ -64,7 +67,10 @@ def disjoint_cells(items: Sequence[Item], budget: Budget) -> tuple[list[Item], b
 
 
 def _overlapping(items: Sequence[Item], budget: Budget) -> list[np.ndarray]:
-    """Indices of the later items of other families whose boxes overlap that of each item."""
+    """For each item, the sorted indices of the items in front whose bounding boxes meet its box.
+
+    Items of the same family are left out, since they do not overlap.
+    """
     regions = np.array([item.region for item in items], object)
     boxes = shapely.bounds(regions)
     tree = shapely.STRtree(shapely.box(*boxes.T))
@@ -82,7 +88,11 @@ def _overlapping(items: Sequence[Item], budget: Budget) -> list[np.ndarray]:
 def _without_hidden(
     items: Sequence[Item], neighbours: list[np.ndarray], budget: Budget
 ) -> list[Item]:
-    """Cut from each item what the opaque items in front of it hide."""
+    """Cut from each item what the opaque items in front of it hide.
+
+    `neighbours` is the result of `_overlapping`. Returns one item for each of `items`, whose region
+    may be empty.
+    """
     visible = []
     # A stroke of many dashes often lies in front of several pieces of the fill behind it.
     covers: dict[tuple[int, ...], Any] = {}
@@ -105,11 +115,15 @@ def _blend(
     index: int,
     budget: Budget,
 ) -> tuple[Any, bool]:
-    """Blend `item` over the cells of the item `behind`, where it covers them.
+    """Blend a translucent item over the cells of one item behind it, where it covers them.
 
-    `cells` is changed: the overlaps are taken from `cells[behind]`, and appended to `cells[index]`
-    in the blended colours. `uncovered` is the region of `item` that covers no cell so far. Returns
-    what is left of it, and whether the blended colours are exact.
+    - `uncovered`: the part of the region of `item` that covers no cell yet.
+    - `cells`: the cells of every item, which this function changes. Overlaps are removed from
+      `cells[behind]`, and appended to `cells[index]` with the blended colours.
+    - `behind`, `index`: indices of the item behind, and of `item` itself.
+
+    Returns the part of `uncovered` that covers none of these cells either, and whether the blended
+    colours are exact.
     """
     remaining_cells, is_exact = [], True
     for cell in cells[behind]:

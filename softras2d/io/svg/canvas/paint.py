@@ -1,6 +1,7 @@
 """Paints of regions: colours that are an affine function of the position, and textures.
 
-The stops of a gradient are here too, since a page keeps them for all shapes that it paints.
+The stops of a gradient are defined here too, since `Page` stores them and cannot import the folder
+`painting`.
 """
 
 from typing import NamedTuple
@@ -14,10 +15,11 @@ from ..values.css_color import Rgba
 class Paint(NamedTuple):
     """The colours of a region, as an affine function of the position, and its texture.
 
-    - `color`: `[4, 3]`, maps `(x, y, 1)` in pixels to sRGB with straight alpha.
-    - `uv`: `[2, 3]`, maps `(x, y, 1)` to texture coordinates, or None.
-    - `texture`: index of the texture, or -1.
-    - `has_alpha`: whether the texture is translucent anywhere.
+    - `color`: `[4, 3]`, maps `(x, y, 1)` in pixels to sRGB with straight alpha, by which the colour
+      of the texture is multiplied.
+    - `uv`: `[2, 3]`, maps `(x, y, 1)` in pixels to texture coordinates; None without a texture.
+    - `texture`: index in `Assets.textures`; -1 for none.
+    - `has_alpha`: whether a texture has an alpha channel, or is drawn with an opacity below 1.
     """
 
     color: Float[np.ndarray, "4 3"]
@@ -27,7 +29,7 @@ class Paint(NamedTuple):
 
     @property
     def is_opaque(self) -> bool:
-        """Whether nothing below shows through."""
+        """Whether nothing behind the region shows through anywhere."""
         return not self.has_alpha and bool((self.color[3] == (0.0, 0.0, 1.0)).all())
 
     @property
@@ -36,18 +38,18 @@ class Paint(NamedTuple):
         return not self.has_alpha and not self.color[3, :2].any()
 
     def with_opacity(self, opacity: float) -> "Paint":
-        """The paint with its alpha multiplied."""
+        """The paint with its alpha multiplied by `opacity`, in 0..1."""
         return self._replace(color=self.color * [[1.0], [1.0], [1.0], [opacity]])
 
     def colors_at(self, points: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 4"]:
-        """Colours at points, in pixels; alpha is clamped to 0..1."""
+        """Colours at points in pixels, without the texture; alpha is clamped to 0..1."""
         colors = points @ self.color[:, :2].T + self.color[:, 2]
         colors[..., 3] = np.clip(colors[..., 3], 0.0, 1.0)
         return colors
 
 
 class Stop(NamedTuple):
-    """A colour of a gradient, `[4]` with straight alpha, at a position in 0..1."""
+    """A colour of a gradient: sRGB with straight alpha, `[4]`, at the position `offset` in 0..1."""
 
     offset: float
     color: np.ndarray
@@ -67,10 +69,12 @@ def linear_paint(
     start_color: Float[np.ndarray, "4"],
     end_color: Float[np.ndarray, "4"],
 ) -> Paint:
-    """The paint whose colours are interpolated between two positions along a line.
+    """The paint of a linear gradient between two positions along its line.
 
-    `to_position` maps `(x, y, 1)` in pixels to the position, at which `start` has `start_color` and
-    `end` has `end_color`.
+    - `to_position`: maps `(x, y, 1)` in pixels to the position along the line.
+    - `start`, `end`: positions with the colours `start_color` and `end_color`, sRGB with straight
+      alpha. Colours are interpolated between them, and extrapolated beyond. The positions must
+      differ.
     """
     slope = (end_color - start_color) / (end - start)
     matrix = np.outer(slope, to_position)
@@ -81,7 +85,11 @@ def linear_paint(
 def corner_paint(
     corners: Float[np.ndarray, "3 2"], colors: Float[np.ndarray, "3 4"]
 ) -> Paint | None:
-    """The paint with given colours at the corners of a triangle; None if it has no area."""
+    """The affine paint that has given colours at the corners of a triangle.
+
+    `corners` are in pixels, `colors` sRGB with straight alpha. Returns None for a triangle with
+    hardly any area, less than 5e-13 square pixels.
+    """
     matrix = np.column_stack([corners, np.ones(3)])
     if abs(np.linalg.det(matrix)) < 1e-12:
         return None
@@ -91,10 +99,12 @@ def corner_paint(
 def composite_paints(
     front: Paint, back: Paint, points: Float[np.ndarray, "n 2"]
 ) -> tuple[Paint, bool]:
-    """Composite one paint over another; returns also whether the result is exact.
+    """Composite one paint over another, for a region whose vertices are `points`, in pixels.
 
-    The result is exact if both paints have a constant alpha. Otherwise it is exact at three of the
-    `points`, which are the corners of the region to be painted.
+    Returns the paint, and whether it is exact everywhere. It is exact if both paints have a
+    constant alpha and neither has a texture. If an alpha varies, the result interpolates the exact
+    colours at three of the points. If either paint has a texture, or if the points span no area,
+    the result is `front` alone.
     """
     if front.texture >= 0 or back.texture >= 0:
         # A texture has one colour per texel, which no other paint can have.
@@ -117,7 +127,7 @@ def composite_paints(
 
 
 def _large_triangle(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3 2"]:
-    """Three points that span a triangle of large area."""
+    """Three of the points that span a triangle of large, but not always the largest, area."""
     first = points[0]
     second = points[np.argmax(np.hypot(*(points - first).T))]
     edge = second - first

@@ -1,4 +1,4 @@
-"""Says where an element is drawn: its map to pixels, its clip, and what receives its shapes."""
+"""Holds how an element is drawn: its map to pixels, its clip, and what receives its shapes."""
 
 from typing import Any, NamedTuple
 
@@ -13,8 +13,8 @@ class Placement(NamedTuple):
 
     - `map3`: homogeneous map `[3, 3]` from the element's units to pixels.
     - `scale`: largest stretch of `map3`, in pixels per unit.
-    - `clip`: the region that is shown, in pixels; None for the whole plane.
-    - `sink`: what receives the shapes.
+    - `clip`: shapely region in pixels to which shapes are clipped; None for the whole plane.
+    - `sink`: receives the shapes: the canvas, or the layer of a group.
     """
 
     map3: np.ndarray
@@ -23,14 +23,20 @@ class Placement(NamedTuple):
     sink: Sink
 
     def with_map(self, map3: np.ndarray) -> "Placement":
-        """The placement with another map. Raises `ValueError` if that is not finite."""
+        """The placement with another map. Raises `ValueError` if `map3` is not finite."""
         if map3 is self.map3:
             # Most elements have no transform, and their scale takes a singular value decomposition.
             return self
         return placed(map3, self.clip, self.sink)
 
     def clips(self, points: np.ndarray, margin: float = 0.0) -> bool:
-        """Whether the clip may cut something within `margin` of points, in pixels."""
+        """Whether the clip may cut a shape with these vertices.
+
+        - `points`: `[n, 2]`, vertices in pixels.
+        - `margin`: how far the shape may reach beyond its vertices, in pixels.
+
+        The bounding box is tested, so the result may be True for a shape that is not cut.
+        """
         if self.clip is None:
             return False
         low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
@@ -38,7 +44,7 @@ class Placement(NamedTuple):
 
 
 def placed(map3: np.ndarray, clip: Any, sink: Sink) -> Placement:
-    """The placement with a map. Raises `ValueError` if the map is not finite."""
+    """The placement with this map, whose scale is computed. Raises `ValueError` if not finite."""
     if not np.isfinite(map3).all():
         raise ValueError("transform: the numbers are too large to be finite.")
     scale = float(np.linalg.norm(map3[:2, :2], 2) / abs(map3[2, 2] or 1.0))

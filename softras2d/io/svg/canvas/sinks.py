@@ -19,9 +19,10 @@ from .paint import Paint, constant_paint, corner_paint
 class Textured(NamedTuple):
     """A convex polygon with a texture.
 
-    - `points`, `uv`: `[n, 2]`, in pixels, and texture coordinates.
-    - `color`: white, with the opacity.
-    - `translucent`: whether the texture or the opacity lets something show through.
+    - `points`, `uv`: `[n, 2]`, vertices in pixels, and their texture coordinates.
+    - `color`: white, with the opacity as its alpha.
+    - `texture`: index in `Assets.textures`.
+    - `translucent`: whether the texture has an alpha channel, or the opacity is below 1.
     """
 
     points: np.ndarray
@@ -33,16 +34,24 @@ class Textured(NamedTuple):
 
 @runtime_checkable
 class Sink(Protocol):
-    """Receives the shapes of a drawing, in draw order, in pixels."""
+    """Receives the shapes of a drawing, in draw order.
+
+    Points are in pixels, unless a map is given. Colours are sRGB with straight alpha.
+    """
 
     def add_polygon(
         self, contours: list[np.ndarray], color: Rgba, evenodd: bool, source: int
     ) -> None:
-        """Add the inside of closed contours `[n, 2]`. `source` identifies their control points."""
+        """Add the inside of closed contours `[n, 2]`, which form one shape.
+
+        - `evenodd`: whether it is filled by the even-odd rule instead of the nonzero rule.
+        - `source`: index of the shape in `Painter.sources`, by which its control points are looked
+          up; -1 for none.
+        """
         ...
 
     def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
-        """Add the outlines of one path, which `map3` maps to pixels."""
+        """Add the strokes of one path, whose outlines `map3` `[3, 3]` maps to pixels."""
         ...
 
     def add_triangle(self, corners: np.ndarray, colors: np.ndarray) -> None:
@@ -54,12 +63,16 @@ class Sink(Protocol):
         ...
 
     def add_items(self, items: list[Item]) -> None:
-        """Add regions that do not overlap each other."""
+        """Add regions with paints. The regions must not overlap each other."""
         ...
 
 
 class Canvas:
-    """The sink that draws on the display list. `sources` has the source of each draw, or -1."""
+    """The sink that adds every shape to the display list at once.
+
+    `sources` maps the draw of a polygon or region to its source, as in `Sink.add_polygon`. Other
+    draws are not in it.
+    """
 
     def __init__(self, display: DisplayList):
         self._display = display
@@ -97,10 +110,11 @@ class Canvas:
 class _Call(NamedTuple):
     """A shape that a layer has received.
 
-    - `bounds`: its bounding box (x0, y0, x1, y1), or a larger one.
-    - `replay`: passes it on to a sink, with its alpha multiplied by an opacity.
-    - `items`: makes regions of it.
-    - `family`: number of the call of `add_items` that it belongs to, or -1.
+    - `bounds`: its bounding box (x0, y0, x1, y1) in pixels, or a larger one.
+    - `replay`: function that adds the shape to a sink, with its alpha multiplied by an opacity.
+    - `items`: function that converts the shape to regions.
+    - `family`: number of the call of `add_items` that the shape comes from, counted from 1; -1 for
+      a shape from another method. Shapes of one such call do not overlap.
     """
 
     bounds: np.ndarray
@@ -110,7 +124,10 @@ class _Call(NamedTuple):
 
 
 class Layer:
-    """The sink that collects the shapes of a group, which `finish` composites as a whole."""
+    """The sink that collects the shapes of a group, which `finish` composites as a whole.
+
+    `budget` is charged for the regions that compositing makes.
+    """
 
     def __init__(self, budget: Budget):
         self._budget = budget
@@ -193,11 +210,13 @@ class Layer:
     def finish(self, sink: Sink, opacity: float) -> bool:
         """Composite the shapes as a group with an opacity, and pass the result on to a sink.
 
-        Returns whether the colours are exact.
+        A shape that overlaps no other is passed on unchanged but for its alpha. Returns whether the
+        colours are exact everywhere; they may not be where translucent shapes overlap. Raises
+        `ValueError` for coordinates that are not finite, and for work beyond the budget.
         """
         if not self._calls:
             return True
-        # Groups within groups pass every shape on once more.
+        # Each group passes on all shapes of the groups inside it once more.
         self._budget.charge("overlays", 16 * len(self._calls))
         is_alone = self._is_alone()
         alone: list[Item] = []
@@ -209,13 +228,16 @@ class Layer:
                 items = [item for item in call.items() if not is_empty(item.region)]
                 (alone if is_free else overlapping).extend(items)
         cells, is_exact = disjoint_cells(overlapping, self._budget) if overlapping else ([], True)
-        # These do not overlap each other, so that an outer group need not test them again.
+        # In one call, since these regions do not overlap: an outer group need not test them again.
         if cells or alone:
             sink.add_items([c._replace(paint=c.paint.with_opacity(opacity)) for c in cells + alone])
         return is_exact
 
     def _is_alone(self) -> np.ndarray:
-        """Whether the bounding box of each shape meets none of another family."""
+        """For each shape, whether its bounding box meets no box of a shape that it may overlap.
+
+        Raises `ValueError` for a bounding box that is not finite.
+        """
         if len(self._calls) == 1:
             return np.ones(1, bool)
         bounds = np.stack([call.bounds for call in self._calls])
@@ -239,7 +261,11 @@ class Layer:
 
 
 def stroked(outlines: list[Outline], map3: np.ndarray, budget: Budget) -> Any:
-    """The region of the strokes of a path, in pixels."""
+    """The shapely region, in pixels, that the strokes of a path cover.
+
+    `map3` maps the outlines to pixels. Raises `ValueError` for a coordinate that is not finite in
+    float32, and for work beyond the budget.
+    """
     corners, _ = stroke(outlines, budget)
     if len(corners) == 0:
         return EMPTY
@@ -251,13 +277,19 @@ def stroked(outlines: list[Outline], map3: np.ndarray, budget: Budget) -> Any:
 
 
 def triangle_items(corners: np.ndarray, colors: np.ndarray) -> list[Item]:
-    """The region of a triangle with a colour for each corner."""
+    """The region of a triangle in pixels with a colour for each corner, in a list of one item.
+
+    Returns an empty list for a triangle without area.
+    """
     paint = corner_paint(corners, colors)
     return [] if paint is None else [Item(shapely.Polygon(corners), paint)]
 
 
 def textured_items(textured: Textured) -> list[Item]:
-    """The region of a polygon with a texture."""
+    """The region of a polygon with a texture, in a list of one item.
+
+    Returns an empty list if the first three vertices span no area.
+    """
     points = textured.points
     matrix = np.column_stack([points[:3], np.ones(3)])
     if abs(np.linalg.det(matrix)) < 1e-12:

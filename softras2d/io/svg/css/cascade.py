@@ -1,7 +1,7 @@
-"""Finds the declarations of every element: attributes, style sheets and `style`, in their order.
+"""Finds the declarations of every element, from attributes, style sheets and `style`, by rank.
 
-tinycss2 parses style sheets, and cssselect2 matches selectors. What is left to do here is to sort
-declarations by importance and to bound the work.
+tinycss2 parses style sheets, and cssselect2 matches selectors. This module sorts declarations by
+importance, and bounds the work.
 
 **Source:** *CSS Cascading and Inheritance 4*, "Cascading"; SVG 2, section 6.6 (presentation
 attributes precede all style sheets, with specificity 0).
@@ -19,10 +19,10 @@ from ..xml.tree import Element
 from . import media_queries
 
 _MAX_NESTING = 32
-"""Limit of brackets within brackets in CSS, since tinycss2 recurses for each."""
+"""Maximum depth of nested brackets in CSS, since tinycss2 recurses for each."""
 
 _MAX_SELECTORS = 20_000
-"""Limit of selectors of a document, since each is compiled by Python."""
+"""Maximum number of selectors in a document, since each is compiled to Python code."""
 
 _PSEUDO_CLASSES = frozenset(
     [
@@ -45,7 +45,7 @@ _PSEUDO_CLASSES = frozenset(
         "checked",
     ]
 )
-"""Pseudo-classes that take constant time."""
+"""Pseudo-classes that are tested in constant time."""
 
 _COSTLY_PSEUDO_CLASSES = frozenset(["first-of-type", "last-of-type", "only-of-type"])
 """Pseudo-classes that look at all siblings."""
@@ -54,17 +54,21 @@ _FUNCTIONS = {
     "not": False, "is": False, "where": False, "matches": False, "nth-child": False,
     "nth-last-child": False, "nth-of-type": True, "nth-last-of-type": True,
 }  # fmt: skip
-"""Functional pseudo-classes, and whether they look at all siblings. `has` is left out."""
+"""Functional pseudo-classes, and whether they look at all siblings.
+
+`has` is not supported, as it looks at all descendants.
+"""
 
 
 class Declarations(NamedTuple):
-    """Values by property name.
+    """The declarations of one element: texts of values, by property name.
 
-    - `css`: from style sheets and the attribute `style`; of several, the one of highest rank.
-    - `attributes`: all attributes of the element; those that are presentation attributes have an
-      effect where `css` has no value.
-    - `outranked`: the other values of `css`, in order of rank. An invalid declaration has no
-      effect, so that one of these then counts.
+    - `css`: values from style sheets and the attribute `style`. Of several, it is the one of
+      highest rank.
+    - `attributes`: all attributes of the element. Those that are presentation attributes have an
+      effect where `css` has no valid value.
+    - `outranked`: the other values from CSS, lowest rank first. If the value in `css` is invalid,
+      one of these counts.
     """
 
     css: dict[str, str]
@@ -72,25 +76,28 @@ class Declarations(NamedTuple):
     outranked: dict[str, list[str]]
 
     def css_values(self, name: str) -> list[str]:
-        """The values that `css` gives a property, from the highest rank down."""
+        """All values of a property from CSS, highest rank first; empty if there is none."""
         if name not in self.css:
             return []
         return [self.css[name], *reversed(self.outranked.get(name, ()))]
 
 
 _Block = dict[str, list[str]]
-"""Values of each property that a block of declarations gives, in order."""
+"""Values of each property in a block of declarations, lowest rank first."""
 
 _MAX_OUTRANKED = 16
-"""Limit of values of one property that are tried after an invalid one."""
+"""Maximum number of values of one property that are kept in case the one above is invalid."""
 
 
 class _Cost(NamedTuple):
     """Properties of a selector that bound the time of testing it.
 
-    - `descendants`, `tildes`: numbers of combinators that leave a choice of ancestors or siblings.
+    A selector consists of compounds, such as `rect.a`, with combinators between them.
+
+    - `descendants`: number of descendant combinators, which leave a choice of ancestors.
+    - `tildes`: number of combinators `~`, which leave a choice of siblings.
     - `last_looks_at_siblings`: whether a pseudo-class of the last compound looks at all siblings.
-    - `others_look_at_siblings`: whether one of another compound does.
+    - `others_look_at_siblings`: whether a pseudo-class of another compound does.
     """
 
     descendants: int
@@ -100,7 +107,7 @@ class _Cost(NamedTuple):
 
 
 class _Rule(NamedTuple):
-    """Declarations of a rule, and the cost of testing its selector."""
+    """Declarations of a rule, with and without `!important`, and the cost of one selector."""
 
     important: _Block
     normal: _Block
@@ -110,7 +117,7 @@ class _Rule(NamedTuple):
 class Cascade:
     """The style sheets of a document.
 
-    - `notices`: receives what is invalid.
+    - `notices`: receives what is invalid or not supported.
     - `budget`: charged for tests of selectors.
     - `height`, `width`: size of the canvas in pixels, for media queries.
     """
@@ -124,7 +131,11 @@ class Cascade:
         self._noted: set[tuple[int, str, str]] = set()
 
     def add_sheet(self, element: Element) -> None:
-        """Add the rules of a `<style>` element."""
+        """Add the rules of a `<style>` element, unless it is of another type or medium.
+
+        What is invalid or not supported is noted. Raises `ValueError` for more than
+        `_MAX_SELECTORS` selectors in all style sheets.
+        """
         kind = element.attrib.get("type", "text/css").strip().lower() or "text/css"
         if kind != "text/css":
             return
@@ -154,7 +165,7 @@ class Cascade:
                     )
                     self._add_rules(rules_within, element)
             elif rule.type == "at-rule":
-                # These change nothing that is drawn: fonts are of text.
+                # These three change nothing that is drawn, since no text is drawn.
                 if rule.lower_at_keyword not in ("charset", "namespace", "font-face"):
                     name = f"@{rule.lower_at_keyword}"
                     self._notices.add(WITHOUT_EFFECT, element.tag, element.line, name)
@@ -162,7 +173,10 @@ class Cascade:
                 self._notices.add(INVALID, element.tag, element.line, "rule", str(rule.message))
 
     def _matches(self, media: str, element: Element, attribute: str) -> bool:
-        """Whether a media query list matches. One whose value is unknown is noted, and does not."""
+        """Whether a list of media queries matches the canvas.
+
+        A list whose value is unknown does not match, and is noted as a fault of `attribute`.
+        """
         is_match = media_queries.matches(media, self._height, self._width)
         if is_match is None:
             self._notices.add(WITHOUT_EFFECT, element.tag, element.line, attribute, media.strip())
@@ -188,7 +202,11 @@ class Cascade:
                 self._matcher.add_selector(selector, _Rule(important, normal, cost))
 
     def declarations(self, element: Element) -> Declarations:
-        """The declarations of an element that take effect."""
+        """The declarations of an element, by rank.
+
+        A `style` attribute that is invalid is noted. Raises `BudgetError` if testing selectors
+        exceeds the budget.
+        """
         text = element.attrib.get("style")
         if not self._selectors:
             if text is None:
@@ -203,7 +221,7 @@ class Cascade:
 
     def _style_attribute(self, text: str, element: Element) -> tuple[_Block, _Block]:
         if not set("\"'\\{}[]@/(!") & set(text):
-            # This common form takes a tenth of the time of the parser.
+            # This common form is split here, which takes a tenth of the parser's time.
             pairs = [part.partition(":") for part in text.split(";") if part.strip()]
             plain = [(name.strip().lower(), value.strip()) for name, _, value in pairs]
             if all(name.replace("-", "").isalpha() and value for name, value in plain):
@@ -214,7 +232,11 @@ class Cascade:
         return self._parsed(text, element, "style")
 
     def _parsed(self, content: Any, element: Element, attribute: str) -> tuple[_Block, _Block]:
-        """Important and normal declarations of a block, or of the text of a `style` attribute."""
+        """Parse the declarations of a block, which are tokens, or of a `style` attribute, a text.
+
+        Returns the important declarations and the normal ones. What is invalid is noted as a fault
+        of `attribute`.
+        """
         if isinstance(content, str) and nesting(content) > _MAX_NESTING:
             detail = f"brackets are nested deeper than {_MAX_NESTING}"
             self._note(INVALID, element, attribute, detail)
@@ -239,7 +261,7 @@ class Cascade:
         return important, normal
 
     def _note(self, kind: str, element: Element, attribute: str, detail: str) -> None:
-        """Note an error of an element once: its `style` is parsed for each of its copies."""
+        """Note a fault of an element once, although `style` is parsed for each of its copies."""
         key = (id(element), attribute, detail)
         if key not in self._noted:
             self._noted.add(key)
@@ -247,12 +269,13 @@ class Cascade:
 
 
 def _append(block: _Block, name: str, values: list[str]) -> None:
-    # The name moves to the end, so that the order of shorthands and longhands counts.
+    # The name moves to the end of the block, since a shorthand such as `font` and its longhands
+    # override each other in this order.
     block[name] = [*block.pop(name, ()), *values][-_MAX_OUTRANKED - 1 :]
 
 
 def _ranked(blocks: list[_Block], element: Element) -> Declarations:
-    """The declarations of an element from blocks of increasing rank."""
+    """Merge blocks, lowest rank first, into the declarations of an element."""
     merged: _Block = {}
     for block in blocks:
         for name, values in block.items():
@@ -270,7 +293,10 @@ class _ChargedMatcher(cssselect2.Matcher):
         self._budget = budget
 
     def add_relevant_selectors(self, element: Element, selectors: list, relevant: list) -> None:
-        """Test selectors; called by `match`."""
+        """Append to `relevant` the selectors that match an element; called by `match`.
+
+        Raises `BudgetError` if the tests exceed the budget.
+        """
         if not selectors:
             return
         tests = len(selectors)
@@ -289,7 +315,7 @@ class _ChargedMatcher(cssselect2.Matcher):
 
 
 def _tests(cost: _Cost, depth: int, siblings: int) -> int:
-    """An upper bound on the tests of compounds that one test of a selector causes.
+    """Upper bound on the number of tests of compounds that one test of a selector causes.
 
     - `depth`: number of ancestors of the element.
     - `siblings`: number of siblings of the element and of all its ancestors together.
@@ -304,7 +330,7 @@ def _choices(among: int, count: int) -> int:
     """Number of ways to choose at most `count` of `among` elements, in a fixed order.
 
     This bounds the tests that a chain of combinators causes, since every prefix of a choice is
-    tested. The result stops growing where it exceeds every limit.
+    tested. Numbers above 2^40, which exceed every limit, may be too small.
     """
     choices = total = 1
     for k in range(min(count, among)):
@@ -316,9 +342,9 @@ def _choices(among: int, count: int) -> int:
 
 
 def _selector_costs(prelude: list[Any]) -> list[_Cost] | None:
-    """The cost of each selector of a list.
+    """The cost of each selector in a list, given the list's tokens.
 
-    None if one of them is not supported because of the time that it takes.
+    Returns None if a selector uses a pseudo-class that is not supported, or nests functions.
     """
     costs, selector = [], []
     for token in [*prelude, None]:
@@ -361,7 +387,7 @@ def _selector_cost(tokens: list[Any]) -> _Cost | None:
 
 
 def _combinators(tokens: list[Any]) -> tuple[int, int]:
-    """Numbers of descendant combinators, which are whitespace between compounds, and of `~`."""
+    """Number of descendant combinators, which are blanks between compounds, and number of `~`."""
     descendants = tildes = 0
     is_separated, is_after_compound = False, False
     for token in tokens:

@@ -1,4 +1,4 @@
-"""Parses font sizes: of the property `font-size`, and of the shorthand `font`."""
+"""Parses font sizes, in the property `font-size` and in the shorthand `font`."""
 
 import contextlib
 
@@ -19,13 +19,20 @@ _FONTS_WITHOUT_SIZE = (
     "inherit", "unset", "initial", "revert", "revert-layer", "caption", "icon", "menu",
     "message-box", "small-caption", "status-bar",
 )  # fmt: skip
-"""Values of `font` that name no size. The fonts of a system have about the size `medium`."""
+"""Values of `font` that name no size.
+
+System fonts, such as `caption`, have about the size `medium`.
+"""
 
 
 def font_size_of(text: str, parent_size: float, viewport: Viewport) -> float:
-    """Parse a font size, in user units, inside a parent of this size.
+    """Parse a font size; returns it in user units.
 
-    Raises `ValueError` for text that is none.
+    - `text`: a keyword, length or percentage, without blanks around it.
+    - `parent_size`: font size of the parent in user units, for `em`, `%`, `larger` and `smaller`.
+    - `viewport`: for units such as `vw` and `rem`.
+
+    Raises `ValueError` for any other text, and for a negative size.
     """
     if text.lower() in _KEYWORDS:
         return _KEYWORDS[text.lower()]
@@ -38,10 +45,11 @@ def font_size_of(text: str, parent_size: float, viewport: Viewport) -> float:
 
 
 def shorthand_size(text: str, parent_size: float, viewport: Viewport) -> float | None:
-    """The font size of a shorthand `font`; None if it has none, and is invalid.
+    """The font size, in user units, that a value of the shorthand `font` gives.
 
-    It is the first word that is a size. Weights, which are numbers, are no sizes, as those have
-    units in CSS.
+    `parent_size` and `viewport` are as for `font_size_of`. The size is the first word that is a
+    font size. Numbers other than 0 are skipped: they are weights, since sizes have units in CSS.
+    Returns None if there is no such word, which makes the value invalid.
     """
     keyword = text.strip().lower()
     if keyword in _FONTS_WITHOUT_SIZE:

@@ -1,7 +1,8 @@
 """Decides whether media queries of style sheets match the canvas.
 
-A drawing is shown as browsers show an image: on a screen whose viewport is the canvas, in light
-colours, without a pointer. A query that asks for anything else is unknown.
+The canvas counts as the viewport of a screen on which a browser shows an image: with the light
+colour scheme, and without a pointer. The value of a query is True, False, or None, which means
+"unknown", for features and values that this module does not know.
 
 **Source:** *Media Queries 4*, section 3; unknown values by its section 3.2.
 """
@@ -17,7 +18,7 @@ from ..values.css_color import nesting
 from ..values.numbers import length
 
 _MAX_NESTING = 8
-"""Limit of brackets within brackets, since tinycss2 recurses for each."""
+"""Maximum depth of nested brackets in a list of queries, since tinycss2 recurses for each."""
 
 _RANGE = re.compile(r"([a-z-]++)\s*+(<=|>=|<|>|=|:)\s*+([^<>=:]++)\Z")
 _REVERSED_RANGE = re.compile(r"([^<>=:]++)(<=|>=|<|>)\s*+([a-z-]++)\s*+\Z")
@@ -30,7 +31,7 @@ _COMPARISONS: dict[str, Callable[[float, float], bool]] = {
 _REVERSED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 
 _KEYWORDS = {
-    # The value of each discrete feature.
+    # The value of each feature that is compared with a keyword.
     "hover": "none",
     "any-hover": "none",
     "pointer": "none",
@@ -44,9 +45,12 @@ _KEYWORDS = {
 
 
 def matches(text: str, height: int, width: int) -> bool | None:
-    """Whether one query of a list matches a canvas of this size, in px; None if that is unknown.
+    """Whether at least one query of a list matches a canvas.
 
-    An empty list matches.
+    - `text`: list of media queries, separated by commas; an empty list matches.
+    - `height`, `width`: size of the canvas in pixels, which count as CSS px.
+
+    Returns None if that is unknown, or if brackets are nested too deeply.
     """
     if nesting(text) > _MAX_NESTING:
         return None
@@ -67,7 +71,10 @@ def matches(text: str, height: int, width: int) -> bool | None:
 
 
 def _query(tokens: list[Any], height: int, width: int) -> bool | None:
-    """The value of one query: a medium with conditions, or conditions alone."""
+    """The value of one query, given its tokens: a medium with conditions, or conditions alone.
+
+    A query with an error is False.
+    """
     words = [token.value if token.type == "ident" else "" for token in tokens]
     is_negated = words[:1] == ["not"] and len(words) > 1 and words[1] != ""
     start = 1 if is_negated or words[:1] == ["only"] else 0
@@ -88,7 +95,10 @@ def _query(tokens: list[Any], height: int, width: int) -> bool | None:
 
 
 def _condition(tokens: list[Any], height: int, width: int) -> bool | None:
-    """The value of features that are joined by `and` or by `or`, or negated by `not`."""
+    """The value of features joined by `and` or by `or`, or of one negated by `not`.
+
+    Tokens that have no such form are False.
+    """
     if len(tokens) == 2 and tokens[0].type == "ident" and tokens[0].value == "not":
         return _not(_feature(tokens[1], height, width))
     values = [_feature(token, height, width) for token in tokens[0::2]]
@@ -99,7 +109,7 @@ def _condition(tokens: list[Any], height: int, width: int) -> bool | None:
 
 
 def _feature(token: Any, height: int, width: int) -> bool | None:
-    """The value of one feature, or of a condition, in parentheses."""
+    """The value of one feature, or of a condition, in parentheses; None for any other token."""
     if token.type != "() block":
         return None
     content = [t for t in token.content if t.type not in ("whitespace", "comment")]
@@ -131,7 +141,14 @@ def _feature(token: Any, height: int, width: int) -> bool | None:
 
 
 def _compared(sizes: dict[str, float], name: str, comparison: str, text: str) -> bool | None:
-    """Whether a size of the canvas compares with a length or a ratio; None for other features."""
+    """Compare a size of the canvas with the length or ratio in `text`.
+
+    - `sizes`: sizes of the canvas by feature name.
+    - `name`: name of the feature, without `min-` and `max-`.
+    - `comparison`: key of `_COMPARISONS`, whose left operand is the size of the canvas.
+
+    Returns None for a feature that is not in `sizes`, and for text that cannot be parsed.
+    """
     if name not in sizes:
         return None
     try:
@@ -151,10 +168,10 @@ def _not(value: bool | None) -> bool | None:
 
 
 def _all(values: list[bool | None]) -> bool | None:
-    """The conjunction in three-valued logic."""
+    """Whether all values are True, in three-valued logic; None if that is unknown."""
     return False if False in values else None if None in values else True
 
 
 def _any(values: list[bool | None]) -> bool | None:
-    """The disjunction in three-valued logic."""
+    """Whether any value is True, in three-valued logic; None if that is unknown."""
     return True if True in values else None if None in values else False

@@ -1,4 +1,4 @@
-"""Computes the style of elements from their declarations: parsing, inheritance and paints."""
+"""Computes the style of elements: parses their declarations, and applies inheritance."""
 
 import contextlib
 import re
@@ -28,8 +28,9 @@ BLACK: Rgba = (0.0, 0.0, 0.0, 1.0)
 class PaintServer(NamedTuple):
     """A paint that refers to a gradient or pattern, as in `url(#id) red`.
 
-    `fallback` is the paint after the reference, used if the reference is broken; False if there is
-    none.
+    - `reference`: the text between the parentheses, such as `#id`.
+    - `fallback`: the paint after the reference, which is used if the reference is broken: a colour,
+      `CURRENT`, or None for `none`. False if no fallback is given.
     """
 
     reference: str
@@ -37,13 +38,20 @@ class PaintServer(NamedTuple):
 
 
 Paint = Rgba | str | PaintServer | None
-"""A colour, `CURRENT`, a reference, or None for no paint."""
+"""A colour, `CURRENT` for `currentColor`, a reference, or None for no paint."""
 
 
 class Style(NamedTuple):
-    """Computed style of an element. The fields below `opacity` are not inherited.
+    """Computed style of an element. Fields are named after CSS properties.
 
-    Lengths are in user units. `clip_path` is a reference, or None.
+    `opacity` and the fields after it are not inherited. Lengths are in user units, and opacities
+    are in 0..1.
+
+    - `color`: an `Rgba`. `stop_color` and `background_color` may also be `CURRENT`.
+    - `stroke_dasharray`: an even number of lengths; empty for a solid line.
+    - `overflow`: empty if it is not declared.
+    - `clip_path`: text of the property, such as `url(#id)`; None for `none`.
+    - `transform_origin`: text of the property.
     """
 
     fill: Paint = BLACK
@@ -81,8 +89,7 @@ for _name in Style._fields[: Style._fields.index("opacity")]:
     del _NOT_INHERITED[_name]
 
 UNSUPPORTED = {
-    # Properties that change the image but are not supported, and those of their values that do not
-    # change it.
+    # Properties that are not supported, and for each the values that do not change the image.
     "filter": ("none",),
     "marker": ("none",),
     "marker-end": ("none",),
@@ -93,7 +100,7 @@ UNSUPPORTED = {
 }
 
 _UNSUPPORTED_IN_CSS = {
-    # The same for properties that are no presentation attributes.
+    # Like `UNSUPPORTED`, for properties that are no presentation attributes.
     "animation": ("none",),
     "animation-name": ("none",),
     "backdrop-filter": ("none",),
@@ -112,19 +119,22 @@ _CSS_ONLY = ("background", "background-color")
 """Properties that are no presentation attributes."""
 
 _WITH_UNITS = ("font-size", "transform-origin")
-"""Properties whose lengths need a unit in CSS, unlike those of strokes (SVG 2, section 13.5)."""
+"""Properties whose lengths need a unit in CSS, unlike lengths of strokes (SVG 2, section 13.5)."""
 
 Note = Callable[[str, str, str], None]
-"""Called with the kind of a notice, the name of a property, and what is wrong."""
+"""Function that notes a fault: the kind of notice, the name of the property, what is wrong."""
 
 
 def computed(declared: Declarations, parent: Style, viewport: Viewport, note: Note) -> Style:
     """Compute the style of an element from its declarations and the style of its parent.
 
-    An invalid declaration is noted and has no effect, as CSS says: the one of the next lower rank
-    counts.
+    - `viewport`: sizes to which lengths and percentages are relative.
+    - `note`: called for each invalid declaration, and each property that is not supported.
+
+    An invalid declaration has no effect, as CSS says: the one of the next lower rank counts.
     """
-    # Parsed first, since other lengths may depend on it; if it is invalid, noted below.
+    # Computed first, since other lengths may depend on it. Invalid declarations of it are noted
+    # below.
     font_size = _computed_font_size(declared, parent, viewport)
     changes: dict[str, Any] = {"font_size": font_size}
     for source in (declared.attributes, declared.css):
@@ -163,7 +173,7 @@ def _is_unsupported(name: str, value: str, is_css: bool) -> bool:
 
 
 class _Declaration(NamedTuple):
-    """The value of one property, and whether it is from CSS rather than from an attribute."""
+    """One declaration: a property, its text, and whether it is from CSS, not from an attribute."""
 
     name: str
     text: str
@@ -171,7 +181,7 @@ class _Declaration(NamedTuple):
 
 
 def _by_rank(declared: Declarations, name: str) -> list[_Declaration]:
-    """The declarations of a property, from the highest rank down."""
+    """The declarations of a property, highest rank first."""
     declarations = [_Declaration(name, text, True) for text in declared.css_values(name)]
     if name in declared.attributes and name not in _CSS_ONLY:
         declarations.append(_Declaration(name, declared.attributes[name], False))
@@ -181,10 +191,16 @@ def _by_rank(declared: Declarations, name: str) -> list[_Declaration]:
 def _value(
     declaration: _Declaration, field: str, parent: Style, viewport: Viewport, font_size: float
 ) -> Any:
-    """Parse the value of a property. Raises `ValueError` for text that is none."""
+    """Parse a declaration to the value of the field `field` of `Style`.
+
+    - `parent`: style of the parent, for `inherit` and relative values.
+    - `font_size`: of the element, in user units, for `em`.
+
+    Raises `ValueError` for text that is no value of the property.
+    """
     text = declaration.text.strip()
     if declaration.name in _WITH_UNITS and declaration.is_css:
-        # Only in the attribute may lengths lack a unit.
+        # Lengths may lack a unit in the attribute alone.
         for word in text.split():
             if is_number(word) and finite(word):
                 raise ValueError("has no unit, such as `px`")
@@ -199,7 +215,7 @@ def _value(
 
 
 def _paint(text: str, *_: object) -> Paint:
-    """Parse a paint. Raises `ValueError` for text that is none."""
+    """Parse the value of `fill` or `stroke`. Raises `ValueError` for text that is no paint."""
     if match := _URL.match(text):
         reference = match[1] or match[2] or match[3] or ""
         fallback = text[match.end() :].strip()
@@ -208,7 +224,10 @@ def _paint(text: str, *_: object) -> Paint:
 
 
 def _solid(text: str) -> Rgba | str | None:
-    """Parse a paint that refers to nothing."""
+    """Parse a paint without a reference: a colour, `CURRENT`, or None for `none`.
+
+    Raises `ValueError` for any other text.
+    """
     if text.lower() == "none":
         return None
     color = color_of(text)
@@ -225,7 +244,7 @@ def _color(text: str, parent: Style, *_: object) -> Any:
 
 
 def _background(text: str) -> Any:
-    """The colour of a `background` shorthand, which is transparent if it names none."""
+    """The colour in a `background` shorthand; transparent if it names no colour."""
     for word in _WORD.findall(text):
         if (color := color_of(word)) is not None:
             return color
@@ -314,9 +333,13 @@ def _paint_order(text: str, *_: object) -> tuple[str, ...]:
 
 
 def _computed_font_size(declared: Declarations, parent: Style, viewport: Viewport) -> float:
-    """The font size of an element: in CSS, the later of `font-size` and `font` counts."""
+    """The font size of an element, in user units.
+
+    In CSS, whichever of `font-size` and `font` takes effect later counts. Invalid values have no
+    effect, and are not noted here.
+    """
     size = parent.font_size
-    # `css` has its properties in the order in which they take effect.
+    # The properties in `css` are in the order in which they take effect.
     names = [name for name in declared.css if name in ("font", "font-size")]
     for name in names if "font-size" in names else ["font-size", *names]:
         if name == "font":
@@ -346,7 +369,7 @@ def _clip_path(text: str, *_: object) -> str | None:
 
 
 def reference_of(text: str) -> str | None:
-    """The reference in a text `url(...)`; None for any other text."""
+    """The reference in a text that begins with `url(...)`, such as `#id`; None for other text."""
     match = _URL.match(text)
     return (match[1] or match[2] or match[3] or "") if match else None
 

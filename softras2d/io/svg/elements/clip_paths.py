@@ -21,11 +21,14 @@ from .user_space_bounds import bounds_of, transformed
 from .view_box import Box
 
 _MAX_NESTING = 32
-"""Limit of clip paths that clip clip paths."""
+"""Maximum number of clip paths in a chain, each of which clips the one before."""
 
 
 class ClipPaths:
-    """The clip paths of a page. Each is computed once for each map and bounding box."""
+    """Computes the regions of the clip paths of a page.
+
+    Each is computed once for each map and bounding box that it is used with.
+    """
 
     def __init__(self, page: Page):
         self._page = page
@@ -34,9 +37,16 @@ class ClipPaths:
     def clipped(
         self, element: Element, style: Style, map3: np.ndarray, box: Box | None, clip: Any
     ) -> Any:
-        """The region of an element's `clip-path` within `clip`; None for the whole plane.
+        """The intersection of `clip` with the region of an element's `clip-path`, in pixels.
 
-        `box` is the bounding box of the element in its user units, if it is needed and has one.
+        - `style`: style of the element, which names its clip path.
+        - `map3`: homogeneous map `[3, 3]` from the element's user units to pixels.
+        - `box`: bounding box of the element in its user units. May be None if `needs_box` is False;
+          None otherwise means an element without a box, of which nothing is visible.
+        - `clip`: the clip of the element's parent; None for the whole plane.
+
+        Returns None for the whole plane. An invalid or unsupported `clip-path` is noted and has no
+        effect.
         """
         region = self._declared_region(element, style, map3, box, ())
         if region is None:
@@ -64,9 +74,11 @@ class ClipPaths:
         self, element: Element, style: Style, map3: np.ndarray, box: Box | None,
         chain: tuple[Element, ...],
     ) -> Any:  # fmt: skip
-        """The region of the `clip-path` that a style declares; None for the whole plane.
+        """The region, in pixels, of the `clip-path` that a style declares.
 
-        `chain` are the clip paths that depend on it.
+        The arguments are as for `clipped`. `chain` holds the clip paths whose regions depend on
+        this one, so that a clip path that refers to itself is recognized. Returns None for the
+        whole plane: if no clip path is declared, or if it is invalid.
         """
         if style.clip_path is None:
             return None
@@ -98,7 +110,13 @@ class ClipPaths:
         self, target: Element, map3: np.ndarray, box: Box | None, in_box: bool,
         chain: tuple[Element, ...],
     ) -> Any:  # fmt: skip
-        """The union of the children of a `clipPath`, clipped by its property `clip-path`."""
+        """The union of a `clipPath`'s children, clipped by its property `clip-path`, in pixels.
+
+        - `map3`, `box`: of the element that is clipped, as in `clipped`.
+        - `in_box`: whether `clipPathUnits` is `objectBoundingBox`, so that the clip path's units
+          are the sides of `box`.
+        - `chain`: as in `_declared_region`, with `target` as its last entry.
+        """
         style, outer_map = self._page.style_in_place(target), map3
         map3 = transformed(self._page, target, self._page.declared(target), style, map3)
         if in_box and box is not None:
@@ -110,14 +128,22 @@ class ClipPaths:
             if region is not None:
                 regions.append(region)
         region = united(regions, self._page.budget) if regions else EMPTY
-        # The other clip path is in the units of the element, without the transform of this one.
+        # The `clip-path` of a `clipPath` is in the units of the element that is clipped. The
+        # transform of the `clipPath` does not apply to it.
         clip = self._declared_region(target, style, outer_map, box, chain)
         return region if clip is None else intersection(region, clip, self._page.budget)
 
     def _child_region(
         self, child: Element, parent: Style, map3: np.ndarray, chain: tuple[Element, ...]
     ) -> Any:
-        """The region of a shape, or of a `use` of a shape; None for other elements."""
+        """The region, in pixels, of a child of a `clipPath`: a shape, or a `use` of a shape.
+
+        - `parent`: style of the `clipPath`.
+        - `map3`: from the user units of the `clipPath` to pixels.
+        - `chain`: as in `_declared_region`.
+
+        Returns None for other elements, and for those that are not displayed or have no area.
+        """
         page = self._page
         page.budget.charge("copies", 1)
         if not meets_conditions(child):
@@ -162,7 +188,11 @@ class ClipPaths:
     def _shape_region(
         self, shape: Element, lengths: ElementLengths, style: Style, map3: np.ndarray
     ) -> Any:
-        """The inside of a shape by its `clip-rule`, in pixels; None for one without area."""
+        """The inside of a shape by its `clip-rule`, in pixels; None if it has no area.
+
+        `lengths` reads the shape's attributes, and `map3` maps its user units to pixels. Raises
+        `ValueError` for a coordinate that is not finite.
+        """
         page = self._page
         report_animations(page, shape)
         path = SHAPES[shape.name](lengths)

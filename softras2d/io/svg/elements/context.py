@@ -24,14 +24,17 @@ class Context:
 
     - `name`: name of the document in errors and warnings.
     - `height`, `width`: size of the canvas in pixels.
-    - `transform`: the caller's map `[3, 3]` from SVG units to pixels; None for the dialect's view.
-    - `opacity`: whether opacities and alpha are applied.
-    - `frame`: whether the course's outline of the drawing is drawn.
-    - `fit`: value of `preserveAspectRatio` that replaces that of the root, or None.
-    - `assets`: the image files that may be read; `display`: the shapes so far.
-    - `background`: sRGB of a rect that has become the background, or None.
-    - `elements`, `ignored`: counts of elements that are not supported, and of properties and
-      values without effect, in dialect `course`.
+    - `transform`: the caller's homogeneous map `[3, 3]` from SVG units to pixels; None for the
+      map of the dialect.
+    - `opacity`: whether opacities and alpha are applied; if not, everything is opaque.
+    - `frame`: whether the course's outline of the drawing is drawn, in dialect `course`.
+    - `fit`: text that replaces the root's `preserveAspectRatio`; None to use the root's.
+    - `assets`: the image files that may be read.
+    - `display`: the shapes that have been drawn so far.
+    - `background`: sRGB colour of the scene's background, from the root or from a rect that covers
+      the canvas; None for white.
+    - `elements`: number of elements of each name that are not supported, in dialect `course`.
+    - `ignored`: number of times that each attribute or function had no effect, in dialect `course`.
     """
 
     name: str
@@ -48,11 +51,17 @@ class Context:
     ignored: Counter[str] = field(default_factory=Counter)
 
     def declare_texture(self, attributes: Attributes) -> None:
-        """Remember the file of a `texture` element by its `texid`, for later elements."""
+        """Remember the file of a `texture` element by its `texid`, for later elements.
+
+        Raises `ValueError` for a file that does not exist or may not be read.
+        """
         self.assets.declare(attributes.get("texid", ""), attributes.get("filename", ""))
 
     def warning(self) -> str | None:
-        """One line that names everything that is not supported, with counts; None if nothing is."""
+        """One line that names what was not drawn or had no effect in dialect `course`, with counts.
+
+        Returns None if there is nothing to name.
+        """
         causes = []
         if self.elements:
             causes.append(f"not drawn: {_counts(self.elements)}")

@@ -1,7 +1,7 @@
 """Parses the CSS properties `transform`, `translate`, `rotate` and `scale`.
 
-Style sheets are stricter than the attribute `transform`: lengths and angles other than 0 need
-units, and arguments are separated by commas.
+CSS is stricter than the attribute `transform`: lengths and angles other than 0 need units, and the
+arguments of a function must be separated by commas.
 
 **Source:** *CSS Transforms 1*, "The transform functions", and *CSS Transforms 2* for `translate`,
 `rotate` and `scale`.
@@ -28,7 +28,9 @@ _DEGREES = {"deg": 1.0, "rad": 180 / math.pi, "grad": 0.9, "turn": 360.0}
 class Units(NamedTuple):
     """Sizes to which the lengths in a transform are relative.
 
-    `box` is the reference box, for percentages.
+    - `viewport`: for units such as `vw` and `rem`.
+    - `box`: the reference box in user units, for percentages.
+    - `font_size`: of the element, in user units, for `em`.
     """
 
     viewport: Viewport
@@ -63,11 +65,11 @@ def _along_y(text: str, units: Units) -> float:
 
 
 class _Function(NamedTuple):
-    """A transform function.
+    """A transform function of CSS.
 
-    - `arguments`: parses each argument.
-    - `required`: number of arguments that must be given.
-    - `matrix`: the matrix for those that are given.
+    - `arguments`: one parser for each argument, from its text to user units, degrees or a factor.
+    - `required`: number of arguments that must be given; the others are optional.
+    - `matrix`: function that makes the matrix `[3, 3]` from the arguments that are given.
     """
 
     arguments: tuple[Callable[[str, Units], float], ...]
@@ -95,7 +97,10 @@ _FUNCTIONS = {
 
 
 def transform_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
-    """Parse the property `transform`; returns its matrix. Raises `ValueError` for invalid text."""
+    """Parse the property `transform`; returns its homogeneous matrix, in user units.
+
+    Raises `ValueError` for invalid text, and for functions in three dimensions.
+    """
     product, position = affine_maps.identity(), 0
     text = text.strip()
     if text.lower() in ("none", "initial", "unset"):
@@ -111,12 +116,15 @@ def transform_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
 
 
 def translate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
-    """Parse the property `translate`, like `transform_property`."""
+    """Parse the property `translate`, with the result and errors of `transform_property`."""
     return _property("translate", text, units)
 
 
 def rotate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
-    """Parse the property `rotate`, like `transform_property`; only the axis z is supported."""
+    """Parse the property `rotate`, whose axis must be z or not given.
+
+    The result and errors are as for `transform_property`.
+    """
     words = text.lower().split()
     if len(words) == 2 and "z" in words:
         words.remove("z")
@@ -124,12 +132,15 @@ def rotate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
 
 
 def scale_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
-    """Parse the property `scale`, like `transform_property`."""
+    """Parse the property `scale`, with the result and errors of `transform_property`."""
     return _property("scale", text, units)
 
 
 def _property(name: str, text: str, units: Units) -> Float64[ndarray, "3 3"]:
-    """The matrix of a property that has the arguments of a function, separated by blanks."""
+    """Parse a property whose value is the arguments of one function, separated by blanks.
+
+    `name` is the function, in lower case. Returns its matrix; `none` is the identity.
+    """
     if text.strip().lower() in ("none", "initial", "unset"):
         return affine_maps.identity()
     return _matrix(name, text.split(), units)

@@ -11,7 +11,7 @@ from .page import Page
 from .shape_elements import SHAPES
 
 LANGUAGE = "en"
-"""The language of the user, for `systemLanguage`."""
+"""The language that this reader assumes of its user, for `systemLanguage`."""
 
 CONTAINERS = frozenset({"a", "g", "svg", "switch", "symbol", "use"})
 """Elements whose children are drawn."""
@@ -24,19 +24,19 @@ NEVER_DRAWN = frozenset({
     "linearGradient", "marker", "mask", "metadata", "pattern", "radialGradient", "script", "stop",
     "style", "texture", "title", "view",
 })  # fmt: skip
-"""Elements that draw nothing by themselves."""
+"""Elements that draw nothing where they stand, even if others refer to them."""
 
 ANIMATIONS = frozenset({"animate", "animateColor", "animateMotion", "animateTransform", "set"})
 """Elements that change their parent, or the element that they refer to, over time."""
 
 NOT_SUPPORTED = ANIMATIONS | {"audio", "canvas", "foreignObject", "iframe", "text", "video"}
-"""Elements that other programs draw, or that change what they draw."""
+"""Elements that browsers draw, or that change what browsers draw, but that have no effect here."""
 
 _GRAPHICS = CONTAINERS | EXTENSIONS | NOT_SUPPORTED | SHAPES.keys()
 
 
 def is_drawable(name: str) -> bool:
-    """Whether elements of a name are drawn here."""
+    """Whether this reader draws elements of a name, or their children."""
     return name in SHAPES or name in EXTENSIONS or name in CONTAINERS
 
 
@@ -52,14 +52,21 @@ def meets_conditions(element: Element) -> bool:
 
 
 def report_animations(page: Page, element: Element) -> None:
-    """Note the animations directly inside an element that is not drawn where it is."""
+    """Note each animation that is a child of an element.
+
+    It is for elements that are not drawn where they stand, such as clip paths and gradients.
+    Children of drawn elements are noted as they are visited.
+    """
     for child in element.children:
         if child.name in ANIMATIONS:
             page.not_drawn(NOT_DRAWN, child)
 
 
 def switched(element: Element) -> list[Element]:
-    """The child of a `switch` that is drawn: the first whose conditions hold."""
+    """The child of a `switch` that is drawn, the first whose conditions hold, in a list.
+
+    Returns an empty list if there is no such child.
+    """
     for child in element.children:
         if child.name in _GRAPHICS and meets_conditions(child):
             return [child]

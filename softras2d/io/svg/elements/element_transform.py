@@ -39,10 +39,14 @@ def element_transform(
     style: Style,
     bounds: Callable[[], Box | None],
 ) -> Float64[ndarray, "3 3"] | None:
-    """The map from an element's user units to those of its parent; None without a transform.
+    """The map from an element's user units to its parent's, by its transform properties.
 
-    An invalid transform is noted and has no effect. `bounds` is called for the bounding box of the
-    element if its `transform-box` is that.
+    - `declared`, `style`: declarations and computed style of the element.
+    - `bounds`: returns the bounding box of the element in its user units, or None if it has none.
+      It is called only if the element has a transform, and its `transform-box` is not `view-box`.
+
+    Returns None for an element without a transform. An invalid transform is noted and has no
+    effect.
 
     **Source:** *CSS Transforms 1*, and *CSS Transforms 2* for `translate`, `rotate` and `scale`.
     """
@@ -67,7 +71,11 @@ def element_transform(
 def about_origin(
     map3: Float64[ndarray, "3 3"], style: Style, units: Units, report: Report
 ) -> Float64[ndarray, "3 3"]:
-    """A transform about the `transform-origin` of a style. An invalid origin is noted."""
+    """The map `map3` about the `transform-origin` of a style instead of the origin.
+
+    `units` resolves lengths, and percentages of its reference box. An invalid origin is noted, and
+    then the result is `map3` itself.
+    """
     if style.transform_origin == "0 0":
         return map3
     try:
@@ -81,7 +89,11 @@ def about_origin(
 def _declared_map(
     name: str, element: Element, declared: Declarations, units: Units, report: Report
 ) -> Float64[ndarray, "3 3"]:
-    """The map of the valid declaration of highest rank; the identity if none is valid."""
+    """The map of one transform property, by the valid declaration of highest rank.
+
+    `name` is a key of `_PROPERTIES`. Invalid declarations are noted. The attribute `transform` has
+    the lowest rank. The result is the identity if no declaration is valid.
+    """
     for text in declared.css_values(name):
         try:
             return _PROPERTIES[name](text, units)

@@ -1,4 +1,4 @@
-"""Holds what an element passes on to its children as they are drawn."""
+"""Defines the state that an element passes on to its children as they are drawn."""
 
 from typing import NamedTuple
 
@@ -9,10 +9,11 @@ from ..xml.tree import Element
 
 
 class Instance(NamedTuple):
-    """A copy of an element that is being drawn.
+    """A copy of an element, asked for by a `use`, that is being drawn.
 
-    - `target`: the element; `use`: the element `use` that asks for the copy.
-    - `outer`: the copy inside of which this one is drawn, or None.
+    - `target`: the element that is copied.
+    - `use`: the `use` element that refers to it.
+    - `outer`: the instance inside of which this one is drawn; None for an outermost one.
     """
 
     target: Element
@@ -23,8 +24,11 @@ class Instance(NamedTuple):
 class InheritedState(NamedTuple):
     """Style, placement and viewport that an element passes on to its children.
 
-    - `viewport`: sizes to which their lengths are relative.
-    - `instance`: the innermost copy of which they are a part; None outside of all copies.
+    - `style`: computed style of the element, from which children inherit.
+    - `placement`: map from the children's units to pixels, clip, and receiver of their shapes.
+    - `viewport`: sizes to which the children's lengths are relative.
+    - `instance`: the innermost instance that the children are part of; None if they are not drawn
+      through a `use`.
     """
 
     style: Style
@@ -33,9 +37,12 @@ class InheritedState(NamedTuple):
     instance: Instance | None = None
 
     def is_instance(self, element: Element) -> bool:
-        """Whether an element is the target of the innermost `use`, rather than its descendant."""
+        """Whether an element is itself the target of the innermost `use`.
+
+        False for descendants of the target, and for elements that no `use` asks for.
+        """
         return self.instance is not None and self.instance.target is element
 
     def use_of(self, element: Element) -> Element | None:
-        """The `use` that asks for an instance of this element; None if it is drawn in its place."""
+        """The innermost `use` if this element is its target; None otherwise."""
         return self.instance.use if self.instance and self.is_instance(element) else None

@@ -17,11 +17,20 @@ from .context import FALLBACK, Context
 
 
 class Page:
-    """A document of the dialect `svg`, with its style sheets.
+    """A document of the dialect `svg`, with its style sheets and the state of reading it.
 
-    - `root`: its root; `ids`: the first element of each `id`.
-    - `tolerance`: largest distance between a curve and its polygon, in pixels.
+    - `root`: the element `<svg>` of the document.
+    - `context`: options of the reader, and the shapes that are drawn.
+    - `notices`: receives what is invalid or not supported.
+    - `tolerance`: largest distance between a curve and its polygon, in pixels of the canvas.
+    - `budget`: limits the work that the document may cause.
     - `pixels_per_px`: pixels of the canvas per px of the document.
+    - `viewport`: sizes to which lengths of the element that is being read are relative. Whoever
+      visits the elements sets it.
+    - `ids`: the first element that has each `id`.
+    - `gradient_stops`: the stops of each gradient that has been used, by Python's `id` of its
+      element.
+    - `cascade`: the style sheets.
     """
 
     def __init__(self, root: Element, context: Context, notices: Notices, tolerance: float):
@@ -34,9 +43,9 @@ class Page:
         self.viewport = Viewport(0.0, 0.0, 0.0, 0.0)
         self.ids: dict[str, Element] = {}
         self._styles: dict[int, Style] = {}
-        # By the id of a gradient, as many shapes may have the same gradient.
+        # Stored, since many shapes may have the same gradient.
         self.gradient_stops: dict[int, list[Stop]] = {}
-        # Elements and properties that are noted already, since one element may be drawn twice.
+        # Id of an element, kind, and attribute of all notices, since an element may be drawn twice.
         self._noted: set[tuple[int, str, str]] = set()
         for element in elements(root):
             if (name := element.id) is not None:
@@ -45,29 +54,40 @@ class Page:
         self.cascade = cascade_of(root, context.name, notices, self.budget, size)
 
     def report(self, element: Element) -> "Report":
-        """A function that notes errors of an element."""
+        """A function that notes what is wrong with an element."""
         return Report(self, element)
 
     def note(self, element: Element, kind: str, attribute: str, detail: str) -> None:
-        """Note what is wrong with an attribute of an element, unless it is noted already."""
+        """Note what is wrong with an attribute of an element, unless it is noted already.
+
+        - `kind`: one of the constants of `notices`.
+        - `attribute`: the attribute or property that is the cause.
+        - `detail`: what is wrong with it.
+        """
         key = (id(element), kind, attribute)
         if key not in self._noted:
             self._noted.add(key)
             self.notices.add(kind, element.tag, element.line, attribute, detail)
 
     def not_drawn(self, kind: str, element: Element) -> None:
-        """Note an element that is not drawn, whatever its attributes are."""
+        """Note, once, that an element is not drawn, whatever its attributes are.
+
+        `kind` is one of the constants of `notices`.
+        """
         key = (id(element), kind, "")
         if key not in self._noted:
             self._noted.add(key)
             self.notices.add(kind, element.tag, element.line)
 
     def declared(self, element: Element) -> Declarations:
-        """The declarations of an element."""
+        """The declarations of an element: its attributes, and the style sheets' for it."""
         return self.cascade.declarations(element)
 
     def computed(self, element: Element, parent: Style, declared: Declarations) -> Style:
-        """The style of an element inside a parent of this style."""
+        """The style of an element, given its parent's style and its declarations.
+
+        Invalid declarations are noted.
+        """
         return computed(declared, parent, self.viewport, self.report(element))
 
     def displayed(
@@ -77,10 +97,10 @@ class Page:
         declared: Declarations,
         ineffective: tuple[str, ...] = (),
     ) -> Style | None:
-        """The style of an element inside a parent of this style; None if it is not displayed.
+        """The style of an element like `computed`; None if its `display` is `none`.
 
-        What is wrong with an element that is not displayed is not noted, since it cannot change the
-        image. Neither is what is wrong with the properties `ineffective`.
+        Nothing is noted about an element that is not displayed, since it cannot change the image,
+        nor about the properties named in `ineffective`.
         """
         notices: list[tuple[str, str, str]] = []
         style = computed(declared, parent, self.viewport, lambda *notice: notices.append(notice))
@@ -92,13 +112,18 @@ class Page:
         return style
 
     def clip_child_style(self, element: Element, parent: Style, declared: Declarations) -> Style:
-        """The style of a child of a clip path, where filters and masks have no effect."""
+        """The style of a child of a clip path, like `computed`.
+
+        Properties that are not supported, such as filters and masks, are not noted: they have no
+        effect in clip paths.
+        """
         return computed(declared, parent, self.viewport, Report(self, element, (WITHOUT_EFFECT,)))
 
     def style_in_place(self, element: Element) -> Style:
-        """Style of an element that is used by reference, such as a gradient stop or a clip path.
+        """The style of an element as it stands in the document, inherited from its ancestors there.
 
-        It is computed from the ancestors that the element has in the document.
+        It is for elements that are used by reference, such as gradient stops and clip paths, and
+        for the root.
         """
         chain = []
         ancestor: Element | None = element
@@ -112,7 +137,10 @@ class Page:
         return style
 
     def target(self, reference: str | None) -> Element | None:
-        """The element of the document to which `#id` refers; None for any other reference."""
+        """The element of the document to which a reference `#id` refers.
+
+        Returns None if no element has this id, and for any other text or None.
+        """
         if reference is None or not reference.strip().startswith("#"):
             return None
         return self.ids.get(reference.strip()[1:])
@@ -121,11 +149,16 @@ class Page:
 def cascade_of(
     root: Element, name: str, notices: Notices, budget: Budget, size: tuple[int, int]
 ) -> Cascade:
-    """The style sheets of a document.
+    """Parse all `<style>` elements of a document.
 
-    - `root`, `name`: its root, and its name in errors.
-    - `notices`, `budget`: note what is invalid, and bound the work.
+    - `root`: the root of the document.
+    - `name`: name of the document in errors.
+    - `notices`: receives what is invalid or not supported, and links to style sheets, which are not
+      fetched.
+    - `budget`: limits the work of testing selectors.
     - `size`: height and width of the canvas in pixels, for media queries.
+
+    Raises `SvgError` for style sheets with too many selectors.
     """
     cascade = Cascade(notices, budget, *size)
     for element in elements(root):
@@ -144,18 +177,19 @@ def cascade_of(
 
 
 def root_font_size(declared: Declarations, height: float, width: float) -> float:
-    """Font size of the root, in px, before its own size is known.
+    """Font size of the root, in px, computed before the size of the document is known.
 
-    Lengths in `vh` and `vw` are relative to `height` and `width`, in px.
+    Lengths in `vh` and `vw` are relative to `height` and `width`, in px. An invalid font size has
+    no effect, and is not noted here.
     """
     viewport = Viewport(width, height, width, height)
     return computed(declared, INITIAL, viewport, lambda *_: None).font_size
 
 
 class Report(NamedTuple):
-    """Notes what is wrong with one element.
+    """A function that notes what is wrong with one element of a page.
 
-    Notices of the kinds `without` are dropped.
+    Notices whose kind is in `without` are dropped.
     """
 
     page: Page
@@ -163,13 +197,13 @@ class Report(NamedTuple):
     without: tuple[str, ...] = ()
 
     def __call__(self, kind: str, attribute: str, detail: str) -> None:
-        """Note the kind of a notice, an attribute, and what is wrong."""
+        """Note what is wrong with an attribute; the arguments are as for `Page.note`."""
         if kind not in self.without:
             self.page.note(self.element, kind, attribute, detail)
 
 
 def elements(root: Element) -> Iterator[Element]:
-    """All elements of a document, in its order."""
+    """The element `root` and all its descendants, in document order."""
     pending = [root]
     while pending:
         element = pending.pop()
@@ -178,7 +212,7 @@ def elements(root: Element) -> Iterator[Element]:
 
 
 def affine_part(map3: np.ndarray) -> np.ndarray:
-    """A map whose third row is (0, 0, 1).
+    """The homogeneous map `map3` `[3, 3]`, scaled so that its third row is (0, 0, 1).
 
     Raises `ValueError` for a map in perspective, under which a gradient is not affine.
     """

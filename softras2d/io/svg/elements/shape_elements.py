@@ -26,9 +26,11 @@ _GEOMETRY = {
 
 
 class ElementLengths:
-    """Reads lengths of an element in user units; notes those that are invalid.
+    """Reads the geometry attributes and properties of an element, and notes invalid ones.
 
-    `style` and `page` give what lengths are relative to.
+    - `declared`: declarations of the element, since style sheets may set some of the lengths.
+    - `style`: computed style of the element, for its font size.
+    - `page`: its `viewport`, at the time of reading, resolves percentages.
     """
 
     def __init__(self, page: Page, element: Element, declared: Declarations, style: Style):
@@ -39,18 +41,22 @@ class ElementLengths:
         self.report = page.report(element)
 
     def text(self, name: str) -> str | None:
-        """The text of a geometry property."""
+        """The text of a property or attribute, by its declaration of highest rank, or None."""
         values = self._css_values(name)
         return values[0] if values else self._element.attrib.get(name)
 
     def _css_values(self, name: str) -> list[str]:
-        """The values from style sheets, where they may set the property."""
+        """The texts from CSS, highest rank first; empty if CSS cannot set this attribute here."""
         if name not in _GEOMETRY.get(self._element.name, ()):
             return []
         return self._declared.css_values(name)
 
     def read(self, name: str, default: float = 0.0) -> float:
-        """A length; `default` if it is missing, `auto` or invalid."""
+        """A length in user units; `default` if it is missing, invalid, or a keyword such as `auto`.
+
+        Percentages are relative to the viewport's width, height or diagonal, as the name requires.
+        An invalid declaration is noted, and the one of the next lower rank is read.
+        """
         viewport = self._page.viewport
         if name in ("x", "x1", "x2", "cx", "width", "rx"):
             full = viewport.width
@@ -71,7 +77,10 @@ class ElementLengths:
         return default
 
     def size(self, name: str, default: float = 0.0) -> float:
-        """A length that must not be negative; `default` if it is."""
+        """A length in user units that must not be negative, like `read`.
+
+        A negative length is noted, and gives `default`.
+        """
         value = self.read(name, default)
         if value < 0:
             self.report(INVALID, name, "must not be negative")
@@ -99,7 +108,7 @@ def _circle(lengths: ElementLengths) -> Path | None:
 
 def _ellipse(lengths: ElementLengths) -> Path | None:
     rx, ry = lengths.size("rx", math.nan), lengths.size("ry", math.nan)
-    # A radius that is missing or `auto` is that of the other axis.
+    # A radius that is missing or `auto` equals the radius of the other axis.
     rx, ry = (ry if math.isnan(rx) else rx), (rx if math.isnan(ry) else ry)
     if not (rx > 0 and ry > 0):
         return None
@@ -141,4 +150,7 @@ SHAPES: dict[str, Callable[[ElementLengths], Path | None]] = {
     "polyline": lambda lengths: _points(lengths, False),
     "rect": _rect,
 }
-"""The path of each shape element; None for one that is not drawn."""
+"""By the name of each shape element, the function that makes its path in user units.
+
+The function returns None for a shape that is not drawn, such as a rect without width.
+"""

@@ -12,9 +12,13 @@ from .shape_elements import ElementLengths
 def instantiate(
     page: Page, use: Element, declared: Declarations, state: InheritedState
 ) -> tuple[InheritedState, Element] | None:
-    """The element that a `use` draws, and the state in which it is drawn.
+    """The state in which a `use` draws its target, and the target.
 
-    None for a reference that is broken or refers to itself, which is noted.
+    - `declared`: declarations of the `use`.
+    - `state`: state inside of the `use`, to which its `x` and `y` are added here.
+
+    Returns None for a `use` without `href`, and for a reference that is broken or leads back to
+    itself, which is noted.
     """
     report = page.report(use)
     href = use.attrib.get("href")

@@ -19,7 +19,10 @@ from .view_box import Box
 from .viewports import nested_viewport
 
 _MAX_NESTING = 32
-"""Limit of boxes that depend on boxes within them, by `transform-box`, and of `use` in `use`."""
+"""Maximum depth of bounding boxes that need bounding boxes inside them, by `transform-box`.
+
+It is also the maximum depth of `use` elements whose targets contain `use` elements.
+"""
 
 
 def transformed(
@@ -31,9 +34,13 @@ def transformed(
     use: Element | None = None,
     nesting: int = 0,
 ) -> np.ndarray:
-    """The map of an element: that of its parent, `map3`, after the element's own transform.
+    """The map of an element: its own transform, followed by its parent's map.
 
-    `use` and `nesting` are as for `bounds_of`.
+    - `declared`, `style`: declarations and computed style of the element.
+    - `map3`: homogeneous map `[3, 3]` from the user units of the parent, to pixels or other units.
+    - `use`, `nesting`: as for `bounds_of`.
+
+    Returns the map `[3, 3]` from the element's user units to the units to which `map3` leads.
     """
     transform = element_transform(
         page, element, declared, style, lambda: bounds_of(page, element, style, use, nesting)
@@ -42,12 +49,13 @@ def transformed(
 
 
 class _Visit(NamedTuple):
-    """An element whose bounds are needed.
+    """An element whose bounds are needed for the bounding box of `root`, in `bounds_of`.
 
-    - `map3`: from its user units to those of the element whose bounding box is computed.
-    - `viewport`: what its lengths are relative to.
-    - `use`: the element that asks for an instance of it, or None.
-    - `uses`: number of instances of which it is a part.
+    - `map3`: homogeneous map `[3, 3]` from its user units to the user units of `root`.
+    - `style`: its computed style.
+    - `viewport`: sizes to which its lengths are relative.
+    - `use`: the `use` whose target it is; None for an element that no `use` refers to.
+    - `uses`: number of `use` elements below `root` through which it is reached.
     """
 
     element: Element
@@ -61,13 +69,16 @@ class _Visit(NamedTuple):
 def bounds_of(
     page: Page, root: Element, style: Style, use: Element | None = None, nesting: int = 0
 ) -> Box | None:
-    """The bounding box of the fills in an element, without strokes; None if it is empty.
+    """The bounding box of an element's fills, without strokes, in the element's user units.
 
-    - `use`: the element `use` that asks for an instance of `root`, or None.
-    - `nesting`: number of boxes that wait for this one; beyond `_MAX_NESTING` the box is taken as
-      empty.
+    - `root`: the element, which may be a group.
+    - `style`: its computed style.
+    - `use`: the `use` that asks for an instance of `root`; None if it is drawn where it stands.
+    - `nesting`: number of bounding boxes whose computation needs this one.
 
-    Every element visited is charged to the budget as a copy, because drawing visits it again.
+    Returns None for an element without points, or if `nesting` exceeds `_MAX_NESTING`. Clip paths
+    are not applied. Every element visited is charged to the budget as a copy, because drawing
+    visits it again.
 
     **Source:** SVG 2, section 8.10.
     """
@@ -95,7 +106,10 @@ def bounds_of(
 
 
 def _visits_of_children(page: Page, visit: _Visit, nesting: int) -> Iterator[_Visit]:
-    """The children of a container that are drawn."""
+    """The children of a container that are drawn; for a `use`, its target.
+
+    Sets `page.viewport` to the viewport of the children.
+    """
     element, map3, style, viewport, use, uses = visit
     declared, children = page.declared(element), element.children
     use_of_children = None

@@ -13,14 +13,17 @@ from ..values.numbers import is_number, leading_float, length, number_list
 from ..xml.notices import INVALID
 
 MAX_SIDE = 2**16
-"""Maximum side of a canvas, in pixels. The spacing of float32 is at most 1/256 pixel there."""
+"""Maximum height and width of a canvas, in pixels.
+
+The spacing of float32 values is at most 1/256 pixel there.
+"""
 
 _ALIGNMENT = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
-"""Fraction of the free space that lies before the viewBox."""
+"""Fraction of the free space that lies left of the viewBox, or above it."""
 
 
 class Box(NamedTuple):
-    """A rectangle in user units."""
+    """A rectangle in user units: its top left corner (x, y), and its size."""
 
     x: float
     y: float
@@ -29,10 +32,10 @@ class Box(NamedTuple):
 
 
 def view_box(attributes: dict[str, str]) -> Box | None:
-    """Parse the attribute `viewBox`; None if there is none.
+    """Parse the attribute `viewBox`, in user units; None if the attribute is missing.
 
     Its width or height may be 0, which disables drawing (SVG 2, section 8.6). Raises `ValueError`
-    for text that is no viewBox.
+    for text other than four numbers, and for a negative width or height.
     """
     text = attributes.get("viewBox")
     if text is None:
@@ -44,7 +47,11 @@ def view_box(attributes: dict[str, str]) -> Box | None:
 
 
 def course_size(attributes: dict[str, str]) -> tuple[float, float] | None:
-    """The (height, width) of a document of the course, from its root; None if it gives neither."""
+    """The (height, width) of a document of the course, from the attributes of its root.
+
+    Units are ignored, and a missing side is 0. Returns None if neither side is positive. Raises
+    `ValueError` for an attribute that does not begin with a number.
+    """
     size = leading_float(attributes.get("height")), leading_float(attributes.get("width"))
     return size if max(size) > 0 else None
 
@@ -56,13 +63,13 @@ def document_size(
 
     - `root`: declarations of its root. `width` and `height` are properties, so that style sheets
       and `style` outrank the attributes (SVG 2, section 7.8).
-    - `font_size`: of the root, in px, for `em`.
-    - `note`: called for invalid values, which have no effect, with the kind of a notice, the name,
-      and what is wrong.
+    - `font_size`: font size of the root in px, for `em`, `rem` and `ex`.
+    - `note`: called for invalid values, which have no effect, with the kind of a notice, the name
+      of the attribute, and what is wrong.
 
     Percentages are relative to the viewBox. A side that is missing, `auto` or 100 % is computed
-    from the other side and the aspect ratio of the viewBox. If both are, the size is that of the
-    viewBox.
+    from the other side and the aspect ratio of the viewBox. If this holds for both sides, the
+    viewBox gives the size. Without a viewBox, the size is None unless both sides are given.
     """
     box = None
     try:
@@ -88,10 +95,14 @@ def _side(
     font_size: float,
     note: Callable[[str, str, str], None],
 ) -> float | None:
-    """Parse `width` or `height` in px, of which 100 % are `full`; None if it is `auto`.
+    """Parse the root's `width` or `height` in px, by its valid declaration of highest rank.
 
-    Without a viewBox, `full` is None. `auto` and percentages are then skipped, and the declaration
-    of the next lower rank is used.
+    - `name`: `width` or `height`.
+    - `full`: length of 100 %, in px; None without a viewBox. `auto` and percentages are then
+      skipped, and the declaration of the next lower rank is used.
+    - `font_size`, `note`: as in `document_size`.
+
+    Returns None if the side is missing, `auto` or 100 %, or if no declaration is valid.
     """
     units = {"em": font_size, "rem": font_size, "ex": font_size / 2}
     candidates = [(text.strip(), True) for text in root.css_values(name)]
@@ -123,9 +134,14 @@ def round_up(size: tuple[float, float]) -> tuple[int, int]:
 
 
 def fit(box: Box, height: float, width: float, aspect: str = "") -> Float64[np.ndarray, "3 3"]:
-    """The map from `box` to a viewport of `height` x `width` with a corner at the origin.
+    """The map from a viewBox to a viewport of `height` x `width` with its top left at the origin.
 
-    `aspect` is the attribute `preserveAspectRatio`.
+    - `box`: the viewBox, with positive sides.
+    - `height`, `width`: of the viewport, in the units to which the map leads.
+    - `aspect`: text of the attribute `preserveAspectRatio`; empty for the default,
+      `xMidYMid meet`.
+
+    Raises `ValueError` for an `aspect` that is no value of this attribute.
 
     **Source:** SVG 2, section 8.2 (*equivalent transform of an SVG viewport*).
     """
@@ -152,8 +168,8 @@ def course_view(size: tuple[float, float], height: int, width: int) -> Float64[n
     """The course's map from a drawing of (height, width) `size` to a canvas of `height` x `width`.
 
     It keeps the aspect ratio and centres the drawing, with a margin of a tenth of its longer side
-    at both ends of that side. The matrices are those of the course, so that float64 is rounded
-    alike.
+    at both ends of that side. The homogeneous map is computed from the course's two matrices, so
+    that float64 rounds in the same way.
     """
     svg_height, svg_width = size
     span = 0.6 * max(svg_width, svg_height)

@@ -1,4 +1,4 @@
-"""Establishes viewports: that of the root, which is the canvas, and nested ones."""
+"""Computes viewports: the root's, which is the canvas, and the viewports of nested elements."""
 
 import contextlib
 from typing import NamedTuple
@@ -23,9 +23,10 @@ from .view_box import Box, document_size, fit, round_up, view_box
 class RootViewport(NamedTuple):
     """How the root of a document is fitted into the canvas.
 
-    - `map3`: from its user units to pixels of the canvas.
-    - `box`: its viewBox, or the whole document where it has none.
-    - `viewport`: what lengths of its children are relative to.
+    - `map3`: homogeneous map `[3, 3]` from the root's user units to pixels of the canvas. Zero if
+      nothing is drawn.
+    - `box`: the viewBox of the root; a box of the document's size if it has none.
+    - `viewport`: sizes to which lengths of the root's children are relative.
     - `pixels_per_px`: pixels of the canvas per px of the document.
     """
 
@@ -36,7 +37,7 @@ class RootViewport(NamedTuple):
 
 
 def root_viewport(page: Page) -> RootViewport:
-    """Fit the viewBox of the root into the canvas."""
+    """Fit the viewBox of the root into the canvas, or use the map that the caller gave."""
     context, root = page.context, page.root
     canvas, box = (float(context.height), float(context.width)), None
     declared = page.declared(root)
@@ -48,7 +49,8 @@ def root_viewport(page: Page) -> RootViewport:
         height, width = size or canvas
         box = Box(0.0, 0.0, width, height)
     if size is not None and round_up(size) == (context.height, context.width):
-        # The canvas has the document's size, rounded up: do not stretch to the rounding.
+        # The canvas is the document's size rounded up to whole pixels. Without this, the drawing
+        # would be stretched by the rounding.
         canvas = size
     height, width = size or canvas
     transform = _root_transform(page, declared, height, width)
@@ -66,10 +68,11 @@ def root_viewport(page: Page) -> RootViewport:
 
 
 def _root_transform(page: Page, declared: Declarations, height: float, width: float) -> np.ndarray:
-    """The transform of the root, in px of the document.
+    """The map of the root's transform, `[3, 3]`, from px of the document to px of the document.
 
-    Unlike those of other elements, it comes after the viewBox and is about the centre by default,
-    as that of a box of CSS.
+    `height` and `width` are the document's size in px. Unlike the transforms of other elements, the
+    root's is applied to the drawing after the map of its viewBox. By default it is about the
+    centre, like the transform of a CSS box.
 
     **Source:** SVG 2, section 8.4 and appendix *User agent style sheet*.
     """
@@ -86,9 +89,9 @@ def _root_transform(page: Page, declared: Declarations, height: float, width: fl
 class NestedViewport(NamedTuple):
     """The viewport of a nested `svg`, or of an instance of a `symbol` or `svg`.
 
-    - `box`: the rectangle that it takes in user units of its parent.
-    - `map3`: from user units of its children to those of its parent.
-    - `lengths`: what lengths of its children are relative to.
+    - `box`: the rectangle that the viewport covers, in the user units of the element.
+    - `map3`: homogeneous map `[3, 3]` from the children's user units to the element's.
+    - `lengths`: sizes to which lengths of the children are relative.
     """
 
     box: Box
@@ -99,9 +102,13 @@ class NestedViewport(NamedTuple):
 def nested_viewport(
     page: Page, element: Element, declared: Declarations, style: Style, use: Element | None
 ) -> NestedViewport | None:
-    """The viewport of an `svg` or `symbol`; None if it has no area.
+    """The viewport of a nested `svg`, or of an instance of a `symbol` or `svg`.
 
-    `use` is the element that asks for an instance of it, and None if there is none.
+    - `declared`, `style`: declarations and computed style of the element.
+    - `use`: the `use` that asks for the instance, whose `width` and `height` replace the element's;
+      None for an `svg` that is drawn where it stands.
+
+    Returns None if the viewport or the viewBox has no area, so that nothing is drawn.
 
     **Source:** SVG 2, sections 5.5.2 (*Layout of re-used graphics*) and 8.2 (*Computing the
     equivalent transform of an SVG viewport*).
@@ -111,7 +118,7 @@ def nested_viewport(
     height = lengths.size("height", viewport.height)
     x, y = lengths.read("x"), lengths.read("y")
     if use is not None:
-        # The size of `use` replaces that of its target.
+        # The size of `use` replaces the size of its target.
         use_lengths = ElementLengths(page, use, page.declared(use), style)
         width, height = use_lengths.size("width", width), use_lengths.size("height", height)
     if width <= 0 or height <= 0:
@@ -129,7 +136,14 @@ def nested_viewport(
 def nested_state(
     page: Page, element: Element, declared: Declarations, state: InheritedState
 ) -> InheritedState | None:
-    """The state inside of a nested `svg` or an instance of a `symbol`; None if it has no area."""
+    """The state that a nested `svg`, or an instance of a `symbol` or `svg`, passes to its children.
+
+    - `declared`: declarations of the element.
+    - `state`: state of the element itself, with its style, and its map to pixels.
+
+    The clip is reduced to the viewport, unless `overflow` is visible. Returns None if the viewport
+    has no area, so that nothing is drawn.
+    """
     nested = nested_viewport(page, element, declared, state.style, state.use_of(element))
     if nested is None:
         return None
@@ -156,7 +170,11 @@ def _view_box(page: Page, element: Element) -> Box | None:
 
 
 def _fitted(page: Page, element: Element, box: Box, height: float, width: float) -> np.ndarray:
-    """The map of a viewBox into a viewport of this size, by `preserveAspectRatio`."""
+    """The map from a viewBox to a viewport of this size, by the element's `preserveAspectRatio`.
+
+    An invalid `preserveAspectRatio` is noted, and counts as the default. For the root, the caller's
+    `fit` replaces it.
+    """
     aspect = element.attrib.get("preserveAspectRatio", "")
     if element is page.root and page.context.fit is not None:
         aspect = page.context.fit

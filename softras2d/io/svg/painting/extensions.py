@@ -1,7 +1,7 @@
 """Draws images, and the course's elements `colortri` and `textri`, in the dialect `svg`.
 
-An error in one of these two is raised, since no other program writes them. An image that cannot be
-read is left out, as browsers do.
+An error in a `colortri` or `textri` is raised, since no other program writes them. An image that
+cannot be read is left out, as in browsers.
 """
 
 import math
@@ -35,11 +35,14 @@ def draw_extension(
 ) -> None:
     """Draw an `image`, a `colortri` or a `textri`.
 
-    - `opacity`: the element's `opacity`. `fill-opacity` multiplies it for the two triangles, but
-      not for an image.
+    - `lengths`: reads the element's attributes.
+    - `placement`: map to pixels, clip, and receiver of the result.
+    - `style`: computed style of the element.
+    - `opacity`: the element's `opacity`, in 0..1. For a `colortri` or `textri`, it is multiplied by
+      `fill-opacity`.
 
-    Raises `ValueError` for an invalid attribute of a triangle. An image with a fault is left out
-    and noted.
+    Raises `ValueError` for an invalid attribute of a `colortri` or `textri`. An image that cannot
+    be read is left out and noted.
     """
     if element.name == "image":
         # `fill-opacity` does not apply to images.
@@ -49,7 +52,7 @@ def draw_extension(
 
 
 def _draw_triangle(page: Page, element: Element, placement: Placement, opacity: float) -> None:
-    """Draw a triangle with a colour for each corner, or with a texture."""
+    """Draw a `colortri`, with a colour for each corner, or a `textri`, with a texture."""
     attributes = element.attrib
     points = _numbers(attributes, "points", 6).reshape(3, 2)
     corners = affine_maps.apply(placement.map3, points)
@@ -75,7 +78,7 @@ def _draw_image(
     placement: Placement,
     opacity: float,
 ) -> None:
-    """Draw an image file as a texture (SVG 2, section 12.3)."""
+    """Draw an image as a rectangle with a texture (SVG 2, section 12.3)."""
     href = element.attrib.get("href")
     if href is None:
         lengths.report(INVALID, "href", "image without href")
@@ -126,7 +129,12 @@ def _add_textured(
     texture: int,
     opacity: float,
 ) -> None:
-    """Add a convex polygon, in pixels, with a texture."""
+    """Add a convex polygon with a texture to the sink, clipped.
+
+    - `points`, `uv`: vertices in pixels, and their texture coordinates.
+    - `texture`: index in `Assets.textures`.
+    - `opacity`: factor of the texture's alpha, in 0..1.
+    """
     alpha = opacity if page.context.opacity else 1.0
     translucent = alpha < 1 or page.context.assets.textures[texture].shape[-1] == 4
     textured = Textured(points, (1.0, 1.0, 1.0, alpha), uv, texture, translucent)
@@ -144,7 +152,7 @@ def _add_clipped(page: Page, placement: Placement, items: list[Item]) -> None:
 
 
 def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray, " {count}"]:
-    """Parse an attribute of exactly `count` numbers."""
+    """Parse an attribute that must hold exactly `count` numbers; raises `ValueError` otherwise."""
     try:
         numbers = number_list(attributes.get(name, ""))
     except ValueError as error:
@@ -155,7 +163,7 @@ def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray,
 
 
 def _box_corners(box: Box) -> Float[np.ndarray, "4 2"]:
-    """Corners in the order top left, top right, bottom right, bottom left."""
+    """The corners of a box in the order top left, top right, bottom right, bottom left."""
     x, y = box.x, box.y
     return np.array(
         [[x, y], [x + box.width, y], [x + box.width, y + box.height], [x, y + box.height]]

@@ -16,36 +16,51 @@ from .gradient_pieces import RadialGradient
 
 @runtime_checkable
 class Circles(Protocol):
-    """The circles of one gradient, in its units.
+    """The circles of one radial gradient, in the gradient's units, and rays that cross them.
 
-    Along each ray, the position is an affine function of the distance.
+    The position along the gradient is an affine function of the distance along each ray.
     """
 
     def rays(self, count: int) -> Float[np.ndarray, "rays 2"]:
-        """Offsets of about `count` rays, from one side to the other, or once around the circle."""
+        """Vectors for `count` or `count + 1` rays, in order of their angle.
+
+        The rays run from one side of the area that the circles cover to the other, or once around a
+        circle. The last ray then equals the first. The vectors are arguments of `circle`.
+        """
         ...
 
     def circle(self, position: float, rays: Float[np.ndarray, "rays 2"]) -> np.ndarray:
-        """The points `[rays, 2]` at which rays meet the circle of a position."""
+        """The points `[rays, 2]` at which rays meet the circle of a position.
+
+        `rays` is a result of the method `rays`.
+        """
         ...
 
     def span(self, points: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
-        """Bounds of the positions at which circles cover the convex hull of points."""
+        """Lower and upper bound on the positions of circles that may show.
+
+        The convex hull of `points`, in the gradient's units, is what the gradient paints.
+        """
         ...
 
     def largest_radius(self, position: float, points: Float[np.ndarray, "n 2"]) -> float:
-        """Upper bound on the radii of circles up to `position` that are visible at `points`."""
+        """Upper bound on the radii of circles up to a position that may show.
+
+        The convex hull of `points`, in the gradient's units, is what the gradient paints.
+        """
         ...
 
 
 class Cone(NamedTuple):
     """Circles of different radii, whose rays start at the apex, where the radius is zero.
 
-    The circle at scale 1 is the end circle. Each ray from the apex meets the circle at scale s once
-    or twice. The nearer point is used.
+    Circles are numbered by their scale, which is their radius over the radius of the end circle.
+    Each ray from the apex meets each circle once or twice, and the nearer point is used.
 
-    - `apex`: where the radius is zero. `offset`: from there to the center of the end circle.
-    - `radius`: of the end circle. `start`: the scale of the start circle.
+    - `apex`: the point `[2]` at which the radius is zero.
+    - `offset`: vector `[2]` from the apex to the center of the end circle.
+    - `radius`: radius of the end circle.
+    - `start`: scale of the start circle, less than 1.
     """
 
     apex: np.ndarray
@@ -54,17 +69,18 @@ class Cone(NamedTuple):
     start: float
 
     def rays(self, count: int) -> Float[np.ndarray, "rays 2"]:
-        """Points of the end circle, relative to the apex.
+        """Vectors from the apex to points of the end circle.
 
-        If the apex lies outside of all circles, they touch a cone from inside, and the first and
-        the last ray are its sides.
+        If the apex lies outside of the circles, all circles lie in a cone, and the first and the
+        last ray are its sides. Otherwise `count + 1` rays go once around the end circle.
         """
         distance = float(np.hypot(*self.offset))
         if distance > self.radius:
             half = math.acos(self.radius / distance)
             angle = _towards_start(self.offset) + half * np.linspace(-1.0, 1.0, count)
         else:
-            # Not at simple fractions of a turn, as samples on a border would be blended twice.
+            # No ray is at a simple fraction of a turn, where samples may lie on it: the pieces on
+            # both sides would be blended there.
             angle = 2 * math.pi * (np.arange(count + 1) + 0.618) / count
             angle[-1] = angle[0]
         return self.offset + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -74,13 +90,13 @@ class Cone(NamedTuple):
         return self.apex + (self.start + (1.0 - self.start) * position) * rays
 
     def span(self, points: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
-        """Positions of the apex, and of a circle around all points that the cone reaches."""
+        """The position of the apex, and the position of a circle beyond all points."""
         shortest = abs(self.radius - float(np.hypot(*self.offset)))
         scale = self._farthest(points) / max(shortest, 1e-9)
         return -self.start / (1.0 - self.start), (scale - self.start) / (1.0 - self.start)
 
     def largest_radius(self, position: float, points: Float[np.ndarray, "n 2"]) -> float:
-        """Upper bound on the radius up to a position, of the circles that matter at points."""
+        """Upper bound on the radii of circles up to a position that may show."""
         reached = min(self._farthest(points), self.radius * position)
         return max(self.radius * min(position, 1.0), reached)
 
@@ -92,7 +108,9 @@ class Cone(NamedTuple):
 class Tube(NamedTuple):
     """Circles of the same radius, whose rays are parallel.
 
-    - `start`: center of the start circle. `axis`: from there to the center of the end circle.
+    - `start`: center `[2]` of the start circle.
+    - `axis`: vector `[2]` from there to the center of the end circle, not zero.
+    - `radius`: radius of all circles.
     """
 
     start: np.ndarray
@@ -100,7 +118,7 @@ class Tube(NamedTuple):
     radius: float
 
     def rays(self, count: int) -> Float[np.ndarray, "rays 2"]:
-        """Points of the half of a circle that faces the start, relative to its center."""
+        """Vectors from a circle's center to `count` points of its half that faces the start."""
         angle = _towards_start(self.axis) + math.pi / 2 * np.linspace(-1.0, 1.0, count)
         return self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
@@ -109,7 +127,7 @@ class Tube(NamedTuple):
         return self.start + position * self.axis + rays
 
     def span(self, points: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
-        """Positions of a half circle before all points, and of one behind them."""
+        """Positions of a half circle before all points, and of a half circle behind all points."""
         squared = float(self.axis @ self.axis)
         along = (points - self.start) @ self.axis / squared
         return float(along.min()), float(along.max()) + self.radius / math.sqrt(squared)
@@ -120,7 +138,10 @@ class Tube(NamedTuple):
 
 
 def circles_of(gradient: RadialGradient) -> Circles:
-    """The circles of a gradient whose end circle is not smaller than its start circle."""
+    """The circles of a radial gradient.
+
+    Its end circle must not be smaller than its start circle, and the two must differ.
+    """
     growth = gradient.radius - gradient.focal_radius
     focus, center = np.array(gradient.focus), np.array(gradient.center)
     if growth == 0:
@@ -130,5 +151,5 @@ def circles_of(gradient: RadialGradient) -> Circles:
 
 
 def _towards_start(axis: np.ndarray) -> float:
-    """The angle of the direction from the center of the end circle to that of the start circle."""
+    """The angle, in radians, of the direction opposite to `axis`, towards the start circle."""
     return math.atan2(-axis[1], -axis[0])

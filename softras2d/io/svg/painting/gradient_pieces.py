@@ -1,6 +1,7 @@
-"""The gradients of a drawing, and the strips in each of which a linear one is an affine function.
+"""Defines linear and radial gradients, and divides a linear gradient into strips.
 
-A linear gradient is affine between two stops, so that strips between its stops are exact.
+The colour of a linear gradient is an affine function of the position between two neighbouring
+stops, so that one affine paint for each strip between stops is exact.
 """
 
 import itertools
@@ -15,16 +16,20 @@ from ...budget import Budget
 from ..canvas.paint import Paint, Stop, constant_paint, linear_paint
 
 BORDER_SHIFT = 2.0**-14 * 0.618
-"""Offset of the borders between pieces, in units of the gradient. Samples lie at simple fractions,
-and so do most stops. With the offset no sample lies on a border, where both of the translucent
-pieces that meet there would be blended."""
+"""Distance by which borders between pieces are moved, in positions along the gradient.
+
+Samples lie at simple fractions, and so do most stops. Because of the distance no sample lies on a
+border, where the two pieces that meet there would both be blended if they are translucent.
+"""
 
 
 class LinearGradient(NamedTuple):
     """A gradient along a line.
 
-    - `stops`: at least two, in order. `spread`: `pad`, `reflect` or `repeat`.
-    - `to_unit`: `[3]`, maps `(x, y, 1)` in pixels to the position along the line.
+    - `stops`: at least two, with offsets that do not decrease.
+    - `spread`: `pad`, `reflect` or `repeat`, SVG's `spreadMethod`.
+    - `to_unit`: maps `(x, y, 1)` in pixels to the position along the line, 0 at its start and 1 at
+      its end.
     """
 
     stops: tuple[Stop, ...]
@@ -33,9 +38,12 @@ class LinearGradient(NamedTuple):
 
 
 class RadialGradient(NamedTuple):
-    """A gradient between the circles (focus, focal_radius) and (center, radius).
+    """A gradient from the circle around `focus` to the circle around `center`.
 
-    `to_pixels` is the affine map `[3, 3]` from the units of the circles.
+    - `stops`, `spread`: as for `LinearGradient`.
+    - `to_pixels`: affine map from the units of the circles to pixels.
+    - `center`, `radius`: the end circle, at position 1.
+    - `focus`, `focal_radius`: the start circle, at position 0, which is not larger.
     """
 
     stops: tuple[Stop, ...]
@@ -51,10 +59,11 @@ Gradient = LinearGradient | RadialGradient
 
 
 class Interval(NamedTuple):
-    """Positions along a gradient between two stops, and the colours of those stops.
+    """An interval of positions along a gradient, between two stops.
 
-    The colours of the positions from `start` to `end` are interpolated linearly. Either position
-    may be infinite; then both colours are the same.
+    - `start`, `end`: positions, of which one may be infinite. Both colours are then the same.
+    - `start_color`, `end_color`: colours at these positions, sRGB with straight alpha, `[4]`. The
+      colours between them are interpolated linearly.
     """
 
     start: float
@@ -64,7 +73,7 @@ class Interval(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A convex polygon `[n, 2]`, and its paint."""
+    """A convex polygon `[n, 2]` in pixels, and its paint."""
 
     points: np.ndarray
     paint: Paint
@@ -73,7 +82,11 @@ class Piece(NamedTuple):
 def linear_pieces(
     gradient: LinearGradient, bounds: tuple[float, float, float, float], budget: Budget
 ) -> list[Piece]:
-    """Divide the box (x0, y0, x1, y1) into strips."""
+    """Divide the box (x0, y0, x1, y1), in pixels, into strips, each with an affine paint.
+
+    Raises `ValueError` for a gradient that repeats too often in the box, and for work beyond the
+    budget.
+    """
     x0, y0, x1, y1 = bounds
     box = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     t = box @ gradient.to_unit[:2] + gradient.to_unit[2]
@@ -86,7 +99,11 @@ def linear_pieces(
 
 
 def _strip_paint(gradient: LinearGradient, interval: Interval) -> Paint:
-    """The paint of an interval; its start colour if the interval is infinite, or too short."""
+    """The paint of an interval.
+
+    It is the start colour alone if the interval is infinite, or so short that the slope of a colour
+    would not be finite.
+    """
     if math.isfinite(interval.start) and math.isfinite(interval.end):
         paint = linear_paint(gradient.to_unit, *interval)
         if np.isfinite(paint.color).all():
@@ -95,9 +112,13 @@ def _strip_paint(gradient: LinearGradient, interval: Interval) -> Paint:
 
 
 def intervals(gradient: Gradient, low: float, high: float, budget: Budget) -> Iterator[Interval]:
-    """The intervals between stops that meet the positions from `low` to `high`.
+    """Intervals between stops that cover the positions from `low` to `high`, in increasing order.
 
-    The first and the last interval of a gradient with `pad` are infinite.
+    With `pad`, these are all intervals between stops. An infinite interval precedes or follows them
+    if the positions reach beyond the first or the last stop. With `repeat` and `reflect`, these are
+    the intervals of all periods that meet the positions.
+
+    Raises `ValueError` for too many periods, and for work beyond the budget.
     """
     stops = gradient.stops
     if gradient.spread == "pad":
@@ -115,14 +136,18 @@ def intervals(gradient: Gradient, low: float, high: float, budget: Budget) -> It
     if not end_period - first_period < 2**40:
         raise ValueError("has a gradient that repeats too often.")
     budget.charge("overlays", 8 * len(stops) * (end_period - first_period))
-    # Between an outer stop and the end of the period, the colour is that of the stop.
+    # The colours of the first and the last stop continue to the ends of the period.
     period_stops = (Stop(0.0, stops[0].color), *stops, Stop(1.0, stops[-1].color))
     for period in range(first_period, end_period):
         yield from _period(period_stops, period, gradient.spread == "reflect" and period % 2 != 0)
 
 
 def _period(stops: tuple[Stop, ...], period: int, is_reversed: bool) -> Iterator[Interval]:
-    """The intervals of positive length between the stops of one period."""
+    """The intervals of positive length between the stops of one period, moved by `BORDER_SHIFT`.
+
+    Period k has the positions from k to k + 1. `is_reversed` is for every other period of a
+    gradient with `reflect`.
+    """
     ordered = stops
     if is_reversed:
         ordered = tuple(Stop(1.0 - stop.offset, stop.color) for stop in reversed(stops))
@@ -148,7 +173,11 @@ def _clip_to_interval(
 
 
 def _clip(points: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Clip a convex polygon to where an affine function with these values is not negative."""
+    """Clip a convex polygon to where an affine function is not negative.
+
+    `values` are the function's values at `points`. Returns the vertices `[m, 2]` of what is left,
+    where m may be 0.
+    """
     clipped = []
     for k in range(len(points)):
         j = (k + 1) % len(points)

@@ -14,7 +14,11 @@ from ..xml.notices import WITHOUT_EFFECT
 
 
 def paint_root_background(page: Page, style: Style, canvas: Sink) -> None:
-    """Paint the canvas in the `background-color` of the root (CSS Backgrounds 3)."""
+    """Paint the canvas in the `background-color` of the root (CSS Backgrounds 3).
+
+    `style` is the computed style of the root. An opaque colour becomes the background of the scene.
+    A translucent one is added to the sink `canvas` as a shape that covers all pixels.
+    """
     context, css = page.context, page.declared(page.root).css
     for name in ("background", "background-image"):
         if any(function in css.get(name, "").lower() for function in ("url(", "gradient(")):
@@ -37,8 +41,11 @@ def becomes_background(
 ) -> bool:
     """Make a rect the background if it is the first shape, opaque, and covers viewBox and canvas.
 
-    Returns whether it has become the background. A viewBox, `box`, may leave margins on the canvas.
-    They show the page, not the rect, so a rect that covers the viewBox alone is no background.
+    - `path`, `style`, `placement`: of the rect.
+    - `box`: viewBox of the root, in its user units. It may leave margins on the canvas. They show
+      the page, not the rect, so a rect that covers the viewBox alone is no background.
+
+    Returns whether the rect has become the background, so that it need not be drawn.
     """
     context = page.context
     paint = style.color if style.fill == CURRENT else style.fill
@@ -79,6 +86,6 @@ def becomes_background(
 def _fits_float32(color: tuple[float, ...]) -> bool:
     """Whether all channels of a colour are finite in float32.
 
-    Other colours are drawn as shapes, so that the error names their line.
+    A rect in any other colour is drawn as a shape, so that the error names its line.
     """
     return all(abs(value) <= np.finfo(np.float32).max for value in color)

@@ -1,4 +1,4 @@
-"""Reads `linearGradient` and `radialGradient`, with references between them."""
+"""Reads the elements `linearGradient` and `radialGradient`, and the references between them."""
 
 import math
 from typing import Any, Literal
@@ -23,23 +23,28 @@ from .gradient_pieces import Gradient, LinearGradient, RadialGradient
 GRADIENTS = ("linearGradient", "radialGradient")
 
 Fill = Rgba | Gradient | None
-"""What a paint server paints: one colour, a gradient, or nothing."""
+"""What a paint server paints: one colour, a gradient, or None for nothing."""
 
 _TOUCHING = 1e-3
-"""Distance between circles, in radii, below which they count as touching."""
+"""Distance below which two circles count as touching, in radii of the end circle."""
 
 _MAX_TEMPLATES = 1000
-"""Limit of gradients that refer to each other in a chain."""
+"""Maximum number of gradients in a chain, each of which refers to the next."""
 
 
 def gradient_fill(
     page: Page, gradient: Element, box: Box, map3: np.ndarray, opacity: float
 ) -> Fill | Literal[False]:
-    """The paint of a gradient element; False if it is relative to a box without area.
+    """The paint of a gradient element for one shape.
 
     - `box`: bounding box of the shape in user units.
-    - `map3`: from the shape's units to pixels.
-    - `opacity`: factor of the alpha of all colours.
+    - `map3`: homogeneous map `[3, 3]` from the shape's user units to pixels.
+    - `opacity`: factor of the alpha of all colours, in 0..1.
+
+    Returns a colour if the gradient has the same colour everywhere. Returns None if it paints
+    nothing, such as one without stops or whose map has no inverse. Returns False if the gradient is
+    relative to a box without area; the caller then paints the fallback of the reference. Raises
+    `ValueError` for a map in perspective.
 
     **Source:** SVG 2, section 14.2.
     """
@@ -66,7 +71,10 @@ def gradient_fill(
 
 
 def _templates(page: Page, gradient: Element) -> list[Element]:
-    """A gradient followed by the chain of gradients to which it refers, without repetitions."""
+    """A gradient, followed by the gradient to which it refers, and so on.
+
+    A reference to no gradient, or to one that is in the chain already, is noted and ends the chain.
+    """
     chain, seen = [gradient], {id(gradient)}
     while (href := chain[-1].attrib.get("href")) is not None:
         target = page.target(href)
@@ -82,13 +90,22 @@ def _templates(page: Page, gradient: Element) -> list[Element]:
 
 
 def pattern_applies(pattern: Element, box: Box) -> bool:
-    """Whether a pattern can be applied to a shape with this bounding box (SVG 2, section 14.3)."""
+    """Whether a browser applies a pattern to a shape with this bounding box, in user units.
+
+    It does not if the pattern is relative to a box without area; the fallback is then painted. A
+    pattern that inherits attributes from another counts as applied.
+
+    **Source:** SVG 2, section 14.3.
+    """
     units = pattern.attrib.get("patternUnits", "").strip()
     return units == "userSpaceOnUse" or "href" in pattern.attrib or min(box.width, box.height) > 0
 
 
 def _inherited(page: Page, chain: list[Element], name: str, words: tuple[str, ...]) -> str | None:
-    """The value of an attribute of the first gradient that has it, if it is one of `words`."""
+    """The value of an attribute of the first gradient in `chain` that has it.
+
+    Returns None if no gradient has it, or if the value is none of `words`, which is noted.
+    """
     for gradient in chain:
         if (text := gradient.attrib.get(name)) is not None:
             if text.strip() in words:
@@ -99,7 +116,12 @@ def _inherited(page: Page, chain: list[Element], name: str, words: tuple[str, ..
 
 
 def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.ndarray:
-    """The map of `gradientTransform`, about the gradient's `transform-origin`."""
+    """The map of `gradientTransform`, about the gradient's `transform-origin`.
+
+    It is read from the first gradient in `chain` that has it. `in_box` says whether the gradient's
+    units are the sides of a bounding box, as in `_Lengths`. An invalid transform is noted and
+    counts as the identity.
+    """
     for gradient in chain:
         if (text := gradient.attrib.get("gradientTransform")) is None:
             continue
@@ -118,7 +140,10 @@ def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.nd
 
 
 def _stops(page: Page, chain: list[Element], opacity: float) -> list[Stop]:
-    """The stops of the first gradient that has any, with their alpha multiplied."""
+    """The stops of the first gradient in `chain` that has any; empty if none has.
+
+    `opacity` is multiplied into the alpha of each.
+    """
     stops = page.gradient_stops.get(id(chain[0]))
     if stops is None:
         children: list[Element] = []
@@ -150,7 +175,7 @@ def _stop(page: Page, element: Element) -> Stop:
 
 
 def _in_order(stops: list[Stop]) -> list[Stop]:
-    """Stops whose offsets do not decrease: a smaller one becomes the largest before it."""
+    """Stops whose offsets do not decrease: an offset is raised to the largest one before it."""
     ordered: list[Stop] = []
     for stop in stops:
         offset = max(stop.offset, ordered[-1].offset) if ordered else stop.offset
@@ -164,7 +189,12 @@ def _solid(stop: Stop) -> Rgba | None:
 
 
 class _Lengths:
-    """Reads lengths of a gradient, in its units, from the first of a chain that has them."""
+    """Reads lengths of a gradient, in the gradient's units.
+
+    - `chain`: the gradient and those it refers to. A length is read from the first gradient of the
+      same kind that has it.
+    - `in_box`: whether the units are the sides of the shape's bounding box, instead of user units.
+    """
 
     def __init__(self, page: Page, chain: list[Element], in_box: bool):
         self._page = page
@@ -172,7 +202,10 @@ class _Lengths:
         self._in_box = in_box
 
     def read(self, name: str, default: str | float) -> float:
-        """The value of an attribute; `default` is text, or the value itself."""
+        """The length of an attribute; `default` if it is missing or invalid, which is noted.
+
+        `default` is text to parse, or a length in the gradient's units.
+        """
         viewport = self._page.viewport
         full = {"x": viewport.width, "y": viewport.height}.get(
             name[-1] if name[-1] in "xy" else name[0], viewport.diagonal
@@ -238,7 +271,8 @@ def _radial(
         # SVG 2, section 14.2.3.2: no gradient is drawn if both circles are the same.
         return None
     if distance > 0 and fr < r and abs(distance + fr - r) < r * _TOUCHING:
-        # Circles that touch from inside have no area in common with a ray at their common tangent.
+        # If the start circle touches the end circle from inside, rays near the common tangent have
+        # no length. The focus is therefore moved inwards.
         t = max(r * (1 - _TOUCHING) - fr, 0.0) / distance
         focus = (
             center[0] + (focus[0] - center[0]) * t,

@@ -1,7 +1,7 @@
-"""Fills and strokes paths: flattens them, resolves their paints, and passes the shapes on.
+"""Fills and strokes paths: flattens them, resolves their paints, and adds the shapes to a sink.
 
 A shape of one colour that is not clipped stays a set of contours or outlines, which the display
-list triangulates many at a time. A clipped shape or one with a gradient becomes regions.
+list triangulates many at a time. A shape that is clipped or has a gradient becomes shapely regions.
 """
 
 import math
@@ -34,9 +34,11 @@ from .radial_pieces import radial_pieces
 class FillSource(NamedTuple):
     """A shape that has been filled, from which `control_points.py` finds its control points.
 
-    - `path`: the path of the file; `outline`: the same, flattened.
-    - `map3`: from the shape's user units to pixels.
-    - `is_from_attribute`: whether the path is that of an attribute, rather than of a style sheet.
+    - `path`: the path of the element, in user units.
+    - `outline`: `path`, flattened to polygons.
+    - `map3`: homogeneous map `[3, 3]` from the shape's user units to pixels.
+    - `is_from_attribute`: whether the path is written in an attribute, instead of in the CSS
+      property `d`.
     """
 
     element: Element
@@ -47,7 +49,11 @@ class FillSource(NamedTuple):
 
 
 class Painter:
-    """Paints the shapes of a page. `sources` are all that it has filled, if `keeps_sources`."""
+    """Paints the shapes of a page.
+
+    - `keeps_sources`: whether filled shapes are stored in `sources`; False at first.
+    - `sources`: the shapes that have been filled, in draw order; empty unless `keeps_sources`.
+    """
 
     def __init__(self, page: Page):
         self._page = page
@@ -57,7 +63,13 @@ class Painter:
     def paint(
         self, element: Element, path: Path, style: Style, placement: Placement, opacity: float
     ) -> None:
-        """Fill and stroke a path in the order that its style gives."""
+        """Fill and stroke a path in the order of its `paint-order`.
+
+        - `path`: in the user units of `element`.
+        - `style`: computed style of `element`.
+        - `placement`: map to pixels, clip, and receiver of the shapes.
+        - `opacity`: factor of the alpha of fill and stroke, in 0..1.
+        """
         if style.visibility != "visible":
             return
         linear = placement.map3[:2, :2] / (placement.map3[2, 2] or 1.0)
@@ -152,7 +164,14 @@ class Painter:
     def _scaled_dashes(
         self, element: Element, contours: list[np.ndarray], closed: list[bool], style: Style
     ) -> tuple[tuple[float, ...], float]:
-        """The dash pattern and its offset, in units of which the path has `pathLength`.
+        """The dash pattern and its offset, scaled as the attribute `pathLength` asks.
+
+        - `contours`: `[n, 2]` each, the flattened path, in user units or in pixels.
+        - `closed`: whether each contour is closed.
+
+        The style's pattern and offset are in units in which the whole path is `pathLength` long.
+        They are converted to the units of `contours`. The pattern is empty for a stroke without
+        gaps. An invalid `pathLength` is noted and has no effect.
 
         **Source:** SVG 2, section 9.6.1.
         """
@@ -181,7 +200,10 @@ class Painter:
     def _add_region(
         self, region: Any, fill: Rgba | Gradient, placement: Placement, source: int
     ) -> None:
-        """Clip a region in pixels, divide it into paints, and pass it on."""
+        """Clip a region in pixels, divide it if it has a gradient, and add it to the sink.
+
+        `source` is its index in `sources`, or -1.
+        """
         if placement.clip is not None:
             region = intersection(region, placement.clip, self._page.budget)
         if is_empty(region):
@@ -198,7 +220,10 @@ class Painter:
         placement.sink.add_items(self._cut(region, pieces, source))
 
     def _cut(self, region: Any, pieces: list, source: int) -> list[Item]:
-        """Intersect a region with convex pieces."""
+        """Intersect a region with the pieces of a gradient that cover its bounding box.
+
+        Pieces that are fully transparent are left out. `source` is as in `_add_region`.
+        """
         pieces = [piece for piece in pieces if piece.paint.color[3].any()]
         if len(pieces) == 1:
             return [Item(region, pieces[0].paint, source)]
@@ -221,7 +246,16 @@ class Painter:
         self, element: Element, name: str, paint: Any, style: Style, opacity: float,
         path: FlatPath, placement: Placement,
     ) -> Fill:  # fmt: skip
-        """Resolve a paint for a shape: to a colour, a gradient, or None."""
+        """Resolve the paint of a shape's fill or stroke to a colour or a gradient.
+
+        - `name`: `fill` or `stroke`.
+        - `paint`: value of this property, a `style.Paint`.
+        - `opacity`: factor of the alpha, in 0..1.
+        - `path`: the shape, whose bounding box a gradient may need.
+
+        Returns None if nothing is painted. A reference to a pattern is noted, and so is one to no
+        paint if it has no fallback.
+        """
         opacity = opacity if self._page.context.opacity else 1.0
         if isinstance(paint, PaintServer):
             server = self._page.target(paint.reference)
@@ -247,11 +281,11 @@ class Painter:
 
 
 def paints_both(style: Style) -> bool:
-    """Whether a shape of this style may have a fill and a stroke."""
+    """Whether a shape of this style may have both a fill and a stroke."""
     return style.fill is not None and style.stroke is not None and style.stroke_width > 0
 
 
 def _bounds(path: FlatPath) -> Box:
-    """The bounding box of the fill of a path that has points, in user units."""
+    """The bounding box of a path's points, without its stroke, in user units."""
     low, high = path.points.min(axis=0).tolist(), path.points.max(axis=0).tolist()
     return Box(low[0], low[1], high[0] - low[0], high[1] - low[1])

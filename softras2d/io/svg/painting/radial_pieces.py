@@ -1,8 +1,8 @@
-"""Divides a bounding box into triangles in each of which a radial gradient is an affine function.
+"""Divides a radial gradient into polygons, each with a paint that is an affine function.
 
-A radial gradient is affine along every ray that crosses its circles. Between neighbouring rays, it
-is interpolated along the chords of the circles: colours are displaced by at most the distance
-between a chord and its arc.
+Between two stops, a radial gradient is affine along every ray that crosses its circles. Between
+neighbouring rays, it is interpolated along chords of the circles. This displaces colours by at most
+the distance between a chord and its arc.
 """
 
 import math
@@ -16,8 +16,10 @@ from .gradient_circles import Circles, circles_of
 from .gradient_pieces import BORDER_SHIFT, Interval, Piece, RadialGradient, intervals
 
 _COLOR_ERROR = 1 / 1024
-"""Colour error that is invisible. A ring's chords may be coarser than the tolerance of curves, as
-long as they change no colour by more."""
+"""Largest colour error that chords may cause, with channels in 0..1, which is invisible.
+
+Chords may be farther from their arcs than the tolerance of curves if no colour changes by more.
+"""
 
 
 def radial_pieces(
@@ -26,7 +28,12 @@ def radial_pieces(
     tolerance: float,
     budget: Budget,
 ) -> list[Piece]:
-    """Divide the box (x0, y0, x1, y1) into triangles between rays and circles."""
+    """Divide the box (x0, y0, x1, y1), in pixels, into pieces between rays and circles.
+
+    `tolerance` is the largest distance between a curve and its polygon, in pixels. Pieces may reach
+    beyond the box, and none lies where no circle passes. Raises `ValueError` for a gradient that
+    repeats too often in the box, and for work beyond the budget.
+    """
     x0, y0, x1, y1 = bounds
     box = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     inverse = np.linalg.inv(gradient.to_pixels)
@@ -57,7 +64,7 @@ def radial_pieces(
     for start, end, start_color, end_color in rings:
         pieces += _ring(circle(start), circle(end), start_color, end_color, box)
     if is_padded:
-        # The box without the last circle, as a ring that ends far outside.
+        # The rest of the box, outside the last circle, is a ring that ends far outside the box.
         last_end = rings[-1].end if rings else stops[-1].offset
         color = stops[-1].color
         pieces += _ring(circle(last_end), circle(4 * high + 1), color, color, box)
@@ -65,10 +72,10 @@ def radial_pieces(
 
 
 def _from_position(interval: Interval, low: float) -> Interval:
-    """The part of an interval from the position `low` on, which is where circles begin.
+    """The part of an interval from the position `low` on, at which the circles begin.
 
-    An interval that begins `BORDER_SHIFT` after it begins there too, as nothing else is painted in
-    between.
+    An interval that begins up to `BORDER_SHIFT` after `low` is extended to begin at `low`, since no
+    other interval would paint the gap.
     """
     if interval.start > low + BORDER_SHIFT:
         return interval
@@ -84,10 +91,14 @@ def _sectors(
     circles: Circles,
     points: Float[np.ndarray, "n 2"],
 ) -> int:
-    """Number of rays between which chords are close enough to the arcs of the rings.
+    """Number of sectors between rays that is needed for chords to be close enough to their arcs.
 
-    A chord may be off by `tolerance` pixels, or by more if no colour changes by `_COLOR_ERROR`. The
-    convex hull of `points`, in units of the gradient, is what is painted.
+    - `rings`: the finite intervals between stops.
+    - `tolerance`: largest distance between a chord and its arc, in pixels. It may be larger if this
+      changes no colour by more than `_COLOR_ERROR`.
+    - `points`: vertices in the gradient's units, whose convex hull is painted.
+
+    The result is in 16..16384.
     """
     stretch = float(np.linalg.norm(gradient.to_pixels[:2, :2], 2))
     allowed = math.inf
@@ -115,7 +126,14 @@ def _ring(
     outer_color: np.ndarray,
     box: np.ndarray,
 ) -> list[Piece]:
-    """The pieces between two circles that meet the box, with the colours at both circles."""
+    """The pieces between two circles whose bounding boxes meet the box.
+
+    - `inner_circle`, `outer_circle`: points in pixels at which the same rays meet the circles.
+    - `inner_color`, `outer_color`: colours `[4]` at the circles, interpolated between them.
+    - `box`: corners `[4, 2]` of the box in pixels.
+
+    A piece is a quadrilateral between two rays, or half of one if the colours differ.
+    """
     quads = np.stack(
         [inner_circle[:-1], outer_circle[:-1], outer_circle[1:], inner_circle[1:]], axis=1
     )

@@ -1,4 +1,4 @@
-"""Converts CSS colours to sRGB."""
+"""Parses CSS colours, and converts them to sRGB."""
 
 import functools
 import math
@@ -12,10 +12,14 @@ import tinycss2.color4
 from ....color import linear_to_srgb
 
 Rgba = tuple[float, float, float, float]
-"""sRGB colour and straight alpha. Alpha is in 0..1; colours may lie outside."""
+"""Red, green, blue in sRGB, and straight alpha.
+
+Alpha is in 0..1. The other channels are 0..1 for colours that a display can show, and may lie
+outside.
+"""
 
 CURRENT = "currentcolor"
-"""The value of `color_of` for the keyword `currentColor`."""
+"""The result of `color_of` for the keyword `currentColor`."""
 
 _HEX = re.compile(r"#([0-9a-fA-F]{2})([0-9a-fA-F]{2})([0-9a-fA-F]{2})\Z")
 _BYTES = re.compile(r"rgb\(\s*+([0-9]{1,3}+)\s*+,\s*+([0-9]{1,3}+)\s*+,\s*+([0-9]{1,3}+)\s*+\)\Z")
@@ -26,24 +30,28 @@ _MAX_LENGTH = 1000
 """Maximum length of a colour, in characters. Longer text is not parsed, and counts as no colour."""
 
 _MAX_NESTING = 8
-"""Limit of brackets within brackets in a colour, since tinycss2 recurses for each."""
+"""Maximum depth of nested brackets in a colour, since tinycss2 recurses for each."""
 
 _MAX_COORDINATE = 1e6
-"""Coordinates in CIE spaces are clamped to this size, so that their cubes do not overflow."""
+"""Maximum absolute value of coordinates in CIE and Oklab spaces.
+
+Larger ones are clamped to it, so that their cubes do not overflow.
+"""
 
 
 def color_of(text: str) -> Rgba | str | None:
-    """Convert a CSS colour to sRGB; `CURRENT` for `currentColor`, None for text that is no colour.
+    """Parse a CSS colour, and convert it to sRGB with straight alpha.
 
-    Colours outside sRGB are clipped to 0..1 per channel. The exceptions are `color(srgb ...)` and
-    `color(srgb-linear ...)`, which are not clipped.
+    Channels of colours outside sRGB are clipped to 0..1, except for the function `color(...)`.
+    Returns `CURRENT` for `currentColor`. Returns None for text that is no colour, that is too long,
+    or whose colour space is not supported, such as `display-p3`.
     """
     text = text.strip()
     return _parsed(text) if len(text) <= _MAX_LENGTH else None
 
 
 def nesting(text: str) -> int:
-    """Depth of brackets within brackets in a text of CSS."""
+    """Maximum depth of nested brackets in a text of CSS; 0 if it has none."""
     deepest = depth = 0
     for bracket in _BRACKET.finditer(text):
         depth = depth + 1 if bracket[0] in "([{" else max(depth - 1, 0)
@@ -86,7 +94,10 @@ def _clip(value: float) -> float:
 
 
 def _srgb(color: Any) -> tuple[float, ...] | None:
-    """Coordinates in sRGB of a parsed colour; None for spaces that are not supported."""
+    """The sRGB channels of a colour that tinycss2 parsed, not clipped.
+
+    Returns None for a colour space that is not supported.
+    """
     if color.space in ("srgb", "hsl", "hwb"):
         return tuple(color.to("srgb").coordinates)
     if color.space == "srgb-linear":
@@ -125,5 +136,5 @@ def _product(matrix: tuple[tuple[float, ...], ...], vector: tuple[float, ...]) -
 
 
 def _encode(linear: Iterable[float]) -> tuple[float, ...]:
-    """Convert linear light to sRGB."""
+    """Convert red, green and blue from linear light to sRGB."""
     return tuple(linear_to_srgb(np.array(list(linear), np.float64)).tolist())

@@ -1,7 +1,8 @@
 """Parses numbers in attributes: lists, lengths with units, fractions, and the course's numbers.
 
-Standard SVG is strict: text that its grammar does not allow is an error. The course stops reading
-at the first text that does not fit, without an error.
+Functions for standard SVG are strict: text that its grammar does not allow raises `ValueError`.
+Functions for the course stop reading at the first text that does not fit, without an error, as the
+course's program does.
 """
 
 import math
@@ -13,7 +14,7 @@ import numpy as np
 # Every quantifier is possessive (`++`, `*+`, `?+`), that is, it never backtracks, so that matching
 # takes linear time. Ordinary quantifiers try all ways to split a run of digits or blanks.
 NUMBER = r"[+-]?+(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+"
-"""Regular expression of a number in SVG."""
+"""Regular expression that matches a number in SVG, without groups."""
 
 _NEXT = re.compile(rf"\s*+(,?+)\s*+({NUMBER})")
 _LEADING = re.compile(rf"\s*+({NUMBER})")
@@ -33,7 +34,7 @@ _PIXELS_PER_UNIT = {
 
 
 def number_list(text: str) -> list[float]:
-    """Parse a list of numbers, by the grammar of SVG.
+    """Parse a list of numbers, by the grammar of SVG; empty text gives an empty list.
 
     Numbers are separated by blanks, by a comma, or by nothing if the next one begins with a sign or
     a point. Raises `ValueError` for any other text, and for numbers that are not finite.
@@ -62,7 +63,10 @@ def number_list(text: str) -> list[float]:
 
 
 def leading_numbers(text: str) -> tuple[list[float], str | None]:
-    """Parse a list of numbers up to the first error; returns them, and the error or None."""
+    """Parse a list of numbers up to the first error.
+
+    Returns the numbers, and the message of the error; None if there is no error.
+    """
     try:
         return number_list(text), None
     except ValueError as error:
@@ -79,9 +83,11 @@ def leading_numbers(text: str) -> tuple[list[float], str | None]:
 
 
 def number_pairs(text: str) -> list[float]:
-    """Parse a list of points as the course does; returns x and y alternately, in float32.
+    """Parse a list of points as the course does; returns x and y alternately, rounded to float32.
 
-    A point is a number, one separator and a number. Reading stops at text that is no point.
+    A point is a number, one separator and a number. Reading stops at text that is no point. Raises
+    `ValueError` for numbers that are not finite in float32, and if NaN or infinity is written
+    anywhere after the last point.
     """
     values, position = [], 0
     while match := _PAIR.match(text, position):
@@ -93,9 +99,10 @@ def number_pairs(text: str) -> list[float]:
 
 
 def blank_separated(text: str) -> list[float]:
-    """Parse numbers with blanks between them as the course does, in float32.
+    """Parse numbers with blanks between them as the course does; returns them rounded to float32.
 
-    Reading stops at the first text that is no number.
+    Reading stops at the first text that is no number. Raises `ValueError` if that text is NaN or
+    infinity, and for numbers that are not finite in float32.
     """
     values = []
     for word in text.split():
@@ -111,9 +118,10 @@ def blank_separated(text: str) -> list[float]:
 
 
 def leading_float(text: str | None) -> float:
-    """Parse the number with which a text begins, as the course does, in float32.
+    """Parse the number with which a text begins, as the course does; returns it rounded to float32.
 
-    A missing attribute, None, is 0.
+    A missing attribute, None, is 0. Raises `ValueError` for text that does not begin with a number,
+    and for a number that is not finite in float32.
     """
     if text is None:
         return 0.0
@@ -124,10 +132,12 @@ def leading_float(text: str | None) -> float:
 
 
 def length(text: str, full: float | None, units: Mapping[str, float] | None = None) -> float:
-    """Parse a length in px.
+    """Parse a length in any unit; returns it in px.
 
-    - `full`: what 100 % is, in px; a percentage is an error if it is None.
-    - `units`: the sizes in px of further units, such as `em`.
+    - `full`: length of 100 %, in px; None if percentages are not allowed.
+    - `units`: sizes in px of units other than the absolute ones, such as `em`; None for no others.
+
+    A number without a unit is in px. Raises `ValueError` for any other text.
     """
     match = _LENGTH.match(text)
     if match is None:
@@ -146,13 +156,16 @@ def length(text: str, full: float | None, units: Mapping[str, float] | None = No
 
 
 def is_number(text: str) -> bool:
-    """Whether a text is one number, without a unit."""
+    """Whether a text is a single number without a unit, which blanks may surround."""
     match = _LENGTH.match(text)
     return match is not None and not match[2]
 
 
 def fraction(text: str) -> float:
-    """Parse an opacity, which is a number or a percentage, and clamp it to 0..1."""
+    """Parse an opacity or an offset, a number or a percentage, and clamp it to 0..1.
+
+    Raises `ValueError` for any other text.
+    """
     match = _LENGTH.match(text)
     if match is None or match[2] not in ("", "%"):
         raise ValueError(f"expected a number in 0..1, got {_excerpt(text)}.")
@@ -160,7 +173,7 @@ def fraction(text: str) -> float:
 
 
 def finite(text: str) -> float:
-    """Parse a number as float64; `ValueError` if it is not finite there."""
+    """Parse a number as float64. Raises `ValueError` if it is not finite, or no number."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(f"{_excerpt(text)} is not a finite number.")
@@ -168,7 +181,10 @@ def finite(text: str) -> float:
 
 
 def finite32(text: str) -> float:
-    """Parse a number and round it to float32; `ValueError` if it is not finite there."""
+    """Parse a number and round it to float32.
+
+    Raises `ValueError` if it is not finite in float32, or no number.
+    """
     value = float(text)
     if not abs(value) <= FLOAT32_MAX:
         raise ValueError(f"{_excerpt(text)} is not a finite number in float32.")
@@ -176,15 +192,16 @@ def finite32(text: str) -> float:
 
 
 def _infinity_or_nan(text: str) -> str | None:
-    """The first word in a text that means NaN or infinity; None if there is none.
+    """The first word in a text that means NaN or infinity, quoted for an error message.
 
-    Stopping there without an error would hide a fault of the program that wrote the file.
+    Returns None if there is none. If reading stopped at such a word without an error, a fault of
+    the program that wrote the file would remain hidden.
     """
     match = _NOT_FINITE.search(text)
     return _excerpt(match[0]) if match else None
 
 
 def _excerpt(text: str) -> str:
-    """The beginning of a text, in quotes, for error messages."""
+    """The first 24 characters of a text, in quotes, for error messages."""
     text = text.strip()
     return repr(text if len(text) <= 24 else text[:24] + "...")

@@ -1,7 +1,8 @@
-"""Reads path data (`d`) and the basic shapes as paths.
+"""Makes paths from path data (attribute `d`) and from the basic shapes.
 
-The grammar of path data is fontTools'. Its regular expressions take quadratic time for long runs of
-digits in arcs, and skip what is no number, so the text is first checked and written with blanks.
+fontTools parses path data. Its regular expressions take quadratic time for long runs of digits in
+arcs, and skip text that is no number. The text is therefore first checked by the expressions below,
+and rewritten with one blank between words.
 """
 
 import re
@@ -19,13 +20,18 @@ _RUN = re.compile(rf"(?:{NUMBER}{_SEPARATOR})*+")
 _FLAG = re.compile(rf"([01]){_SEPARATOR}")
 
 _SAME_POINT = 1e-9
-"""Distance between points that count as one, in units of the largest coordinate of a subpath."""
+"""Largest difference of coordinates between points that count as one.
+
+It is a fraction of the largest absolute coordinate of the subpath.
+"""
 
 _ARGUMENTS = {"M": 2, "L": 2, "T": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "A": 7, "Z": 0}
 
 
 def parse_path_data(text: str) -> tuple[Path, str | None]:
-    """Parse path data; returns the path up to the first error, and the error or None.
+    """Parse path data, up to the first error.
+
+    Returns the path, in user units, and the message of the error; None if there is no error.
 
     **Source:** SVG 2, section 9.3.9 (grammar) and 9.5.4 (error handling).
     """
@@ -40,7 +46,11 @@ def parse_path_data(text: str) -> tuple[Path, str | None]:
 
 
 def _checked(text: str) -> tuple[str, str | None]:
-    """The longest prefix that the grammar allows, in a form that fontTools reads, and the error."""
+    """Check path data against SVG's grammar.
+
+    Returns the longest valid beginning, rewritten so that fontTools can read it, and the message of
+    the error that follows it; None if there is no error.
+    """
     if text.strip() == "none":
         return "", None
     words: list[str] = []
@@ -63,14 +73,14 @@ def _checked(text: str) -> tuple[str, str | None]:
 
 
 def _arguments(text: str, position: int) -> tuple[list[str], int]:
-    """The numbers from a position on, and the position after them."""
+    """The numbers in a text from a position on, as text, and the position after the last."""
     run = _RUN.match(text, position)
     assert run is not None, "a run may be empty"
     return _ARGUMENT.findall(run[0]), run.end()
 
 
 def _arc_arguments(text: str, position: int) -> tuple[list[str], int]:
-    """The same for arcs, whose flags need no separator."""
+    """Like `_arguments` for the command `A`, whose two flags need no separator after them."""
     arguments: list[str] = []
     while True:
         pattern = _FLAG if len(arguments) % 7 in (3, 4) else _ARGUMENT
@@ -82,7 +92,8 @@ def _arc_arguments(text: str, position: int) -> tuple[list[str], int]:
 
 
 def _joined(words: list[str]) -> str:
-    # Other numbers, such as `1.`, `+.5`, `007` and those of many digits, are read by Python.
+    # fontTools misreads other spellings, such as `1.` and `007`, and is slow for long numbers.
+    # Python reads and rewrites all of these.
     is_plain = _PLAIN_WORD.match
     return " ".join(
         word if len(word) < 40 and is_plain(word) else repr(float(word)) for word in words
@@ -90,11 +101,11 @@ def _joined(words: list[str]) -> str:
 
 
 _PLAIN_WORD = re.compile(r"(?:-?+(?:0|[1-9][0-9]*+)(?:\.[0-9]++)?+|[A-Za-z])\Z")
-"""A command, or a number as fontTools reads it."""
+"""A command, or a number in a spelling that fontTools can read."""
 
 
 class PathPen:
-    """Receives the segments of a path from fontTools, as its pens do, in absolute coordinates."""
+    """A pen of fontTools that builds a `Path`: it receives segments in absolute coordinates."""
 
     def __init__(self):
         self.path = Path()
@@ -104,17 +115,17 @@ class PathPen:
         self.path.subpaths.append(Subpath(self.path.add_point(*point)))
 
     def lineTo(self, point: tuple[float, float]) -> None:
-        """A line from the current point."""
+        """Add a line from the current point."""
         self._add(point)
 
     def qCurveTo(self, control: tuple[float, float], end: tuple[float, float]) -> None:
-        """A quadratic Bezier curve from the current point."""
+        """Add a quadratic Bezier curve from the current point."""
         self._add(control, end)
 
     def curveTo(
         self, first: tuple[float, float], second: tuple[float, float], end: tuple[float, float]
     ) -> None:
-        """A cubic Bezier curve from the current point."""
+        """Add a cubic Bezier curve from the current point."""
         self._add(first, second, end)
 
     def arcTo(
@@ -126,7 +137,11 @@ class PathPen:
         sweep: bool,
         end: tuple[float, float],
     ) -> None:
-        """An elliptical arc from the current point."""
+        """Add an elliptical arc from the current point.
+
+        `rotation` is the angle between the x axis and the axis of `rx`, in degrees. An arc becomes
+        a line if a radius is zero or its ends are equal.
+        """
         subpath = self.path.subpaths[-1]
         start = self.path.points[_last(subpath)]
         ellipse = arc_between(start, end, (rx, ry), rotation, large, sweep)
@@ -143,16 +158,19 @@ class PathPen:
         segment = subpath.segments[-1] if subpath.segments else None
         if last == subpath.start or not self._is_at_start(subpath, last):
             return
-        # A segment that ends where the subpath begins ends in the same control point.
+        # If the last segment ends where the subpath begins, both share one control point.
         if isinstance(segment, Arc):
             subpath.segments[-1] = segment._replace(end=subpath.start)
         elif segment is not None:
             subpath.segments[-1] = (*segment[:-1], subpath.start)
-        # No later segment can refer to the other point.
+        # The segment's former end is the last point, so no other segment refers to it.
         del self.path.points[last:]
 
     def _is_at_start(self, subpath: Subpath, index: int) -> bool:
-        """Whether a point is where a subpath begins, apart from the rounding of relative moves."""
+        """Whether the point of an index equals the start of a subpath, up to rounding.
+
+        Relative commands accumulate rounding errors.
+        """
         (x, y), (start_x, start_y) = self.path.points[index], self.path.points[subpath.start]
         if (x, y) == (start_x, start_y):
             return True
@@ -175,7 +193,7 @@ def _last(subpath: Subpath) -> int:
 
 
 def polygon_path(points: list[tuple[float, float]], closed: bool) -> Path:
-    """The path through points."""
+    """The path of straight lines through points `(x, y)`; `closed` joins the last to the first."""
     path = Path(points=list(points))
     if points:
         path.subpaths.append(Subpath(0, [(k,) for k in range(1, len(points))], closed))
@@ -183,7 +201,10 @@ def polygon_path(points: list[tuple[float, float]], closed: bool) -> Path:
 
 
 def rect_path(x: float, y: float, width: float, height: float, rx: float, ry: float) -> Path:
-    """A rectangle with corners of radii `rx` and `ry`, from the top left corner clockwise.
+    """The path of a rectangle, clockwise from its top left corner.
+
+    `x` and `y` are this corner. `rx` and `ry` are the radii of rounded corners, at most half of the
+    sides; corners are sharp if either is 0.
 
     **Source:** SVG 2, section 10.2.
     """
@@ -206,7 +227,12 @@ def rect_path(x: float, y: float, width: float, height: float, rx: float, ry: fl
 
 
 def ellipse_path(cx: float, cy: float, rx: float, ry: float) -> Path:
-    """An ellipse, from its rightmost point clockwise (SVG 2, sections 10.3 and 10.4)."""
+    """The path of an ellipse about `(cx, cy)` with radii `rx` and `ry`.
+
+    It runs clockwise from the rightmost point.
+
+    **Source:** SVG 2, sections 10.3 and 10.4.
+    """
     pen = PathPen()
     ends = [(cx, cy + ry), (cx - rx, cy), (cx, cy - ry), (cx + rx, cy)]
     pen.moveTo(ends[-1])
@@ -217,6 +243,6 @@ def ellipse_path(cx: float, cy: float, rx: float, ry: float) -> Path:
 
 
 def _fixed(path: Path) -> Path:
-    """The path with all points marked as no control points of the file."""
+    """Mark all points of a path as no control points of the file, and return the path."""
     path.fixed = set(range(len(path.points)))
     return path

@@ -1,4 +1,4 @@
-"""Parses the attribute `transform`, by the grammar of SVG and by that of the course."""
+"""Parses the attribute `transform`, by SVG's grammar and by the course's."""
 
 import re
 from collections.abc import Callable
@@ -23,7 +23,9 @@ _FUNCTIONS: dict[str, tuple[tuple[int, ...], Callable[..., np.ndarray]]] = {
 
 
 def transform_list(text: str) -> Float64[np.ndarray, "3 3"]:
-    """Parse an SVG transform list; returns its matrix. Raises `ValueError` for any other text.
+    """Parse an SVG transform list; returns its matrix, which maps columns (x, y, 1) in user units.
+
+    Text that is empty or `none` is the identity. Raises `ValueError` for text that is no list.
 
     **Source:** *CSS Transforms 1*, "The SVG `transform` attribute".
     """
@@ -52,8 +54,11 @@ def course_transform(text: str, unknown: Callable[[str], None]) -> Float64[np.nd
     """Parse a transform list as the course does; returns its matrix.
 
     Exactly one character is skipped after each `)`. If a function has two blanks before it, its
-    name therefore begins with a blank. Functions with unknown names are ignored, after calling
-    `unknown` with the name.
+    name therefore begins with a blank, and is unknown. `unknown` is called with each unknown name,
+    and the function has no effect.
+
+    Raises `ValueError` for a missing `)`, for `matrix` with fewer than 6 numbers, and for numbers
+    that are not finite in float32.
     """
     product, position = affine_maps.identity(), 0
     while (opening := text.find("(", position)) >= 0:
@@ -71,10 +76,10 @@ def course_transform(text: str, unknown: Callable[[str], None]) -> Float64[np.nd
 
 
 def _course_function(name: str, text: str) -> Float64[np.ndarray, "3 3"]:
-    """The matrix of one function, given the text between its parentheses.
+    """The matrix of one function of the course, given the text between its parentheses.
 
     `matrix` accepts commas between its numbers, the other functions only blanks. Missing numbers
-    are 0, except those of `scale`, which are 1: `scale(2)` stretches x alone.
+    are 0, but 1 for `scale`: `scale(2)` stretches x alone.
     """
     numbers = blank_separated(text.replace(",", " ") if name == "matrix" else text)
     if name == "matrix":

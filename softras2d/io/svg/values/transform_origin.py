@@ -1,4 +1,4 @@
-"""Parses `transform-origin`."""
+"""Parses the property `transform-origin`."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,12 @@ from .units import Viewport
 def transform_origin(
     text: str, box: Sequence[float], viewport: Viewport, font_size: float
 ) -> tuple[float, float]:
-    """Parse `transform-origin`, relative to the reference box (x, y, width, height).
+    """Parse `transform-origin`; returns the origin (x, y) in user units.
+
+    - `text`: one to three values, of which the third, z, is ignored.
+    - `box`: the reference box (x, y, width, height) in user units. Keywords, lengths and
+      percentages are relative to its top left corner.
+    - `viewport`, `font_size`: resolve units such as `vw` and `em`.
 
     Raises `ValueError` for text that is no origin.
 

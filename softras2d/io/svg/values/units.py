@@ -6,15 +6,15 @@ from typing import NamedTuple
 from .numbers import is_number, length
 
 MEDIUM = 16.0
-"""Font size `medium`, in px, which browsers use unless told otherwise."""
+"""Font size `medium`, in px, the usual default of browsers."""
 
 
 class Viewport(NamedTuple):
     """Sizes to which the lengths of an element are relative.
 
-    - `width`, `height`: of the nearest viewport, in user units, for percentages.
-    - `page_width`, `page_height`: of the document, in px, for `vw` and `vh`.
-    - `root_font_size`: in px, for `rem`.
+    - `width`, `height`: size of the nearest viewport, in user units, for percentages.
+    - `page_width`, `page_height`: size of the document, in px, for `vw` and `vh`.
+    - `root_font_size`: font size of the root, in px, for `rem`.
     """
 
     width: float
@@ -25,19 +25,29 @@ class Viewport(NamedTuple):
 
     @property
     def diagonal(self) -> float:
-        """100 % of a length that is neither horizontal nor vertical (SVG 2, section 8.9)."""
+        """The length, in user units, of 100 % for lengths neither horizontal nor vertical.
+
+        **Source:** SVG 2, section 8.9.
+        """
         return math.hypot(self.width, self.height) / math.sqrt(2.0)
 
     def length(self, text: str, full: float, font_size: float) -> float:
-        """Parse a length in user units, of which 100 % are `full`.
+        """Parse the length in an attribute; returns it in user units.
 
-        Raises `ValueError` for any other text. Without a font, `ex` and `ch` are half of the font
-        size, as *CSS Values 4*, "Font-relative lengths", says, and `cap` and `ic` are the whole.
+        - `full`: length of 100 %, in user units.
+        - `font_size`: font size of the element, in user units, for `em` and its relatives.
+
+        No font is loaded: `ex` and `ch` are half of the font size, as *CSS Values 4*,
+        "Font-relative lengths", says, `cap` and `ic` are the font size, and `lh` is 1.2 times it.
+        Raises `ValueError` for any other text.
         """
         return length(text, full, self._relative_units(font_size))
 
     def css_length(self, text: str, full: float, font_size: float) -> float:
-        """Parse a length of a style sheet like `length`. There, only 0 may lack its unit."""
+        """Parse a length in CSS, like `length`, but raise `ValueError` for a number without a unit.
+
+        Only 0 needs no unit.
+        """
         value = self.length(text, full, font_size)
         if value and is_number(text):
             raise ValueError(f"the length {text.strip()[:24]!r} has no unit, such as `px`")

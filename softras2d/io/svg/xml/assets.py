@@ -1,4 +1,4 @@
-"""Reads the image files to which a document refers, if it may, and numbers them as textures."""
+"""Reads the image files to which a document refers, if allowed, and numbers them as textures."""
 
 import base64
 import binascii
@@ -18,10 +18,12 @@ _DATA = re.compile(r"data:(image/[^;,]*+)?+(?:;(?!base64,)[^;,]*+)*+;base64,")
 class Assets:
     """The images of a document, in sRGB with straight alpha. Each is read once, on first use.
 
-    - `folder`: folder of the document, to which names are relative.
-    - `root`: folder that must contain every file, after symbolic links are resolved.
-    - `alpha`: whether textures keep an alpha channel; a channel that is 1 everywhere is dropped.
-    - `budget`: charged for the pixels that the header of each image claims.
+    - `folder`: folder of the document, to which names are relative; None to use `root`.
+    - `root`: folder that must contain every file, after symbolic links are resolved; None to use
+      `folder`. If both are None, no file is read, only `data:` URIs.
+    - `alpha`: whether textures keep an alpha channel. One that is 1 everywhere is always dropped.
+    - `budget`: charged for the pixels that the header of each image claims; None for a new budget.
+    - `textures`: the images that have been used as textures, `[height, width, 3 or 4]` each.
     """
 
     def __init__(
@@ -38,19 +40,25 @@ class Assets:
         self.textures: list[np.ndarray] = []
 
     def declare(self, texid: str, filename: str) -> None:
-        """Let `texid` name a file. Raises `ValueError` for a file that may not be read."""
+        """Let `texid` name a file, for the method `texture`; the file is not read yet.
+
+        Raises `ValueError` for a file that does not exist or may not be read.
+        """
         self._declared[texid] = self._path(filename)
 
     def texture(self, texid: str) -> int:
-        """Index in `textures` of a declared texture."""
+        """Index in `textures` of the texture that was declared as `texid`.
+
+        Raises `ValueError` if none was, or if its file cannot be read.
+        """
         if texid not in self._declared:
             raise ValueError(f"no texture {texid!r} is declared before it.")
         return self._index(self._declared[texid])
 
     def linked(self, href: str) -> int:
-        """Index in `textures` of the image that the `href` of an `image` element refers to.
+        """Index in `textures` of the image to which the `href` of an `image` element refers.
 
-        Raises `ValueError` for an image that cannot be read; it is tried only once.
+        Raises `ValueError` for an image that cannot be read. Reading it is tried only once.
         """
         if href in self._unreadable:
             raise ValueError(self._unreadable[href])
@@ -63,14 +71,18 @@ class Assets:
             raise
 
     def picture(self, href: str) -> np.ndarray:
-        """The image `[height, width, 3 or 4]` that the `href` of an `image` element refers to."""
+        """The pixels `[height, width, 3 or 4]` of the image to which an `href` refers.
+
+        Unlike `linked`, this does not make it a texture. Raises `ValueError` for an image that
+        cannot be read.
+        """
         return self._read(self._key(href))
 
     def _key(self, href: str) -> Path | str:
         """Key of a linked image in the caches: the path of its file, or its `data:` URI unchanged.
 
         `href` is a `data:` URI, or the percent-encoded name of a file. Raises `ValueError` for a
-        file that may not be read.
+        file that does not exist or may not be read.
         """
         if href.lstrip().startswith("data:"):
             return href
@@ -103,7 +115,7 @@ class Assets:
         self._budget.charge("texels", pixels)
 
     def _path(self, name: str) -> Path:
-        """The file of a name. Raises `ValueError` unless it exists inside the root."""
+        """The absolute path of a file; raises `ValueError` unless it exists inside the root."""
         if not name:
             raise ValueError("no file is named.")
         if _SCHEME.match(name):
@@ -126,7 +138,10 @@ class Assets:
 
 
 def _embedded(uri: str) -> bytes:
-    """The bytes of a `data:` URI."""
+    """Decode the bytes of a `data:` URI.
+
+    Raises `ValueError` for text that is not base64, and for media other than raster images.
+    """
     uri = uri.lstrip()
     header = _DATA.match(uri)
     if header is None:

@@ -1,9 +1,9 @@
 """Parses XML element by element, safely: no entities, no network, errors with line numbers.
 
 Expat is the parser of Python's standard library. It fetches nothing by itself: files that a doctype
-refers to are not read. Entities are read only if they are short texts that refer to nothing, as
-drawing programs declare for namespaces. The course's dialect refuses all entities. No tree is
-built.
+refers to are not read. Entities may be declared only if they are short texts that refer to nothing,
+as drawing programs declare for namespaces. In the course's dialect, no entity may be declared. This
+module builds no tree; `tree.py` does.
 """
 
 import contextlib
@@ -19,27 +19,35 @@ import shapely.errors
 from ...budget import MAX_DEFAULTS, Budget
 
 MAX_BYTES = 64 * 2**20
-"""Size limit of a document. Larger ones are refused before they are parsed."""
+"""Maximum size of a document or image file, in bytes.
+
+A larger document is refused before it is parsed. The limit holds for a compressed document both
+before and after it is decompressed.
+"""
 
 MAX_ENTITIES = 256
-"""Entities that a document may declare."""
+"""Maximum number of entities that a document may declare."""
 
 MAX_ENTITY_LENGTH = 256
-"""Length of the text of an entity. Expat limits the total length of what entities become."""
+"""Maximum length of the text of an entity, in characters.
+
+Expat itself limits the total length of the text that replaces entities.
+"""
 
 MAX_DEPTH = 100_000
-"""Limit of elements within elements."""
+"""Maximum depth of nested elements, where the root has depth 1."""
 
 Attributes = dict[str, str]
-"""Attributes of an element: values by name, both as in the document."""
+"""Attributes of an element: values by name. Names have their prefixes, as in the document."""
 
 
 class Document(NamedTuple):
     """A document before it is parsed.
 
-    - `data`: its bytes.
-    - `name`: its name in errors.
-    - `folder`: folder to which names of image files are relative, or None.
+    - `data`: its bytes, decompressed.
+    - `name`: its name in errors and warnings.
+    - `folder`: folder to which names of image files are relative; None for a document that is not
+      from a file.
     """
 
     data: bytes
@@ -60,15 +68,24 @@ class Reader(Protocol):
     """Receives the elements of a document from `walk`, in document order."""
 
     def open(self, tag: str, attributes: Attributes, line: int) -> Children:
-        """An element begins; the result says how its children are treated."""
+        """An element begins. Returns how its children are treated.
+
+        - `tag`: its name, with its prefix as in the document.
+        - `line`: line number of its start tag.
+
+        A `ValueError` becomes an `SvgError` with the line and the tag.
+        """
         ...
 
     def inside(self, tag: str, attributes: Attributes, line: int) -> None:
-        """A direct child of an element whose children are NAMED."""
+        """A direct child begins of an element whose children are `Children.NAMED`."""
         ...
 
     def close(self) -> None:
-        """The innermost open element whose children are READ ends."""
+        """The innermost element whose children are `Children.READ` ends.
+
+        It is not called for an element whose children are not read.
+        """
         ...
 
 
@@ -82,19 +99,22 @@ class TextReader(Reader, Protocol):
 
 
 class SvgError(ValueError):
-    """An error in a document: one line with its name and the line number."""
+    """An error in a document. The message is one line, with the document's name and line number."""
 
     def __init__(self, message: str):
         super().__init__(in_one_line(message))
 
 
 def in_one_line(text: str) -> str:
-    """The text with line breaks, which attributes may contain, replaced by blanks."""
+    """Replace the line breaks in a text, which attributes may contain, by blanks."""
     return " ".join(text.splitlines())
 
 
 def load(path: str | os.PathLike[str]) -> Document:
-    """Load a file. Raises `ValueError` if it cannot be read or is too large."""
+    """Read a document from a file, and decompress it if it is compressed (`.svgz`).
+
+    Raises `SvgError` if the file cannot be read or decompressed, or is too large.
+    """
     path = Path(path)
     try:
         with path.open("rb") as file:
@@ -107,7 +127,11 @@ def load(path: str | os.PathLike[str]) -> Document:
 
 
 def from_text(text: str | bytes, name: str) -> Document:
-    """The document of a string; errors call it `name`."""
+    """Make a document of a string; errors call it `name`.
+
+    Bytes may be compressed. Raises `SvgError` for a document that is too large, or that cannot be
+    decompressed.
+    """
     return _checked(Document(text.encode() if isinstance(text, str) else text, name, None))
 
 
@@ -120,7 +144,10 @@ def _checked(document: Document) -> Document:
 
 
 def _unpacked(document: Document) -> bytes:
-    """The content of a compressed document (`.svgz`), up to the limit of size."""
+    """Decompress a document (`.svgz`).
+
+    Raises `SvgError` if it is not valid gzip, is cut short, or would be larger than `MAX_BYTES`.
+    """
     try:
         unpacker = zlib.decompressobj(wbits=31)
         data = unpacker.decompress(document.data, MAX_BYTES + 1)
@@ -139,11 +166,17 @@ LIBRARY_ERRORS = (ArithmeticError, MemoryError, RecursionError, shapely.errors.S
 
 
 _MAX_REASON = 500
-"""Maximum length of the message of an error. Messages quote attributes, which may be huge."""
+"""Maximum length of an error message, in characters.
+
+Messages quote attributes, which may be huge.
+"""
 
 
 def reason(error: Exception) -> str:
-    """The message of an error on one line; a plain sentence for errors of libraries."""
+    """The message of an error on one line, of limited length.
+
+    An error in `LIBRARY_ERRORS` is described by a plain sentence instead.
+    """
     text = " ".join(str(error).split())
     text = text if len(text) <= _MAX_REASON else f"{text[:_MAX_REASON]}..."
     if isinstance(error, ValueError):
@@ -158,17 +191,20 @@ def reason(error: Exception) -> str:
 def walk(
     document: Document, reader: Reader, budget: Budget | None = None, with_text: bool = False
 ) -> None:
-    """Pass every element to `reader`, in document order, and charge attributes to `budget`.
+    """Parse a document, and pass every element to `reader`, in document order.
 
-    `with_text` also passes character data, if `reader` is a `TextReader`, and expands entities.
+    - `budget`: charged for attributes; None for a new budget.
+    - `with_text`: whether character data is passed on too, and short entities may be declared.
+      `reader` must then be a `TextReader`.
 
-    Raises `SvgError`, one line with name, line number, element and message, for errors in the XML
-    and for `ValueError`s of `reader`.
+    Raises `SvgError`, one line with name, line number and message, for errors in the XML, for
+    `ValueError`s of `reader`, and for work beyond the budget.
     """
     budget = budget or Budget()
     parser = expat.ParserCreate()
     depth = 0
-    # Depth below an element whose children are not read; 0 outside of such elements.
+    # Depth relative to the parent of an element whose children are not read: 1 in that element,
+    # 2 in its children, and 0 outside of such elements.
     skipped_depth = 0
     names_children = False
 
@@ -214,7 +250,10 @@ class _RootRead(Exception):
 
 
 def root(document: Document) -> tuple[str, Attributes]:
-    """Name and attributes of the first element. The rest of the document is not parsed."""
+    """Name and attributes of the root element. The rest of the document is not parsed.
+
+    Raises `SvgError` for errors in the XML up to there.
+    """
     parser = expat.ParserCreate()
     elements: list[tuple[str, Attributes]] = []
 
@@ -229,7 +268,11 @@ def root(document: Document) -> tuple[str, Attributes]:
 
 
 def _parse(document: Document, parser: expat.XMLParserType, with_entities: bool = False) -> None:
-    """Run a parser whose element handlers are set; errors in the XML become `SvgError`."""
+    """Parse a document with a parser whose element handlers are set.
+
+    `with_entities` says whether short entities may be declared. Raises `SvgError` for errors in the
+    XML, for entities that are not allowed, and for a text that cannot be decoded.
+    """
 
     def refuse(problem: str) -> NoReturn:
         raise SvgError(f"{document.name}:{parser.CurrentLineNumber}: {problem}")

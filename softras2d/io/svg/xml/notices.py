@@ -1,6 +1,7 @@
-"""Collects what a drawing holds that is not drawn as the standard says, for one warning at the end.
+"""Collects notices about what is not drawn as the standard says, for one warning at the end.
 
-Every notice names an element, the attribute or property that is the cause, and a line.
+Every notice has a kind, which is one of the four constants below. It names an element and a line,
+and the attribute or property that is the cause, unless that is the element itself.
 """
 
 import re
@@ -16,7 +17,7 @@ WITHOUT_EFFECT = "without effect"
 """The element is drawn as if the attribute were missing, since the reader does not support it."""
 
 INVALID = "ignored as invalid"
-"""The standard says that the attribute has an error and how to go on."""
+"""The attribute or element has an error, which is handled as the standard prescribes."""
 
 APPROXIMATE = "drawn approximately"
 """The element is drawn with the nearest equivalent."""
@@ -26,14 +27,17 @@ _UNSUPPORTED_VALUES = re.compile(
     |rotatey|rotatez|rotate3d|matrix3d|perspective)\s*\(|\bcontext-(?:fill|stroke)\b""",
     re.IGNORECASE | re.VERBOSE,
 )
-"""Values of CSS and SVG that are valid, and that this reader does not know."""
+"""Matches values of CSS and SVG that are valid, but that this reader does not support."""
 
 MAX_NAMES = 50
-"""Maximum number of causes of a kind in a warning, since each element may have another."""
+"""Maximum number of causes of each kind that a warning names, which bounds its length."""
 
 
 def kind_of_refused(value: str) -> str:
-    """The kind of a notice about a value that the reader cannot parse."""
+    """The kind of notice about a value that the reader cannot parse.
+
+    It is `WITHOUT_EFFECT` for a valid value that is not supported, and `INVALID` for any other.
+    """
     return WITHOUT_EFFECT if _UNSUPPORTED_VALUES.search(value) else INVALID
 
 
@@ -46,10 +50,10 @@ class _Cause(NamedTuple):
 
 
 class Notices:
-    """Counts notices by their cause, and keeps the first line and value of each.
+    """Counts notices by their cause, and stores the line and the detail of the first of each.
 
-    - `name`: name of the document.
-    - `strict`: whether the first notice is raised as an error instead.
+    - `name`: name of the document, for messages.
+    - `strict`: whether `add` raises an error instead.
     """
 
     def __init__(self, name: str, strict: bool):
@@ -65,8 +69,8 @@ class Notices:
 
         - `kind`: one of the constants above.
         - `element`, `line`: tag and line number of the element.
-        - `attribute`: the attribute or property that is the cause, if it is not the element itself.
-        - `detail`: its value, or what is wrong with it.
+        - `attribute`: the attribute or property that is the cause; None if it is the element.
+        - `detail`: the value of the attribute, or what is wrong with it; may be empty.
 
         Raises `SvgError` if notices are errors.
         """
@@ -80,7 +84,10 @@ class Notices:
         self._counts[cause] = self._counts.get(cause, 0) + 1
 
     def warning(self) -> str | None:
-        """One line with every cause and its count; None if there is none."""
+        """One line that names the causes of all notices, with their counts; None without notices.
+
+        At most `MAX_NAMES` causes of each kind are named.
+        """
         if not self._counts:
             return None
         return in_one_line(f"{self._name}: {'; '.join(self._parts())}.")

@@ -14,7 +14,7 @@ _XLINK = "http://www.w3.org/1999/xlink"
 _XML = "http://www.w3.org/XML/1998/namespace"
 
 _MAX_PREFIXES = 256
-"""Limit of namespace prefixes in one scope, since a scope is copied when it grows."""
+"""Maximum number of namespace prefixes in one scope, which is copied whenever it grows."""
 
 
 class Element:
@@ -25,9 +25,13 @@ class Element:
 
     - `name`: local name in the namespace of SVG; empty for elements of other namespaces.
     - `tag`: the name as written, for messages.
-    - `attrib`: attributes without a namespace, and `href` of XLink where there is no other `href`.
+    - `attrib`: values of attributes without a namespace, and `href` of XLink if there is no other
+      `href`.
+    - `parent`: the element that contains it; None for the root.
     - `line`: line number of the start tag.
-    - `texts`: character data directly inside a `<style>`, in pieces.
+    - `children`: the elements directly inside it, in document order.
+    - `texts`: character data directly inside a `<style>`, in pieces; empty for other elements.
+    - `index`: its index in the `children` of its parent; 0 for the root.
     """
 
     __slots__ = ("attrib", "children", "index", "line", "name", "parent", "tag", "texts")
@@ -48,7 +52,7 @@ class Element:
         self.index = 0 if parent is None else len(parent.children)
 
     def get(self, name: str, default: str | None = None) -> str | None:
-        """The value of an attribute."""
+        """The value of an attribute; `default` if the element does not have it."""
         return self.attrib.get(name, default)
 
     @property
@@ -98,7 +102,10 @@ class Element:
 
 
 def read_tree(document: Document, budget: Budget) -> Element:
-    """Parse a document; returns its root, which is `<svg>`. Raises `SvgError` like `walk`."""
+    """Parse a document; returns its root, which is `<svg>`.
+
+    Raises `SvgError` like `walk`, for another root, and for more elements than the budget allows.
+    """
     builder = _TreeBuilder(budget)
     walk(document, builder, budget, with_text=True)
     assert builder.root is not None, "a document without root is not well-formed"
@@ -114,7 +121,7 @@ class _TreeBuilder:
         self._open: list[tuple[Element, dict[str, str]]] = []
 
     def open(self, tag: str, attributes: Attributes, line: int) -> Children:
-        """Add an element to the innermost open one."""
+        """Add an element to the children of the innermost open one, and open it."""
         self._budget.charge("elements", 1)
         parent, scope = self._open[-1] if self._open else (None, {"xml": _XML})
         declared = {
@@ -127,7 +134,7 @@ class _TreeBuilder:
             if len(scope) > _MAX_PREFIXES:
                 raise ValueError(f"is in the scope of more than {_MAX_PREFIXES} namespaces.")
         prefix, _, name = tag.rpartition(":")
-        # Documents without any namespace are common in tutorials, and drawn.
+        # Documents without any namespace are common in tutorials. They are drawn.
         if scope.get(prefix, "" if prefix else SVG) != SVG:
             name = ""
         if parent is None and name != "svg":
@@ -146,7 +153,7 @@ class _TreeBuilder:
             self._open[-1][0].texts.append(text)
 
     def inside(self, tag: str, attributes: Attributes, line: int) -> None:
-        """Never called, as all children are opened."""
+        """Never called, since `open` always asks for children to be read."""
 
     def close(self) -> None:
         """Leave the innermost open element."""
@@ -154,7 +161,10 @@ class _TreeBuilder:
 
 
 def _without_namespaces(attributes: Attributes, scope: dict[str, str]) -> Attributes:
-    """The attributes that SVG knows, by their local names."""
+    """Attributes without a prefix, and `href` of XLink unless there is another `href`.
+
+    `scope` maps prefixes to namespaces.
+    """
     if not any(":" in name for name in attributes):
         return attributes
     plain = {name: value for name, value in attributes.items() if ":" not in name}
