@@ -1,1 +1,1 @@
-"""This stage combines the colours of all triangles in a pixel into one."""
+"""This stage combines the colours of all triangles that cover a pixel into the pixel's colour."""

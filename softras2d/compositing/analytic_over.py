@@ -1,12 +1,12 @@
 """Composite triangles with analytic coverage: "over", nearest first, with coverage times alpha.
 
-With opacity a_i, colour c_i and transmittance T_i = prod_{j<i} (1 - a_j) in front, a pixel is sum_i
-T_i a_i c_i. Its derivative by a_i is T_i (c_i - b_i), where b_i is the composite of all layers
-behind i. This needs no division by 1 - a_i, which may be zero. The vjp first takes the dot product
-of the colours and the cotangent g of the pixel: b_i . g is one number, composited like a colour
-from the numbers c_i . g.
+Layers are numbered from the front. With opacity a_i, colour c_i and transmittance T_i = prod_{j<i}
+(1 - a_j) in front, the colour of a pixel is sum_i T_i a_i c_i. Its derivative by a_i is
+T_i (c_i - b_i), where b_i is the composite of all layers behind i. This needs no division by
+1 - a_i, which may be zero. The vjp first takes the dot product of each colour and the cotangent g
+of the pixel. Then b_i . g is one number, composited like a colour from the numbers c_i . g.
 
-A tile's list is cut into chunks of a few slots. Each chunk is composited by itself, and then the
+A tile's list is cut into chunks of a few slots. Each chunk is composited separately, and then the
 chunks of the tile are composited like layers.
 
 **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4, for "over".
@@ -31,7 +31,7 @@ State = TypeVar("State")
 """A tree of arrays that a loop updates."""
 
 Index = Int[Array, ""] | int
-"""Number of a chunk in its tile, or the distance between two chunks of a tile."""
+"""Number of a chunk in its tile, from 0, or the difference of two such numbers."""
 
 Opacities = Float[Array, "chunks layers pixels"]
 Colors = Float[Array, "chunks layers 3 #pixels"]
@@ -42,10 +42,11 @@ TileColors = Float[Array, "4 tiles pixels"]
 TilePixels = Float[Array, "tiles pixels"]
 
 Fixed = tuple[Opacities, Colors, Chunks, list[ChunkPixels], ChunkPixels]
-"""Opacity, colours and chunks, and the composited colour and alpha of each chunk by itself."""
+"""What the linear maps keep fixed: the opacity and colours of the slots, the chunks, and the
+premultiplied colour and the alpha of each chunk, composited separately."""
 
 _UNROLLED = 16
-"""Maximum number of chunks of a tile that one unrolled expression processes; more take a loop."""
+"""Largest `max_chunks` for which a loop over the chunks of a tile is unrolled."""
 
 
 def composite(
@@ -55,10 +56,11 @@ def composite(
     *,
     max_chunks: int,
 ) -> Float[Array, "4 tiles pixels"]:
-    """Compute the premultiplied colour and alpha of each pixel, without background.
+    """Compute the premultiplied RGBA of each pixel, without background.
 
-    Opacity is coverage times alpha, 0 in empty slots. `max_chunks` is an upper bound on the number
-    of chunks of a tile.
+    - `opacity`: coverage times alpha, 0..1; 0 in empty slots.
+    - `colors`: straight RGB; a single pixel if each slot has one colour.
+    - `max_chunks`: upper bound on the number of chunks of a tile.
     """
     return _composite(max_chunks, opacity, colors, chunks)
 
@@ -106,7 +108,7 @@ def _composite_jvp(max_chunks, primals, tangents):
 
 @materialized
 def _blend(opacity: Opacities, colors: Colors) -> list[ChunkPixels]:
-    """Composite each chunk by itself: its premultiplied colour, one array per channel."""
+    """Composite each chunk separately; return its premultiplied colour, one array per channel."""
     return blend_channels(opacity, [colors[:, :, channel] for channel in range(3)])
 
 
@@ -114,13 +116,16 @@ def _blend(opacity: Opacities, colors: Colors) -> list[ChunkPixels]:
 def _blend_change(
     opacity: Opacities, opacity_change: Opacities, colors: Colors
 ) -> list[ChunkPixels]:
-    """Compute the jvp of `_blend` by the opacities."""
+    """Compute the jvp of `_blend` with respect to the opacities."""
     channels = [colors[:, :, channel] for channel in range(3)]
     return blend_channels_change(opacity, opacity_change, channels)
 
 
 def blend_channels(opacity: Opacities, channels: list[Channel]) -> list[ChunkPixels]:
-    """Composite each chunk by itself, from the channels of its colours."""
+    """Composite each chunk separately; return its premultiplied channels.
+
+    `channels` has one array for each channel of the straight colours of the slots.
+    """
     transmittance = jnp.ones_like(opacity[:, 0])
     sums = [jnp.zeros_like(transmittance)] * len(channels)
     for k in range(opacity.shape[1]):
@@ -135,7 +140,7 @@ def blend_channels(opacity: Opacities, channels: list[Channel]) -> list[ChunkPix
 def blend_channels_change(
     opacity: Opacities, opacity_change: Opacities, channels: list[Channel]
 ) -> list[ChunkPixels]:
-    """Compute the jvp of `blend_channels` by the opacities."""
+    """Compute the jvp of `blend_channels` with respect to the opacities."""
     transmittance = jnp.ones_like(opacity[:, 0])
     transmittance_change = jnp.zeros_like(opacity[:, 0])
     sums = [transmittance_change] * len(channels)
@@ -152,7 +157,7 @@ def blend_channels_change(
 
 @materialized
 def alpha_of_chunks(opacity: Opacities) -> ChunkPixels:
-    """Compute the alpha of each chunk by itself."""
+    """Compute the alpha of each chunk, 1 minus the product of 1 - opacity over its slots."""
     transmittance = 1.0 - opacity[:, 0]
     for k in range(1, opacity.shape[1]):
         transmittance = transmittance * (1.0 - opacity[:, k])
@@ -174,7 +179,11 @@ def alpha_change_of_chunks(opacity: Opacities, opacity_change: Opacities) -> Chu
 def join_chunks(
     sums: list[ChunkPixels], alpha: ChunkPixels, chunks: Chunks, max_chunks: int
 ) -> TileColors:
-    """Composite the chunks of each tile like layers."""
+    """Composite the chunks of each tile like layers; return premultiplied RGBA.
+
+    `sums` are the premultiplied colours of the chunks, as from `blend_channels`, and `alpha` is as
+    from `alpha_of_chunks`. `max_chunks` is an upper bound on the number of chunks of a tile.
+    """
 
     def add(
         k: Index, state: tuple[TilePixels, list[TilePixels]]
@@ -199,7 +208,10 @@ def join_changes(
     chunks: Chunks,
     max_chunks: int,
 ) -> TileColors:
-    """Compute the jvp of `join_chunks` by the colours and the alpha of the chunks."""
+    """Compute the jvp of `join_chunks` with respect to the colours and the alpha of the chunks.
+
+    `changes` are the tangents of `sums`, and `alpha_change` is the tangent of `alpha`.
+    """
 
     def add(
         k: Index, state: tuple[TilePixels, TilePixels, list[TilePixels]]
@@ -225,7 +237,7 @@ def join_changes(
 
 
 def _chunk_of_tile(k: Index, entries: list[ChunkPixels], chunks: Chunks) -> list[TilePixels]:
-    """Gather the entries of chunk k of each tile; 0 where a tile has no such chunk."""
+    """Gather each array's entry of chunk k of each tile; 0 where a tile has no such chunk."""
     exists = (k < chunks.count)[:, None]
     chunk = chunks.first + k
     return [jnp.where(exists, entry.at[chunk].get(mode="clip"), 0.0) for entry in entries]
@@ -234,7 +246,10 @@ def _chunk_of_tile(k: Index, entries: list[ChunkPixels], chunks: Chunks) -> list
 def _for_each_chunk(
     max_chunks: int, chunks: Chunks, add: Callable[[Index, State], State], state: State
 ) -> State:
-    """Fold `add(k, state)` over the chunks k of a tile."""
+    """Fold `add(k, state)` over the numbers k of the chunks of a tile, for all tiles at once.
+
+    k also takes values that some or all tiles do not have.
+    """
     if max_chunks <= _UNROLLED:
         for k in range(max_chunks):
             state = add(k, state)
@@ -245,7 +260,10 @@ def _for_each_chunk(
 def _for_each_distance(
     max_chunks: int, chunks: Chunks, add: Callable[[Index, State], State], state: State
 ) -> State:
-    """Fold `add(j, state)` over the distances j between two chunks of a tile."""
+    """Fold `add(j, state)` over the distances j of two chunks of a tile, for all tiles at once.
+
+    j starts at 1, and also takes values that do not occur in some or all tiles.
+    """
     if max_chunks <= _UNROLLED:
         for j in range(1, max_chunks):
             state = add(j, state)
@@ -254,13 +272,13 @@ def _for_each_distance(
 
 
 def _shift(x: ChunkPixels, j: Index) -> ChunkPixels:
-    """Move entry i - j to index i; the entries that wrap around have no meaning."""
+    """Move entry i - j to index i; entries that wrap around at the ends have no meaning."""
     return jnp.roll(x, j, 0)
 
 
 @functools.partial(materialized, static_argnames=("max_chunks",))
 def transmittance_in_front(alpha: ChunkPixels, chunks: Chunks, max_chunks: int) -> ChunkPixels:
-    """Transmittance of the chunks in front of each chunk."""
+    """Transmittance in front of each chunk, from the chunks before it in its tile."""
 
     def add(j: Index, transmittance: ChunkPixels) -> ChunkPixels:
         clear = jnp.where((chunks.index >= j)[:, None], 1.0 - _shift(alpha, j), 1.0)
@@ -276,7 +294,11 @@ def opacity_cotangent(
     alpha: ChunkPixels,
     chunks: Chunks,
 ) -> Opacities:
-    """Compute the vjp by the opacities, T_i (c_i - b_i) . g, from the numbers c_i . g."""
+    """Compute the vjp with respect to the opacities: T_i (c_i - b_i) . g of each slot.
+
+    `color_dots` are the numbers c_i . g, where c_i has alpha 1, and `alpha` is the alpha of each
+    chunk.
+    """
     in_front = transmittance_in_front(alpha, chunks, max_chunks)
     behind = _dot_behind(alpha, _blend_dots(opacity, color_dots), chunks, max_chunks)
     return _slot_cotangents(opacity, color_dots, in_front, behind, chunks)
@@ -284,7 +306,7 @@ def opacity_cotangent(
 
 @materialized
 def _dot_with_cotangent(colors: Colors, cotangent: TileColors, chunks: Chunks) -> Opacities:
-    """Compute c_i . g of each slot, where c_i has alpha 1."""
+    """Compute c_i . g of each slot at each pixel, where c_i is RGBA with alpha 1."""
     total = cotangent[3][chunks.tile][:, None]
     for channel in range(3):
         total = total + colors[:, :, channel] * cotangent[channel][chunks.tile][:, None]
@@ -305,7 +327,10 @@ def _blend_dots(opacity: Opacities, color_dots: Opacities) -> ChunkPixels:
 def _dot_behind(
     alpha: ChunkPixels, blended: ChunkPixels, chunks: Chunks, max_chunks: int
 ) -> ChunkPixels:
-    """Compute b . g, where b is the composite of all chunks behind each chunk."""
+    """Compute b . g, where b is the composite of all chunks behind each chunk in its tile.
+
+    `blended` is as returned by `_blend_dots`.
+    """
     last = chunks.count[chunks.tile] - 1
 
     def add(j: Index, state: tuple[ChunkPixels, ChunkPixels]) -> tuple[ChunkPixels, ChunkPixels]:
@@ -330,7 +355,8 @@ def _slot_cotangents(
 ) -> Opacities:
     """Compute T_i (c_i . g - b_i . g) of each slot; 0 in unused chunks.
 
-    `in_front` is the transmittance in front of each chunk, and `behind` is b . g behind it.
+    `in_front` is the transmittance in front of each chunk. `behind` is as returned by
+    `_dot_behind`.
     """
     layers = opacity.shape[1]
     front, back = [in_front], [behind]
@@ -353,7 +379,10 @@ def _color_cotangent(
     chunks: Chunks,
     cotangent: TileColors,
 ) -> Colors:
-    """Compute the vjp by the colours: T_i a_i g, summed over the pixels for flat colours."""
+    """Compute the vjp with respect to the colours, T_i a_i g.
+
+    It is summed over the pixels of a slot that has one colour.
+    """
     in_front = transmittance_in_front(alpha, chunks, max_chunks)
     weights = slot_weights(opacity, in_front)
     return _weighted_cotangent(weights, cotangent, chunks, colors.shape)
@@ -361,7 +390,7 @@ def _color_cotangent(
 
 @materialized
 def slot_weights(opacity: Opacities, transmittance: ChunkPixels) -> Opacities:
-    """Compute T_i a_i of each slot from the transmittance in front of its chunk."""
+    """Compute T_i a_i of each slot; `transmittance` is the transmittance in front of its chunk."""
     weights = []
     for k in range(opacity.shape[1]):
         weights.append(transmittance * opacity[:, k])
@@ -373,7 +402,10 @@ def slot_weights(opacity: Opacities, transmittance: ChunkPixels) -> Opacities:
 def _weighted_cotangent(
     weights: Opacities, cotangent: TileColors, chunks: Chunks, shape: tuple[int, ...]
 ) -> Colors:
-    """Multiply weights and cotangent, in the `shape` of the colours: for all pixels, or summed."""
+    """Multiply weights and cotangent; return them in `shape`, which is the shape of the colours.
+
+    If colours have a single pixel, the products are summed over the pixels of each slot.
+    """
     products = [weights * cotangent[channel][chunks.tile][:, None] for channel in range(3)]
     if shape[3] != 1:
         return jnp.stack(products, 2)

@@ -1,7 +1,8 @@
 """Shade opaque triangles where they are visible, sample by sample or once per fragment.
 
-This serves colours whose sum over a pixel does not follow from sums of sample positions, such as
-textures. Shading comes after visibility, so hidden triangles cost nothing, however many there are.
+This is for colours that are not affine on the screen, such as textures, whose sum over the samples
+of a pixel does not follow from sums of sample positions (`opaque`). Shading comes after visibility,
+so hidden triangles cost nothing, however many there are.
 """
 
 import functools
@@ -32,12 +33,17 @@ def sum_shaded(
 ) -> Float[Array, "tiles channels fields word_rows"]:
     """Sum the visible colours over each pixel's samples.
 
-    `coverage` has the samples that each slot covers, hidden ones too. `shading` is as in `Hard`:
-    `"sample"` shades each sample, `"pixel"` uses one colour of a fragment for all of its samples.
+    The result is in the layout of unpacked arrays (`opaque.Packing`).
+
+    - `fragments`: list of the visible fragments, a triangle in a pixel.
+    - `coverage`: coverage words of the samples that each slot covers, visible or not. They are used
+      only if `shading` is `"pixel"`.
+    - `shading`: as in `Hard.shading`. `"sample"` shades each sample; `"pixel"` uses one colour of a
+      fragment for all of its samples.
     """
     triangle = chunks.triangle.reshape(-1)
     tile = jnp.repeat(chunks.tile, chunks.triangle.shape[1])
-    # There are fewer slots than fragments, so values that a slot's pixels share are computed first.
+    # There are fewer slots than fragments, so what the pixels of a slot share is computed per slot.
     lanes = gather_lanes(surface_lanes(surface, triangle, tile, tiling), fragments.slot)
     if shading == "pixel":
         covered = gather_bits(coverage, fragments.slot, fragments.column, fragments.row, tiling)
@@ -53,10 +59,11 @@ def sum_shaded(
 def _shade_samples(
     surface: Surface, lanes: Lanes, fragments: Fragments, tiling: Tiling
 ) -> Float[Array, "channels fragments"]:
-    """Sum the colours of the visible samples, looping over the sample positions of a pixel.
+    """Sum the colours of each fragment's visible samples.
 
-    Each position is shaded for all fragments, and counted where the sample is visible. So each
-    triangle that is visible in a pixel costs as many shadings as the pixel has samples.
+    The loop is over the sample positions of a pixel, and over the texture lookups of a sample. Each
+    position is shaded for all fragments, and added where the sample is visible. So each triangle
+    that is visible in a pixel costs as many shadings as the pixel has samples.
     """
     rate, probes = tiling.grid.rate, surface.probes
 
@@ -106,7 +113,10 @@ def _shade_pixels(
 def _times_samples(
     color: Float[Array, "channels fragments"], bits: UInt32[Array, "sub_rows fragments"]
 ) -> Float[Array, "channels fragments"]:
-    """Multiply colours by the number of samples; 0 without samples, whatever the colour is."""
+    """Multiply each colour by the number of visible samples; 0 for 0 samples, even if it is NaN.
+
+    `bits` are as in `Fragments`.
+    """
     number = functools.reduce(operator.add, jax.lax.population_count(bits)).astype(color.dtype)
     return jnp.where((number > 0)[None], color * number[None], 0.0)
 
@@ -117,7 +127,10 @@ def _add_to_pixels(
     fragments: Fragments,
     tiling: Tiling,
 ) -> Float[Array, "tiles channels fields word_rows"]:
-    """Add the colours of the fragments to their pixels, in the layout of `Packing`."""
+    """Sum the colours of the fragments of each pixel, in the layout of `Packing`, unpacked.
+
+    `total` is the sum over the visible samples of each fragment. `tile` is the tile of each slot.
+    """
     packing = Packing.of(tiling.grid.rate)
     shape = (tiling.count, packing.fields, packing.words * tiling.height)
     pixel = _pixel_index(tile, fragments, tiling)

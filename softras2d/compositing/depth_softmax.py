@@ -1,9 +1,9 @@
-"""Mix triangles by depth: the aggregation of Soft Rasterizer, which has a gradient by depth too.
+"""Mix triangles by depth: the aggregation of Soft Rasterizer, which is differentiable by depth too.
 
-For the triangles at a pixel, with opacity a_i, colour c_i and depth z_i, the colour is the mean
-with the weights a_i exp(-z_i / temperature), and their joint opacity is 1 - prod_i (1 - a_i). The
-background is visible with the remaining weight, so that a single triangle is drawn as without
-depth. (In the paper the background has its own weight among the others, and a depth.)
+The triangles at a pixel have opacity a_i, colour c_i and depth z_i. Their colour is the mean of the
+c_i, weighted with a_i exp(-z_i / temperature). Their joint opacity is 1 - prod_i (1 - a_i), and the
+background is visible through the rest. So a single triangle is drawn as without depth. (In the
+paper the background has a depth, and a weight in the mean like the triangles.)
 
 **Source:** Liu, Li, Chen and Li, *Soft Rasterizer* (ICCV 2019), section 3.3, equations 2 to 5.
 """
@@ -21,7 +21,8 @@ from .analytic_over import composite
 from .opaque import sum_chunks
 
 _LEAST_LOG_WEIGHT = -80.0
-"""Logarithm of a weight that is negligible beside a weight of 1."""
+"""Logarithm of the factor exp(-z / temperature), relative to the nearest triangle's, at and below
+which a triangle is ignored."""
 
 
 def mix(
@@ -33,9 +34,14 @@ def mix(
     *,
     max_chunks: int,
 ) -> Float[Array, "4 tiles pixels"]:
-    """Compute the premultiplied colour and alpha of each pixel, without background.
+    """Compute the premultiplied RGBA of each pixel, without background.
 
-    `max_chunks` is an upper bound on the number of chunks of a tile.
+    - `opacity`: coverage times alpha, 0..1; 0 in empty slots.
+    - `colors`: straight RGB.
+    - `depth`: greater is farther away, in any unit.
+    - `temperature`: in the unit of depth, positive. Triangles whose depths differ by much less are
+      mixed; of those that differ by much more, only the nearest counts.
+    - `max_chunks`: upper bound on the number of chunks of a tile.
     """
     nearest, reference = _nearest(*jax.lax.stop_gradient((opacity, depth, colors)), chunks)
     chunk_sums = _sum_weighted(opacity, colors, depth, temperature, nearest, reference, chunks.tile)
@@ -59,14 +65,17 @@ def _sum_weighted(
 ) -> list[Float[Array, "chunks pixels"]]:
     """Sum weight times colour for each channel, and the weight, over the slots of each chunk.
 
-    Depth is relative to the `nearest` visible triangle: the common factor cancels, and no weight is
-    infinite. Colours are relative to the constant `reference`, which `_divide_by_weight` adds
-    again. Where one triangle has all the weight, the mean is its colour, and a rounding of this
-    colour must not be multiplied by the gradient by a large depth.
+    Returns four arrays: red, green, blue and weight.
+
+    Depth is taken relative to `nearest`, the least depth of the visible triangles of the tile in
+    each pixel: the common factor cancels, and no weight is infinite. Colours are taken relative to
+    `reference`, the colour of the nearest triangle, which `_divide_by_weight` adds again. So where
+    the nearest triangle has all the weight, all sums of colours are exactly 0. A rounding error in
+    them would enter the gradient with respect to depth, which may multiply it by a large number.
     """
     gap = nearest[tile][:, None] - depth
-    # A clip instead of `where` would halve the gradient of the nearest triangle itself. The test
-    # precedes the division, so that the vjp never multiplies an infinity by zero.
+    # Clipping the gap instead would halve the gradient of the nearest triangle, whose gap is 0. The
+    # test precedes the division, so that the vjp never multiplies an infinity by zero.
     counts = (opacity > 0) & (gap > _LEAST_LOG_WEIGHT * temperature)
     # All other slots get a weight of exactly 0. Even exp(-80) would have a derivative by depth,
     # which a low temperature and a large depth make large.
@@ -85,9 +94,12 @@ def _divide_by_weight(
     alpha: Float[Array, "tiles pixels"],
     reference: list[Float[Array, "tiles pixels"]],
 ) -> Float[Array, "4 tiles pixels"]:
-    """Compute premultiplied colour and alpha from the sums of `_sum_weighted` over each tile."""
-    # The derivative of a quotient divides by the square of the weight, which may underflow. Both
-    # sides are first scaled by a constant, so that the divisor is near 1.
+    """Compute premultiplied RGBA from the sums of `_sum_weighted` over all chunks of each tile.
+
+    `alpha` is the joint opacity of the triangles, and `reference` is as in `_sum_weighted`.
+    """
+    # The derivative of a quotient divides by the square of the weight, which may underflow. So the
+    # numerator and the divisor are first scaled by a constant that makes the divisor nearly 1.
     scale = jax.lax.stop_gradient(safe.divide(jnp.ones_like(alpha), sums[3]))
     total = sums[3] * scale
     mean = [
@@ -103,9 +115,10 @@ def _nearest(
     colors: Float[Array, "chunks layers 3 #pixels"],
     chunks: Chunks,
 ) -> tuple[Float[Array, "tiles pixels"], list[Float[Array, "tiles pixels"]]]:
-    """Find the depth and colour of the nearest visible triangle; 0 where there is none.
+    """Find the depth and colour of the nearest triangle at each pixel; 0 where there is none.
 
-    If several are at the same depth, each colour channel is that of any of them.
+    Triangles with an opacity of 0 are ignored. If several are at the same least depth, each colour
+    channel is taken from one of them, not always the same.
     """
     nearest, *reference = _nearest_of_tile(*_nearest_of_chunk(opacity, depth, colors), chunks)
     return nearest, reference
@@ -117,7 +130,10 @@ def _nearest_of_chunk(
     depth: Float[Array, "chunks layers pixels"],
     colors: Float[Array, "chunks layers 3 #pixels"],
 ) -> tuple[Float[Array, "chunks pixels"], list[Float[Array, "chunks pixels"]]]:
-    """Find the depth and colour of the nearest visible slot of each chunk; infinite without one."""
+    """Find the depth and colour of the nearest slot of each chunk that has an opacity above 0.
+
+    In a pixel without such a slot, the depth is infinite and the colour is 0.
+    """
     least = jnp.full_like(depth[:, 0], jnp.inf)
     nearest_color = [jnp.zeros_like(least)] * 3
     for k in range(depth.shape[1]):
@@ -136,7 +152,11 @@ def _nearest_of_tile(
     chunk_colors: list[Float[Array, "chunks pixels"]],
     chunks: Chunks,
 ) -> list[Float[Array, "tiles pixels"]]:
-    """Find the depth, and then the colour channels, of each tile's nearest chunk; 0 without one."""
+    """Find the depth and the colour channels of the nearest chunk of each tile, at each pixel.
+
+    Returns four arrays: depth, red, green and blue. All are 0 where the depth of every chunk is
+    infinite.
+    """
     number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
     tile = jnp.where(number < chunks.needed, chunks.tile, chunks.count.shape[0])
     infinite = jnp.full((chunks.count.shape[0], chunk_depth.shape[1]), jnp.inf, chunk_depth.dtype)

@@ -1,14 +1,15 @@
-"""Composite triangles with interpolated colours: `analytic_over` for colours of the corners.
+"""Composite triangles whose colours are interpolated between their corners, as in `analytic_over`.
 
-The colours at all pixels of all slots take far more memory than those of the corners, and writing
-and reading them takes longer than interpolating them. So they are never stored: the composite and
-its derivatives interpolate them again where they are needed, for blocks of slots at a time.
+The colours at all pixels of all slots take far more memory than the colours of the corners, and
+writing and reading them takes longer than interpolating them. So they are never stored: the
+composite and its derivatives interpolate them again where they are needed, for one block of slots
+at a time.
 
-Corner j has the colour c_j, and the weight w_j in a pixel. A slot of opacity a, with transmittance
-T in front of it, adds T a times its colour to the pixel. Let g be the cotangent of the pixel. Then
-the cotangent of w_j, for corners 1 and 2, is T a (c_j - c_0) . g, from which `PixelFunction.vjp`
-computes the derivatives by the positions. The cotangent of c_j is the sum of T a w_j g over the
-pixels.
+Corner j of a slot's triangle has the colour c_j, and the weight w_j in a pixel. A slot of opacity
+a, with transmittance T in front of it, adds T a times its colour to the pixel. Let g be the
+cotangent of the pixel. Then the cotangent of w_j, for corners 1 and 2, is T a (c_j - c_0) . g, from
+which `PixelFunction.vjp` computes the derivatives by the positions. The cotangent of c_j is the sum
+of T a w_j g over the pixels.
 """
 
 import functools
@@ -32,18 +33,21 @@ SlotWeights = tuple[Float[Array, "slots pixels"], Float[Array, "slots pixels"]]
 """Weights of corners 1 and 2 in the pixels of slots."""
 
 Fixed = tuple[Any, ...]
-"""Opacity, corner colours, geometry, chunks, and the composited colour and alpha of each chunk."""
+"""What the linear maps keep fixed: the opacity, corner colours and geometry of the slots, the
+chunks, and the premultiplied colour and the alpha of each chunk, composited separately."""
 
 _CHUNKS = 512
-"""Number of chunks in a block: with two layers of 64 pixels, an array takes a quarter of 1 MiB."""
+"""Number of chunks in a block. With two slots per chunk and 64 pixels per tile, a float32 array for
+the pixels of a block takes a quarter of 1 MiB."""
 
 
 def composite(
     opacity: over.Opacities, colors: CornerColors, chunks: Chunks, *, max_chunks: int
 ) -> over.TileColors:
-    """Compute the premultiplied colour and alpha of each pixel, without background.
+    """Compute the premultiplied RGBA of each pixel, without background.
 
-    The arguments are those of `analytic_over.composite`, but for the colours.
+    Other arguments than `colors` are as in `analytic_over.composite`. Differentiable with respect
+    to the opacity, the positions and the corner colours.
     """
     return _composite(
         max_chunks,
@@ -66,7 +70,12 @@ def _composite(
     geometry: Any,
     chunks: Chunks,
 ) -> over.TileColors:
-    """Composite; `corners` are the channels of corner 0, then of corner 1 and of corner 2."""
+    """Compute `composite` from the parts of `CornerColors`.
+
+    - `weights`: evaluates the weights of corners 1 and 2 at pixels, from the `geometry`.
+    - `positions`: x and y of corners 0, 1 and 2 in turn, in pixels. Only the derivative needs them.
+    - `corners`: red, green and blue of corners 0, 1 and 2 in turn.
+    """
     sums = _blend(weights, opacity, corners, geometry, chunks)
     return over.join_chunks(sums, over.alpha_of_chunks(opacity), chunks, max_chunks)
 
@@ -128,7 +137,7 @@ def _blend(
     geometry: Any,
     chunks: Chunks,
 ) -> list[over.ChunkPixels]:
-    """Composite each chunk by itself: its premultiplied colour, one array per channel."""
+    """Composite each chunk separately; return its premultiplied colour, one array per channel."""
 
     def blend_block(block: Any) -> list[over.ChunkPixels]:
         opacity, slots = block
@@ -147,7 +156,7 @@ def _blend_change(
     geometry: Any,
     chunks: Chunks,
 ) -> list[over.ChunkPixels]:
-    """Compute the jvp of `_blend` by the opacities."""
+    """Compute the jvp of `_blend` with respect to the opacities."""
 
     def blend_block(block: Any) -> list[over.ChunkPixels]:
         opacity, opacity_change, slots = block
@@ -168,14 +177,19 @@ def _blend_color_change(
     velocity: Float[Array, "6 slots"] | None,
     corner_change: Float[Array, "9 slots"] | None,
 ) -> list[over.ChunkPixels]:
-    """Compute the jvp of `_blend` by the positions and the colours of the corners; None is 0."""
+    """Compute the jvp of `_blend` with respect to the positions and colours of the corners.
+
+    `velocity` is the tangent of the positions and `corner_change` the tangent of the colours; None
+    stands for 0. At least one is not None.
+    """
 
     def blend_block(block: Any) -> list[over.ChunkPixels]:
         opacity, slots = block
         corners, geometry, velocity, corner_change = _flatten(slots)
         changes = []
         if velocity is not None:
-            # The weights add up to 1: what changes is the mix of the differences from corner 0.
+            # The weights sum to 1, so the colour changes by the changes of the weights of corners 1
+            # and 2 times the differences of their colours from corner 0.
             differences = [jnp.zeros_like(entry) for entry in corners[:3]]
             firsts = corners[:3] * 2
             differences += [c - first for c, first in zip(corners[3:], firsts, strict=True)]
@@ -199,7 +213,7 @@ def _dot_with_cotangent(
     chunks: Chunks,
     cotangent: over.TileColors,
 ) -> over.Opacities:
-    """Compute c . g of the colour c of each slot, with alpha 1."""
+    """Compute c . g of each slot at each pixel, where c is the slot's RGBA there, with alpha 1."""
 
     def dot_block(block: Any) -> over.Opacities:
         tile, slots = block
@@ -221,9 +235,10 @@ def _slot_cotangents(
     moves: bool,
     recolors: bool,
 ) -> Float[Array, "rows slots"]:
-    """Compute the vjp by the positions if `moves`, and by the corners' colours if `recolors`.
+    """Compute the vjp with respect to the positions and the colours of the corners.
 
-    `slot_weights` is T a of each slot, 0 where it adds nothing.
+    The rows are six for the positions if `moves`, then nine for the colours if `recolors`.
+    `slot_weights` is T a of each slot at each pixel, 0 where it adds nothing.
     """
     layers = slot_weights.shape[1]
     slot_weights = slot_weights.reshape(-1, slot_weights.shape[2])
@@ -249,18 +264,18 @@ def _slot_cotangents(
 
 
 def _by_chunk(slots: Any, chunks: Chunks) -> Any:
-    """Reshape entries `[slots]` to `[chunks, layers]`."""
+    """Reshape arrays `[slots]` to `[chunks, layers]`."""
     return jax.tree.map(lambda entry: entry.reshape(chunks.triangle.shape), slots)
 
 
 def _flatten(slots: Any) -> Any:
-    """Reshape entries `[chunks, layers]` to `[slots]`."""
+    """Reshape arrays `[chunks, layers]` to `[slots]`."""
     return jax.tree.map(lambda entry: entry.reshape(-1), slots)
 
 
 @functools.partial(materialized, static_argnames=("weights",))
 def _evaluate(weights: PixelFunction, geometry: Any) -> SlotWeights:
-    """Evaluate the weights of corners 1 and 2 at all pixels."""
+    """Evaluate the weights of corners 1 and 2 at all pixels of each slot's tile."""
     dtype = jax.tree.leaves(geometry)[0].dtype
     second, third = weights.value(*spread(geometry, jnp.zeros((), dtype), weights.tile_side))
     return second, third
@@ -269,7 +284,10 @@ def _evaluate(weights: PixelFunction, geometry: Any) -> SlotWeights:
 def _interpolate(
     values: SlotWeights, corners: list[Float[Array, " slots"]]
 ) -> list[Float[Array, "slots pixels"]]:
-    """Interpolate the three channels of the corners' colours."""
+    """Interpolate the colours of the corners at all pixels; return one array per channel.
+
+    `corners` are red, green and blue of corners 0, 1 and 2 in turn.
+    """
     second, third = values
     first = [entry[:, None] for entry in corners[:3]]
     by_second, by_third = (
@@ -286,7 +304,7 @@ def _interpolate(
 def _blend_interpolated(
     opacity: over.Opacities, values: SlotWeights, corners: list[Float[Array, " slots"]]
 ) -> list[over.ChunkPixels]:
-    """Composite each chunk of a block by itself, with colours interpolated on the way."""
+    """Composite each chunk of a block separately, with colours interpolated from the corners."""
     colors = [channel.reshape(opacity.shape) for channel in _interpolate(values, corners)]
     return over.blend_channels(opacity, colors)
 
@@ -298,7 +316,7 @@ def _blend_interpolated_change(
     values: SlotWeights,
     corners: list[Float[Array, " slots"]],
 ) -> list[over.ChunkPixels]:
-    """Compute the jvp of `_blend_interpolated` by the opacities."""
+    """Compute the jvp of `_blend_interpolated` with respect to the opacities."""
     colors = [channel.reshape(opacity.shape) for channel in _interpolate(values, corners)]
     return over.blend_channels_change(opacity, opacity_change, colors)
 
@@ -307,7 +325,7 @@ def _blend_interpolated_change(
 def _gather_tiles(
     cotangent: over.TileColors, tile: Int[Array, " entries"]
 ) -> list[Float[Array, "entries pixels"]]:
-    """Gather the cotangent of each entry's tile, channel by channel."""
+    """Gather the cotangent of the tile of each entry, one array per channel."""
     return [channel[tile] for channel in cotangent]
 
 
@@ -317,7 +335,10 @@ def _dot_interpolated(
     values: SlotWeights,
     corners: list[Float[Array, " slots"]],
 ) -> over.Opacities:
-    """Compute the dot product of each slot's colour, with alpha 1, and the cotangent."""
+    """Compute the dot product of each slot's RGBA, with alpha 1, and the cotangent.
+
+    `of_tiles` is the cotangent of the tile of each chunk, one array per channel.
+    """
     *by_channel, by_alpha = of_tiles
     layers = values[0].shape[0] // by_alpha.shape[0]
     colors = _interpolate(values, corners)
@@ -342,7 +363,7 @@ def _gather_block(
 def _weigh_cotangent(
     of_tiles: list[Float[Array, "slots pixels"]], slot_weights: Float[Array, "slots pixels"]
 ) -> list[Float[Array, "slots pixels"]]:
-    """Multiply the cotangent of each colour channel by T a."""
+    """Multiply the cotangents of red, green and blue by T a of each slot."""
     return [channel * slot_weights for channel in of_tiles[:3]]
 
 
@@ -350,7 +371,10 @@ def _weigh_cotangent(
 def _weights_cotangent(
     weighted: list[Float[Array, "slots pixels"]], corners: list[Float[Array, " slots"]]
 ) -> Float[Array, "2 slots pixels"]:
-    """Compute the cotangents of the weights of corners 1 and 2."""
+    """Compute the cotangents of the weights of corners 1 and 2.
+
+    `weighted` is T a g, as returned by `_weigh_cotangent`.
+    """
     return jnp.stack(
         [
             sum(
@@ -365,7 +389,10 @@ def _weights_cotangent(
 def _corner_sums(
     weighted: list[Float[Array, "slots pixels"]], values: SlotWeights
 ) -> list[Float[Array, " slots"]]:
-    """Sum the weighted cotangent times each corner's weight over the pixels."""
+    """Compute the cotangent of the corner colours: the sum of T a w_j g over the pixels of a slot.
+
+    `weighted` is T a g. Returns red, green and blue of corners 0, 1 and 2 in turn.
+    """
     second, third = values
     sums = sum_pixels(*weighted, *(c * second for c in weighted), *(c * third for c in weighted))
     by_first = [a - b - c for a, b, c in zip(sums[:3], sums[3:6], sums[6:], strict=True)]
@@ -376,5 +403,5 @@ def _corner_sums(
 def _put_rows(
     total: Float[Array, "rows slots"], parts: list[Float[Array, " block"]], block: Array
 ) -> Float[Array, "rows slots"]:
-    """Write the sums of a block into those of all slots."""
+    """Write the sums of a block of slots, one array per row, into the sums of all slots."""
     return total.at[:, block].set(jnp.stack(parts), mode="drop")

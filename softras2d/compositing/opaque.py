@@ -1,9 +1,13 @@
-"""Sum visible samples to pixels of opaque triangles: first over bits, then over slots.
+"""Sum the colours of opaque triangles over the visible samples of each pixel.
 
-Within a coverage word the samples of a pixel are neighbouring bits. Adding neighbouring fields of a
-word in place (SWAR; Warren, *Hacker's Delight*, 2nd ed., section 5-1) counts them for all pixels at
-once, together with the sums of their column indices. Sub-rows are added afterwards. Fields that
-would overflow are first spread over two words, one for even and one for odd pixels.
+For each slot, a triangle in a tile, the visible samples of each pixel are counted first. Within a
+coverage word, the samples of a pixel are neighbouring bits. Adding neighbouring fields of a word in
+place (SWAR; Warren, *Hacker's Delight*, 2nd ed., section 5-1) counts the set bits for all pixels of
+the word at once, and also sums their column indices. Then the sub-rows of each pixel are added.
+Fields that would overflow are first spread over two words, one for even and one for odd pixels.
+
+Colours times these counts are then summed over the slots of each chunk, and over the chunks of each
+tile.
 """
 
 import functools
@@ -20,11 +24,15 @@ from ..numerics.linear_map import linear_map
 
 
 class Packing(NamedTuple):
-    """How sums for the pixels of a row of a tile are packed into words.
+    """How one number for each pixel of a tile is packed into 32-bit words.
 
-    Each word has `fields` fields of `bits` bits. A row of pixels takes `words` words: pixel x is
-    field x // words of word x % words. Arrays of them are `[..., word_rows]`, where word w of pixel
-    row r is entry w * height + r. Unpacked they are `[..., fields, word_rows]`.
+    - `bits`: width of a field, which holds the number of one pixel.
+    - `words`: number of words for a row of pixels of a tile.
+    - `fields`: number of fields in a word.
+
+    Pixel x of a row is field x // words of word x % words. Packed arrays are `[..., word_rows]`,
+    where word w of pixel row r is entry w * height + r, with `height` pixel rows in a tile.
+    Unpacked arrays are `[..., fields, word_rows]`.
     """
 
     bits: int
@@ -33,7 +41,7 @@ class Packing(NamedTuple):
 
     @staticmethod
     def of(rate: int) -> "Packing":
-        """Choose the packing that can hold the sums over `rate` x `rate` samples."""
+        """Choose the packing for pixels of `rate` x `rate` samples."""
         return {
             1: Packing(1, 1, 32),
             2: Packing(4, 2, 8),
@@ -48,8 +56,8 @@ class SampleSums(NamedTuple):
     """Sums over the visible samples of each pixel, packed as `Packing` says.
 
     - `count`: the number of samples.
-    - `across`, `down`: the sums of their column and row within the pixel, 0..rate-1; None without
-      moments.
+    - `across`, `down`: the sums of their columns and of their rows within the pixel, which are
+      0..rate-1. None if `sample_sums` was called without `moments`.
     """
 
     count: UInt32[Array, "*slots word_rows"]
@@ -61,7 +69,10 @@ class SampleSums(NamedTuple):
 def sample_sums(
     visible: UInt32[Array, "*slots rows"], tiling: Tiling, *, moments: bool
 ) -> SampleSums:
-    """Sum over each pixel's visible samples; with `moments`, sum their positions too."""
+    """Count the visible samples of each pixel; with `moments`, also sum their columns and rows.
+
+    `visible` are coverage words.
+    """
     count, across = _add_bits(visible, tiling.grid.rate, moments)
     if not moments:
         return SampleSums(_add_rows(count, tiling))
@@ -73,7 +84,10 @@ def sample_sums(
 def _add_bits(
     words: UInt32[Array, "*slots rows"], rate: int, moments: bool
 ) -> tuple[UInt32[Array, "*slots rows"], UInt32[Array, "*slots rows"]]:
-    """Count the bits in each field of `rate` bits, and sum their positions in the field."""
+    """Count the set bits in each field of `rate` bits, and sum their positions in the field.
+
+    Returns both in fields of the same width. The second has no meaning without `moments`.
+    """
     if rate == 3:
         bits = [(words >> jnp.uint32(b)) & _mask(1, 3) for b in range(3)]
         return bits[0] + bits[1] + bits[2], bits[1] + bits[2] * jnp.uint32(2)
@@ -93,9 +107,10 @@ def _add_bits(
 def _add_rows(
     fields: UInt32[Array, "*slots rows"], tiling: Tiling, weighted: bool = False
 ) -> UInt32[Array, "*slots word_rows"]:
-    """Sum over the sub-rows of a pixel, times their index if `weighted`.
+    """Sum the fields of all sub-rows of each pixel row, as `Packing` says.
 
-    Fields that would overflow are first spread over two words.
+    With `weighted`, each sub-row is multiplied by its index, 0..rate-1. The given fields have
+    `rate` bits. Fields that would overflow are first spread over two words.
     """
     packing = Packing.of(tiling.grid.rate)
     height, rate = tiling.height, tiling.grid.rate
@@ -115,7 +130,7 @@ def _add_rows(
 
 
 def _mask(ones: int, period: int) -> UInt32[Array, ""]:
-    """Make a word with `ones` low bits set in every whole field of `period` bits."""
+    """Make a word with the lowest `ones` bits set in every whole field of `period` bits."""
     field = (1 << ones) - 1
     return jnp.uint32(sum(field << at for at in range(0, 32 // period * period, period)))
 
@@ -123,7 +138,7 @@ def _mask(ones: int, period: int) -> UInt32[Array, ""]:
 def unpack(
     packed: UInt32[Array, "*slots word_rows"], tiling: Tiling
 ) -> Int[Array, "*slots fields word_rows"]:
-    """Unpack the fields of packed words."""
+    """Unpack the number of each pixel from packed words, as described in `Packing`."""
     packing = Packing.of(tiling.grid.rate)
     shifts = jnp.arange(packing.fields, dtype=jnp.uint32) * jnp.uint32(packing.bits)
     shifts = shifts.reshape((1,) * (packed.ndim - 1) + (-1, 1))
@@ -134,7 +149,10 @@ def unpack(
 def sum_flat(
     sums: SampleSums, colors: Float[Array, "chunks layers channels"], tiling: Tiling
 ) -> Float[Array, "chunks channels fields word_rows"]:
-    """Sum the flat colours of the visible samples of each pixel, over the layers of a chunk."""
+    """Sum the colours of each pixel's visible samples, over the slots of each chunk.
+
+    `colors` has one colour for each slot.
+    """
     return _sum_flat(sums.count, colors, tiling)
 
 
@@ -144,7 +162,7 @@ def _sum_flat(
     colors: Float[Array, "chunks layers channels"],
     tiling: Tiling,
 ) -> Float[Array, "chunks channels fields word_rows"]:
-    """Sum colours times the number of visible samples."""
+    """Sum colour times the number of visible samples, `count`, over the slots of each chunk."""
     total = jnp.zeros((), colors.dtype)
     for k in range(colors.shape[1]):
         number = unpack(count[:, k], tiling).astype(colors.dtype)
@@ -158,10 +176,11 @@ def sum_interpolated(
     colors: Float[Array, "chunks layers 3 channels"],
     tiling: Tiling,
 ) -> Float[Array, "chunks channels fields word_rows"]:
-    """Sum the interpolated colours of the visible samples of each pixel, over a chunk.
+    """Sum the interpolated colours of each pixel's visible samples, over the slots of each chunk.
 
-    Colour is linear in the sample's position, so the sum needs only the number of samples and the
-    sums of their positions.
+    Colour is affine in the sample's position, so the sum needs only the number of samples and the
+    sums of their positions. `weights` are the terms of the corner weights of each slot, and
+    `colors` has the colour of each slot's three corners.
     """
     packing = Packing.of(tiling.grid.rate)
     rate, height = tiling.grid.rate, tiling.height
@@ -205,7 +224,12 @@ def _sum_corners(
     colors: Float[Array, "chunks layers 3 channels"],
     tiling: Tiling,
 ) -> Float[Array, "chunks channels fields word_rows"]:
-    """Sum corner colours times the sums of their weights; `packed` counts the samples."""
+    """Sum corner colours times the sums of their weights, over the slots of each chunk.
+
+    - `packed`: number of visible samples of each slot in each pixel, packed.
+    - `weights`: sums of the weights of corners 1 and 2 over these samples.
+    - `colors`: colours of the three corners of each slot.
+    """
     total = jnp.zeros((), colors.dtype)
     for k in range(colors.shape[1]):
         origin = colors[:, k, 0, :, None, None]
@@ -217,7 +241,7 @@ def _sum_corners(
 
 
 _GATHERED = 32
-"""Maximum number of chunks of a tile that are gathered; the chunks beyond it are scattered."""
+"""Number of chunks of a tile that are summed by one gather each; one scatter adds all others."""
 
 
 def sum_chunks(
@@ -226,7 +250,10 @@ def sum_chunks(
     *,
     max_chunks: int,
 ) -> Float[Array, "tiles channels fields word_rows"]:
-    """Sum over the chunks of each tile; `max_chunks` is an upper bound on their number."""
+    """Sum over the chunks of each tile; 0 for tiles without chunks.
+
+    `max_chunks` is an upper bound on the number of chunks of a tile.
+    """
 
     def add(
         chunks: Chunks, chunk_sums: Float[Array, "chunks channels fields word_rows"]
@@ -242,7 +269,7 @@ def sum_chunks(
 def _gather_chunks(
     chunk_sums: Float[Array, "chunks channels fields word_rows"], chunks: Chunks, number: int
 ) -> Float[Array, "tiles channels fields word_rows"]:
-    """Sum over the first `number` chunks of each tile."""
+    """Sum over the first `number` chunks of each tile, or all if it has fewer."""
 
     def chunk_of_tile(k: int) -> Float[Array, "tiles channels fields word_rows"]:
         exists = (k < chunks.count)[:, None, None, None]
@@ -260,7 +287,7 @@ def _scatter_chunks(
     chunk_sums: Float[Array, "chunks channels fields word_rows"],
     chunks: Chunks,
 ) -> Float[Array, "tiles channels fields word_rows"]:
-    """Add the chunks after the first `_GATHERED` of each tile."""
+    """Add the chunks after the first `_GATHERED` of each tile to `total`."""
     number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
     is_scattered = (chunks.index >= _GATHERED) & (number < chunks.needed)
     tile = jnp.where(is_scattered, chunks.tile, total.shape[0])
@@ -271,7 +298,10 @@ def _scatter_chunks(
 def _spread_to_chunks(
     chunks: Chunks, total: Float[Array, "tiles channels fields word_rows"]
 ) -> Float[Array, "chunks channels fields word_rows"]:
-    """Repeat each tile's entry for all of its chunks: the transpose of `sum_chunks`."""
+    """Copy each tile's entry to all of its chunks, the transpose of `sum_chunks`.
+
+    The result is 0 in unused chunks.
+    """
     number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
     is_used = (number < chunks.needed)[:, None, None, None]
     return jnp.where(is_used, total[chunks.tile], 0.0)
@@ -286,7 +316,8 @@ def add_background(
 ) -> Float[Array, "tiles channels fields word_rows"]:
     """Add the background at the samples that no triangle of the tile covers.
 
-    `covered` are the samples that each chunk and the chunks before it in its tile cover.
+    `covered` has, for each chunk, coverage words of the samples that it or a chunk before it in its
+    tile covers. The background has as many channels as `sums`.
     """
     uncovered = sample_sums(uncovered_words(covered, chunks), tiling, moments=False)
     return _add_background(sums, uncovered.count, background, tiling)
@@ -296,7 +327,10 @@ def add_background(
 def uncovered_words(
     covered: UInt32[Array, "chunks rows"], chunks: Chunks
 ) -> UInt32[Array, "tiles rows"]:
-    """Find the samples of each tile that none of its chunks covers."""
+    """Make the words of the samples that no chunk of a tile covers, for each tile.
+
+    `covered` is as in `add_background`. Bits past the last sample of a row are set too.
+    """
     last = covered.at[chunks.first + chunks.count - 1].get(mode="clip")
     return ~jnp.where((chunks.count > 0)[:, None], last, jnp.uint32(0))
 
@@ -308,7 +342,7 @@ def _add_background(
     background: Float[Array, " channels"],
     tiling: Tiling,
 ) -> Float[Array, "tiles channels fields word_rows"]:
-    """Add the background times the `count` of samples in each pixel."""
+    """Add the background times `count`, the packed number of uncovered samples of each pixel."""
     number = unpack(count, tiling).astype(sums.dtype)
     return sums + number[:, None] * background[None, :, None, None]
 
@@ -317,7 +351,7 @@ def _add_background(
 def with_alpha(
     colors: Float[Array, "corners 3 triangles"],
 ) -> Float[Array, "corners 4 triangles"]:
-    """Extend opaque colours to RGBA, for a background with alpha."""
+    """Extend RGB to RGBA with alpha 1, for a background with alpha."""
     return jnp.concatenate([colors, jnp.ones_like(colors[:, :1])], 1)
 
 
@@ -325,7 +359,10 @@ def with_alpha(
 def to_image(
     sums: Float[Array, "tiles channels fields word_rows"], tiling: Tiling
 ) -> Float[Array, "height width channels"]:
-    """Average the samples of each pixel and crop to the canvas."""
+    """Average the samples of each pixel, and crop to the canvas.
+
+    `sums` are over the samples of each pixel, in the layout of unpacked arrays (`Packing`).
+    """
     packing = Packing.of(tiling.grid.rate)
     channels = sums.shape[1]
     split = sums.reshape(

@@ -1,11 +1,13 @@
 """Composite translucent triangles with "over", front to back, sample by sample.
 
 Each sample stores the transmittance T of all layers in front. A layer of alpha a adds T a times its
-colour and leaves T (1 - a). Blocks of tiles are processed one list entry after another, so that the
-transmittances of a block stay in cache (`sample_blocks`).
+colour and leaves a transmittance of T (1 - a). Tiles are grouped into blocks. For each block in
+turn, the entries of the lists of all its tiles are visited from front to back, so that the
+transmittances of the block stay in cache (`sample_blocks`).
 
-This file handles flat colours and colours of three corners, for which one or three sums for each
-pixel are enough. Colours that vary otherwise, such as textures, are composited in `over_shaded`.
+This file handles triangles with one colour, and those that interpolate colours of their corners. A
+layer then needs one or three sums over the samples of each pixel. Colours that vary otherwise, such
+as textures, are composited in `over_shaded`.
 
 **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
 """
@@ -36,12 +38,12 @@ from .sample_blocks import (
 def composite(
     surface: Surface, pairs: ListedPairs, steps: Steps, tiling: Tiling, *, max_list_length: int
 ) -> Float[Array, "tiles 4 tile_width tile_height"]:
-    """Sum premultiplied colour and alpha over each pixel's samples, without background.
+    """Sum premultiplied RGBA over each pixel's samples, without background.
 
-    Differentiable with respect to the colours of `surface`. No list may have more than
-    `max_list_length` entries.
+    `to_image` makes the image from these sums. Differentiable with respect to the colours of
+    `surface`, which have straight alpha. No list may have more than `max_list_length` entries.
     """
-    # Blocks of steps are cut into smaller ones: the order of the tiles stays the same.
+    # The blocks of `steps` are cut into smaller ones, in which the tiles keep their order.
     assert BLOCK % TILES == 0
     blocks = Blocks(*(entry.reshape(-1, TILES) for entry in (steps.tile, steps.start, steps.count)))
     sums = _composite(tiling, max_list_length, surface.corners.color, surface, pairs, blocks)
@@ -57,7 +59,7 @@ def _composite(
     pairs: ListedPairs,
     blocks: Blocks,
 ) -> Float[Array, "blocks 4 width lines"]:
-    """Sum premultiplied colour and alpha, by block; `colors` replace those of the surface."""
+    """Compute `composite` for the pixels of each block, with `colors` in place of the surface's."""
     surface = surface.with_colors(colors)
     with jax.named_scope("transmittance"):
         return jax.lax.map(
@@ -91,7 +93,7 @@ def _(tiling: Tiling, max_list_length: int, primals: Any, tangents: Any) -> tupl
 def _composite_block(
     surface: Surface, pairs: ListedPairs, block: Blocks, tiling: Tiling
 ) -> Float[Array, "4 width lines"]:
-    """Sum premultiplied colour and alpha over the samples of the pixels of a block."""
+    """Sum premultiplied RGBA over the samples of each pixel of one block."""
     dtype = surface.corners.color.dtype
     tile, start, count = block
     rate, width, lines = tiling.grid.rate, tiling.width, tile.shape[0] * tiling.height
@@ -112,7 +114,10 @@ def _add(
     layer: Layer,
     tiling: Tiling,
 ) -> Float[Array, "4 width lines"]:
-    """Add the premultiplied colour and alpha of a layer, where it is visible."""
+    """Add a layer to the sums of premultiplied RGBA.
+
+    `transmittance` is the product of 1 - alpha in front of the layer, at each sample.
+    """
     if layer.weights is None:
         return _add_flat(sums, sum_visible(layer, transmittance, tiling=tiling), layer.line_colors)
     total, second, third = (
@@ -127,7 +132,10 @@ def _add_flat(
     total: Float[Array, "width lines"],
     line_colors: Float[Array, "4 1 lines"],
 ) -> Float[Array, "4 width lines"]:
-    """Add a flat layer to the sums, from the sum of transmittance times alpha."""
+    """Add a layer with one colour per triangle to the sums of premultiplied RGBA.
+
+    `total` is the sum of transmittance times alpha over the samples of each pixel.
+    """
     return sums + total[None] * line_colors[:, 0].at[3].set(1.0)[:, None]
 
 
@@ -139,10 +147,13 @@ def _add_interpolated(
     third: Float[Array, "width lines"],
     line_colors: Float[Array, "4 3 lines"],
 ) -> Float[Array, "4 width lines"]:
-    """Add a layer with corner colours to the sums.
+    """Add a layer with interpolated colours to the sums of premultiplied RGBA.
 
-    Colours are linear in the weights, so three sums are enough for all channels: `total` is that of
-    transmittance times alpha, `second` and `third` are times the weights of corners 1 and 2 too.
+    Colours are linear in the weights of the corners, so three sums over the samples of each pixel
+    are enough for all channels:
+
+    - `total`: of transmittance times alpha.
+    - `second`, `third`: of transmittance times alpha times the weight of corner 1 or 2.
     """
     corners = line_colors.at[3].set(1.0)[:, :, None]
     for k, corner_sum in enumerate((total - second - third, second, third)):
@@ -153,7 +164,10 @@ def _add_interpolated(
 def in_order_of_tiles(
     sums: Float[Array, "blocks 4 width lines"], steps: Steps, tiling: Tiling
 ) -> Float[Array, "tiles 4 tile_width tile_height"]:
-    """Put the pixels of all blocks in the order of the tiles."""
+    """Reorder pixels from blocks of tiles to the numbering of the tiles.
+
+    Blocks may be smaller than the blocks of `steps`, if their tiles are in the same order.
+    """
     by_tile = sums.reshape(sums.shape[0], 4, tiling.width, -1, tiling.height)
     by_tile = by_tile.transpose(0, 3, 1, 2, 4)
     return by_tile.reshape(-1, 4, tiling.width, tiling.height)[steps.slot]
@@ -165,9 +179,10 @@ def to_image(
     background: Float[Array, " channels"],
     tiling: Tiling,
 ) -> Float[Array, "height width channels"]:
-    """Composite premultiplied pixels over the background.
+    """Average the samples of each pixel, crop to the canvas, and composite over the background.
 
-    A background of four channels is premultiplied too.
+    - `sums`: premultiplied RGBA, summed over the samples of each pixel.
+    - `background`: RGB, or premultiplied RGBA; the image has as many channels.
     """
     split = sums.reshape(tiling.rows, tiling.columns, 4, tiling.width, tiling.height)
     image = split.transpose(0, 4, 1, 3, 2).reshape((*tiling.padded_shape, 4))

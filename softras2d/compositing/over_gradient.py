@@ -1,17 +1,19 @@
 """The gradient of translucent compositing with respect to colours.
 
-Let c_k = (red, green, blue, 1) be the colour of layer k and q the cotangent of a pixel, and let
-W_k = q . c_k. Two passes go through the list of a sample. Front to back, as in `over`, each layer
-has a transmittance T_k in front of it. Back to front, each layer has a value R_k behind it: what
-"over" gives for everything behind layer k if the colour of each layer is the number W. Then
+Let c_k = (red, green, blue, 1) be the colour of layer k, where k counts from the front, let q be
+the cotangent of a pixel, and let W_k = q . c_k. Two passes go through the list of a sample. The
+pass from the front computes the transmittance T_k in front of each layer, as in `over`. The pass
+from the back computes a value R_k for each layer: the composite of all layers behind layer k, with
+the number W of each layer as its colour. With L the loss,
 
     R_(k-1) = R_k + alpha_k (W_k - R_k),
     dL / d alpha_k = T_k (W_k - R_k),    dL / d c_k = q T_k alpha_k.
 
-From the back only R is carried, one number for each sample, whatever the number of channels.
-Transmittances cannot be recovered from the back, as an opaque layer leaves none. They are stored
-for a few tiles and a segment of their lists at a time, so that they stay in cache. In long lists,
-those at the start of each segment are stored by another pass from the front.
+The pass from the back carries only R, one number for each sample, whatever the number of channels.
+It cannot recover the transmittances, because those behind an opaque layer are 0. So they are stored
+for a few tiles at a time, and only for one segment of their lists, so that they stay in cache. If
+lists have several segments, an additional pass from the front first stores the transmittances at
+the start of each segment.
 """
 
 import functools
@@ -38,13 +40,16 @@ from .sample_blocks import (
 )
 
 TILES, _SEGMENT = 32, 16
-"""Tiles in a block, and entries of their lists whose transmittances are stored at a time: 2 MiB at
-16 samples. Measured with 1,000 triangles at 512 pixels: 8 tiles, or segments of 8 entries, take up
-to twice as long, and so do 32 entries."""
+"""Number of tiles in a block, and number of list entries in a segment. The transmittances of one
+segment of a block take 2 MiB at 16 samples per pixel. Measured with 1,000 triangles at 512 pixels:
+8 tiles take up to twice as long, and so do segments of 8 or of 32 entries."""
 
 
 class Blocks(NamedTuple):
-    """Tiles in blocks, and the first entry and length of their lists, as in `lists.Steps`."""
+    """The tiles of blocks, and the first entry and length of the list of each tile.
+
+    As in `lists.Steps`, with `TILES` tiles in a block.
+    """
 
     tile: Int[Array, "*blocks block"]
     start: Int[Array, "*blocks block"]
@@ -54,7 +59,8 @@ class Blocks(NamedTuple):
 class GradientState(NamedTuple):
     """Arrays that the loops over the lists update.
 
-    - `pair_gradient`: gradient of each listed pair with respect to its corner colours.
+    - `pair_gradient`: gradient with respect to the corner colours of each listed pair, a triangle
+      in a tile. Entries are red, green, blue and alpha of each corner in turn.
     - `segment_transmittance`: transmittance in front of each segment of the lists of a block.
     - `layer_transmittance`: transmittance in front of each layer of one segment.
     """
@@ -73,9 +79,10 @@ def color_gradient(
     *,
     max_list_length: int,
 ) -> Float[Array, "corners 4 triangles"]:
-    """Gradient with respect to the colours of corners, from the cotangent of the sums of pixels.
+    """Compute the vjp of `over.composite` with respect to the corner colours of the surface.
 
-    No list may have more than `max_list_length` entries.
+    `cotangent` is the cotangent of the sums of premultiplied RGBA, in the order of `blocks`. The
+    colours have straight alpha. No list may have more than `max_list_length` entries.
     """
     colors = surface.corners.color
     corners, _, triangles = colors.shape
@@ -98,14 +105,17 @@ def color_gradient(
 
 
 class _BlockLists(NamedTuple):
-    """The lists of a block of tiles."""
+    """The lists of one block of tiles, and the data of their entries."""
 
     surface: Surface
     pairs: ListedPairs
     block: Blocks
 
     def layer(self, position: Int[Array, ""], is_used: Bool[Array, ""], tiling: Tiling) -> Layer:
-        """Gather the layer at a position of the lists; it covers nothing unless `is_used`."""
+        """Gather the layer at a position of all lists, counted from 0.
+
+        It covers nothing if `is_used` is false, nor in tiles whose lists are shorter.
+        """
         tile, start, count = self.block
         is_valid = is_used & (position < count)
         return layer_of_block(self.surface, self.pairs, start + position, is_valid, tile, tiling)
@@ -117,7 +127,10 @@ def _add_block(
     state: GradientState,
     tiling: Tiling,
 ) -> GradientState:
-    """Compute the gradients of the pairs of a block, segment by segment from the back."""
+    """Compute the gradients of the pairs of a block, segment by segment from the back.
+
+    `cotangent` is the cotangent of the block's sums. Returns the state with these gradients.
+    """
     # A scene of a batch that has outgrown its plan must not lengthen the loops of the others.
     capacity = state.segment_transmittance.shape[0] * _SEGMENT
     block_list_length = jnp.minimum(jnp.max(lists.block.count), capacity)
@@ -130,7 +143,7 @@ def _add_block(
     def visit_segment(
         step: Int[Array, ""], carry: tuple[GradientState, Array]
     ) -> tuple[GradientState, Array]:
-        # In a batch there are further steps for shorter lists: their segments are negative.
+        # In a batch, scenes with shorter lists get further steps, whose segments are negative.
         segment = segments - 1 - step
         return _add_segment(lists, cotangent, segment, block_list_length, carry, tiling)
 
@@ -143,7 +156,10 @@ def _pass_segment(
     segment: Int[Array, ""],
     segment_transmittance: Float[Array, "segments *samples"],
 ) -> Float[Array, "segments *samples"]:
-    """Compute the transmittance in front of the next segment from that in front of this one."""
+    """Pass through one segment, and store the transmittance in front of the next segment.
+
+    `segment` is the number of the segment, whose transmittance in front is already stored.
+    """
 
     def pass_layer(
         k: Int[Array, ""], transmittance: Float[Array, "*samples"]
@@ -165,10 +181,13 @@ def _add_segment(
     carry: tuple[GradientState, Float[Array, "*samples"]],
     tiling: Tiling,
 ) -> tuple[GradientState, Float[Array, "*samples"]]:
-    """Add the gradients of the pairs in one segment of the lists, from its last layer to its first.
+    """Compute the gradients of the pairs in one segment of the lists, from back to front.
 
-    Returns the state, and `value_behind` composited with all layers of the segment. Nothing changes
-    if the segment is negative.
+    - `segment`: number of the segment. Nothing changes if it is negative.
+    - `block_list_length`: length of the longest list of the block.
+    - `carry`: the state, and the value behind the segment (R in the symbols of this file).
+
+    Returns the state with these gradients, and the value behind the segment in front of this one.
     """
     state, value_behind = carry
     first = segment * _SEGMENT
@@ -190,7 +209,7 @@ def _add_segment(
         step: Int[Array, ""], carry: tuple[Array, Array]
     ) -> tuple[Float[Array, "entries pairs"], Float[Array, "*samples"]]:
         pair_gradient, value_behind = carry
-        # Negative in the further steps of a batch, like the segment.
+        # Negative in the further steps that a batch may take, like the segment.
         k = length - 1 - step
         is_used = (segment >= 0) & (k >= 0)
         layer = lists.layer(first + k, is_used, tiling)
@@ -212,7 +231,10 @@ def _put(
     transmittance: Float[Array, "*samples"],
     position: Int[Array, ""],
 ) -> Float[Array, "positions *samples"]:
-    """Put one transmittance at a position. Not `materialized`, which would copy the whole array."""
+    """Write the transmittance of one position into the array of all positions.
+
+    Not `materialized`, because this would copy the whole array.
+    """
     return jax.lax.dynamic_update_index_in_dim(transmittances, transmittance, position, 0)
 
 
@@ -220,7 +242,7 @@ def _put(
 def _corner_values(
     line_colors: Float[Array, "4 corners lines"], cotangent: Float[Array, "4 width lines"]
 ) -> Float[Array, "corners width lines"]:
-    """Compute W = q . c for each corner, in the symbols of this file."""
+    """Compute W = q . c of each corner's colour, in the symbols of this file, for each pixel."""
     # c is (red, green, blue, 1): 1 in place of alpha.
     color = line_colors.at[3].set(1.0)[:, :, None]
     channels = [cotangent[channel][None] * color[channel] for channel in range(4)]
@@ -235,7 +257,7 @@ def _add_behind(
     *,
     tiling: Tiling,
 ) -> Float[Array, "*samples"]:
-    """Return the value behind the layer in front: the layer composited over `value_behind`."""
+    """Composite a layer over the value behind it: compute R_(k-1) from R_k, at each sample."""
     opacity = all_bits(layer.words, tiling, value_behind.dtype) * alpha_at_samples(layer)
     return value_behind + opacity * _gain(layer, corner_values, value_behind)
 
@@ -245,7 +267,7 @@ def _gain(
     corner_values: Float[Array, "corners width lines"],
     value_behind: Float[Array, "*samples"],
 ) -> Float[Array, "*samples"]:
-    """W_k - R_k at each sample, in the symbols of this file."""
+    """Compute W_k - R_k at each sample, in the symbols of this file."""
     return interpolate_at_samples(layer.weights, corner_values) - value_behind
 
 
@@ -259,9 +281,10 @@ def _sum_gains(
     corner: int,
     tiling: Tiling,
 ) -> Float[Array, "width lines"]:
-    """Sum the derivatives with respect to alpha over the samples of each pixel.
+    """Sum T_k (W_k - R_k) over the samples of each pixel that layer k covers.
 
-    For `corner` 1 or 2 they are multiplied by the weight of that corner.
+    These are the derivatives with respect to alpha. With `corner` 1 or 2, each is multiplied by the
+    weight of this corner. With 0 it is not.
     """
     gains = transmittance * _gain(layer, corner_values, value_behind)
     return sum_covered(layer, gains, corner, tiling)
@@ -275,7 +298,14 @@ def _layer_gradient(
     cotangent: Float[Array, "4 width lines"],
     tiling: Tiling,
 ) -> Float[Array, "entries block"]:
-    """Gradient of each pair with respect to its corner colours, corner by corner."""
+    """Compute the gradient with respect to the corner colours of the pairs of a layer.
+
+    Entries are red, green, blue and alpha of each corner in turn.
+
+    - `transmittance`: transmittance in front of the layer.
+    - `corner_values`: as returned by `_corner_values`.
+    - `value_behind`: R_k in the symbols of this file.
+    """
     corners = range(layer.line_colors.shape[1])
     by_alpha = [
         _sum_gains(layer, transmittance, corner_values, value_behind, corner=corner, tiling=tiling)
@@ -294,7 +324,10 @@ def _split_by_corner(
     second: Float[Array, "width lines"],
     third: Float[Array, "width lines"],
 ) -> list[Float[Array, "width lines"]]:
-    """Sums with the weights of all corners, from the sum and those of corners 1 and 2."""
+    """Compute the sums weighted with each of the three corners.
+
+    `total` is the unweighted sum. `second` and `third` are weighted with corners 1 and 2.
+    """
     return [total - second - third, second, third]
 
 
@@ -306,9 +339,13 @@ def _sum_tiles(
     *,
     height: int,
 ) -> Float[Array, "entries block"]:
-    """Add up what the pixels of each tile contribute to the gradient of its pair.
+    """Sum the gradient of each tile's pair over the pixels of the tile.
 
     Entries are red, green, blue and alpha of each corner in turn.
+
+    - `by_alpha`: for each corner, what each pixel adds to the derivative by the corner's alpha.
+    - `visible`: for each corner, the sum of transmittance times alpha times the corner's weight.
+    - `height`: number of lines of a tile.
     """
     rows = []
     for alpha_gradient, visible_sum in zip(by_alpha, visible, strict=True):
@@ -320,6 +357,6 @@ def _sum_tiles(
 def _sum_pairs(
     pair_gradient: Float[Array, "entries pairs"], triangle: Int[Array, " pairs"], triangles: int
 ) -> Float[Array, "entries triangles"]:
-    """Sum the gradients of the pairs of each triangle."""
+    """Sum the gradients of all pairs of each triangle, over the tiles that list it."""
     zeros = jnp.zeros((pair_gradient.shape[0], triangles), pair_gradient.dtype)
     return zeros.at[:, triangle].add(pair_gradient, mode="drop")

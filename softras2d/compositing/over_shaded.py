@@ -1,9 +1,9 @@
 """Composite translucent triangles whose colours must be shaded, such as those with textures.
 
 As in `over`, but the colours of each layer are evaluated at every sample, or once for each pixel.
-Steps go through the lists of all blocks, one after another, so that both passes of automatic
-differentiation have a known number of them. The backward pass stores the transmittances and sums of
-every step.
+One scan goes through the steps of all blocks of tiles, one block after another. Its number of steps
+is fixed, as reverse-mode differentiation requires. For the backward pass, autodiff stores the
+transmittances and colours of every step.
 """
 
 import functools
@@ -32,9 +32,10 @@ from .sample_blocks import (
 def composite_shaded(
     surface: Surface, pairs: ListedPairs, steps: Steps, tiling: Tiling, *, shading: str
 ) -> Float[Array, "tiles 4 tile_width tile_height"]:
-    """Sum premultiplied colour and alpha over each pixel's samples, without background.
+    """Sum premultiplied RGBA over each pixel's samples, without background.
 
-    `shading` is as in `Hard.shading`.
+    `over.to_image` makes the image from these sums. `shading` is as in `Hard.shading`. Steps beyond
+    the capacity of `steps` are missing.
     """
     dtype = surface.corners.color.dtype
     rate, height, width = tiling.grid.rate, tiling.height, tiling.width
@@ -75,7 +76,7 @@ def composite_shaded(
 def _start_if(
     is_first: Bool[Array, ""], state: Float[Array, "..."], *, initial: float
 ) -> Float[Array, "..."]:
-    """Replace the state where a new block starts."""
+    """Return `initial` for the first step of a block, else the state unchanged."""
     return jnp.where(is_first, initial, state)
 
 
@@ -89,7 +90,12 @@ def _blend(
     tiling: Tiling,
     shading: str,
 ) -> tuple[Float[Array, "*samples"], Float[Array, "4 width lines"]]:
-    """Add one layer of a block to the transmittances and sums in front of it."""
+    """Composite one layer of a block behind the layers that `state` contains.
+
+    The state is the transmittance at each sample, and the sums of premultiplied RGBA of each pixel.
+    Returns the next state. `pair` is the index in the tile lists of each tile's entry, and
+    `is_valid` says whether the tile has this entry.
+    """
     transmittance, sums = state
     passed, covered = (gather_block_words(words, pair, is_valid) for words in pairs[1:])
     triangle = pairs.triangle.at[pair].get(mode="clip")
@@ -107,7 +113,7 @@ def _sum_visible(
     *,
     tiling: Tiling,
 ) -> Float[Array, "width lines"]:
-    """Sum transmittance times a channel over the covered samples of each pixel."""
+    """Sum transmittance times one premultiplied channel over the covered samples of each pixel."""
     return sum_where_covered(words, transmittance * channel, tiling)
 
 
@@ -119,7 +125,7 @@ def _transmittance_behind(
     *,
     tiling: Tiling,
 ) -> Float[Array, "*samples"]:
-    """Multiply the transmittance by 1 - alpha at the covered samples."""
+    """Multiply the transmittance by 1 - alpha at the samples whose bits in `words` are set."""
     return transmittance * (1.0 - alpha * all_bits(words, tiling, alpha.dtype))
 
 
@@ -131,7 +137,11 @@ def _shade_block(
     tiling: Tiling,
     shading: str,
 ) -> Float[Array, "4 sub_rows sub_columns width lines"]:
-    """Compute the premultiplied colours of a layer of a block at every sample."""
+    """Compute the premultiplied RGBA of a layer of a block at every sample.
+
+    `covered` are the coverage words before the depth test, which decide where a pixel is shaded if
+    `shading` is `"pixel"`.
+    """
     rate, width = tiling.grid.rate, tiling.width
     lines = covered.shape[1]
     lanes = surface_lanes(surface, triangle, tile, tiling)
@@ -156,14 +166,14 @@ def _shade_block(
 
 @functools.partial(materialized, static_argnames=("height",))
 def _lanes_by_line(lanes: Lanes, height: int) -> Lanes:
-    """Repeat the lanes of a block's tiles for each of their lines."""
+    """Repeat the lane of each tile of a block for all lines of the tile."""
     return jax.tree.map(lambda entry: jnp.repeat(entry, height, entry.ndim - 1), lanes)
 
 
 def _block_fragments(words: UInt32[Array, "sub_rows lines"], tiling: Tiling) -> Fragments:
-    """Make a fragment of each pixel of a block, `[width * lines]`.
+    """Make a fragment of each pixel of a block, covered or not: `width * lines` fragments.
 
-    The slot is the index of the tile in the block.
+    The slot of a fragment is the index of its tile in the block.
     """
     rate, lines = tiling.grid.rate, words.shape[1]
     column, line = (
@@ -180,5 +190,5 @@ def _block_fragments(words: UInt32[Array, "sub_rows lines"], tiling: Tiling) -> 
 def _add_channels(
     sums: Float[Array, "4 width lines"], visible_sums: list[Float[Array, "width lines"]]
 ) -> Float[Array, "4 width lines"]:
-    """Add the sums of each channel over the visible samples."""
+    """Add to the sums of all channels; `visible_sums` has one array for each channel."""
     return sums + jnp.stack(visible_sums)

@@ -1,9 +1,12 @@
 """Samples of a block of tiles as one array, and the layers that cover them.
 
-Samples of a block are stored in an array `[sub rows, sub columns, width, lines]`. A line is a row
-of pixels of one tile, and the lines of all tiles of the block are the minor axis. One coverage word
-has a line's samples of one sub-row, and all samples at the same position of their line read the
-same bit of their words.
+The samples of a block are stored in an array `[sub_rows, sub_columns, width, lines]`, which
+annotations abbreviate as `*samples`. A line is a row of pixels of one tile, `width` pixels long.
+The minor axis has the lines of all tiles of the block, tile by tile. Sub-rows and sub-columns are
+the rows and columns of samples in a pixel.
+
+One coverage word has the samples of one sub-row of a line. Samples that differ only in their line
+read the same bit of different words.
 """
 
 import functools
@@ -21,10 +24,11 @@ from ..shading.surface import Surface
 
 
 class ListedPairs(NamedTuple):
-    """The listed pairs of a triangle and a tile, with the samples that they cover.
+    """The pairs of a triangle and a tile in the tile lists, with the samples that they cover.
 
-    - `passed`: for each sub-row, the words of the samples to composite; `covered`: the same for all
-      covered samples, those that failed the depth test too.
+    - `triangle`: the triangle of each pair.
+    - `passed`: coverage words of the samples to composite, one array for each sub-row.
+    - `covered`: the same for all covered samples, including those that failed the depth test.
     """
 
     triangle: Int[Array, " pairs"]
@@ -33,11 +37,12 @@ class ListedPairs(NamedTuple):
 
 
 class Layer(NamedTuple):
-    """One entry in the list of each tile of a block.
+    """One entry in the list of each tile of a block, all at the same position of their lists.
 
-    - `pair`: its index in the tile lists; `triangle`: its triangle.
-    - `words`: the samples that it covers; 0 where a tile's list has ended.
-    - `line_colors`: colours of the corners, with straight alpha, for each line.
+    - `pair`: index of the entry in the tile lists.
+    - `triangle`: its triangle.
+    - `words`: coverage words of the samples to composite; 0 where a tile's list has ended.
+    - `line_colors`: RGBA of the triangle's corners, with straight alpha, repeated for each line.
     - `weights`: weights of corners 1 and 2 at each sample; None if triangles have one colour.
     """
 
@@ -54,7 +59,10 @@ def list_pairs(
     covered: UInt32[Array, "pairs rows"],
     tiling: Tiling,
 ) -> ListedPairs:
-    """Split the coverage words of each pair by sub-row."""
+    """Collect the listed pairs, with their coverage words split by sub-row.
+
+    `passed` and `covered` are the coverage words of each pair after and before the depth test.
+    """
     split = materialized(functools.partial(_split_sub_rows, tiling=tiling))
     return ListedPairs(triangle, split(passed), split(covered))
 
@@ -74,7 +82,12 @@ def layer_of_block(
     tile: Int[Array, " block"],
     tiling: Tiling,
 ) -> Layer:
-    """Gather one layer of a block; `is_valid`: whether each tile's list is that long."""
+    """Gather one layer of a block of tiles.
+
+    - `pair`: index in the tile lists of the entry of each tile.
+    - `is_valid`: whether the tile's list has this entry; if not, the layer covers nothing there.
+    - `tile`: the tiles of the block.
+    """
     words = gather_block_words(pairs.passed, pair, is_valid)
     triangle = pairs.triangle.at[pair].get(mode="clip")
     line_colors = _repeat_by_line(surface.corners.color[..., triangle], tiling.height)
@@ -90,7 +103,11 @@ def gather_block_words(
     pair: Int[Array, " block"],
     is_valid: Bool[Array, " block"],
 ) -> UInt32[Array, "sub_rows lines"]:
-    """Gather the coverage words of a layer of a block; 0 where a tile's list has ended."""
+    """Gather the coverage words of a layer of a block; 0 where `is_valid` is false.
+
+    `sub_rows` has one array of coverage words for each sub-row, and `pair` is the index in the tile
+    lists of the entry of each tile.
+    """
     return jnp.stack([gather_words(words, pair, is_valid).reshape(-1) for words in sub_rows])
 
 
@@ -106,7 +123,11 @@ def interpolate_at_samples(
     weights: tuple[Float[Array, "*samples"], Float[Array, "*samples"]] | None,
     corners: Float[Array, "corners #width lines"],
 ) -> Float[Array, "*#samples"]:
-    """Interpolate values of the corners at each sample of a block; one corner is the value."""
+    """Interpolate values of the corners at each sample of a block.
+
+    `weights` are as in `Layer`. If they are None, `corners` has one corner, whose value is returned
+    for all samples.
+    """
     if weights is None:
         return corners[0][None, None]
     return interpolate_corners(corners[:, None, None], *weights)
@@ -127,7 +148,8 @@ def sum_visible(
 ) -> Float[Array, "width lines"]:
     """Sum transmittance times alpha over the samples of each pixel that a layer covers.
 
-    For `corner` 1 or 2 it is multiplied by the weight of that corner.
+    `transmittance` is the product of 1 - alpha in front of the layer. With `corner` 1 or 2, each
+    term is also multiplied by the weight of this corner. With 0 it is not.
     """
     if layer.weights is None:
         return sum_covered(layer, transmittance, corner, tiling) * layer.line_colors[3]
@@ -138,14 +160,14 @@ def sum_visible(
 def _repeat_by_line(
     colors: Float[Array, "corners 4 block"], height: int
 ) -> Float[Array, "4 corners lines"]:
-    """Repeat the colours of a block's triangles for each of their lines."""
+    """Repeat the colours of the triangle of each tile of a block for all lines of the tile."""
     return jnp.repeat(colors.transpose(1, 0, 2), height, 2)
 
 
 def _sample_weights(
     surface: Surface, triangle: Int[Array, " block"], tile: Int[Array, " block"], tiling: Tiling
 ) -> tuple[Float[Array, "*samples"], Float[Array, "*samples"]]:
-    """Weights of corners 1 and 2 at each sample of a block's triangles."""
+    """Weights of corners 1 and 2 at each sample of a block, with one triangle for each tile."""
     terms = _line_weights(surface, triangle, tile, tiling)
     return _weights_of_lines(terms, tiling)
 
@@ -154,7 +176,7 @@ def _sample_weights(
 def _line_weights(
     surface: Surface, triangle: Int[Array, " block"], tile: Int[Array, " block"], tiling: Tiling
 ) -> AffineWeights:
-    """Terms of the weights for each line of a block."""
+    """Terms of the weights of each tile's triangle, repeated for all lines of the tile."""
     terms = surface.weight_terms(triangle, tile, tiling)
     return jax.tree.map(lambda entry: jnp.repeat(entry, tiling.height, -1), terms)
 
@@ -163,7 +185,7 @@ def _line_weights(
 def _weights_of_lines(
     terms: AffineWeights, tiling: Tiling
 ) -> tuple[Float[Array, "*samples"], Float[Array, "*samples"]]:
-    """Weights at each sample from the terms of its line."""
+    """Weights of corners 1 and 2 at each sample, from the terms of its line."""
     block = terms.scale.shape[0] // tiling.height
     terms = jax.tree.map(lambda entry: jnp.expand_dims(entry, (-4, -3, -2)), terms)
     return weights_at(terms, *sample_positions(block, tiling))
@@ -172,7 +194,10 @@ def _weights_of_lines(
 def bit_of_samples(
     words: UInt32[Array, " lines"], sub_column: int, tiling: Tiling, dtype: Any
 ) -> Float[Array, "width lines"]:
-    """1 where the sample in `sub_column` of each pixel is covered, else 0."""
+    """1 where the sample in `sub_column` of each pixel is covered, else 0, for one sub-row.
+
+    `words` are the coverage words of this sub-row.
+    """
     position = jnp.arange(tiling.width, dtype=jnp.uint32) * jnp.uint32(tiling.grid.rate)
     position = (position + jnp.uint32(sub_column))[:, None]
     return ((words[None] >> position) & jnp.uint32(1)).astype(dtype)
@@ -193,7 +218,7 @@ def sum_covered(
 ) -> Float[Array, "width lines"]:
     """Sum values over the samples of each pixel that a layer covers.
 
-    For `corner` 1 or 2 they are multiplied by the weight of that corner.
+    With `corner` 1 or 2, each value is multiplied by the weight of this corner. With 0 it is not.
     """
     if layer.weights is not None and corner > 0:
         values = values * layer.weights[corner - 1]
@@ -203,7 +228,10 @@ def sum_covered(
 def sum_where_covered(
     words: UInt32[Array, "sub_rows lines"], values: Float[Array, "*samples"], tiling: Tiling
 ) -> Float[Array, "width lines"]:
-    """Sum values over the samples of each pixel whose bits are set, in one fused expression."""
+    """Sum values over the samples of each pixel whose bits in `words` are set.
+
+    The sum is one expression, which the compiler fuses.
+    """
     rate = tiling.grid.rate
     terms = [
         values[i, j] * bit_of_samples(words[i], j, tiling, values.dtype)
@@ -216,7 +244,7 @@ def sum_where_covered(
 def sample_positions(
     block: int, tiling: Tiling
 ) -> tuple[Int[Array, "*samples"], Int[Array, "*samples"]]:
-    """Column and row of all samples of a block, within their tile."""
+    """Column and row, within its tile, of each sample of a block of `block` tiles."""
     rate = tiling.grid.rate
     shape = (rate, rate, tiling.width, block * tiling.height)
     sub_row, sub_column, column, line = (

@@ -3,7 +3,9 @@
 The boundary term is due to edges, and to lines where triangles interpenetrate, that move over the
 samples. The interior term is due to colours that move with the vertices.
 
-Words of its files: a *line* is a row or a column of samples, and a *crossing* is a point where an
-edge crosses a line. The *inside* of a crossing is the side of the edge's triangle. A *lane* is one
-index of arrays of a fixed length, all of which are computed at once, used or not.
+Terms in this folder: a *line* is a row or a column of samples, and a *crossing* is a point where an
+edge crosses a line. A *run* is up to eight successive crossings of one edge. The *inside* of a
+crossing is the side on which the edge's triangle lies. A *layer* of a sample is a triangle that
+covers it and passes the depth test there. A *lane* is one index of arrays of a fixed length; all
+lanes are computed at once, whether they are used or not.
 """

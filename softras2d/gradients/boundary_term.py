@@ -4,18 +4,20 @@ The image is piecewise constant in the positions. Its box-filtered limit is not:
 moves, a pixel gains the colour on one side of the edge and loses the colour on the other side, as
 fast as the edge sweeps over the pixel. The integral along the edge is evaluated on the sample grid,
 as a sum over crossings (`crossings.py`). Each crossing stands for the length of edge between two
-lines of samples. Its speed along the line is exact, and its jump of colour is that between the two
-samples.
+lines of samples. Its speed along the line is exact. Its jump of colour is the colour of the edge's
+triangle on the edge, minus the colour beyond the edge, taken at the sample outside.
 
 In an opaque scene a crossing counts in any of three cases:
 
-- The edge's triangle is visible at the sample inside, and in front of the triangle (or background)
-  that is visible at the sample outside.
-- The edge's triangle is so thin that it covers neither sample. Both show the same other triangle or
-  the background, and the thin triangle is in front of that.
+- The edge's triangle is visible at the sample inside, and lies in front of whatever is visible at
+  the sample outside: another triangle or the background.
+- The edge's triangle is so thin that it covers neither sample. Both samples show the same other
+  triangle or the background, and the thin triangle lies in front of it.
 - The edge's triangle is visible at the sample inside, and the triangle that is visible at the
   sample outside ends before it reaches the edge. Then a third triangle, or the background, is
   visible in the strip between them (`thin_strips`), and the edge's triangle is in front of it.
+
+In a translucent scene, `edge_gains` computes the jump from the layers at both samples.
 
 The sum is linear in the velocity of the vertices, so that one rule serves both jvp and vjp.
 
@@ -56,8 +58,11 @@ from .visible_front import triangle_at
 class Outlines(NamedTuple):
     """The edges of a scene, and the lines of samples that they cross.
 
+    - `sides`: positions of the ends of each edge, in pixels.
+    - `edges`: the edge functions, which decide exactly which samples are inside.
     - `vertex`: vertex index of each corner of the reoriented triangles.
-    - `first`, `count`: as returned by `crossings.lines_crossed`.
+    - `first`, `count`: first line that each edge crosses, and the number of lines, as returned by
+      `crossings.lines_crossed`.
     """
 
     sides: Sides
@@ -71,8 +76,11 @@ class BoundaryShape(NamedTuple):
     """Static parameters of the compiled boundary term.
 
     - `channels`: number of channels of the image.
-    - `crossings`, `max_chunks`: capacities of the plan.
-    - `max_list_length`: length of the longest list of a tile; only translucent scenes need it.
+    - `crossings`: capacity for runs of crossings; runs beyond it add nothing.
+    - `max_chunks`: upper bound on the number of chunks of a tile, a power of two; only opaque
+      scenes need it.
+    - `max_list_length`: upper bound on the number of entries in the list of a tile; only
+      translucent scenes need it.
     """
 
     tiling: Tiling
@@ -90,14 +98,15 @@ def boundary_term(
     outlines: Outlines,
     samples: OpaqueSamples | LayeredSamples,
 ) -> Float[Array, "height width channels"]:
-    """Return zeros, whose derivative by positions and depth is the boundary term of the image.
+    """Return zeros whose derivative with respect to positions and depth is the boundary term.
 
-    Adding them to the image gives it this derivative. Second derivatives are zero.
+    Adding them to the image gives it this derivative. Second derivatives are zero. Positions are in
+    pixels. `depth` is None for scenes without depth.
     """
     grid = shape.tiling.grid
     # The zero depends on the inputs: JAX 0.10 cannot differentiate a batched call of a `custom_jvp`
-    # whose tangent is batched and whose value is not ("broadcast_in_dim"). The compiler would fold
-    # `0 * positions`.
+    # whose tangent is batched and whose value is not (an error in "broadcast_in_dim"). A product
+    # `0 * positions` would not do, as the compiler folds it to a constant.
     is_nan = jnp.isnan(positions[:1, 0])
     if depth is not None:
         is_nan = is_nan | jnp.isnan(depth[:1])
@@ -140,7 +149,10 @@ def _(shape, primals, tangents):
 def _pair_search(
     shape: BoundaryShape, samples: OpaqueSamples | LayeredSamples, masks: LayerMasks | None
 ) -> PairSearch:
-    """The search for pairs of samples that may lie on both sides of a line of equal depth."""
+    """Choose the search for interpenetrating triangles, for an opaque or a translucent scene.
+
+    `masks` are the layer masks of a translucent scene, None for an opaque one.
+    """
     if isinstance(samples, OpaqueSamples):
         return OpaquePairs(samples, shape.tiling, shape.max_chunks)
     assert masks is not None
@@ -158,9 +170,9 @@ def _sweep(
     samples: OpaqueSamples | LayeredSamples,
     masks: LayerMasks | None,
 ) -> Sweep:
-    """Find the crossings that may be visible, and their jumps, block by block.
+    """Find the crossings of all edges that may be visible, and their jumps, in blocks of runs.
 
-    `masks` are those of the layers.
+    `masks` are the layer masks of a translucent scene, None for an opaque one.
     """
     grid, channels = shape.tiling.grid, shape.channels
     block = min(_BLOCK, max(shape.crossings, 1))
@@ -203,14 +215,14 @@ def _sweep(
 
 
 def _blocks_in_use(runs: Runs, block: int) -> Int[Array, ""]:
-    """Number of blocks of `block` runs that hold any."""
+    """Number of blocks, of `block` entries each, that hold at least one used entry of `runs`."""
     return -(-jnp.sum(runs.rank >= 0, dtype=jnp.int32) // block)
 
 
 def _crossings_of_block(
     outlines: Outlines, runs: Runs, number: Int[Array, ""], block: int, tiling: Tiling
 ) -> Crossings:
-    """Find the crossings of one block of runs."""
+    """Find the crossings of the runs `number * block` to `(number + 1) * block - 1`."""
     block_runs = jax.tree.map(
         lambda entry: jax.lax.dynamic_slice_in_dim(entry, number * block, block), runs
     )
@@ -221,7 +233,7 @@ def _crossings_of_block(
 def _without_hidden(
     outlines: Outlines, samples: OpaqueSamples, runs: Runs, tiling: Tiling, block: int
 ) -> Runs:
-    """Leave out runs of edges that nearer triangles hide."""
+    """Remove the runs that nearer triangles hide; they are tested in blocks of `block` runs."""
     nearest, farthest = distance_range(samples.depths, outlines.vertex.shape[0])
     farthest_in_row = farthest_visible_distance(samples.front, farthest, tiling)
 
@@ -243,8 +255,7 @@ def _opaque_jumps(
     """Compute `Sweep.jump` of opaque triangles; 0 where the edge is not visible.
 
     The jump is the colour of the edge's triangle minus the colour that is visible just outside the
-    edge, times the length of edge that a crossing stands for. The top of this file says which
-    crossings count.
+    edge, times `_signed_edge_length`. The top of this file says which crossings count.
     """
     tiling = shape.tiling
     triangle_inside, triangle_outside = (
@@ -284,9 +295,10 @@ def _opaque_jumps(
 class EdgeDepths(NamedTuple):
     """Depths that decide which triangle is in front at each crossing.
 
-    - `on_edge`: depth of the edge's triangle, on the edge.
-    - `outside`: depth of the plane of the edge's triangle, at the sample outside.
-    - `behind`: depth of the triangle that shows at the sample outside, at that sample.
+    - `on_edge`: depth of the edge's triangle, at the crossing.
+    - `outside`: depth of the edge's triangle, its plane continued to the sample outside.
+    - `behind`: depth, at the sample outside, of the triangle that is visible there; it has no
+      meaning where the background is.
     """
 
     on_edge: Float[Array, "lines runs"]
@@ -302,8 +314,12 @@ def _find_visible(
 ) -> tuple[Bool[Array, "lines runs"], Bool[Array, "lines runs"]]:
     """Whether the edge's triangle is visible at the sample inside, and whether the edge is visible.
 
-    `triangle_inside` and `triangle_outside` are the triangles that are visible at both samples, -1
-    for the background.
+    Both results are false where there is no valid crossing. Strips between two triangles are not
+    considered yet (`thin_strips`).
+
+    - `triangle_inside`, `triangle_outside`: the triangles that are visible at the samples inside
+      and outside, -1 for the background.
+    - `depths`: None without depth, where the triangle that is drawn later lies in front.
     """
     triangle = (crossings.edge // 3)[None]
     shows_inside, is_in_front = triangle_inside == triangle, triangle_outside < triangle
@@ -325,9 +341,13 @@ def _jump(
     *,
     tiling: Tiling,
 ) -> Float[Array, "channels lines runs"]:
-    """Change of a pixel's colour as each edge moves by a pixel towards greater x or y.
+    """Compute the change of a pixel's colour per pixel by which each edge moves to greater x or y.
 
-    `color_inside` and `color_beyond` are the colours inside and outside of the edge.
+    It is 0 where the edge is not visible.
+
+    - `outwards`: as in `Crossings`.
+    - `color_inside`: colour of the edge's triangle on the edge.
+    - `color_beyond`: colour that is visible just outside the edge.
     """
     jump = (color_inside - color_beyond) * _signed_edge_length(outwards, tiling)
     return jnp.where(is_visible[None], jump, 0.0)
@@ -336,7 +356,11 @@ def _jump(
 def _layered_jumps(
     shape: BoundaryShape, samples: LayeredSamples, masks: LayerMasks, crossings: Crossings
 ) -> Float[Array, "channels lines runs"]:
-    """Compute `Sweep.jump` of translucent triangles: what each adds just outside its edge."""
+    """Compute `Sweep.jump` of translucent triangles; 0 where a crossing does not count.
+
+    The jump is the change of the colour just outside the edge if the edge's triangle covered this
+    point too, times `_signed_edge_length`.
+    """
     tiling, depths = shape.tiling, samples.depths
     triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.valid.shape)
     color = samples.colors.on_edge(crossings, tiling)
@@ -344,7 +368,7 @@ def _layered_jumps(
     if depths is not None:
         on_edge = depth_on_edge(depths, crossings.edge, crossings.t)
         is_thick = materialized(covers)(samples.edges, triangle, crossings.inside)
-        # A triangle that misses the sample inside is thinner than the sample distance. Its depth at
+        # A triangle that misses the sample inside is thinner than the sample spacing. Its depth at
         # both samples would be extrapolated, so its depth on the edge is used.
         depth_inside, depth_outside = (
             jnp.where(is_thick, depth_at(depths, triangle, sample, tiling), on_edge)
@@ -352,7 +376,7 @@ def _layered_jumps(
         )
     edge_layer = EdgeLayer(crossings.edge // 3, color, depth_inside, depth_outside)
     gains = edge_gains(samples, masks, crossings, edge_layer, tiling)
-    # All layers at the sample outside show there.
+    # What lies beyond the edge are the layers at the sample outside, which all show there.
     is_known = samples.colors.are_known(gains.covers_inside, jnp.ones_like(gains.covers_inside))
     jump = materialized(functools.partial(_layered_jump, tiling=tiling))
     return jump(crossings, gains, is_known)
@@ -361,10 +385,11 @@ def _layered_jumps(
 def _layered_jump(
     crossings: Crossings, gains: EdgeGain, is_known: Bool[Array, "lines runs"], *, tiling: Tiling
 ) -> Float[Array, "channels lines runs"]:
-    """Compute the jump from what the triangle of each edge adds.
+    """Compute `Sweep.jump` from the `EdgeGain` of each crossing.
 
-    A triangle that covers neither sample counts too: it is thinner than the distance of samples,
-    and visible between them.
+    A crossing counts if the edge's triangle covers the sample inside. It also counts if the
+    triangle covers neither sample: then it is thinner than the sample spacing, and visible between
+    the samples. `is_known`: whether the colours on both sides of the edge are known.
     """
     counted = crossings.valid & is_known & (gains.covers_inside | ~gains.covers_outside)
     jump = gains.gain * _signed_edge_length(crossings.outwards, tiling)
@@ -374,5 +399,8 @@ def _layered_jump(
 def _signed_edge_length(
     outwards: Float[Array, " runs"], tiling: Tiling
 ) -> Float[Array, "1 1 runs"]:
-    """Length of edge, in pixels, that a crossing stands for: a sample's width, signed outwards."""
+    """Length of edge, in pixels, that each crossing stands for, times its sign `outwards`.
+
+    The length is measured perpendicular to the lines of samples, and equals the sample spacing.
+    """
     return (outwards / tiling.grid.rate)[None, None]

@@ -1,11 +1,12 @@
 """Crossings: where the edge of a triangle passes between two neighbouring samples.
 
 An edge of 45 degrees or steeper is intersected with the rows of samples, any other edge with the
-columns. On each of these lines it passes between two samples, of which one is inside the triangle.
-Which two samples these are is decided by the same integers that decide coverage.
+columns. On each of these lines it passes between two samples, of which one is inside the edge and
+one outside. Which two samples these are is decided by the same integers that decide coverage.
 
-Edges are cut into runs of up to `LINES` lines within a row or column of tiles, so that data of the
-edge and of the tiles are gathered once per run.
+The crossings of each edge are cut into runs. A run has up to `LINES` successive lines, all within
+one row of tiles, or one column of tiles if the lines are columns. So the data of an edge and of its
+tiles are gathered once per run.
 """
 
 import functools
@@ -24,29 +25,32 @@ from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
 
 LINES = 8
-"""Largest number of lines of samples in a run. No side of a tile has fewer samples, so that the
-samples outside the edge of a run lie in one tile or in two: from one line to the next they move by
-one sample at most."""
+"""Largest number of lines of samples in a run. From one line to the next, the sample outside an
+edge moves by at most one sample along the lines. No side of a tile has fewer than `LINES` samples,
+so the samples outside the edge of a run lie in one tile or in two."""
 
 
 class Sample(NamedTuple):
-    """Column and row on the grid of samples."""
+    """Column and row of samples on the canvas, each from 0; both arrays have the same shape."""
 
     column: Int[Array, "lines runs"]
     row: Int[Array, "lines runs"]
 
 
 class Crossings(NamedTuple):
-    """Runs of crossings, edge by edge.
+    """The crossings of runs, one column of `[lines, runs]` for each run.
 
     - `edge`: the edge of each run, as 3 triangle + side.
-    - `valid`: whether there is a crossing.
-    - `inside`, `outside`: the samples on both sides of the edge, inside and outside the triangle.
-      Between the border of the canvas and the sample next to it, both are that sample.
-    - `gap`: signed distance along the line from the outside sample to the crossing, in samples.
-    - `t`: position of the crossing along the edge, 0..1.
+    - `valid`: whether there is a crossing on the canvas. Where there is none, the samples, `gap`
+      and `t` have no meaning.
+    - `inside`, `outside`: the two neighbouring samples that the edge passes between, on the inside
+      and on the outside of the edge. Where a crossing lies between the border of the canvas and
+      the sample next to it, both are that sample.
+    - `gap`: signed distance along the line from the sample outside to the crossing, in samples,
+      -1..1.
+    - `t`: position of the crossing along the edge, from 0 at its start to 1 at its end.
     - `along_row`: whether the lines of each run are rows of samples; else they are columns.
-    - `outwards`: 1 for runs whose outside lies at greater x or y; else -1.
+    - `outwards`: 1 for runs whose outside lies at greater x or y than the edge; else -1.
     - `pixel`: index of the crossing's pixel, row by row; one past the last where not `valid`.
     """
 
@@ -62,9 +66,9 @@ class Crossings(NamedTuple):
 
 
 class Sides(NamedTuple):
-    """The edges of all triangles, `[triangles, 3]`, turned to positive orientation.
+    """The edges of all triangles, `[triangles, 3]`, reoriented to positive orientation.
 
-    - `start`, `end`: x and y in pixels, `[2, triangles, 3]`.
+    - `start`, `end`: x and y of the ends of each edge, in pixels.
     - `steep`: whether the edge is intersected with rows of samples; else with columns.
     """
 
@@ -75,20 +79,22 @@ class Sides(NamedTuple):
     @property
     def slope(self) -> Float[Array, "triangles 3"]:
         """dx/dy of steep edges, dy/dx of others, -1..1; 0 for an edge of no length."""
-        # Halves: the difference of two corners may be beyond the greatest float.
+        # Halved: the difference of two corners may be beyond the greatest float.
         run, rise = self.end / 2 - self.start / 2
         length = jnp.where(self.steep, rise, run)
         other = jnp.where(self.steep, run, rise)
-        # A far edge that was cut may be steep on the grid and flat in floats, or have no length
-        # there: no slope is larger than 1, whatever rounding did.
+        # An edge that was clipped to the guard band may be steep on the grid, and flat or without
+        # length in floats. Its slope is taken as 0, so that no slope is larger than 1.
         usable = jnp.abs(other) <= jnp.abs(length)
         return safe.divide(jnp.where(usable, other, jnp.zeros_like(other)), length)
 
 
 def lines_crossed(segments: GridTriangles, grid: Grid) -> tuple[Any, Any]:
-    """First line of samples that each edge `[3, triangles]` crosses, and how many on the canvas.
+    """Find the first line on the canvas that each edge crosses, and the number of lines.
 
-    For numpy and jax alike.
+    Returns two integer arrays `[3, triangles]`. Lines are rows of samples for steep edges, columns
+    for others, counted from 0. The number is 0 for edges without a boundary term. Works for NumPy
+    and JAX alike.
     """
     xp = segments.x.__array_namespace__()
     steep = is_steep(segments)
@@ -100,22 +106,26 @@ def lines_crossed(segments: GridTriangles, grid: Grid) -> tuple[Any, Any]:
     first = last_sample_until(xp.minimum(start, end), grid) + 1
     last = last_sample_until(xp.maximum(start, end), grid)
     first, last = xp.maximum(first, 0), xp.minimum(last, size - 1)
-    # Triangles without area, and edges that no sample tests (`constant`), have no boundary term.
+    # Triangles without area, and edges whose function is a `constant`, have no boundary term.
     bounding = (segments.constant == 0) & (segments.orientation != 0)[None]
     count = xp.where(bounding, xp.maximum(last - first + 1, 0), 0)
     return first.astype(xp.int32), count.astype(xp.int32)
 
 
 def is_steep(segments: GridTriangles) -> Any:
-    """Whether each edge rises no less than it runs. For numpy and jax alike."""
+    """Whether the vertical extent of each edge is no less than the horizontal one.
+
+    Works for NumPy and JAX alike.
+    """
     xp = segments.x.__array_namespace__()
     return xp.abs(segments.dy) >= xp.abs(segments.dx)
 
 
 def count_runs(first: Any, count: Any, steep: Any, tiling: Tiling) -> Any:
-    """Number of runs of each edge, from the lines that it crosses. For numpy and jax alike.
+    """Number of runs into which the crossings of each edge are cut; 0 where `count` is 0.
 
-    `first` and `count` are `lines_crossed`. The result is 0 where `count` is.
+    `first` and `count` are as returned by `lines_crossed`, with axes like `steep`. Works for NumPy
+    and JAX alike.
     """
     tile_lines = _lines_of_tile(steep, tiling)
     runs = _run_of_line(first + count - 1, tile_lines) - _run_of_line(first, tile_lines) + 1
@@ -128,25 +138,31 @@ def _lines_of_tile(steep: Any, tiling: Tiling) -> Any:
 
 
 def _run_of_line(line: Any, tile_lines: Any) -> Any:
-    """Number of the run that a line is in, where the canvas is cut into runs tile by tile."""
+    """Number, from 0 at the border of the canvas, of the run of lines to which a line belongs.
+
+    The lines of each tile are cut into runs of `LINES` lines; the last run of a tile may be
+    shorter. `tile_lines` is the number of lines of a tile.
+    """
     return (line // tile_lines) * _runs_of_tile(tile_lines) + (line % tile_lines) // LINES
 
 
 def _runs_of_tile(tile_lines: Any) -> Any:
-    """Number of runs that the lines of a tile are cut into."""
+    """Number of runs into which the `tile_lines` lines of a tile are cut."""
     return -(-tile_lines // LINES)
 
 
 class Run(NamedTuple):
     """Data that the lines of a run share, for each run.
 
-    - `steep`: whether the lines are rows.
-    - `first_line`, `lines`: the first line of samples, and the number of lines.
+    - `steep`: whether the lines are rows of samples; else they are columns.
+    - `first_line`: the first line of the run, counted from the border of the canvas.
+    - `lines`: number of lines of the run; 0 in unused entries.
     - `across_start`, `across_extent`: coordinate of the edge's start perpendicular to the lines,
       and the step from there to its end; both in pixels and halved, so that no float overflows.
     - `along_start`, `along_extent`: the same in the direction of the lines.
     - `first_value`: the edge value at sample 0 of line 0.
-    - `value_along`, `value_across`: its change from sample to sample, and from line to line.
+    - `value_along`: change of the edge value from one sample of a line to the next.
+    - `value_across`: change of the edge value from one line to the next.
     """
 
     steep: Bool[Array, "*runs"]
@@ -161,11 +177,11 @@ class Run(NamedTuple):
     value_across: Int[Array, "*runs"]
 
     def value_at(self, along: Int[Array, "*samples"], line: Int[Array, "*samples"]) -> WrappedValue:
-        """The edge value at a sample of a line."""
+        """The edge value at sample `along` of a line, both counted from 0 on the canvas."""
         return self.first_value.moved((self.value_along, along), (self.value_across, line))
 
     def by_line(self) -> "Run":
-        """The same with an axis in front, for the lines of each run."""
+        """Return the run with a leading axis of length 1, to broadcast over its lines."""
         return jax.tree.map(lambda entry: entry[None], self)
 
 
@@ -173,7 +189,7 @@ class Runs(NamedTuple):
     """A list of runs, whose unused entries come last.
 
     - `edge`: the edge of each run, as 3 triangle + side.
-    - `rank`: number of the run on its edge; -1 in unused entries.
+    - `rank`: number of the run among the runs of its edge, from 0; -1 in unused entries.
     """
 
     edge: Int[Array, " runs"]
@@ -189,9 +205,9 @@ def list_runs(
     tiling: Tiling,
     capacity: int,
 ) -> Runs:
-    """List the runs of all edges; those beyond `capacity` are missing.
+    """List the runs of all edges, in `capacity` entries; any further runs are missing.
 
-    `first` and `count` are `lines_crossed`.
+    `first` and `count` are as returned by `lines_crossed`.
     """
     by_edge = count_runs(first.T, count.T, steep, tiling).reshape(-1)
     edge, rank = expand(by_edge, capacity)
@@ -207,7 +223,10 @@ def find_crossings(
     runs: Runs,
     tiling: Tiling,
 ) -> Crossings:
-    """Find the crossings of some runs on the canvas; `first`, `count` are `lines_crossed`."""
+    """Find the crossings of the listed runs.
+
+    `first` and `count` are as returned by `lines_crossed`.
+    """
     grid = tiling.grid
     run = _gather_runs(sides, edges, first, count, runs, tiling=tiling)
     before, line, t, pixel, valid = _follow(run, grid)
@@ -230,7 +249,7 @@ def _gather_runs(
     *,
     tiling: Tiling,
 ) -> Run:
-    """Gather the data of the edge of each run."""
+    """Gather the data of each listed run from its edge."""
     edge, rank = runs
     right, down, value, estimate = (
         jnp.stack(entries, 1).reshape(-1)[edge] for entries in list(zip(*edges, strict=True))[:4]
@@ -273,7 +292,13 @@ def _sample_beside(
     is_inside: Bool[Array, ""],
     grid: Grid,
 ) -> Sample:
-    """Choose the sample inside or outside the triangle: `before` a crossing, or the next one."""
+    """Choose the sample next to each crossing that is inside the edge, or outside it.
+
+    - `before`: number, on its line, of the last sample before the crossing; -1 if the crossing lies
+      before the first sample. The sample that is chosen is this one or the next, clamped to the
+      canvas.
+    - `is_inside`: whether to choose the sample inside.
+    """
     steep = run.steep[None]
     size = jnp.where(steep, grid.width, grid.height) * grid.rate
     along = before + ((run.value_along > 0) == is_inside).astype(jnp.int32)[None]
@@ -285,8 +310,8 @@ def _sample_beside(
 def _gap_to_edge(
     run: Run, outside: Sample, line: Int[Array, "lines runs"]
 ) -> Float[Array, "lines runs"]:
-    """Signed distance along each line from the sample outside to the edge, in samples."""
-    # By the integers: where corners are far, float positions are some roundings off.
+    """Signed distance along each line from the sample outside to the edge, in samples, -1..1."""
+    # From the edge value: where corners are far away, float positions are several roundings off.
     dtype = run.across_start.dtype
     along = jnp.where(run.steep[None], outside.column, outside.row)
     value = run.by_line().value_at(along, line).to_float(dtype)
@@ -304,10 +329,17 @@ def _follow(
     Int[Array, "lines runs"],
     Bool[Array, "lines runs"],
 ]:
-    """Follow the edge of each run: its crossings with the lines of samples.
+    """Intersect the edge of each run with the lines of the run.
 
-    Returns the sample before each crossing, its line, how far along the edge it lies (0..1), its
-    pixel, and whether it is valid.
+    Returns, for each crossing:
+
+    - the number, on its line, of the last sample before it, -1 if it lies before the first sample,
+    - the number of its line,
+    - its position along the edge, 0..1,
+    - the index of its pixel, row by row, one past the last where it is not valid,
+    - whether it is valid, which means on the canvas and on a line of the run.
+
+    The sample and the line are 0 where it is not valid.
     """
     by_line = run.by_line()
     number = jnp.arange(LINES, dtype=jnp.int32)[:, None]
@@ -324,8 +356,8 @@ def _follow(
         """Whether a sample of the line lies beyond the edge, towards greater x or y."""
         return by_line.value_at(sample, line).is_inside() == (by_line.value_along > 0)
 
-    # The guess is some samples off where corners are far, and a rounding may move it by a sample.
-    # The integers correct both.
+    # The guess in floats is several samples off where corners are far away. Elsewhere a rounding
+    # may move it by one sample. The exact edge values correct both.
     guess = jnp.floor(along * grid.rate - 0.5)
     guess = jnp.clip(guess, -2.0, 2.0**20).astype(jnp.int32)
     guessed_value = by_line.value_at(guess, line)
@@ -337,7 +369,8 @@ def _follow(
     on_canvas = (along >= 0) & (along * grid.rate <= size.astype(dtype))
     valid = (number < by_line.lines) & (before >= -1) & (before < size) & on_canvas
     before, line = jnp.where(valid, before, 0), jnp.where(valid, line, 0)
-    # If the samples are in two pixels, the border between these is half way between the samples.
+    # If the two samples are in different pixels, the border between the pixels is half way between
+    # the samples.
     middle = 2 * by_line.value_at(before, line).clamped() + by_line.value_along
     in_first = (middle >= 0) == (by_line.value_along > 0)
     along_px = jnp.clip(before + jnp.where(in_first, 0, 1), 0, size - 1) // grid.rate

@@ -1,20 +1,21 @@
-"""What a translucent triangle adds at its edge, between the layers in front and behind.
+"""The colour that a translucent triangle adds at its edge, between the layers in front and behind.
 
-An edge passes between two samples. At the one outside, all layers that cover it are visited from
-the front (`layer_masks`). What lies in front of the triangle dims it by its transmittance. What
-lies behind is composited twice, with and without the triangle: under a depth test, a triangle that
-is drawn later but lies deeper shows only without it.
+An edge passes between two samples. All layers of the sample outside are visited from the front
+(`layer_masks`). Layers in front of the edge's triangle dim it by their transmittance. The layers
+behind it are composited twice, with and without the triangle: under a depth test, a triangle that
+is drawn later but lies deeper is visible only without it.
 
-The triangle is dimmed by the smaller of the transmittances in front of it at the two samples, since
-a layer that ends between them has a crossing of its own. Layers that cover both samples enter once.
-Layers in front that cover the sample inside alone are visited with those outside if each triangle
-has one colour and there is no depth. Otherwise their alpha or depth is another at the sample
-inside: the crossings with such layers, which are few, are gathered and visited again
-(`layers_inside`). So are those whose samples lie in different tiles.
+The transmittance in front of the triangle may differ between the two samples. The smaller one is
+used, because a layer that ends between the samples has a crossing itself. Layers that cover both
+samples are counted once. Layers in front that cover the sample inside alone are visited in the same
+loop as the layers of the sample outside, if each triangle has one colour and there is no depth.
+Otherwise such a layer has a different alpha or depth at the sample inside: the crossings with such
+layers, which are few, are visited again in `layers_inside`. So are the crossings whose two samples
+lie in different tiles.
 
 At the border of the canvas, both samples of a crossing are the same sample, and the edge's triangle
-covers it. A triangle that is drawn later but lies deeper has failed the depth test there, so it is
-no layer of the sample. Without the edge's triangle it would show; this term leaves it out.
+covers it. A triangle that is drawn later but lies deeper fails the depth test there, so it is not a
+layer of the sample. Without the edge's triangle it would be visible; this file leaves it out.
 """
 
 from typing import NamedTuple
@@ -47,8 +48,9 @@ class EdgeLayer(NamedTuple):
     """The triangle of the edge of each run, at its crossings.
 
     - `color`: premultiplied RGBA on the edge. It is not taken at the samples beside the edge, where
-      the colour of a triangle thinner than the sample distance would be extrapolated.
-    - `depth_inside`, `depth_outside`: at both samples; None without depth.
+      the colour of a triangle thinner than the sample spacing would be extrapolated.
+    - `depth_inside`, `depth_outside`: depth of the triangle at the samples inside and outside; None
+      without depth.
     """
 
     triangle: Int[Array, " runs"]
@@ -58,11 +60,13 @@ class EdgeLayer(NamedTuple):
 
 
 class EdgeGain(NamedTuple):
-    """What each triangle adds at its edge.
+    """The colour that the triangle of each edge would add at the sample outside.
 
-    - `gain`: change of the premultiplied colour at the sample outside if the triangle covered it
-      too, times the transmittance in front.
-    - `covers_inside`, `covers_outside`: whether it covers the samples and passes the depth test.
+    - `gain`: change of the premultiplied colour of the sample outside if the edge's triangle
+      covered it too. The layers in front of the triangle dim it. It is 0 where the triangle would
+      fail the depth test.
+    - `covers_inside`, `covers_outside`: whether the triangle covers the sample inside or outside,
+      and passes the depth test there.
     """
 
     gain: Float[Array, "channels lines runs"]
@@ -71,22 +75,25 @@ class EdgeGain(NamedTuple):
 
 
 class _Behind(NamedTuple):
-    """Premultiplied colour and transmittance of the layers behind a triangle, so far."""
+    """Premultiplied colour and transmittance of the layers behind a triangle, visited so far."""
 
     color: Float[Array, "channels lines runs"]
     transmittance: Float[Array, "lines runs"]
 
 
 class _State(NamedTuple):
-    """State of the loop over the layers at the samples outside.
+    """State of the loop over the layers of the samples outside, from the layers visited so far.
 
-    - `in_front_of_both`: transmittance of the layers in front that cover both samples;
-      `in_front_outside`: of those that cover the sample outside alone; `in_front_inside`: of those
-      that cover the sample inside alone, in the same list. The last is None where it is computed by
-      `layers_inside`.
-    - `hidden`: whether a triangle drawn earlier lies nearer, so that this one fails the depth test.
-    - `behind`: layers that remain visible behind the triangle; `if_absent`: layers that would be
-      visible without it. The latter is None without depth, where both are equal.
+    - `in_front_of_both`: transmittance of the layers in front of the edge's triangle that cover
+      both samples.
+    - `in_front_outside`: transmittance of those that cover the sample outside alone.
+    - `in_front_inside`: transmittance of those that cover the sample inside alone, and are in the
+      list of the same tile. It is None if `layers_inside` computes it.
+    - `hidden`: whether a triangle drawn earlier lies nearer, so that the edge's triangle fails the
+      depth test.
+    - `behind`: layers that remain visible behind the edge's triangle.
+    - `if_absent`: layers that would be visible without the edge's triangle, except those in front
+      of it. It is None without depth, where it would equal `behind`.
     """
 
     in_front_of_both: Float[Array, "lines runs"]
@@ -100,8 +107,10 @@ class _State(NamedTuple):
 class _Lists(NamedTuple):
     """Where the layers of both samples of each crossing are.
 
+    - `inside`, `outside`: addresses of the masks of the samples inside and outside.
     - `is_one_list`: whether both samples are in one tile, so that their masks can be compared.
-    - `tiles`: the tiles of the samples outside; `listed`: the triangle in their lists.
+    - `tiles`: the tiles of the samples outside.
+    - `listed`: where the edge's triangle is in the lists of `tiles`.
     """
 
     inside: SampleAddress
@@ -112,12 +121,18 @@ class _Lists(NamedTuple):
 
 
 class _Masks(NamedTuple):
-    """Entries of one plane of the list of the sample outside, as masks.
+    """Masks of the layers at each crossing, of one plane of the list of the sample outside.
 
-    - `outside`: entries that cover the sample outside; `both`: entries that cover both samples.
-    - `inside_alone`: entries in front of the edge's triangle that cover only the sample inside.
-    - `triangle_inside`, `triangle_outside`: the entry of the edge's triangle, if it covers the
-      sample inside or outside.
+    Bit b stands for entry 32 p + b of the list, in plane p. "Covers" includes passing the depth
+    test.
+
+    - `outside`: entries that cover the sample outside.
+    - `both`: entries that cover both samples.
+    - `inside_alone`: entries drawn after the edge's triangle that cover only the sample inside.
+    - `triangle_inside`: the entry of the edge's triangle, if it covers the sample inside; else 0.
+    - `triangle_outside`: the same for the sample outside.
+
+    Where the two samples lie in different tiles, no entry counts as covering the sample inside.
     """
 
     outside: UInt32[Array, "lines runs"]
@@ -128,9 +143,10 @@ class _Masks(NamedTuple):
 
 
 class _SampleFlags(NamedTuple):
-    """What the masks of all planes tell about each crossing.
+    """Facts about each crossing, from the masks of all planes that were visited.
 
-    - `is_inside_alone`: whether a layer in front covers the sample inside alone.
+    - `is_inside_alone`: whether a layer drawn after the edge's triangle covers the sample inside
+      alone.
     - `covers_inside`, `covers_outside`: as in `EdgeGain`.
     """
 
@@ -146,9 +162,10 @@ def edge_gains(
     edge_layer: EdgeLayer,
     tiling: Tiling,
 ) -> EdgeGain:
-    """Compute what the triangle of each edge adds just outside the edge.
+    """Compute the colour that the triangle of each edge would add at the sample outside.
 
-    Not differentiable, because the number of steps of the loops depends on values.
+    `masks` are the layer masks of `samples.passed`. Not differentiable, because the number of
+    steps of the loops depends on values.
     """
     where = _locate_lists(masks, crossings, edge_layer.triangle, tiling)
     shape = crossings.valid.shape
@@ -199,11 +216,11 @@ def edge_gains(
 
 
 def _no_layers(samples: LayeredSamples, shape: tuple[int, ...]) -> _State:
-    """The state before any layer is visited."""
+    """Make the state before any layer is visited; `shape` is `(lines, runs)`."""
     channels, dtype = samples.background.shape[0], samples.background.dtype
     clear = jnp.ones(shape, dtype)
     behind = _Behind(jnp.zeros((channels, *shape), dtype), clear)
-    # A layer with one alpha and without depth is the same at both samples.
+    # A layer with one colour, in a scene without depth, has the same effect at both samples.
     visits_inside = samples.colors.is_flat and samples.depths is None
     return _State(
         in_front_of_both=clear,
@@ -218,7 +235,7 @@ def _no_layers(samples: LayeredSamples, shape: tuple[int, ...]) -> _State:
 def _locate_lists(
     masks: LayerMasks, crossings: Crossings, triangle: Int[Array, " runs"], tiling: Tiling
 ) -> _Lists:
-    """Find the layers of both samples of each crossing."""
+    """Find where the layers of both samples of each crossing are, and the edge's triangle."""
     inside, outside = (
         locate_layers(masks, sample, tiling) for sample in (crossings.inside, crossings.outside)
     )
@@ -235,7 +252,11 @@ def _compare_masks(
     where: _Lists,
     plane: Int[Array, ""],
 ) -> _Masks:
-    """Compare the masks of both samples; those of different tiles have nothing in common."""
+    """Compare the masks of both samples in one plane.
+
+    `inside` and `outside` are the masks of the samples inside and outside. If these lie in
+    different tiles, the bits of their masks stand for different entries, and `inside` is ignored.
+    """
     no_bits = jnp.uint32(0)
     outside = jnp.where(is_valid, outside, no_bits)
     inside = jnp.where(is_valid & where.is_one_list, inside, no_bits)
@@ -254,7 +275,7 @@ def _compare_masks(
 
 @materialized
 def _set_flags(flags: _SampleFlags, compared: _Masks) -> _SampleFlags:
-    """Add what the masks of one plane tell."""
+    """Update the flags with the masks of one plane."""
     return _SampleFlags(
         *(known | (mask != 0) for known, mask in zip(flags, compared[2:], strict=True))
     )
@@ -270,7 +291,10 @@ def _visit_outside(
     state: _State,
     tiling: Tiling,
 ) -> _State:
-    """Visit the layers of one plane that cover the samples outside, from the front."""
+    """Visit the layers of one plane that cover the samples outside, from the front.
+
+    Layers that cover the sample inside alone are visited too, if the state has `in_front_inside`.
+    """
     depths, tiles, edge_triangle = samples.depths, where.tiles, edge_layer.triangle[None]
 
     def visit(state: _State, layers: Int[Array, "2 runs"], bits: UInt32[Array, "2 runs"]) -> _State:
@@ -305,9 +329,11 @@ def _add_layer(
 ) -> _State:
     """Update the state by the next layer of each run, which is one triangle for each of its tiles.
 
-    - `layers`, `bits`: these triangles, and their bits in the masks.
-    - `is_later_in_front`: whether the later drawn of the layer and the edge's triangle lies in
-      front; None without depth, where it always does.
+    - `layers`: these triangles.
+    - `bits`: the bit of each one in the masks of its tile; 0 where a tile has no further layer.
+    - `color`: premultiplied RGBA of the layer at the samples outside.
+    - `is_later_in_front`: whether, of the layer and the edge's triangle, the one that is drawn
+      later lies in front; None without depth, where it always does.
     """
     layer, bit = tiles.of_samples(layers), tiles.of_samples(bits)
     is_layer = (compared.outside & bit) != 0
@@ -337,7 +363,7 @@ def _add_layer(
 def _add_behind(
     behind: _Behind, color: Float[Array, "4 lines runs"], is_behind: Bool[Array, "lines runs"]
 ) -> _Behind:
-    """Add a layer where it is behind the triangle."""
+    """Composite a layer of premultiplied `color` behind those in `behind`, where `is_behind`."""
     shown = color[: behind.color.shape[0]]
     return _Behind(
         behind.color + jnp.where(is_behind, behind.transmittance, 0.0)[None] * shown,
@@ -352,7 +378,12 @@ def _gain(
     color: Float[Array, "4 lines runs"],
     background: Float[Array, " channels"],
 ) -> Float[Array, "channels lines runs"]:
-    """Compute `EdgeGain.gain` from the state after the last layer; `color` is the triangle's."""
+    """Compute `EdgeGain.gain` from the state after the last layer.
+
+    - `in_front_inside`: transmittance of the layers in front of the edge's triangle at the sample
+      inside, except those that are counted in `in_front_of_both`.
+    - `color`: premultiplied RGBA of the edge's triangle.
+    """
     channels = background.shape[0]
 
     def over_background(layers: _Behind) -> Float[Array, "channels lines runs"]:

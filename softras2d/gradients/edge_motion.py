@@ -1,7 +1,7 @@
-"""How the image changes as edges move, from what each crossing gains: a linear map.
+"""The change of the image as edges move: a linear map from the velocities of the vertices.
 
-The speed of a crossing is the speed at which the edge moves along the line of samples there. Speed
-times the jump of colour is added to the derivative of the crossing's pixel.
+The speed of a crossing is the speed at which it moves along its line of samples. Speed times the
+jump of colour at the crossing is added to the derivative of the crossing's pixel.
 """
 
 import functools
@@ -19,8 +19,8 @@ class Sweep(NamedTuple):
     """How the image changes when edges move, crossing by crossing.
 
     - `edge`, `t`, `pixel`: as in `Crossings`.
-    - `jump`: derivative of the pixel's colour by the position of the crossing on its line of
-      samples, per pixel of motion towards greater x or y.
+    - `jump`: change of the pixel's colour per pixel by which the crossing moves along its line,
+      towards greater x or y; 0 where a crossing does not count.
     """
 
     edge: Int[Array, " runs"]
@@ -33,7 +33,15 @@ class Sweep(NamedTuple):
 def edge_speeds(
     velocity: Float[Array, "vertices 2"], vertex: Int[Array, "triangles 3"], sides: Sides
 ) -> tuple[Float[Array, " edges"], Float[Array, " edges"]]:
-    """Speed of both ends of each edge along the lines of samples that it crosses."""
+    """Speeds, in pixels per unit of time, of crossings at the start and at the end of each edge.
+
+    A crossing stays on its line. So its speed is the velocity of the end of the edge along the
+    line, minus the slope of the edge times the velocity across the lines. Returns the speeds at all
+    starts, then at all ends, with edges numbered 3 triangle + side.
+
+    - `velocity`: velocity of the vertices, in pixels per unit of time.
+    - `vertex`: vertex index of each corner of the reoriented triangles.
+    """
     slope = sides.slope
 
     def speed(vertex: Int[Array, "triangles 3"]) -> Float[Array, " edges"]:
@@ -47,7 +55,10 @@ def edge_speeds(
 def image_tangent(
     speeds: tuple[Float[Array, " edges"], Float[Array, " edges"]], sweep: Sweep, grid: Grid
 ) -> Float[Array, "height width channels"]:
-    """Change of the image per unit of time as edges move. Linear in the speeds."""
+    """Change of the image per unit of time as edges move, linear in the speeds.
+
+    `speeds` are as returned by `edge_speeds`.
+    """
     ends = materialized(_gather_speeds)(speeds, sweep.edge)
     speed = materialized(_interpolate)(materialized(_repeat_lines)(ends), sweep.t)
     add = materialized(functools.partial(_add_to_pixels, pixels=grid.height * grid.width))
@@ -58,14 +69,14 @@ def image_tangent(
 def _gather_speeds(
     speeds: tuple[Float[Array, " edges"], Float[Array, " edges"]], edge: Int[Array, " runs"]
 ) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
-    """Speeds of the start and the end of each run's edge."""
+    """Gather the speeds of the start and of the end of each run's edge."""
     return speeds[0][edge], speeds[1][edge]
 
 
 def _repeat_lines(
     ends: tuple[Float[Array, " runs"], Float[Array, " runs"]],
 ) -> tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]]:
-    """Copy the speeds to every line of a run."""
+    """Copy the speeds of both ends to every line of a run."""
     # Not a broadcast: its transpose is a sum over lines that is not vectorised.
     start, end = (jnp.concatenate([end[None]] * LINES) for end in ends)
     return start, end
@@ -75,7 +86,7 @@ def _interpolate(
     ends: tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]],
     t: Float[Array, "lines runs"],
 ) -> Float[Array, "lines runs"]:
-    """Speed of each crossing, which lies at `t` between the ends of its edge."""
+    """Speed of each crossing, which lies at the fraction `t` (0..1) along its edge."""
     start, end = ends
     return start * (1.0 - t) + end * t
 
@@ -87,6 +98,9 @@ def _add_to_pixels(
     *,
     pixels: int,
 ) -> Float[Array, " pixels"]:
-    """Add speed times jump of each crossing to its pixel; pixels past the last are dropped."""
+    """Sum speed times jump over the crossings of each pixel, for one channel.
+
+    Crossings whose `pixel` is past the last are dropped.
+    """
     unchanged = jnp.zeros(pixels, speed.dtype)
     return unchanged.at[pixel.reshape(-1)].add((jump * speed).reshape(-1), mode="drop")

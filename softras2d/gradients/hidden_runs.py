@@ -1,8 +1,9 @@
-"""Runs of crossings that are hidden in an opaque scene, and need not be looked at.
+"""Drop the runs of crossings that are hidden in an opaque scene, before they cost much.
 
-Most edges of most soups are hidden, and finding the visible triangles at each crossing is costly.
-So each run is first compared with the rows of samples inside its edge. It is dropped if everything
-visible in those rows is nearer than its triangle.
+In most triangle soups most edges are hidden, and finding the visible triangles at each crossing is
+costly. So the triangle of each run is first compared with the rows of samples, each within one
+tile, that contain the samples inside its edge. The run is dropped if everything that is visible in
+these rows is nearer than its triangle.
 """
 
 import functools
@@ -21,13 +22,13 @@ from .crossings import Runs, Sample
 from .visible_front import Front, address, gather
 
 _RANGE_TOLERANCE, _DEPTH_TOLERANCE = 2.0**-8, 2.0**-16
-"""How far the depth at a sample may lie outside the range of the corner depths: the first times the
-length of that range, for roundings of weights, plus the second times the greatest absolute depth,
-for roundings of depth."""
+"""Factors of the bound on how far rounding may move the depth at a sample out of the range of the
+corner depths. The bound is `_RANGE_TOLERANCE` times the length of this range, for roundings of
+weights, plus `_DEPTH_TOLERANCE` times the greatest absolute depth, for roundings of depth."""
 
 
 class DistanceRange(NamedTuple):
-    """Bounds of the distance of each triangle from the viewer, in any unit."""
+    """Bounds of the distance of each triangle from the viewer: its depth, or its negated index."""
 
     nearest: Num[Array, " triangles"]
     farthest: Num[Array, " triangles"]
@@ -35,9 +36,10 @@ class DistanceRange(NamedTuple):
 
 @functools.partial(materialized, static_argnames=("triangles",))
 def distance_range(depths: Depths | None, triangles: int) -> DistanceRange:
-    """Nearest and farthest depth of each triangle.
+    """Bounds on the depth of each triangle at its samples, widened by what rounding may add.
 
-    Without depth, both are the negated index: later triangles are nearer.
+    Without depth, both bounds are the negated index, as later triangles are nearer. `triangles` is
+    the number of triangles.
     """
     if depths is None:
         negated = -jnp.arange(triangles, dtype=jnp.int32)
@@ -54,10 +56,9 @@ def farthest_visible_distance(
 ) -> Num[Array, " words"]:
     """Upper bound on the distance of the visible triangles, for each sample row of each tile.
 
-    - `farthest`: as in `DistanceRange`.
-
-    It is the greatest number of its type where the background is visible, and in tiles that reach
-    past the right border of the canvas. Rows are in the order of `visible_front.address`.
+    The bound is the greatest number of its type for rows in which the background is visible, and in
+    tiles that reach past the right border of the canvas. Entries are ordered by tile, and within a
+    tile like its coverage words (`visible_front.address`). `farthest` is as in `DistanceRange`.
     """
     chunks = front.chunks
     limits = jnp.finfo if jnp.issubdtype(farthest.dtype, jnp.floating) else jnp.iinfo
@@ -80,9 +81,9 @@ def may_be_visible(
 ) -> Bool[Array, " runs"]:
     """Whether the edge of each run may be visible at any of its `valid` crossings.
 
-    - `nearest`: least distance of each edge's triangle.
-    - `inside`: as in `Crossings`. This sample suffices: it shows the edge's triangle or, if that is
-      too thin to cover a sample, the triangle behind it.
+    - `nearest`: least distance of the triangle of each run's edge.
+    - `inside`: as in `Crossings`. This sample suffices: where an edge is visible, the sample shows
+      the edge's triangle or, if that is too thin to cover a sample, something behind it.
     - `farthest_in_row`: as returned by `farthest_visible_distance`.
     """
     tile, word_index, _ = address(inside, tiling)
@@ -94,9 +95,10 @@ def may_be_visible(
 
 @materialized
 def keep_runs(runs: Runs, kept: Bool[Array, " runs"]) -> Runs:
-    """The runs that are `kept`, in their order; the list keeps its length.
+    """Move the runs that are `kept` to the front of the list, in their order.
 
-    No unused entry may be kept.
+    The list keeps its length; the entries after them are unused. `kept` must be false for entries
+    that are unused already.
     """
     expansion = expand_on_device(kept.astype(jnp.int32), capacity=kept.shape[0])
     kept_runs: Runs = jax.tree.map(lambda entry: entry[expansion.owner], runs)

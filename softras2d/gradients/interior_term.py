@@ -1,10 +1,11 @@
 """The interior term: how colours inside a triangle change when its vertices move.
 
-The weights w_j of the corners v_j are affine on the screen. Fix a point x = sum_k w_k v_k. When the
-corners move by dv_k, the weights at x change by -grad w_j . sum_k w_k dv_k. So a value with corner
-values c_j, whose gradient on the screen is g = sum_j c_j grad w_j, changes by
--sum_k w_k (g . dv_k). This change is interpolated too, from the corner values -g . dv_k. It is
-therefore enough to give the corner values this derivative: all that is computed from them follows.
+Corner j of a triangle lies at v_j, and its weight w_j is affine on the screen. Fix a point
+x = sum_k w_k v_k. When the corners move by dv_k, the weights at x change by
+-grad w_j . sum_k w_k dv_k. So an attribute with corner values c_j, whose gradient on the screen is
+g = sum_j c_j grad w_j, changes at x by -sum_k w_k (g . dv_k). This change is itself an
+interpolation, of the corner values -g . dv_k. So it is enough to give the corner values the
+derivative -g . dv_k: everything that is interpolated from them then has the right derivative.
 
 In perspective, with q_k = `inverse_w` of corner k, c is the quotient of sum_k w_k q_k c_k and
 sum_k w_k q_k, both of which are affine on the screen. Then
@@ -32,10 +33,12 @@ from ..shading.corner_attributes import CornerAttributes
 def weight_gradients(
     edges: Edges, planes: WeightPlanes | None, grid: Grid, dtype: Any
 ) -> Float[Array, "2 3 triangles"]:
-    """Derivatives by x and y, per pixel, of the weights of the corners; 0 without area.
+    """Derivatives, per pixel, of the corner weights with respect to x (entry 0) and y (entry 1).
 
-    For triangles thinner than the distance of samples they are clamped to 1 per that distance: a
-    sample that such a triangle covers stands for more area than the triangle has.
+    They are 0 for triangles without area. Those of corners 1 and 2 are clamped to a change of 1 per
+    sample spacing, which takes effect in triangles thinner than that: a sample that such a triangle
+    covers stands for more area than the triangle has. `planes` are the weights of triangles past
+    the guard band; None if no triangle may be there.
     """
 
     return _clamped_gradients(edges, planes, rate=grid.rate, dtype=dtype)
@@ -45,7 +48,7 @@ def weight_gradients(
 def _clamped_gradients(
     edges: Edges, planes: WeightPlanes | None, *, rate: int, dtype: Any
 ) -> Float[Array, "2 3 triangles"]:
-    """Divide the steps of the edge values by the area; `rate` is samples per pixel and axis."""
+    """Compute `weight_gradients`; `rate` is the number of samples along a side of a pixel."""
     area = twice_area(edges, dtype)
     per_value = safe.divide(jnp.ones_like(area), area)
     steps = [
@@ -72,8 +75,9 @@ def attach_interior_term(
 ) -> CornerAttributes:
     """Return `corners`, with the interior term as their derivative with respect to positions.
 
-    `vertex` is the vertex index of each corner, and `gradients` are the `weight_gradients`. All
-    inputs are constants in second derivatives.
+    `positions` are in pixels. `vertex` is the vertex index of each corner, in the order of
+    `corners`, and `gradients` are the `weight_gradients`. All inputs are constants in second
+    derivatives.
     """
     return corners
 
@@ -110,9 +114,10 @@ def _interior_changes(
     Float[Array, "3 triangles"],
     Float[Array, "3 2 triangles"] | None,
 ]:
-    """Compute the changes of the colours, `inverse_w` and uv of corners that move.
+    """Compute the changes of the colours, `inverse_w` and uv of corners that move with `velocity`.
 
-    Those of flat colours and of absent attributes have no meaning.
+    The change of a flat colour has no meaning. Without `inverse_w` its change is 0, and without uv
+    its change is None.
     """
     corner_velocity = velocity[vertex.T]
     # weight_drift[j, k] = grad w_j . dv_k, for each triangle.
@@ -134,7 +139,10 @@ def _interior_changes(
 def _interpolated_change(
     value: Float[Array, "corners channels triangles"], weight_drift: Float[Array, "3 3 triangles"]
 ) -> Float[Array, "corners channels triangles"]:
-    """Compute -sum_j (c_j - c_k) weight_drift[j, k] of an attribute c; a flat one is returned."""
+    """Compute -sum_j (c_j - c_k) weight_drift[j, k] for an attribute c and every corner k.
+
+    A flat attribute, with one corner, is returned unchanged.
+    """
     if value.shape[0] == 1:
         return value
     terms = [(value[j][None] - value) * weight_drift[j][:, None] for j in range(3)]

@@ -2,18 +2,19 @@
 
 Where two triangles cross each other in depth, each is visible on one side of the line on which both
 are equally deep. The line moves with the corners and with their depths. A pixel on it then gains
-the colour of one triangle and loses that of the other, as it does along an edge (`boundary_term`).
-In a translucent scene, the triangle that is drawn later appears on one side of the line.
+the colour of one triangle and loses the colour of the other, as along an edge (`boundary_term`). In
+a translucent scene, the triangle that is drawn later is visible on one side of the line only.
 
 The line passes between two neighbouring samples if both triangles cover both samples, and one is in
-front at the first, the other at the second. With f the first depth less the second, the line lies
-where f = 0, and moves at -(df/dtime) / (df/dx) along the axis x that crosses it best. At a fixed
-point the depth of a triangle changes by sum_k w_k (dz_k - grad z . dv_k), where w_k are the weights
-of the corners there, z_k their depths and v_k their positions: linear in both, like the change of
-the image.
+front at the first sample, the other at the second. Let f be the depth of the triangle that is in
+front at the first sample, minus the depth of the other. The line lies where f = 0, and moves at
+-(df/dtime) / (df/dx) along x, which stands for the axis along which f changes faster. At a fixed
+point of the screen, the depth of a triangle changes by sum_k w_k (dz_k - grad z . dv_k), where w_k
+are the weights of the corners there, z_k their depths and v_k their positions. This change, and so
+the change of the image, is linear in dz_k and dv_k.
 
-Pairs of samples are searched (`sample_pairs`) and processed in blocks, so that no list of all pairs
-is stored.
+The pairs of neighbouring samples are found (`sample_pairs`) and processed in blocks, so that no
+list of all pairs is stored.
 """
 
 import functools
@@ -35,21 +36,21 @@ from .interior_term import weight_gradients
 from .sample_pairs import CANDIDATES, PairSearch, SamplePairs, count_candidates
 
 Total = TypeVar("Total")
-"""An array to which exchanges are added."""
+"""The array to which a fold over all exchanges adds."""
 
 _WORDS = 2**16
-"""Number of coverage words that are searched together."""
+"""Number of words of candidates that are searched together: two for each coverage word."""
 
 _PAIRS = 512
-"""Number of pairs in a group."""
+"""Number of pairs of samples that are processed together."""
 
 _ROUNDING = 2.0**-20
-"""Relative difference of two depths that rounding can cause. Where depths differ by no more than
-that, a change of the nearest triangle is noise, not a line."""
+"""Relative difference of two depths that rounding can cause. If the difference changes by no more
+than this from one sample to the next, a change of the nearest triangle is noise, not a line."""
 
 
 class _DepthPlanes(NamedTuple):
-    """The depth of each triangle as a plane.
+    """The depth of each triangle, as an affine function on the screen.
 
     - `area`: twice the area of each triangle, in units of the edge value.
     - `slope`: derivatives of the depth by x and y, per pixel.
@@ -60,12 +61,12 @@ class _DepthPlanes(NamedTuple):
 
 
 class _Exchange(NamedTuple):
-    """Pairs of samples between which two triangles change places in depth, in `lanes`.
+    """Pairs of samples between which two triangles exchange their order in depth, one per lane.
 
     - `before`, `after`: the triangles that lie in front at the first and at the second sample.
     - `before_weights`, `after_weights`: weights of their corners at the point of equal depth.
-    - `gain`: change of the pixel's colour for each unit by which `before` becomes deeper than
-      `after`; 0 in unused lanes.
+    - `gain`: change of the pixel's colour per unit by which the depth of `before` minus the depth
+      of `after` increases; 0 in unused lanes.
     - `pixel`: index of the pixel, row by row; one past the last in unused lanes.
     """
 
@@ -84,7 +85,14 @@ def depth_changes(
     depths: Depths,
     tiling: Tiling,
 ) -> Float[Array, "3 triangles"]:
-    """Change of depth at fixed points of the screen, as values at the corners to interpolate."""
+    """Change of each triangle's depth at fixed points of the screen, per unit of time.
+
+    It is affine on the triangle, and returned as its values at the corners.
+
+    - `velocity`, `depth_change`: change per unit of time of the positions of the vertices, in
+      pixels, and of their depths.
+    - `vertex`: vertex index of each corner, in the order of `depths`.
+    """
     gradients = weight_gradients(depths.edges, depths.planes, tiling.grid, velocity.dtype)
     return _corner_depth_changes(velocity, depth_change, vertex, gradients, depths.depth)
 
@@ -97,7 +105,7 @@ def _corner_depth_changes(
     gradients: Float[Array, "2 3 triangles"],
     depth: Float[Array, "3 triangles"],
 ) -> Float[Array, "3 triangles"]:
-    """Compute dz_k - grad z . dv_k of each corner; `gradients` are those of the weights."""
+    """Compute dz_k - grad z . dv_k of each corner k; `gradients` are the `weight_gradients`."""
     slope = jnp.sum(gradients * depth[None], 1)
     corner_velocity = velocity[vertex.T]
     drift = slope[0][None] * corner_velocity[..., 0] + slope[1][None] * corner_velocity[..., 1]
@@ -112,7 +120,10 @@ def image_change(
     *,
     channels: int,
 ) -> Float[Array, "height width channels"]:
-    """Change of the image per unit of time for the given `depth_changes`. Linear in them."""
+    """Change of the image, per unit of time, due to interpenetrating triangles.
+
+    It is linear in `changes`, which are as returned by `depth_changes`.
+    """
     grid = tiling.grid
 
     def forward(
@@ -154,7 +165,7 @@ def _for_each_exchange(
     add: Callable[[Total, _Exchange], Total],
     total: Total,
 ) -> Total:
-    """Fold `add(total, exchange)` over all exchanges of the image, block by block."""
+    """Fold `add(total, exchange)` over all exchanges of the image, `_PAIRS` lanes at a time."""
     slots = max(_WORDS // (2 * tiling.sample_rows), 1)
     planes = _depth_planes(depths, tiling)
 
@@ -195,7 +206,7 @@ def _depth_planes(depths: Depths, tiling: Tiling) -> _DepthPlanes:
 def _depth_slopes(
     gradients: Float[Array, "2 3 triangles"], depth: Float[Array, "3 triangles"]
 ) -> Float[Array, "2 triangles"]:
-    """Derivatives of the depth by x and y from those of the corner weights."""
+    """Compute `_DepthPlanes.slope` from the `weight_gradients` and the depths of the corners."""
     return jnp.sum(gradients * depth[None], 1)
 
 
@@ -203,8 +214,8 @@ class _LineCrossings(NamedTuple):
     """Where the line of equal depth passes between the samples of each pair.
 
     - `before_weights`, `after_weights`, `pixel`: as in `_Exchange`.
-    - `gap_change`: change of the first triangle's depth minus the second's, from the first sample
-      to the second; 0 where no line passes.
+    - `gap_change`: increase, from the first sample to the second, of the depth of `before` minus
+      the depth of `after`; 0 where no line passes.
     """
 
     before_weights: Float[Array, "3 lanes"]
@@ -219,8 +230,9 @@ def _line_crossings(
 ) -> _LineCrossings:
     """Find where the line of equal depth passes between the samples of each pair.
 
-    It does if both triangles cover both samples, the axis of the pair crosses the line best, and
-    the depths change order by more than a rounding.
+    It does if three conditions hold: both triangles cover both samples; the difference of their
+    depths changes faster along the axis of the pair than along the other axis; and their order in
+    depth changes by more than a rounding (`_ROUNDING`).
     """
     grid = tiling.grid
     before, after = pairs.before, jnp.maximum(pairs.after, 0)
@@ -266,8 +278,11 @@ def _exchange(
     color_changes: Float[Array, "channels lanes"],
     tiling: Tiling,
 ) -> _Exchange:
-    """Compute what each pair exchanges; the gain is 0 if no line of equal depth passes between."""
-    # A sample is 1 / rate of a pixel wide and high.
+    """Compute the exchange of each pair; its gain is 0 where no line of equal depth passes.
+
+    `color_changes` are as returned by `PairSearch.color_changes`.
+    """
+    # A sample stands for an area of 1 / samples of a pixel.
     difference = color_changes / tiling.grid.samples
     gap_change = jnp.broadcast_to(crossings.gap_change[None], difference.shape)
     gain = safe.divide(difference, gap_change)

@@ -1,7 +1,8 @@
 """Layer masks: for each sample of a translucent scene, which entries of its tile's list cover it.
 
-Coverage words have the samples of one triangle as their bits. Here they are transposed: the bits
-of a mask are the layers at one sample, nearest first, so that a loop visits only those.
+The bits of a coverage word are samples, for one triangle. Transposed, the bits of a layer mask are
+triangles, for one sample: the entries of the tile's list, nearest first. A loop over the set bits
+of a mask visits only the layers of its sample.
 """
 
 import functools
@@ -20,16 +21,17 @@ from .crossings import Sample
 from .visible_front import address
 
 PLANE = 32
-"""Entries of a list in one plane of masks."""
+"""Number of list entries in one plane of masks: the bits of a word."""
 
 
 class LayerMasks(NamedTuple):
     """Masks of every sample, in planes of 32 list entries.
 
-    Bit b of plane p says whether entry 32 p + b of its tile's list covers a sample.
+    Bit b of a mask in plane p says whether entry 32 p + b of its tile's list covers the sample.
 
-    - `masks`: for each column of samples of a tile, one mask for each row of samples of all tiles;
-      rows are in the order of `address`.
+    - `masks`: `masks[p, c, r]` is the mask, in plane p, of the sample in column c of its tile.
+      Sample rows r are numbered tile by tile, in the order of the coverage words within a tile
+      (`address`).
     """
 
     masks: UInt32[Array, "planes columns tile_rows"]
@@ -42,7 +44,12 @@ class LayerMasks(NamedTuple):
 
 
 class SampleAddress(NamedTuple):
-    """Tile, start of the tile's list, and index of the mask in a plane, of each sample."""
+    """Where the layers of each sample are.
+
+    - `tile`: the tile of the sample.
+    - `start`: index of the first entry of the tile's list in the tile lists.
+    - `entry`: index of the sample's mask in a flattened plane of `LayerMasks.masks`.
+    """
 
     tile: Int[Array, "*samples"]
     start: Int[Array, "*samples"]
@@ -52,7 +59,10 @@ class SampleAddress(NamedTuple):
 def layer_masks(
     words: UInt32[Array, "pairs rows"], lists: TileLists, tiling: Tiling, *, max_list_length: int
 ) -> LayerMasks:
-    """Transpose the coverage words of the listed pairs, at most `max_list_length` for each tile."""
+    """Make the layer masks of all samples from the coverage words of the listed pairs.
+
+    Only the first `max_list_length` entries of each tile's list are sure to be included.
+    """
 
     def plane(number: Int[Array, ""]) -> UInt32[Array, "columns tile_rows"]:
         return _transpose(_gather_plane(words, lists, number), columns=tiling.sample_columns)
@@ -65,7 +75,10 @@ def layer_masks(
 def _gather_plane(
     words: UInt32[Array, "pairs rows"], lists: TileLists, plane: Int[Array, ""]
 ) -> UInt32[Array, "bits tile_rows"]:
-    """Gather the words of 32 entries of every tile's list; 0 past its end."""
+    """Gather the coverage words of the 32 entries of a plane, for every tile; 0 past a list's end.
+
+    `plane` is the number of the plane.
+    """
     entry = plane * PLANE + jnp.arange(PLANE, dtype=jnp.int32)[:, None]
     gathered = words.at[lists.start[None] + entry].get(mode="clip")
     gathered = jnp.where((entry < lists.count[None])[..., None], gathered, jnp.uint32(0))
@@ -76,7 +89,7 @@ def _gather_plane(
 def _transpose(
     words: UInt32[Array, "bits tile_rows"], *, columns: int
 ) -> UInt32[Array, "columns tile_rows"]:
-    """Make a mask of 32 entries for each column from a word of columns for each entry."""
+    """Transpose 32 coverage words, one for each entry, to masks, one for each column of samples."""
     column = jnp.arange(columns, dtype=jnp.uint32)[:, None]
     bits = [
         ((words[entry][None] >> column) & jnp.uint32(1)) << jnp.uint32(entry)
@@ -87,7 +100,7 @@ def _transpose(
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def locate_layers(masks: LayerMasks, sample: Sample, tiling: Tiling) -> SampleAddress:
-    """Find the tile, the start of its list and the index of the mask of each sample."""
+    """Compute the `SampleAddress` of samples on the canvas."""
     tile, word_index, column = address(sample, tiling)
     tile_rows = masks.masks.shape[2]
     entry = column.astype(jnp.int32) * tile_rows + tile * tiling.sample_rows + word_index
@@ -97,7 +110,7 @@ def locate_layers(masks: LayerMasks, sample: Sample, tiling: Tiling) -> SampleAd
 def gather_masks(
     masks: LayerMasks, where: SampleAddress, plane: Int[Array, ""]
 ) -> UInt32[Array, "*samples"]:
-    """Gather the masks of samples in a plane."""
+    """Gather the masks of samples in the plane of number `plane`."""
     return _gather(masks.masks.reshape(masks.masks.shape[0], -1), plane, where.entry)
 
 
@@ -105,7 +118,7 @@ def gather_masks(
 def _gather(
     masks: UInt32[Array, "planes masks"], plane: Int[Array, ""], entry: Int[Array, "*samples"]
 ) -> UInt32[Array, "*samples"]:
-    # By two indices: to cut out the plane first would copy it.
+    # Indexed by plane and entry at once, because slicing out the plane first would copy it.
     return masks.at[plane, entry].get(mode="promise_in_bounds")
 
 
@@ -117,11 +130,11 @@ def find_in_lists(
     *,
     max_list_length: int,
 ) -> tuple[Int[Array, "*samples"], Bool[Array, "*samples"]]:
-    """Find a triangle in the list of each tile, which is no longer than `max_list_length`.
+    """Find a triangle in the list of a tile, for each sample.
 
-    Returns the number of entries that are drawn after the triangle, and whether the entry that
-    follows them is the triangle itself. Lists are in descending order of triangle indices, so this
-    is a binary search.
+    Returns the number of entries in the list that are drawn after the triangle, and whether the
+    entry that follows them is the triangle itself. Lists are in descending order of triangle
+    indices, so this is a binary search. No list may have more than `max_list_length` entries.
     """
     start, count = lists.start[tile], lists.count[tile]
     last = lists.triangle.shape[0] - 1
@@ -142,28 +155,31 @@ def find_in_lists(
 
 @materialized
 def count_planes(masks: LayerMasks) -> Int[Array, ""]:
-    """Number of planes that the longest list needs, at most the number that `masks` has."""
+    """Number of planes that the longest list needs, but no more than `masks` has."""
     # A scene of a batch that has outgrown its plan must not lengthen the loops of the others.
     return jnp.minimum(-(-jnp.max(masks.lists.count) // PLANE), masks.masks.shape[0])
 
 
 @materialized
 def most_layers(mask: UInt32[Array, "*samples"]) -> Int[Array, ""]:
-    """The largest number of entries in any of the masks."""
+    """Largest number of set bits in any of the masks."""
     return jnp.max(jax.lax.population_count(mask)).astype(jnp.int32)
 
 
 def bits_before(
     position: Int[Array, "*samples"], plane: Int[Array, ""]
 ) -> UInt32[Array, "*samples"]:
-    """Mask of the entries of a plane before a position in the list."""
+    """Mask, in the plane of number `plane`, of the list entries before `position`.
+
+    The position counts the entries of a tile's list from 0.
+    """
     count = jnp.clip(position - plane * PLANE, 0, PLANE).astype(jnp.uint32)
     below_bits = (jnp.uint32(1) << jnp.minimum(count, jnp.uint32(PLANE - 1))) - jnp.uint32(1)
     return jnp.where(count == PLANE, jnp.uint32(0xFFFFFFFF), below_bits)
 
 
 def entry_bit(position: Int[Array, "*samples"], plane: Int[Array, ""]) -> UInt32[Array, "*samples"]:
-    """Mask of one entry of the list; 0 if it is in another plane."""
+    """Mask, in the plane of number `plane`, of the list entry at `position`; 0 in other planes."""
     bit = position - plane * PLANE
     is_in_plane = (bit >= 0) & (bit < PLANE)
     shifted = jnp.uint32(1) << jnp.clip(bit, 0, PLANE - 1).astype(jnp.uint32)
@@ -177,7 +193,11 @@ def first_layer(
     listed_triangles: Int[Array, " pairs"],
     plane: Int[Array, ""],
 ) -> Int[Array, "*samples"]:
-    """Triangle of the first entry in each mask; any triangle where the mask is empty."""
+    """Triangle of the first entry, the nearest, in each mask; any triangle where the mask is 0.
+
+    - `list_start`: index in `listed_triangles` of the first entry of the list that a mask is of.
+    - `plane`: number of the plane that the masks are of.
+    """
     lowest = mask & (~mask + jnp.uint32(1))
     entry = jax.lax.population_count(lowest - jnp.uint32(1)).astype(jnp.int32)
     pair = jnp.clip(list_start + plane * PLANE + entry, 0, listed_triangles.shape[0] - 1)
@@ -192,17 +212,18 @@ def visit_layers(
     visit: Callable[[Any, Int[Array, "*samples"], UInt32[Array, "*samples"]], Any],
     state: Any,
 ) -> Any:
-    """Visit the layers of a mask at every sample, from the front; return the last state.
+    """Visit the layers in each sample's mask of one plane, from the front; return the last state.
 
-    `visit(state, triangle, remaining)` returns the next state. `remaining` is the mask of this
-    layer and of those behind it. It is 0 at samples that have no more layers, where `triangle`
-    means nothing.
+    In each step, `visit(state, triangle, remaining)` returns the next state. `triangle` is the next
+    layer of each sample, and `remaining` is the mask of this layer and those behind it. At samples
+    that have no more layers, `remaining` is 0 and `triangle` has no meaning.
     """
 
     def visit_next(_: Int[Array, ""], carry: tuple[Array, Any]) -> tuple[Array, Any]:
         remaining, state = carry
         triangle = first_layer(remaining, where.start, lists.triangle, plane)
-        # Subtracting 1 clears the lowest bit that is set, and sets only bits below it.
+        # Subtracting 1 clears the lowest set bit and sets only bits below it, so that the AND
+        # clears this bit alone.
         return remaining & (remaining - jnp.uint32(1)), visit(state, triangle, remaining)
 
     return repeat(most_layers(mask), visit_next, (mask, state))[1]

@@ -1,10 +1,11 @@
 """Find the pairs of samples between which a layer of a translucent scene passes behind another.
 
 A triangle that covers two neighbouring samples may pass the depth test at one of them alone. At the
-other, the nearest triangle that was drawn before it hides it: the last of those that passed. If
-that triangle covers both samples too, a line of equal depth lies between them, at which the later
-triangle appears or disappears. What it then adds is found at the sample where it passes: the
-transmittance in front of it, its own colour, and the layers behind it.
+other sample it is hidden by the nearest triangle that was drawn before it, which is the last drawn
+of those that passed. If this hiding triangle covers both samples too, a line of equal depth lies
+between them, at which the later triangle appears or disappears. The colour that the later triangle
+adds is computed at the sample where it passes, from the transmittance in front of it, its colour
+and alpha there, and the layers behind it.
 """
 
 import functools
@@ -39,10 +40,11 @@ from .visible_front import address
 
 
 class LayerPairs(PairSearch):
-    """The search in a translucent scene; `masks` are those of `samples.passed`.
+    """The search in a translucent scene.
 
     A slot is an entry of the tile lists. Of the two triangles of a pair, the one that is drawn
-    later appears or disappears.
+    later appears or disappears between the samples. `masks` are the layer masks of
+    `samples.passed`.
     """
 
     samples: LayeredSamples
@@ -55,7 +57,10 @@ class LayerPairs(PairSearch):
         return self.samples.lists.triangle.shape[0]
 
     def candidates(self, slot: Int[Array, " slots"]) -> UInt32[Array, "2 slots rows"]:
-        """Mark the pairs of samples that a triangle covers, and passes at one of them alone."""
+        """Mark the pairs of samples that a triangle covers, and passes the depth test at only one.
+
+        The layout is as in `PairSearch.candidates`.
+        """
         lists, tiling, max_list_length = self.samples.lists, self.tiling, self.masks.max_list_length
         tile, triangle, is_used = materialized(_read_entries)(lists, slot)
         words = self.samples.covered, self.samples.passed
@@ -77,7 +82,10 @@ class LayerPairs(PairSearch):
         slot: Int[Array, " slots"],
         group: Int[Array, ""],
     ) -> tuple[SamplePairs, Int[Array, ""]]:
-        """Keep the pairs at which the triangle that hides the other covers both samples."""
+        """Keep the pairs at which the triangle that hides the other covers both samples.
+
+        Arguments and results are as in `PairSearch.pairs`.
+        """
         tiling, lists = self.tiling, self.samples.lists
         decode = materialized(functools.partial(_decode, tiling=tiling))
         changes = decode(words, ends, lists, self.samples.passed, slot, group)
@@ -89,7 +97,11 @@ class LayerPairs(PairSearch):
         return materialized(_keep_covering)(self.samples.edges, changes, hider)
 
     def color_changes(self, pairs: SamplePairs) -> Float[Array, "channels lanes"]:
-        """What the later triangle adds, negative where it disappears at the second sample."""
+        """The colour that the later triangle adds, times -1 if it is hidden at the second sample.
+
+        The later triangle is the one that is drawn later. The colour is computed at the sample
+        where it passes the depth test.
+        """
         later = jnp.maximum(pairs.before, pairs.after)
         appears = pairs.before < pairs.after
         shown = _choose(appears, pairs.second, pairs.first)
@@ -98,10 +110,11 @@ class LayerPairs(PairSearch):
 
 
 class _Changes(NamedTuple):
-    """Candidates, and what is known of each.
+    """Candidates, and where the triangle of each one passes the depth test.
 
-    - `triangle`: passes the depth test at one of both samples, and fails at `hidden`, the other.
-    - `passes_first`: whether it passes at the first.
+    - `triangle`: the triangle, which covers both samples and passes the depth test at one of them.
+    - `hidden`: the sample at which it fails.
+    - `passes_first`: whether it passes at the first sample of the pair, and so fails at the second.
     """
 
     candidates: Candidates
@@ -113,7 +126,10 @@ class _Changes(NamedTuple):
 def _read_entries(
     lists: TileLists, slot: Int[Array, " slots"]
 ) -> tuple[Int[Array, " slots"], Int[Array, " slots"], Bool[Array, " slots"]]:
-    """Tile and triangle of each entry of the lists, and whether it is used."""
+    """Tile and triangle of entries of the tile lists, and whether each entry is used.
+
+    The tile of an unused entry is 0, and its triangle has no meaning.
+    """
     is_used = slot < jnp.sum(lists.count, dtype=jnp.int32)
     tile = jnp.where(is_used, lists.tile.at[slot].get(mode="clip"), 0)
     return tile, lists.triangle.at[slot].get(mode="clip"), is_used
@@ -130,9 +146,11 @@ def _mark_changes(
     is_down: bool,
     tiling: Tiling,
 ) -> UInt32[Array, "slots rows"]:
-    """Compute one entry of `LayerPairs.candidates`.
+    """Compute `LayerPairs.candidates` for one direction: down if `is_down`, else right.
 
-    `next_slot` is the entry of the same triangle in the next tile, if it is listed there.
+    - `is_used`: whether each slot is in use.
+    - `next_slot`: the entry of the slot's triangle in the list of the next tile in this direction.
+    - `is_listed`: whether the next tile exists and lists this triangle.
     """
 
     every_column = jnp.uint32((1 << tiling.sample_columns) - 1)
@@ -153,7 +171,10 @@ def _mark_changes(
 def _next_tile(
     tile: Int[Array, " slots"], tiling: Tiling, *, is_down: bool
 ) -> tuple[Int[Array, " slots"], Bool[Array, " slots"]]:
-    """The tile to the right, or below if `is_down`, and whether the canvas has it."""
+    """The tile to the right, or below if `is_down`, and whether there is one on the canvas.
+
+    Where there is none, the tile itself is returned.
+    """
     if is_down:
         exists = tile // tiling.columns < tiling.rows - 1
         return jnp.where(exists, tile + tiling.columns, tile), exists
@@ -167,9 +188,10 @@ def _next_samples(
     tiling: Tiling,
     is_down: bool,
 ) -> UInt32[Array, "slots rows"]:
-    """Shift words by one sample: each bit becomes that to the right, or below if `is_down`.
+    """Replace the bit of each sample by the bit of its neighbour: right, or below if `is_down`.
 
-    `beyond` are the words of the next tile in this direction.
+    `beyond` are the words of the next tile in this direction, which has the neighbours of the last
+    column or row.
     """
     if not is_down:
         first_column = (beyond & jnp.uint32(1)) << jnp.uint32(tiling.sample_columns - 1)
@@ -191,7 +213,7 @@ def _decode(
     *,
     tiling: Tiling,
 ) -> _Changes:
-    """Decode a group of candidates, and find at which of both samples the triangle passes."""
+    """Decode a group of candidates, and find at which sample the triangle of each one passes."""
     tile, triangle, _ = _read_entries(lists, slot)
     candidates = decode_group(words, ends, tile, group, tiling)
     _, word_index, bit = address(candidates.first, tiling)
@@ -209,7 +231,11 @@ def _choose(condition: Bool[Array, " lanes"], first: Sample, second: Sample) -> 
 def _first_behind(
     masks: LayerMasks, where: SampleAddress, position: Int[Array, " lanes"]
 ) -> Int[Array, " lanes"]:
-    """The first layer of each sample's list at `position` or after it, -1 for none."""
+    """Triangle of the first layer of each sample at or after a position of its list, -1 for none.
+
+    - `where`: address of the sample's masks.
+    - `position`: counts the entries of the list of the sample's tile from 0.
+    """
 
     def visit_plane(plane: Int[Array, ""], layer: Int[Array, " lanes"]) -> Int[Array, " lanes"]:
         mask = gather_masks(masks, where, plane) & ~bits_before(position, plane)
@@ -222,7 +248,11 @@ def _first_behind(
 def _keep_covering(
     edges: Edges, changes: _Changes, hider: Int[Array, " lanes"]
 ) -> tuple[SamplePairs, Int[Array, ""]]:
-    """Keep the pairs at which the triangle `hider` covers the sample where the other passes."""
+    """Keep the candidates whose `hider` also covers the sample where the other triangle passes.
+
+    `hider` is the triangle that hides the triangle of each candidate, -1 for none. Returns as
+    `keep_pairs`.
+    """
     candidates, passes_first = changes.candidates, changes.passes_first
     shown = _choose(passes_first, candidates.first, candidates.second)
     is_pair = candidates.is_used & (hider >= 0)
@@ -236,11 +266,12 @@ def _keep_covering(
 
 
 class _Layers(NamedTuple):
-    """State of the visit to the layers at a sample, from the front, around one triangle.
+    """Layers of a sample that were visited so far, from the front, split at one triangle.
 
     - `in_front`: transmittance of the layers in front of the triangle.
-    - `color`, `alpha`: of the triangle.
-    - `behind`: premultiplied colour of the layers behind, and `transmittance` of these.
+    - `color`, `alpha`: premultiplied colour and alpha of the triangle; 0 until it is visited.
+    - `behind`: premultiplied colour of the layers behind the triangle.
+    - `transmittance`: transmittance of the layers behind the triangle.
     """
 
     in_front: Float[Array, " lanes"]
@@ -257,7 +288,10 @@ def _added_color(
     sample: Sample,
     tiling: Tiling,
 ) -> Float[Array, "channels lanes"]:
-    """Change of the colour at samples where a triangle is a layer, due to this layer."""
+    """Colour of each sample with all its layers, minus the colour without one of them.
+
+    `triangle` is the triangle of this layer, one for each sample.
+    """
     background = samples.background
     where = locate_layers(masks, sample, tiling)
 
@@ -286,9 +320,12 @@ def _add_layer(
     draws_ahead: Int[Array, " lanes"],
     is_layer: Bool[Array, " lanes"],
 ) -> _Layers:
-    """Add the next layer from the front.
+    """Add the next layer from the front to the part that it belongs to.
 
-    `draws_ahead` is the index of its triangle minus that of the triangle whose effect is computed.
+    - `rgba`: premultiplied colour and alpha of the layer.
+    - `draws_ahead`: index of its triangle minus the index of the triangle at which layers are
+      split: positive in front of this triangle, 0 for the triangle itself, negative behind it.
+    - `is_layer`: false for samples without a further layer, which stay unchanged.
     """
     color, alpha = rgba[: layers.color.shape[0]], rgba[3]
     is_in_front = is_layer & (draws_ahead > 0)
@@ -306,6 +343,6 @@ def _add_layer(
 def _over_behind(
     layers: _Layers, background: Float[Array, " channels"]
 ) -> Float[Array, "channels lanes"]:
-    """What the triangle adds to the layers behind it, as seen through those in front."""
+    """Compute the colour with the triangle minus the colour without it, from all its layers."""
     under = layers.behind + layers.transmittance[None] * background[:, None]
     return layers.in_front[None] * (layers.color - layers.alpha[None] * under)

@@ -1,4 +1,4 @@
-"""A translucent scene as its samples show it, and which of two layers lies in front.
+"""The samples of a translucent scene and their layers, and which of two layers lies in front.
 
 A layer is a triangle that covers a sample and passes the depth test there.
 """
@@ -15,11 +15,13 @@ from .sample_colors import LayerColors
 
 
 class LayeredSamples(NamedTuple):
-    """The layers of a translucent scene at each sample, and what its boundary term reads of them.
+    """The layers of a translucent scene at each sample, as the boundary term needs them.
 
-    - `covered`: coverage words of each listed pair.
+    - `covered`: coverage words of each pair in `lists`, a triangle in a tile.
     - `passed`: the same without the samples that fail the depth test.
-    - `edges`: of all triangles; `depths`: None without a depth test.
+    - `edges`: edge functions of all triangles.
+    - `depths`: inputs of the depth test; None without one.
+    - `colors`: colours of the triangles at samples and on edges.
     - `background`: RGB, or premultiplied RGBA; the image has as many channels.
     """
 
@@ -38,11 +40,12 @@ def later_is_in_front(
     depth: Float[Array, "*samples"] | None,
     triangle_depth: Float[Array, "*samples"] | None,
 ) -> Bool[Array, "*samples"]:
-    """Whether the later drawn of two layers lies in front: the triangle of an edge, or another one.
+    """Whether, of the layers `other` and `triangle`, the one that is drawn later lies in front.
 
-    `triangle_depth` and `depth` are the depths of these two; without them the later is in front.
+    `depth` is the depth of `other`, and `triangle_depth` the depth of `triangle`. The result is
+    true if either is None, in scenes without depth.
     """
     if depth is None or triangle_depth is None:
         return jnp.ones(other.shape, bool)
-    # Of equal depths the later is in front.
+    # At equal depths the triangle that is drawn later is in front.
     return jnp.where(other > triangle, depth <= triangle_depth, depth >= triangle_depth)

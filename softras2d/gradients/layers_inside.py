@@ -1,8 +1,10 @@
-"""The layers in front of a translucent edge at the samples inside it, where both samples differ.
+"""The layers in front of a translucent edge, at samples inside where `edge_gains` misses some.
 
-The visit to the samples outside (`edge_gains`) knows all layers that cover both samples. It misses
-those in front that cover the sample inside alone, and, where the two samples lie in different
-tiles, all layers at the sample inside. Few crossings have any: they are gathered and visited here.
+When `edge_gains` visits the layers of the sample outside, it compares the masks of the two samples,
+and so finds the layers that cover both. It misses the layers in front that cover the sample inside
+alone, except in scenes with flat colours and no depth. Where the two samples lie in different
+tiles, it misses all layers of the sample inside. Few crossings have such layers: these crossings
+are gathered and visited here.
 """
 
 from typing import NamedTuple
@@ -29,12 +31,13 @@ from .layered_samples import LayeredSamples, later_is_in_front
 
 
 class InsideLanes(NamedTuple):
-    """The crossings of a group, one per lane.
+    """Data of crossings, one per lane.
 
-    - `inside`, `outside`: where the layers of both samples are.
+    - `inside`, `outside`: where the layers of the samples inside and outside are.
     - `is_one_list`: whether both samples are in one tile, so that their masks can be compared.
     - `position`: number of entries before the edge's triangle in the list of the sample outside.
-    - `triangle`, `depth`: the edge's triangle, and its depth at the sample inside; None without.
+    - `triangle`: the edge's triangle.
+    - `depth`: depth of this triangle at the sample inside; None without depth.
     - `sample`: the sample inside.
     """
 
@@ -48,10 +51,11 @@ class InsideLanes(NamedTuple):
 
 
 class InsideState(NamedTuple):
-    """State of the visits to samples inside, for every crossing.
+    """What the visits to the samples inside have found, for every crossing.
 
-    - `in_front`: transmittance of the layers in front that do not cover the sample outside.
-    - `covers`: whether the edge's triangle covers the sample.
+    - `in_front`: transmittance of the visited layers in front of the edge's triangle. Where both
+      samples are in one tile, these do not cover the sample outside.
+    - `covers`: whether the edge's triangle covers the sample inside and passes the depth test.
     """
 
     in_front: Float[Array, " crossings"]
@@ -66,9 +70,12 @@ def visit_inside(
     covers: Bool[Array, " crossings"],
     tiling: Tiling,
 ) -> InsideState:
-    """Visit the missed layers at the samples inside of the selected crossings.
+    """Visit the layers of the samples inside that `edge_gains` has missed, at selected crossings.
 
-    `lanes` holds all crossings; `covers` is what is known of `InsideState.covers`.
+    Crossings that are not selected keep an `in_front` of 1 and their `covers`.
+
+    - `lanes`: all crossings, selected or not.
+    - `covers`: initial value of `InsideState.covers`; visits can only change it to true.
     """
 
     def visit_group(group: Int[Array, " group"], state: InsideState) -> InsideState:
@@ -92,14 +99,15 @@ def _gather_lanes(lanes: InsideLanes, group: Int[Array, " group"]) -> InsideLane
 def _look_inside(
     samples: LayeredSamples, masks: LayerMasks, lanes: InsideLanes, tiling: Tiling
 ) -> tuple[Float[Array, " group"], Bool[Array, " group"]]:
-    """Compute `InsideState` for the crossings of a group."""
+    """Compute the fields of `InsideState` for the crossings of a group."""
     depths, triangle = samples.depths, lanes.triangle
 
     def visit_plane(plane: Int[Array, ""], state: InsideState) -> InsideState:
         inside, outside = (
             gather_masks(masks, address, plane) for address in (lanes.inside, lanes.outside)
         )
-        # Where lists differ, all layers are visited, and the triangle is recognized among them.
+        # Where the samples are in different tiles, all layers of the sample inside are visited, and
+        # the edge's triangle is recognized among them by its index.
         in_one_list = inside & ~outside & bits_before(lanes.position, plane)
         missed = jnp.where(lanes.is_one_list, in_one_list, inside)
 

@@ -1,7 +1,8 @@
-"""Find the pairs of samples between which the nearest triangle of an opaque scene changes.
+"""Find the pairs of samples between which two triangles of an opaque scene may interpenetrate.
 
-Candidates are found in the coverage words: a triangle shows at a sample, and covers the next sample
-without showing there. Those at which another triangle shows at the next sample are kept.
+Candidates are found in the coverage words: a triangle is visible at a sample, and covers the next
+sample without being visible there. A candidate is kept if another triangle is visible at the next
+sample, and may cover the first sample too.
 """
 
 import functools
@@ -19,9 +20,9 @@ from .visible_front import address, slot_at
 
 
 class OpaquePairs(PairSearch):
-    """The search in an opaque scene.
+    """The search in an opaque scene, over the slots of `samples.front.chunks`.
 
-    `max_chunks` is an upper bound on the number of chunks of a tile.
+    `max_chunks` is an upper bound on the number of chunks of a tile, a power of two.
     """
 
     samples: OpaqueSamples
@@ -30,14 +31,14 @@ class OpaquePairs(PairSearch):
 
     @property
     def slot_count(self) -> int:
-        """Number of slots of all chunks."""
+        """Number of slots of all chunks, used or not."""
         return self.samples.front.chunks.triangle.size
 
     def candidates(self, slot: Int[Array, " slots"]) -> UInt32[Array, "2 slots rows"]:
-        """Find the visible samples of each slot whose neighbour it covers but is not visible at.
+        """Mark the pairs of samples that a triangle covers, and is visible at the first one only.
 
-        At the right or lower border of a tile, where the neighbour is in another tile, every
-        visible sample is a candidate.
+        The layout is as in `PairSearch.candidates`. At the right or lower border of a tile, where
+        the second sample is in another tile, every visible sample is marked.
         """
         visible, covered = self.samples.front.visible, self.samples.covered
         return _candidate_words(visible, covered, slot, tiling=self.tiling)
@@ -49,7 +50,10 @@ class OpaquePairs(PairSearch):
         slot: Int[Array, " slots"],
         group: Int[Array, ""],
     ) -> tuple[SamplePairs, Int[Array, ""]]:
-        """Keep the candidates at which another triangle is visible at the second sample."""
+        """Keep the candidates at which another triangle is visible at the second sample.
+
+        Arguments and results are as in `PairSearch.pairs`.
+        """
         front, tiling = self.samples.front, self.tiling
         decode = materialized(functools.partial(_decode, tiling=tiling))
         candidates, before = decode(
@@ -60,7 +64,7 @@ class OpaquePairs(PairSearch):
         return keep(candidates, before, after_slot, front.chunks.triangle, self.samples.covered)
 
     def color_changes(self, pairs: SamplePairs) -> Float[Array, "channels lanes"]:
-        """The colour that the second sample shows minus that of the first."""
+        """The colour visible at the second sample minus the colour visible at the first."""
         colors, tiling = self.samples.colors, self.tiling
         first, second = (
             colors.at_each(triangle, sample, tiling)
@@ -80,7 +84,11 @@ def _candidate_words(
     *,
     tiling: Tiling,
 ) -> UInt32[Array, "2 slots rows"]:
-    """Compute `OpaquePairs.candidates`."""
+    """Compute `OpaquePairs.candidates`.
+
+    - `visible`: the samples at which each slot's triangle is visible, as in `Front`.
+    - `covered`: the samples that the triangle covers, whether it is visible there or not.
+    """
     rows = tiling.sample_rows
     visible, covered = (
         words.reshape(-1, rows).at[slot].get(mode="fill", fill_value=0)
@@ -105,7 +113,7 @@ def _decode(
     *,
     tiling: Tiling,
 ) -> tuple[Candidates, Int[Array, " lanes"]]:
-    """Decode a group of candidates; also return the triangle of each one's slot."""
+    """Decode a group of candidates, and gather the triangle of the slot of each one."""
     slot = jnp.minimum(slot, slot_triangles.size - 1)
     candidates = decode_group(
         words, ends, chunk_tiles[slot // slot_triangles.shape[1]], group, tiling
@@ -122,9 +130,10 @@ def _keep_changed(
     *,
     tiling: Tiling,
 ) -> tuple[SamplePairs, Int[Array, ""]]:
-    """Keep the pairs whose second sample shows another triangle that may cover the first too.
+    """Keep the candidates whose second sample shows another triangle that may cover the first too.
 
-    `after_slot` is the slot that shows at the second sample, -1 for the background.
+    `before` is the triangle that is visible at the first sample. `after_slot` is the slot that is
+    visible at the second sample, -1 for the background. Returns as `keep_pairs`.
     """
     after = slot_triangles.reshape(-1)[jnp.maximum(after_slot, 0)]
     covers_first = _may_cover_first(covered, candidates, after_slot, tiling)
@@ -139,9 +148,13 @@ def _may_cover_first(
     after_slot: Int[Array, " lanes"],
     tiling: Tiling,
 ) -> Bool[Array, " lanes"]:
-    """Whether the triangle of a slot at the second sample may cover the first one."""
+    """Whether the triangle that is visible at the second sample may cover the first sample too.
+
+    `after_slot` is its slot. The result has no meaning where this is -1.
+    """
     tile, word_index, bit = address(candidates.first, tiling)
     word = covered.reshape(-1)[jnp.maximum(after_slot, 0) * tiling.sample_rows + word_index]
-    # In the next tile the triangle has another slot, so `interpenetration` decides.
+    # If the samples are in different tiles, the slot has no coverage word for the first sample:
+    # `interpenetration` tests the triangle itself.
     leaves_tile = tile != address(candidates.second, tiling)[0]
     return ((word >> bit) & jnp.uint32(1) == 1) | leaves_tile

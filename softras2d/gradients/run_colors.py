@@ -1,4 +1,4 @@
-"""Colours of layers at the samples of runs; what they need is gathered once per run and tile."""
+"""Colours of layers at the samples of runs, from data that are gathered once per run and tile."""
 
 import functools
 
@@ -26,9 +26,13 @@ def colors_of_runs(
     sample: Sample,
     tiling: Tiling,
 ) -> Float[Array, "channels lines runs"]:
-    """Colours of triangles at the samples of runs, one in each tile of a run.
+    """Compute the colour of a triangle at each sample of each run: one triangle per tile of a run.
 
-    The surface has no textures. Colours are straight if it is flat; else they are premultiplied.
+    Colours have straight alpha if `surface.is_flat`; else they are premultiplied. The surface must
+    not have textures.
+
+    - `triangle`: the triangle for the samples in the first and in the second tile of each run.
+    - `sample`: the samples, in `tiles`.
     """
     if surface.is_flat:
         return materialized(_flat_colors_of_runs)(surface.corners.color[0], triangle, tiles)
@@ -58,9 +62,10 @@ def _weights_of_runs(
     *,
     tiling: Tiling,
 ) -> SampleWeights:
-    """Weights of corners 1 and 2 at the samples of runs.
+    """Compute the weights of corners 1 and 2 at the samples of runs, in space with `inverse_w`.
 
-    Lanes are the first tiles of the runs, then the second.
+    `terms` and `inverse_w` have a lane for the first tile of each run, then one for the second tile
+    of each run. `inverse_w` is None for scenes without it.
     """
     column, row = sample
     column, row = column % tiling.sample_columns, row % tiling.sample_rows
@@ -81,7 +86,10 @@ def _weights_of_runs(
 def _interpolate_runs(
     color: Float[Array, "3 channels lanes"], weights: SampleWeights, tiles: RunTiles
 ) -> Float[Array, "channels lines runs"]:
-    """Interpolate the colours of the corners at the samples of runs."""
+    """Interpolate the colours of the corners at the samples of runs.
+
+    Lanes of `color` are the first tiles of the runs, then the second.
+    """
     runs = color.shape[-1] // 2
     corners = tiles.of_samples(color.reshape(*color.shape[:2], 2, runs))
     return interpolate_corners(corners, weights[0][None], weights[1][None])

@@ -1,7 +1,7 @@
-"""Visits the layers at the samples of a run together, as they share the lists of their tiles.
+"""Visit the layers of all samples of a run together, because they share the lists of their tiles.
 
-What is read for a layer is read once for all samples of a run. Only what differs from sample to
-sample is computed for each.
+The data of a layer are read once for all samples of a run. Only values that differ from sample to
+sample are computed for each sample.
 """
 
 from collections.abc import Callable
@@ -17,10 +17,10 @@ from .run_tiles import RunTiles
 
 
 class ListedEdges(NamedTuple):
-    """Where the triangle of each run's edge is in the lists of the run's tiles.
+    """Where the triangle of each run's edge is in the lists of both tiles of the run.
 
-    - `position`: number of entries before it, by draw order.
-    - `is_listed`: whether the next entry is the triangle.
+    - `position`: number of entries in the list that are drawn after the triangle.
+    - `is_listed`: whether the entry that follows them is the triangle itself.
     """
 
     position: Int[Array, "2 runs"]
@@ -28,7 +28,7 @@ class ListedEdges(NamedTuple):
 
 
 def list_edges(masks: LayerMasks, tiles: RunTiles, triangle: Int[Array, " runs"]) -> ListedEdges:
-    """Find a triangle for each run in the lists of both tiles."""
+    """Find the triangle of each run in the lists of both tiles of the run."""
     both = jnp.stack([triangle, triangle])
     return ListedEdges(
         *find_in_lists(masks.lists, tiles.tile, both, max_list_length=masks.max_list_length)
@@ -45,9 +45,14 @@ def visit_run_layers(
 ) -> Any:
     """Visit the layers of a plane at the samples of every run, from the front.
 
-    `visit(state, triangle, bit)` returns the next state. `triangle` is the next layer of any sample
-    in either tile; it is a layer of the samples whose `mask` has the tile's `bit`. The bit is 0 for
-    tiles without further layers, where `triangle` means nothing.
+    Returns the last state. In each step, `visit(state, triangle, bit)` returns the next state. For
+    each of the two tiles of a run, `triangle` is the next list entry that covers any of the run's
+    samples there, and `bit` is its bit. The triangle is a layer of the samples of the tile whose
+    `mask` contains this bit. For tiles without further layers, the bit is 0 and the triangle has no
+    meaning.
+
+    - `mask`: mask of each sample in the plane of number `plane`.
+    - `listed_triangles`: triangles of the tile lists, as in `TileLists`.
     """
 
     def visit_next(_: Int[Array, ""], carry: tuple[Array, Any]) -> tuple[Array, Any]:
@@ -64,7 +69,7 @@ def visit_run_layers(
 def _unite(
     mask: UInt32[Array, "lines runs"], is_second: Bool[Array, "lines runs"]
 ) -> UInt32[Array, "2 runs"]:
-    """The entries that any sample of a run has in its mask, in each of both tiles."""
+    """Combine the masks of a run's samples by OR, separately for its first and second tile."""
     no_bits = jnp.zeros_like(mask[0])
     first, second = no_bits, no_bits
     for line_mask, line_is_second in zip(mask, is_second, strict=True):

@@ -1,4 +1,4 @@
-"""The tiles in which the samples of a run lie: one, or two (`crossings.LINES`)."""
+"""The tiles in which the samples outside the edge of a run lie: one or two (`crossings.LINES`)."""
 
 from typing import NamedTuple
 
@@ -9,10 +9,12 @@ from ..numerics.fusion_barrier import materialized
 
 
 class RunTiles(NamedTuple):
-    """The tiles of the samples of each run; both are equal where a run lies in one.
+    """The two tiles in which the samples of each run lie, equal for a run that lies in one tile.
 
-    - `start`: start of each tile's list.
-    - `is_second`: whether a sample lies in the second tile; false for samples that are not valid.
+    - `tile`: the first tile, which has the lower number, and the second.
+    - `start`: index of the first entry of each tile's list in the tile lists.
+    - `is_second`: whether a sample lies in the second tile; false if all samples of its run lie in
+      one tile, and for samples that are not valid.
     """
 
     tile: Int[Array, "2 runs"]
@@ -20,7 +22,10 @@ class RunTiles(NamedTuple):
     is_second: Bool[Array, "lines runs"]
 
     def of_samples(self, values: Array) -> Array:
-        """Values `[..., lines, runs]` at the samples, from `[..., 2, runs]` of their tiles."""
+        """Choose for each sample the value of its tile.
+
+        Maps `[..., 2, runs]`, a value for both tiles of each run, to `[..., lines, runs]`.
+        """
         first, second = values[..., 0, :], values[..., 1, :]
         return jnp.where(self.is_second, second[..., None, :], first[..., None, :])
 
@@ -31,9 +36,12 @@ def tiles_of_runs(
     valid: Bool[Array, "lines runs"],
     list_starts: Int[Array, " tiles"],
 ) -> RunTiles:
-    """Find the tiles of the `valid` samples of each run."""
+    """Find the two tiles in which the `valid` samples of each run lie.
+
+    `tile` is the tile of each sample, and `list_starts` is `TileLists.start`.
+    """
     first = jnp.min(jnp.where(valid, tile, list_starts.shape[0] - 1), 0)
     last = jnp.max(jnp.where(valid, tile, 0), 0)
-    # A run without a valid sample has any tile.
+    # A run without a valid sample gets an arbitrary tile.
     both = jnp.stack([jnp.minimum(first, last), last])
     return RunTiles(both, list_starts[both], valid & (tile != first[None]))

@@ -1,4 +1,4 @@
-"""The colours that the boundary term compares: their interface, and those of the scene."""
+"""The colours that the boundary term compares: the interface, and the colours of a scene."""
 
 import abc
 import functools
@@ -20,57 +20,62 @@ from .visible_front import Front, color_at, color_on_edge
 
 
 class SampleColors(eqx.Module):
-    """Colours of triangles at samples and on edges, as a tree of arrays.
+    """Interface: colours of triangles at samples and on edges, as a tree of arrays.
 
-    - `background`: the colour where no triangle shows.
+    - `background`: the colour where no triangle is visible.
     """
 
     background: eqx.AbstractVar[Float[Array, " channels"]]
 
     @property
     def is_flat(self) -> bool:
-        """Whether each triangle is known to have one colour."""
+        """Whether each triangle is known to have one colour; false by default."""
         return False
 
     @abc.abstractmethod
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """Colours of triangles at samples, or the background where `triangle` is -1."""
+        """Colour of a triangle at each sample, or the background where `triangle` is -1.
+
+        The triangle need not cover the sample.
+        """
 
     @abc.abstractmethod
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """Colour of each edge's own triangle where it crosses a line of samples."""
+        """Colour, at each crossing, of the triangle to which the edge belongs."""
 
     def of_runs(
         self, triangle: Int[Array, "2 runs"], tiles: RunTiles, sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """`at`, where all samples of a run in the same tile have the same triangle.
+        """Colour at each sample of the triangle that its run has in the tile of the sample.
 
-        No triangle may be -1.
+        As `at`, with one triangle for the first and one for the second tile of each run. No
+        triangle may be -1.
         """
         return self.at(tiles.of_samples(triangle), sample, tiling)
 
     def at_each(
         self, triangle: Int[Array, " lanes"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lanes"]:
-        """`at`, for a list of triangles and samples."""
+        """Colour of a triangle at each sample, as `at`, for a list with one axis."""
         row_of_samples = Sample(sample.column[None], sample.row[None])
         return self.at(triangle[None], row_of_samples, tiling)[:, 0]
 
     def are_known(
         self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
     ) -> Bool[Array, "lines runs"]:
-        """Whether the colours on both sides of each crossing are known.
+        """Whether the colours on both sides of each crossing are known; true by default.
 
-        `shows_inside`: whether the edge's own triangle shows at the sample inside; `shows_outside`:
-        whether what lies beyond the edge shows at the sample outside. By default all are known.
+        - `shows_inside`: whether the edge's own triangle is visible at the sample inside.
+        - `shows_outside`: whether what lies just outside the edge is also visible at the sample
+          outside.
         """
         return jnp.ones_like(shows_inside)
 
 
 class SurfaceColors(SampleColors):
-    """The colours of the scene's triangles."""
+    """The colours of the scene's triangles: straight alpha if `is_flat`, else premultiplied."""
 
     background: Float[Array, " channels"]
     surface: Surface
@@ -83,16 +88,16 @@ class SurfaceColors(SampleColors):
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """Shade the triangle at the sample, whether it shows there or not."""
+        """Shade the triangle at the sample, whether it is visible there or not."""
         flat = self.is_flat
         return color_at(self.surface, self.background, triangle, sample, tiling, flat=flat)
 
     def of_runs(
         self, triangle: Int[Array, "2 runs"], tiles: RunTiles, sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """Shade the triangles at the samples of runs, and gather what they need once per run."""
+        """Shade the triangles at the samples of runs, with their data gathered once per run."""
         if self.surface.textures is not None:
-            # To shade all samples in both tiles would read the texels twice.
+            # Shading every sample once for each tile of its run would read twice as many texels.
             return super().of_runs(triangle, tiles, sample, tiling)
         return colors_of_runs(self.surface, triangle, tiles, sample, tiling)
 
@@ -105,9 +110,9 @@ class SurfaceColors(SampleColors):
 class LayerColors(SampleColors):
     """Premultiplied RGBA of the layers of a translucent scene.
 
-    - `background`: clear, as what lies behind all layers is no layer.
-    - `colors`: RGB or RGBA of the triangles; opaque without alpha.
-    - `is_straight`: whether their RGB is not yet multiplied by alpha.
+    - `background`: 0 in all four channels, because the background is not a layer.
+    - `colors`: RGB or RGBA of the triangles; triangles with RGB are opaque.
+    - `is_straight`: whether `colors` have straight alpha; else they are premultiplied.
     """
 
     background: Float[Array, "4"]
@@ -116,20 +121,20 @@ class LayerColors(SampleColors):
 
     @property
     def is_flat(self) -> bool:
-        """Whether each layer is known to have one colour."""
+        """Whether each triangle is known to have one colour."""
         return self.colors.is_flat
 
     @classmethod
     def of(cls, colors: SampleColors, *, is_straight: bool) -> "LayerColors":
-        """Make layers of these colours."""
+        """Make the colours of layers from RGB or RGBA colours of triangles."""
         return cls(jnp.zeros(4, colors.background.dtype), colors, is_straight)
 
     @classmethod
     def of_surface(cls, surface: Surface) -> "LayerColors":
-        """Make layers of the scene's triangles."""
+        """Make the colours of layers from the scene's triangles."""
         color = surface.corners.color
         if surface.is_flat:
-            # Once for all: what is gathered from here is premultiplied already.
+            # Premultiplied here once per triangle, rather than at each sample.
             surface = surface.with_colors(_to_rgba(color[0], is_straight=True)[None])
         clear = jnp.zeros(surface.channels, color.dtype)
         return cls.of(SurfaceColors(clear, surface), is_straight=False)
@@ -153,7 +158,7 @@ class LayerColors(SampleColors):
     def are_known(
         self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
     ) -> Bool[Array, "lines runs"]:
-        """Whether the colours that this one is made of are known."""
+        """Whether the colours from which the layers' colours are made are known."""
         return self.colors.are_known(shows_inside, shows_outside)
 
     def _to_rgba(self, color: Float[Array, "channels lines runs"]) -> Float[Array, "4 lines runs"]:
@@ -165,7 +170,7 @@ class LayerColors(SampleColors):
 def _to_rgba(
     color: Float[Array, "channels *samples"], *, is_straight: bool
 ) -> Float[Array, "4 *samples"]:
-    """Add the alpha of opaque colours; premultiply those that are straight."""
+    """Convert colours to premultiplied RGBA: RGB gets alpha 1, straight RGBA is premultiplied."""
     if color.shape[0] == 3:
         return jnp.concatenate([color, jnp.ones_like(color[:1])])
     if is_straight:
@@ -174,11 +179,13 @@ def _to_rgba(
 
 
 class OpaqueSamples(NamedTuple):
-    """An opaque scene as its samples show it.
+    """The visible triangles of an opaque scene at its samples, as the boundary term needs them.
 
-    - `front`: which triangle shows at each sample.
-    - `covered`: the samples that each slot's triangle covers, whether it shows there or not.
-    - `edges`: of all triangles; `depths`: None without a depth test.
+    - `front`: which triangle is visible at each sample.
+    - `covered`: the samples that each slot's triangle covers, whether it is visible there or not.
+    - `edges`: edge functions of all triangles.
+    - `depths`: inputs of the depth test; None without one.
+    - `colors`: colours of the triangles at samples and on edges.
     """
 
     front: Front

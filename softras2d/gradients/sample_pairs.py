@@ -3,10 +3,11 @@
 This file holds the interface (`PairSearch`), and the functions that its two members share: the
 search in opaque scenes (`opaque_pairs`) and in translucent ones (`layer_pairs`).
 
-A candidate is a pair of samples: a triangle shows at one of them, and covers the other without
-showing there. Candidates are stored as bits of words, like coverage. They are marked and counted
-for a block of slots at a time, and decoded in groups of `CANDIDATES`, one for each lane. The pairs
-that pass the exact test are moved to the first lanes.
+A candidate is a pair of neighbouring samples: a triangle is visible at one of them, and covers the
+other without being visible there. (In a translucent scene, "visible" means that it passes the depth
+test.) Candidates are stored as bits of words, like coverage. They are marked and counted for a
+block of slots at a time, and decoded in groups of `CANDIDATES`, one per lane. The candidates that
+pass a further test are moved to the first lanes.
 """
 
 import abc
@@ -24,15 +25,15 @@ from ..numerics.prefix import cumulative_sum
 from .crossings import Sample
 
 CANDIDATES = 4096
-"""Number of candidates in a group."""
+"""Number of candidates in a group, which is the number of lanes."""
 
 
 class SamplePairs(NamedTuple):
     """Pairs of neighbouring samples, and two triangles that may be equally deep between them.
 
-    - `before`, `after`: the triangle that lies in front at the first and at the second sample;
-      `after` is -1 in unused lanes.
-    - `is_down`: whether the second lies below the first, rather than to its right.
+    - `before`: the triangle that lies in front at the first sample.
+    - `after`: the triangle that lies in front at the second sample; -1 in unused lanes.
+    - `is_down`: whether the second sample lies below the first, rather than to its right.
     """
 
     before: Int[Array, " lanes"]
@@ -43,10 +44,12 @@ class SamplePairs(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """A group of candidates: pairs of samples, and the slot whose triangle shows at one of them.
+    """A group of candidates: pairs of samples, and the slot of the triangle that is visible at one.
 
-    - `slot`: counted from the first of the block.
-    - `is_used`: whether the lane holds a candidate, both of whose samples are on the canvas.
+    - `slot`: index of the slot in the block of slots that is searched.
+    - `first`, `second`: the samples; the second lies below the first if `is_down`, else to its
+      right.
+    - `is_used`: whether the lane holds a candidate, with both samples on the canvas.
     """
 
     slot: Int[Array, " lanes"]
@@ -59,20 +62,21 @@ class Candidates(NamedTuple):
 class PairSearch(eqx.Module):
     """A search for pairs of samples between which two triangles may interpenetrate.
 
-    A slot is a pair of a triangle and a tile, with one coverage word for each row of samples.
+    A slot is a triangle in a tile, with one coverage word for each row of samples of the tile.
+    Callers search blocks of slots, and pass the numbers of the slots of a block as `slot`.
     """
 
     @property
     @abc.abstractmethod
     def slot_count(self) -> int:
-        """Number of slots."""
+        """Number of slots, used or not."""
 
     @abc.abstractmethod
     def candidates(self, slot: Int[Array, " slots"]) -> UInt32[Array, "2 slots rows"]:
-        """Mark the first sample of each candidate pair of the slots.
+        """Mark the candidates of slots: words like coverage words, with a bit per first sample.
 
-        Entry 0 is for pairs with the sample to the right, entry 1 for those with the sample below.
-        Slots past the last have no candidates.
+        Entry 0 is for pairs whose second sample is to the right of the first, entry 1 for pairs
+        whose second sample is below. Slots past the last have no candidates.
         """
 
     @abc.abstractmethod
@@ -85,18 +89,24 @@ class PairSearch(eqx.Module):
     ) -> tuple[SamplePairs, Int[Array, ""]]:
         """Find the pairs of a group of candidates at which both triangles may cover both samples.
 
-        They fill the first lanes; also returns their number. `words` are the flattened `candidates`
-        of the slots, and `ends` counts them.
+        Returns the pairs, which fill the first lanes, and their number.
+
+        - `words`: the flattened `candidates` of the slots.
+        - `ends`: as returned by `count_candidates` for these words.
+        - `group`: number of the group, of `CANDIDATES` candidates each.
         """
 
     @abc.abstractmethod
     def color_changes(self, pairs: SamplePairs) -> Float[Array, "channels lanes"]:
-        """Change of the image from the first to the second sample of each pair, due to its line."""
+        """Change of the colour from the first to the second sample, due to the pair's triangles.
+
+        The result has no meaning in unused lanes.
+        """
 
 
 @materialized
 def count_candidates(words: UInt32[Array, " words"]) -> Int[Array, " words"]:
-    """Number of candidates up to the end of each word."""
+    """Number of candidates, the set bits, in each word and all words before it."""
     return cumulative_sum(jax.lax.population_count(words).astype(jnp.int32))
 
 
@@ -107,9 +117,10 @@ def decode_group(
     group: Int[Array, ""],
     tiling: Tiling,
 ) -> Candidates:
-    """Decode a group of the candidates in `words`, which `ends` counts.
+    """Decode one group of the candidates in `words`.
 
-    `slot_tiles` holds the tile of each slot of the block.
+    - `words`, `ends`, `group`: as in `PairSearch.pairs`.
+    - `slot_tiles`: tile of each slot of the block.
     """
     grid, rows = tiling.grid, tiling.sample_rows
     lane = group * CANDIDATES + jnp.arange(CANDIDATES, dtype=jnp.int32)
@@ -134,7 +145,10 @@ def decode_group(
 def keep_pairs(
     pairs: SamplePairs, is_pair: Bool[Array, " lanes"]
 ) -> tuple[SamplePairs, Int[Array, ""]]:
-    """Move the lanes with a pair to the front; also return their number."""
+    """Move the lanes in which `is_pair` holds to the front, and count them.
+
+    Returns the pairs, with an `after` of -1 in the lanes behind them, and their number.
+    """
     end = cumulative_sum(is_pair.astype(jnp.int32))
     lane = jnp.where(is_pair, end - 1, CANDIDATES)
     moved = jax.tree.map(
@@ -145,7 +159,7 @@ def keep_pairs(
 
 
 def _nth_bit(word: UInt32[Array, " lanes"], rank: Int[Array, " lanes"]) -> Int[Array, " lanes"]:
-    """Position of the set bit of each word that has `rank` set bits below it."""
+    """Position (0..31) of the set bit of each word that has `rank` set bits below it."""
     bit = jnp.zeros_like(rank)
     for width in (16, 8, 4, 2, 1):
         low = (word >> bit.astype(jnp.uint32)) & jnp.uint32((1 << width) - 1)

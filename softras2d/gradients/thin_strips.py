@@ -1,10 +1,10 @@
-"""Find what is visible in a strip between two triangles that is thinner than the sample distance.
+"""Find what is visible in a strip between two triangles that is thinner than the sample spacing.
 
 Two neighbouring samples may show two triangles that do not meet: each ends between the samples, and
 the strip between their edges shows a third triangle, or the background, that neither sample shows.
-Then this third one is the neighbour of both edges. To find it, every triangle in the list of the
-tile is tested at a point just outside the edge. Few crossings need that: they are gathered and
-processed in groups.
+Then the colour beyond each of the two edges is the colour of the strip. To find the third triangle,
+every triangle in the list of the tile is tested at a point just outside the edge. Few crossings
+need this test: they are gathered and processed in groups.
 """
 
 import functools
@@ -25,8 +25,8 @@ from .sample_colors import OpaqueSamples
 from .visible_front import address
 
 _OUTSIDE = 1.0 / 64
-"""Distance, in samples, from an edge to the point outside it that is tested. Thinner strips are
-ignored."""
+"""Distance, in samples, from an edge to the point outside it that is tested, along the line.
+Thinner strips are ignored."""
 
 
 def ends_before_edge(
@@ -37,8 +37,10 @@ def ends_before_edge(
 ) -> Bool[Array, "lines runs"]:
     """Whether the triangle that is visible at the sample outside ends before it reaches the edge.
 
-    - `triangle_outside`: that triangle, -1 for the background, which has no end.
-    - `shows_inside`: whether the edge's own triangle is visible at the sample inside.
+    - `triangle_outside`: the triangle that is visible at the sample outside, -1 for the background,
+      which does not end.
+    - `shows_inside`: whether the edge's own triangle is visible at the sample inside. Where it is
+      not, the result is false.
 
     At the border of the canvas both samples are the same, and show the edge's own triangle. The
     result is true there, so that what lies beyond the edge is searched for.
@@ -57,9 +59,11 @@ def fill_strips(
     is_strip: Bool[Array, "lines runs"],
     tiling: Tiling,
 ) -> tuple[Int[Array, "lines runs"], Bool[Array, "lines runs"]]:
-    """Find the triangle just outside each edge, and whether the edge is visible there.
+    """Find the triangle that is visible just outside each edge, and whether the edge is visible.
 
-    Without a strip (`is_strip`) these are `triangle_outside` and `is_visible`.
+    The triangle is -1 for the background. Where `is_strip` is false, the results are
+    `triangle_outside` and `is_visible` as they were given. Where it is true, every triangle in the
+    list of the tile is tested.
     """
     depth_of_edge = None
     if samples.depths is not None:
@@ -96,7 +100,7 @@ def _gather_crossings(
     outside: Sample,
     offset: Float[Array, "2 lines runs"],
 ) -> tuple[Int[Array, " lanes"], Sample, Float[Array, "2 lanes"]]:
-    """Gather the data of the crossings of a group."""
+    """Gather the edge's triangle, the sample outside and the offset of the crossings in `lanes`."""
     return (
         edge_triangle.reshape(-1).at[lanes].get(mode="clip"),
         Sample(*(entry.reshape(-1).at[lanes].get(mode="clip") for entry in outside)),
@@ -107,7 +111,10 @@ def _gather_crossings(
 def _offset_outside(
     crossings: Crossings,
 ) -> tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]]:
-    """Offset of the point just outside each edge from the sample outside, x and y in samples."""
+    """Offset, in samples along x and y, from the sample outside to a point just outside the edge.
+
+    The point lies `_OUTSIDE` samples beyond the crossing.
+    """
     along = crossings.gap + _OUTSIDE * crossings.outwards[None]
     is_row = crossings.along_row[None]
     zero = jnp.zeros_like(along)
@@ -117,7 +124,7 @@ def _offset_outside(
 def covers(
     edges: Edges, triangle: Int[Array, "*samples"], sample: Sample
 ) -> Bool[Array, "*samples"]:
-    """Whether triangles cover samples, their edges included."""
+    """Whether each triangle covers its sample, by the exact test of coverage."""
     inside = jnp.ones(triangle.shape, bool)
     for edge in edges:
         inside = inside & edge.gather(triangle).at(*sample).is_inside()
@@ -130,7 +137,10 @@ def _covers_near(
     sample: Sample,
     offset: tuple[Float[Array, "*samples"], Float[Array, "*samples"]],
 ) -> Bool[Array, "*samples"]:
-    """Whether triangles cover the points at an offset, in samples, of up to two from `sample`."""
+    """Whether each triangle covers the point at an offset from its sample, up to rounding.
+
+    The offset along x and y is in samples, at most two.
+    """
     inside = jnp.ones(triangle.shape, bool)
     x, y = (entry.astype(jnp.float32) for entry in offset)
     for edge in edges:
@@ -150,11 +160,15 @@ def _nearest_other(
     edge_depth: Float[Array, " lanes"] | None,
     tiling: Tiling,
 ) -> tuple[Int[Array, " lanes"], Bool[Array, " lanes"]]:
-    """Find the nearest triangle at each point, except the edge's own.
+    """Find the nearest triangle that covers each point, other than the edge's own triangle.
 
-    Returns this triangle, -1 where none covers the point, and whether the edge's own triangle lies
-    in front of it. `offset` leads from `sample` to the point, in samples. `edge_depth` is the depth
-    of `edge_triangle`; None without depth.
+    Returns this triangle, -1 where no other covers the point, and whether the edge's own triangle
+    lies in front of it; true where there is none.
+
+    - `edge_triangle`: the edge's own triangle.
+    - `sample`, `offset`: the point, as a sample and the offset from it along x and y, in samples.
+    - `edge_depth`: depth of `edge_triangle` on the edge; None without depth, where the triangle
+      that is drawn last is nearest.
     """
     chunks, depths = samples.front.chunks, samples.depths
     area = None
@@ -199,7 +213,7 @@ def _nearest_other(
 def _locate_slots(
     chunks: Chunks, sample: Sample, tiling: Tiling
 ) -> tuple[Int[Array, " lanes"], Int[Array, " lanes"]]:
-    """First slot and number of slots of each sample's tile."""
+    """First slot and number of slots of each sample's tile, as indices of flattened chunks."""
     layers = chunks.triangle.shape[1]
     tile = address(sample, tiling)[0]
     return chunks.first[tile] * layers, chunks.count[tile] * layers
@@ -213,7 +227,10 @@ def _depth_near(
     offset: Float[Array, "2 lanes"],
     tiling: Tiling,
 ) -> Float[Array, " lanes"]:
-    """Depth of triangles at the points at an offset, in samples, from `sample`."""
+    """Depth of each triangle at a point, given as a sample and an offset from it in samples.
+
+    `area` is `twice_area` of all triangles.
+    """
     column, row = sample
     at_sample, at_right, at_below = (
         weights_and_depth(depths, area, triangle, point, tiling)[1]

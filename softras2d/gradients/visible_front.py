@@ -1,4 +1,4 @@
-"""Which triangle is visible at a sample of an opaque scene; its colour there and on its edges."""
+"""Find the visible triangle at a sample of an opaque scene, and colours at samples and on edges."""
 
 import functools
 from typing import NamedTuple
@@ -17,10 +17,12 @@ from .crossings import Sample
 
 
 class Front(NamedTuple):
-    """Visible samples of an opaque scene, as `coverage.sampled.remove_hidden` leaves them.
+    """Visible samples of an opaque scene, from `coverage.sampled.remove_hidden`.
 
-    - `visible`: the samples of each slot that no nearer slot of its tile covers.
-    - `covered_so_far`: the samples that each chunk, and those before it in its tile, cover.
+    - `visible`: the samples at which the triangle of each slot is visible.
+    - `covered_so_far`: the samples that the triangles of each chunk, or of a chunk before it in its
+      tile, cover. Under a depth test, samples that fail it do not count.
+    - `chunks`: the slots, with their triangles and tiles.
     """
 
     visible: UInt32[Array, "chunks layers rows"]
@@ -31,7 +33,10 @@ class Front(NamedTuple):
 def triangle_at(
     front: Front, sample: Sample, tiling: Tiling, *, max_chunks: int
 ) -> Int[Array, "*samples"]:
-    """The triangle that is visible at each sample, -1 for the background."""
+    """The triangle that is visible at each sample, -1 for the background.
+
+    `max_chunks` is as in `slot_at`.
+    """
     slot = slot_at(front, sample, tiling, max_chunks=max_chunks)
     return _triangle_of_slot(front.chunks.triangle.reshape(-1), slot)
 
@@ -47,7 +52,11 @@ def _triangle_of_slot(
 def slot_at(
     front: Front, sample: Sample, tiling: Tiling, *, max_chunks: int
 ) -> Int[Array, "*samples"]:
-    """The slot whose triangle is visible at each sample, -1 for the background."""
+    """The slot whose triangle is visible at each sample, -1 for the background.
+
+    Slots are numbered chunk by chunk, as in the flattened `front.chunks.triangle`. `max_chunks` is
+    an upper bound on the number of chunks of a tile, a power of two.
+    """
     rows, layers = front.covered_so_far.shape[1], front.visible.shape[1]
     first, count, word_index, bit = _locate_chunks(front.chunks, sample, tiling)
     covered_words = front.covered_so_far.reshape(-1)
@@ -67,7 +76,10 @@ def _locate_chunks(
     Int[Array, "*samples"],
     UInt32[Array, "*samples"],
 ]:
-    """First chunk and number of chunks of each sample's tile; word and bit as in `address`."""
+    """Return the first chunk and number of chunks of each sample's tile, and its word and bit.
+
+    The word and the bit are as returned by `address`.
+    """
     tile, word_index, bit = address(sample, tiling)
     return gather(chunks.first, tile), gather(chunks.count, tile), word_index, bit
 
@@ -83,11 +95,14 @@ def _covering_chunk(
     rows: int,
     max_chunks: int,
 ) -> Int[Array, "*samples"]:
-    """Find the first chunk of each tile that covers the sample, -1 for none.
+    """Find the first chunk of each sample's tile that covers the sample, -1 for none.
 
-    `covered_words` is `Front.covered_so_far`, with `rows` words per chunk.
+    - `covered_words`: `Front.covered_so_far`, flattened, with `rows` words per chunk.
+    - `first`, `count`, `word_index`, `bit`: as returned by `_locate_chunks`.
+    - `max_chunks`: upper bound on `count`, a power of two.
     """
-    # The chunks before it are counted by binary search: later chunks cover what earlier ones do.
+    # The chunks before it are counted by binary search: each entry of `covered_words` includes what
+    # the earlier chunks of its tile cover.
     uncovered = jnp.zeros_like(first)
     step = max_chunks
     while step:
@@ -110,9 +125,10 @@ def _visible_slot(
     rows: int,
     layers: int,
 ) -> Int[Array, "*samples"]:
-    """Find the slot of each chunk that is visible at the sample, -1 for none.
+    """Find the slot, in the given chunk, that is visible at each sample.
 
-    `visible_words` is `Front.visible`, with `rows` words per slot and `layers` slots per chunk.
+    The result is -1 where no slot of the chunk is, or where `chunk` is -1. `visible_words` is
+    `Front.visible`, flattened, with `rows` words per slot and `layers` slots per chunk.
     """
     visible_slot = jnp.full(chunk.shape, -1, jnp.int32)
     valid_chunk = jnp.maximum(chunk, 0)
@@ -125,16 +141,16 @@ def _visible_slot(
 
 
 def gather(values: Shaped[Array, " n"], index: Int[Array, "*samples"]) -> Shaped[Array, "*samples"]:
-    """The values at indices 0..n-1, which are not checked: elsewhere the result is undefined."""
+    """Gather values by indices in 0..n-1. These are not checked: others give undefined results."""
     return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def address(
     sample: Sample, tiling: Tiling
 ) -> tuple[Int[Array, "*samples"], Int[Array, "*samples"], UInt32[Array, "*samples"]]:
-    """Index of each sample's tile, of its coverage word in the tile, and of its bit in the word."""
+    """Return the tile of each sample, and its coverage word in the tile and bit in the word."""
     rate = tiling.grid.rate
-    # Without a sign, division by a constant is a shift, or a product and a shift.
+    # For unsigned integers, division by a constant is a shift, or a product and a shift.
     column, row = (axis.astype(jnp.uint32) for axis in sample)
     tile = (row // tiling.sample_rows) * tiling.columns + column // tiling.sample_columns
     # The inverse of `coverage.sampled.row_order`.
@@ -153,9 +169,10 @@ def color_at(
     *,
     flat: bool,
 ) -> Float[Array, "channels lines runs"]:
-    """Colour of a triangle at a sample, or the background where `triangle` is -1.
+    """Colour of a triangle at each sample, or the background where `triangle` is -1.
 
-    With `flat` it is the triangle's one colour, with straight alpha; else it is premultiplied.
+    The triangle need not cover the sample. `flat` says that each triangle of the surface has one
+    colour. Then alpha is straight; else colours are premultiplied.
     """
     valid_triangle = jnp.maximum(triangle, 0)
     if flat:
@@ -179,7 +196,7 @@ def _or_background(
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def _points_in_tile(sample: Sample, tiling: Tiling) -> tuple[Int[Array, " lanes"], Points]:
-    """Tile of each sample, and its position in the tile; one lane per sample."""
+    """Tile of each sample, and its column and row in the tile, flattened to one lane per sample."""
     tile = address(sample, tiling)[0]
     points = sample.column % tiling.sample_columns, sample.row % tiling.sample_rows
     return tile.reshape(-1), Points(None, *(axis.reshape(-1) for axis in points))
@@ -195,7 +212,10 @@ def _flat_color(
 def edge_weights(
     edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
 ) -> tuple[Float[Array, "lines runs"], Float[Array, "lines runs"], Float[Array, "lines runs"]]:
-    """Weights of the three corners at the fraction `t` (0..1) along edge `3 triangle + side`."""
+    """Weights of the three corners at the fraction `t` (0..1) along each run's edge.
+
+    Edges are numbered 3 triangle + side.
+    """
     side = (edge % 3)[None]
     start, end, zero = 1.0 - t, t, jnp.zeros_like(t)
 
@@ -215,10 +235,11 @@ def color_on_edge(
     *,
     flat: bool,
 ) -> Float[Array, "channels lines runs"]:
-    """Colour of each edge's triangle on the edge, the fraction `t` (0..1) along it.
+    """Colour of each edge's triangle on the edge, at the fraction `t` (0..1) along it.
 
-    With `flat` it has straight alpha; else it is premultiplied. Where a triangle is thinner than
-    the distance of samples, its colour anywhere but on its edges would be extrapolated.
+    Edges are numbered 3 triangle + side. `flat` says that each triangle of the surface has one
+    colour. Then alpha is straight; else colours are premultiplied. The colour is not taken at a
+    sample, where the colour of a triangle thinner than the sample spacing would be extrapolated.
     """
     triangle = jnp.broadcast_to((edge // 3)[None], t.shape)
     if flat:
