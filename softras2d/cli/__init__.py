@@ -1,7 +1,7 @@
 """The command line: `softras2d render`, `view`, `fit`, `fit-batch`, `compare`, `info`, `demo`.
 
-There is one file per command. Heavy packages (JAX, OpenImageIO) are imported inside the commands,
-so that `--help` answers at once.
+Each command is in a separate file. Heavy packages (JAX, OpenImageIO) are imported when a command
+runs, so that `--help` answers at once.
 """
 
 import sys
@@ -61,8 +61,9 @@ def _about(
 
 
 def main() -> None:
-    """Run the command line. Exit code: 0, 1 (failed), 2 (wrong usage) or 130 (interrupted).
+    """Run the command line, and exit with a code.
 
+    The code is 0 after success, 1 after an error, 2 for wrong usage, and 130 after Ctrl-C.
     `compare` exits like `diff`: with 1 if the images differ, and with 2 after any error.
     """
     try:

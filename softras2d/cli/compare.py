@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from ..comparison.compare import Comparison
 
 _DRAWING = ".svg"
-"""Suffix of the files that are rendered; all others are read as images."""
+"""Suffix of the files that are rendered; all other files are read as images."""
 
 _SAMPLES = 16
-"""Samples per pixel of a drawing by default."""
+"""Default number of samples per pixel at which a drawing is rendered."""
 
 Actual = Annotated[Path, typer.Argument(metavar="A.png", show_default=False, help="Image to test.")]
 Expected = Annotated[
@@ -105,7 +105,10 @@ def compare_files(
 def _exact_image(
     drawing: Path, image: "np.ndarray", samples: int, dialect: names.SvgDialect
 ) -> "np.ndarray":
-    """Render a drawing at the size of `image`, and as precisely as `image` is stored."""
+    """Render a drawing at the size of `image`, with `samples` samples per pixel.
+
+    If all values of `image` are levels of 8 bits, the result is rounded to such levels too.
+    """
     from ..io.images import round_to_levels
     from .render_steps import make_plan, read_scene, render_image
 
@@ -119,7 +122,7 @@ def _exact_image(
 
 
 def _print(comparison: "Comparison", actual: Path, expected: Path) -> None:
-    """Print the measures as a table, under a line that says whether the images match."""
+    """Print a line that says whether the images match, and a table of the measures."""
     console = Console(highlight=False, soft_wrap=True)
     verdict, style = ("matches", "green") if comparison.matches else ("differs from", "bold red")
     console.print(f"{actual} {verdict} {expected}", style=style, markup=False)

@@ -10,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from .session import session
 
 _RATES = (1, 4, 16)
-"""Samples per pixel."""
+"""Numbers of samples per pixel at which each scene is rendered."""
 
 
 def make_demo(

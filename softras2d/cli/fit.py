@@ -71,8 +71,8 @@ def fit_picture(
     130. After a second Ctrl-C nothing more is written. Only the last checkpoint remains, in the
     file of `-o FIT.npz`.
     """
-    # The user's time limit includes the import of Python and this package, so the start is that of
-    # the process.
+    # The user's time limit includes the start of Python and the import of this package, so it is
+    # counted from the start of the process.
     start_seconds = time.perf_counter() - time.process_time()
     given: dict[str, Any] = {
         "triangles": triangles, "family": family, "shading": shading, "translucent": translucent,
@@ -109,7 +109,11 @@ def fit_picture(
 
 
 def _parse_texts(given: dict[str, Any]) -> dict[str, Any]:
-    """Parse the options that are texts of numbers or colours; return all settings of the fit."""
+    """Parse the options in `given` that are texts of numbers or colours.
+
+    Returns `given` with the parsed values in place of the texts. Raises `ValueError` for texts that
+    cannot be parsed.
+    """
     return given | {
         "softness": _parse_softness(given["softness"]),
         "palette": fit_steering.parse_palette(given["palette"]),
@@ -119,7 +123,10 @@ def _parse_texts(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _check_picture(pictures: list[Path], options: PictureOptions) -> None:
-    """Raise `ValueError` for more than one picture, and for outputs that cannot be written."""
+    """Raise `ValueError` for more than one picture, and for outputs that cannot be written.
+
+    `pictures` are all pictures that the user has named.
+    """
     if len(pictures) > 1:
         raise ValueError(
             f"{pictures[1]}: more than one picture. For a film of these frames, add --animation "
@@ -133,9 +140,10 @@ def _check_picture(pictures: list[Path], options: PictureOptions) -> None:
 
 
 def _default_output(target: Path | None) -> Path:
-    """Path of the output if none is given: an SVG beside the photo, or standard output.
+    """Path of the output if the user gives none: an SVG beside the picture `target`.
 
-    It is standard output if the photo is standard input.
+    It is standard output if the picture comes from standard input, and `valley.fit.svg` in the
+    current folder for the bundled picture (None).
     """
     if target == STANDARD_STREAM:
         return STANDARD_STREAM
@@ -154,7 +162,10 @@ def _check_arguments(settings: dict[str, Any], steps: int | None, seconds: float
 
 
 def _warn_of_ignored(options: dict[str, Any], console: Console) -> None:
-    """Warn of options that were given, but do not apply to a resumed fit."""
+    """Warn of options that were given, but have no effect on a resumed fit.
+
+    `options` are the values of all options that the saved fit determines.
+    """
     ignored = _list_changed_options(options)
     if ignored:
         message = f"{ignored}: ignored, because --resume takes the settings from the file"
@@ -162,20 +173,27 @@ def _warn_of_ignored(options: dict[str, Any], console: Console) -> None:
 
 
 def _list_changed_options(options: dict[str, Any]) -> str:
-    """Names of the options whose values differ from their defaults, as text for a message."""
+    """Names of those `options` whose values differ from their defaults, as text for a message.
+
+    The keys are names of parameters of `fit_picture`. Empty if there is no difference.
+    """
     defaults = inspect.signature(fit_picture).parameters
     changed = [name for name, value in options.items() if value != defaults[name].default]
     return ", ".join("-n" if name == "triangles" else f"--{name}" for name in changed)
 
 
 _FILM_SETTINGS = ("triangles", "shading", "translucent", "size", "seed", "softness", "light")
-"""Parameters of `fit_picture` that `fit_frames` has too."""
+"""Parameters of `fit_picture` that are passed on to `fit_frames` for a film."""
 
 
 def _check_film(
     frames: list[Path], animation: Path, digits: int | None, options: dict[str, Any]
 ) -> None:
-    """Raise `ValueError` for a film that cannot be written, and for options that films lack."""
+    """Raise `ValueError` for a film that cannot be written, and for options that films lack.
+
+    - `frames`: the pictures of the film; there must be one at least.
+    - `options`: the values of all options of a fit.
+    """
     check_animation(animation)
     if not frames:
         raise ValueError(f"{animation}: --animation needs the frames of a film.")
@@ -196,7 +214,15 @@ def _fit_film(
     console: Console,
     bar: FitBar,
 ) -> None:
-    """Fit a film, and write its animation."""
+    """Fit a film, write its animation, and print a line about it.
+
+    - `frames`: the pictures of the film.
+    - `settings`: all settings of the fit, of which only `_FILM_SETTINGS` are used.
+    - `steps`: optimizer steps of the first frame, or None for the default.
+    - `start_seconds`: when the process began, on the clock of `time.perf_counter`.
+
+    Raises `KeyboardInterrupt` at the end if the fit was interrupted.
+    """
     bar.show("loading JAX")
     from ..numerics.compilation_cache import keep_compiled_programs
     from .fit_film import film_summary, fit_film, write_film

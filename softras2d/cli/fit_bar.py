@@ -1,4 +1,4 @@
-"""The progress bar of `softras2d fit`."""
+"""Shows the progress bar of `softras2d fit`."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,8 +11,8 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 class FitBar:
     """Shows what the command is doing, and how far the fit is.
 
-    - `followers`: objects whose method `add` takes each progress report.
-    - `shares`: how far the fit was at each report, 0..1.
+    - `followers`: objects whose method `add` is called with each progress report.
+    - `shares`: how far the fit was at each progress report, in 0..1.
     """
 
     def __init__(self, progress: Progress, task: TaskID):
@@ -21,11 +21,11 @@ class FitBar:
         self._progress, self._task = progress, task
 
     def show(self, status: str) -> None:
-        """Show what the command is doing, beside the bar."""
+        """Show the text `status`, which says what the command is doing, beside the bar."""
         self._progress.update(self._task, status=status)
 
     def advance(self, share: float, status: str) -> None:
-        """Show how far the work is, 0..1, and a status."""
+        """Show how far the work is, as a share in 0..1, and the text `status` beside the bar."""
         self._progress.update(self._task, completed=share, status=status)
 
     def report(self, report: Any) -> None:
@@ -49,7 +49,7 @@ class FitBar:
 
 @contextmanager
 def fit_bar(console: Console) -> Iterator[FitBar]:
-    """Show a progress bar on a terminal, which disappears at the end of the body."""
+    """Show a progress bar during the body, if the console is a terminal; yields its `FitBar`."""
     columns = (
         TextColumn("fitting"),
         BarColumn(),

@@ -144,7 +144,11 @@ def fit_folder(
 
 
 def _join(coordinator: str | None, processes: int | None, process: int | None) -> tuple[int, int]:
-    """Join the other processes; returns the number of this process, and that of all of them."""
+    """Join the other processes; returns the index of this process and the number of processes.
+
+    The arguments are the values of `--coordinator`, `--processes` and `--process`. Without a
+    coordinator there is one process. Raises `ValueError` if one of the options is missing.
+    """
     if coordinator is None:
         if processes is not None or process is not None:
             raise ValueError("--processes and --process need --coordinator.")
@@ -166,7 +170,7 @@ def _join(coordinator: str | None, processes: int | None, process: int | None) -
 
 
 def _local_devices() -> Any:
-    """The devices of this process, or None if there is one."""
+    """The JAX devices of this process, or None if it has only one."""
     import jax
 
     devices = jax.local_devices()
@@ -179,7 +183,10 @@ def _mean_psnr(done: list[Any]) -> float:
 
 @contextmanager
 def _progress_bar(console: Console, total: int, done: list[Any]) -> Iterator[Any]:
-    """Show a progress bar; yields the function to call when `done` has one more picture."""
+    """Show a progress bar; yields the function to call after a picture was appended to `done`.
+
+    `total` is the number of pictures of this process, including those that were done before.
+    """
     columns = (
         TextColumn("fitting"),
         BarColumn(),
@@ -201,7 +208,11 @@ def _progress_bar(console: Console, total: int, done: list[Any]) -> Iterator[Any
 
 
 def _print_summary(output: Path, done: list[Any], skipped: int) -> None:
-    """Print one line about the pictures of this process."""
+    """Print one line about the pictures of this process.
+
+    `done` has the scores of each picture that is finished; `skipped` is the number of those that an
+    earlier command has fitted.
+    """
     text = f"{output}: {len(done) - skipped} pictures fitted, {skipped} were done before"
     if done:
         text += f", mean PSNR {_mean_psnr(done):.2f} dB"

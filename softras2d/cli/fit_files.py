@@ -1,4 +1,4 @@
-"""The files that `softras2d fit` writes. Imports JAX: for use within a command."""
+"""Writes the files of `softras2d fit`. Imports JAX: for use within a command."""
 
 import sys
 import tempfile
@@ -24,18 +24,22 @@ from ..scene import Scene
 from .fit_paths import COMPACT, STANDARD_STREAM
 
 _MAX_FRAMES = 40
-"""Scenes of the fit that an animation shows, before the last one."""
+"""Number of frames of an animation before the last one; they are evenly spaced over the fit."""
 
 _MAX_SIDE = 320
-"""Longer side of an animation, in pixels."""
+"""Maximum length of the longer side of an animation, in pixels."""
 
 
 def write_all(
     paths: list[Path], result: FitResult, frames: "AnimationFrames | None", digits: int | None
 ) -> None:
-    """Write every file, also after one of them failed; then raise `ValueError` for those.
+    """Write every file of a fit, in the formats that their suffixes name.
 
-    `digits`: decimals of coordinates in an SVG; None: all.
+    - `frames`: the frames of an animation; None if none is to be written.
+    - `digits`: decimals of coordinates in an SVG; None for exact numbers.
+
+    If a file cannot be written, the others are still written. Then `ValueError` is raised, which
+    names all files that failed.
     """
     failures = []
     for path in paths:
@@ -77,7 +81,7 @@ def _write(
 
 
 def size_note(path: Path, result: FitResult) -> str:
-    """The size of a compact file; continues the line of scores."""
+    """The size of the compact file `path`, as text that continues the line of scores."""
     size = path.stat().st_size
     bits = 8 * size / (result.height * result.width)
     return f"; {path} has {size} bytes, {bits:.3f} bits per pixel"
@@ -86,8 +90,8 @@ def size_note(path: Path, result: FitResult) -> str:
 def browser_note(result: FitResult) -> str:
     """Describe how close the SVG in a browser comes to the fit; continues the line of scores.
 
-    The number is an estimate made without a browser: the scene is drawn in the colours that the
-    SVG's gradients can express.
+    The PSNR in the text is estimated without a browser: the scene is drawn in the colours that the
+    gradients of the SVG can express, and compared with the image of the fit.
     """
     note = "; a browser shows the SVG "
     shown = in_browsers(result.scene)
@@ -98,19 +102,22 @@ def browser_note(result: FitResult) -> str:
 
 
 class AnimationFrames:
-    """Scenes collected during a fit, evenly spaced over its duration, and drawn at its end."""
+    """Collects scenes during a fit, evenly spaced over its duration, for an animation at its end.
+
+    `size` is the (height, width) of the picture to fit, in pixels.
+    """
 
     def __init__(self, size: tuple[int, int]):
         self._height, self._width = size
         self._scenes: list[tuple[float, Scene]] = []
 
     def add(self, moment: ProgressReport) -> None:
-        """Keep the current scene if the fit has advanced by one frame since the last one kept."""
+        """Store the scene of a progress report if the fit has advanced enough for another frame."""
         if not self._scenes or moment.share - self._scenes[-1][0] >= 1 / _MAX_FRAMES:
             self._scenes.append((moment.share, moment.scene()))
 
     def write(self, path: Path, last: Scene) -> None:
-        """Write the animation, which ends with the scene `last`."""
+        """Draw the stored scenes, and then the scene `last`, and write them as a GIF."""
         scenes = [scene for _, scene in self._scenes]
         images = small_images(scenes, self._height, self._width) if scenes else []
         # The last scene has another number of triangles.
@@ -118,7 +125,11 @@ class AnimationFrames:
 
 
 def small_images(scenes: list[Scene], height: int, width: int) -> list[Image]:
-    """Draw scenes of equal shapes, of a `height` x `width` canvas, at the size of an animation."""
+    """Draw scenes at the size of an animation: at most `_MAX_SIDE` pixels on the longer side.
+
+    The scenes have arrays of equal shapes, and a canvas of `height` x `width` pixels. Returns RGB
+    images.
+    """
     scale = min(1.0, _MAX_SIDE / max(height, width))
     rows, columns = (max(1, round(side * scale)) for side in (height, width))
     scaled = [_scaled(scene, scale) for scene in scenes]

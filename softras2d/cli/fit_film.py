@@ -1,4 +1,4 @@
-"""Fits the frames of a film, for `softras2d fit frames/*.png --animation OUT`. Imports JAX."""
+"""Fits the frames of a film, for `softras2d fit --animation`. Imports JAX: for use in a command."""
 
 import time
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from .fit_files import small_images
 from .fit_options import FilmOptions
 
 _FIRST_STEPS = 500
-"""Solver steps of the first frame, unless --steps says another number."""
+"""Solver steps of the first frame, unless `--steps` gives another number."""
 
 
 def fit_film(
@@ -29,9 +29,14 @@ def fit_film(
     steps: int | None,
     bar: FitBar,
 ) -> tuple[list[FitResult], list[Image]]:
-    """Fit the frames in these files; returns the results, and the targets.
+    """Fit the frames in these files; returns a result for each frame, and the images fitted.
 
-    `settings`: arguments of `fit_frames`. Raises `ValueError` for frames of unequal sizes.
+    - `settings`: arguments of `fit_frames` other than steps and those in `options`.
+    - `steps`: solver steps of the first frame, or None for the default.
+    - `bar`: shows how many frames are done.
+
+    After Ctrl-C, both lists have only the frames that are done. Raises `ValueError` for frames of
+    unequal sizes.
     """
     targets = read_frames(frames)
 
@@ -47,7 +52,11 @@ def fit_film(
 
 
 def read_frames(paths: Sequence[Path]) -> list[Image]:
-    """Read the frames of a film; raises `ValueError` for one that is not as large as the first."""
+    """Read the frames of a film as images of one shape.
+
+    If some frames have alpha, an alpha of 1 is added to the others. Raises `ValueError` for a frame
+    that is not as large as the first.
+    """
     images = [read_image(path) for path in paths]
     height, width = images[0].shape[:2]
     for path, image in zip(paths, images, strict=True):
@@ -65,7 +74,7 @@ def read_frames(paths: Sequence[Path]) -> list[Image]:
 
 
 def write_film(options: FilmOptions, results: Sequence[FitResult]) -> None:
-    """Write the animation, as an SVG or a GIF."""
+    """Write the animation, as a GIF if its suffix is `.gif`, else as an SVG."""
     scenes = [result.scene for result in results]
     height, width = results[0].height, results[0].width
     if options.animation.suffix.lower() == ".gif":
@@ -88,7 +97,11 @@ def film_summary(
     targets: Sequence[Image],
     start_seconds: float,
 ) -> str:
-    """One line about a film: its file, its scores, and the seconds since `start_seconds`."""
+    """One line about a film: its file, its scores, and the time since `start_seconds`.
+
+    `start_seconds` is on the clock of `time.perf_counter`. The line includes the flicker, unless
+    the film has one frame or no pixel that stands still.
+    """
     elapsed = time.perf_counter() - start_seconds
     psnr = float(np.mean([result.psnr for result in results]))
     changes = 255 * flicker([result.image for result in results], targets)

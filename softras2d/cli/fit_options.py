@@ -14,11 +14,11 @@ SEARCH = "The optimisation"
 _FILM = "Films"
 
 SECONDS = 30.0
-"""Time limit of a command that is given neither seconds nor steps."""
+"""Time limit, in seconds, of a command that is given neither `--seconds` nor `--steps`."""
 
 
 class Rectangle(NamedTuple):
-    """A rectangle of whole pixels: its left and upper edges, and its size."""
+    """A rectangle of whole pixels. `x` and `y` are its left and upper edges."""
 
     x: int
     y: int
@@ -27,7 +27,10 @@ class Rectangle(NamedTuple):
 
 
 def parse_rectangle(text: str | Rectangle) -> Rectangle:
-    """Parse `X,Y,WIDTH,HEIGHT`: whole numbers, the last two above 0."""
+    """Parse `X,Y,WIDTH,HEIGHT`: four whole numbers; width and height must be above 0.
+
+    A `Rectangle` is returned as it is. Raises `typer.BadParameter` for other text.
+    """
     if isinstance(text, Rectangle):
         return text
     try:
@@ -241,7 +244,14 @@ Browser = Annotated[
 
 
 class FilmOptions(NamedTuple):
-    """Values of the options that only films have, and of `--digits`."""
+    """Values of the options that apply to films alone, and of `--digits`.
+
+    - `animation`: file to write.
+    - `frame_steps`: optimizer steps of each frame after the first.
+    - `temporal`: weight of changes where the film stands still, relative to errors.
+    - `fps`: frames per second of the animation.
+    - `digits`: decimals of coordinates in an SVG; None for the default.
+    """
 
     animation: Path
     frame_steps: int
@@ -251,10 +261,11 @@ class FilmOptions(NamedTuple):
 
 
 class PictureOptions(NamedTuple):
-    """Values of the options for one picture that are no settings of the fit itself.
+    """Values of the options for one picture that are not settings of the optimisation.
 
-    - `target`: the picture to fit; None: a bundled one; `-`: standard input.
-    - The others are those of the options with these names.
+    - `target`: the picture to fit; None for a bundled one, `-` for standard input.
+    - `outputs`: the files to write, from `--output`.
+    - The other fields have the names of their options.
     """
 
     target: Path | None
@@ -269,7 +280,7 @@ class PictureOptions(NamedTuple):
 
     @property
     def values(self) -> dict[str, object]:
-        """What the user gave for arguments of `fit`, to be named in its errors."""
+        """The values that the user gave for some arguments of `fit`, for `errors_name_options`."""
         return {
             "target": self.target or BUNDLED, "weights": self.weights, "start": self.start,
             "resume": self.resume,

@@ -1,4 +1,4 @@
-"""The files that `softras2d fit` is given, checked before JAX is loaded."""
+"""Checks the files that `softras2d fit` is given, before JAX is loaded."""
 
 import os
 from collections.abc import Sequence
@@ -9,25 +9,25 @@ from .. import names
 from ..io.outputs import WRITABLE, check_writable_path
 
 STANDARD_STREAM = Path("-")
-"""Standard input or standard output, in place of a file."""
+"""The path `-`, which means standard input or standard output instead of a file."""
 
 BUNDLED = "valley"
-"""Name of the bundled picture that is fitted if the command names none."""
+"""Name of the bundled picture that is fitted if the user names no picture."""
 
 COMPACT = ".s2d"
-"""Suffix of compact binary files."""
+"""Suffix of compact binary files of scenes."""
 
 SUFFIXES = (".svg", *WRITABLE, ".gif", ".npz", COMPACT, ".json")
 """Suffixes of the files that the command writes."""
 
 
 def find_suffix(paths: Sequence[Path], suffix: str) -> Path | None:
-    """The first path with a suffix, in either case; None if there is none."""
+    """The first path with this suffix, whether in upper or lower case; None if there is none."""
     return next((path for path in paths if path.suffix.lower() == suffix), None)
 
 
 def check_input(path: Path | None) -> None:
-    """Raise `ValueError` unless a file that was named exists."""
+    """Raise `ValueError` unless a file exists. None and `-` are accepted."""
     if path is None or path == STANDARD_STREAM or path.is_file():
         return
     if path.is_dir():
@@ -38,9 +38,9 @@ def check_input(path: Path | None) -> None:
 
 
 def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
-    """Raise `ValueError` for a file that cannot be written, before the work of a fit.
+    """Raise `ValueError` if one of `paths` cannot be written, or is given twice.
 
-    `inputs` maps files that must not be overwritten to their roles, for the message.
+    `inputs` are files that must not be overwritten, with the role of each for the message.
     """
     for path in paths:
         if path == STANDARD_STREAM:
@@ -58,7 +58,7 @@ def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
 
 
 def check_digits(digits: int | None, paths: Sequence[Path]) -> None:
-    """Raise `ValueError` for `--digits` unless one of the files to be written is an SVG."""
+    """Raise `ValueError` if `digits` is given and none of `paths`, the outputs, is an SVG."""
     is_svg = STANDARD_STREAM in paths or find_suffix(paths, ".svg") is not None
     if digits is not None and not is_svg:
         names_of_files = ", ".join(map(str, paths))
@@ -66,7 +66,10 @@ def check_digits(digits: int | None, paths: Sequence[Path]) -> None:
 
 
 def check_start(text: str, family: str) -> None:
-    """Raise `ValueError` unless `--start` is a name, or a file of a kind that the family takes."""
+    """Raise `ValueError` unless `text`, the value of `--start`, is a known name or kind of file.
+
+    Both families can start from an `.npz`, and `layers` also from an `.svg`.
+    """
     starts = get_args(names.FitStart)
     suffix = Path(text).suffix.lower()
     if text in starts or suffix == ".npz" or (suffix == ".svg" and family == "layers"):
@@ -76,7 +79,7 @@ def check_start(text: str, family: str) -> None:
 
 
 def check_animation(path: Path) -> None:
-    """Raise `ValueError` for an animation that cannot be written."""
+    """Raise `ValueError` if an animation cannot be written to `path`, for its suffix or folder."""
     if path.suffix.lower() not in (".svg", ".gif"):
         raise ValueError(f"{path}: the suffix of an animation must be .svg or .gif.")
     check_writable_path(path)

@@ -27,13 +27,14 @@ from .stopping import announce_signals
 from .view import import_server, shown_address
 
 _ANIMATION_SECONDS = 5.0
-"""Time reserved for drawing an animation; at most three tenths of the time limit."""
+"""Seconds reserved for drawing an animation; at most three tenths of the time limit."""
 
 _BROWSER_SECONDS = 4.0
-"""Time reserved for drawing an SVG's gradients as browsers do; at most a fifth of the limit."""
+"""Seconds reserved for drawing an SVG's gradients as browsers do; at most a fifth of the time
+limit."""
 
 _LAST_PICTURE_SECONDS = 10.0
-"""Longest time to wait until the page that watches a fit has its last picture."""
+"""Maximum number of seconds to wait until the page that shows the fit has its last image."""
 
 
 def fit_single_picture(
@@ -48,7 +49,9 @@ def fit_single_picture(
     """Fit one picture, write its files, and print a line about them.
 
     - `settings`: arguments of `fit`, other than those in `options`.
-    - `seconds`: time limit of the whole command, which started at `start_seconds`.
+    - `steps`: number of steps after which the fit stops, or None.
+    - `seconds`: time limit of the whole command, or None. Without `steps` it is 30 s by default.
+    - `start_seconds`: when the process began, on the clock of `time.perf_counter`.
 
     Raises `KeyboardInterrupt` at the end if the fit was interrupted.
     """
@@ -92,7 +95,10 @@ def fit_single_picture(
 
 
 def _check_alpha(outputs: list[Path], picture: Any, background: Any) -> None:
-    """Raise `ValueError` for a JPEG of a picture with alpha, or of a transparent background."""
+    """Raise `ValueError` if one of `outputs` is a JPEG and the result of the fit will have alpha.
+
+    It will if `picture` has translucent pixels, and if `background` is `"transparent"`.
+    """
     for path in outputs:
         if background == "transparent" and path.suffix.lower() in (".jpg", ".jpeg"):
             raise ValueError(f"{path}: JPEG stores no alpha, which --background transparent needs.")
@@ -103,7 +109,11 @@ def _check_alpha(outputs: list[Path], picture: Any, background: Any) -> None:
 
 
 def _check_more_steps(steps: int, earlier: Any, resume: Path | None, console: Console) -> None:
-    """Warn if a resumed fit has taken all of the steps that the user asks for."""
+    """Warn if a resumed fit has already taken `steps` steps, so that none is left.
+
+    - `earlier`: the `FitResult` of the saved fit.
+    - `resume`: the file from which it was read.
+    """
     taken = earlier.history[-1].steps if earlier.history else 0
     if steps <= taken:
         message = (
@@ -114,7 +124,7 @@ def _check_more_steps(steps: int, earlier: Any, resume: Path | None, console: Co
 
 
 def _read_picture(target: Path | None) -> Any:
-    """Read the picture to fit: a file, standard input, or a bundled picture."""
+    """Read the picture to fit: a file, standard input (`-`), or the bundled picture (None)."""
     if target == STANDARD_STREAM:
         return decode_image(sys.stdin.buffer.read(MAX_IMAGE_BYTES), "-")
     return read_image(pictures.path(BUNDLED) if target is None else target)
@@ -128,10 +138,12 @@ def _has_corner_colors(family: str, shading: str | None) -> bool:
 def _seconds_of_fit(
     seconds: float | None, start_seconds: float, animation: bool, gradients: bool
 ) -> float:
-    """Seconds that are left for the fit itself.
+    """Seconds that are left for the fit itself, at least 0.001.
 
-    - `seconds`: time limit of the whole command, which started at `start_seconds`.
-    - `animation`, `gradients`: whether an animation, or an SVG with gradients, is drawn afterwards.
+    - `seconds`: time limit of the whole command; None means `SECONDS`.
+    - `start_seconds`: when the command began, on the clock of `time.perf_counter`.
+    - `animation`, `gradients`: whether an animation, or an SVG with gradients, is drawn afterwards,
+      for which time is reserved.
     """
     elapsed = time.perf_counter() - start_seconds
     limit = SECONDS if seconds is None else seconds
@@ -143,9 +155,10 @@ def _seconds_of_fit(
 
 @contextmanager
 def _watched(picture: Any, target: Path | None, watch: bool, browser: bool) -> Iterator[Any]:
-    """Serve a page that shows the fit; yields what the fit reports to, or None without --watch.
+    """Serve a page that shows the fit during the body; yields the `WatchedFit` to report to.
 
-    The picture to fit is the second file of the page, to compare the fit with.
+    Yields None if `watch` is false. The page also shows the picture to fit, for comparison. It is
+    opened in the browser if `browser` is true.
     """
     if not watch:
         yield None

@@ -17,11 +17,16 @@ from ..scene import Scene
 
 
 def read_start(text: str, family: str, size: int | None, height: int, width: int) -> Any:
-    """The `start` argument of `fit` that the option `--start` stands for.
+    """The value of the argument `start` of `fit` for the text of the option `--start`.
 
-    `height` and `width` are those of the target in pixels, `size` is the longer side of the fit. An
-    SVG is read at the size of the target; a fit saved as `.npz` is stretched to it. The text was
-    checked by `fit_paths.check_start`. Raises `ValueError` for a file that does not hold a start.
+    - `text`: a name, which is returned unchanged, or a file; `fit_paths.check_start` checked it.
+    - `family`: family of the new fit.
+    - `size`: longer side of the image during the new fit, in pixels; None for the default.
+    - `height`, `width`: size of the picture to fit, in pixels.
+
+    An SVG is read as a scene of the size of the picture. A fit saved as `.npz` is stretched to it,
+    and becomes a scene, or a `Mesh` for family `mesh`. Raises `ValueError` for a file that does not
+    hold a start, and for a saved fit of another family.
     """
     if text in STARTS:
         return text
@@ -39,9 +44,9 @@ def read_start(text: str, family: str, size: int | None, height: int, width: int
 
 
 def _mesh(earlier: FitResult, frame: Frame) -> Mesh:
-    """The mesh of a saved fit, scaled to the pixels of the new fit.
+    """The mesh of a saved fit, scaled to the pixels of the new fit, which `frame` describes.
 
-    Vertices within rounding of the right or bottom border are put exactly on it.
+    Vertices that differ from the right or bottom border by a rounding error are put exactly on it.
     """
     canvas = np.array([earlier.width, earlier.height], np.float64)
     relative = np.asarray(earlier.scene.positions, np.float64) / canvas

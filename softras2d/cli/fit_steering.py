@@ -44,8 +44,8 @@ _COLOR = re.compile(r"#[0-9a-fA-F]{6}")
 def parse_palette(text: str | None) -> int | list[list[float]] | None:
     """Parse `--palette`: `8` is a number of colours, `#ff8000,#000000` a list of colours.
 
-    Colours become RGB values in 0..1. None, without the option, stays None. Raises `ValueError` for
-    other text, and for a number of colours outside 1..`MAX_PALETTE`.
+    Colours become RGB values in 0..1. None, which means that the option was not given, stays None.
+    Raises `ValueError` for other text, and for a number of colours outside 1..`MAX_PALETTE`.
     """
     if text is None:
         return None
@@ -69,7 +69,10 @@ def parse_palette(text: str | None) -> int | list[list[float]] | None:
 
 
 def parse_background(text: str) -> Any:
-    """A name or a colour, as `fit` takes them."""
+    """Parse `--background`: a name such as `mean` is returned as it is, `#ff8000` as RGB in 0..1.
+
+    Raises `ValueError` for other text.
+    """
     known, color = get_args(names.FitBackground), _parse_color(text.strip())
     if text not in known and color is None:
         raise ValueError(
@@ -80,7 +83,11 @@ def parse_background(text: str) -> Any:
 
 
 def parse_freeze(text: str | None) -> list[str] | None:
-    """The names of what is frozen, as `fit` takes them."""
+    """Parse `--freeze`: names such as `positions,colors`, as a list.
+
+    None, which means that the option was not given, stays None. Raises `ValueError` for a name that
+    is not known, or that needs a mask.
+    """
     if text is None:
         return None
     from ..fitting.steering import MASKED

@@ -1,4 +1,4 @@
-"""The last line that `softras2d fit` prints. Imports JAX: for use within a command."""
+"""Makes the last line that `softras2d fit` prints. Imports JAX: for use within a command."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,9 +19,11 @@ def summary(
     shares: Sequence[float],
     seconds: int | float | None,
 ) -> str:
-    """One line with the files written, the scores and the seconds since the command began.
+    """One line with the files written, the number of triangles, the scores and the time.
 
-    `shares` and `seconds` are those of `shortfall`.
+    - `outputs`: the files that were written; notes about an SVG and a compact file are added.
+    - `elapsed`: seconds since the command began.
+    - `shares`, `seconds`: as in `shortfall`, whose reason is added if triangles are missing.
     """
     count, wanted = len(result.scene.triangles), result.settings["triangles"]
     reason = shortfall(result, shares, seconds)
@@ -41,8 +43,8 @@ def shortfall(
 ) -> str | None:
     """Why a fit has fewer triangles than it was asked for, and what helps; None if it has all.
 
-    - `shares`: how far the fit was after each chunk of steps, 0..1.
-    - `seconds`: the time limit of the fit; None if it was limited by steps.
+    - `shares`: how far the fit was after each chunk of steps, in 0..1.
+    - `seconds`: the time limit of the fit in seconds; None if it was limited by steps.
     """
     count, settings = len(result.scene.triangles), result.settings
     wanted = settings["triangles"]

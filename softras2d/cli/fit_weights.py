@@ -1,4 +1,4 @@
-"""Weights of the pixels of a fit: from an image, and from rectangles to focus on."""
+"""Makes the weights of the pixels of a fit, from an image and from rectangles to focus on."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,16 +10,20 @@ from ..io.images import read_image
 from .fit_options import Rectangle
 
 FOCUS_WEIGHT = 10.0
-"""Weight of the error of a pixel inside a rectangle of `--focus`; outside it is 1."""
+"""Factor for the weight of a pixel inside a rectangle of `--focus`; outside, the factor is 1."""
 
 
 def pixel_weights(
     image: Path | None, focus: Sequence[Rectangle], height: int, width: int
 ) -> PixelMap | None:
-    """Weights `[height, width]` of a picture of this size, or None if all pixels count alike.
+    """Weights `[height, width]` of the pixels of a picture, or None if all pixels count alike.
 
-    - `image`: file whose brightness is the weight, of the size of the picture.
-    - `focus`: pixels in any of these rectangles count ten times as much as others.
+    - `image`: file of the same size, whose mean of R, G and B is the weight; or None.
+    - `focus`: rectangles whose weights are multiplied by `FOCUS_WEIGHT`, once where they overlap.
+    - `height`, `width`: size of the picture to fit, in pixels.
+
+    Raises `ValueError` for an image of another size or that is black everywhere, and for a
+    rectangle outside the picture.
     """
     if image is None and not focus:
         return None
@@ -41,7 +45,10 @@ def pixel_weights(
 
 
 def _slices(rectangle: Rectangle, height: int, width: int) -> tuple[slice, slice]:
-    """Rows and columns of a rectangle in the picture; raises `ValueError` if there are none."""
+    """The rows and columns of a `height` x `width` picture that a rectangle covers.
+
+    Raises `ValueError` if it lies outside the picture.
+    """
     x, y, focus_width, focus_height = rectangle
     rows = slice(max(y, 0), min(y + focus_height, height))
     columns = slice(max(x, 0), min(x + focus_width, width))

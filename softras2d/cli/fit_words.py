@@ -1,4 +1,4 @@
-"""Rewrites errors of `fit`, which name its arguments, in the words of the command line."""
+"""Rewrites errors of `fit`, which name its arguments, so that they name options instead."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -18,10 +18,9 @@ _NAMED = re.compile(r"`(\w+)(?:=([^`]*))?`")
 
 @contextmanager
 def errors_name_options(values: Mapping[str, object]) -> Iterator[None]:
-    """Raise each `ValueError` of the body again, with options in place of arguments.
+    """Replace arguments of `fit` by options in the message of a `ValueError` that the body raises.
 
-    `values`: what the user gave for some arguments, such as a file; it follows the option. That of
-    `target` stands alone.
+    `values` are the values that the user gave for some arguments, as in `in_options`.
     """
     try:
         yield
@@ -30,7 +29,12 @@ def errors_name_options(values: Mapping[str, object]) -> Iterator[None]:
 
 
 def in_options(message: str, values: Mapping[str, object]) -> str:
-    """The message with each argument of `fit` in backticks replaced by its option and its value."""
+    """Replace each argument of `fit` in backticks in a message by its option.
+
+    `values` has the values that the user gave for some arguments, such as files; they follow the
+    option. In place of `target`, which has no option, its value stands alone. A value inside the
+    backticks, as in `loss='ssim'`, follows the option too, unless it is True.
+    """
 
     def option(match: re.Match[str]) -> str:
         name, value = match.groups()

@@ -24,14 +24,14 @@ from .render_steps import render_image
 
 
 class SceneGroup(NamedTuple):
-    """Scenes of equal structure and shapes: one program per sample rate renders them all."""
+    """Scenes of equal structure and array shapes, which one compiled program can render."""
 
     names: list[str]
     scenes: list[Scene]
 
 
 def scene_groups() -> list[SceneGroup]:
-    """Group the bundled scenes by structure, and pad those of each group to equal shapes."""
+    """Group the bundled scenes by structure, and pad the scenes of a group to equal shapes."""
     groups: dict[tuple, SceneGroup] = {}
     for name in scenes.names():
         scene = scenes.read(name)
@@ -51,7 +51,7 @@ def scene_groups() -> list[SceneGroup]:
 def render_all(rates: tuple[int, ...]) -> Iterator[tuple[str, int, np.ndarray]]:
     """Render every bundled scene at every number of samples per pixel in `rates`.
 
-    Yields `(name, samples, image)` in the order in which they are finished.
+    Yields `(name, samples, image)` for each image, in the order in which they are finished.
     """
     groups = scene_groups()
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -65,6 +65,7 @@ def render_all(rates: tuple[int, ...]) -> Iterator[tuple[str, int, np.ndarray]]:
 
 
 def _render_group(group: SceneGroup, samples: int) -> list[tuple[str, int, np.ndarray]]:
+    """Render the scenes of a group; returns `(name, samples, image)` for each."""
     hard = Hard(samples=samples)
     shared = plan(group.scenes, height=scenes.SIZE, width=scenes.SIZE, coverage=hard)
     images = (render_image(scene, shared) for scene in group.scenes)
@@ -72,7 +73,10 @@ def _render_group(group: SceneGroup, samples: int) -> list[tuple[str, int, np.nd
 
 
 def _padded_scenes(group: list[Scene]) -> list[Scene]:
-    """Pad each scene to the largest number of triangles, vertices and texels of the group."""
+    """Pad each scene to the largest numbers of triangles, vertices and texels of the group.
+
+    The scenes have equal structure. The padding changes no image.
+    """
     triangles = max(scene.triangles.shape[0] for scene in group)
     # The padding triangles have all three corners in one additional vertex.
     vertices = 1 + max(scene.positions.shape[0] for scene in group)
@@ -95,7 +99,11 @@ def _padded_scenes(group: list[Scene]) -> list[Scene]:
 
 
 def _padded_textures(pyramids: list[TexturePyramid | None]) -> list[TexturePyramid | None]:
-    """Pad texels and levels to the largest numbers; the last level, one texel, is repeated."""
+    """Pad the texels and mip levels of each pyramid to the largest numbers among all.
+
+    The last level, which has one texel, is repeated. If there are scenes without textures (None),
+    nothing is padded.
+    """
     present = [pyramid for pyramid in pyramids if pyramid is not None]
     if len(present) < len(pyramids):
         return pyramids

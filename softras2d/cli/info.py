@@ -78,7 +78,7 @@ def describe_scene(
 
 
 def _size_in_file(source: Any) -> str:
-    """The size that a scene gives, as text."""
+    """The size that a `SceneSource` declares, as text; `none` if it declares none."""
     try:
         height, width = source.size()
     except ValueError:
@@ -87,7 +87,10 @@ def _size_in_file(source: Any) -> str:
 
 
 def _cost_table(scene: Any, plan: Any, status_console: Console) -> Table:
-    """Measured cost of the scene, and of the scene without each of its effects."""
+    """Measure the cost of rendering the scene, and the scene without each of its effects.
+
+    `status_console` shows what is being measured.
+    """
     from ..rendering.cost import Price, price_effects
 
     table = Table(box=box.SIMPLE, pad_edge=False)

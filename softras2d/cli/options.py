@@ -23,7 +23,7 @@ class Size(NamedTuple):
 
 
 class Pixel(NamedTuple):
-    """Whole-pixel coordinates in the scene; x right, y down."""
+    """A pixel of the scene, by its column `x` and row `y`, which may lie outside the canvas."""
 
     x: int
     y: int
@@ -39,7 +39,10 @@ class Color(NamedTuple):
 
 
 def parse_size(text: str | Size) -> Size:
-    """Parse `800x600`, or `800` for the longer side."""
+    """Parse `800x600`, width and height in pixels, or `800`, the longer side.
+
+    A `Size` is returned as it is. Raises `typer.BadParameter` for other text.
+    """
     # Typer passes defaults, which are parsed already, through the parser too.
     if isinstance(text, Size):
         return text
@@ -50,7 +53,10 @@ def parse_size(text: str | Size) -> Size:
 
 
 def parse_pixel(text: str | Pixel) -> Pixel:
-    """Parse `X,Y`: two integers, which may be negative."""
+    """Parse `X,Y`: two integers, which may be negative; a `Pixel` is returned as it is.
+
+    Raises `typer.BadParameter` for other text.
+    """
     if isinstance(text, Pixel):
         return text
     try:
@@ -61,7 +67,10 @@ def parse_pixel(text: str | Pixel) -> Pixel:
 
 
 def parse_color(text: str | Color) -> Color:
-    """Parse a CSS colour, such as a name, `#rrggbb`, `rgb(...)` or `transparent`."""
+    """Parse a CSS colour: a name, `#rrggbb`, `rgb(...)` or `transparent`.
+
+    A `Color` is returned as it is. Raises `typer.BadParameter` for other text.
+    """
     if isinstance(text, Color):
         return text
     from tinycss2.color3 import parse_color as parse_css
@@ -249,7 +258,7 @@ Fit = Annotated[
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """The values of the options above, as one argument for the functions of `render_steps.py`."""
+    """The values of the options above, for the functions of `render_steps.py`."""
 
     samples: int = 16
     size: Size | None = None

@@ -144,13 +144,16 @@ def render_scenes(
 
 
 class Tiling(NamedTuple):
-    """Options of `--tiled`; `tile` is the side of a tile in pixels, or None for the default."""
+    """Settings of `--tiled`. `tile` is the side of a tile in pixels, or None for the default."""
 
     tile: int | None
 
 
 def _tiling(tiled: bool, tile: int | None, output: Path) -> Tiling | None:
-    """The options of `--tiled`, or None without it; raises `ValueError` for contradictions."""
+    """The settings of `--tiled`, or None without that option.
+
+    Raises `ValueError` for `--tile` without `--tiled`, and for tiles on standard output.
+    """
     if not tiled:
         if tile is not None:
             raise ValueError("--tile needs --tiled.")
@@ -169,9 +172,10 @@ def _render_each(
     console: Console,
     failures: list[str],
 ) -> str:
-    """Render every scene, whatever is raised for one of them.
+    """Render each scene to the file of the same index in `targets`, and continue after errors.
 
-    Returns a line about the last image written. Adds one line to `failures` for each that failed.
+    Returns a line about the last image written; empty if there is none. Adds one line to `failures`
+    for each scene that failed. If SOFTRAS2D_DEBUG is set, the first error is raised instead.
     """
     from ..numerics.compiled_programs import drop_programs
 
@@ -194,7 +198,11 @@ def _render_each(
 
 
 def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
-    """The image file of every scene. Creates the folder if `output` is one."""
+    """The path of the image file of every scene; `-` is standard output.
+
+    `kind` is the suffix of files in a folder, without its dot. The folder is created if `output` is
+    one. Raises `ValueError` if several scenes would be written to one file.
+    """
     from ..io.outputs import WRITABLE
 
     suffix = output.suffix.lower()
@@ -220,7 +228,7 @@ def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
 
 
 def _render(path: Path, target: Path, settings: RenderOptions, truncate: bool) -> str:
-    """Render one scene to one file; returns a line about the image."""
+    """Render one scene to one image file; returns a line about the image."""
     from .render_steps import make_plan, read_scene, render_image, window_size
 
     started = time.perf_counter()
@@ -243,7 +251,7 @@ def _render_tiled(
     tiling: Tiling,
     console: Console,
 ) -> str:
-    """Render one scene to one file tile by tile; returns a line about the image."""
+    """Render one scene to one image file, tile by tile; returns a line about the image."""
     import jax
 
     from ..io.image_stream import check_stream
@@ -269,7 +277,10 @@ def _render_tiled(
 
 @contextmanager
 def _tile_bar(console: Console) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar for the tiles of an image; yields what is called after each."""
+    """Show a progress bar for the tiles of an image.
+
+    Yields the function to call after each tile, with the number of tiles done and of all tiles.
+    """
     columns = (TextColumn("tiles"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     is_shown = console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=not is_shown) as progress:
@@ -278,15 +289,15 @@ def _tile_bar(console: Console) -> Iterator[Callable[[int, int], None]]:
 
 
 class OutputError(ValueError):
-    """An error about the image file. Its message is complete: the scene's name is not added."""
+    """An error about the image file that is written. Its message needs no name of the scene."""
 
 
 @contextmanager
 def _errors_of_output(named: Path | None = None) -> Iterator[None]:
-    """Turn errors about the image file into `OutputError`.
+    """Turn `ValueError` and `OSError` of the body into `OutputError`.
 
-    With `named`, the path of the image file, a `ValueError` that does not begin with this path is
-    about the scene, and is raised as it is.
+    If `named`, the path of the image file, is given, a `ValueError` whose message does not begin
+    with this path is about the scene, and is raised unchanged.
     """
     try:
         yield
@@ -313,7 +324,7 @@ def _write(target: Path, image: Any, linear: bool, truncate: bool) -> None:
 
 
 def _coverage_text(settings: RenderOptions) -> str:
-    """How an image was drawn, for the line about it."""
+    """The coverage mode of an image in words, such as `at 16 samples per pixel`."""
     return {
         "sampled": f"at {settings.samples} samples per pixel",
         "soft": f"with edges {settings.soft_width:g} pixels wide",
@@ -323,7 +334,10 @@ def _coverage_text(settings: RenderOptions) -> str:
 
 @contextmanager
 def _progress_bar(total: int, console: Console) -> Iterator:
-    """Show a progress bar for several files; yields the function to call after each."""
+    """Show a progress bar for `total` images; yields the function to call after each.
+
+    For a single image, no bar is shown.
+    """
     if total == 1:
         yield lambda: None
         return

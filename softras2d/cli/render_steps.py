@@ -20,9 +20,10 @@ from .scene_sources import SceneSource
 
 
 def read_scene(path: Path, options: RenderOptions) -> tuple[Scene, int, int]:
-    """Read a scene; returns it, and the height and width of its image in pixels.
+    """Read a scene; returns it, and the height and width of its canvas in pixels.
 
-    A size whose aspect ratio is not that of the scene gives a warning, unless `options.fit` says
+    `path` is a file, `-` for standard input, or the name of a bundled scene. If the options give a
+    canvas with another aspect ratio than the drawing, a warning says so, unless `options.fit` says
     what to do.
     """
     source = SceneSource(path, options.dialect)
@@ -53,7 +54,7 @@ def read_scene(path: Path, options: RenderOptions) -> tuple[Scene, int, int]:
 
 
 def _warn_of_margins(source: SceneSource, height: int, width: int) -> None:
-    """Warn if the drawing leaves margins on a canvas of this size."""
+    """Warn if the drawing would leave margins on a canvas of `height` x `width` pixels."""
     try:
         size = source.size_with_margins(height, width)
     except ValueError:
@@ -68,10 +69,12 @@ def _warn_of_margins(source: SceneSource, height: int, width: int) -> None:
 
 
 def canvas_size(size: Size | None, file_size: tuple[int, int] | None) -> tuple[int, int]:
-    """Height and width of the image, in pixels.
+    """The (height, width) of the canvas in pixels.
 
-    `file_size` is the (height, width) that the scene file gives. It may be None only if `size` has
-    a height.
+    - `size`: value of the option `--size`. A size without height sets the longer side, and keeps
+      the aspect ratio of the file.
+    - `file_size`: the (height, width) that the scene file gives, which is used without `size`. It
+      may be None if `size` has a height.
     """
     if size is not None and size.height is not None:
         return size.height, size.width
@@ -84,7 +87,11 @@ def canvas_size(size: Size | None, file_size: tuple[int, int] | None) -> tuple[i
 
 
 def window_size(window: Size | None, height: int, width: int) -> tuple[int, int]:
-    """Height and width of the image, where that of the whole drawing is `height` x `width`."""
+    """The (height, width) of the image in pixels, where the whole drawing has `height` x `width`.
+
+    `window` is the value of the option `--window`; without it, the image shows the whole drawing.
+    Raises `ValueError` for a window without height.
+    """
     if window is None:
         return height, width
     if window.height is None:
@@ -93,19 +100,22 @@ def window_size(window: Size | None, height: int, width: int) -> tuple[int, int]
 
 
 def make_plan(scene: Scene, height: int, width: int, options: RenderOptions) -> Plan:
-    """Plan an image of `height` x `width` pixels."""
+    """Make the plan to render an image of `height` x `width` pixels."""
     return plan(scene, height=height, width=width, **_plan_arguments(options))
 
 
 def make_tiled_plan(
     scene: Scene, height: int, width: int, options: RenderOptions, tile: int | None
 ) -> TiledPlan:
-    """Plan an image of `height` x `width` pixels in tiles of `tile` pixels a side."""
+    """Make the plan to render an image of `height` x `width` pixels in tiles.
+
+    `tile` is the side of a tile in pixels, or None for the default.
+    """
     return plan_tiles(scene, height=height, width=width, tile=tile, **_plan_arguments(options))
 
 
 def _plan_arguments(options: RenderOptions) -> dict[str, Any]:
-    """The arguments that `plan` and `plan_tiles` share."""
+    """The keyword arguments that `plan` and `plan_tiles` share, from the options of a command."""
     coverage: Coverage = {
         "sampled": lambda: Hard(options.samples, options.fill_rule, options.shading),
         "soft": lambda: Soft(options.soft_width),
@@ -124,7 +134,7 @@ def _plan_arguments(options: RenderOptions) -> dict[str, Any]:
 
 
 def render_image(scene: Scene, plan: Plan) -> np.ndarray:
-    """Render a scene to a numpy image.
+    """Render a scene to a numpy image `[height, width, channels]`.
 
     Raises `ValueError` if the scene exceeds a capacity of the plan, so that an image never lacks
     triangles.

@@ -1,7 +1,7 @@
 """Reads the scene that the command line names: a file, `-` (standard input), or a bundled scene.
 
-A file takes precedence over a bundled scene of the same name. This module imports JAX, which is
-slow, so commands import it when they run.
+A file takes precedence over a bundled scene of the same name. Imports JAX: for use within a
+command.
 """
 
 import sys
@@ -19,20 +19,27 @@ from ..scene import Scene
 
 @dataclass(frozen=True)
 class SceneSource:
-    """The scene that the argument `path` of a command names, read in a dialect of SVG."""
+    """The scene that an argument of a command names.
+
+    - `path`: a file, `-` for standard input, or the name of a bundled scene.
+    - `dialect`: dialect of SVG in which a file or standard input is read.
+    """
 
     path: Path
     dialect: str
 
     @cached_property
     def _standard_input(self) -> bytes | None:
-        """The content of standard input; None for other sources."""
+        """The bytes of standard input, which can be read only once; None for other sources."""
         if str(self.path) != "-":
             return None
         return sys.stdin.buffer.read(MAX_BYTES + 1)
 
     def size(self) -> tuple[int, int]:
-        """The (height, width) that the scene gives, in pixels."""
+        """The (height, width) in pixels that the scene declares.
+
+        Raises `ValueError`, in the words of the command line, if it declares none.
+        """
         if scenes.is_bundled(self.path):
             return scenes.SIZE, scenes.SIZE
         try:
@@ -45,7 +52,10 @@ class SceneSource:
             raise ValueError(message) from None
 
     def size_with_margins(self, height: int, width: int) -> tuple[float, float] | None:
-        """The (height, width) of a drawing that leaves margins on a canvas; None if it fills it."""
+        """The (height, width) of the drawing if it would leave margins on a canvas, otherwise None.
+
+        The canvas has `height` x `width` pixels. The size is in the drawing's units.
+        """
         if scenes.is_bundled(self.path):
             side = scenes.SIZE
             return None if abs(height - width) <= 1 else (side, side)
@@ -54,7 +64,10 @@ class SceneSource:
         return size_with_margins(document, height, width)
 
     def read(self, **keywords: Any) -> Scene:
-        """Read the scene; `keywords` are those of `read_svg` without `dialect`."""
+        """Read the scene; `keywords` are the keyword arguments of `read_svg` other than `dialect`.
+
+        A bundled scene that is made by a script takes only `height` and `width` from them.
+        """
         if scenes.is_bundled(self.path):
             name = str(self.path)
             if scenes.is_scripted(name):

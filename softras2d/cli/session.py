@@ -1,4 +1,4 @@
-"""Runs a command: errors and warnings on one line, Ctrl-C, and the compilation cache."""
+"""Sets up what all commands need: one-line errors and warnings, Ctrl-C, the compilation cache."""
 
 import os
 import warnings
@@ -17,17 +17,15 @@ from ..numerics.compilation_cache import keep_compiled_programs
 def session(
     *, long_running: bool = False, error_code: int = 1, loads_jax: bool = True
 ) -> Iterator[Console]:
-    """Run the body of a command; yields a console for stderr.
+    """Run the body of a command; yields a console that prints to stderr.
 
-    `long_running`: whether the command spends more time running its programs than compiling them.
+    - `long_running`: whether the command spends more time running its programs than compiling them.
+    - `error_code`: exit code after an expected error (see `is_expected`).
+    - `loads_jax`: whether to set up the compilation cache, which loads JAX. False for a command
+      that first checks its arguments, and then calls `keep_compiled_programs` itself.
 
-    `error_code`: exit code after an expected error (see `is_expected`), which prints one red line.
-
-    `loads_jax`: False for a command that checks its arguments first, and then calls
-    `keep_compiled_programs` itself.
-
-    Ctrl-C ends the command with one line and exit code 130. Each warning is one yellow line. If
-    SOFTRAS2D_DEBUG is set, errors keep their traceback.
+    An expected error is printed as one red line, and a warning as one yellow line. Ctrl-C ends the
+    command with one line and exit code 130. If SOFTRAS2D_DEBUG is set, errors keep their traceback.
     """
     console = Console(stderr=True)
     if not debugging():
@@ -67,7 +65,11 @@ def is_expected(error: Exception) -> bool:
 
 
 def one_line(error: Exception, subject: Path | None = None) -> str:
-    """The message of an error, on one line that names the file `subject`."""
+    """The message of an error on one line, which begins with `subject` unless it contains it.
+
+    `subject` is the file that the error is about. A message without text becomes the type of the
+    error.
+    """
     if isinstance(error, OSError) and error.strerror:
         text = error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
     else:
@@ -76,7 +78,10 @@ def one_line(error: Exception, subject: Path | None = None) -> str:
 
 
 def failure_line(error: Exception, subject: Path) -> str:
-    """Like `one_line`, but messages of bugs of the package include the type of the error."""
+    """The message of an error about the file `subject`, on one line.
+
+    If the error is not expected, and so is a bug of the package, the line includes its type.
+    """
     if is_expected(error):
         return one_line(error, subject)
     message = one_line(error)
@@ -93,7 +98,7 @@ def print_message(kind: str, message: str, console: Console) -> None:
 
 @contextmanager
 def _one_line_warnings(console: Console) -> Iterator[None]:
-    """Show each `UserWarning` on one line, and ignore those about the compilation cache."""
+    """Print each `UserWarning` on one line, but none about the compilation cache."""
 
     def show_warning(message: Warning | str, *_: object, **__: object) -> None:
         print_message("warning", " ".join(str(message).split()), console)

@@ -1,4 +1,4 @@
-"""Answers Ctrl-C and SIGTERM at once, while a compiled program keeps the main thread busy."""
+"""Confirms Ctrl-C and SIGTERM at once, while a compiled program keeps the main thread busy."""
 
 import signal
 import socket
@@ -13,16 +13,17 @@ _ANSWERS = (
     "stopping, writing the best so far; once more to give up",
     "giving up; a checkpoint (-o FIT.npz) is kept",
 )
-"""Lines for the first and the second signal."""
+"""Lines to print for the first and the second signal."""
 
 
 @contextmanager
 def announce_signals(console: Console) -> Iterator[None]:
-    """Print a line for each Ctrl-C or SIGTERM at once; SIGTERM acts like Ctrl-C.
+    """Print a line at once for the first two signals, Ctrl-C or SIGTERM; SIGTERM acts like Ctrl-C.
 
-    Python runs signal handlers in the main thread, between two instructions, so a handler waits for
-    the end of a compiled program. Another thread learns of the signal first, by
-    `signal.set_wakeup_fd`. In threads other than the main thread, nothing is answered.
+    A line is printed only while the body has replaced Python's handler of Ctrl-C. Python runs
+    signal handlers in the main thread, between two instructions, so a handler waits for the end of
+    a compiled program. Another thread, which learns of the signal by `signal.set_wakeup_fd`, prints
+    the lines. If this function is not called in the main thread, it does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -44,13 +45,17 @@ def announce_signals(console: Console) -> Iterator[None]:
 
 
 def _act_like_ctrl_c(number: int, frame: FrameType | None) -> None:
+    """Handle SIGTERM by calling the current handler of Ctrl-C."""
     handler = signal.getsignal(signal.SIGINT)
     if callable(handler):
         handler(number, frame)
 
 
 def _answer(receiver: socket.socket, console: Console) -> None:
-    """Print a line for each signal, until the other end of the socket is closed."""
+    """Print a line for each of the first two signals, until the other end of the socket is closed.
+
+    `receiver` receives the number of each signal as one byte.
+    """
     answers = iter(_ANSWERS)
     while data := receiver.recv(1):
         # With Python's default handler, nothing is deferred: the command ends at once.

@@ -83,7 +83,11 @@ def view_files(
 
 
 def open_subjects(paths: Sequence[Path], read_options: "ReadOptions") -> list["Subject"]:
-    """One subject for each file, bundled scene, or `-`."""
+    """Open each path as a subject, which the viewer can show: a file, bundled scene, or `-`.
+
+    `read_options` say how SVG files are read. Bundled scenes are read in the dialect in which they
+    are written, whatever the options say.
+    """
     from ..viewing.open_files import open_files
 
     others = [path for path in paths if not scenes.is_bundled(path) and path != STANDARD_INPUT]
@@ -100,7 +104,10 @@ def open_subjects(paths: Sequence[Path], read_options: "ReadOptions") -> list["S
 
 
 def _read_standard_input(read_options: "ReadOptions") -> "Subject":
-    """The subject of an SVG file that is read from standard input."""
+    """Read an SVG file from standard input, as a subject for the viewer.
+
+    Raises `ValueError` for a file that declares no size.
+    """
     from ..io.svg.xml.document import MAX_BYTES
     from ..viewing.scene_file import SceneFile
 
@@ -112,7 +119,7 @@ def _read_standard_input(read_options: "ReadOptions") -> "Subject":
 
 
 def bundled_subject(name: str, read_options: "ReadOptions") -> "Subject":
-    """The subject of a bundled scene, read in its own dialect."""
+    """Open the bundled scene `name` as a subject for the viewer, in the dialect of its file."""
     from ..viewing.scene_file import SceneFile
     from ..viewing.scene_in_memory import SceneInMemory
 
@@ -124,7 +131,7 @@ def bundled_subject(name: str, read_options: "ReadOptions") -> "Subject":
 
 @contextmanager
 def shown_address(url: str, browser: bool) -> Iterator[None]:
-    """Print the address of the page; for the body, open it in the browser if `browser` is true."""
+    """Print the address of the viewer's page; open it for the body if `browser` is true."""
     from ..viewing.browser import opened_page
 
     Console(soft_wrap=True, highlight=False).print(f"viewer: {url}", markup=False)

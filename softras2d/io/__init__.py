@@ -1,1 +1,1 @@
-"""This stage reads and writes images, animations and SVG drawings."""
+"""This stage reads and writes images, animations, SVG drawings and compact scene files."""

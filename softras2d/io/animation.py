@@ -22,7 +22,7 @@ ANIMATED = (".gif",)
 """Suffixes that `write_animation` accepts."""
 
 _MIN_DELAY = 2
-"""Minimum time of a frame, in hundredths of a second. Browsers show shorter frames for ten."""
+"""Minimum time of a frame, in hundredths of a second. Browsers show shorter frames for 0.1 s."""
 
 
 def write_animation(
@@ -34,8 +34,8 @@ def write_animation(
 ) -> None:
     """Write frames `[height, width, 3]` of equal size as a GIF that repeats endlessly.
 
-    - `frames`: float images in sRGB, clipped to 0..1. They may come from a generator; only two are
-      in memory at a time.
+    - `frames`: float images in sRGB, clipped to 0..1. They may come from a generator; only two of
+      them are in memory at a time.
     - `seconds_per_frame`: time of each frame, at least 0.02, rounded to 1/100 s.
     - `hold_seconds`: additional time of the last frame, rounded to 1/100 s.
 
@@ -69,7 +69,11 @@ def write_animation(
 
 
 def _hundredths(name: str, seconds: float, least: int) -> int:
-    """Seconds as hundredths; `ValueError` below `least` hundredths or above what GIF can store."""
+    """Convert seconds to whole hundredths.
+
+    Raises `ValueError`, which calls the argument `name`, below `least` hundredths and above
+    `gif.MAX_DELAY` hundredths.
+    """
     # Written so that NaN is refused too.
     if not least / 100 <= seconds <= gif.MAX_DELAY / 100:
         raise ValueError(
@@ -79,7 +83,11 @@ def _hundredths(name: str, seconds: float, least: int) -> int:
 
 
 def _checked_bytes(path: Path, frames: Iterable[Any]) -> Iterator[np.ndarray]:
-    """Check frames one by one; yields each as bytes, `[height, width, 3]`."""
+    """Check frames one by one; yields each as sRGB bytes, `[height, width, 3]`.
+
+    Raises `ValueError`, which names `path` and the frame, for a frame that is not a float image,
+    too large for a GIF, or not of the same shape as the first; and if there is no frame.
+    """
     shape = None
     for number, frame in enumerate(frames):
         name = f"{path}: frame {number}"
@@ -97,7 +105,7 @@ def _checked_bytes(path: Path, frames: Iterable[Any]) -> Iterator[np.ndarray]:
 
 
 def _mark_last(images: Iterator[np.ndarray]) -> Iterator[tuple[np.ndarray, bool]]:
-    """Yield each image, and whether it is the last."""
+    """Yield pairs of an image and whether it is the last. There must be at least one image."""
     image = next(images)
     for following in images:
         yield image, False
@@ -110,7 +118,11 @@ def _changed_part(
     previous: UInt8[np.ndarray, "height width 3"] | None,
     delay: int,
 ) -> bytes:
-    """Encode the smallest rectangle that turns `previous` into `image`, as a frame of the GIF."""
+    """Encode the smallest rectangle that turns `previous` into `image`, as a frame of a GIF.
+
+    The whole image if `previous` is None; one pixel if both are equal. `delay` is the time for
+    which the frame is shown, in hundredths of a second.
+    """
     if previous is None:
         is_changed = np.ones(image.shape[:2], bool)
     else:

@@ -2,10 +2,10 @@
 
 A few bytes of a drawing can cause any amount of work: a polygon that crosses itself everywhere, a
 round join of a huge radius, an image of 16384 x 16384 pixels. Each time a document is read, one
-`Budget` is created. Code charges it before it does the work, so that refusing a file beyond a limit
-costs little more than parsing it. Below the limits, time grows about linearly with the size of the
-file, apart from a logarithmic factor. The limits are far above what ordinary drawings need, and low
-enough that reading one takes about a gigabyte of memory at most.
+`Budget` is created. Code that does work first charges the budget for it, so that refusing a file
+beyond a limit costs little more than parsing it. Below the limits, time grows about linearly with
+the size of the file, apart from a logarithmic factor. The limits are far above what ordinary
+drawings need, and low enough that reading a drawing takes about a gigabyte of memory at most.
 """
 
 from collections.abc import Sequence
@@ -19,10 +19,10 @@ MAX_ATTRIBUTES = 2**24
 document of 64 MB, the largest that is read, cannot contain as many."""
 
 MAX_ELEMENTS = 2**21
-"""Elements of a document in dialect `svg`, each counted as it is parsed and as it is drawn."""
+"""Elements of a document in dialect `svg`. Each is charged twice: when it is parsed and drawn."""
 
 MAX_COPIES = 2**17
-"""Elements that are visited again, by `use`, clip paths, and for bounding boxes of groups. A few
+"""Repeated visits to elements: by `use`, by clip paths, and for bounding boxes of groups. A few
 lines can ask for any number of copies."""
 
 MAX_DEFAULTS = 256
@@ -32,35 +32,36 @@ MAX_POINTS = 2**22
 """Points of all polygons, polylines, lines and outlines together."""
 
 MAX_TRIANGLES = 2**21
-"""Triangles of the scene, including those of strokes before their `union`."""
+"""Triangles of the scene. Of a translucent stroke, the triangles before `union` count."""
 
 MAX_PAIRS = 2**24
 """Pairs of edges with overlapping bounding boxes, in all polygons together. Each must be examined
 to find crossings. Pairs of triangles of a translucent stroke take longer and count twice."""
 
 MAX_CROSSINGS = 100_000
-"""Points in which polygons cross themselves. The number of faces between them is proportional."""
+"""Points in which polygons cross themselves. The number of faces grows in proportion to it."""
 
 MAX_EAR_TESTS = 2**27
-"""Tests whether a vertex lies in the triangle of a corner, in ear clipping."""
+"""Tests in ear clipping, each of which asks whether a vertex lies in the triangle of a corner."""
 
 MAX_SELECTOR_TESTS = 2**25
-"""Tests whether a selector of a style sheet matches an element. A selector with descendant
-combinators counts once for each choice of ancestors that it may have to try."""
+"""Tests of style sheets, each of which asks whether a selector matches an element. A selector with
+descendant combinators counts once for each choice of ancestors that it may have to try."""
 
 MAX_OVERLAYS = 2**24
 """Vertices of all regions that are intersected, united or subtracted: by clip paths, gradients, and
 shapes that overlap in translucent groups. Each operation counts the vertices that it reads."""
 
 MAX_STEPS = 2**26
-"""Pixels of the course's lines and images. Lines count near the canvas, images on it."""
+"""Pixels of the lines and images of dialect `course`. Of a long line, only the steps near the
+canvas count; of an image, only the pixels on the canvas."""
 
 MAX_TEXELS = 2**26
 """Pixels of all image files of a document together; as RGBA in float32 they take 1 GiB."""
 
 
 class _Limit(NamedTuple):
-    """A limit, and the plural noun for what it counts, used in errors."""
+    """A limit; `noun` is the plural for what it counts, used in errors."""
 
     maximum: int
     noun: str
@@ -85,7 +86,8 @@ _LIMITS = {
 class BudgetError(ValueError):
     """Raised for a drawing that needs more work than a limit allows.
 
-    `index` is the first shape that exceeds the limit, among those that are charged together.
+    `index` is the index of the first shape that exceeds the limit, among the shapes that the caller
+    processes together.
     """
 
     def __init__(self, message: str, index: int = 0):
@@ -102,10 +104,12 @@ class Budget:
     def charge(self, kind: str, count: int, index: int = 0) -> None:
         """Add `count` units of work to the total of `kind`.
 
-        Call it before the work is done, or after each block of it if the size of blocks is bounded.
+        Call it before the work is done, or after each block of work if the size of a block is
+        bounded.
 
-        - `kind`: a limit above, in lower case and without `MAX_`.
-        - `index`: the shape that needs the work, among those that are charged together.
+        - `kind`: a key of `_LIMITS`, such as `"triangles"`.
+        - `index`: index of the shape that needs the work, among the shapes that the caller
+          processes together.
 
         Raises `BudgetError` with this index if the total is then above the limit.
         """
@@ -121,9 +125,10 @@ class Budget:
         counts: Int[np.ndarray, " shapes"],
         indices: Sequence[int] | None = None,
     ) -> None:
-        """Charge one count per shape, so that an error names the first that exceeds the limit.
+        """Charge one count of units of `kind` for each shape.
 
-        `indices` are the indices of the shapes; by default they are numbered from 0.
+        If the total exceeds the limit, raises `BudgetError` with the index of the first shape that
+        does not fit. `indices` are the indices of the shapes; by default they are numbered from 0.
         """
         # Counts of hostile files may overflow integers. float64 is precise enough to compare them.
         totals = np.cumsum(counts, dtype=np.float64) + self._charged[kind]

@@ -1,19 +1,22 @@
 """Reads and writes compact binary files of scenes: rounded positions and colours, compressed.
 
-Numbers are little-endian. The file is
+The file has three parts, with little-endian numbers:
 
 - 8 bytes, the mark `softras2`;
-- a header of 24 bytes (`_HEADER`): height and width of the canvas in pixels; numbers of vertices
-  and of triangles; steps of a position per pixel; colours per triangle (1 or 3) and their channels
-  (3 or 4); channels of the background; 1 if triangle k has the vertices 3k, 3k + 1 and 3k + 2;
-- a zlib stream of the positions in steps, the vertices of the triangles unless they are implied,
-  the levels of the colours, channel by channel, and those of the background. Level k means k/255.
+- a header of 24 bytes (`_HEADER`): height and width of the canvas in pixels; number of vertices;
+  number of triangles; steps per pixel, in which positions are counted; colours per triangle (1 or
+  3); channels of a colour (3 or 4); channels of the background (3 or 4); and 1 if vertex indices
+  are implied, because triangle k has the vertices 3k, 3k + 1 and 3k + 2;
+- a zlib stream of the positions, in steps; the vertex indices of the triangles, unless they are
+  implied; the colours, channel by channel; and the background. Colours are levels of 8 bits: level
+  k means k/255.
 
-Positions and vertices are integers of 32 bits, in the order x, y. If vertices are implied, the
-first corners of all triangles come first, and then the other corners, minus the first. Otherwise
-the difference of each row of positions, and of vertices of a triangle, to the row before it is
-stored. The four bytes of an integer go into four planes, the lowest bytes of all integers first,
-because zlib finds more repetitions in them.
+Positions and vertex indices are integers of 32 bits. The array of positions is stored with all x
+before all y, and the array of indices with all first corners before the second and third corners.
+Both arrays are stored as differences, which are small. With implied indices, the position of the
+first corner of a triangle is subtracted from its two other corners. Otherwise the row before is
+subtracted from each row of the array. Of each array, the lowest bytes of all integers are stored
+first, then all second, third and fourth bytes, because zlib finds more repetitions in this order.
 """
 
 import os
@@ -31,16 +34,16 @@ from .drafts import atomic_file
 from .outputs import check_writable_path
 
 SUFFIX = ".s2d"
-"""Suffix of the files."""
+"""Suffix of compact scene files."""
 
 _MARK = b"softras2"
 _HEADER = struct.Struct("<IIIIHBBBB2x")
 
 _MAX_COUNT = 2**24
-"""Largest number of vertices, and of triangles, in a file that is read."""
+"""Maximum number of vertices, and of triangles, of a file that is read."""
 
 _MAX_STEPS = 1024
-"""Largest number of steps of a position per pixel."""
+"""Maximum number of steps per pixel in which positions are counted."""
 
 
 class CompactScene(NamedTuple):
@@ -66,8 +69,8 @@ def write_compact(
       pixels.
 
     Colours are clipped to 0..1 and rounded to 8 bits. The file is written completely or not at all.
-    Raises `ValueError`, one line, for textures, depth and perspective, and for values that cannot
-    be stored.
+    Raises `ValueError`, one line, for a scene with textures, depth or perspective, for a batch of
+    scenes, for values that cannot be stored, and for a folder that does not exist.
     """
     path = Path(path)
     check_writable_path(path)
@@ -104,7 +107,10 @@ def read_compact(path: str | os.PathLike[str]) -> CompactScene:
 
 
 def _encode(scene: Scene, height: int, width: int, steps_per_pixel: int) -> bytes:
-    """Make the bytes of a file. Raises `ValueError` for positions that cannot be stored."""
+    """Make the bytes of a file, as the top of this module describes them.
+
+    Raises `ValueError` for positions that are not finite, or 2^30 steps or more from the origin.
+    """
     positions = np.rint(np.asarray(scene.positions, np.float64) * steps_per_pixel)
     if not (np.abs(positions) < 2**30).all():
         raise ValueError("positions must be finite and within 2^30 steps of the canvas.")
@@ -127,7 +133,10 @@ def _encode(scene: Scene, height: int, width: int, steps_per_pixel: int) -> byte
 
 
 def _decode(data: bytes) -> CompactScene:
-    """Read the scene from the bytes of a file. Raises `ValueError` for bytes of no valid file."""
+    """Read the scene from the bytes of a file.
+
+    Raises `ValueError`, `struct.error` or `zlib.error` if they are not a complete, valid file.
+    """
     if not data.startswith(_MARK):
         raise ValueError("it does not begin with the mark of the format")
     header = _HEADER.unpack_from(data, len(_MARK))
@@ -166,7 +175,7 @@ def _decode(data: bytes) -> CompactScene:
 
 
 def _levels(colors: np.ndarray) -> UInt8[np.ndarray, "*shape"]:
-    """Round colours to levels of 8 bits."""
+    """Clip colours to 0..1 and round them to 8 bits, 0 to 255."""
     return np.rint(np.clip(colors, 0, 1) * 255).astype(np.uint8)
 
 
@@ -176,14 +185,14 @@ def _differences(rows: Int[np.ndarray, "rows numbers"]) -> Int[np.ndarray, "rows
 
 
 def _planes(integers: Int[np.ndarray, "..."]) -> bytes:
-    """The four bytes of each integer, byte plane by byte plane."""
+    """Encode integers of 32 bits: the lowest byte of each, then the second bytes, and so on."""
     # Zigzag: small negative numbers become small positive ones, with zeros in their high bytes.
     zigzag = (np.abs(integers) * 2 - (integers < 0)).astype("<u4")
     return zigzag.reshape(-1).view(np.uint8).reshape(-1, 4).T.tobytes()
 
 
 def _integers(planes: bytes) -> Int[np.ndarray, " integers"]:
-    """Invert `_planes`; the integers come back in one row."""
+    """Decode what `_planes` has encoded, as a one-dimensional array."""
     bytes_of_each = np.frombuffer(planes, np.uint8).reshape(4, -1).T
     zigzag = np.ascontiguousarray(bytes_of_each).view("<u4").ravel().astype(np.int64)
     return np.where(zigzag % 2 == 1, -(zigzag + 1) // 2, zigzag // 2)

@@ -14,14 +14,14 @@ _TITLE_SIZE, _CAPTION_SIZE = 22, 15
 """Heights of text, in pixels."""
 
 _PAPER = 0.96
-"""Grey of the sheet, in 0..1."""
+"""Grey value of the sheet's background, in 0..1."""
 
 _INK, _GREY = (0.1, 0.1, 0.12), (0.4, 0.4, 0.42)
-"""Text colours, in 0..1."""
+"""Text colours, RGB in 0..1: of titles, and of notes and captions."""
 
 
 class _Label(NamedTuple):
-    """Text to draw: position of its left end on the baseline, and its size, in pixels."""
+    """Text to draw: x and y of its start on the baseline, and its height `size`, in pixels."""
 
     left: int
     baseline: int
@@ -31,7 +31,10 @@ class _Label(NamedTuple):
 
 
 class Strip(NamedTuple):
-    """A row of images `[height, width, 3]` in 0..1, with a title, a note and a caption for each."""
+    """A row of images `[height, width, 3]` in 0..1 with text.
+
+    The title and the line `note` are drawn above the row, and a caption below each image.
+    """
 
     title: str
     note: str
@@ -42,7 +45,7 @@ class Strip(NamedTuple):
 def contact_sheet(
     strips: Sequence[Strip], *, across: int = 2
 ) -> Float32[np.ndarray, "height width 3"]:
-    """Arrange strips on a light sheet, in rows of `across` strips.
+    """Arrange strips on a light sheet, `across` strips side by side; returns its pixels, in 0..1.
 
     Images keep their size in pixels; all cells are as large as the largest image. OpenImageIO draws
     the text, with the font in its wheels; a build of it without FreeType leaves the text out.
@@ -79,6 +82,7 @@ def contact_sheet(
 def _draw_labels(
     sheet: Float32[np.ndarray, "height width 3"], labels: list[_Label]
 ) -> Float32[np.ndarray, "height width 3"]:
+    """Return a copy of the sheet with labels drawn on it, or without if there is no FreeType."""
     height, width, channels = sheet.shape
     buffer = oiio.ImageBuf(oiio.ImageSpec(width, height, channels, oiio.FLOAT))
     buffer.set_pixels(oiio.ROI(0, width, 0, height), sheet)

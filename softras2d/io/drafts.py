@@ -1,4 +1,4 @@
-"""Writes files completely or not at all: to a draft first, which then replaces the file."""
+"""Writes files completely or not at all: first to a draft, which then replaces the old file."""
 
 import os
 import platform
@@ -10,16 +10,17 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _MAX_STEM_BYTES = 80
-"""Length up to which drafts repeat the name of their file; file systems allow 255 bytes in all."""
+"""Number of bytes of a file's name that the name of its draft repeats. File systems allow 255 bytes
+for a whole name."""
 
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
-    """Yield the name of a draft beside `path`, which replaces `path` at the end of the block.
+    """Yield the path of a draft beside `path`, which replaces `path` at the end of the block.
 
-    If the block raises, the draft is removed and an old file at `path` stays as it was. `OSError`
-    becomes a `ValueError` of one line that names `path`; no error names the draft. Drafts of `path`
-    left by processes that were killed are removed.
+    The block must create the draft. If the block raises, the draft is removed and an old file at
+    `path` stays as it was. `OSError` becomes a `ValueError` of one line that names `path`; no
+    `ValueError` names the draft. Drafts of `path` left by processes that were killed are removed.
     """
     _remove_abandoned(path)
     draft = path.with_name(f"{_prefix(path)}{os.getpid()}-{secrets.token_hex(4)}{path.suffix}")
@@ -40,14 +41,14 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 
 def _prefix(path: Path) -> str:
-    """Start of the names of drafts of `path`; differs between machines that share a folder."""
+    """Start of the names of drafts of `path`. It differs between machines that share a folder."""
     machine_and_name = f"{platform.node()}\0{path.name}".encode(errors="replace")
     stem = path.stem.encode(errors="replace")[:_MAX_STEM_BYTES].decode(errors="ignore")
     return f".{stem}-{zlib.crc32(machine_and_name):08x}-"
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove the drafts of `path` that processes left which no longer run."""
+    """Remove the drafts of `path` whose processes no longer run."""
     # On other systems, `os.kill` with signal 0 would end the process.
     if os.name != "posix":
         return
@@ -64,6 +65,7 @@ def _remove_abandoned(path: Path) -> None:
 
 
 def _is_running(process: int) -> bool:
+    """Whether a process with this id is running."""
     try:
         os.kill(process, 0)
     except ProcessLookupError:
@@ -75,6 +77,6 @@ def _is_running(process: int) -> bool:
 
 
 def _without_draft(message: str, draft: Path, path: Path) -> str:
-    """The message on one line, with the name of the file instead of that of its draft."""
+    """The message on one line, with `path` in place of `draft`."""
     message = message.replace(str(draft), str(path)).replace(draft.name, path.name)
     return " ".join(message.split())

@@ -22,13 +22,17 @@ TRAILER = b";"
 """The byte that ends a file."""
 
 _CLEAR, _END = 256, 257
-"""LZW codes that reset the table and end the data. Codes below are pixels, those above prefixes."""
+"""LZW codes that reset the table and end the data. Codes below 256 are single palette indices, and
+codes above 257 are sequences of indices in the table."""
 
 _MAX_CODE = 4095
 
 
 def header(height: int, width: int) -> bytes:
-    """The bytes before the first frame; they request that the animation is repeated endlessly."""
+    """The bytes before the first frame of an animation of this size in pixels.
+
+    They request that the animation is repeated endlessly.
+    """
     screen_descriptor = struct.pack("<6sHHBBB", b"GIF89a", width, height, 0x70, 0, 0)
     return screen_descriptor + b"!\xff\x0bNETSCAPE2.0" + struct.pack("<BBHB", 3, 1, 0, 0)
 
@@ -41,11 +45,11 @@ def frame(
     left: int,
     delay: int,
 ) -> bytes:
-    """The bytes of a frame, which draws a rectangle over the frame before.
+    """The bytes of a frame, which replaces a rectangle of the frame before it.
 
     - `indices`: palette index of each pixel of the rectangle.
     - `palette`: at most 256 sRGB colours.
-    - `top`, `left`: position of the rectangle, in pixels.
+    - `top`, `left`: row and column of the rectangle's first pixel.
     - `delay`: time until the next frame, in hundredths of a second.
     """
     height, width = indices.shape
@@ -60,11 +64,11 @@ def frame(
 
 
 def _lzw(data: bytes) -> bytes:
-    """Compress 8-bit values by LZW, into codes of 9 to 12 bits, packed from the low bits up.
+    """Compress one or more 8-bit values by LZW, into codes of 9 to 12 bits, low bits first.
 
     **Source:** GIF 89a, appendix F.
     """
-    # `pending` holds the last `bits` bits, which do not fill a byte yet.
+    # `pending` holds the last `bits` bits that were made, which do not fill a byte yet.
     packed, pending, bits = bytearray(), _CLEAR, 9
     # Code of each known sequence, by the code of its prefix and its last value.
     codes: dict[int, int] = {}

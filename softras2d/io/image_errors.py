@@ -1,4 +1,4 @@
-"""Errors about image files in one line: what OpenImageIO says, without paths and line breaks."""
+"""Makes one-line error messages about image files from the messages of OpenImageIO."""
 
 from pathlib import Path
 
@@ -19,7 +19,10 @@ _UNREAD_KINDS = {
 
 
 def unreadable(name: str, path: Path) -> str:
-    """The error about a file that OpenImageIO does not open; for known formats, with the cure."""
+    """Make the message about the file `path`, which OpenImageIO has just failed to open.
+
+    The message calls the file `name`. For HEIC and AVIF, it says to convert the file first.
+    """
     reason = reason_text(oiio.geterror(), path)
     with path.open("rb") as file:
         kind = _UNREAD_KINDS.get(file.read(12)[4:])
@@ -29,7 +32,10 @@ def unreadable(name: str, path: Path) -> str:
 
 
 def reason_text(message: str, path: Path) -> str:
-    """First line of a message of OpenImageIO in parentheses, without the name of the file."""
+    """The first line of a message of OpenImageIO, as ` (...)` to be appended to another message.
+
+    The path and the name of the file are removed or replaced by "it". Empty for an empty message.
+    """
     first = message.strip().splitlines()[0] if message.strip() else ""
     for quoted in (f' ("{path}")', f" ({path})"):
         first = first.replace(quoted, "")

@@ -1,4 +1,4 @@
-"""Writes an image file from windows that come row by row, with memory for a row of them at most."""
+"""Writes an image file window by window, and holds at most one row of windows in memory."""
 
 import math
 from pathlib import Path
@@ -24,7 +24,7 @@ _FILE_TILE = 512
 
 
 def check_stream(path: Path) -> None:
-    """Raise `ValueError` if no stream can be written to `path`."""
+    """Raise `ValueError` if `ImageStream` cannot write `path`: for its suffix or its folder."""
     if path.suffix.lower() not in STREAMABLE:
         raise ValueError(
             f"{path}: the suffix of a tiled image must be one of {', '.join(STREAMABLE)}."
@@ -33,15 +33,20 @@ def check_stream(path: Path) -> None:
 
 
 class ImageStream:
-    """An image file `[height, width, channels]` that is written from windows, row by row.
+    """An image file that is written window by window.
 
-    Each window is `tile` pixels a side, or less at the right and lower borders. TIFF and EXR files
-    are tiled, and store a window when it comes. A PNG stores rows, so a row of windows is collected
-    first.
+    - `draft`: path of the file that is written. Its suffix chooses the format.
+    - `path`: what errors call the file.
+    - `shape`: `(height, width, channels)` of the image.
+    - `tile`: side of a window in pixels. Windows at the right and lower borders may be smaller.
+    - `linear`, `truncate`: as in `write_image`.
 
-    Use it in a `with` block: the file is complete at the end of a block that did not raise.
-    `draft` is the file that is written, `path` its name in errors. `linear` and `truncate` are
-    those of `write_image`. Raises `ValueError`, one line, as `write_image` does.
+    Windows must be written from left to right, and row by row from the top. TIFF and EXR files are
+    tiled, and store a window as soon as it is written. A PNG stores rows of pixels, so a row of
+    windows is collected first.
+
+    Use it in a `with` block: the file is complete at the end of a block that did not raise. Raises
+    `ValueError`, one line, as `write_image` does.
     """
 
     def __init__(
@@ -66,7 +71,7 @@ class ImageStream:
         if math.prod(shape) * dtype.itemsize >= 2**32:
             # Offsets in a plain TIFF have 32 bits.
             spec.attribute("tiff:bigtiff", 1)
-        # Rows of a PNG of which windows have come.
+        # The row of windows of a PNG that is being collected.
         self._rows = np.zeros((0, *shape[1:]), dtype)
         self._output = open_output(draft, path, spec)
 
@@ -74,7 +79,7 @@ class ImageStream:
         return self
 
     def write(self, x: int, y: int, image: np.ndarray) -> None:
-        """Write a window of floats `[height, width, channels]` whose first pixel is (x, y)."""
+        """Write a window of floats `[height, width, channels]`, whose top left pixel is (x, y)."""
         pixels = as_pixels(str(self._path), image)
         pixels = stored_pixels(self._path, pixels, linear=self._linear, truncate=self._truncate)
         height, width = pixels.shape[:2]
@@ -105,8 +110,10 @@ class ImageStream:
             self._output.close()
 
     def _check(self, size: int) -> None:
+        """Raise `ValueError` unless the disk has `size` bytes free."""
         check_free_space(self._draft, self._path, size)
 
     def _fail_unless(self, is_written: bool) -> None:
+        """Raise `ValueError` with OpenImageIO's message unless `is_written` is true."""
         if not is_written:
             close_output(self._output, self._draft, self._path, False)

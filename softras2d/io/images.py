@@ -33,12 +33,14 @@ from .image_errors import reason_text, unreadable
 from .outputs import WRITABLE, check_writable_path
 
 MAX_IMAGE_BYTES = 2**30
-"""Limit of the memory of an image as float32, with all channels of its file and at least three. The
-header of a tiny file can claim any size, so larger images are refused before they are decoded. The
-limit is 89 million RGB pixels, or 67 million RGBA pixels (8192 x 8192)."""
+"""Maximum size of an image as float32, in bytes: 89 million RGB or 67 million RGBA pixels.
+
+All channels of the file count, and at least three. The header of a tiny file can claim any size, so
+larger images are refused before they are decoded.
+"""
 
 _INTEGERS = {"uint8": (oiio.UINT8, 255), "uint16": (oiio.UINT16, 65535)}
-"""For each integer format, the type in which it is read, and the integer that means 1."""
+"""For each integer format of OpenImageIO, the type in which it is read, and what means 1.0."""
 
 
 def read_image(
@@ -55,9 +57,10 @@ def read_image(
 
 
 def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
-    """Height and width of an image file, upright, from its header; no pixels are read.
+    """Read the (height, width) of an image file in pixels, from its header alone.
 
-    Raises `ValueError`, one line, if the file is missing, not an image, or too large.
+    The EXIF orientation is applied, as in `read_image`. Raises `ValueError`, one line, if the file
+    is missing, not an image, or larger than `MAX_IMAGE_BYTES`.
     """
     path = Path(path)
     if not path.is_file():
@@ -77,9 +80,12 @@ def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
 def read_charged(
     source: Path | bytes, name: str, charge: Callable[[int], None]
 ) -> Float32[np.ndarray, "height width channels"]:
-    """Like `read_image` or `decode_image`, but call `charge` before the image is decoded.
+    """Read an image in sRGB like `read_image`, but call `charge` before its pixels are decoded.
 
-    `charge` is given the number of pixels that the header claims, and may raise.
+    - `source`: path of a file, or the bytes of one.
+    - `name`: what errors call the image.
+    - `charge`: called with the number of pixels that the header claims. It may raise an error to
+      refuse the image.
     """
     if isinstance(source, bytes):
         with _as_file(source) as path:
@@ -90,14 +96,14 @@ def read_charged(
 def decode_image(
     data: bytes, name: str, *, linear: bool = False
 ) -> Float32[np.ndarray, "height width channels"]:
-    """Like `read_image`, for the bytes of an image file of any format; errors call it `name`."""
+    """Read an image like `read_image`, from the bytes of a file; errors call it `name`."""
     with _as_file(data) as path:
         return _load(path, name, linear)
 
 
 @contextmanager
 def _as_file(data: bytes) -> Iterator[Path]:
-    """A temporary file that contains `data`."""
+    """Yield the path of a temporary file that contains `data`; it is removed afterwards."""
     # OpenImageIO reads only files from Python. It detects the format from the content.
     with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
         path = Path(folder) / "image"
@@ -112,9 +118,10 @@ def write_image(
 
     The suffix of `path` chooses the format. In 8-bit files, values are clipped to 0..1 and rounded
     to the nearest k/255. `truncate=True` takes floor(255 x) in float32 instead, as the rasterizer
-    course does, which also preserves every k/255. `linear=True` means that the image is linear
-    light. The file is written completely or not at all. Raises `ValueError`, one line, for NaN and
-    infinity, another shape or dtype, an unknown suffix, or a folder that does not exist.
+    course does, which also preserves every k/255. `linear=True` means that the values are linear
+    light instead of sRGB. The file is written completely or not at all. Raises `ValueError`, one
+    line, for NaN and infinity, another shape or dtype, alpha in a JPEG, an unknown suffix, or a
+    folder that does not exist.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -127,9 +134,13 @@ def write_image(
 
 
 def stored_pixels(path: Path, pixels: np.ndarray, *, linear: bool, truncate: bool) -> np.ndarray:
-    """The numbers that a file with the suffix of `path` stores for these float32 pixels.
+    """Convert float32 pixels to the numbers that a file with the suffix of `path` stores.
 
-    Bytes, or for an EXR premultiplied linear light. Raises `ValueError` for NaN and infinity.
+    - `pixels`: finite values with straight alpha: linear light if `linear`, else sRGB.
+    - `truncate`: whether bytes are rounded down instead of to the nearest.
+
+    Returns sRGB bytes; for an EXR, premultiplied linear light in float32. Raises `ValueError` that
+    names `path` for an EXR whose values would not be finite in float32.
     """
     if path.suffix.lower() != ".exr":
         pixels = _on_colors(linear_to_srgb, pixels) if linear else pixels
@@ -146,20 +157,28 @@ def stored_pixels(path: Path, pixels: np.ndarray, *, linear: bool, truncate: boo
 def to_bytes(
     pixels: Float32[np.ndarray, "*shape"], *, truncate: bool = False
 ) -> UInt8[np.ndarray, "*shape"]:
-    """Convert floats to bytes: clip them to 0..1, and round to the nearest k/255, or down."""
+    """Convert floats to bytes: clip x to 0..1, and round 255 x to the nearest integer.
+
+    `truncate` rounds down instead.
+    """
     scaled = np.clip(pixels, 0.0, 1.0) * np.float32(255.0)
     return np.floor(scaled if truncate else scaled + np.float32(0.5)).astype(np.uint8)
 
 
 def round_to_levels(pixels: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
-    """Round floats as an 8-bit file does: the values that `read_image` returns after writing."""
+    """Clip floats to 0..1 and round them to multiples of 1/255, as writing an 8-bit file does."""
     return to_bytes(pixels) / np.float32(255.0)
 
 
 def _load(
     path: Path, name: str, linear: bool, charge: Callable[[int], None] | None = None
 ) -> Float32[np.ndarray, "height width channels"]:
-    """Read an image file as RGB or RGBA; errors call it `name`, and `charge` gets its pixels."""
+    """Read an image file as RGB or RGBA with straight alpha.
+
+    - `name`: what errors call the file.
+    - `linear`: whether values become linear light, rather than sRGB.
+    - `charge`: called as in `read_charged`, unless it is None.
+    """
     if path.is_dir():
         raise ValueError(f"{name}: a folder, not an image.")
     if not path.exists():
@@ -188,7 +207,10 @@ def _load(
 def _read_channels(
     path: Path, name: str, charge: Callable[[int], None] | None
 ) -> tuple[Float32[np.ndarray, "height width channels"], Any]:
-    """The channels of a file as float32, before any conversion, and its `ImageSpec`."""
+    """Read all channels of a file as float32, and its `ImageSpec`.
+
+    Integers become 0..1; there is no other conversion. Errors and `charge` are as in `_load`.
+    """
     _check_png_chunks(path, name)
     hint = oiio.ImageSpec()
     # Without this hint, PNG colours are premultiplied and rounded to bytes.
@@ -248,7 +270,8 @@ def _check_png_chunks(path: Path, name: str) -> None:
 def _select_rgba(pixels: np.ndarray, names: list[str]) -> np.ndarray:
     """Select RGB or RGBA from the channels of a file, by their names.
 
-    Without channels R, G and B, the first three channels are used, or the first one three times.
+    Without channels R, G and B, the first three channels other than A are colours. If there are
+    fewer than three, the first is repeated.
     """
     not_alpha = [index for index, name in enumerate(names) if name != "A"] or [0]
     if {"R", "G", "B"} <= set(names):
@@ -262,7 +285,10 @@ def _select_rgba(pixels: np.ndarray, names: list[str]) -> np.ndarray:
 
 
 def _is_premultiplied(path: Path, spec: Any) -> bool:
-    """Whether colours are premultiplied: in EXR always, TIFF unless it declares straight alpha."""
+    """Whether a file's colours are premultiplied.
+
+    They are in every EXR, and in a TIFF unless it declares straight alpha.
+    """
     with path.open("rb") as file:
         magic = file.read(4)
     if magic == b"\x76\x2f\x31\x01":
@@ -272,7 +298,7 @@ def _is_premultiplied(path: Path, spec: Any) -> bool:
 
 
 def _on_colors(convert: Any, pixels: np.ndarray) -> np.ndarray:
-    """Apply `convert` to all channels except alpha."""
+    """Apply `convert`, a function of arrays, to all channels except alpha, the fourth."""
     colors = 3 if pixels.shape[-1] == 4 else pixels.shape[-1]
     return np.concatenate([convert(pixels[..., :colors]), pixels[..., colors:]], axis=-1)
 
@@ -292,7 +318,11 @@ def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
 
 
 def _checked_pixels(path: Path, image: np.ndarray) -> np.ndarray:
-    """Check everything that can be checked before writing; returns `image` as float32."""
+    """Check that an image can be written to `path`; returns it as float32.
+
+    Raises `ValueError` for what is not an image, for alpha in a JPEG, and for a folder that does
+    not exist.
+    """
     pixels = as_pixels(str(path), image)
     if image.shape[-1] == 4 and path.suffix.lower() in (".jpg", ".jpeg"):
         raise ValueError(
@@ -303,7 +333,11 @@ def _checked_pixels(path: Path, image: np.ndarray) -> np.ndarray:
 
 
 def as_pixels(name: str, image: np.ndarray) -> Float32[np.ndarray, "height width channels"]:
-    """`image` as float32. Raises `ValueError`, which begins with `name`, if it is not an image."""
+    """Check that an array is an image, and convert it to float32.
+
+    An image is `[height, width, 1, 3 or 4]` with finite floats. Raises `ValueError`, whose message
+    begins with `name`, for anything else.
+    """
     if image.ndim != 3 or image.shape[-1] not in (1, 3, 4) or 0 in image.shape:
         raise ValueError(f"{name}: an image is [height, width, 1, 3 or 4]; got {image.shape}.")
     if image.dtype not in (np.float16, np.float32, np.float64):
@@ -315,7 +349,10 @@ def as_pixels(name: str, image: np.ndarray) -> Float32[np.ndarray, "height width
 
 
 def _check_finite(name: str, pixels: np.ndarray) -> None:
-    """Raise `ValueError`, which begins with `name`, for the first value that is not finite."""
+    """Raise `ValueError`, whose message begins with `name`, if a value is NaN or infinite.
+
+    The message names the first such value.
+    """
     finite = np.isfinite(pixels)
     if not finite.all():
         row, column, channel = (int(i) for i in np.argwhere(~finite)[0])
@@ -324,7 +361,10 @@ def _check_finite(name: str, pixels: np.ndarray) -> None:
 
 
 def _save(draft: Path, path: Path, pixels: np.ndarray) -> None:
-    """Write pixels to `draft` in the format of its suffix; errors call it `path`."""
+    """Write pixels, as `stored_pixels` returns them, to `draft` in the format of its suffix.
+
+    Raises `ValueError`, which calls the file `path`.
+    """
     height, width, channels = pixels.shape
     check_free_space(draft, path, pixels.nbytes)
     spec = image_spec(draft, (height, width, channels), pixels.dtype)
@@ -334,7 +374,10 @@ def _save(draft: Path, path: Path, pixels: np.ndarray) -> None:
 
 
 def check_free_space(draft: Path, path: Path, size: int) -> None:
-    """Raise `ValueError` unless the disk of `draft` has `size` bytes left, and a few more."""
+    """Raise `ValueError`, which names `path`, unless the disk of `draft` has `size` bytes free.
+
+    64 KiB are required in addition, for headers.
+    """
     # The JPEG library terminates the process if the disk is full.
     if shutil.disk_usage(draft.parent).free < size + 2**16:
         raise ValueError(
@@ -343,7 +386,10 @@ def check_free_space(draft: Path, path: Path, size: int) -> None:
 
 
 def image_spec(draft: Path, shape: tuple[int, int, int], dtype: Any) -> Any:
-    """The `ImageSpec` of an image `[height, width, channels]` in the format of a suffix."""
+    """Make OpenImageIO's `ImageSpec` for writing an image in the format of the suffix of `draft`.
+
+    `shape` is `(height, width, channels)`; `dtype` is float32 or an unsigned integer type.
+    """
     height, width, channels = shape
     spec = oiio.ImageSpec(width, height, channels, str(dtype).replace("float32", "float"))
     if draft.suffix != ".exr":
@@ -356,7 +402,10 @@ def image_spec(draft: Path, shape: tuple[int, int, int], dtype: Any) -> Any:
 
 
 def open_output(draft: Path, path: Path, spec: Any) -> Any:
-    """Open `draft` for writing; raises `ValueError`, which calls it `path`."""
+    """Open `draft` for writing an image; returns OpenImageIO's `ImageOutput`.
+
+    Raises `ValueError`, which calls the file `path`.
+    """
     target = oiio.ImageOutput.create(str(draft))
     if target is None:
         raise ValueError(f"{path}: cannot be written{reason_text(oiio.geterror(), draft)}.")
@@ -366,14 +415,20 @@ def open_output(draft: Path, path: Path, spec: Any) -> Any:
 
 
 def close_output(target: Any, draft: Path, path: Path, is_written: bool) -> None:
-    """Close `draft`; raise `ValueError`, which calls it `path`, unless it is complete."""
+    """Close the output of `open_output`; raise `ValueError` unless the file is complete.
+
+    `is_written` says whether everything was written so far. The error calls the file `path`.
+    """
     # Closing writes buffered data, so it may fail if the disk is full.
     if not (target.close() and is_written) or not _is_complete(draft):
         raise ValueError(f"{path}: cannot be written{reason_text(target.geterror(), draft)}.")
 
 
 def _is_complete(draft: Path) -> bool:
-    """Whether a PNG is complete: OpenImageIO does not report a full disk."""
+    """Whether a PNG is complete; True for other formats.
+
+    OpenImageIO does not report a full disk while it writes a PNG.
+    """
     if draft.suffix != ".png":
         return True
     with draft.open("rb") as file:

@@ -1,12 +1,13 @@
-"""Which image files can be written, and whether a path can be. Imports no library.
+"""Lists the image formats that can be written, and checks paths to write to.
 
-The command line checks its arguments by this module before it loads JAX and OpenImageIO.
+The module imports no library, so that the command line can check its arguments before it loads JAX
+and OpenImageIO.
 """
 
 from pathlib import Path
 
 WRITABLE = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff")
-"""Suffixes that `write_image` accepts."""
+"""Suffixes that `write_image` accepts, in lower case."""
 
 
 def check_writable_path(path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 COLORS = 256
-"""Maximum size of a palette."""
+"""Maximum number of colours of a palette."""
 
 
 def quantized(
@@ -14,9 +14,9 @@ def quantized(
 ) -> tuple[UInt8[np.ndarray, "height width"], UInt8[np.ndarray, "colors 3"]]:
     """Reduce an image to at most 256 colours; returns palette indices of pixels, and the palette.
 
-    The result is exact if the image has no more colours; otherwise each colour of the palette is
-    the mean of the pixels that use it. There is no dithering, so that still parts of an animation
-    do not flicker, and take fewer bytes.
+    If the image has at most 256 colours, the result is exact. Otherwise each colour of the palette
+    is the mean of the pixels that use it. There is no dithering, so that still parts of an
+    animation do not flicker, and take fewer bytes.
     """
     codes = image.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
     codes, color_of_pixel, counts = np.unique(codes, return_inverse=True, return_counts=True)
@@ -31,11 +31,12 @@ def quantized(
 
 
 def _boxes(colors: Float[np.ndarray, "n 3"], counts: Int[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
-    """Group colours into 256 boxes; returns the box of each colour, 0 to 255.
+    """Group more than 256 distinct colours into 256 boxes; returns the number of each one's box.
 
-    Starting with one box, the box with the largest squared error, summed over its pixels, is cut in
-    two: at its mean, across the channel with the largest error. Boxes are chosen by their error and
-    not by their number of pixels, so that a few red pixels on a white background stay red.
+    `counts` are the numbers of pixels of the colours. Starting with one box, the box with the
+    largest squared error, summed over its pixels, is cut in two: at its mean, across the channel
+    with the largest error. Boxes are chosen by their error and not by their number of pixels, so
+    that a few red pixels on a white background stay red.
 
     **Source:** variant of median cut, Heckbert, *Color Image Quantization for Frame Buffer Display*
     (SIGGRAPH 1982).
@@ -56,11 +57,12 @@ def _heap_entry(
 ) -> tuple[float, int, np.ndarray, int, float]:
     """Make the heap entry of a box of colours; the box with the largest squared error comes first.
 
-    - `members`: indices in `colors` of the colours of the box.
-    - `counts`: number of pixels of each colour.
+    - `box`: number of the box.
+    - `members`: indices in `colors` of the colours in the box.
+    - `colors`, `counts`: all colours, and the number of pixels of each.
 
-    Returns minus the squared error, summed over pixels; the box and its members; and where to cut
-    it: the channel with the largest error, and the mean of that channel.
+    Returns minus the squared error, summed over pixels; `box`; `members`; the channel with the
+    largest error, across which to cut the box; and the mean of that channel, at which to cut.
     """
     member_colors, weights = colors[members], counts[members]
     means = weights @ member_colors / weights.sum()

@@ -1,4 +1,4 @@
-"""Cuts chains into dashes."""
+"""Cuts chains of segments into the dashes of a dashed stroke."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from ..budget import Budget
 
 _DOT = 1e-6
-"""Length of a dash of length zero, in periods, which keeps the direction of its caps."""
+"""Minimum length of a dash, in periods of the pattern. With length 0, its caps had no direction."""
 
 
 def dashes(
@@ -19,12 +19,18 @@ def dashes(
     offset: float,
     budget: Budget,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Cut a chain into dashes: the points of each, and which of them lie inside a curve.
+    """Cut a chain of segments into dashes; returns points `[k, 2]` and `smooth` `[k]` of each.
 
-    - `pattern`: lengths of dashes and gaps in turn, with a positive sum.
-    - `offset`: where in the pattern the chain begins.
+    - `points`: the chain.
+    - `smooth`: whether each point lies inside a flattened curve.
+    - `closed`: whether a segment joins the last point to the first.
+    - `pattern`: lengths of dashes and gaps in turn, in the units of `points`: an even number of
+      lengths, with a positive sum.
+    - `offset`: distance from the start of the pattern at which the chain begins.
 
-    If a closed chain begins and ends within a dash, both parts are one dash.
+    If a closed chain begins and ends within a dash, both parts are one dash. A chain of length zero
+    is returned uncut, and so is one whose number of periods overflows. Raises `BudgetError` if the
+    dashes need more points than `budget` allows.
 
     **Source:** SVG 2, section 13.5.6.
     """
@@ -45,7 +51,7 @@ def dashes(
     begins, ends = begins.ravel(), np.maximum(ends, begins + _DOT * period).ravel()
     is_inside = (ends > 0) & (begins < total)
     begins, ends = np.maximum(begins[is_inside], 0), np.minimum(ends[is_inside], total)
-    # Zero lengths make the parameter of a point ambiguous; interpolation then takes either.
+    # Where points coincide, interpolation may take either of them.
     cut_x, cut_y = (np.interp(np.stack([begins, ends]), along, points[:, axis]) for axis in (0, 1))
     cuts = np.stack([cut_x, cut_y], axis=-1)
     first = np.searchsorted(along, begins, side="right")

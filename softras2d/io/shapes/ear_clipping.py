@@ -1,8 +1,8 @@
 """Triangulates polygons as the course does: by ear clipping in float32, with its defects.
 
-If a polygon crosses itself or is degenerate, the triangles do not fill the region that a fill rule
-would, so the image depends on which ears are clipped, and in which order. Polygons with equal
-numbers of vertices are clipped together.
+If a polygon crosses itself or is degenerate, its triangles do not fill the region that a fill rule
+would fill. The image then depends on which ears are clipped, and in which order. Polygons with
+equal numbers of vertices are clipped together.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from .overlaps import FEW, charge_crossings
 from .polygons import triangulate
 
 _MIN_CROSS = np.float32(1e-10)
-"""Smallest cross product of two edges that counts as a left turn, as in the course."""
+"""Smallest cross product of the edges at a corner that may be an ear, as in the course."""
 
 MAX_CLIPPED = 256
 """Maximum number of vertices for which ears are always clipped. A larger polygon that is simple
@@ -34,9 +34,10 @@ def clip_ears(
 ) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarray, "triangles 3"], list[int]]:
     """Triangulate contours `[n, 2]`, float32, by clipping ears.
 
-    Returns the index of the contour of each triangle, the three vertices of each triangle, and the
-    contours that are not triangulated here: simple ones of more than `MAX_CLIPPED` vertices, and
-    others of more than `MAX_CLIPPED_IF_CROSSING`.
+    Returns three things: for each triangle, the index of its contour; for each triangle, the
+    indices of its three vertices in that contour; and the indices of the contours that are not
+    triangulated here. These are simple contours of more than `MAX_CLIPPED` vertices, and all
+    contours of more than `MAX_CLIPPED_IF_CROSSING`.
 
     Triangles of one contour are consecutive, in the order in which they are clipped. A contour of
     fewer than three points gives none. Raises `BudgetError`, with the index of the contour, if the
@@ -59,8 +60,8 @@ def clip_ears(
         if len(indices) == 0:
             continue
         budget.charge_each("triangles", np.full(len(indices), count - 2), indices.tolist())
-        # Products of large coordinates may overflow. An infinite area counts as area, and a corner
-        # with NaN is no ear.
+        # Products of large coordinates may overflow. An infinite area still has a sign, and a
+        # corner with NaN is not an ear.
         with np.errstate(over="ignore", invalid="ignore", under="ignore"):
             try:
                 polygon, ears = _clip(np.stack([contours[i] for i in indices.tolist()]), budget)
@@ -77,7 +78,12 @@ def is_simple(contour: Float32[np.ndarray, "n 2"]) -> bool:
 
 
 def crosses_itself(contour: Float32[np.ndarray, "n 2"], budget: Budget, index: int) -> bool:
-    """Whether a contour of any size crosses or touches itself; charges `budget` for `index`."""
+    """Whether a contour of any size crosses or touches itself.
+
+    Also true for a contour of fewer than three points, where a point that repeats the one before it
+    is not counted. The work is charged to `budget`; `index` is the index of the contour in a
+    `BudgetError`.
+    """
     points = contour.astype(np.float64)
     points = points[(points != np.roll(points, 1, axis=0)).any(axis=1)]
     if len(points) > FEW:
@@ -91,24 +97,28 @@ def crosses_itself(contour: Float32[np.ndarray, "n 2"], budget: Budget, index: i
 def fill_nonzero(
     contour: Float[np.ndarray, "n 2"], budget: Budget | None = None
 ) -> Float[np.ndarray, "triangles 3 2"]:
-    """Triangulate by the nonzero rule a contour that `clip_ears` has skipped."""
+    """Triangulate a contour that `clip_ears` has skipped, by the nonzero rule; returns corners."""
     return triangulate([contour], [False], [False], budget)[0]
 
 
 def _clip(
     points: Float32[np.ndarray, "polygons n 2"], budget: Budget
 ) -> tuple[Int[np.ndarray, " ears"], Int[np.ndarray, "ears 3"]]:
-    """Clip polygons of `n` vertices; returns the polygon and the three vertices of each ear.
+    """Clip ears of polygons with `n` vertices each.
 
-    `previous`, `corner` and `following` are three consecutive remaining vertices of a polygon. Each
-    pass of the loop tests one corner of every polygon.
+    Returns, for each ear, the index of its polygon and the indices of its three vertices. Ears of
+    one polygon are consecutive. Polygons without ears are given up, so they may have fewer than
+    `n - 2`.
+
+    In the body, `previous`, `corner` and `following` are three consecutive remaining vertices of
+    each polygon. A pass of the loop tests one corner of every polygon.
     """
     count, n = points.shape[:2]
     x, y = points[..., 0], points[..., 1]
     # Summed in the course's order, since float32 addition is not associative.
     area = np.add.accumulate(np.roll(x, 1, axis=1) * y - x * np.roll(y, 1, axis=1), axis=1)
     is_forward = area[:, -1:] > 0
-    # The vertices that remain of each polygon: the first `sizes` entries of its row.
+    # Row k holds the vertices that remain of polygon k, in its first `sizes[k]` entries.
     remaining = np.where(is_forward, np.arange(n), np.arange(n)[::-1])
     # A polygon is given up if no corner is an ear in two rounds.
     sizes, last_corners, trials = np.full(count, n), np.full(count, n - 1), np.full(count, 2 * n)
@@ -146,10 +156,13 @@ def _are_ears(
     size: Int[np.ndarray, " polygons"],
     neighbours: Int[np.ndarray, "polygons 3"],
 ) -> Bool[np.ndarray, " polygons"]:
-    """Whether corners turn left and have no other vertex inside or on their triangle.
+    """Whether one corner of each polygon is an ear.
 
-    Only the first `size` points of a polygon are valid. `neighbours` are the indices of the
-    previous vertex, the corner and the next vertex.
+    An ear has a cross product of at least `_MIN_CROSS`, and no other vertex of the polygon lies
+    inside its triangle or on it.
+
+    - `size`: number of valid points of each polygon, which come first in its row.
+    - `neighbours`: indices in `points` of the previous vertex, the corner and the next vertex.
     """
     row = np.arange(len(points))[:, None]
     a, b, c = (points[row[:, 0], index][:, None] for index in neighbours.T)

@@ -1,7 +1,7 @@
 """Finds the regions that a fill rule fills, for shapes of one or more closed contours.
 
 GEOS divides the plane into faces along the contours. The winding number of a shape is constant in a
-face, so the fill rule fills each face or leaves it empty.
+face, so the fill rule fills the whole face or leaves it empty.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from .overlaps import FEW, charge_crossings
 
 
 class _Edges(NamedTuple):
-    """The edges of a shape, from `starts` to `ends`."""
+    """The directed edges of all contours of a shape, from `starts` to `ends`."""
 
     starts: Float[np.ndarray, "n 2"]
     ends: Float[np.ndarray, "n 2"]
@@ -28,11 +28,14 @@ def fill_rule_regions(
     error_indices: Sequence[int],
     budget: Budget,
 ) -> tuple[np.ndarray, Int[np.ndarray, " regions"]]:
-    """Make the shapely polygons that fill shapes; returns them and the shape of each, in order.
+    """Make the shapely polygons that fill shapes; returns them, and the index of each one's shape.
 
-    - `shapes`: the contours `[n, 2]` of each shape.
-    - `evenodd`: whether each is filled by the even-odd rule instead of the nonzero rule.
-    - `error_indices`: the indices by which errors name the shapes.
+    - `shapes`: the closed contours `[n, 2]` of each shape.
+    - `evenodd`: whether each shape is filled by the even-odd rule instead of the nonzero rule.
+    - `error_indices`: for each shape, the index that a `BudgetError` about it carries.
+
+    The polygons are in the order of the shapes. A shape may have several, which may share edges; or
+    none, if it has no contour of three points.
     """
     shapes = [_with_area(contours) for contours in shapes]
     with_area = np.flatnonzero([len(contours) > 0 for contours in shapes])
@@ -76,7 +79,10 @@ def fill_rule_regions(
 
 
 def _with_area(contours: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Contours of at least three points, without points that equal the point before them."""
+    """Drop points that equal the point before them, and then contours of fewer than three points.
+
+    A contour of three points is kept as it is.
+    """
     tidy = [c[(c != np.roll(c, 1, axis=0)).any(axis=1)] if len(c) > 3 else c for c in contours]
     return [contour for contour in tidy if len(contour) > 2]
 
@@ -87,7 +93,10 @@ def _edges(contours: Sequence[np.ndarray]) -> _Edges:
 
 
 def distinct_edges(starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges `[edges, 2]` without repetitions, also in reverse."""
+    """The edges without those that repeat an earlier edge, in the same or the opposite direction.
+
+    `starts` and `ends` are the ends of the edges, `[edges, 2]`, and so are the two results.
+    """
     swap = (starts[:, 0] > ends[:, 0]) | (
         (starts[:, 0] == ends[:, 0]) & (starts[:, 1] > ends[:, 1])
     )
@@ -106,10 +115,14 @@ def _faces(
     error_indices: Sequence[int],
     budget: Budget,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Faces into which contours divide the plane, and the shape of each.
+    """Divide the plane into faces along the contours of each shape.
 
-    - `lines`: the edges of every shape, as shapely lines; `lengths`: their numbers.
-    - `crossing`: the indices of the shapes that cross themselves or have several contours.
+    - `lines`: the edges of every shape, as one shapely geometry each.
+    - `crossing`: the indices of the shapes to divide: those that cross themselves or have several
+      contours.
+    - `lengths`: the number of edges of every shape.
+
+    Returns the bounded faces as shapely polygons, and for each the index of its shape.
     """
     all_faces, owners = [np.zeros(0, object)], [np.zeros(0, np.int64)]
     # Crossings of large shapes have been charged. Small shapes are processed in blocks, which
@@ -142,7 +155,10 @@ def _windings(
     error_indices: Sequence[int],
     budget: Budget,
 ) -> Int[np.ndarray, " points"]:
-    """Winding number of one shape around each point: that of index `shape_of_point`."""
+    """Winding number around each point of the shape whose index is `shape_of_point`.
+
+    `lengths` are the numbers of edges of all shapes.
+    """
     winding = np.zeros(len(points), np.int64)
     for length in np.unique(lengths[shape_of_point]).tolist():
         members = np.flatnonzero(lengths[shape_of_point] == length)
@@ -166,10 +182,11 @@ def _windings(
 def _winding_by_rays(
     edges: _Edges, points: Float[np.ndarray, "points 2"], budget: Budget, error_index: int
 ) -> Int[np.ndarray, " points"]:
-    """Winding number of one shape of many edges around many points.
+    """Winding number of one shape of many edges around each of many points.
 
-    Only edges that a ray from the point may meet are tested. Rays run along x or along y, whichever
-    meets fewer edges.
+    A ray is sent from each point, and only edges that it may meet are tested. All rays run along x,
+    or all along y, whichever direction meets fewer edges. `error_index` is the index of the shape
+    in a `BudgetError`.
     """
     starts, ends = edges
     low, high = np.minimum(starts, ends), np.maximum(starts, ends)
@@ -203,10 +220,10 @@ def _winding_by_rays(
 
 
 def _ray_turns(a: np.ndarray, b: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Sign of the crossing of edge a-b with the ray to the right of a point; 0 if there is none.
+    """Sign with which the edge from a to b crosses the ray from a point in direction +x.
 
-    It is 1 if y increases from a to b, and -1 if it decreases. The sum over the edges of a contour
-    is its winding number around the point.
+    It is 1 if y increases from a to b, -1 if it decreases, and 0 if the edge does not cross the
+    ray. The sum over the edges of a contour is its winding number around the point.
 
     **Source:** Sunday, *Inclusion of a point in a polygon* (2001).
     """

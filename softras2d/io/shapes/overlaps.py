@@ -10,21 +10,23 @@ from jaxtyping import Float
 from ..budget import Budget
 
 _PAIRS_AT_ONCE = 2**20
-"""Maximum number of pairs in one block, unless one box alone overlaps more boxes."""
+"""Maximum number of pairs in one block, unless a single box overlaps more boxes."""
 
 FEW = 64
-"""Pairs of edges are not counted in polygons of at most this many edges, which have few pairs."""
+"""Polygons of at most this many edges have so few pairs of edges that these are not counted."""
 
 
 def overlapping_pairs(boxes: Float[np.ndarray, "n 4"]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the pairs i < j of overlapping boxes (x0, y0, x1, y1) in blocks.
+    """Yield the pairs of overlapping boxes (x0, y0, x1, y1) in blocks, as two arrays of indices.
+
+    In each pair, the index in the first array is smaller than the index in the second. Boxes that
+    only touch overlap. A caller that counts pairs can stop after any block.
 
     A block holds the pairs of several consecutive boxes. Along each axis, two sorted lists give the
-    number of intervals that overlap the interval of a box. The smaller of the two numbers bounds
-    the pairs of that box. A block takes as many boxes as keep the sum of these bounds below
-    `_PAIRS_AT_ONCE`, and at least one. Memory is therefore at most that of `_PAIRS_AT_ONCE` pairs
-    or, since one box may overlap all others, of `n` pairs. A caller that counts can stop after any
-    block.
+    number of intervals that overlap the interval of a box. The smaller number of both axes bounds
+    the pairs of that box. A block takes as many boxes as keep the sum of these bounds at most
+    `_PAIRS_AT_ONCE`, and at least one. A block therefore has at most `_PAIRS_AT_ONCE` pairs or,
+    since one box may overlap all others, `n` pairs.
     """
     max_pairs = np.full(len(boxes), len(boxes), np.int64)
     for axis in (0, 1):
@@ -48,7 +50,10 @@ def overlapping_pairs(boxes: Float[np.ndarray, "n 4"]) -> Iterator[tuple[np.ndar
 
 
 def charge_overlaps(boxes: Float[np.ndarray, "n 4"], budget: Budget, index: int) -> None:
-    """Charge `budget` two `pairs` for each pair of overlapping boxes; `index` is the shape."""
+    """Charge `budget` two `pairs` for each pair of overlapping boxes (x0, y0, x1, y1).
+
+    `index` is the index of the shape in a `BudgetError`.
+    """
     for first, _ in overlapping_pairs(boxes):
         budget.charge("pairs", 2 * len(first), index)
 
@@ -56,9 +61,11 @@ def charge_overlaps(boxes: Float[np.ndarray, "n 4"], budget: Budget, index: int)
 def charge_crossings(
     starts: Float[np.ndarray, "n 2"], ends: Float[np.ndarray, "n 2"], budget: Budget, index: int
 ) -> None:
-    """Charge `budget` for the `pairs` of edges with overlapping boxes, and for their `crossings`.
+    """Charge `budget` for the pairs of edges of one shape that may cross, and that do cross.
 
-    `index` is the shape of the edges. Edges that share an end do not count as crossing.
+    A pair of edges with overlapping bounding boxes counts among the `pairs`. If the edges cross or
+    touch without sharing an end, it also counts among the `crossings`. `index` is the index of the
+    shape in a `BudgetError`.
     """
     boxes = np.concatenate([np.minimum(starts, ends), np.maximum(starts, ends)], axis=1)
     for first, second in overlapping_pairs(boxes):
@@ -71,6 +78,9 @@ def charge_crossings(
 
 
 def _side(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Side of the line from a to b on which `point` lies: 1, 0 (on it) or -1."""
+    """Sign of the cross product of b - a and `point` - a, row by row.
+
+    It is 1 or -1 for a point on either side of the line from a to b, and 0 on the line.
+    """
     edge, to_point = b - a, point - a
     return np.sign(edge[:, 0] * to_point[:, 1] - edge[:, 1] * to_point[:, 0])

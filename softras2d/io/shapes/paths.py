@@ -15,18 +15,19 @@ from jaxtyping import Bool, Float, Int
 from ..budget import Budget
 
 TOLERANCE = 0.02
-"""Default for the largest distance between a curve and its polygon, in pixels."""
+"""Default value of the largest distance between a curve and its polygon, in pixels."""
 
 _MAX_SEGMENTS = 2**16
-"""Limit of segments of one curve, which a curve within float32 reaches only at a great scale."""
+"""Maximum number of chords of one curve. Only extremely large curves reach it."""
 
 
 @dataclass
 class Path:
     """Subpaths of lines, curves and arcs, in user units.
 
-    - `points`: the points of all segments, `(x, y)`.
-    - `fixed`: indices of points that are no control points, as they follow from a radius.
+    - `points`: the control points of all segments, `(x, y)`, to which segments refer by index.
+    - `fixed`: indices of points that do not count as control points of the file, because the file
+      gives them by other attributes, such as a center and radii.
     """
 
     points: list[tuple[float, float]] = field(default_factory=list)
@@ -34,17 +35,19 @@ class Path:
     fixed: set[int] = field(default_factory=set)
 
     def add_point(self, x: float, y: float) -> int:
-        """Add a control point; returns its index."""
+        """Append a control point to `points`; returns its index."""
         self.points.append((x, y))
         return len(self.points) - 1
 
 
 @dataclass
 class Subpath:
-    """A chain of segments from the point of index `start`.
+    """A chain of segments, each of which starts where the one before it ends.
 
-    `segments` are the indices of the other control points of each: one for a line, two for a
-    quadratic Bezier curve, three for a cubic one. An `Arc` stands for an elliptical arc.
+    - `start`: index of the first point in `Path.points`.
+    - `segments`: for each segment, the indices of its control points after the start: one for a
+      line, two for a quadratic Bezier curve, three for a cubic one. An elliptical arc is an `Arc`.
+    - `closed`: whether a straight line joins the last point to the first, if they differ.
     """
 
     start: int
@@ -53,10 +56,11 @@ class Subpath:
 
 
 class Arc(NamedTuple):
-    """An elliptical arc: center + cos(angle) major + sin(angle) minor.
+    """An elliptical arc: the points center + cos(angle) major + sin(angle) minor, in user units.
 
-    The angle, in radians, runs from `start_angle` through `turn`. `end` is the index of the last
-    point.
+    - `end`: index of the last point in `Path.points`.
+    - `major`, `minor`: the half axes, as vectors.
+    - `start_angle`, `turn`: the angle goes from `start_angle` to `start_angle + turn`, in radians.
     """
 
     end: int
@@ -68,19 +72,21 @@ class Arc(NamedTuple):
 
 
 def end_of(segment: tuple[int, ...] | Arc) -> int:
-    """Index of the point in which a segment ends."""
+    """Index in `Path.points` of the point in which a segment ends."""
     return segment.end if isinstance(segment, Arc) else segment[-1]
 
 
 class FlatPath(NamedTuple):
-    """Polygons or chains, one after the other.
+    """A flattened path: the points of all contours, one contour after the other.
 
     - `points`: `[n, 2]`, in user units.
     - `starts`: index of the first point of each contour.
-    - `closed`: whether each contour is closed; its last point never equals its first then.
-    - `smooth`: whether a point lies inside a curve.
-    - `controls`, `weights`: the control points of which each point is a linear combination;
-      controls of weight 0 are arbitrary. A point of negative `controls` is constant.
+    - `closed`: whether each contour is closed. The edge from its last point to its first is then
+      implied.
+    - `smooth`: whether each point lies inside a curve, rather than at the end of a segment.
+    - `controls`, `weights`: each point is the sum of `weights` times the control points whose
+      indices in `Path.points` are `controls`. Where a weight is 0, the index is arbitrary. Indices
+      of -1 mean that the point is not such a sum: it lies on an arc, or depends on a fixed point.
     """
 
     points: Float[np.ndarray, "n 2"]
@@ -91,7 +97,7 @@ class FlatPath(NamedTuple):
     weights: Float[np.ndarray, "n 4"]
 
     def contours(self, points: np.ndarray) -> list[np.ndarray]:
-        """Cut one array with a row for each point into the contours."""
+        """Split `points`, an array with a row for each point of the path, into its contours."""
         if len(self.starts) == 1:
             return [points]
         return np.split(points, self.starts[1:]) if len(self.starts) else []
@@ -105,9 +111,15 @@ def arc_between(
     large: bool,
     sweep: bool,
 ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float], float, float] | None:
-    """The ellipse of an SVG arc: center, both half axes, start angle and turn.
+    """Compute the ellipse of an SVG arc from the arguments of the path command `A`.
 
-    None for an arc that is a straight line, because a radius is zero or the ends are equal.
+    - `start`, `end`: ends of the arc; `radii`: lengths of the half axes, in the same units.
+    - `rotation`: angle from the x axis to the first half axis, in degrees.
+    - `large`, `sweep`: the two flags of the command.
+
+    Returns the center, the vectors of both half axes, the start angle and the turn, in radians.
+    Radii that are too short to reach both ends are enlarged. Returns None if the arc is a straight
+    line, because a radius is zero, or is nothing, because its ends are equal.
 
     **Source:** SVG 2, appendix B.2.4 and B.2.5.
     """
@@ -147,12 +159,14 @@ def flatten(
 ) -> FlatPath:
     """Flatten a path, so that no curve is farther than `tolerance` pixels from its polygon.
 
-    `linear` maps vectors in user units to pixels.
+    `linear` maps vectors in user units to pixels. The result is in user units. Raises `BudgetError`
+    if its points exceed `budget`.
     """
     control = np.array(path.points, np.float64).reshape(-1, 2)
     if all(len(s) == 1 for subpath in path.subpaths for s in subpath.segments):
         return _polygons(path, control, budget)
-    # Rows of segments: indices of control points padded to four, degree, ends of contours.
+    # One row per segment: the indices of its control points, padded to four. Degrees are 1 to 3,
+    # or 0 for an arc. `contour_rows` are the rows at which contours begin, and the end of all.
     rows, degrees, contour_rows = [], [], [0]
     arcs: list[tuple[int, Arc]] = []
     closed = []
@@ -171,7 +185,8 @@ def flatten(
         is_closed = subpath.closed and (
             not subpath.segments or path.points[previous] == path.points[subpath.start]
         )
-        # The last point of an open contour is a segment of one point.
+        # A segment contributes its points up to, but not including, its end. So the last point of a
+        # contour, unless it is the first again, needs a row of its own, which has degree -1.
         if not (is_closed and subpath.segments):
             rows.append((previous,) * 4)
             degrees.append(-1)
@@ -202,7 +217,10 @@ def flatten(
 
 
 def _polygons(path: Path, control: np.ndarray, budget: Budget) -> FlatPath:
-    """The contours of a path of lines alone, each point of which is a control point."""
+    """Make the contours of a path that consists of lines; each of their points is a control point.
+
+    `control` are the points of the path as an array `[points, 2]`.
+    """
     indices: list[int] = []
     starts, closed = [], []
     for subpath in path.subpaths:
@@ -226,10 +244,11 @@ def _polygons(path: Path, control: np.ndarray, budget: Budget) -> FlatPath:
 
 
 _FIRST_OF_FOUR = np.array([1.0, 0.0, 0.0, 0.0])
-"""Weights of four control points, of which the first is the point itself."""
+"""Weights of a point that equals the first of its four control points."""
 
 
 def _padded(start: int, segment: tuple[int, ...]) -> tuple[int, int, int, int]:
+    """The control point indices of a segment from its start on, padded to four with the last."""
     if len(segment) == 3:
         return start, *segment
     return (start, segment[0], segment[-1], segment[-1])
@@ -242,7 +261,12 @@ def _segment_counts(
     linear: np.ndarray,
     tolerance: float,
 ) -> Int[np.ndarray, " segments"]:
-    """Numbers of chords that keep curves within `tolerance`; 1 for lines.
+    """Number of chords of each segment that keeps curves within `tolerance` pixels.
+
+    - `control`: all control points, `[points, 2]`, in user units.
+    - `rows`: indices of four control points of each segment.
+    - `degrees`: 3 for cubic curves, 2 for quadratic ones. Segments of other degrees get 1.
+    - `linear`: maps vectors in user units to pixels.
 
     The distance between a curve of degree d and the chord of a parameter interval h is at most
     h^2 / 8 times the largest second derivative, which is d (d - 1) times a second difference of
@@ -266,7 +290,11 @@ def _segment_counts(
 
 
 def _arc_segments(arc: Arc, linear: np.ndarray, tolerance: float) -> int:
-    """Number of chords of an arc: the sagitta of the larger radius is at most `tolerance`."""
+    """Number of chords that keeps an arc within `tolerance` pixels.
+
+    `linear` maps vectors in user units to pixels. The bound is the distance between a chord and a
+    circle whose radius is the longer half axis of the ellipse in pixels.
+    """
     axes = linear @ np.array([arc.major, arc.minor]).T
     radius = float(np.linalg.norm(axes, 2)) if np.isfinite(axes).all() else 0.0
     if radius <= tolerance:
@@ -278,7 +306,11 @@ def _arc_segments(arc: Arc, linear: np.ndarray, tolerance: float) -> int:
 def _bernstein(
     degree: Int[np.ndarray, " n"], t: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 4"]:
-    """Weights of four control points, of which curves of lower degree use the first ones."""
+    """Weights of the control points of Bezier curves at parameters `t`, in 0..1.
+
+    A curve of degree d uses its first d + 1 control points; the other weights are 0. Degrees below
+    1 count as 1.
+    """
     s = 1 - t
     weights = np.zeros((len(t), 4))
     weights[:, 0] = np.where(degree == 3, s**3, np.where(degree == 2, s**2, s))

@@ -2,9 +2,9 @@
 
 The course draws a line by repeated float32 addition of a step, and colours the whole pixel that
 contains each position. The rounding is visible in the image, so it is reproduced. A run of pixels
-along a row, or along a column for steep lines, becomes one rectangle. Many lines are stepped along
-together. A line that starts far from the canvas is advanced to it without single steps, with the
-same float32 result.
+along a row, or along a column for steep lines, becomes one rectangle. The positions of many lines
+are computed together. A line that starts far from the canvas is advanced to it without single
+steps, with the same float32 result.
 """
 
 import math
@@ -16,21 +16,23 @@ from jaxtyping import Bool, Float32, Int
 from ..budget import Budget
 
 _LONG_STEPS = 1 << 14
-"""Lines of more steps than this are first advanced to the canvas."""
+"""Lines of more steps than this are advanced to the canvas without single steps."""
 
 _BLOCK_POSITIONS = 1 << 21
-"""Positions that are computed in one block, which bounds memory."""
+"""Maximum number of positions that are computed at once, which bounds memory."""
 
 _MAX_STEPS = 1 << 30
-"""More steps than can change a position: adding 1 changes a float32 at most 2^25 times."""
+"""Limit of the steps of a line. No step after it changes a position, because adding 1 changes a
+float32 at most 2^25 times."""
 
 
 class _Walks(NamedTuple):
-    """Lines to step along.
+    """Lines to step along, in pixels.
 
-    - `x`, `y`: position at which stepping begins; `step_x`, `step_y`: one step.
-    - `first_y`, `last_x`, `rise`: stepping ends when floor(x) exceeds that of `last_x`, or when y
-      is more than `rise` away from `first_y`.
+    - `x`, `y`: position at which stepping begins.
+    - `step_x`, `step_y`: what one step adds to x and y.
+    - `first_y`, `last_x`, `rise`: stepping ends when floor(x) > floor(`last_x`), or when
+      |y - `first_y`| > `rise`.
     - `steps`: upper bound on the number of steps.
     """
 
@@ -54,17 +56,19 @@ def pixel_lines(
     budget: Budget | None = None,
     triangles_each: Int[np.ndarray, " lines"] | None = None,
 ) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
-    """Cover lines with rectangles of whole pixels; returns these, and the line of each.
+    """Cover lines with rectangles of whole pixels; returns them, and the index of each one's line.
 
-    Lines are (x0, y0, x1, y1) in pixels, and so are rectangles, sorted by line. Stepping starts at
-    the end with the smaller x, or at the first end if both are equal. For a slope m, a step is
-    (1, m), or (1/|m|, sign m) if |m| > 1. It continues while floor(x) is at most that of the other
-    end, and |y - y0| at most the height of the line. All of it is float32. Pixels off the canvas
-    are left out.
+    - `segments`: the lines, as (x0, y0, x1, y1) in pixels.
+    - `height`, `width`: size of the canvas in pixels. Pixels outside it are left out.
+    - `triangles_each`: for each line, the number of triangles that each of its rectangles will
+      become, which is charged to `budget`; 1 by default.
 
-    `triangles_each` is the number of triangles that each rectangle of a line will become, 1 by
-    default. Raises `BudgetError`, with the index of the line, if steps or triangles exceed
-    `budget`.
+    Rectangles are (x0, y0, x1, y1) too, with x1 and y1 exclusive, and are sorted by line. Stepping
+    starts at the end with the smaller x, or at (x0, y0) if both x are equal. For a slope m, a step
+    is (1, m), or (1/|m|, sign m) if |m| > 1. Stepping goes on while floor(x) is at most the floor
+    of the other end's x, and y is at most |y1 - y0| from its start. All of it is float32.
+
+    Raises `BudgetError`, with the index of the line, if steps or triangles exceed `budget`.
     """
     # Coordinates may be any float32; lines with infinite or undefined steps draw nothing.
     with np.errstate(all="ignore"):
@@ -79,7 +83,7 @@ def _pixel_lines(
     triangles_each: Int[np.ndarray, " lines"] | None,
 ) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
     walks = _walks(segments)
-    # Index of the line of each walk.
+    # Walk k belongs to line `lines[k]`.
     lines = np.flatnonzero(_may_touch(segments, walks, height, width))
     walks, reaches_canvas = _advance_long_lines(walks.take(lines), height, width)
     lines = lines[reaches_canvas]
@@ -90,7 +94,8 @@ def _pixel_lines(
     order = np.argsort(walks.steps, kind="stable")
     start = 0
     while start < len(order):
-        # A block has lines of similar length, as many as fit if all were as long as its longest.
+        # A block is an array with as many columns as its longest line has steps, so lines of
+        # similar length share a block.
         count = np.searchsorted(
             walks.steps[order[start:]] * np.arange(1, len(order) - start + 1),
             _BLOCK_POSITIONS,
@@ -110,7 +115,7 @@ def _pixel_lines(
 
 
 def _walks(segments: Float32[np.ndarray, "lines 4"]) -> _Walks:
-    """The start, step and end of each line, in the arithmetic of the course."""
+    """Compute the start, step and end of each line in float32, as the course does."""
     swap = segments[:, 0] > segments[:, 2]
     ordered = np.where(swap[:, None], segments[:, [2, 3, 0, 1]], segments)
     x, y, last_x, last_y = ordered.T
@@ -131,7 +136,10 @@ def _walks(segments: Float32[np.ndarray, "lines 4"]) -> _Walks:
 def _may_touch(
     segments: Float32[np.ndarray, "lines 4"], walks: _Walks, height: int, width: int
 ) -> Bool[np.ndarray, " lines"]:
-    """Whether lines may meet a pixel of the canvas, with a margin for the rounding of steps."""
+    """Whether each line may colour a pixel of the canvas, with a margin for the rounding of steps.
+
+    False for lines whose step is not finite.
+    """
     ends = segments.astype(np.float64)
     # A step is rounded by at most half a unit in the last place, 2^-24 of the largest coordinate.
     margin = 2.0 + walks.steps * np.abs(ends).max(axis=1, initial=0.0) * 2.0**-24
@@ -144,7 +152,10 @@ def _may_touch(
 def _advance_long_lines(
     walks: _Walks, height: int, width: int
 ) -> tuple[_Walks, Bool[np.ndarray, " lines"]]:
-    """Advance long lines to the canvas; returns the lines that reach it, and which ones do."""
+    """Advance lines of more than `_LONG_STEPS` steps to the canvas; leave others as they are.
+
+    Returns the lines that reach the canvas, and whether each of `walks` does.
+    """
     reaches_canvas = np.ones(len(walks.steps), bool)
     x, y, steps = walks.x.copy(), walks.y.copy(), walks.steps.copy()
     for line in np.flatnonzero(walks.steps > _LONG_STEPS).tolist():
@@ -167,10 +178,13 @@ def advance(
 ) -> tuple[np.float32, int]:
     """Add `step` to `start` in float32 until the value reaches `until`, at most `most` times.
 
-    Returns the value and the number of additions, which is `most` if `step` is too small to change
-    the value. Between two powers of two, every addition is rounded by the same amount, except that
-    a tie, which goes to even, may differ once. All further additions up to the next power of two
-    therefore amount to one multiplication, which is exact in float64.
+    For a positive step, the value reaches `until` when it is at least that; for a negative one,
+    when it is at most that. None means that only `most` ends the additions. Returns the value and
+    the number of additions, which is `most` if `step` is too small to change the value.
+
+    Between two powers of two, every addition is rounded by the same amount, except that a tie,
+    which goes to even, may differ once. All further additions up to the next power of two therefore
+    amount to one multiplication, which is exact in float64.
     """
     if step < 0:
         value, count = advance(-start, -step, most, None if until is None else -until)
@@ -201,7 +215,10 @@ def advance(
 def _block(
     walks: _Walks, height: int, width: int
 ) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
-    """Step along lines of similar length; returns rectangles, and the index of the walk of each."""
+    """Step along lines of similar length; returns rectangles, and for each the index of its line.
+
+    Rectangles are (x0, y0, x1, y1) in pixels; the index counts the lines in `walks`.
+    """
     shape = (len(walks.x), int(walks.steps.max(initial=1)))
     x, y = np.empty(shape, np.float32), np.empty(shape, np.float32)
     for positions, start, step in ((x, walks.x, walks.step_x), (y, walks.y, walks.step_y)):
@@ -223,9 +240,13 @@ def _runs(
     row: Int[np.ndarray, " pixels"],
     is_steep: Bool[np.ndarray, " pixels"],
 ) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
-    """Join adjacent pixels of a line along its longer axis; returns rectangles and their lines.
+    """Join the pixels of each line into rectangles along its longer axis.
 
-    A pixel that is repeated counts once.
+    - `line`: index of the line of each pixel. Pixels of a line are consecutive, in drawing order.
+    - `column`, `row`: coordinates of each pixel. A pixel may be repeated.
+    - `is_steep`: whether the line of each pixel is joined along columns, instead of rows.
+
+    Returns rectangles (x0, y0, x1, y1), with x1 and y1 exclusive, and for each its `line`.
     """
     if len(line) == 0:
         return np.zeros((0, 4), np.int64), line

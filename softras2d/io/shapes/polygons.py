@@ -1,8 +1,8 @@
 """Triangulates filled polygons: convex, concave and self-crossing, by either fill rule.
 
-Convex polygons, the common case, are cut into fans here, many at once. The others go to GEOS
-through shapely, which splits a ring where it crosses itself and triangulates the faces (constrained
-Delaunay).
+Convex polygons, the common case, are cut into fans here, many at once. All other polygons go to
+GEOS through shapely, which splits a ring where it crosses itself and triangulates the faces
+(constrained Delaunay).
 
 Two triangles of one polygon share an inner edge. Under the inclusive fill rule, both cover a sample
 that lies exactly on that edge. This is invisible if the fill is opaque, but shows as a seam if it
@@ -22,7 +22,7 @@ from .fill_rules import fill_rule_regions
 from .subdivision import cut_large_regions
 
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
-"""Inverse golden ratio, whose multiples modulo 1 are spread evenly."""
+"""Inverse of the golden ratio. Its multiples modulo 1 are spread evenly."""
 
 
 def triangulate(
@@ -31,16 +31,17 @@ def triangulate(
     translucent: Sequence[bool],
     budget: Budget | None = None,
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
-    """Triangulate closed contours; returns the triangles, and the index of the contour of each.
+    """Triangulate filled shapes; returns the triangles, and for each the index of its shape.
 
-    - `contours`: points `[n, 2]`, one array per contour. A sequence of arrays is one shape of
-      several contours, which the fill rule combines.
-    - `evenodd`: whether each contour is filled by the even-odd rule instead of the nonzero rule.
-    - `translucent`: whether samples on inner edges must be avoided; see the top of this file.
+    - `contours`: one entry per shape: the points `[n, 2]` of its closed contour, or a sequence of
+      such arrays if it has several contours, which the fill rule combines.
+    - `evenodd`: whether each shape is filled by the even-odd rule instead of the nonzero rule.
+    - `translucent`: whether each shape is translucent, so that its inner edges must avoid samples;
+      see the top of this file.
 
-    Triangles of one contour are consecutive, but contours may come in any order. A contour of three
-    points gives one triangle, whatever its area; one of fewer points gives none. Raises
-    `BudgetError`, with the index of the contour, if the work exceeds `budget`.
+    Triangles of one shape are consecutive, but shapes may come in any order. A single contour of
+    three points gives one triangle, whatever its area; one of fewer points gives none. Raises
+    `BudgetError`, with the index of the shape, if the work exceeds `budget`.
     """
     budget = budget or Budget()
     is_single = np.array([isinstance(contour, np.ndarray) for contour in contours], bool)
@@ -83,7 +84,7 @@ def triangulate(
 
 
 def is_convex(points: Float[np.ndarray, "m n 2"]) -> Bool[np.ndarray, " m"]:
-    """Whether each of `m` polygons of `n` vertices is convex.
+    """Whether each of `m` polygons of `n` vertices is convex, with its vertices in either order.
 
     A convex polygon turns in one direction only, once around, and never turns straight back.
     """
@@ -98,19 +99,20 @@ def is_convex(points: Float[np.ndarray, "m n 2"]) -> Bool[np.ndarray, " m"]:
 
 
 def fan(points: Float[np.ndarray, "m n coords"]) -> Float[np.ndarray, "m k 3 coords"]:
-    """Cut `m` convex polygons into `n - 2` triangles each, which meet at their first vertex.
+    """Cut `m` convex polygons of `n` vertices into `k = n - 2` triangles that meet at vertex 0.
 
-    `coords` are x, y, and any attributes to interpolate.
+    The last axis holds x, y, and any vertex attributes, which are copied.
     """
     first = np.broadcast_to(points[:, :1], points[:, 2:].shape)
     return np.stack([first, points[:, 1:-1], points[:, 2:]], axis=2)
 
 
 def fan_inside(points: Float[np.ndarray, "m n coords"]) -> Float[np.ndarray, "m n 3 coords"]:
-    """Cut `m` polygons into `n` triangles each, which meet at a generic point inside.
+    """Cut `m` polygons of `n` vertices into `n` triangles that meet at a new point inside.
 
-    The point lies near the mean of the vertices, and all edges must be visible from it. Its weights
-    are far from simple fractions, so that samples do not lie on the inner edges.
+    The new point is a weighted mean of the vertices, from which all edges must be visible. Its
+    weights are nearly equal, but far from simple fractions, so that samples do not lie on the inner
+    edges. The last axis holds x, y, and any vertex attributes, which are averaged likewise.
     """
     weights = 1.0 + 0.25 * _generic_numbers(points.shape[1])
     middle = np.einsum("n,mnd->md", weights / weights.sum(), points)
@@ -123,10 +125,11 @@ def fill_regions(
     translucent: Bool[np.ndarray, " regions"],
     owner: Int[np.ndarray, " regions"],
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
-    """Triangulate shapely (multi)polygons; returns the triangles, and the owner of each.
+    """Triangulate shapely (multi)polygons; returns the triangles, and for each its owner.
 
-    `owner` is the index of the shape of which each region is a part. Regions of one owner are
-    consecutive, may share edges, and are either all translucent or all opaque.
+    - `translucent`: whether the inner edges of each region must avoid samples.
+    - `owner`: index of the shape to which each region belongs. Regions of one owner are
+      consecutive, may share edges, and are either all translucent or all opaque.
     """
     pieces, region = cut_large_regions(regions, np.arange(len(regions)))
     owner, translucent = owner[region], translucent[region]
@@ -149,8 +152,9 @@ def _bend_inner_edges(
 ) -> tuple[Float[np.ndarray, "bent 3 2"], Int[np.ndarray, " bent"]]:
     """Bend inner edges of triangulations near their middles, so that samples do not lie on them.
 
-    A triangle becomes a polygon of three to six vertices, which `fan_inside` cuts again. Returns
-    the new triangles, and the owner of each.
+    An inner edge is one that two triangles of the same `owner` share. A triangle with inner edges
+    becomes a polygon of four to six vertices, which `fan_inside` cuts again. Returns the new
+    triangles, and for each its owner.
     """
     ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 2)
     # The two triangles of an edge list its ends in opposite order, so the ends are sorted.

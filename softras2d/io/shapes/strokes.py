@@ -1,9 +1,9 @@
 """Triangulates strokes: a quad per segment, joins between segments, caps at open ends.
 
 All strokes of a drawing are triangulated together. The triangles of one stroke overlap, so a
-translucent stroke is replaced by their `union`. Points inside a flattened curve have round joins,
-which keep the border of the stroke as near to that of the curve's stroke as the chords are to the
-curve.
+translucent stroke is replaced by their `union`. Points inside a flattened curve have round joins:
+with these, the stroke of the chords differs from the stroke of the exact curve by no more than the
+chords differ from the curve.
 """
 
 from collections.abc import Sequence
@@ -18,24 +18,33 @@ from ..budget import Budget
 from .overlaps import charge_overlaps
 
 _TOLERANCE = 0.02
-"""Maximum distance, in pixels, between the chords of round joins and caps and the circle."""
+"""Maximum distance, in pixels, between the chords of a round join or cap and its circle.
+
+Circles of more than about 4000 pixels in radius exceed it, since `_sector_triangles` limits the
+number of chords.
+"""
 
 _ROUNDING = 1e-12
-"""Length of segments that rounding may make of none, in units of the largest coordinate. Their
-direction is arbitrary, so that their joins would be spikes."""
+"""Length up to which segments are dropped, as a fraction of the outline's largest coordinate.
+
+Rounding can turn a segment of zero length into one as short as this. Its direction is arbitrary, so
+its joins would be spikes.
+"""
 
 
 class Outline(NamedTuple):
     """A chain of segments to stroke.
 
-    - `points`: `[n, 2]`, in the user's units.
-    - `closed`: whether a segment joins the last point to the first.
-    - `width`: width of the stroke, in the user's units.
+    - `points`: `[n, 2]`, in user units.
+    - `closed`: whether one more segment joins the last point to the first.
+    - `width`: width of the stroke, in user units.
     - `cap`: `butt`, `square` or `round`.
-    - `join`: `miter`, `miter-clip`, `bevel` or `round`; a miter longer than `miterlimit` widths is
-      a bevel, or with `miter-clip` is cut off.
-    - `scale`: pixels per unit, which determines the number of chords of an arc.
-    - `smooth`: `[n]`, whether a point lies inside a curve and has a round join; None for no point.
+    - `join`: `miter`, `miter-clip`, `bevel`, `round`, or `arcs`, which is drawn as `miter`.
+    - `miterlimit`: longest miter, in widths of the stroke. A longer one becomes a bevel; with
+      `miter-clip` it is cut off instead.
+    - `scale`: pixels per user unit, which determines the number of chords of round joins and caps.
+    - `smooth`: `[n]`, whether each point lies inside a flattened curve, where the join is always
+      round. None if no point does.
     """
 
     points: np.ndarray
@@ -51,12 +60,13 @@ class Outline(NamedTuple):
 def stroke(
     outlines: Sequence[Outline], budget: Budget | None = None
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
-    """Triangulate strokes; returns the triangles, and the index of the outline of each.
+    """Triangulate strokes; returns the triangles, and for each the index of its outline.
 
-    Triangles are in the order of the outlines, and in their units. Segments of zero length, and
-    those that rounding may make of them, are dropped; an outline without segments draws a dot if
-    its caps are round or square. Raises `BudgetError`, with the index of the outline, if the
-    triangles exceed `budget`.
+    Triangles are in the order of the outlines, and in user units. Segments of zero length are
+    dropped, and so are those that may be rounding errors (`_ROUNDING`). An outline whose segments
+    are all dropped draws a dot if its caps are round or square. Without a `budget`, one with the
+    usual limits is used. Raises `BudgetError`, with the index of the outline, if the triangles
+    exceed the budget.
 
     **Source:** SVG 2, sections 13.5.4 to 13.5.6.
     """
@@ -113,9 +123,10 @@ def stroke(
 def union(
     triangles: Float[np.ndarray, "triangles 3 2"], budget: Budget | None = None, index: int = 0
 ) -> Any:
-    """Union of overlapping triangles, as a shapely (multi)polygon.
+    """Unite triangles that may overlap into one shapely (multi)polygon.
 
-    Pairs of triangles that overlap are charged to `budget`; `index` is the shape in errors.
+    Pairs of triangles whose bounding boxes overlap are charged to `budget`. `index` is the index of
+    the shape that a `BudgetError` carries.
     """
     edges = np.diff(triangles, axis=1)
     areas = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
@@ -127,10 +138,11 @@ def union(
 
 
 class _Segments(NamedTuple):
-    """Segments of positive length, in the order of their outlines.
+    """Segments of positive length, in the order of their outlines and in user units.
 
-    `outline` is the index of the outline, `direction` the unit vector from `start` to `end`,
-    `smooth` whether `start` lies inside a curve.
+    - `outline`: index of the outline of each segment.
+    - `direction`: unit vector from `start` to `end`.
+    - `smooth`: whether `start` lies inside a flattened curve.
     """
 
     outline: Int[np.ndarray, " segments"]
@@ -141,13 +153,15 @@ class _Segments(NamedTuple):
 
 
 class _Joins(NamedTuple):
-    """Corners at which two segments meet.
+    """Corners at which two segments meet, in user units.
 
-    - `outline`: index of the outline; `position`: the corner.
-    - `start_offset`, `end_offset`: vectors from the corner to the outer border of the stroke at the
-      end of the segment before, and at the start of the segment after.
-    - `turn`: angle between the segments, in radians, positive from x to y.
-    - `smooth`: whether the corner lies inside a curve.
+    - `outline`: index of the outline of each join.
+    - `position`: the corner.
+    - `start_offset`, `end_offset`: vectors of half the stroke's width, at right angles to the
+      segment before the corner and to the segment after it. They lead from the corner to the outer
+      border of the stroke.
+    - `turn`: change of direction at the corner, in radians, positive from the x axis to the y axis.
+    - `smooth`: whether the corner lies inside a flattened curve.
     """
 
     outline: Int[np.ndarray, " joins"]
@@ -162,7 +176,11 @@ class _Joins(NamedTuple):
 
 
 class _Caps(NamedTuple):
-    """Ends of open outlines. `outward` is the unit vector that points away from the stroke."""
+    """Ends of open outlines, in user units.
+
+    - `outline`: index of the outline of each end.
+    - `outward`: unit vector along the outline that points away from it.
+    """
 
     outline: Int[np.ndarray, " caps"]
     position: Float[np.ndarray, "caps 2"]
@@ -173,9 +191,12 @@ class _Caps(NamedTuple):
 
 
 class _Sectors(NamedTuple):
-    """Sectors of circles, from the radius vector `start_offset` through `turn` radians.
+    """Sectors of circles, in user units.
 
-    `triangles` is the number of triangles that approximate each.
+    - `outline`: index of the outline of each sector.
+    - `start_offset`: vector from the center to the point of the circle where the sector begins.
+    - `turn`: angle of the sector, in radians, positive from the x axis to the y axis.
+    - `triangles`: number of triangles that approximate the sector.
     """
 
     outline: Int[np.ndarray, " sectors"]
@@ -186,10 +207,11 @@ class _Sectors(NamedTuple):
 
 
 _Triangles = tuple[Int[np.ndarray, " triangles"], Float[np.ndarray, "triangles 3 2"]]
-"""Triangles, after the index of the outline of each."""
+"""For each triangle, the index of its outline; and the corners of the triangles, in user units."""
 
 
 def _segments(outlines: Sequence[Outline]) -> _Segments:
+    """Make the segments of all outlines, without those to be dropped (`_ROUNDING`)."""
     chains = [
         np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
         for line in outlines
@@ -210,13 +232,13 @@ def _segments(outlines: Sequence[Outline]) -> _Segments:
 
 
 def _smooth(line: Outline) -> Bool[np.ndarray, " points"]:
-    """Whether each point of a chain lies inside a curve; a closed chain repeats the first point."""
+    """Whether each point of an outline lies inside a curve; if closed, with the first one again."""
     smooth = np.zeros(len(line.points), bool) if line.smooth is None else line.smooth
     return np.append(smooth, smooth[:1]) if line.closed else smooth
 
 
 def _joins(segments: _Segments, is_closed: np.ndarray, half_width: np.ndarray) -> _Joins:
-    """The corners of all outlines at which the direction changes."""
+    """Make the joins of all outlines, at every corner where the direction changes."""
     count = len(segments.outline)
     firsts = np.flatnonzero(np.diff(segments.outline, prepend=-1))
     previous = np.arange(count) - 1
@@ -227,7 +249,7 @@ def _joins(segments: _Segments, is_closed: np.ndarray, half_width: np.ndarray) -
     before, after = segments.direction[previous[is_joined]], segments.direction[is_joined]
     outline, position = segments.outline[is_joined], segments.start[is_joined]
     turn = np.arctan2(cross(before, after), (before * after).sum(axis=1))
-    # The outer border is to the right of a left turn and to the left of a right one.
+    # A positive turn goes towards `_left` of the direction, so the outer border is opposite.
     offset = np.where(turn > 0, -half_width[outline], half_width[outline])[:, None]
     smooth = segments.smooth[is_joined]
     joins = _Joins(outline, position, offset * _left(before), offset * _left(after), turn, smooth)
@@ -235,12 +257,12 @@ def _joins(segments: _Segments, is_closed: np.ndarray, half_width: np.ndarray) -
 
 
 def _caps(segments: _Segments, is_closed: np.ndarray, outlines: Sequence[Outline]) -> _Caps:
-    """The ends of all open outlines, and both ends of outlines without segments."""
+    """Make the caps of all open outlines; a dot, which has no segments, has two at its point."""
     firsts = np.flatnonzero(np.diff(segments.outline, prepend=-1))
     lasts = np.append(firsts[1:], len(segments.outline))[: len(firsts)] - 1
     is_open = ~is_closed[segments.outline[firsts]]
     firsts, lasts = firsts[is_open], lasts[is_open]
-    # An outline that is one point is a dot, as if it were a segment along x.
+    # A dot is drawn as if it were a segment along x.
     dots = np.setdiff1d(np.arange(len(outlines)), segments.outline)
     dots = np.array([i for i in dots.tolist() if len(outlines[i].points)], np.int64)
     dot_positions = np.array([outlines[i].points[0] for i in dots.tolist()]).reshape(-1, 2)
@@ -256,7 +278,11 @@ def _caps(segments: _Segments, is_closed: np.ndarray, outlines: Sequence[Outline
 
 
 def _exceeds_limit(joins: _Joins, miterlimit: np.ndarray) -> np.ndarray:
-    """Whether miters are too long: their length is 1 / cos(turn / 2), in widths of the stroke."""
+    """Whether the miter of each join would be longer than its outline's limit.
+
+    `miterlimit` has one limit per outline, in widths of the stroke. The length of a miter is
+    1 / cos(turn / 2) widths.
+    """
     return miterlimit[joins.outline] * np.cos(joins.turn / 2) < 1.0
 
 
@@ -273,8 +299,8 @@ def _bevel_triangles(joins: _Joins) -> _Triangles:
 
 
 def _miter_quads(joins: _Joins) -> _Triangles:
-    # The tip lies in the direction of the sum of both offsets, which is half the width times
-    # 2 cos(turn / 2) long.
+    # The tip lies in the direction of the sum of both offsets. The sum is `width cos(turn / 2)`
+    # long, and the tip is `width / (2 cos(turn / 2))` from the corner.
     tip = (joins.start_offset + joins.end_offset) / (2 * np.cos(joins.turn / 2)[:, None] ** 2)
     corner = joins.position
     start, end = corner + joins.start_offset, corner + joins.end_offset
@@ -282,7 +308,10 @@ def _miter_quads(joins: _Joins) -> _Triangles:
 
 
 def _clipped_miters(joins: _Joins, half_width: np.ndarray, miterlimit: np.ndarray) -> _Triangles:
-    """Miters cut off at `miterlimit` half widths from the corner, as fans of three triangles."""
+    """Miters cut off at `miterlimit` half widths from the corner, as fans of three triangles.
+
+    `half_width` and `miterlimit` have one number per outline.
+    """
     half, angle = half_width[joins.outline], np.abs(joins.turn) / 2
     # Both sides of the miter go on straight until they reach the cut.
     beyond = half * (miterlimit[joins.outline] - np.cos(angle)) / np.sin(angle)
@@ -307,7 +336,11 @@ def _square_caps(caps: _Caps, half_width: np.ndarray) -> _Triangles:
 def _quads(
     outline: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray
 ) -> _Triangles:
-    """Two triangles per quad, whose corners are the rows of a, b, c and d, in order around it."""
+    """Cut quads into two triangles each.
+
+    The corners of quad k, in order around it, are row k of `a`, `b`, `c` and `d`. `outline` has the
+    index of the outline of each quad.
+    """
     return np.repeat(outline, 2), np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3, 2)
 
 
@@ -317,7 +350,7 @@ def _join_sectors(joins: _Joins, radius_px: np.ndarray) -> _Sectors:
 
 
 def _cap_sectors(caps: _Caps, half_width: np.ndarray, radius_px: np.ndarray) -> _Sectors:
-    """Half circles beyond the ends of outlines."""
+    """Make the half circles of round caps, beyond the ends of outlines."""
     start_offset = half_width[caps.outline, None] * _left(caps.outward)
     turn = np.full(len(caps.outline), -np.pi)
     triangles = _sector_triangles(radius_px[caps.outline], turn)
@@ -327,7 +360,12 @@ def _cap_sectors(caps: _Caps, half_width: np.ndarray, radius_px: np.ndarray) -> 
 def _sector_triangles(
     radius_px: Float[np.ndarray, " sectors"], turn: Float[np.ndarray, " sectors"]
 ) -> Int[np.ndarray, " sectors"]:
-    """Numbers of triangles whose chords are within `_TOLERANCE` of sectors of these radii."""
+    """Number of triangles of each sector whose chords are within `_TOLERANCE` of the circle.
+
+    `radius_px` are radii in pixels, `turn` the angles of the sectors in radians. The angle of a
+    triangle may always be pi / 512, which limits their number for large radii. Each sector has at
+    least one.
+    """
     radius = np.maximum(radius_px, _TOLERANCE)
     max_angle = np.maximum(2 * np.arccos(1.0 - _TOLERANCE / radius), np.pi / 512)
     return np.maximum(np.ceil(np.abs(turn) / max_angle), 1).astype(np.int64)
@@ -350,12 +388,12 @@ def _sector_fans(sectors: _Sectors) -> _Triangles:
 def _rotate(
     vectors: Float[np.ndarray, "n 2"], angle: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Rotate vectors by angles in radians, positive from x to y."""
+    """Rotate vectors by angles in radians, positive from the x axis to the y axis."""
     cos, sin = np.cos(angle), np.sin(angle)
     x, y = vectors.T
     return np.stack([x * cos - y * sin, x * sin + y * cos], axis=-1)
 
 
 def _left(directions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """Rotate directions by 90 degrees, from x to y."""
+    """Rotate directions by 90 degrees, from the x axis towards the y axis."""
     return np.stack([-directions[:, 1], directions[:, 0]], axis=-1)

@@ -18,20 +18,21 @@ _MAX_PIECE = 128
 """Pieces of at most this many vertices are not cut further."""
 
 _MAX_BOX_CLIPPED = 512
-"""Maximum number of edges across a cut for which GEOS clips a piece to a box.
+"""Maximum number of edges across a cut for which a piece is halved by `clip_by_rect`.
 
-Clipping takes time that grows with the square of this number, since GEOS tries all ways to join the
-parts of the outline. Its general intersection compares all edges instead, near the cut or not,
-which took 100 times as long for a star of 20,000 spikes.
+The time of `clip_by_rect` grows with the square of this number, since GEOS tries all ways to join
+the parts of the outline. Beyond it, the general `intersection` is used, which compares all edges,
+near the cut or not. That took 100 times as long for a star of 20,000 spikes.
 """
 
 
 def cut_large_regions(
     regions: np.ndarray, owner: Int[np.ndarray, " regions"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Cut large shapely polygons into pieces; returns pieces and the owner of each, in order.
+    """Cut large shapely polygons into pieces; returns all pieces, and for each its owner.
 
-    Regions of at most `MAX_UNCUT` vertices are returned as they are.
+    `owner` has a number for each region, which its pieces inherit. Pieces are in the order of the
+    regions. Regions of at most `MAX_UNCUT` vertices are returned as they are.
     """
     large = shapely.get_num_coordinates(regions) > MAX_UNCUT
     if not large.any():
@@ -63,7 +64,10 @@ def _pieces_of(region: Any) -> np.ndarray:
 
 
 def _halves(piece: Any) -> list[Any]:
-    """Cut a polygon along a line that crosses few edges; empty if there is no such line."""
+    """Cut a polygon near the median x or y of its vertices, where fewer edges are crossed.
+
+    Returns the polygons on both sides; an empty list if neither line passes through the polygon.
+    """
     points = shapely.get_coordinates(piece)
     low, high = points.min(axis=0), points.max(axis=0)
     # The cut has a float32 coordinate, so that rounding moves no corner off the line. It is no
@@ -93,7 +97,7 @@ def _halves(piece: Any) -> list[Any]:
 
 
 def _clipped(piece: Any, boxes: list[Any]) -> np.ndarray | None:
-    """Clip a polygon to each box; None if clipping by boxes has changed the total area."""
+    """Clip a polygon to each box by `clip_by_rect`; None if that has changed the total area."""
     halves: Any = [shapely.clip_by_rect(piece, *shapely.bounds(box)) for box in boxes]
     area = float(shapely.area(piece))
     if abs(float(shapely.area(halves).sum()) - area) > 1e-9 * area:

@@ -1,1 +1,1 @@
-"""This stage draws a document in one of two dialects, and returns a scene."""
+"""This stage interprets SVG documents in one of two dialects, and makes scenes of them."""

@@ -27,15 +27,16 @@ from ..xml.document import Document, SvgError
 from ..xml.tree import Element
 
 _ATTRIBUTE = {"path": "d", "polygon": "points", "polyline": "points"}
-"""The attribute that holds the control points of an element."""
+"""For each element with control points, the attribute that holds them."""
 
 
 class ControlledPath(NamedTuple):
-    """The control points of one element of a file.
+    """A path, polygon or polyline of a file whose control points can be moved.
 
-    - `element`: its number in document order; `attribute`: where its points are written.
-    - `first`: index of its first control point.
-    - `path`: its path, whose points are those of the file.
+    - `element`: number of the element in document order, from 0 for the root.
+    - `attribute`: the attribute in which its points are written.
+    - `first`: index of its first control point in `SvgControls.points`.
+    - `path`: the path as it is in the file.
     """
 
     element: int
@@ -53,9 +54,10 @@ class SvgControls(eqx.Module):
     - `controls`, `weights`: for each vertex, the indices of four control points and their weights.
       The weighted sum is the vertex in the units of its element.
     - `linear`, `offset`: for each vertex, the map from the units of its element to pixels.
-    - `constant_vertices`: how many vertices do not depend on control points, by the cause. `"cut"`:
-      they are where shapes cross or are clipped or divided. `"radius"`: they lie on arcs, circles,
-      ellipses or rects. `"other"`: they belong to strokes, images, `colortri` or `textri`.
+    - `constant_vertices`: numbers of vertices that do not depend on control points, by the reason.
+      `"cut"`: they lie where shapes cross or are clipped or divided. `"radius"`: they lie on arcs,
+      circles, ellipses or rects, or on paths that a style sheet gives. `"other"`: they belong to
+      strokes, images, `colortri` or `textri`.
 
     A constant vertex has weights of zero, and its position as `offset`. Vertices that are added
     inside of a translucent fill also count as `"cut"`; the image does not depend on where they lie.
@@ -74,7 +76,7 @@ class SvgControls(eqx.Module):
     def positions(self, points: Float[Array, "points 2"]) -> Float[Array, "vertices 2"]:
         """The vertices of the scene, in pixels, for these control points. Differentiable.
 
-        They have the dtype of `points`.
+        `points` are in the units of their elements, like `self.points`. The result has their dtype.
         """
         weights, linear, offset = (
             array.astype(points.dtype) for array in (self.weights, self.linear, self.offset)
@@ -89,9 +91,9 @@ class SvgControls(eqx.Module):
         return replace(self.scene, positions=self.positions(points))
 
     def matrix(self) -> Any:
-        """The linear part of the map as a `scipy.sparse` matrix.
+        """The linear part of the map from control points to vertices, as a `scipy.sparse` matrix.
 
-        It maps `points.ravel()` to `positions(points).ravel() - offset.ravel()`.
+        It maps `points.ravel()` to `positions(points).ravel() - offset.ravel()`, in CSR format.
         """
         from scipy import sparse
 
@@ -115,7 +117,9 @@ class SvgControls(eqx.Module):
     def text(self, points: Any = None) -> str:
         """The text of the file with these control points, by default with `self.points`.
 
-        Only the attributes that hold the points change; numbers are rounded to float32.
+        Only the attributes that hold the points change; their numbers are rounded to float32.
+        Raises `ValueError` for points of another shape or that are not finite, and for a file that
+        is not in ASCII or UTF-8.
         """
         points = np.asarray(self.points if points is None else points, np.float64)
         if points.shape != self.points.shape or not np.isfinite(points).all():
@@ -138,7 +142,15 @@ def make_controls(
     canvas: Canvas,
     sources: list[FillSource],
 ) -> SvgControls:
-    """Find the control points of each vertex. Raises `ValueError` for a map in perspective."""
+    """Find the control points of each vertex of a scene.
+
+    - `document`, `root`: the file, and the root of its elements.
+    - `scene`, `triangles`: what was drawn: vertices 3k to 3k + 2 are the corners of triangle k.
+    - `canvas`: tells which source each shape was filled from.
+    - `sources`: the paths that were filled, flattened.
+
+    Raises `ValueError` if a path has a map to pixels in perspective.
+    """
     paths = _controlled_paths(root, sources)
     first = {id(element): path.first for element, path in paths}
     points = np.array([p for _, path in paths for p in path.path.points]).reshape(-1, 2)
@@ -183,13 +195,13 @@ def make_controls(
 
 
 class _Counts(dict):
-    """Counts by name, hashable by identity, as static fields of modules must be."""
+    """Counts by name. Hashable by identity, because static fields of modules must be hashable."""
 
     __hash__ = object.__hash__  # type: ignore[assignment]
 
 
 class _Paths(tuple):
-    """Paths that are hashable by identity, since their parts are not."""
+    """Several `ControlledPath`. Hashable by identity, because a `Path` is not hashable."""
 
     __hash__ = object.__hash__  # type: ignore[assignment]
 
@@ -197,7 +209,7 @@ class _Paths(tuple):
 def _controlled_paths(
     root: Element, sources: list[FillSource]
 ) -> list[tuple[Element, ControlledPath]]:
-    """The elements whose control points are kept, in document order, each once."""
+    """The elements that were filled and whose attribute holds their points, in document order."""
     by_element = {id(source.element): source for source in sources}
     paths, first = [], 0
     for number, element in enumerate(elements(root)):
@@ -213,7 +225,12 @@ def _controlled_paths(
 def _rows(
     sources: list[FillSource], first: dict[int, int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Controls, weights, linear map and offset of every point of every source, in one list."""
+    """Describe the points of all flattened sources, one source after the other.
+
+    `first` has the index of the first control point of each controlled element, by its `id`.
+    Returns for each point the indices and weights of its four control points, and the linear map
+    and the offset from user units to pixels. Indices are -1 for points without control points.
+    """
     controls, weights, linear, offset = [], [], [], []
     for source in sources:
         count = len(source.outline.points)
@@ -244,7 +261,11 @@ def _matching_rows(
     source: Int[np.ndarray, " vertices"],
     sources: list[FillSource],
 ) -> Int[np.ndarray, " vertices"]:
-    """Row of the point of its source that each vertex equals in float32, or -1."""
+    """For each vertex, the row in `_rows` of a point that equals it in float32, or -1.
+
+    `vertices` are in pixels. `source` is the index of the source of each vertex, or -1; only points
+    of that source are compared.
+    """
     if not sources:
         return np.full(len(vertices), -1)
     mapped, owner = [], []
@@ -281,7 +302,7 @@ def _point_list(path: Path, points: np.ndarray) -> str:
 
 
 def _path_data(path: Path, points: np.ndarray) -> str:
-    """Path data with absolute commands."""
+    """The attribute `d` of a path with absolute commands, with `points` as its control points."""
     words = []
     for subpath in path.subpaths:
         words.append(f"M{_pair(points[subpath.start])}")
@@ -307,11 +328,16 @@ _NAME = re.compile(rb"""[^\s/<>]*+""")
 """The name of an element, after `<`."""
 
 _PAIR = re.compile(rb"""\s*+([^\s=/<>"']++)\s*+=\s*+("[^"]*+"|'[^']*+')""")
-"""The next attribute of a start tag, with its value."""
+"""The next attribute of a start tag: its name, and its value with quotes."""
 
 
 def _with_attributes(document: Document, texts: dict[int, tuple[str, str]]) -> str:
-    """The document with new values of attributes, by the numbers of their elements."""
+    """The text of a document with new values of attributes.
+
+    `texts` has the name of an attribute and its new value for the number of each element to change,
+    in document order. Raises `SvgError` for a document that is not in ASCII or UTF-8, and for an
+    attribute that is not written in its start tag.
+    """
     data = document.data
     starts: list[int] = []
     parser = expat.ParserCreate()

@@ -20,19 +20,22 @@ from ..xml.document import Attributes, Children
 _HEX = re.compile(r"\s*+#?+([0-9a-fA-F]*+)")
 
 _PIXELS_AT_ONCE = 2**18
-"""Pixels of an `image` that are turned into rectangles in one block, which bounds memory."""
+"""Maximum number of pixels of an `image` that are sampled at once, which bounds memory. A row of
+pixels is always sampled at once."""
 
 
 class CourseReader:
     """Draws elements with their meaning in the course, including its deviations from SVG.
 
-    It is a `document.Reader`. Only `transform` is inherited: every element has its own style.
+    It is a `Reader` for `document.walk`, and draws on the display list of `context`. Only
+    `transform` is inherited: every element has its own style. Methods named after elements draw
+    one; their argument `map3` is the homogeneous map `[3, 3]` from its units to pixels.
     """
 
     def __init__(self, context: Context):
         self._context = context
         self._size = (0.0, 0.0)
-        # The map `[3, 3]` to pixels of the root, and of each open group.
+        # Maps `[3, 3]` to pixels from the units of the root and of each open group.
         self._maps: list[np.ndarray] = []
         self._shapes = {
             "colortri": self._colortri,
@@ -45,7 +48,11 @@ class CourseReader:
         }
 
     def open(self, tag: str, attributes: Attributes, line: int) -> Children:
-        """Draw a shape, or enter the root or a group."""
+        """Draw a shape, declare a texture, or enter the root or a group.
+
+        Returns how the children of the element are treated. Elements that the course does not know
+        are counted for the warning.
+        """
         self._context.display.line = line
         if not self._maps:
             self._maps.append(self._root_map(tag, attributes))
@@ -73,13 +80,17 @@ class CourseReader:
             self._context.elements[tag] += 1
 
     def close(self) -> None:
-        """Leave a group or the root; the frame comes after everything else."""
+        """Leave a group or the root; draw the frame, if it is wanted, at the end of the root."""
         map3 = self._maps.pop()
         if not self._maps and self._context.frame:
             self._frame(map3)
 
     def _root_map(self, tag: str, attributes: Attributes) -> np.ndarray:
-        """The course's view of the drawing, unless the caller gave a transform."""
+        """The map `[3, 3]` from the drawing's units to pixels, by the course's rule.
+
+        A transform that the caller gave is used instead. Raises `ValueError` unless the root is
+        `svg`, and if it has no size and there is no transform.
+        """
         if tag != "svg":
             raise ValueError("is the root, which must be <svg>.")
         size = course_size(attributes)
@@ -95,13 +106,14 @@ class CourseReader:
         self._context.ignored[f"transform {name!r}"] += 1
 
     def _color(self, attributes: Attributes, name: str) -> Rgba:
-        """Parse the hex digits of a colour attribute, with its opacity; black without digits."""
+        """Parse the hex digits of the attribute `name`, with its opacity; black without digits."""
         match = _HEX.match(attributes.get(name, ""))
         code = min(int((match and match[1]) or "0", 16), 0xFFFFFFFF)
         red, green, blue = (float(np.float32((code >> shift & 255) / 255)) for shift in (16, 8, 0))
         return red, green, blue, self._opacity(attributes, name)
 
     def _opacity(self, attributes: Attributes, name: str) -> float:
+        """The opacity of `fill` or `stroke` in 0..1; 1 if opacities are not applied."""
         text = attributes.get(f"{name}-opacity")
         if text is None or not self._context.opacity:
             return 1.0
@@ -124,7 +136,7 @@ class CourseReader:
         self._outline(corners[[0, 1, 3, 2]], attributes)
 
     def _point(self, position: np.ndarray, color: Rgba) -> None:
-        """Fill the pixel that contains a position, if it lies on the canvas."""
+        """Fill the pixel that contains a position in pixels, if it lies on the canvas."""
         x, y = np.floor(position.astype(np.float32)).astype(np.float64)
         if 0 <= x < self._context.width and 0 <= y < self._context.height:
             rectangle = np.array([[x, y, x + 1, y + 1]])
@@ -138,7 +150,10 @@ class CourseReader:
         self._outline(corners, attributes)
 
     def _outline(self, corners: np.ndarray, attributes: Attributes) -> None:
-        """Draw pixel lines around the corners if there is a `stroke`; even `"none"` is black."""
+        """Draw pixel lines around corners `[n, 2]`, in pixels, if the attribute `stroke` exists.
+
+        The value `none` is black, like any text without hex digits.
+        """
         if "stroke" in attributes and len(corners):
             self._lines(corners, np.roll(corners, -1, axis=0), self._color(attributes, "stroke"))
 
@@ -155,6 +170,7 @@ class CourseReader:
             self._lines(start[None], end[None], self._color(attributes, "stroke"))
 
     def _lines(self, starts: np.ndarray, ends: np.ndarray, color: Rgba) -> None:
+        """Draw lines one pixel wide between points `[n, 2]` in pixels."""
         self._context.display.add_hairlines(np.concatenate([starts, ends], axis=1), color)
 
     def _colortri(self, map3: np.ndarray, attributes: Attributes) -> None:
@@ -173,7 +189,7 @@ class CourseReader:
         )
 
     def _image(self, map3: np.ndarray, attributes: Attributes) -> None:
-        """Fill every pixel between the two corners; a mirrored image draws nothing."""
+        """Fill every pixel between two opposite corners; a mirrored image draws nothing."""
         x, y, width, height = (
             leading_float(attributes.get(n)) for n in ("x", "y", "width", "height")
         )
@@ -189,8 +205,8 @@ class CourseReader:
             return
         display = self._context.display
         display.budget.charge("steps", len(columns) * len(rows))
-        # Rows are sampled in blocks. Once there are more rectangles than the budget allows, the
-        # rest is not sampled, since `add_pixels` will raise.
+        # Rows are sampled in blocks. Once there are more rectangles than the budget allows, no more
+        # rows are sampled, since `add_pixels` will raise.
         block_rows = max(_PIXELS_AT_ONCE // len(columns), 1)
         rectangles, colors, count = [], [], 0
         for start in range(0, len(rows), block_rows):
@@ -229,7 +245,10 @@ def _is_silent(tag: str, attributes: Attributes) -> bool:
 
 
 def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray, " {count}"]:
-    """Parse the first `count` numbers of an attribute; `ValueError` if it has fewer."""
+    """Parse the first `count` numbers of the attribute `name`, with blanks between them.
+
+    Raises `ValueError` if it has fewer.
+    """
     try:
         numbers = blank_separated(attributes.get(name, ""))
     except ValueError as error:
@@ -244,7 +263,15 @@ def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray,
 def _pixels(
     ends: Float32[np.ndarray, "2"], side: int
 ) -> tuple[Float[np.ndarray, " pixels"], Float[np.ndarray, " pixels"]]:
-    """Pixels of a canvas between two ends, and the position of each in the picture, 0..1."""
+    """Find the pixels that a picture covers along one axis of the canvas.
+
+    - `ends`: where the picture begins and ends on this axis, in pixels.
+    - `side`: size of the canvas along this axis, in pixels.
+
+    Returns the indices of the pixels that lie on the canvas, and for each the texture coordinate of
+    its centre: 0..1, or slightly outside for the first and last pixel. Both are empty for a picture
+    that is mirrored or off the canvas.
+    """
     low, high = float(ends[0]), float(ends[1])
     first, last = max(np.floor(low), 0.0), min(np.floor(high), side - 1.0)
     if high < low or last < first:
@@ -258,9 +285,9 @@ def _bilinear(
     u: Float[np.ndarray, " columns"],
     v: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, "rows columns 3"]:
-    """Interpolate the colours at each (u, v) between the four texels around it.
+    """Sample a picture at every pair of `u` and `v`, bilinearly between the four texels around it.
 
-    The course maps 0 and 1 to the centres of the first and last texel.
+    Texture coordinates 0 and 1 are the centres of the first and last texel, as in the course.
     """
     height, width = picture.shape[:2]
     x, y = u * (width - 1), v * (height - 1)
@@ -280,7 +307,11 @@ def _merge_runs(
     columns: Float[np.ndarray, " columns"],
     colors: Float[np.ndarray, "rows columns 3"],
 ) -> tuple[Float[np.ndarray, "rectangles 4"], Float[np.ndarray, "rectangles 3"]]:
-    """Merge runs of equal colour in each row of pixels into rectangles; returns also their RGB."""
+    """Merge runs of equal colour in each row of pixels into rectangles.
+
+    `rows` and `columns` are the coordinates of the pixels, and `colors` their RGB. Returns the
+    rectangles as (x0, y0, x1, y1) in pixels, and the RGB of each.
+    """
     starts_run = np.ones(colors.shape[:2], bool)
     starts_run[:, 1:] = (colors[:, 1:] != colors[:, :-1]).any(axis=-1)
     row, start = np.nonzero(starts_run)

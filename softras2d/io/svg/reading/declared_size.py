@@ -1,4 +1,4 @@
-"""Computes the size that a document declares, before there is a canvas."""
+"""Computes the size that an SVG document declares, before there is a canvas."""
 
 from ...budget import Budget
 from ..css.cascade import Declarations
@@ -10,7 +10,8 @@ from ..xml.notices import Notices
 from ..xml.tree import Element, read_tree
 
 _ENCODINGS = ("utf-8", "utf-16-le", "utf-16-be")
-"""Encodings that the parser knows, up to differences outside of ASCII."""
+"""Encodings in which the word `style` is searched for. All other encodings that the parser knows
+agree with UTF-8 in ASCII characters."""
 
 _DEFAULT_SIZE = (150.0, 300.0)
 """Height and width, in px, that browsers give a drawing that declares no size."""
@@ -19,8 +20,10 @@ _DEFAULT_SIZE = (150.0, 300.0)
 def declared_size(document: Document, dialect: str, tree: Element | None = None) -> tuple[int, int]:
     """The (height, width) in pixels that a document declares, rounded up.
 
-    `tree` is the root of a standard document if it has been read. Raises `SvgError` if the document
-    declares no size.
+    - `dialect`: `"svg"` or `"course"`, whose rules differ.
+    - `tree`: the root of a document of dialect `"svg"`, if the document has been parsed already.
+
+    Raises `SvgError` if the document declares no size.
     """
     tag, attributes = root(document)
     try:
@@ -38,9 +41,12 @@ def declared_size(document: Document, dialect: str, tree: Element | None = None)
 
 
 def size_with_margins(document: Document, height: int, width: int) -> tuple[float, float] | None:
-    """The (height, width) in user units of a standard drawing that leaves margins on a canvas.
+    """The (height, width) of a drawing of dialect `"svg"` that would leave margins on a canvas.
 
-    None if it fills the canvas of `height` x `width` pixels, up to one pixel.
+    The canvas has `height` x `width` pixels. The result is the size of the drawing's viewBox, in
+    user units, or without a viewBox the declared size in pixels. It is None if the drawing would
+    leave margins of one pixel at most, because the aspect ratios agree, or because
+    `preserveAspectRatio` is `none` or `slice`. Raises `SvgError` if the document declares no size.
     """
     _, attributes = root(document)
     if {"none", "slice"} & set(attributes.get("preserveAspectRatio", "").split()):
@@ -59,10 +65,11 @@ def size_with_margins(document: Document, height: int, width: int) -> tuple[floa
 def _standard_size(
     document: Document, attributes: Attributes, tree: Element | None
 ) -> tuple[float, float] | None:
-    """The size that a standard document declares in its root, by attributes or by CSS.
+    """The (height, width) in px, not rounded, that a document of dialect `"svg"` declares.
 
-    There is no canvas yet, so media queries are evaluated for the size in the root's attributes.
-    The whole document is read only if it may have style sheets.
+    The root declares it by attributes or by CSS. None if it declares no size. There is no canvas
+    yet, so media queries are evaluated for the size in the root's attributes. The whole document is
+    parsed only if it may have style sheets and `tree` is None.
     """
     size = document_size(Declarations({}, attributes, {}), MEDIUM, lambda *_: None)
     if not any("style".encode(code) in document.data for code in _ENCODINGS):

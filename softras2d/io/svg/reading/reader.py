@@ -71,8 +71,8 @@ def read_svg(
 ) -> Scene:
     """Read an SVG file as a scene.
 
-    The scene has the smallest structure that can represent the file, and a white background unless
-    the file has another.
+    The scene has the smallest structure that can represent the file. Its background is white unless
+    the file has another one.
 
     - `height`, `width`: size of the canvas in pixels; by default the size that the file declares,
       rounded up. The drawing is fitted into the canvas by its viewBox and preserveAspectRatio, or
@@ -80,16 +80,18 @@ def read_svg(
     - `dialect`: `"svg"`, standard SVG; or `"course"`, the classic rasterizer course's rules, with
       lines one pixel wide that are not antialiased. Both have the additional elements `colortri`,
       `textri` and `texture`.
-    - `transform`: homogeneous 3x3 map from the file's units to pixels, used instead of that fit.
+    - `transform`: homogeneous 3x3 map from the file's units to pixels. It replaces the map that
+      fits the drawing into the canvas.
     - `assets`: folder outside of which no image file is read; by default the folder of the file.
     - `opacity`: whether opacities and alpha are applied; if not, everything is opaque.
-    - `frame`: whether the course's outline of the drawing is drawn; by default it is in dialect
-      `"course"`. `True` is an error in dialect `"svg"`.
+    - `frame`: whether the course's black outline of the drawing is drawn. By default it is drawn in
+      dialect `"course"`; in dialect `"svg"`, `True` is an error.
     - `linear`: whether colours and textures are decoded from sRGB to linear light.
     - `tolerance`: largest distance between a curve and its polygon, in pixels of the canvas.
     - `strict`: whether anything invalid or not supported is an error instead of a warning.
     - `fit`: how a drawing of another aspect ratio fills the canvas: `"contain"` leaves margins,
-      `"cover"` cuts the drawing, `"stretch"` distorts it; by default, what the file says.
+      `"cover"` cuts the drawing, `"stretch"` distorts it. By default, the file's
+      preserveAspectRatio decides. Only for dialect `"svg"`, and not together with `transform`.
 
     Dialect `"svg"` draws paths, basic shapes, images, style sheets, gradients, clip paths, dashes,
     `use`, `symbol`, nested `svg` and `switch`. A shape or group with `opacity` is composited as a
@@ -101,16 +103,19 @@ def read_svg(
     `background`. Vertices are mapped to pixels in float64 and rounded to float32.
 
     Media queries are evaluated for a screen of the canvas's size with the light colour scheme. An
-    image that is missing, unreadable or outside `assets` is left out. In dialect `"course"`, it is
-    an error.
+    image that is missing, unreadable or outside `assets` is left out in dialect `"svg"`, and an
+    error in dialect `"course"`.
 
-    Raises `ValueError`, one line with file and line number, for a document that is not well-formed,
-    declares entities other than short texts, or is larger than 64 MB, for textures that are missing
-    or outside `assets`, for invalid attributes of `colortri` and `textri`, and for a `transform`
-    that is singular or sends points to infinity. Also for a document that exceeds a
-    limit of `softras2d.io.budget`, such as 2,097,152 triangles, 4,194,304 points, 100,000 points in
-    which polygons cross themselves, or 67,108,864 pixels in all images together (1 GiB). Limits are
-    checked before the work is done.
+    Raises `ValueError`, one line with file and line number, for:
+
+    - a document that is not well-formed, declares entities other than short texts, or is larger
+      than 64 MB;
+    - textures that are missing or outside `assets`;
+    - invalid attributes of `colortri` and `textri`;
+    - a `transform` that is singular or sends points to infinity;
+    - a document that exceeds a limit of `softras2d.io.budget`, such as 2,097,152 triangles,
+      4,194,304 points, 100,000 points in which polygons cross themselves, or 67,108,864 pixels in
+      all images together (1 GiB). Limits are checked before the work is done.
     """
     options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
     drawn = _read(load(path), height, width, options)
@@ -122,9 +127,10 @@ def read_document_with_notice(
     document: Document, *, height: int, width: int, dialect: str = "svg",
     assets: str | os.PathLike[str] | None = None, opacity: bool = True, frame: bool | None = None,
 ) -> tuple[Scene, str | None]:  # fmt: skip
-    """Read as `read_svg` does, but return the text of the warning, or None, instead of issuing it.
+    """Read a document like `read_svg`; return the scene and the text of the warning, or None.
 
-    Threads share the filters of `warnings`, so that a thread cannot safely catch what it issues.
+    The warning is not issued. Threads share the filters of the module `warnings`, so a thread could
+    not safely catch a warning that it has issued.
     """
     options = _Options(dialect, None, assets, opacity, frame, False, TOLERANCE, False, None)
     drawn = _read(document, height, width, options)
@@ -147,9 +153,9 @@ def parse_svg(
     strict: bool = False,
     fit: str | None = None,
 ) -> Scene:
-    """Like `read_svg`, for the text of an SVG file; errors call it `name`.
+    """Read the text of an SVG file as a scene, like `read_svg`; errors call it `name`.
 
-    Names of image files are relative to `assets`; without it, no file is read.
+    Names of image files are relative to the folder `assets`; without it, no image file is read.
     """
     options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
     drawn = _read(from_text(text, name), height, width, options)
@@ -170,11 +176,12 @@ def read_svg_controls(
     strict: bool = False,
     fit: str | None = None,
 ) -> SvgControls:
-    """Read an SVG file as a scene whose vertices follow from the control points of its paths.
+    """Read an SVG file as a scene whose vertices are computed from the control points of its paths.
 
     The arguments are those of `read_svg` in dialect `"svg"`. Vertices of filled paths, polygons and
-    polylines are exactly linear in the control points. Others are constants of the map, counted in
-    `constant_vertices`. Raises `ValueError` also for a `transform` in perspective.
+    polylines are affine functions of the control points. All other vertices are constant;
+    `SvgControls.constant_vertices` counts them. Raises `ValueError` as `read_svg` does, and for a
+    `transform` in perspective.
     """
     document = load(path)
     options = _Options("svg", transform, assets, opacity, None, linear, tolerance, strict, fit)
@@ -202,16 +209,17 @@ def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int
 def parse_svg_size(
     text: str | bytes, *, name: str = "<svg>", dialect: str = "svg"
 ) -> tuple[int, int]:
-    """Like `svg_size`, for the text of an SVG file; errors call it `name`."""
+    """The size that the text of an SVG file declares, like `svg_size`; errors call it `name`."""
     _check_dialect(dialect)
     return declared_size(from_text(text, name), dialect)
 
 
 class _Drawn(NamedTuple):
-    """A document that has been read: its scene and triangles, and what has drawn it.
+    """A document that has been read.
 
-    - `drawing`: None in dialect `course`.
-    - `notice`: what was left out or ignored, for a warning; None if nothing was.
+    - `triangles`: the triangles of which `scene` was made, with the shape of each.
+    - `drawing`: the object that drew the document; None in dialect `"course"`.
+    - `notice`: one line about everything left out or ignored, for a warning; None for nothing.
     """
 
     scene: Scene
@@ -227,6 +235,10 @@ def _read(
     options: _Options,
     keeps_sources: bool = False,
 ) -> _Drawn:
+    """Read a document; None for `height` or `width` stands for the size that it declares.
+
+    `keeps_sources` tells the painter to remember the paths that it fills, for control points.
+    """
     _check_options(options)
     budget = Budget()
     is_course = options.dialect == "course"
@@ -273,7 +285,7 @@ def _read(
 
 
 def _note_style_sheet(document: Document, notices: Notices) -> None:
-    """Note a style sheet that the document refers to before its root; none is fetched."""
+    """Report that an external style sheet, named before the root of the document, has no effect."""
     prolog = document.data.partition(b"<svg")[0]
     before, found, _ = prolog.partition(b"<?xml-stylesheet")
     if found:
@@ -281,14 +293,14 @@ def _note_style_sheet(document: Document, notices: Notices) -> None:
 
 
 def _warn(drawn: _Drawn) -> None:
-    """Issue the notice of a document as a warning of the function that called the reader."""
+    """Issue the notice of a document as a warning at the line that called the public function."""
     if drawn.notice:
         warnings.warn(drawn.notice, UserWarning, stacklevel=3)
 
 
 @contextmanager
 def _errors_named(document: Document) -> Iterator[None]:
-    """Add the name of the document to errors of checks and libraries, which do not know it."""
+    """Turn errors of the body that lack the name of the document into `SvgError`s with it."""
     try:
         yield
     except SvgError:
@@ -304,6 +316,10 @@ def _canvas_size(
     height: int | None,
     width: int | None,
 ) -> tuple[int, int]:
+    """The (height, width) of the canvas; None stands for a side that the document declares.
+
+    Raises `ValueError` unless both are integers from 1 to `MAX_SIDE`.
+    """
     if height is None or width is None:
         file_height, file_width = declared_size(document, dialect, tree)
         height = file_height if height is None else height
@@ -343,7 +359,11 @@ def _make_scene(
     addressing: TextureAddressing,
     linear: bool,
 ) -> Scene:
-    """Make the scene of some triangles, without arrays and channels that no triangle needs."""
+    """Make the scene of a drawing's triangles, without arrays and channels that none needs.
+
+    - `addressing`: how texture coordinates map to texels.
+    - `linear`: whether colours and textures are decoded from sRGB to linear light.
+    """
     colors = triangles.colors
     background = np.array(context.background or (1.0, 1.0, 1.0))
     if linear:

@@ -1,8 +1,8 @@
 """Draws standard SVG, and the course's additional elements `colortri`, `textri` and `texture`.
 
 It is the dialect `"svg"` of `read_svg`. Elements are visited in document order with an explicit
-stack, since documents may be nested deeply. Errors are handled as SVG 2 prescribes, and each is
-added to the warning.
+stack, since documents may be nested deeply. Invalid values are handled as SVG 2 prescribes, and
+each is reported in the warning of the document.
 """
 
 from collections.abc import Callable
@@ -42,14 +42,19 @@ from ..xml.tree import Element
 
 
 class _ElementStep(NamedTuple):
-    """An element to be drawn, and what its parent passes on to it."""
+    """An element to be drawn, and the state that it inherits from its parent."""
 
     element: Element
     state: InheritedState
 
 
 class _GroupEnd(NamedTuple):
-    """The end of a group that is composited as a whole into `sink`."""
+    """The end of a group that is composited as a whole.
+
+    - `layer`: the shapes of the group.
+    - `sink`: what receives the composited group.
+    - `opacity`: opacity of the group, in 0..1.
+    """
 
     element: Element
     layer: Layer
@@ -58,10 +63,12 @@ class _GroupEnd(NamedTuple):
 
 
 class Drawing:
-    """Draws the elements of a page.
+    """Draws the elements of a document.
 
-    - `painter`: fills and strokes shapes, and remembers their control points.
-    - `canvas`: receives what is drawn.
+    `page` holds the document, its style sheets, and the state of reading it.
+
+    - `painter`: fills and strokes shapes, and remembers the filled paths for control points.
+    - `canvas`: the sink that receives the painted shapes.
     """
 
     def __init__(self, page: Page):
@@ -79,7 +86,7 @@ class Drawing:
         return self._page.root
 
     def draw(self) -> None:
-        """Draw the whole document. Raises `SvgError` with the line of the element."""
+        """Draw the whole document. Raises `SvgError`, which names the line of an element."""
         self._guarded(self.root, self._begin)
         while self._pending:
             step = self._pending.pop()
@@ -89,7 +96,10 @@ class Drawing:
                 self._guarded(step.element, lambda step=step: self._open(step))
 
     def _guarded(self, element: Element, action: Callable[[], None]) -> None:
-        """Run an action, whose errors get the name of the document, the line and the element."""
+        """Run an action; turn its errors into `SvgError`s that name the document and the element.
+
+        They give the line number of `element` and its tag. An `SvgError` is passed on unchanged.
+        """
         self._context.display.line = element.line
         try:
             action()
@@ -100,7 +110,10 @@ class Drawing:
             raise SvgError(f"{where} {reason(error)}") from None
 
     def _begin(self) -> None:
-        """Fit the drawing into the canvas, paint its background, and put the root on the stack."""
+        """Fit the drawing into the canvas, paint its background, and put the root on the stack.
+
+        A root whose map to pixels is singular is not drawn.
+        """
         page = self._page
         root = root_viewport(page)
         self._root_box = root.box
@@ -114,7 +127,11 @@ class Drawing:
         self._pending.append(_ElementStep(page.root, InheritedState(INITIAL, placement, viewport)))
 
     def _open(self, step: _ElementStep) -> None:
-        """Draw a shape, or put the children of a group on the stack."""
+        """Draw a shape, or put the children of a group on the stack.
+
+        Elements that are not drawn are skipped. Those that are not supported or invalid are
+        reported.
+        """
         element, parent = step
         self._page.budget.charge("elements" if parent.instance is None else "copies", 1)
         self._page.viewport = parent.viewport
@@ -163,9 +180,9 @@ class Drawing:
             self._draw_shape(element, declared, state, opacity)
 
     def _has_no_backdrop(self, element: Element, parent: InheritedState) -> bool:
-        """Whether an element is the first that is drawn in an isolated group.
+        """Whether an element is the first that is drawn in a `g` with `isolation: isolate`.
 
-        Nothing lies below it then, so that its blend mode has no effect.
+        If it is, nothing lies below the element in its group, and its blend mode has no effect.
         """
         group = element.parent
         if group is None or group.name != "g" or parent.is_instance(element):
@@ -187,7 +204,10 @@ class Drawing:
     def _open_group(
         self, element: Element, declared: Declarations, state: InheritedState, opacity: float
     ) -> None:
-        """Put the children of a group on the stack, after the end of the group if it needs one."""
+        """Put the children of a group on the stack.
+
+        If the group is translucent, its `_GroupEnd` is put below them, so that it comes last.
+        """
         if opacity < 1:
             layer = Layer(self._page.budget)
             self._pending.append(_GroupEnd(element, layer, state.placement.sink, opacity))
@@ -208,7 +228,7 @@ class Drawing:
         self._pending += [_ElementStep(child, state) for child in reversed(children)]
 
     def _close(self, group: _GroupEnd) -> None:
-        """Composite a group."""
+        """Composite the shapes of a group, and report if the colours are only approximate."""
         if not group.layer.finish(group.sink, group.opacity):
             self._page.report(group.element)(
                 APPROXIMATE, "opacity", "translucent shapes overlap in it"
@@ -217,7 +237,7 @@ class Drawing:
     def _draw_shape(
         self, element: Element, declared: Declarations, state: InheritedState, opacity: float
     ) -> None:
-        """Draw a shape, composited as a whole if it has an opacity."""
+        """Draw a shape. If `opacity` is below 1, its fill and stroke are composited as a whole."""
         for child in element.children:
             if child.name in NOT_SUPPORTED:
                 self._page.not_drawn(NOT_DRAWN, child)

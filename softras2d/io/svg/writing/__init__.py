@@ -1,1 +1,1 @@
-"""This stage writes scenes and films as SVG files, with additions for browsers."""
+"""This stage writes scenes and films as SVG files, with additional elements for browsers."""

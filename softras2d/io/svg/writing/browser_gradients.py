@@ -1,10 +1,11 @@
 """Approximates triangles with corner colours by linear gradients, which browsers can draw.
 
-The colours inside a triangle are an affine function of the position, whose matrix has rank two. A
-linear gradient is constant along parallel lines, so its matrix has rank one. `fit_gradients` finds
-the nearest gradient by a singular value decomposition of the corner colours. The residual has
-rank one too. Where it would be visible, a second gradient in the blend mode `hard-light` adds it:
-grey leaves the colour below unchanged, lighter greys lighten it and darker greys darken it.
+The colours inside a triangle are an affine function of the position. Its matrix, from positions to
+colours, has rank two at most. A linear gradient is constant along parallel lines, so its matrix has
+rank one. `fit_gradients` finds the nearest gradient by a singular value decomposition of the corner
+colours. The difference between the colours and this gradient has rank one too. Where it would be
+visible, a second gradient in the blend mode `hard-light` adds it: a medium grey leaves the colour
+below unchanged, lighter colours lighten it, and darker colours darken it.
 """
 
 from dataclasses import replace
@@ -17,24 +18,28 @@ from jaxtyping import Bool, Float
 from ....scene import Scene
 
 VISIBLE = 8 / 255
-"""Colour error at a corner above which a second gradient is written."""
+"""Error of a colour channel at a corner, in 0..1, above which a second gradient is written."""
 
 INSET = 0.3
 """Distance, in pixels, by which both ends of the first gradient are moved inwards.
 
-Browsers paint a pixel on an edge in the colour of its centre, which may lie outside the triangle,
-while the mean colour of the covered part lies inside. For a mesh of 10,000 triangles, the PSNR is
-39.0 dB with an inset of 0 and 41.7 dB with 0.3, the best of 0, 0.15, 0.3 and 0.5.
+Browsers paint a pixel on an edge in the colour of the pixel's centre, which may lie outside the
+triangle. The mean colour of the covered part of the pixel is found further inside. For a mesh of
+10,000 triangles, the PSNR is 39.0 dB with an inset of 0 and 41.7 dB with 0.3, the best of 0, 0.15,
+0.3 and 0.5.
 """
 
 _FLAT = 0.5 / 255
-"""Largest singular value of the corner colours up to which a triangle is painted in its mean."""
+"""A triangle is painted in its mean colour if no singular value of its corner colours, minus their
+mean, exceeds this."""
 
 
 class GradientLines(NamedTuple):
-    """Affine functions, one per triangle, that grow from `low` at `start` to `high` at `end`.
+    """Affine functions of the position, one per triangle, along the direction in which they grow.
 
-    `is_valid` is False for constants, and for triangles of almost no area, which have no line.
+    - `start`, `end`: ends of a line across the triangle along the gradient, in pixels.
+    - `low`, `high`: least and greatest value in the triangle, at `start` and at `end`.
+    - `is_valid`: False for constants, and for triangles of almost no area, which have no such line.
     """
 
     start: Float[np.ndarray, "triangles 2"]
@@ -48,12 +53,13 @@ class Gradients(NamedTuple):
     """One or two linear gradients for each triangle. Colours are sRGB, in 0..1.
 
     - `mean`: mean of the corner colours, `[triangles, 3 or 4]`.
-    - `first`, `first_colors`: line of the first gradient, and its colours at the start and the end
-      of that line, which lie `INSET` inside the triangle.
-    - `has_second`: whether a triangle needs the second gradient, whose mode is `hard-light`.
-    - `second`, `second_colors`: line of the second gradient, and its colours at both ends.
-    - `second_grey`: position of its grey on that line, from 0 at the start to 1 at the end.
-    - `shown`: the corner colours that both gradients produce without the inset,
+    - `first`, `first_colors`: line of the first gradient, whose ends lie `INSET` inside the
+      triangle; and the colours at its start and at its end.
+    - `second`, `second_colors`: line of the second gradient, and the colours at its start and at
+      its end, `[triangles, 3]`.
+    - `second_grey`: where on its line the second gradient is grey: 0 at the start, 1 at the end.
+    - `has_second`: whether a triangle needs the second gradient, whose blend mode is `hard-light`.
+    - `shown`: the corner colours that the gradients produce together, without the inset,
       `[triangles, 3, 3 or 4]`.
     """
 
@@ -70,8 +76,9 @@ class Gradients(NamedTuple):
 def in_browsers(scene: Scene) -> Scene:
     """Give a scene the colours in which a browser shows `write_svg(..., fallback=True)`.
 
-    Those are the colours that the gradients can produce. Antialiasing is not modelled. Textured
-    triangles, which no browser draws, are left unchanged.
+    Corner colours become the colours that the gradients can produce. Antialiasing is not modelled.
+    Textured triangles, which no browser draws, are left unchanged, and so is a scene with one
+    colour per triangle.
     """
     colors = np.asarray(scene.colors)
     if colors.shape[1] == 1:
@@ -89,8 +96,9 @@ def fit_gradients(
 ) -> Gradients:
     """Fit linear gradients to triangles with corner colours of 3 or 4 channels.
 
-    The first gradient minimises the squared error, summed over the three corners. Translucent
-    triangles have no second one, since it would also blend with what lies below them.
+    `corners` are in pixels; `colors` are clipped to 0..1. The first gradient minimises the squared
+    error of the colours, summed over the three corners. Translucent triangles have no second
+    gradient, since it would also change the colours below them.
     """
     corners, colors = corners.astype(np.float64), np.clip(colors.astype(np.float64), 0.0, 1.0)
     mean = colors.mean(axis=1)
@@ -116,7 +124,7 @@ def fit_gradients(
     has_second = (np.abs(residual).max(axis=(1, 2)) > VISIBLE) & first.is_valid & second.is_valid
     if colors.shape[2] == 4:
         has_second &= (colors[..., 3] == 1).all(axis=1)
-    # The second gradient is computed for the mean colour: exact where the first one has it.
+    # The second gradient is computed as if the colour below were the mean everywhere.
     backdrop = mean[:, :3]
     second_low, second_high = (
         _hard_light_source(value[:, None] * directions[:, 1, :3], backdrop)
@@ -137,10 +145,10 @@ def fit_gradients(
 def _inset(
     lines: GradientLines, low: np.ndarray, high: np.ndarray
 ) -> tuple[GradientLines, tuple[np.ndarray, np.ndarray]]:
-    """Move both ends of each line inwards by `INSET`, at most to its middle.
+    """Move both ends of each line inwards by `INSET`, but not beyond its middle.
 
-    `low` and `high` are the colours at the old ends. Returns the shorter lines, and the colours at
-    both of their ends.
+    `low` and `high` are the colours at the old start and end. Returns the shorter lines, and the
+    colours at their starts and ends.
     """
     line_vector = lines.end - lines.start
     length = np.sqrt((line_vector**2).sum(axis=1, keepdims=True))
@@ -152,7 +160,7 @@ def _inset(
 def hard_light(
     backdrop: Float[np.ndarray, "*shape"], source: Float[np.ndarray, "*shape"]
 ) -> Float[np.ndarray, "*shape"]:
-    """Blend `source` over the opaque colours `backdrop` in the mode `hard-light`.
+    """Blend the opaque colours `source` over `backdrop`, both in 0..1, in the mode `hard-light`.
 
     **Source:** *Compositing and Blending Level 1* (W3C, 2024), section 10.1.9.
     """
@@ -161,7 +169,10 @@ def hard_light(
 
 
 def _hard_light_source(difference: np.ndarray, backdrop: np.ndarray) -> np.ndarray:
-    """The source with which `hard_light` adds `difference` to `backdrop`, clamped to 0..1."""
+    """The colours that add `difference` to `backdrop` when `hard_light` blends them over it.
+
+    They are clamped to 0..1, so large differences are added only in part.
+    """
     largest = np.where(difference < 0, backdrop, 1.0 - backdrop)
     return np.clip(0.5 + 0.5 * difference / np.maximum(largest, 1 / 255), 0.0, 1.0)
 
@@ -169,7 +180,7 @@ def _hard_light_source(difference: np.ndarray, backdrop: np.ndarray) -> np.ndarr
 def _gradient_lines(
     corners: Float[np.ndarray, "triangles 3 2"], values: Float[np.ndarray, "triangles 3"]
 ) -> GradientLines:
-    """The line of the affine function that has `values` at the corners of each triangle."""
+    """Find the lines of the affine functions that have `values` at the corners of each triangle."""
     lowest, low, high = values.argmin(axis=1), values.min(axis=1), values.max(axis=1)
     (ux, uy), (vx, vy) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
     du, dv = (values[:, k] - values[:, 0] for k in (1, 2))

@@ -1,8 +1,9 @@
 """Makes the elements that `write_svg` adds for browsers alone: gradients, seams, a style sheet.
 
-Each element has the attribute `data-fallback`, by which `read_svg` skips it. Renderers need only
-plain SVG 1.1. Elements that need a blend mode are hidden, unless the style sheet finds that the
-renderer supports the mode.
+Each element, or one around it, has the attribute `data-fallback`, by which `read_svg` skips it. The
+only exception is the group around triangles that tile the canvas, since `read_svg` must read these.
+Renderers need only plain SVG 1.1. Elements that need a blend mode are hidden, unless the style
+sheet finds that the renderer supports the mode.
 """
 
 from collections import defaultdict
@@ -19,7 +20,8 @@ _FALLBACK = f'{FALLBACK}="1"'
 
 _PATH = '<path {}d="M{} {} {} {} {} {}z" fill="{}"/>'
 
-# The attribute `display` hides it from renderers without style sheets.
+# The attribute `display` hides second gradients. Only the style sheet can show them, where the
+# renderer supports their blend mode.
 _SECOND = f'{_FALLBACK} class="softras2d-second" display="none"'
 
 _GRADIENT = (
@@ -42,8 +44,9 @@ _SECOND_STYLE = (
 class Elements(NamedTuple):
     """Lines of an SVG file to write around the elements of the triangles.
 
-    - `head`: before the first triangle; `tail`: after the last one.
-    - `before`: directly before the triangle whose index is the key.
+    - `head`: lines before the first triangle.
+    - `before`: text directly before a triangle, by the index of the triangle.
+    - `tail`: lines after the last triangle.
     """
 
     head: list[str]
@@ -61,13 +64,14 @@ def elements_for_browsers(
 ) -> Elements:
     """Make the elements that let browsers show these triangles on a `height` x `width` canvas.
 
-    - `colors`: sRGB, one per triangle or per corner, of 3 or 4 channels.
-    - `is_polygon`: triangles written as `<polygon>`, which browsers draw as they are.
-    - `has_gradients`: triangles for which paths with gradients are made.
+    - `corners`: corners of the triangles in pixels, in draw order.
+    - `colors`: sRGB, one per triangle or per corner, with 3 or 4 channels.
+    - `is_polygon`: whether each triangle is written as an element that browsers draw as it is.
+    - `has_gradients`: whether paths with gradients are to be made for each triangle.
 
-    Browsers do not show the other triangles, so nothing is made for them.
+    Browsers do not show the triangles for which neither is true, so nothing is made for them.
     """
-    # The precision is about 1e-5 of the canvas: much less than a pixel, and few characters.
+    # The coordinates are rounded to about 1e-5 of the canvas: much less than a pixel, and short.
     decimals = max(1, 5 - len(str(max(height, width) - 1)))
     coordinates = _decimals(corners, decimals)
     is_opaque = (colors[..., 3:] == 1).all(axis=(1, 2))
@@ -82,7 +86,8 @@ def elements_for_browsers(
         definitions = _definitions(gradients, decimals)
         paths = _first_paths(corners[shaded], coordinates[shaded], colors[shaded], gradients)
         first = dict(zip(shaded.tolist(), paths, strict=True))
-        # Each path is hidden unless the style sheet shows it. In a tiling, the group of all is.
+        # Each path is hidden unless the style sheet shows it. In a tiling, all of them are in a
+        # group that is hidden instead.
         attributes = "" if is_tiling else f"{_SECOND} "
         paths = _second_paths(coordinates[shaded], gradients, attributes)
         second = {int(shaded[row]): path for row, path in paths.items()}
@@ -111,9 +116,9 @@ def _first_paths(
     colors: Float[np.ndarray, "triangles 3 channels"],
     gradients: Gradients,
 ) -> list[str]:
-    """A path for each triangle, filled with its first gradient or with its mean colour.
+    """Make a path for each triangle, filled with its first gradient or with its mean colour.
 
-    `coordinates` are `corners` as text, `[triangles, 3, 2]`.
+    `coordinates` are `corners` as text, `[triangles, 3, 2]`. `gradients` has a row per triangle.
     """
     fills = np.array(_hex(gradients.mean), object)
     is_gradient = gradients.first.is_valid
@@ -133,7 +138,11 @@ def _first_paths(
 
 
 def _second_paths(coordinates: np.ndarray, gradients: Gradients, attributes: str) -> dict[int, str]:
-    """A path for each triangle that has a second gradient, by its row in `gradients`."""
+    """Make a path for each triangle that has a second gradient, by its row in `gradients`.
+
+    - `coordinates`: corners of the triangles as text, `[triangles, 3, 2]`.
+    - `attributes`: text of further attributes of every path, with a blank at its end, or empty.
+    """
     rows = np.flatnonzero(gradients.has_second).tolist()
     fills = [f"url(#b{row})" for row in rows]
     columns = coordinates[rows].reshape(-1, 6).T
@@ -142,7 +151,11 @@ def _second_paths(coordinates: np.ndarray, gradients: Gradients, attributes: str
 
 
 def _definitions(gradients: Gradients, decimals: int) -> list[str]:
-    """The `<linearGradient>` elements, whose names are `a` or `b` and the row of the triangle."""
+    """The `<linearGradient>` elements of all gradients.
+
+    The `id` of a first gradient is `a` and the row of its triangle, of a second one `b` and the
+    row. Coordinates are rounded to `decimals` decimals.
+    """
     rows = np.flatnonzero(gradients.first.is_valid)
     low, high = (_stop_attributes(colors[rows]) for colors in gradients.first_colors)
     stops = list(map(_FIRST_STOPS.format, low, high))
@@ -156,13 +169,17 @@ def _definitions(gradients: Gradients, decimals: int) -> list[str]:
 def _gradient_elements(
     prefix: str, rows: np.ndarray, lines: GradientLines, decimals: int, stops: list[str]
 ) -> list[str]:
+    """The `<linearGradient>` elements along the lines of these rows.
+
+    `stops` has the text of the stops of each row. The `id` is `prefix` and the number of the row.
+    """
     names = [f"{prefix}{row}" for row in rows.tolist()]
     ends = np.concatenate([lines.start[rows], lines.end[rows]], axis=1)
     return list(map(_GRADIENT.format, names, *_decimals(ends, decimals).T, stops))
 
 
 def _stop_attributes(colors: Float[np.ndarray, "stops channels"]) -> list[str]:
-    """The attributes of a `<stop>` of each colour."""
+    """For each colour of 3 or 4 channels, the attributes of a `<stop>` as text."""
     paints = [f'stop-color="{color}"' for color in _hex(colors)]
     if colors.shape[1] == 3:
         return paints
@@ -174,13 +191,16 @@ def _stop_attributes(colors: Float[np.ndarray, "stops channels"]) -> list[str]:
 
 
 def _hex(colors: Float[np.ndarray, "colors channels"]) -> list[str]:
-    """Each colour, rounded to 8 bits, as `#rrggbb`."""
+    """Each colour, clipped to 0..1 and rounded to 8 bits, as `#rrggbb`. Alpha is left out."""
     levels = np.rint(np.clip(colors[:, :3], 0.0, 1.0) * 255.0).astype(np.int64)
     return [f"#{code:06x}" for code in (levels @ np.array([65536, 256, 1])).tolist()]
 
 
 def _decimals(values: Float[np.ndarray, "*shape"], decimals: int) -> np.ndarray:
-    """Round numbers to at most `decimals` decimals; returns an array of strings of this shape."""
+    """Round numbers to `decimals` decimals; returns an array of strings of the same shape.
+
+    Whole numbers have no decimal point.
+    """
     # Adding zero turns -0 into 0.
     rounded = np.round(values.astype(np.float64), decimals) + 0.0
     texts = [text.removesuffix(".0") for text in map(repr, rounded.ravel().tolist())]

@@ -15,9 +15,9 @@ from .short_numbers import short_color, to_units, triangle_path, unit_text
 class _Group(NamedTuple):
     """Triangles that become one element.
 
-    - `paint`: attributes of their colour.
+    - `paint`: the attributes of the element that give the colour of all triangles, as text.
     - `triangles`: their indices, in draw order.
-    - `boxes`: the bounding box of each, `x0, y0, x1, y1`, in units of the coordinates.
+    - `boxes`: the bounding box of each, `x0, y0, x1, y1`, in units of 10^-digits pixels.
     """
 
     paint: str
@@ -30,10 +30,14 @@ def compact_elements(
     colors: Float[np.ndarray, "triangles channels"],
     digits: int,
 ) -> list[str]:
-    """Make one element for each group of triangles, in draw order.
+    """Make the elements of flat triangles; triangles of one colour share an element where possible.
 
-    Coordinates are rounded to `digits` decimals, and colours to 8 bits. Triangles that then have no
-    area are left out.
+    - `corners`: in pixels, in draw order.
+    - `colors`: one per triangle, with 3 or 4 channels.
+    - `digits`: decimals to which coordinates are rounded.
+
+    Returns the text of the elements, in draw order. Colours are rounded to 8 bits. Triangles that
+    have no area after rounding are left out.
     """
     units = to_units(corners, digits)
     doubled_area = _cross(units[:, 1] - units[:, 0], units[:, 2] - units[:, 0])
@@ -49,7 +53,10 @@ def short_elements(
     colors: Float[np.ndarray, "triangles channels"],
     digits: int,
 ) -> list[str]:
-    """Make a short path for each triangle, for scenes whose triangles cannot be grouped."""
+    """Make a short `<path>` for each triangle, for scenes whose triangles cannot be grouped.
+
+    `compact_elements` explains the arguments. Triangles without area have a path too.
+    """
     units = to_units(corners, digits)
     return [
         f'<path {_paint(color)} d="{triangle_path(triangle, digits)}"/>'
@@ -65,7 +72,10 @@ def _cross(
 
 
 def _paint(color: Float[np.ndarray, " channels"]) -> str:
-    """Attributes that paint in a colour; its opacity is rounded to three decimals."""
+    """The attributes that fill an element with a colour of 3 or 4 channels, as text.
+
+    RGB is rounded to 8 bits, and alpha to three decimals.
+    """
     fill = f'fill="{short_color(color[:3])}"'
     alpha = 1000 if len(color) == 3 else round(1000 * float(color[3]))
     return fill if alpha >= 1000 else f'{fill} fill-opacity="{unit_text(alpha, 3)}"'
@@ -76,8 +86,11 @@ def _group_by_paint(
 ) -> list[_Group]:
     """Put each triangle into the last group of its paint, or into a new group.
 
-    A new group is needed if a triangle of a later group touches it, because that one lies between.
+    A new group is made if there is none, and if the bounding box of the triangle touches a box in a
+    later group, whose triangle would otherwise be drawn over it.
 
+    - `units`: corners of all triangles, in units of 10^-digits pixels.
+    - `paints`: attributes that give the colour of each triangle.
     - `visible`: indices of the triangles that have an area, in draw order.
     """
     boxes = np.concatenate([units.min(1), units.max(1)], 1)
@@ -97,16 +110,16 @@ def _group_by_paint(
 
 
 def _touches(box: Int[np.ndarray, "4"], others: Int[np.ndarray, "boxes 4"]) -> np.ndarray:
-    """Whether a box has a point in common with each of the others."""
+    """Whether a box `(x0, y0, x1, y1)` has a point in common with each of the others."""
     is_apart = np.concatenate([others[:, 2:] < box[:2], others[:, :2] > box[2:]], 1)
     return np.logical_not(is_apart.any(1))
 
 
 def _element(group: _Group, units: Int[np.ndarray, "triangles 3 2"], digits: int) -> str:
-    """Element that draws the triangles of a group.
+    """The text of the element that draws the triangles of a group.
 
-    Opaque triangles are one path. Translucent ones have a path each, because overlaps within one
-    path would be painted only once.
+    Opaque triangles are one `<path>`. Translucent ones are a `<g>` with a path each, because
+    overlaps within one path would be painted only once. `units` are the corners of all triangles.
     """
     paths = [triangle_path(units[triangle], digits) for triangle in group.triangles]
     if "opacity" in group.paint and len(paths) > 1:

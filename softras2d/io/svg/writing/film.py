@@ -23,17 +23,17 @@ def write_svg_film(
     digits: int = 1,
     smooth: bool = False,
 ) -> None:
-    """Write the scenes of a film, such as those of `fit_frames`, as an animated SVG that repeats.
+    """Write the scenes of a film, such as the results of `fit_frames`, as an SVG that repeats.
 
     Each triangle is a `<polygon>` whose corners and colour are changed by SMIL animations.
 
     - `scenes`: one for each frame, with arrays of equal shapes. Triangle k of all scenes is the
-      same one, at different times. Colours are flat: of corner colours, the mean is written.
+      same triangle at different times. Colours are flat: a triangle with corner colours is written
+      in their mean.
     - `height`, `width`: size of the canvas, in pixels.
     - `seconds_per_frame`: how long each frame is shown.
     - `digits`: decimals of coordinates, 0 to 6.
-    - `smooth`: move triangles evenly from frame to frame, instead of showing one frame after the
-      other.
+    - `smooth`: whether corners and colours change evenly from frame to frame, instead of jumping.
 
     The file is written completely or not at all. Raises `ValueError`, one line, for no scenes,
     scenes of unequal shapes, and values that cannot be written.
@@ -68,7 +68,10 @@ def write_svg_film(
 
 
 def _timing(seconds: float, smooth: bool) -> str:
-    """Attributes that all animations have: duration, repetition, and steps instead of motion."""
+    """The attributes that all `<animate>` elements share: duration, repetition and interpolation.
+
+    `seconds` is the duration of the whole film. Values jump from frame to frame unless `smooth`.
+    """
     mode = "" if smooth else ' calcMode="discrete"'
     return f'dur="{seconds:.6g}s" repeatCount="indefinite"{mode}'
 
@@ -76,13 +79,21 @@ def _timing(seconds: float, smooth: bool) -> str:
 def _polygon(
     units: Int[np.ndarray, "frames 3 2"], digits: int, colors: np.ndarray, timing: str
 ) -> str:
-    """An animated triangle; `colors` has one colour for each frame."""
+    """The element of an animated triangle.
+
+    - `units`: its corners in each frame, in units of 10^-digits pixels.
+    - `colors`: its colour in each frame, `[frames, 3 or 4]`.
+    - `timing`: the attributes that `_timing` returns.
+    """
     points = [join_numbers([unit_text(n, digits) for n in row.ravel().tolist()]) for row in units]
     return _shape("polygon", [], {"points": points} | _paint_values(colors), timing)
 
 
 def _paint_values(colors: np.ndarray) -> dict[str, list[str]]:
-    """Values of the paint attributes for each frame, from colours `[frames, 3 or 4]`."""
+    """The value of each paint attribute in each frame, from colours `[frames, 3 or 4]`.
+
+    There is a `fill-opacity` only if a frame is translucent.
+    """
     values = {"fill": [short_color(color[:3]) for color in colors]}
     if colors.shape[1] == 4 and (colors[:, 3] < 1).any():
         alphas = [round(1000 * min(max(float(color[3]), 0.0), 1.0)) for color in colors]
@@ -95,7 +106,10 @@ def _shape(
 ) -> str:
     """An element with the attributes of the first frame, and animations of those that change.
 
-    `values`: for each attribute that may change, its value in each frame.
+    - `name`: name of the element.
+    - `fixed_attributes`: attributes that do not change, as text.
+    - `values`: for each attribute that may change, its value in each frame.
+    - `timing`: the attributes that `_timing` returns.
     """
     attributes = [*fixed_attributes, *(f'{key}="{v[0]}"' for key, v in values.items())]
     animations = [

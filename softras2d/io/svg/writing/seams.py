@@ -2,12 +2,13 @@
 
 A browser blends antialiased polygons one by one. Where two opaque triangles share an edge, the
 first covers a fraction `a` of a pixel and the second the fraction `1 - a`. The fraction `a (1 - a)`
-of what lies below still shows, so a mesh looks like a wireframe. `write_svg` adds two remedies:
+of the colour below both still shows, so a mesh looks like a wireframe. `write_svg` adds two
+remedies:
 
-- **Seam lines.** A line along the edge, below the mesh, has the colour A of the triangle that is
-  drawn first. What shows through is then A too, and the pixel is exact: with the colour B of the
-  second triangle, `(1 - a) B + a (a A + (1 - a) A)`. Pixels that contain a vertex stay approximate.
-  Any SVG renderer can draw lines.
+- **Seam lines.** Let A be the colour of the triangle that is drawn first, and B the colour of the
+  second one. A line of colour A is drawn along the edge, below the mesh. The colour that shows
+  through is then A too, and the pixel has the exact colour `(1 - a) B + a A`. Pixels that contain a
+  vertex stay approximate. Any SVG renderer can draw lines.
 - **Sums.** Where triangles tile the canvas without overlap, the blend mode `plus-lighter` adds the
   colours times the coverage of all triangles, which is exact at vertices too. Only some renderers
   support the mode, so a style sheet tests for it.
@@ -24,23 +25,26 @@ SEAM_WIDTH = 1.4
 """Width of seam lines, in pixels: about the diagonal of a pixel.
 
 A line must cover the pixels that its edge crosses, but is visible where it reaches beyond the
-outline of a mesh. In Chromium, without sums, a flat mesh of 10,000 triangles has 37.9 dB with a
-width of 1.0 and 39.0 with 1.4; one of 1,000 has 45.1 dB with 1.2, 46.4 with 1.4 and 44.7 with 3.
+outline of a mesh. In Chromium, without sums, the PSNR of a flat mesh of 10,000 triangles is 37.9 dB
+with a width of 1.0 and 39.0 dB with 1.4. For 1,000 triangles, it is 45.1 dB with 1.2, 46.4 dB with
+1.4 and 44.7 dB with 3.
 """
 
 _TOLERANCE = 1e-3
-"""Distance, in pixels, within which an edge lies on the border of the canvas."""
+"""Maximum distance, in pixels, between the border of the canvas and an edge that lies on it."""
 
 
 class Edges(NamedTuple):
-    """Distinct edges of triangles, whose vertices are equal if their positions are.
+    """The distinct edges of triangles.
 
-    Side k of a triangle goes from corner k to the next corner.
+    Two corners are the same vertex if their positions are equal. Side k of a triangle goes from
+    corner k to the next corner. Sides between the same two vertices, in either direction, lie on
+    one edge.
 
-    - `count`: number of triangles that have the edge.
-    - `first`: the first side on this edge, as three times the index of its triangle plus k.
+    - `count`: number of sides on each edge.
+    - `first`: the first side on each edge, as three times the index of its triangle plus k.
     - `edge_of_side`: index of the edge on which each side lies.
-    - `is_forward`: whether a side goes from the lower to the higher vertex number of its edge.
+    - `is_forward`: whether each side goes from the lower to the higher vertex number of its edge.
     """
 
     count: Int[np.ndarray, " edges"]
@@ -50,7 +54,7 @@ class Edges(NamedTuple):
 
 
 def find_edges(points: Float32[np.ndarray, "triangles 3 2"]) -> Edges:
-    """Find the distinct edges of triangles that are given by their corners."""
+    """Find the distinct edges of triangles. `points` are their corners, in any unit."""
     # Adding zero makes -0 and 0 the same bits, and bits sort faster than pairs of floats.
     bits = np.ascontiguousarray(points.reshape(-1, 2) + np.float32(0.0)).view(np.uint64)
     _, vertex = np.unique(bits.ravel(), return_inverse=True)
@@ -66,10 +70,11 @@ def find_edges(points: Float32[np.ndarray, "triangles 3 2"]) -> Edges:
 def tiles_canvas(points: Float32[np.ndarray, "triangles 3 2"], height: int, width: int) -> bool:
     """Whether triangles cover each point of the canvas exactly once, and nothing outside of it.
 
-    They do if three conditions hold. Each side inside the canvas coincides with exactly one other
-    side, of opposite direction once all triangles have the same orientation. Every other side lies
-    on the border. The areas sum to that of the canvas. The number of triangles that cover a point
-    can then change only at the border.
+    `points` are their corners, in pixels. Three conditions are tested. Each side inside the canvas
+    coincides with exactly one other side, which has the opposite direction once all triangles have
+    the same orientation. Every other side lies on the border of the canvas. The areas of the
+    triangles sum to the area of the canvas. The number of triangles that cover a point can then
+    change only at the border. False for no triangles, and if one has zero area.
     """
     if len(points) == 0:
         return False
@@ -101,8 +106,12 @@ def seams(
 ) -> dict[int, str]:
     """Make a `<g>` of seam lines for each connected part of a mesh of opaque triangles.
 
-    Each group must be drawn before the triangle whose index is its key: the first of that part.
-    `coordinates` are `points` as text, `[triangles, 3, 2]`; `colors` are one per triangle, as CSS.
+    - `points`: corners of the triangles, in draw order.
+    - `coordinates`: the same numbers as text, `[triangles, 3, 2]`.
+    - `colors`: colour of each triangle, as CSS.
+
+    Returns the text of each group. Its key is the index of the first triangle of its part, before
+    which the group must be drawn. Empty if no two triangles share an edge.
     """
     edges = find_edges(points)
     is_shared = edges.count > 1
@@ -123,7 +132,7 @@ def seams(
     side_bits = np.zeros(len(points), np.int64)
     triangle, side = np.divmod(edges.first[is_shared], 3)
     np.bitwise_or.at(side_bits, triangle, 1 << side)
-    # In reverse order, so that where lines meet, that of the triangle drawn first is on top.
+    # In reverse order, so that where lines meet, the line of the triangle drawn first is on top.
     with_lines = np.flatnonzero(side_bits)[::-1]
     first_of_component = np.unique(component, return_index=True)[1]
     groups: dict[int, list[str]] = {}
@@ -137,11 +146,14 @@ def seams(
 _GROUP = f'<g {FALLBACK}="1" fill="none" stroke-width="{SEAM_WIDTH}" stroke-linejoin="bevel">'
 
 _START_CORNER = (0, 0, 1, 0, 2, 2, 1, 0)
-"""For each set of sides, as bits, the corner at which the path along these sides begins."""
+"""The corner at which the path along a set of sides begins. Bit k of the index is side k."""
 
 
 def _path_along_sides(corners: list[list[str]], side_bits: int) -> str:
-    """Path data along the sides of a triangle whose bits are set."""
+    """Path data of a line along those sides k of a triangle for which bit k is set.
+
+    `corners` are the x and y of its three corners, as text.
+    """
     start, count = _START_CORNER[side_bits], side_bits.bit_count()
     points = [corners[(start + k) % 3] for k in range(min(count + 1, 3))]
     return "M" + " ".join(f"{x} {y}" for x, y in points) + ("z" if count == 3 else "")

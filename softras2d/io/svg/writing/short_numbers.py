@@ -1,19 +1,22 @@
-"""Numbers with few decimals, and paths with relative coordinates, for small SVG files."""
+"""Formats numbers with few decimals, relative paths and short colours, for small SVG files.
+
+Coordinates are integers in units of 10^-digits pixels, where `digits` is their number of decimals.
+"""
 
 import numpy as np
 from jaxtyping import Float, Int
 
 MAX_DIGITS = 6
-"""Largest number of decimals of a coordinate."""
+"""Maximum number of decimals of a coordinate."""
 
 
 def to_units(positions: Float[np.ndarray, "*shape"], digits: int) -> Int[np.ndarray, "*shape"]:
-    """Round coordinates to whole units of 10^-digits pixels."""
+    """Round coordinates in pixels to whole units of 10^-digits pixels."""
     return np.rint(positions.astype(np.float64) * 10.0**digits).astype(np.int64)
 
 
 def unit_text(units: int, digits: int) -> str:
-    """Shortest decimal text of `units` * 10^-digits, such as `-.25`."""
+    """The shortest decimal text of `units` * 10^-digits, such as `-.25` for -25 and 2 digits."""
     sign, all_digits = "-" if units < 0 else "", str(abs(units)).rjust(digits + 1, "0")
     point = len(all_digits) - digits
     integer, fraction = all_digits[:point], all_digits[point:].rstrip("0")
@@ -23,7 +26,10 @@ def unit_text(units: int, digits: int) -> str:
 
 
 def join_numbers(numbers: list[str]) -> str:
-    """Join numbers, with a blank before each but the first and negative ones."""
+    """Join the texts of numbers as in path data: a blank precedes each, unless it is the first.
+
+    Before a negative number there is no blank either, as its sign separates it.
+    """
     return "".join(
         text if index == 0 or text[0] == "-" else f" {text}" for index, text in enumerate(numbers)
     )
@@ -40,6 +46,6 @@ def triangle_path(corners: Int[np.ndarray, "3 2"], digits: int) -> str:
 
 
 def short_color(color: Float[np.ndarray, "3"]) -> str:
-    """A colour in 0..1 as `#rrggbb`, or as `#rgb` if that is the same."""
+    """An RGB colour, clipped to 0..1 and rounded to 8 bits, as `#rgb` if exact, else `#rrggbb`."""
     text = "".join(f"{level:02x}" for level in np.rint(np.clip(color, 0, 1) * 255).astype(int))
     return f"#{text[::2]}" if text[::2] == text[1::2] else f"#{text}"

@@ -2,7 +2,7 @@
 
 Flat triangles become polygons, which any browser shows. Triangles with corner colours or textures
 become the additional elements `colortri` and `textri`, which only `read_svg` knows. Every number is
-the shortest decimal that is rounded to the same float32.
+the shortest decimal from which the same float32 is read back.
 """
 
 import os
@@ -37,8 +37,9 @@ def write_svg(
 ) -> None:
     """Write `scene` as an SVG file of `width` x `height` pixels that `read_svg` reads back.
 
-    `SvgControls` are written as the file that they were read from, with their control points in
-    place of those of the file, and without `height` and `width`. All else is about a `Scene`.
+    `SvgControls` are written as the file from which they were read, with their `points` in place of
+    the control points of the file. `height`, `width` and `fallback` must then be left out, and
+    `digits` has no effect. The rest of this text is about a `Scene`.
 
     - A triangle whose corners have equal colours becomes a `<polygon>` without stroke. Its fill is
       `rgb(p% p% p%)`, or `color(srgb r g b)` for colours outside 0..1; its alpha is `fill-opacity`.
@@ -49,28 +50,32 @@ def write_svg(
     - A background other than white becomes a `<rect>` over the whole canvas before all triangles.
 
     `fallback=True` lets browsers show corner colours approximately. Before each `<colortri>` comes
-    a path with the nearest linear gradient, and a second one if the error of the first exceeds
-    `gradients.VISIBLE`. `in_browsers` gives the scene that browsers then show.
+    a path with the nearest linear gradient. A second path follows where the colour error of the
+    first exceeds 8/255 (`browser_gradients.VISIBLE`). `in_browsers` gives the scene that browsers
+    then show.
 
     `digits` makes the file small: coordinates are rounded to so many decimals, 0 to 6, and colours
-    to 8 bits. Flat triangles then become paths with relative coordinates, one for all triangles of
-    a colour between which nothing else is drawn; `read_svg` may cut these into other triangles.
-    With seam lines or corner colours, each triangle is still an element.
+    to 8 bits. Flat triangles then become paths with relative coordinates. Triangles of one colour
+    share a path, unless another triangle that is drawn between them may touch them; `read_svg` may
+    cut such a path into other triangles. If the file has seam lines, corner colours or textures,
+    each triangle is still an element.
 
     Antialiasing in browsers lets the background show between triangles that share an edge. Lines
     in the colours of opaque triangles, drawn below them, hide it. If the triangles tile the canvas,
-    a style sheet also makes browsers add up their coverage (`seams.py`). All elements that are for
-    browsers alone have the attribute `data-fallback`, and both dialects of `read_svg` skip them.
+    a style sheet also makes browsers add up their coverage (`seams.py`). Elements that are for
+    browsers alone have the attribute `data-fallback`, or lie in an element that has it, and both
+    dialects of `read_svg` skip them.
 
-    `read_svg` gives the same triangles in the same order, with bitwise equal float32 numbers, in
-    the smallest structure that can represent them. Vertices are not shared, colours are one per
-    triangle if that suffices, there are three channels if everything is opaque, and textures are
-    numbered by first use. A translucent background comes back as triangles over white, since an SVG
-    has no background of its own.
+    Without `digits`, `read_svg` gives the same triangles in the same order, with bitwise equal
+    float32 numbers, in the smallest structure that can represent them. Vertices are not shared.
+    There is one colour per triangle if that suffices, and three channels if everything is opaque.
+    Textures are numbered by first use. A translucent background comes back as triangles over white,
+    since an SVG has no background.
 
     Files are written completely or not at all. Raises `ValueError`, and writes nothing, for a batch
     of scenes, for values that are not finite in float32, and for what SVG cannot represent:
-    `depth`, `inverse_w`, colours of textured triangles, and textures that do not clamp.
+    `depth`, `inverse_w`, textured triangles that are not white, textures that do not clamp or have
+    addressing other than `"half_texel"`, and texels outside 0..1.
     """
     path = Path(path)
     if isinstance(scene, SvgControls):
@@ -105,7 +110,7 @@ def write_svg(
 
 
 def _check(path: Path, scene: Scene, height: int, width: int) -> None:
-    """Raise `ValueError` for arguments that cannot be written."""
+    """Raise `ValueError` for arguments of `write_svg` that cannot be written."""
     if min(height, width) < 1:
         raise ValueError(f"`height` and `width` must be positive; got {height} and {width}.")
     if scene.positions.ndim != 2:
@@ -125,6 +130,7 @@ def _check(path: Path, scene: Scene, height: int, width: int) -> None:
 
 
 def _check_textures(scene: Scene, textures: TexturePyramid) -> None:
+    """Raise `ValueError` for textures, or colours of textured triangles, that SVG cannot hold."""
     # `read_svg` builds every `texture` element with these settings.
     if (textures.border, textures.addressing) != ("clamp", "half_texel"):
         raise ValueError(
@@ -144,6 +150,7 @@ def _check_textures(scene: Scene, textures: TexturePyramid) -> None:
 
 
 def _background_elements(scene: Scene, height: int, width: int) -> list[str]:
+    """The `<rect>` of the background; none for white, which `read_svg` assumes."""
     background = _float32(scene.background)
     if (background == 1).all():
         return []
@@ -154,7 +161,7 @@ def _background_elements(scene: Scene, height: int, width: int) -> list[str]:
 def _triangle_elements(
     scene: Scene, fallback: bool, height: int, width: int, digits: int | None
 ) -> list[str]:
-    """The elements of all triangles, in draw order, and those for browsers around them."""
+    """The elements of all triangles as text, in draw order, with those for browsers around them."""
     colors = _float32(scene.colors)
     corners = _float32(scene.positions)[np.asarray(scene.triangles)]
     if digits is not None:
@@ -191,7 +198,7 @@ def _triangle_elements(
 def _round_colors(
     colors: Float32[np.ndarray, "triangles corners channels"],
 ) -> Float32[np.ndarray, "triangles corners channels"]:
-    """Round colours to 8 bits, and their alpha to three decimals."""
+    """Round colours to multiples of 1/255, and their alpha to multiples of 1/1000."""
     levels = np.array([255, 255, 255, 1000], np.float32)[: colors.shape[-1]]
     return np.rint(colors * levels) / levels
 
@@ -199,12 +206,15 @@ def _round_colors(
 def _elements(
     template: str, points: Float32[np.ndarray, "triangles 6"], *attributes: list
 ) -> list[str]:
-    """Fill `template` with the coordinates of each triangle, then with its attributes."""
+    """Fill `template` with the six coordinates of each triangle, then with its attributes.
+
+    Each of `attributes` is a list with one text or number per triangle.
+    """
     return list(map(template.format, *_shortest(points).T, *attributes))
 
 
 def _number_lists(values: Float32[np.ndarray, "triangles *shape"]) -> list[str]:
-    """The numbers of each triangle as text, with blanks between them."""
+    """For each triangle, all of its numbers as one text, with blanks between them."""
     count = int(np.prod(values.shape[1:]))
     return list(map(" ".join, _shortest(values.reshape(-1, count)).tolist()))
 
@@ -218,7 +228,7 @@ def _with_alpha(
 
 
 def _paint_attributes(colors: Float32[np.ndarray, "colors channels"]) -> list[str]:
-    """The attributes that fill an element with each of these colours of 3 or 4 channels."""
+    """For each colour of 3 or 4 channels, the attributes that fill an element with it, as text."""
     rgb = colors[:, :3]
     fills = list(map('fill="rgb({}% {}% {}%)"'.format, *_percent(rgb).T))
     # `rgb()` would clip colours outside 0..1 (CSS Color 4).
@@ -234,13 +244,14 @@ def _paint_attributes(colors: Float32[np.ndarray, "colors channels"]) -> list[st
 
 
 def _float32(value: object) -> np.ndarray:
+    """Convert an array to float32 on the host."""
     # Numbers beyond float32 become infinite, which `_check` reports.
     with np.errstate(over="ignore"):
         return np.asarray(value).astype(np.float32)
 
 
 def _shortest(values: Float32[np.ndarray, "*shape"]) -> np.ndarray:
-    """The shortest decimals that are read as the same float32; an array of strings.
+    """The shortest decimals from which the same float32 are read, as an array of strings.
 
     numpy finds them by the algorithm Dragon4.
     """
@@ -264,7 +275,10 @@ def _percent(values: Float32[np.ndarray, "*shape"]) -> np.ndarray:
 
 
 def _base_levels(stem: str, textures: TexturePyramid) -> dict[str, np.ndarray]:
-    """The base level of each texture, `[height, width, 3 or 4]`, by the name of its file."""
+    """The base level of each texture, `[height, width, 3 or 4]`, by the name of its file.
+
+    Values are in 0..1 with straight alpha. `stem` is the name of the SVG file without its suffix.
+    """
     texels, images = np.asarray(textures.texels), {}
     for index, (offset, height, width) in enumerate(np.asarray(textures.levels)[:, 0].tolist()):
         base = unpremultiply(texels[offset : offset + height * width].reshape(height, width, -1))
@@ -273,6 +287,7 @@ def _base_levels(stem: str, textures: TexturePyramid) -> dict[str, np.ndarray]:
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:
+    """Write a texture in 0..1 as PNG, with 8 bits per channel if that is exact, else with 16."""
     # Imported here, since scenes without textures need no image library.
     import OpenImageIO as oiio
 
