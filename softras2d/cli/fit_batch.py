@@ -26,13 +26,13 @@ Output = Annotated[
         metavar="OUT",
         show_default=False,
         help="Folder for the files of each picture, NAME.svg and NAME.json; it is created. "
-        "Pictures whose files are there are skipped.",
+        "Pictures whose files already exist are skipped.",
     ),
 ]
 Seconds = Annotated[
     float | None,
     typer.Option(
-        help="Stop each batch after this many seconds, without the time of compiling.",
+        help="Stop each batch after this many seconds, not counting compilation.",
         show_default=f"{fit_options.SECONDS:.0f}",
         rich_help_panel=fit_options.SEARCH,
     ),
@@ -42,8 +42,8 @@ Size = Annotated[
     typer.Option(
         metavar="PIXELS",
         min=8,
-        help="Longer side, in pixels, to which pictures are shrunk for the fit. Scores are those "
-        "of this size.",
+        help="Longer side, in pixels, to which pictures are shrunk for the fit. Scores are "
+        "measured at this size.",
         rich_help_panel=fit_options.SEARCH,
     ),
 ]
@@ -61,7 +61,7 @@ Coordinator = Annotated[
     typer.Option(
         metavar="HOST:PORT",
         help="Address of the first of several processes that share the pictures. Under SLURM, "
-        "Open MPI and on TPUs, `auto` finds all three options.",
+        "Open MPI and on TPUs, `auto` sets --coordinator, --processes and --process.",
         show_default=False,
         rich_help_panel=_PROCESSES,
     ),

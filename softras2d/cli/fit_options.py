@@ -98,8 +98,8 @@ Digits = Annotated[
     typer.Option(
         min=0,
         max=6,
-        help="Decimals of coordinates in SVG files, whose colours are then rounded to 8 bits: for "
-        "small files.",
+        help="Make SVG files small: round coordinates to this many decimals, and colours to 8 "
+        "bits.",
         show_default="exact numbers",
         rich_help_panel=_RESULT,
     ),
@@ -116,7 +116,7 @@ FrameSteps = Annotated[
     int,
     typer.Option(
         min=1,
-        help="Optimizer steps of each frame after the first, which has --steps, or else 500.",
+        help="Optimizer steps of each frame after the first. The first takes --steps, or 500.",
         rich_help_panel=_FILM,
     ),
 ]
@@ -124,8 +124,8 @@ Temporal = Annotated[
     float,
     typer.Option(
         min=0.0,
-        help="Weight of changes where the film stands still, relative to errors: more gives less "
-        "flicker.",
+        help="How strongly changes are avoided where the film stands still, relative to the error. "
+        "Higher values flicker less.",
         rich_help_panel=_FILM,
     ),
 ]
@@ -216,9 +216,9 @@ Start = Annotated[
     str,
     typer.Option(
         metavar="|".join([*get_args(names.FitStart), "FILE"]),
-        help="Initial triangles. error: added during the fit, where the error is largest. With "
-        "uniform, delaunay (random, denser where the image changes), or an SVG or NPZ file, "
-        "triangles are moved but none are added.",
+        help="Initial triangles. error: none; triangles are added during the fit, where the error "
+        "is largest. uniform, delaunay (random, denser where the image changes), or an SVG or NPZ "
+        "file: all triangles are there from the start, and none are added.",
         rich_help_panel=SEARCH,
     ),
 ]

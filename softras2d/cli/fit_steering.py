@@ -31,8 +31,8 @@ Freeze = Annotated[
     str | None,
     typer.Option(
         metavar="positions,colors,opacity",
-        help="What is not changed: one or more, separated by commas. Triangles are still added, "
-        "but none are moved elsewhere.",
+        help="What the fit does not change: one or more, separated by commas. Triangles are still "
+        "added, but existing ones are not moved to other places.",
         show_default="nothing",
         rich_help_panel=_STEERING,
     ),

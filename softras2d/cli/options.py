@@ -115,8 +115,8 @@ Window = Annotated[
     typer.Option(
         metavar="WIDTHxHEIGHT",
         parser=parse_size,
-        help="Size of the image where it shows only a part of the drawing: --size is then that of "
-        "the whole drawing, and --origin says where the part begins.",
+        help="Size of the part of the drawing to render, in pixels. --size is then the size of the "
+        "whole drawing, and --origin the top left corner of the part.",
         rich_help_panel=_PICTURE,
     ),
 ]
@@ -141,7 +141,7 @@ LodBias = Annotated[
     float,
     typer.Option(
         "--lod-bias",
-        help="Added to the mip level of textures.",
+        help="Number added to the mip level of textures; positive values blur.",
         rich_help_panel=_PICTURE,
     ),
 ]

@@ -66,8 +66,8 @@ Tile = Annotated[
     typer.Option(
         "--tile",
         metavar="PIXELS",
-        help="Side of a tile with --tiled: a multiple of 32 (of 80 with 9 samples). "
-        "Default: 1024 (960).",
+        help="Side of a tile with --tiled, in pixels: a multiple of 32, or of 80 with 9 samples. "
+        "Default: 1024, or 960 with 9 samples.",
         show_default=False,
     ),
 ]

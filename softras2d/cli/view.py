@@ -26,8 +26,8 @@ Files = Annotated[
         metavar="SCENE.svg ...",
         show_default=False,
         help="SVG files or bundled scenes to view, and images to compare them with. - reads an SVG "
-        "file from standard input. A changed SVG file or image is drawn again; its textures and "
-        "saved fits are not.",
+        "file from standard input. An SVG file or image that changes on disk is drawn again; "
+        "textures and saved fits are read once.",
     ),
 ]
 Port = Annotated[

@@ -103,7 +103,7 @@ def read_compact(path: str | os.PathLike[str]) -> CompactScene:
         return _decode(path.read_bytes())
     except (ValueError, struct.error, zlib.error) as error:
         reason = " ".join(str(error).split())
-        raise ValueError(f"{path}: not a whole compact scene: {reason}.") from None
+        raise ValueError(f"{path}: not a complete compact scene: {reason}.") from None
 
 
 def _encode(scene: Scene, height: int, width: int, steps_per_pixel: int) -> bytes:

@@ -54,7 +54,7 @@ def test_files_cut_short_are_refused_in_one_line(tmp_path, cut):
     path = tmp_path / "a.s2d"
     sr.write_compact(path, soup(), height=30, width=40)
     path.write_bytes(path.read_bytes()[:cut])
-    with pytest.raises(ValueError, match="not a whole compact scene: ") as caught:
+    with pytest.raises(ValueError, match="not a complete compact scene: ") as caught:
         sr.read_compact(path)
     assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
 
@@ -70,7 +70,7 @@ def test_hostile_files_are_refused(tmp_path):
         data[:32] + zlib.compress(bytes(40) + b"\x7f" * 48 + bytes(64)),
     ):
         path.write_bytes(wrong)
-        with pytest.raises(ValueError, match="not a whole compact scene"):
+        with pytest.raises(ValueError, match="not a complete compact scene"):
             sr.read_compact(path)
     with pytest.raises(ValueError, match="no such file"):
         sr.read_compact(tmp_path / "none.s2d")

@@ -346,7 +346,7 @@ def _check_options(options: _Options) -> None:
     if not is_number or not 1e-4 <= options.tolerance <= 1e4:
         raise ValueError(f"`tolerance` must be 0.0001 to 10000 pixels; got {options.tolerance!r}.")
     if options.fit is not None and options.dialect == "course":
-        raise ValueError("`fit` is of dialect 'svg'; the course has a rule of its own.")
+        raise ValueError("`fit` applies to dialect 'svg' only.")
     if options.fit is not None and options.transform is not None:
         raise ValueError("give `fit` or `transform`, not both.")
     if options.fit is not None and options.fit not in _FITS:
