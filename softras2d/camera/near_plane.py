@@ -6,14 +6,14 @@ import numpy as np
 
 
 class ClippedTriangles(NamedTuple):
-    """Triangles beyond the near plane, and the position of each corner on its source triangle.
+    """Triangles beyond the near plane, and the position of each corner on its input triangle.
 
-    - `vertices`: `[vertices, 4]`, in clip space.
+    - `vertices`: `[vertices, 4]`, (x, y, z, w) in clip space.
     - `triangles`: `[triangles, 3]`, indices of vertices.
-    - `source`: `[triangles]`, the input triangle of which each is a part.
-    - `inside`, `outside`, `t`: `[triangles, 3]`. A corner lies on an edge of the source triangle,
-      at the fraction `t` of the way from its corner `inside` to its corner `outside`. For a corner
-      that is not clipped, both are that corner.
+    - `source`: `[triangles]`, index of the input triangle of which each triangle is a part.
+    - `inside`, `outside`, `t`: `[triangles, 3]`. A new corner lies on an edge of the input
+      triangle, at the fraction `t` of the way from corner `inside` (0, 1 or 2) to corner `outside`
+      of the input triangle. For a corner that is not clipped, both are this corner and `t` is 0.
     """
 
     vertices: np.ndarray
@@ -24,9 +24,10 @@ class ClippedTriangles(NamedTuple):
     t: np.ndarray
 
     def interpolate(self, values: np.ndarray) -> np.ndarray:
-        """Attributes of the clipped triangles, float32, from those of the input triangles.
+        """Interpolate attributes of the input triangles for the clipped triangles.
 
-        `values` are `[triangles, 1 or 3, channels]`: one per triangle, or one per corner.
+        `values` are `[triangles, 1 or 3, channels]`: one value per triangle, or one per corner.
+        Returns the same for the clipped triangles, as float32.
         """
         if values.shape[1] == 1:
             return values[self.source].astype(np.float32)
@@ -36,20 +37,23 @@ class ClippedTriangles(NamedTuple):
 
 
 _FAN = np.array([[0, 1, 2], [0, 2, 3]])
-"""The triangles of a polygon of three or four vertices."""
+"""The triangles, as vertex indices, of a fan of a polygon of three (only the first) or four
+vertices."""
 
 
 def clip_near(vertices: np.ndarray, triangles: np.ndarray) -> ClippedTriangles:
     """Clip triangles against z >= 0.
 
-    In homogeneous space edges stay straight across w = 0, so a triangle may reach behind the
-    viewer. `vertices` are `[vertices, 4]` in clip space, `triangles` `[triangles, 3]`.
+    `vertices` are `[vertices, 4]` in clip space, and `triangles` `[triangles, 3]` vertex indices.
+    A triangle may reach behind the viewer, because edges stay straight across w = 0 in homogeneous
+    coordinates. Each triangle becomes none, one or two triangles, in the same order.
 
     **Source:** Sutherland and Hodgman, *Reentrant polygon clipping* (1974); Blinn and Newell,
     *Clipping using homogeneous coordinates* (1978).
     """
     z = vertices[triangles, 2]
-    # NaN, the result of an overflow, counts as inside; the division by w reports it.
+    # NaN, the result of an overflow, counts as inside; `world_to_screen` reports it after the
+    # division by w.
     crosses = np.sign(z) * np.sign(np.roll(z, -1, axis=1)) < 0
     # The clipped polygon has up to six candidates, in order around the triangle: corner 0, the
     # intersection of edge 01 with the plane, corner 1, ... A corner on the plane is inside and
@@ -60,11 +64,12 @@ def clip_near(vertices: np.ndarray, triangles: np.ndarray) -> ClippedTriangles:
     candidate = polygon[source[:, None], _FAN[fan_index]]
     rows = source[:, None]
     start, end = candidate // 2, (candidate + 1) // 2 % 3
-    # Intersections are computed from the inside end, so that both triangles of an edge get the same
-    # float.
+    # Intersections are computed from the inside end of an edge, so that two triangles that share
+    # the edge get the same floats.
     swap = z[rows, start] < 0
     inside, outside = np.where(swap, end, start), np.where(swap, start, end)
-    # New vertices: those inside, in their order, then one for each edge that crosses the plane.
+    # The result has the vertices that are inside, in their order, and then one new vertex for each
+    # edge that crosses the plane.
     count = max(1, len(vertices))
     tail, head = triangles[rows, inside].astype(np.int64), triangles[rows, outside]
     key = np.where(inside == outside, tail, (1 + tail) * count + head)

@@ -45,11 +45,14 @@ def look_at(eye: Any, target: Any, up: Any = (0.0, 1.0, 0.0)) -> np.ndarray:
 def perspective(
     fov_y_degrees: float | int, aspect: float | int, near: float | int, far: float | int
 ) -> np.ndarray:
-    """Projection matrix `[4, 4]`; w is the distance along the line of sight, depth is in 0..1.
+    """Perspective projection matrix `[4, 4]`, from view space to clip space.
+
+    It makes w the distance along the line of sight, and the depth z / w 0 on the near plane and 1
+    on the far plane.
 
     - `fov_y_degrees`: vertical field of view, in degrees.
     - `aspect`: width / height of the image.
-    - `near`, `far`: distances with 0 < near < far; `far` may be infinite.
+    - `near`, `far`: distances of the planes from the viewer, 0 < near < far; `far` may be infinite.
 
     Raises `ValueError` for numbers outside these ranges.
     """
@@ -94,7 +97,8 @@ def project(
     The scene has depth (z / w) and `inverse_w` (1 / w) at each vertex, so that it is rendered with
     a z-buffer and perspective-correct interpolation.
 
-    - `vertices`: `[vertices, 3]`, in the space that `model` maps from (world space without it).
+    - `vertices`: `[vertices, 3]`, in the space that `model` maps to world space; without `model`,
+      in world space.
     - `triangles`: `[triangles, 3]` vertex indices, in draw order.
     - `height`, `width`: size of the image, in pixels.
     - `model`, `view`, `projection`: matrices `[4, 4]`, applied in this order; `model` is the
@@ -106,15 +110,17 @@ def project(
     viewer and the near plane are dropped, and so are vertices without triangles. Nothing is clipped
     at the far plane or at the borders of the image.
 
-    Runs on the host, in numpy and float64, and rounds once to float32. It needs concrete values and
-    has no derivatives with respect to them; `textures` and `background` are passed on unchanged.
+    `project` runs on the host, in numpy and float64, and rounds once to float32. It needs concrete
+    values and has no derivatives with respect to them; `textures` and `background` are passed on
+    unchanged.
     Raises `ValueError` for shapes, indices and values that a scene cannot have, for a singular
     `view` or `projection`, and if `projection` maps a point beyond its near plane to w <= 0.
     """
     given = (vertices, triangles, model, vertex_colors, triangle_colors, uv, texture_index)
     _check_arguments((given, view, projection), height, width)
     vertices = _numbers("vertices", vertices, (None, 3))
-    # Checked before clipping, so that errors name the indices of the caller's arrays.
+    # This scene is only made to check the arguments before clipping, so that errors name indices of
+    # the caller's arrays.
     unclipped = Scene.from_mesh(
         np.zeros((len(vertices), 2), np.float32),
         triangles,
@@ -165,9 +171,10 @@ def _check_arguments(arrays: Any, height: Any, width: Any) -> None:
 
 
 def _to_screen(clipped: ClippedTriangles, height: int, width: int) -> np.ndarray:
-    """Perspective division and viewport: `[vertices, 4]` float32 of x, y (pixels), depth, 1 / w.
+    """Divide clipped vertices by w, and map them to pixels.
 
-    Raises `ValueError` for the first triangle with a point that is not finite, or with w <= 0.
+    Returns `[vertices, 4]` float32: x and y in pixels, depth, and 1 / w. Raises `ValueError`, which
+    names the first triangle with a vertex that is not finite or has w <= 0.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         x, y, z, w = clipped.vertices.T
@@ -183,9 +190,10 @@ def _to_screen(clipped: ClippedTriangles, height: int, width: int) -> np.ndarray
 
 
 def _transformed(matrix: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-    """Vertices in clip space, `[vertices, 4]`.
+    """Multiply vertices `[vertices, 3]` by a matrix `[4, 4]`; returns `[vertices, 4]`.
 
-    Equal vertices must give bitwise equal results, which a BLAS product does not promise.
+    It is written out because equal vertices must give bitwise equal results, which a BLAS product
+    does not promise.
     """
     x, y, z = vertices.T[:, :, None]
     # `_to_screen` reports what overflows.
@@ -201,7 +209,10 @@ def _invertible(name: str, value: Any) -> np.ndarray:
 
 
 def _numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> np.ndarray:
-    """`value` as a finite float64 array of a shape, in which None stands for any size."""
+    """Return `value` as a float64 array of finite numbers.
+
+    Raises `ValueError`, which names it, unless it has this shape, in which None is any size.
+    """
     wanted = f"`{name}` must be [{', '.join(str(size or 'n') for size in shape)}] finite numbers"
     try:
         array = np.asarray(value)

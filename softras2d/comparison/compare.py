@@ -1,4 +1,4 @@
-"""Compares an image with the one that was expected, and reports every measure at once."""
+"""`compare`: compare an image with an expected image, by every measure at once."""
 
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ from .similarity import psnr, ssim
 from .tolerance import ONE_LEVEL, checked_tolerance, exceeds
 
 _WORST = 5
-"""Number of worst pixels in a comparison."""
+"""Maximum number of pixels in `Comparison.worst_pixels`."""
 
 
 class WorstPixel(NamedTuple):
@@ -30,17 +30,19 @@ class Comparison:
 
     Differences are absolute, and 1 is the full range of an image.
 
-    - `tolerance`: difference up to which pixels count as equal.
-    - `max_difference`, `mean_difference`, `rmse`: over all pixels and channels.
+    - `tolerance`: largest difference of a channel at which two pixels count as equal.
+    - `max_difference`, `mean_difference`, `rmse`: largest, mean and root-mean-square difference
+      over all pixels and channels.
     - `psnr`: peak signal-to-noise ratio in dB for a peak of 1; infinite for equal images.
     - `ssim`: structural similarity, in -1..1; 1 for equal images.
     - `flip`: mean FLIP at 67 pixels per degree, in 0..1; 0 for equal images. None if
       `flip-evaluator` is not installed (`pip install "softras2d[compare]"`).
     - `differing_pixels`: number of pixels with a channel that differs by more than the tolerance.
-    - `worst_pixels`: at most five, the worst first; pixels that are equal are left out.
-    - `difference`: `[height, width]`, the largest difference among the channels of each pixel.
-    - `picture`: `[height, width, 3]`, in which pixels that differ by more than the tolerance are
-      coloured from red to white, over a dark grey copy of the expected image.
+    - `worst_pixels`: the five pixels, or fewer, that differ most, the worst first; pixels that are
+      equal are left out.
+    - `difference`: the largest difference among the channels of each pixel.
+    - `picture`: RGB, with pixels that differ by more than the tolerance coloured from red to white,
+      over a dark grey copy of the expected image.
     """
 
     tolerance: float
@@ -62,11 +64,11 @@ class Comparison:
 
     @property
     def differing_share(self) -> float:
-        """Share of the pixels that differ by more than the tolerance, in 0..1."""
+        """Fraction, 0..1, of the pixels that differ by more than the tolerance."""
         return self.differing_pixels / self.difference.size
 
     def rows(self) -> list[tuple[str, str]]:
-        """Name and value of every measure, with its unit, for a table."""
+        """Name of every measure, and its value with its unit as text, for a table."""
         flip = f"not measured; {INSTALL}" if self.flip is None else f"{self.flip:.4g}"
         worst = [
             f"row {pixel.row}, column {pixel.column}: {pixel.difference:.4g}"
@@ -84,7 +86,7 @@ class Comparison:
         ]
 
     def _differing(self) -> str:
-        """Number and share of the pixels that differ by more than the tolerance."""
+        """Text of the number and percentage of pixels that differ by more than the tolerance."""
         share = f"{self.differing_pixels:,} of {self.difference.size:,}"
         limit = _in_levels(self.tolerance)
         return f"{share} ({100 * self.differing_share:.3g} %), by more than {limit}"
@@ -100,16 +102,17 @@ def compare(actual: Any, expected: Any, *, tolerance: int | float = ONE_LEVEL) -
 
     - `actual`, `expected`: float images `[height, width, channels]` in 0..1, of NumPy or JAX, in
       sRGB, with 1, 3 or 4 channels. `read_image` reads them from files.
-    - `tolerance`: difference of a channel up to which two pixels count as equal, where 1 is the
-      full range; by default one level of an 8-bit image, 1/255. It has an effect only on
+    - `tolerance`: largest difference of a channel at which two pixels count as equal, where 1 is
+      the full range; by default one level of an 8-bit image, 1/255. It has an effect only on
       `differing_pixels`, and on what the picture shows.
 
-    Images of one channel are grey, repeated to RGB. An RGB image is an RGBA image with alpha 1. If
-    one of the images is transparent somewhere, premultiplied colours and alpha are compared, four
-    channels in all; otherwise RGB alone. FLIP lays images with alpha over white.
+    Images of one channel are grey, and are converted to RGB. RGB images count as RGBA images with
+    alpha 1. If one of the images is transparent somewhere, premultiplied colours and alpha are
+    compared, four channels in all; otherwise RGB alone. FLIP composites images with alpha over
+    white.
 
-    Raises `ValueError`, one line, for images of different heights or widths, for arrays that are
-    not float images, for NaN and infinity, and for a negative tolerance.
+    Raises `ValueError`, with a message of one line, for images of different heights or widths, for
+    arrays that are not float images, for NaN and infinity, and for a negative tolerance.
     """
     tolerance = checked_tolerance(tolerance)
     image, target = comparable_pixels(actual, expected)
@@ -135,7 +138,10 @@ def compare(actual: Any, expected: Any, *, tolerance: int | float = ONE_LEVEL) -
 
 
 def _worst_pixels(difference: Float64[np.ndarray, "height width"]) -> tuple[WorstPixel, ...]:
-    """The pixels with the largest differences above 0; of equal ones, the first in row order."""
+    """Find the pixels with the largest differences above 0, largest first.
+
+    Pixels of equal difference are in row order.
+    """
     order = np.argsort(-difference, axis=None, kind="stable")[:_WORST]
     rows, columns = np.unravel_index(order, difference.shape)
     return tuple(
@@ -146,5 +152,5 @@ def _worst_pixels(difference: Float64[np.ndarray, "height width"]) -> tuple[Wors
 
 
 def _in_levels(difference: float) -> str:
-    """A difference, also in levels of an 8-bit image."""
+    """Text of a difference, also in levels of an 8-bit image."""
     return f"{difference:.4g} ({255 * difference:.3g} of 255 levels)"

@@ -1,4 +1,4 @@
-"""Flicker of a film: how much it changes where it should stand still."""
+"""Flicker of an animation: how much it changes where it should stand still."""
 
 from collections.abc import Sequence
 
@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 _STILL = 1.5 / 255
-"""Largest change of a channel that counts as standing still: one level of 8 bits, and a margin for
-rounding."""
+"""Largest change of a channel, in 0..1, that counts as standing still: one level of an 8-bit image,
+and a margin for rounding."""
 
 
 def flicker(
@@ -16,8 +16,9 @@ def flicker(
 ) -> float:
     """Mean absolute change of `images` from frame to frame, where `targets` stand still.
 
-    In the unit of the values, over all channels of the pixels whose target changes by one level of
-    8 bits at most. NaN if no pixel stands still, or if there is one frame.
+    Both are sequences of equally many frames, with values in 0..1. The mean is over all channels of
+    the pixels whose target changes by at most one level of an 8-bit image from one frame to the
+    next. It is NaN if no pixel stands still, and if there are fewer than two frames.
     """
     total, count = 0.0, 0
     for k in range(1, len(images)):

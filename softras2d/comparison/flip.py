@@ -19,9 +19,9 @@ def mean_flip(
 ) -> float:
     """Mean FLIP, in 0..1, of two premultiplied images in sRGB; 0 for equal images.
 
-    The screen is the evaluator's default, with 67 pixels per degree of visual angle. Images with
-    alpha are laid over white, and values are clipped to 0..1. Raises `ImportError`, one line, if
-    `flip-evaluator` is missing.
+    The assumed screen is the evaluator's default, with 67 pixels per degree of visual angle. Images
+    with alpha are composited over white, and values are clipped to 0..1. Raises `ImportError`, with
+    a message of one line, if `flip-evaluator` is missing.
     """
     try:
         import flip_evaluator
@@ -34,7 +34,7 @@ def mean_flip(
 
 
 def _on_white(pixels: Float[np.ndarray, "height width channels"]) -> np.ndarray:
-    """Lay a premultiplied image over white; returns float32 in 0..1."""
+    """Composite a premultiplied image over white; returns RGB as float32 in 0..1."""
     if pixels.shape[-1] == 4:
         pixels = pixels[..., :3] + (1 - pixels[..., 3:])
     return np.ascontiguousarray(np.clip(pixels, 0, 1), np.float32)

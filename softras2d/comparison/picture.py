@@ -6,10 +6,10 @@ from jaxtyping import Float32, Float64
 from .tolerance import exceeds
 
 _GREY_LEVEL = 0.25
-"""Brightness of the copy of the image behind, so that every colour of a difference is brighter."""
+"""Factor for the grey copy of the image, so dark that every colour of a difference is brighter."""
 
 _LUMA = np.array([0.2126, 0.7152, 0.0722])
-"""Weights of red, green and blue in grey (Rec. ITU-R BT.709)."""
+"""Weights of red, green and blue by which a colour is converted to grey (Rec. ITU-R BT.709)."""
 
 _RAMP = np.array(
     [[0.75, 0.0, 0.1], [1.0, 0.35, 0.0], [1.0, 0.75, 0.0], [1.0, 0.95, 0.5], [1.0, 1.0, 1.0]]
@@ -25,9 +25,9 @@ def difference_picture(
 ) -> Float32[np.ndarray, "height width 3"]:
     """Draw the pixels that differ by more than the tolerance from red to white, others dark grey.
 
-    The scale is the same in every picture: red is a difference near 0, white one of 1. It follows
-    the square root of the difference, so that small ones can be told apart. The dark grey is that
-    of the expected image, for orientation.
+    The colour scale is the same in every picture: red is a difference near 0, and white is a
+    difference of 1. It follows the square root of the difference, so that small differences can be
+    told apart. The dark grey is a copy of the expected image, for orientation.
     """
     grey = _GREY_LEVEL * np.clip(expected[..., :3] @ _LUMA, 0, 1)
     position = np.sqrt(np.clip(difference, 0, 1))

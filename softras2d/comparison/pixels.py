@@ -1,4 +1,4 @@
-"""Brings two images into one form, in which their channels can be subtracted."""
+"""Converts two images to the same channels, so that they can be subtracted."""
 
 from typing import Any
 
@@ -14,15 +14,16 @@ def comparable_pixels(
 ) -> tuple[
     Float64[np.ndarray, "height width channels"], Float64[np.ndarray, "height width channels"]
 ]:
-    """Bring two images to the same three or four channels, premultiplied.
+    """Convert two images to the same three or four channels, premultiplied.
 
-    - Grey is repeated to RGB.
-    - RGB is RGBA with alpha 1. Alpha is a fourth channel, unless both images are opaque: a channel
-      that is equal everywhere would only lower their mean difference.
+    - Grey becomes RGB.
+    - If one of the images is transparent somewhere, both get four channels, with alpha 1 where an
+      image has no alpha. Otherwise alpha is dropped: a channel that is equal everywhere would only
+      lower the mean difference.
     - Colours are premultiplied, because the colour of a transparent pixel is not visible.
 
-    Raises `ValueError`, one line, for arrays that are not float images, for NaN and infinity, and
-    for images of different heights or widths.
+    Raises `ValueError`, with a message of one line, for arrays that are not float images, for NaN
+    and infinity, and for images of different heights or widths.
     """
     first = _rgb_or_rgba(as_pixels("`actual`", np.asarray(actual)))
     second = _rgb_or_rgba(as_pixels("`expected`", np.asarray(expected)))
@@ -40,12 +41,12 @@ def pixel_difference(
     actual: Float64[np.ndarray, "height width channels"],
     expected: Float64[np.ndarray, "height width channels"],
 ) -> Float64[np.ndarray, "height width"]:
-    """The largest absolute difference among the channels of each pixel."""
+    """Largest absolute difference among the channels of each pixel."""
     return np.abs(actual - expected).max(axis=-1)
 
 
 def _rgb_or_rgba(pixels: np.ndarray) -> Float64[np.ndarray, "height width channels"]:
-    """The image in float64, with three channels if it is opaque, else with four."""
+    """Convert an image to float64, with three channels if it is opaque, else with four."""
     if pixels.shape[-1] == 1:
         pixels = pixels.repeat(3, axis=-1)
     if pixels.shape[-1] == 4 and (pixels[..., 3] == 1).all():
@@ -56,7 +57,7 @@ def _rgb_or_rgba(pixels: np.ndarray) -> Float64[np.ndarray, "height width channe
 def _with_alpha(
     pixels: Float64[np.ndarray, "height width channels"],
 ) -> Float64[np.ndarray, "height width 4"]:
-    """The image with alpha 1 if it has no alpha."""
+    """Append a channel of alpha 1 to an image, unless it has alpha."""
     if pixels.shape[-1] == 4:
         return pixels
     return np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1)

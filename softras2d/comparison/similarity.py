@@ -21,7 +21,7 @@ _SIGMA, _RADIUS = 1.5, 5
 """Standard deviation and radius, in pixels, of the Gaussian window of 11 x 11 pixels."""
 
 WINDOW = 2 * _RADIUS + 1
-"""Pixels along a window of SSIM, in an image that has as many."""
+"""Pixels along a side of the window of SSIM; fewer in an image with a shorter side."""
 
 _LUMINANCE, _CONTRAST = 0.01**2, 0.03**2
 """Constants that keep the quotients finite, for values in 0..1."""
@@ -31,7 +31,10 @@ def psnr(
     image: Float[HostOrDeviceArray, "height width channels"],
     target: Float[HostOrDeviceArray, "height width channels"],
 ) -> Float[HostOrDeviceArray, ""]:
-    """Peak signal-to-noise ratio in dB over all channels; infinite for equal images."""
+    """Peak signal-to-noise ratio in dB over all channels, for a peak of 1.
+
+    Infinite for equal images.
+    """
     xp = image.__array_namespace__()
     # NumPy would warn of the logarithm of 0.
     with np.errstate(divide="ignore"):
@@ -44,8 +47,8 @@ def ssim(
 ) -> Float[HostOrDeviceArray, ""]:
     """Structural similarity, in -1..1, which is 1 for equal images.
 
-    It is the mean over channels and over all windows that lie inside the image. Along a side of
-    fewer than 11 pixels the window is smaller.
+    It is the mean over channels and over all windows of 11 x 11 pixels that lie inside the image.
+    Along a side of fewer than 11 pixels the window is smaller.
     """
     mean_a, mean_b = _blur(image), _blur(target)
     variance_a = _blur(image * image) - mean_a * mean_a
@@ -59,14 +62,14 @@ def ssim(
 def _blur(
     x: Float[HostOrDeviceArray, "height width channels"],
 ) -> Float[HostOrDeviceArray, "rows columns channels"]:
-    """Gaussian mean over each window that lies inside the image."""
+    """Gaussian-weighted mean over each window that lies inside the image."""
     return _blur_along(_blur_along(x, 0), 1)
 
 
 def _blur_along(
     x: Float[HostOrDeviceArray, "height width channels"], axis: int
 ) -> Float[HostOrDeviceArray, "rows columns channels"]:
-    """Gaussian mean along axis 0 or 1; the result is shorter by twice the radius of the window."""
+    """Gaussian-weighted mean along axis 0 or 1, which becomes shorter by twice the radius."""
     radius = min(_RADIUS, (x.shape[axis] - 1) // 2)
     taps = [math.exp(-0.5 * (k / _SIGMA) ** 2) for k in range(-radius, radius + 1)]
     length = x.shape[axis] - 2 * radius

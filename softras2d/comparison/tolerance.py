@@ -1,4 +1,4 @@
-"""The difference of two pixels up to which they count as equal."""
+"""The tolerance: the largest difference at which two pixels count as equal."""
 
 import math
 
@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 ONE_LEVEL = 1 / 255
-"""One level of an 8-bit image, the default tolerance: another device may round a tie the other way.
-"""
+"""One level of an 8-bit image. It is the default tolerance, because another device may round a tie
+the other way."""
 
 _ROUNDING = 1e-4
 """Relative excess over a tolerance that counts as rounding. In float32, adjacent levels of an 8-bit
@@ -22,7 +22,7 @@ def exceeds(
 
 
 def checked_tolerance(tolerance: int | float) -> float:
-    """`tolerance` as a float. Raises `ValueError` unless it is finite and at least 0."""
+    """Return `tolerance` as a float. Raises `ValueError` unless it is finite and at least 0."""
     if not 0 <= tolerance < math.inf:
         raise ValueError(f"`tolerance` must be finite and at least 0; got {tolerance}.")
     return float(tolerance)

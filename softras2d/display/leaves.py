@@ -13,7 +13,7 @@ from jax.core import Tracer
 
 
 def field_of(value: Any, name: str) -> Any:
-    """The field of an object; None if it has none, or if reading it raises."""
+    """The field `name` of an object; None if it has no such field, or if reading it raises."""
     try:
         return getattr(value, name)
     except Exception:
@@ -27,7 +27,10 @@ def shape_of(leaf: Any) -> tuple[Any, ...] | None:
 
 
 def size_of(leaf: Any, axis: int) -> Any:
-    """The size of an array along an axis counted from the end, as -1; None if there is no such."""
+    """The size of an array along an axis; None if it has too few axes, or is not an array.
+
+    `axis` is negative: -1 is the last axis.
+    """
     shape = shape_of(leaf)
     return None if shape is None or len(shape) < -axis else shape[axis]
 
@@ -45,5 +48,5 @@ def values_of(leaf: Any) -> np.ndarray | None:
     try:
         return np.asarray(leaf)
     except Exception:
-        # Among others, arrays that were donated, and arrays that are spread over processes.
+        # For example, an array that was donated, or that is distributed over processes.
         return None

@@ -18,26 +18,34 @@ from ..color import premultiply, unpremultiply
 from .scene_picture import scene_picture
 
 _MAX_SIDE = 640
-"""Longer side to which images are shrunk, in pixels, since notebooks store all that they show."""
+"""Longest side of an image, in pixels; larger images are shrunk, because notebooks store all that
+they show."""
 
 _CHECKERBOARD = "background: repeating-conic-gradient(#fff 0 25%, #e6e6e6 0 50%) 0 0 / 16px 16px"
-"""Style of images with alpha, which shows where they are transparent."""
+"""CSS of a checkerboard behind images with alpha, which shows where they are transparent."""
 
 
 def scene_html(scene: Any) -> str | None:
-    """A small picture of a scene and its text; None if it cannot be drawn or would take long."""
+    """HTML of a small picture of a scene above its `repr`.
+
+    None if the scene cannot be drawn, or if drawing it would take long.
+    """
     return _html(lambda: scene_picture(scene), repr(scene))
 
 
 def image_html(image: Any, text: str) -> str | None:
-    """An image, `[height, width, 1, 3 or 4]` in 0..1, and a text; None if it is no valid image."""
+    """HTML of an image, `[height, width, 1, 3 or 4]` in 0..1, above a text.
+
+    None if it is not a valid image.
+    """
     return _html(lambda: _shrunk(np.asarray(image, np.float32)), text)
 
 
 def buffers_html(visible: Any, text: str) -> str | None:
-    """The triangle of each pixel of visibility buffers as colours, and a text.
+    """HTML of a picture with one colour for each visible triangle, above a text.
 
-    `visible.triangle` is `[height, width, samples]`; None if that cannot be shown.
+    `visible` is a `Visibility` of one layer; None for several layers, and for anything else that
+    cannot be shown.
     """
 
     def draw() -> np.ndarray:
@@ -49,12 +57,12 @@ def buffers_html(visible: Any, text: str) -> str | None:
 
 
 def _html(draw: Callable[[], np.ndarray | None], text: str) -> str | None:
-    """The image that `draw` returns above `text`; None if there is none, or if drawing fails."""
+    """HTML of the image that `draw` returns, above `text`; None if it returns None or raises."""
     try:
         image = draw()
         data = None if image is None else _png(image)
     except Exception:
-        # Somebody who only looks at a value is helped by its text, and not by a traceback.
+        # For somebody who only looks at a value, its text is more useful than a traceback.
         return None
     if image is None or data is None:
         return None
@@ -68,11 +76,11 @@ def _html(draw: Callable[[], np.ndarray | None], text: str) -> str | None:
 
 
 def _png(image: Float[np.ndarray, "height width channels"]) -> bytes:
-    """The bytes of a PNG file of the image."""
-    # The writer is a stage below; `scene_picture.py` says why it is reached like this.
+    """Encode an image as a PNG file."""
+    # The writer is in a stage below this one; `scene_picture.py` says why it is imported here.
     import softras2d as sr
 
-    # OpenImageIO writes only files from Python.
+    # The Python binding of OpenImageIO can write to files only.
     with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
         path = Path(folder) / "picture.png"
         sr.write_image(path, image)
@@ -80,7 +88,10 @@ def _png(image: Float[np.ndarray, "height width channels"]) -> bytes:
 
 
 def _shrunk(image: Float[np.ndarray, "height width channels"]) -> Float[np.ndarray, "h w channels"]:
-    """The means over square blocks of pixels, so that no side is longer than `_MAX_SIDE`."""
+    """Shrink an image so that no side is longer than `_MAX_SIDE`; smaller images are unchanged.
+
+    Each pixel of the result is the mean over a square block of pixels.
+    """
     block = -(-max(image.shape[:2]) // _MAX_SIDE)
     if block <= 1:
         return image

@@ -10,7 +10,7 @@ from .words import count_text
 
 
 def pyramid_text(textures: Any) -> str:
-    """Describe a `TexturePyramid` without raising, whatever its leaves are."""
+    """Describe a `TexturePyramid` in one line; never raises, whatever its leaves are."""
     texels, levels = field_of(textures, "texels"), field_of(textures, "levels")
     counts = [
         (size_of(levels, -3), "texture"),
@@ -24,7 +24,7 @@ def pyramid_text(textures: Any) -> str:
 
 
 def _size_text(levels: np.ndarray | None) -> str:
-    """Width and height of the largest texture, if they are known."""
+    """Text of the width and height of the largest texture; empty if they are not known."""
     if levels is None or levels.dtype.kind not in "iu" or not levels.size:
         return ""
     if levels.ndim < 3 or levels.shape[-1] != 3:

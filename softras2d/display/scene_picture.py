@@ -1,9 +1,8 @@
 """Draws a small picture of a scene, scaled so that all of its triangles show.
 
-A picture needs `plan` and `render`, which are stages below this folder, and no stage imports from
-one below it. So this file and `notebook.py` use the package as a user's script does: through the
-public names of `softras2d`, which load on first use. The classes that show themselves only call
-these two files.
+A picture needs `plan` and `render`, which are in stages below this folder, and no stage may import
+from one below it. So this file and `notebook.py` use the package as a user's script does: through
+the public names of `softras2d`, which load on first use.
 """
 
 from typing import Any
@@ -27,19 +26,20 @@ _STEP = 32
 A program is compiled for each, which takes about four seconds."""
 
 _MAX_TRIANGLES = 2**17
-"""Maximum number of triangles of a picture. So many small ones take five seconds on two cores, of
-which four are compilation; the time grows with their number."""
+"""Maximum number of triangles of a picture. This many small triangles take five seconds on two
+cores, of which four are compilation; the time grows with their number."""
 
 _MAX_MEMORY = 2**29
-"""Maximum number of bytes that drawing may take, by the estimate of the plan. It bounds the time of
-overlapping translucent triangles: 10,000 of the size of the picture need 320 MiB."""
+"""Maximum memory of drawing, in bytes, as the plan estimates it. It bounds the time of overlapping
+translucent triangles: 10,000 triangles of the size of the picture need 320 MiB."""
 
 
 def scene_picture(scene: Any) -> Float[np.ndarray, "height width channels"] | None:
-    """Draw one concrete scene in hard mode, with 16 samples per pixel or, if it is complex, 4.
+    """Draw one concrete scene in hard mode, with 16 samples per pixel or, to save memory, 4.
 
-    The longer side is `SIDE` pixels. Returns None for a scene without triangles, a batch, and a
-    scene that is traced, too large or without extent. Raises `ValueError` for invalid values.
+    The longer side of the picture is `SIDE` pixels. Returns None for a scene without triangles, a
+    batch, and a scene that is traced, takes too much memory, or has no extent. Raises `ValueError`
+    for invalid values.
     """
     import softras2d as sr
 
@@ -52,7 +52,7 @@ def scene_picture(scene: Any) -> Float[np.ndarray, "height width channels"] | No
     if fitted is None:
         return None
     moved, height, width = fitted
-    # `dataclasses.replace` would call the constructor, which may refuse arrays on the host.
+    # `dataclasses.replace` would call the constructor, which may refuse host arrays.
     scene = eqx.tree_at(lambda scene: scene.positions, scene, jax.device_put(moved))
     for samples in (16, 4):
         plan = sr.plan(scene, height=height, width=width, coverage=sr.Hard(samples=samples))
@@ -73,7 +73,7 @@ def _fit(
         return None
     low, high = extent(points)
     longest = float((high - low).max())
-    # A smaller extent than that is rounding noise of the coordinates.
+    # A smaller extent would be rounding noise of the coordinates.
     if not longest > np.abs(points).max() * np.finfo(positions.dtype).eps:
         return None
     scale = (SIDE - 2 * _MARGIN) / longest

@@ -17,10 +17,10 @@ _TEXTURE_ARRAYS = ("texels", "levels")
 
 
 def scene_text(scene: Any) -> str:
-    """Describe a scene without raising, whatever its leaves are.
+    """Describe a scene in two lines; never raises, whatever its leaves are.
 
-    The second line uses the names of `planning.effects`. The extent is that of the vertices that
-    triangles use. Under a trace, no value is looked at.
+    The second line uses the names of `planning.effects`. The extent is the range of the vertices
+    that triangles use. Under a trace, no value is looked at.
     """
     # A scene whose constructor failed has some fields only.
     arrays = {name: field_of(scene, name) for name in (*_REQUIRED, *_OPTIONAL)}
@@ -38,12 +38,12 @@ def scene_text(scene: Any) -> str:
 
 
 def _joined(phrases: list[str | None]) -> str:
-    """Join the phrases that say something."""
+    """Join the phrases that are not empty with commas; "no arrays" if all are empty."""
     return ", ".join(phrase for phrase in phrases if phrase) or "no arrays"
 
 
 def _heading(arrays: dict[str, Any]) -> str:
-    """The name of the class, with the size of a batch."""
+    """First words of the description: "Scene", or the size of a batch of scenes."""
     for name in ("triangles", "positions"):
         shape = shape_of(arrays[name])
         if shape is not None and len(shape) > 2:
@@ -52,7 +52,7 @@ def _heading(arrays: dict[str, Any]) -> str:
 
 
 def _counts(arrays: dict[str, Any]) -> list[str]:
-    """The numbers of triangles, vertices and textures, as far as they are known."""
+    """Texts of the numbers of triangles, vertices and textures, as far as they are known."""
     triangles = size_of(arrays["triangles"], -2)
     if triangles is None:
         # A gradient has colours but no indices.
@@ -81,7 +81,10 @@ def _effects(arrays: dict[str, Any]) -> list[str | None]:
 
 
 def _values_text(arrays: dict[str, Any]) -> str:
-    """The extent of the triangles in pixels, or the reason why there are no values."""
+    """Text of the extent of the triangles in pixels, or of the reason why there are no values.
+
+    Also tells how many vertices are not finite.
+    """
     if is_traced(arrays):
         return "traced"
     positions, triangles = values_of(arrays["positions"]), values_of(arrays["triangles"])
@@ -109,26 +112,27 @@ def used_points(
 ) -> Float[np.ndarray, "points 2"] | None:
     """The positions that triangles use, in a scene or a batch; None if the arrays do not match.
 
-    Unused vertices would enlarge the extent: those that padding appends all lie at (0, 0).
+    Other vertices are left out because they would enlarge the extent: padding appends vertices at
+    (0, 0).
     """
     has_types = triangles.dtype.kind in "iu" and jnp.issubdtype(positions.dtype, jnp.floating)
     has_axes = min(triangles.ndim, positions.ndim) >= 2 and positions.shape[-1] == 2
     if not (has_types and has_axes) or triangles.shape[:-2] != positions.shape[:-2]:
         return None
-    # Not -1 in `reshape`, which cannot be resolved for arrays without entries.
+    # Sizes are given in full, since `reshape` cannot resolve -1 for arrays without entries.
     scenes, vertices = math.prod(positions.shape[:-2]), positions.shape[-2]
     indices = triangles.reshape(scenes, math.prod(triangles.shape[-2:]))
     is_valid = (indices >= 0) & (indices < vertices)
     is_used = np.zeros((scenes, vertices), bool)
     scene_number, _ = np.nonzero(is_valid)
     is_used[scene_number, indices[is_valid]] = True
-    # In float64, differences of the largest numbers of other types do not overflow.
+    # In float64, differences of the largest numbers of narrower types do not overflow.
     return positions.reshape(scenes, vertices, 2)[is_used].astype(np.float64)
 
 
 def extent(
     points: Float[np.ndarray, "points 2"],
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """The smallest and the largest x and y of points."""
+    """The least (x, y) and the greatest (x, y) of points."""
     # Adding zero turns -0 into 0.
     return points.min(axis=0) + 0.0, points.max(axis=0) + 0.0

@@ -4,14 +4,17 @@ from typing import Any
 
 
 def count_text(count: Any, noun: str, plural: str | None = None) -> str:
-    """A count and its noun, as "1 triangle" or "1,200 triangles"."""
-    # In a program that is exported for all sizes, a size is a symbol, which has no format.
+    """Text of a count and its noun, such as "1 triangle" or "1,200 triangles".
+
+    `plural` is the noun with an s by default.
+    """
+    # In a program that is exported for all sizes, a size is a symbol, which has no number format.
     number = f"{count:,}" if isinstance(count, int) else str(count)
     return f"{number} {noun if number == '1' else plural or noun + 's'}"
 
 
 def number_text(value: Any, digits: int) -> str:
-    """A number with `digits` digits after the point; for anything else, the name of its type."""
+    """Text of a number with `digits` decimals; for anything else, the name of its type."""
     try:
         return f"{value:.{digits}f}"
     except Exception:

@@ -1,5 +1,7 @@
-"""The bundled pictures, to be fitted where no photograph is at hand; `experiments/pictures` makes
-them."""
+"""The bundled pictures, as targets of fits where no photograph is at hand.
+
+`experiments/pictures` makes them.
+"""
 
 from pathlib import Path
 
@@ -7,17 +9,17 @@ _SIZES = {"valley": (256, 384), "fruit": (256, 256)}
 
 
 def names() -> tuple[str, ...]:
-    """The bundled pictures."""
+    """The names of all bundled pictures."""
     return tuple(_SIZES)
 
 
 def size(name: str) -> tuple[int, int]:
-    """Height and width in pixels."""
+    """Height and width of a bundled picture, in pixels."""
     return _SIZES[name]
 
 
 def path(name: str) -> Path:
-    """The PNG file of a picture; `ValueError` for a name not in `names()`."""
+    """The PNG file of a bundled picture; `ValueError` for a name that is not in `names()`."""
     if name not in _SIZES:
         raise ValueError(f"no bundled picture {name!r}; there are {', '.join(_SIZES)}.")
     return Path(__file__).parent / f"{name}.png"

@@ -9,17 +9,20 @@ from collections.abc import Sequence
 from .library import Axes, Figure, import_pyplot
 
 _MAX_ROW_WIDTH, _MAX_HEIGHT = 960, 480
-"""Limits up to which images are enlarged: width of a row of images, and height of one."""
+"""Limits up to which images are enlarged: width of a row of images, and height of one image."""
 
 _GAP, _LINE_HEIGHT = 12, 22
-"""Space between images, and for a line of a title."""
+"""Space between images, and height of one line of a title."""
 
 _TICKS = 56
 """Space for the numbers and the label of an axis."""
 
 
 def columns_for(count: int, width: int) -> int:
-    """Number of columns for `count` images, each `width` pixels wide: at most six."""
+    """Number of columns, at most six, in which to show `count` images of `width` pixels.
+
+    Rows are filled evenly.
+    """
     max_columns = min(count, 6, max(2, _MAX_ROW_WIDTH // (width + _GAP)))
     rows = -(-count // max_columns)
     return -(-count // rows)
@@ -31,7 +34,7 @@ def new_cells(
     """Make a figure with `count` axes, row by row, each for an image of `height` x `width` pixels.
 
     `lines` is the number of lines of the title above each image; `ticks` reserves space for
-    numbered axes.
+    numbered axes. Returns the figure and its axes.
     """
     pyplot = import_pyplot()
     rows = -(-count // columns)

@@ -25,14 +25,15 @@ def difference(
 
     - `image`, `reference`: float images `[height, width, channels]` of one shape, in sRGB, 0..1, of
       1, 3 or 4 channels. With alpha, premultiplied colours are compared.
-    - `axes`: matplotlib axes to draw into; by default those of a new figure.
-    - `limit`: difference with the strongest colour, above 0, where 1 is the full range of an image;
-      by default the largest absolute difference.
+    - `axes`: matplotlib axes to draw into; by default the axes of a new figure.
+    - `limit`: difference that gets the strongest colour, above 0, where 1 is the full range of an
+      image; by default the largest absolute difference.
     - `title`: text above the plot.
 
-    The difference is the mean over channels. Differences of opposite signs in two channels
-    therefore cancel; `error` shows them. Returns the axes. Raises `ValueError`, one line, for
-    images of other or unequal shapes, NaN and infinity, and a `limit` that is not positive.
+    The difference of a pixel is the mean over its channels. Differences of opposite signs in two
+    channels therefore cancel; `error` shows them. Returns the axes. Raises `ValueError`, with a
+    message of one line, for images of other or unequal shapes, NaN and infinity, and a `limit` that
+    is not positive.
     """
     values = _difference(image, reference).mean(axis=-1)
     limit = _limit(limit, values)
@@ -52,9 +53,9 @@ def error(
 
     - `image`, `reference`: float images `[height, width, channels]` of one shape, in sRGB, 0..1, of
       1, 3 or 4 channels. With alpha, premultiplied colours are compared.
-    - `axes`: matplotlib axes to draw into; by default those of a new figure.
-    - `limit`: error with the last colour of the scale, above 0, where 1 is the full range of an
-      image; by default the largest error.
+    - `axes`: matplotlib axes to draw into; by default the axes of a new figure.
+    - `limit`: error that gets the last colour of the scale, above 0, where 1 is the full range of
+      an image; by default the largest error.
     - `title`: text above the plot.
 
     Returns the axes. Raises `ValueError` as `difference` does.
@@ -65,7 +66,7 @@ def error(
 
 
 def _difference(image: Any, reference: Any) -> Float64[np.ndarray, "height width channels"]:
-    """Check both images; returns their difference, in premultiplied colours."""
+    """Check both images; returns the difference of their premultiplied colours."""
     first, second = checked_image("`image`", image), checked_image("`reference`", reference)
     if first.shape != second.shape:
         raise ValueError(
@@ -76,7 +77,7 @@ def _difference(image: Any, reference: Any) -> Float64[np.ndarray, "height width
 
 
 def _limit(limit: int | float | None, values: np.ndarray) -> float:
-    """The checked `limit`, or by default the largest of `values`."""
+    """Return the checked `limit`; by default the largest absolute value, or 1/255 if it is 0."""
     if limit is None:
         return float(np.abs(values).max()) or _EQUAL_LIMIT
     if not 0 < limit < np.inf:
@@ -92,7 +93,15 @@ def _draw_map(
     axes: Axes | None,
     title: str,
 ) -> Axes:
-    """Draw `values` `[height, width]` in a colour map, beside a colour bar."""
+    """Draw `values` `[height, width]` in a colour map, with a colour bar beside the plot.
+
+    - `color_map`: matplotlib's name of the colour map.
+    - `limits`: values of its first and of its last colour.
+    - `label`: text beside the colour bar.
+    - `axes`: axes to draw into; None for a new figure.
+
+    Returns the axes.
+    """
     height, width = values.shape
     if axes is None:
         tall = float(np.clip(5 * height / width, 2, 8))

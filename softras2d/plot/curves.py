@@ -25,11 +25,11 @@ def convergence(
 
     - `results`: results of `fit`, by the names that the legend shows.
     - `against`: `"seconds"` or `"step"`, counted from the start of each fit.
-    - `axes`: matplotlib axes to draw into; by default those of a new figure.
+    - `axes`: matplotlib axes to draw into; by default the axes of a new figure.
 
-    The PSNR is that in the `history` of the results: between the fitted image and the target, at
-    the size and with the coverage that the fit used. Returns the axes. Raises `ValueError` for no
-    results, a result without history, and another `against`.
+    The PSNR is read from the `history` of each result: it compares the fitted image with the
+    target, at the size and with the coverage that the fit used. Returns the axes. Raises
+    `ValueError` for no results, a result without history, and another `against`.
     """
     if against not in _AXES:
         raise ValueError(f'`against` must be "seconds" or "step"; got {against!r}.')

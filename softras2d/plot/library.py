@@ -19,7 +19,10 @@ COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#00
 
 
 def import_pyplot() -> Any:
-    """Import `matplotlib.pyplot`. Raises `ImportError`, one line, if matplotlib is missing."""
+    """Import `matplotlib.pyplot`, and return it.
+
+    Raises `ImportError`, with a message of one line, if matplotlib is missing.
+    """
     try:
         from matplotlib import pyplot
     except ModuleNotFoundError as missing:

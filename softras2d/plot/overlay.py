@@ -25,8 +25,8 @@ def triangles(
     """Draw the outlines of a scene's triangles over an image.
 
     - `scene`: one scene, whose positions are in pixels.
-    - `axes`: the axes of the image, and of the insets that `show` made. If they are empty, their
-      limits are set to the triangles, with y down.
+    - `axes`: the axes of the image. If they are empty, their limits are set to the triangles, with
+      y down. If `show` made an inset in them, the triangles are drawn in it too.
     - `color`: any matplotlib colour.
     - `width`: width of the lines, in points (1/72 inch).
     - `vertices`: whether to mark the vertices of the triangles.
@@ -72,14 +72,14 @@ def arrows(
     """Draw vectors as arrows over an image, for example the gradient of a loss.
 
     - `positions`: `[n, 2]`, the (x, y) at which arrows begin, in pixels.
-    - `vectors`: `[n, 2]`, (x, y). The gradient of a loss points in the direction in which the loss
-      grows; negate it to show the direction of descent.
-    - `axes`: the axes of the image, and of the insets that `show` made. If they are empty, their
-      limits are set to the arrows, with y down.
+    - `vectors`: `[n, 2]`, the (x, y) of each arrow. The gradient of a loss points in the direction
+      in which the loss grows; negate it to show the direction of descent.
+    - `axes`: the axes of the image. If they are empty, their limits are set to the arrows, with y
+      down. If `show` made an inset in them, the arrows are drawn in it too.
     - `color`: any matplotlib colour.
-    - `length`: length of the longest arrow in pixels, above 0, to which all vectors are scaled by
-      one factor; by default, vectors are taken to be in pixels.
-    - `label`: entry of the legend; without it, there is no legend.
+    - `length`: length of the longest arrow in pixels, above 0; all vectors are scaled by the same
+      factor. By default vectors are in pixels, and are not scaled.
+    - `label`: text of the legend; if it is empty, there is no legend.
 
     Returns the axes. Raises `ValueError` for other shapes, for values that are not finite, and for
     a `length` that is not positive.
@@ -114,7 +114,7 @@ def arrows(
 
 
 def _points(name: str, points: Any) -> np.ndarray:
-    """Points as float64. Raises `ValueError` unless they are `[n, 2]` and finite."""
+    """Return points as float64. Raises `ValueError` unless they are `[n, 2]` and finite."""
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 2 or points.dtype.kind not in "fiu":
         raise ValueError(f"{name} must be numbers [n, 2]; got {points.shape} {points.dtype}.")
@@ -126,7 +126,10 @@ def _points(name: str, points: Any) -> np.ndarray:
 
 
 def _with_insets(axes: Axes, points: np.ndarray) -> list[Axes]:
-    """The axes and their insets. Empty axes get the limits of `points` `[n, 2]`, with y down."""
+    """Return the axes and the insets that `show` made in them.
+
+    The limits of empty axes are first set to the range of `points` `[n, 2]`, with y down.
+    """
     if not axes.has_data() and len(points):
         low, high = points.min(axis=0), points.max(axis=0)
         margin = 0.05 * max(float((high - low).max()), 1e-6)

@@ -1,4 +1,4 @@
-"""Gives each number of a triangle a colour; those of neighbouring numbers differ clearly."""
+"""Colours of triangles by their index, such that neighbouring indices have different colours."""
 
 from typing import Any
 
@@ -8,31 +8,33 @@ from jaxtyping import Float, Float32, Int
 from ..color import linear_to_srgb
 
 BACKGROUND = 0.92
-"""Grey of samples that no triangle covers."""
+"""Grey level, 0..1 in sRGB, of samples that no triangle covers."""
 
 _HUE_STEP = (5**0.5 - 1) / 2
-"""Turns of hue from one number to the next. Multiples of the golden ratio never repeat, and any run
-of them is spread evenly over the circle; neighbours are 0.38 turns apart."""
+"""Change of hue, in turns, from one index to the next: the golden ratio's fractional part. Its
+multiples never repeat, and any run of them is spread evenly over the circle; the hues of neighbours
+are 0.38 turns apart."""
 
 _LIGHTNESS_STEP = 2**0.5 - 1
-"""Step of the lightness, within its range. Numbers that differ by 8, 13 or 21 have almost one hue;
-with this step they differ in lightness."""
+"""Change of lightness from one index to the next, as a fraction of its range. At the end of the
+range it starts again. Indices that differ by 8, 13 or 21 have almost the same hue, but differ in
+lightness."""
 
 _LIGHTNESS_RANGE = (0.52, 0.84)
-"""Oklab lightness. At the ends, most hues of the chroma below still lie within sRGB."""
+"""Least and greatest Oklab lightness. At both, most hues of chroma `_CHROMA` lie within sRGB."""
 
 _CHROMA = 0.13
 
 
 def id_colors(triangle: Any) -> Float32[np.ndarray, "height width 3"]:
-    """Colour each pixel by the number of the triangle that is visible there.
+    """Colour each pixel by the index of the triangle that is visible there.
 
-    - `triangle`: `[height, width, samples]` or `[height, width]`, the number of a triangle, or -1
+    - `triangle`: `[height, width, samples]` or `[height, width]`, the index of a triangle, or -1
       where the background shows.
 
-    Returns sRGB colours, the mean over the samples. A number has the same colour in every image,
-    and the background is light grey. Raises `ValueError`, one line, for another shape, and for
-    numbers that are not integers.
+    Returns sRGB colours in 0..1, each the mean over the samples of a pixel. An index has the same
+    colour in every image, and the background is light grey. Raises `ValueError`, with a message of
+    one line, for another shape, and for values that are not integers.
     """
     numbers = np.asarray(triangle)
     numbers = numbers[..., None] if numbers.ndim == 2 else numbers
@@ -50,7 +52,7 @@ def id_colors(triangle: Any) -> Float32[np.ndarray, "height width 3"]:
 
 
 def _palette(ids: Int[np.ndarray, " ids"]) -> Float32[np.ndarray, "ids 3"]:
-    """The sRGB colour of each number; negative numbers are the background."""
+    """The sRGB colour, in 0..1, of each triangle index; negative ones are the background."""
     number = ids.astype(np.float64)
     angle = 2 * np.pi * (number * _HUE_STEP % 1)
     darkest, lightest = _LIGHTNESS_RANGE
@@ -63,8 +65,8 @@ def _palette(ids: Int[np.ndarray, " ids"]) -> Float32[np.ndarray, "ids 3"]:
 def _oklab_to_linear(lab: Float[np.ndarray, "*colors 3"]) -> Float[np.ndarray, "*colors 3"]:
     """Convert Oklab to linear sRGB, which may lie outside 0..1.
 
-    In Oklab, equal angles of hue look about equally different. In HSV a third of the circle is
-    green.
+    Oklab is used because equal angles of hue look about equally different in it. In HSV, a third of
+    the circle is green.
 
     **Source:** Ottosson, *A perceptual color space for image processing* (2020).
     """

@@ -14,7 +14,7 @@ _CHECKERBOARD_GREYS = (1.0, 0.9)
 """Greys, in 0..1, of the checkerboard behind images with alpha."""
 
 _MAX_GRID_LINES = 64
-"""Maximum number of lines of the pixel grid along a side."""
+"""Maximum number of cells of the pixel grid along a side."""
 
 _MAX_INSET = 0.6
 """Maximum size of an inset, as a fraction of a side of the image."""
@@ -33,20 +33,20 @@ def show(
 
     - `image`: floats `[height, width, channels]` in sRGB, 0..1, of 1, 3 or 4 channels; values
       outside are clipped.
-    - `axes`: matplotlib axes to draw into; by default those of a new figure.
+    - `axes`: matplotlib axes to draw into; by default the axes of a new figure.
     - `title`: text above the image.
     - `grid`: whether to draw lines between the pixels and to number the axes in pixels. If a side
       has more than 64 pixels, there is one line for every 2, 4, 8, ... pixels.
-    - `inset`: `(top, left, height, width)` in pixels of a part to enlarge. The enlarged part is
-      drawn in the corner of the image that is farthest from it, as `axes.child_axes[0]`. Overlays
-      (`triangles`, `arrows`) are drawn in it too.
+    - `inset`: the part of the image to enlarge, `(top, left, height, width)` in pixels. It is drawn
+      in the corner of the image that is farthest from this part, as `axes.child_axes[0]`. Overlays
+      (`triangles`, `arrows`) are drawn in the inset too.
     - `inset_zoom`: magnification of the inset, more than 1. It is reduced if the inset would be
       larger than 0.6 of a side of the image.
 
     Returns the axes. If an image has more pixels than `axes` has dots on the screen, it is
-    smoothed, since leaving out pixels would add aliasing. Raises `ValueError`, one line, for
-    another shape or dtype, for NaN and infinity, and for an inset that is outside the image or too
-    large to be enlarged.
+    smoothed, since leaving out pixels would add aliasing. Raises `ValueError`, with a message of
+    one line, for another shape or dtype, for NaN and infinity, and for an inset that is outside the
+    image or too large to be enlarged.
     """
     pixels = checked_image("`image`", image)
     height, width = pixels.shape[:2]
@@ -69,7 +69,10 @@ def show(
 
 
 def checked_image(name: str, image: Any) -> np.ndarray:
-    """`image` as float32. Raises `ValueError`, which begins with `name`, if it is not an image."""
+    """Return `image` as float32 `[height, width, channels]`.
+
+    Raises `ValueError`, which begins with `name`, if it is not an image.
+    """
     # Imported here, since it loads OpenImageIO, which `import softras2d.plot` does not need.
     from ..io.images import as_pixels
 
@@ -77,9 +80,9 @@ def checked_image(name: str, image: Any) -> np.ndarray:
 
 
 def fit_pixels(axes: Axes, height: int, width: int) -> str:
-    """matplotlib's interpolation for an image of this size in `axes`.
+    """Choose matplotlib's interpolation for an image of this size, in pixels, in `axes`.
 
-    It is `"nearest"` if `axes` has at least one dot for each pixel, else `"auto"`.
+    Returns `"nearest"` if a pixel has one dot of the screen, or 1.5 or more; else `"auto"`.
     """
     box = axes.get_window_extent()
     dots = min(box.width / width, box.height / height)
@@ -112,14 +115,17 @@ def _draw(axes: Axes, pixels: np.ndarray, extent: tuple[int, int, int, int]) -> 
 
 
 def _checkerboard(height: int, width: int) -> np.ndarray:
-    """A checkerboard of two light greys, with about 24 fields along the longer side."""
+    """Make a checkerboard `[rows, columns]` of two greys, with about 24 fields on the longer side.
+
+    `height` and `width` are the size of the image behind which it is shown.
+    """
     field = max(height, width) / 24
     rows, columns = (max(1, round(side / field)) for side in (height, width))
     return np.asarray(_CHECKERBOARD_GREYS)[np.indices((rows, columns)).sum(0) % 2]
 
 
 def _draw_grid(axes: Axes, top: int, left: int, height: int, width: int) -> None:
-    """Draw lines between the pixels of a rectangle."""
+    """Draw lines between the pixels of a rectangle, given in pixels of the image."""
     import_pyplot()
     from matplotlib.collections import LineCollection
 
@@ -156,7 +162,10 @@ def _checked_inset(
 def _draw_inset(
     axes: Axes, pixels: np.ndarray, region: tuple[int, int, int, int], zoom: int | float, grid: bool
 ) -> None:
-    """Draw the region (top, left, height, width), enlarged, in the corner farthest from it."""
+    """Draw a region of the image, enlarged, in the corner of the axes that is farthest from it.
+
+    `region` is (top, left, height, width) in pixels; `grid` as in `show`.
+    """
     height, width = pixels.shape[:2]
     top, left, tall, wide = region
     zoom = min(zoom, _MAX_INSET * height / tall, _MAX_INSET * width / wide)

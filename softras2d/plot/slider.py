@@ -1,4 +1,4 @@
-"""Shows an image that depends on a value, for fixed values and, in a notebook, with a slider."""
+"""`explore`: show how an image depends on a value, in a figure and with a slider in notebooks."""
 
 # pyright: reportMissingImports=false
 
@@ -20,14 +20,14 @@ def explore(
 
     - `draw`: function from a value to an image, floats `[height, width, channels]` in sRGB, 0..1,
       of 1, 3 or 4 channels.
-    - `values`: the values that the slider offers. Images are drawn when they are chosen.
-    - `name`: what the value is, for titles and for the slider.
-    - `static`: the values whose images are drawn at once, in one figure.
+    - `values`: the values that the slider offers. An image is drawn when its value is chosen.
+    - `name`: name of the value, for titles and for the slider.
+    - `static`: the values whose images are drawn at once, side by side in one figure.
 
     The slider appears if ipywidgets is installed and a front end shows the notebook (Jupyter, VS
     Code, Colab), but not if the notebook is executed without one, for example by nbconvert. Returns
-    the static figure. Raises `ValueError`, one line, for no `values`, no `static`, or if `draw`
-    returns something that is not an image.
+    the figure of `static`. Raises `ValueError`, with a message of one line, for no `values`, no
+    `static`, or if `draw` returns something that is not an image.
     """
     if not len(values) or not len(static):
         raise ValueError("`values` and `static` must hold at least one value each.")
@@ -43,12 +43,13 @@ def _value_text(value: Any) -> str:
 
 
 def _has_front_end() -> bool:
-    """Whether this is a notebook that a front end shows, rather than one that nbconvert runs."""
+    """Whether this code runs in a notebook that a front end shows, and not under nbconvert."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython else None
     if shell is None or not hasattr(shell, "kernel"):
         return False
-    # Jupyter's server sets the variable for its kernels; VS Code defines the name in them.
+    # Jupyter's server sets this environment variable for its kernels; VS Code defines this name in
+    # the kernel.
     return (
         "JPY_SESSION_NAME" in os.environ
         or "__vsc_ipynb_file__" in shell.user_ns
@@ -66,7 +67,7 @@ def _display_slider(draw: Callable[[Any], Any], values: Sequence[Any], name: str
 
 
 def slider(draw: Callable[[Any], Any], values: Sequence[Any], name: str) -> Any:
-    """Make a widget: a slider over `values`, and the image that `draw` returns for the value."""
+    """Make a widget of a slider over `values`, and the image of the chosen value below it."""
     import ipywidgets
 
     options = [(_value_text(value), value) for value in values]
@@ -88,7 +89,7 @@ def slider(draw: Callable[[Any], Any], values: Sequence[Any], name: str) -> Any:
 
 
 def _png(image: Any) -> bytes:
-    """A PNG file of the image as `show` draws it."""
+    """Encode an image, as `show` draws it, as a PNG file."""
     pyplot = import_pyplot()
     with pyplot.ioff():
         figure: Any = show(image).figure

@@ -34,8 +34,8 @@ def film_strip(
     - `columns`: number of images in a row, at least 1; by default as many as fit, at most 6.
     - `figure`: matplotlib figure to draw into; by default a new one.
 
-    Returns the figure. Raises `ValueError`, one line, for no frames, a frame that is not an image,
-    another number of titles, and `columns` below 1.
+    Returns the figure. Raises `ValueError`, with a message of one line, for no frames, a frame that
+    is not an image, another number of titles, and `columns` below 1.
     """
     images = [checked_image(f"frame {number}", frame) for number, frame in enumerate(frames)]
     if not images:
@@ -66,10 +66,10 @@ def pyramid(
     """Show the mip levels of one texture, from the finest to the coarsest.
 
     - `textures`: the textures of a scene.
-    - `index`: number of the texture, 0 to `textures.count - 1`.
+    - `index`: index of the texture, 0 to `textures.count - 1`.
     - `figure`: matplotlib figure to draw into; by default a new one.
 
-    All levels are enlarged to one size; titles give their width x height in texels. Returns the
+    All levels are drawn at the same size; titles give their width x height in texels. Returns the
     figure. Raises `ValueError` for an `index` outside its range.
     """
     if not 0 <= index < textures.count:
@@ -99,9 +99,9 @@ def animate(
       a generator.
     - `seconds_per_frame`: time of each frame, 0.02 to 655.35 seconds, rounded to 1/100 s.
 
-    Returns the path. Raises `ValueError`, one line, as `softras2d.io.animation.write_animation`
-    does: for another suffix, no frames, frames of unequal shape, NaN and infinity, and a time
-    outside its range.
+    Returns the path. Raises `ValueError`, with a message of one line, as
+    `softras2d.io.animation.write_animation` does: for another suffix, no frames, frames of unequal
+    shape, NaN and infinity, and a time outside its range.
     """
     from ..io.animation import write_animation
 

@@ -1,4 +1,4 @@
-"""Shows visibility buffers: which triangle each pixel shows, and where on that triangle it lies."""
+"""`buffers`: show visibility buffers, such as triangle indices, weights and depth, as images."""
 
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -10,18 +10,18 @@ from .palette import BACKGROUND, id_colors
 from .strip import film_strip
 
 _GREYS = (0.1, 1.0)
-"""Greys of the farthest and of the nearest depth."""
+"""Grey levels, 0..1, of the farthest and of the nearest depth."""
 
 
 @runtime_checkable
 class Buffers(Protocol):
-    """Visibility buffers, such as those of `rasterize`, that `buffers` can plot.
+    """Visibility buffers that `buffers` can plot, such as the result of `rasterize`.
 
-    - `triangle`: `[height, width, samples]`, the number of the triangle that each sample shows, or
+    - `triangle`: `[height, width, samples]`, the index of the triangle that each sample shows, or
       -1 where it shows the background.
     - `barycentric`: `[height, width, samples, 3]`, weights of the triangle's corners.
     - `depth`: `[height, width, samples]`, or None if the scene has none.
-    - `coverage`: `[height, width]`, the part of the pixel that triangles cover.
+    - `coverage`: `[height, width]`, the fraction of the pixel that triangles cover, 0..1.
 
     An optional field `overdraw`, `[height, width, samples]` or None, is the number of triangles
     that cover each sample.
@@ -50,15 +50,15 @@ class _Panel(NamedTuple):
 def buffers(visible: Buffers, *, figure: AnyFigure | None = None) -> AnyFigure:
     """Show visibility buffers side by side; each pixel is the mean over its samples.
 
-    - `visible`: has the arrays `triangle`, `barycentric`, `depth` (or None) and `coverage`, and
-      perhaps `overdraw`.
+    - `visible`: the result of `rasterize` with one layer, or any object with the fields of
+      `Buffers`.
     - `figure`: matplotlib figure to draw into; by default a new one.
 
-    The panels are: numbers of triangles, in colours that differ most between neighbouring numbers;
+    The panels are: triangle indices, in colours that differ clearly between neighbouring indices;
     barycentric weights of the corners 0, 1 and 2 as red, green and blue; depth, where nearer is
-    lighter and nothing is shown for the background; coverage, from black to white; and overdraw,
-    from black to yellow. Returns the figure. Raises `ValueError`, one line, for arrays whose shapes
-    do not fit.
+    lighter and the background is transparent; coverage, from black to white; and overdraw, from
+    black to yellow. Returns the figure. Raises `ValueError`, with a message of one line, for arrays
+    whose shapes do not fit.
     """
     import_pyplot()
     ids = id_colors(visible.triangle)
@@ -85,7 +85,7 @@ def buffers(visible: Buffers, *, figure: AnyFigure | None = None) -> AnyFigure:
 
 
 def _checked(name: str, value: Any, shape: tuple[int, ...]) -> Float32[np.ndarray, "*shape"]:
-    """`value` as float32. Raises `ValueError` if it has another shape."""
+    """Return `value` as float32. Raises `ValueError`, which names it, if it has another shape."""
     array = np.asarray(value)
     if array.shape != shape:
         raise ValueError(f"`{name}` must be {list(shape)}, as `triangle`; got {list(array.shape)}.")
@@ -96,8 +96,8 @@ def _weight_colors(
     weights: Float[np.ndarray, "height width samples 3"],
     is_covered: Bool[np.ndarray, "height width samples"],
 ) -> Float[np.ndarray, "height width 3"]:
-    """Barycentric weights as RGB, and the background as in `id_colors`."""
-    # Samples of the background may hold any value, even NaN.
+    """Convert barycentric weights to RGB, averaged over samples; the background is light grey."""
+    # Samples of the background may have any value, even NaN.
     colors = np.where(is_covered[..., None], np.nan_to_num(weights), np.float32(BACKGROUND))
     return np.clip(colors, 0, 1).mean(axis=2)
 
@@ -106,7 +106,7 @@ def _depth_panel(
     depth: Float[np.ndarray, "height width samples"],
     is_covered: Bool[np.ndarray, "height width samples"],
 ) -> _Panel:
-    """Depth as grey, with the part of a pixel that is covered as alpha."""
+    """Make the panel of depth: mean depth as grey, and the covered fraction of a pixel as alpha."""
     is_known = is_covered & np.isfinite(depth)
     count = is_known.sum(axis=2)
     alpha = count / is_known.shape[2]
@@ -124,8 +124,8 @@ def _depth_panel(
 
 
 def _overdraw_panel(overdraw: Float[np.ndarray, "height width samples"]) -> _Panel:
-    """Mean overdraw of the samples, in a colour map that begins with black."""
-    # Negative numbers stand for overdraw that is not known.
+    """Make the panel of the mean overdraw of each pixel, in a colour map that begins with black."""
+    # Overdraw of -1 is not known, as the scene outgrew its plan.
     mean = np.maximum(overdraw, 0).mean(axis=2)
     largest = float(mean.max())
     colors = import_pyplot().colormaps["inferno"](mean / (largest or 1.0))

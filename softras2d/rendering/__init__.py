@@ -1,1 +1,1 @@
-"""This stage joins all others: it makes an image from a scene and its plan."""
+"""Rendering runs the stages of the pipeline in order: from a scene and a plan to an image."""

@@ -1,4 +1,9 @@
-"""The pipeline of analytic coverage: soft coverage and exact area."""
+"""The pipeline of analytic coverage: soft coverage and exact area.
+
+Work is done for each *slot*, which is one triangle in the list of one tile, at all pixels of the
+tile. A *chunk* is a few slots of the same tile, nearest first (`binning.lists`). Some slots of the
+last chunks are empty.
+"""
 
 import abc
 import functools
@@ -33,14 +38,15 @@ from .pixel_layers import PixelLayers, Slots, topmost_layers
 from .tile_lists import chunks_for_plan, list_for_plan
 
 _FARTHEST = 2.0**30
-"""Pixels at which far corners are clamped, so that their squares stay finite."""
+"""Largest absolute coordinate of a corner, in pixels. Corners farther out are clamped to it, so
+that squares of coordinates stay finite."""
 
 
 class PixelFunctions(NamedTuple):
-    """Functions that a mode evaluates at the pixels of each slot.
+    """Functions that a mode evaluates for the triangle of each slot at each pixel of its tile.
 
     - `coverage`: the fraction of a pixel that the triangle covers.
-    - `weights`: the weights of corners 1 and 2 in the pixel.
+    - `weights`: the barycentric weights of corners 1 and 2 in the pixel.
     """
 
     coverage: AnalyticCoverage
@@ -48,7 +54,10 @@ class PixelFunctions(NamedTuple):
 
 
 class SlotGeometry(NamedTuple):
-    """Data that the pixels of a slot share: for the coverage function, and for the weights."""
+    """Quantities of each slot's triangle that all pixels of its tile share.
+
+    - `coverage`, `weights`: the geometry that each function of `PixelFunctions` takes.
+    """
 
     coverage: Any
     weights: Any
@@ -57,7 +66,9 @@ class SlotGeometry(NamedTuple):
 class _CoveredSlots(NamedTuple):
     """Coverage of the pixels of each slot, with the inputs of shading and of derivatives.
 
-    - `corners`: x and y of each corner of each slot's triangle in turn.
+    - `corners`: x and y of corner 0, then of corners 1 and 2, of each slot's triangle, in pixels.
+    - `lines`: edge lines of each slot's triangle.
+    - `needs`: length of each list that the scene needed.
     """
 
     coverage: Float[Array, "slots pixels"]
@@ -73,21 +84,27 @@ class _CoveredSlots(NamedTuple):
 class AnalyticMode(CoverageMode):
     """Analytic coverage: a smooth function of the corners, evaluated at each pixel.
 
-    A member says which functions of the pixels it evaluates, how far a triangle reaches, and how
+    A subclass says which functions it evaluates at the pixels, how far a triangle reaches, and how
     triangles are composited.
     """
 
     @abc.abstractmethod
     def reach(self, coverage: Any, max_width: float | None) -> float:
-        """Distance, in pixels, that coverage extends beyond the edges of a triangle."""
+        """Distance, in pixels, by which coverage extends beyond the edges of a triangle.
+
+        `max_width`: as in `CoverageMode.prepare`.
+        """
 
     @abc.abstractmethod
     def pixel_functions(self, coverage: Any, tile_side: int) -> PixelFunctions:
-        """Coverage and weights in square tiles of `tile_side` pixels along a side."""
+        """The coverage and weight functions for square tiles of `tile_side` pixels a side."""
 
     @abc.abstractmethod
     def parameter(self, coverage: Any, dtype: Any) -> Array:
-        """The parameter of the coverage function, as an array."""
+        """The number on which the coverage function depends besides the corners, as a scalar array.
+
+        For `Soft` it is the width of edges, in pixels; for `Area` it is 0, and unused.
+        """
 
     @abc.abstractmethod
     def slot_geometry(
@@ -98,14 +115,17 @@ class AnalyticMode(CoverageMode):
         lines: TriangleLines,
         tile_side: int,
     ) -> SlotGeometry:
-        """Compute the geometry of slots that both functions take.
+        """Compute the geometry that the coverage and weight functions take.
 
-        `corners`: x and y of each corner in turn; `tile`: the first pixel of each slot's tile;
-        `lines`: the edges of each slot's triangle.
+        - `corners`: x and y of corner 0, then of corners 1 and 2, of each slot's triangle, in
+          pixels.
+        - `tile`: column and row of the first pixel of each slot's tile.
+        - `lines`: edge lines of each slot's triangle.
+        - `tile_side`: pixels along a side of a tile.
         """
 
     def is_sum(self, coverage: Any) -> bool:
-        """Whether signed areas are added, so that no triangle hides another."""
+        """Whether signed areas are added, not composited, so that no triangle hides another."""
         return False
 
     def composite(
@@ -116,7 +136,11 @@ class AnalyticMode(CoverageMode):
         chunks: Chunks,
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
-        """Composite the layers of each pixel to premultiplied RGBA."""
+        """Composite the slots of each tile to premultiplied RGBA, without the background.
+
+        - `triangles`: all triangles of the scene, for their areas and orientations.
+        - `max_chunks`: upper bound on the number of chunks of a tile.
+        """
         opacity, color, _ = shaded
         if isinstance(color, CornerColors):
             return interpolated_over.composite(opacity, color, chunks, max_chunks=max_chunks)
@@ -129,7 +153,10 @@ class AnalyticMode(CoverageMode):
         growth: Growth,
         tile_side: int | None = None,
     ) -> Listing:
-        """Square tiles of the side of least work, unless it is given."""
+        """Choose square tiles, of the side of least work unless `tile_side` is given.
+
+        In the worst case, where positions are unknown, the side is `SIDES[0]`.
+        """
         coverage, grid = drawings[0].coverage, drawings[0].grid
         is_varying = any(varies(drawing.scene) for drawing in drawings)
         headroom = VARYING_HEADROOM if is_varying else ANALYTIC_HEADROOM
@@ -148,7 +175,7 @@ class AnalyticMode(CoverageMode):
         return Listing(tiling, headroom, unused, count, side)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
-        """Composite the layers of each pixel: list tiles, compute coverage, shade, composite."""
+        """Draw a premultiplied image: list tiles, compute coverage, shade, composite."""
         covered = self._cover(scene, plan)
         triangles, chunks = covered.triangles, covered.chunks
         attributes = _triangle_attributes(scene, triangles, plan)
@@ -168,7 +195,10 @@ class AnalyticMode(CoverageMode):
         return Drawn(image, covered.needs)
 
     def find_layers(self, scene: Scene, plan: Plan, layers: int) -> tuple[PixelLayers, Needs]:
-        """Find the topmost triangles of each pixel, with their coverage and weights."""
+        """Find the `layers` topmost triangles of each pixel, with their coverage and weights.
+
+        Also returns the length of each list that the scene needed.
+        """
         covered = self._cover(scene, plan)
         orientation = covered.triangles.orientation[covered.chunks.triangle.reshape(-1)]
         no_parameter = jnp.zeros((), covered.coverage.dtype)
@@ -194,7 +224,7 @@ class AnalyticMode(CoverageMode):
         return PixelLayers(*layer_arrays, scene, plan), covered.needs
 
     def _cover(self, scene: Scene, plan: Plan) -> _CoveredSlots:
-        """List the triangles of every tile, and evaluate their coverage."""
+        """List the triangles of every tile, and evaluate their coverage at the tile's pixels."""
         coverage, tiling = plan.coverage, plan.tiling
         corners = materialized(corners_of)(scene.positions, scene.triangles, plan.origin)
         functions = self.pixel_functions(coverage, tiling.width)
@@ -240,7 +270,7 @@ def _host_corners(drawing: Drawing) -> np.ndarray:
 def _to_image(
     layers: Float[Array, "4 tiles pixels"], background: Float[Array, " channels"], tiling: Tiling
 ) -> Float[Array, "height width channels"]:
-    """Composite the tiles over the background, and join them to an image."""
+    """Composite premultiplied tiles over a premultiplied background, and join them to an image."""
     channels = background.shape[0]
     # Channel by channel: the transpose then has no sum over an axis.
     clear = 1.0 - layers[3]
@@ -254,12 +284,15 @@ def _to_image(
 def _slot_corners(
     corners: Float[Array, "triangles 3 2"], triangles: ReachedTriangles, chunks: Chunks
 ) -> Float[Array, "6 slots"]:
-    """Gather x and y of each corner of each slot's triangle in turn, in positive orientation."""
+    """Gather the corners of each slot's triangle in positive orientation, in pixels.
+
+    The rows are x and y of corner 0, then of corner 1 and of corner 2.
+    """
     triangle = chunks.triangle.reshape(-1)
     clamped = jnp.where(triangles.finite[:, None, None], corners, 0.0)
     clamped = jnp.clip(clamped, -_FARTHEST, _FARTHEST)
     x, y = (reorient(clamped[:, :, axis].T, triangles.orientation)[:, triangle] for axis in (0, 1))
-    # An empty slot gets a triangle without area, out of reach of all pixels.
+    # An empty slot gets a triangle of zero area that is out of reach of all pixels.
     filled = chunks.filled.reshape(-1)
     coordinates = [x[0], y[0], x[1], y[1], x[2], y[2]]
     return jnp.stack([jnp.where(filled, entry, -_FARTHEST) for entry in coordinates])
@@ -295,12 +328,16 @@ def add_signed(
     *,
     max_chunks: int,
 ) -> Float[Array, "4 tiles pixels"]:
-    """Sum areas times colours, with the sign of each triangle's orientation.
+    """Sum colours times areas to premultiplied RGBA, with the sign of each triangle's orientation.
 
-    A triangle whose orientation is opposite to that of the sum of all areas is subtracted.
+    A triangle is subtracted if the sign of its area differs from the sign of the sum of all signed
+    areas.
+
+    - `opacity`: covered area times alpha; `colors`: straight RGB.
+    - `max_chunks`: upper bound on the number of chunks of a tile.
     """
     total_area = jnp.sum(triangles.area)
-    # A triangle without area may have either sign, but not 0: it would never get a gradient.
+    # A triangle of zero area may have either sign, but not 0: it would never get a gradient.
     is_like_total = (triangles.orientation < 0) == (total_area < 0)
     sign = jnp.where(is_like_total, 1.0, -1.0).astype(opacity.dtype)
     return jnp.stack(

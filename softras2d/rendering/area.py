@@ -1,4 +1,4 @@
-"""Exact area as a mode: the area of the intersection of each triangle and pixel."""
+"""The coverage mode `Area`: the exact area of the intersection of each triangle and pixel."""
 
 import functools
 from typing import Any, ClassVar
@@ -19,7 +19,7 @@ from .analytic import AnalyticMode, PixelFunctions, SlotGeometry, add_signed
 
 
 class AreaMode(AnalyticMode):
-    """Exact area, the mode of `Area`."""
+    """The mode that draws `Area` coverage."""
 
     effects = SCENE_EFFECTS | {"exact area"}
     missing: ClassVar[dict[str, str]] = {
@@ -27,11 +27,11 @@ class AreaMode(AnalyticMode):
     }
 
     def reach(self, coverage: Area, max_width: float | None) -> float:
-        """Half the diagonal of a pixel."""
+        """Half the diagonal of a pixel: if its centre is farther away, no triangle touches it."""
         return REACH
 
     def pixel_functions(self, coverage: Area, tile_side: int) -> PixelFunctions:
-        """Coverage is the area, and weights are those at its centroid."""
+        """Coverage is the area of the triangle inside a pixel; weights are at its centroid."""
         return PixelFunctions(AreaCoverage(tile_side), CentroidWeights(tile_side))
 
     def parameter(self, coverage: Area, dtype: Any) -> Array:
@@ -39,7 +39,7 @@ class AreaMode(AnalyticMode):
         return jnp.zeros((), dtype)
 
     def is_sum(self, coverage: Area) -> bool:
-        """Whether signed areas are added."""
+        """Whether signed areas are added, for `Area("sum")`, instead of composited."""
         return coverage.compositing == "sum"
 
     def slot_geometry(
@@ -50,7 +50,7 @@ class AreaMode(AnalyticMode):
         lines: TriangleLines,
         tile_side: int,
     ) -> SlotGeometry:
-        """Clip the outline for areas; centroids take the edge lines too."""
+        """Clip the outline to the rows of the tile for both; centroids take the edge lines too."""
         clip = functools.partial(clip_outline, side=tile_side, signed=self.is_sum(coverage))
         outline = materialized(clip)(corners, tile, lines)
         return SlotGeometry(outline, AreaGeometry(outline, lines))
@@ -63,10 +63,10 @@ class AreaMode(AnalyticMode):
         chunks: Chunks,
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
-        """Composite in draw order, or add signed areas."""
+        """Composite in draw order, or add signed areas for `Area("sum")`."""
         if not self.is_sum(coverage):
             return super().composite(coverage, shaded, triangles, chunks, max_chunks)
         opacity, color, _ = shaded
-        # Colours are left to "over" alone.
+        # `draw` interpolates colours before compositing, unless they are composited with "over".
         assert not isinstance(color, CornerColors)
         return add_signed(opacity, color, triangles, chunks, max_chunks=max_chunks)

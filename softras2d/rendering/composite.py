@@ -1,4 +1,4 @@
-"""`composite`: from values of several layers to an image, front to back."""
+"""`composite`: composite given colours of several layers to an image, front to back."""
 
 from typing import Any
 
@@ -21,18 +21,19 @@ def composite(
     - `values`: RGB, or RGB and straight alpha, of each layer: an array of the shape of
       `visible.triangle` with a last axis of 3 or 4 channels, or a function `shade(triangle,
       barycentric)` from `[n]` and `[n, 3]` to `[n, 3 or 4]`.
-    - `background`: RGB or straight RGBA; that of the scene by default. The image has as many
-      channels.
+    - `background`: RGB or straight RGBA; the scene's background by default. The image has as many
+      channels, and straight alpha.
 
-    With enough layers for the deepest pixel, and the scene's own colours, the image is that of
-    `render`, but for `Soft` with depth and `Area("sum")`, which are not composited in draw order.
-    Under `Hard`, as many layers are enough as the largest value of `visible.overdraw`.
+    With the scene's own colours, and enough layers to hold every triangle of each pixel, the image
+    is the one that `render` draws. Exceptions are `Soft` with depth and `Area("sum")`, which
+    `render` does not composite in draw order. Under `Hard`, the largest value of `visible.overdraw`
+    is enough layers.
 
-    The gradient is that of `render` too. Under `Hard` it has a boundary term by `scene.positions`
-    and `scene.depth`, for the given colours on both sides of each edge, unless the plan is for
-    `Hard(edge_gradients=False)`. A function is also evaluated where no sample is covered, as for
-    `resolve`. An array says nothing of colours there, so triangles that lie between two samples
-    have no boundary term. Raises `ValueError` for other shapes.
+    The gradient then equals the gradient of `render` too. Under `Hard` it has a boundary term with
+    respect to `scene.positions` and `scene.depth`, from the given colours on both sides of each
+    edge, unless the plan is for `Hard(edge_gradients=False)`. A function is also evaluated where no
+    sample is covered, as for `resolve`. An array has no colours there, so triangles that lie
+    between two samples have no boundary term. Raises `ValueError` for other shapes.
 
     **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
     """
@@ -70,7 +71,10 @@ def _over(
     coverage: Float[Array, "*samples layers"],
     behind: Float[Array, " channels"],
 ) -> Float[Array, "*samples channels"]:
-    """Composite layers over a background; both it and the result are premultiplied."""
+    """Composite layers of straight RGB or RGBA over a premultiplied background `behind`.
+
+    Layers are nearest first. The result is premultiplied.
+    """
     if values.shape[-1] == 3:
         values = jnp.concatenate([values, jnp.ones_like(values[..., :1])], -1)
     # Unused layers have coverage 0, but 0 * NaN is NaN.
@@ -89,15 +93,19 @@ def _over(
 def _shade_layers(
     shade: Any, triangle: Int[Array, "*samples layers"], weights: Float[Array, "*samples layers 3"]
 ) -> Float[Array, "*samples layers channels"]:
-    """Call the function for every layer; unused ones are shaded at the centre of triangle 0."""
-    # Weights of 0 would be NaN in a function that normalizes what it interpolates.
+    """Shade every layer; an unused layer, of triangle -1, is shaded at the centre of triangle 0."""
+    # With weights of 0, a function that normalizes what it interpolates would return NaN.
     weights = jnp.where((triangle < 0)[..., None], 1.0 / 3.0, weights.reshape(*triangle.shape, 3))
     values = shade(jnp.maximum(triangle.reshape(-1), 0), weights.reshape(-1, 3))
     return values.reshape(*triangle.shape, -1)
 
 
 def _layers(visible: Visibility | PixelLayers) -> tuple[Array, Array]:
-    """Triangle and coverage of each layer, along the last axis."""
+    """Triangle index and coverage of each layer, with the layers along the last axis.
+
+    In `PixelLayers`, coverage is a fraction of the pixel. At a sample it is 1, or 0 where the layer
+    is unused.
+    """
     triangle = visible.triangle
     if isinstance(visible, PixelLayers):
         return triangle, visible.coverage

@@ -1,8 +1,8 @@
 """Barycentric weights at samples, computed as interpolated colours.
 
-The corners of each triangle get the colours (1, 0, 0), (0, 1, 0) and (0, 0, 1), so that the colour
-of a sample is its three weights. They then have the derivative of any interpolated attribute, the
-interior term.
+The corners of each triangle get the colours (1, 0, 0), (0, 1, 0) and (0, 0, 1), so that the
+interpolated colour at a sample consists of the weights of the three corners. The weights then have
+the same derivative as any interpolated attribute: the interior term.
 """
 
 import equinox as eqx
@@ -24,9 +24,10 @@ from .projected_scene import Projected, project_scene
 
 
 def with_unit_corners(scene: Scene, *, perspective: bool = True) -> Scene:
-    """The scene with unit vectors as the colours of its corners, and without textures.
+    """Return the scene with unit vectors as the colours of its corners, and without textures.
 
-    Without `perspective`, `inverse_w` is left out, so that the weights are affine on the screen.
+    Corner k gets 1 in channel k. If `perspective` is false, `inverse_w` is left out, so that the
+    weights are affine on the screen.
     """
     shape = (scene.triangles.shape[0], 3, 3)
     colors = jnp.broadcast_to(jnp.eye(3, dtype=scene.positions.dtype), shape)
@@ -42,9 +43,10 @@ def with_unit_corners(scene: Scene, *, perspective: bool = True) -> Scene:
 def weights_at(
     surface: Surface, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
 ) -> Float[Array, "3 lines runs"]:
-    """Weights of the corners of triangles at samples; 0 where `triangle` is -1.
+    """Barycentric weights of triangles at samples; 0 where `triangle` is -1.
 
-    `surface` is that of `with_unit_corners`.
+    `surface` must belong to a scene that `with_unit_corners` returned. The weights are in the order
+    of `scene.triangles`.
     """
     background = jnp.zeros(3, surface.corners.color.dtype)
     return color_at(surface, background, triangle, sample, tiling, flat=False)
@@ -53,10 +55,11 @@ def weights_at(
 def buffer_weights(
     projected: Projected, triangle: Int[Array, "lines runs"], sample: Sample, plan: Plan
 ) -> Float[Array, "3 lines runs"]:
-    """Weights of the corners where each sample of a buffer is shaded; 0 where `triangle` is -1.
+    """Barycentric weights at the point where each sample is shaded; 0 where `triangle` is -1.
 
-    This is the sample itself, or with shading by pixel the one point of its pixel at which the
-    triangle is shaded. `projected` is of `with_unit_corners`.
+    The point is the sample itself under `Hard(shading="sample")`. Under `Hard(shading="pixel")` it
+    is the one point of the sample's pixel at which the triangle is shaded. `projected` must belong
+    to a scene that `with_unit_corners` returned.
     """
     surface, tiling = projected.surface, plan.tiling
     if plan.hard.shading == "sample":
@@ -78,11 +81,18 @@ def uv_change(
     weights: Float[Array, "n 3"],
     uv: Float[Array, "triangles 3 2"],
 ) -> Float[Array, "n 2 2"]:
-    """Change of (u, v) for a step of one pixel along x and along y, at points of triangles."""
+    """Change of (u, v) for a step of one pixel along x and along y, at points of triangles.
+
+    - `triangle`: the triangle of each point; -1 counts as 0.
+    - `weights`: barycentric weights of each point.
+    - `uv`: texture coordinates of the corners, in the order of `scene.triangles`.
+
+    Entry `[n, i, j]` of the result is the change of coordinate i along axis j.
+    """
     surface = project_scene(with_unit_corners(scene), plan).surface
     triangle = jnp.maximum(triangle, 0)
     lanes = surface_lanes(surface, triangle, jnp.zeros_like(triangle), plan.tiling)
-    # Unit vectors tell how the corners of each triangle were reoriented.
+    # The unit vector of a reoriented corner says which corner of the scene it is.
     unit, inverse_w = lanes.corners.color, lanes.corners.inverse_w
     reoriented = jnp.einsum("kcn,ncd->kdn", unit, uv[triangle])
     corners = CornerAttributes(unit, inverse_w, reoriented)
@@ -90,7 +100,8 @@ def uv_change(
     if inverse_w is not None and scene.inverse_w is not None:
         is_corner = jax.lax.stop_gradient(unit)
         given_w = scene.inverse_w[scene.triangles[triangle]]
-        # The weights contain the motion of the corners already, and so does `inverse_w`.
+        # `weights` and `inverse_w` already have the derivative with respect to positions. The unit
+        # vectors have it too, and would count it twice.
         scaled = jnp.einsum("kcn,nc->kn", is_corner, weights / given_w) * inverse_w
         point = (
             (scaled[0], scaled[1], scaled[2]),

@@ -1,6 +1,6 @@
-"""Costs of each effect of a scene: its program compared with the program without the effect.
+"""Cost of each effect of a scene: the program that draws it, compared with one without the effect.
 
-Time is measured. Memory, operations and traffic are what the compiler reports of its program.
+Time is measured. Memory, operations and traffic are estimates that the compiler reports.
 """
 
 import statistics
@@ -36,10 +36,11 @@ class Price(NamedTuple):
 def price_effects(
     scene: Scene, plan: Plan, *, repeats: int = 9
 ) -> Iterator[tuple[str | None, Price, Price]]:
-    """Yield the prices of the scene with and without each of its effects.
+    """Yield each effect of the scene, with the price of a render with and without the effect.
 
-    The first row is for None: both prices are of the complete scene. The two renders of a row are
-    measured in turns, `repeats` times. Each row compiles a program, which takes seconds.
+    The first row has None for the effect, and both of its prices are of the complete scene. The two
+    renders of a row are measured in turns, `repeats` times. Each row compiles a program, which
+    takes seconds.
     """
     complete = _Program(scene, plan)
     price = complete.price(_median(complete.run, repeats))
@@ -53,7 +54,8 @@ def price_effects(
 def without(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
     """Remove one effect from a scene; returns the simpler scene and its plan.
 
-    Its image is another one; it is for comparing costs.
+    The simpler scene has a different image: it is for comparing costs only. Raises `ValueError` if
+    there is no effect of this name.
     """
     if effect not in EFFECTS:
         raise ValueError(f"`effect` must be one of {', '.join(EFFECTS)}; got {effect!r}.")
@@ -83,7 +85,7 @@ class _Program:
         jax.block_until_ready(self.compiled(*self.arguments))
 
     def price(self, seconds: float) -> Price:
-        """The measured time, with the costs that the compiler reports; zeros if it reports none."""
+        """A price of the measured seconds and the compiler's estimates, 0 where it has none."""
         program = self.compiled.compiled
         analysis = program.cost_analysis() or {}
         usage = program.memory_analysis()
@@ -98,14 +100,14 @@ class _Program:
 
 
 def _seconds(run: Callable[[], None]) -> float:
-    """Seconds that a call takes."""
+    """Time of one call, in seconds."""
     start = time.perf_counter()
     run()
     return time.perf_counter() - start
 
 
 def _median(run: Callable[[], None], repeats: int) -> float:
-    """Median seconds of a call, after one that is not measured."""
+    """Median time of `repeats` calls, in seconds, after one call that is not measured."""
     run()
     return statistics.median(_seconds(run) for _ in range(repeats))
 
@@ -113,7 +115,10 @@ def _median(run: Callable[[], None], repeats: int) -> float:
 def _medians(
     first: Callable[[], None], second: Callable[[], None], repeats: int
 ) -> tuple[float, float]:
-    """Median seconds of two functions that are called in turns."""
+    """Median times, in seconds, of two functions that are called in turns, `repeats` times.
+
+    The second one is called once before, unmeasured.
+    """
     second()
     pairs = [(_seconds(first), _seconds(second)) for _ in range(repeats)]
     return statistics.median(a for a, _ in pairs), statistics.median(b for _, b in pairs)

@@ -1,9 +1,9 @@
 """The interface of a coverage mode: how one kind of coverage is planned and drawn.
 
 `modes.MODES` maps each option that a caller may choose to its mode. To add a mode, write its option
-in `options.py` and its class in a file of this folder (a smooth function of the corners: on
-`analytic.AnalyticMode`), and put both into `MODES`. The effects that a plan reports for it are
-rows of `effects.EFFECTS`, which the class names in `effects`.
+in `options.py` and its class in a file of this folder, and put both into `MODES`. A mode whose
+coverage is a smooth function of the corners derives from `analytic.AnalyticMode`. The class names
+in `effects` the rows of `effects.EFFECTS` that a plan may report for it.
 """
 
 import abc
@@ -22,10 +22,10 @@ from ..scene import Scene
 
 
 class Layout(NamedTuple):
-    """Capacities and tiling that a plan takes from concrete scenes.
+    """Capacities and tile size of a plan.
 
-    - `capacity`: lengths of the lists.
-    - `tile_side`: pixels along a square tile; 0 for the tiling of sampled coverage.
+    - `capacity`: maximum length of each list.
+    - `tile_side`: pixels along a side of a square tile; 0 for the tiling of sampled coverage.
     - `lists_all`: whether every tile lists every triangle.
     """
 
@@ -35,11 +35,13 @@ class Layout(NamedTuple):
 
 
 class Listing(NamedTuple):
-    """Inputs of the layout of the lists besides the scenes.
+    """How the triangles of some scenes are listed: the input from which `layout` sizes the lists.
 
-    - `unused`: names of the lists of `Capacity` that the scenes never need.
-    - `count`: counts the lists of a drawing of a concrete scene.
-    - `side`: pixels along a square tile; 0 under sampled coverage.
+    - `tiling`: tiles of the canvas.
+    - `headroom`: rule by which capacities follow from the list lengths that scenes need.
+    - `unused`: fields of `Capacity` whose lists the scenes never need.
+    - `count`: function that counts the entries of each list for a drawing of a concrete scene.
+    - `side`: pixels along a side of a square tile; 0 under sampled coverage.
     """
 
     tiling: Tiling
@@ -52,8 +54,9 @@ class Listing(NamedTuple):
 class Growth(NamedTuple):
     """Margin by which later scenes may exceed the scenes that a plan is made for.
 
-    - `factor`: every list may become this many times as long.
-    - `is_worst_case`: whether the triangles may be anywhere and of any size.
+    - `factor`: every list may become this many times as long, 1 or more.
+    - `is_worst_case`: whether the triangles may be anywhere and of any size; `factor` is then
+      ignored.
     """
 
     factor: float = 1.0
@@ -61,11 +64,13 @@ class Growth(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """A premultiplied image, and whether the plan was large enough for it.
+    """An image, and what shows whether the plan was large enough for it.
 
-    - `needs`: the capacities that the scene needed.
-    - `leaves_guard_band`: whether a triangle reaches past the guard band, which the plan did not
-      foresee.
+    - `image`: premultiplied as `CoverageMode.draw` returns it; `render` then divides by alpha.
+    - `needs`: length of each list that the scene needed; triangles are missing from the image if
+      one exceeds its capacity.
+    - `leaves_guard_band`: whether a triangle reaches past the guard band although the plan does not
+      cut triangles there; the image is then wrong.
     """
 
     image: Float[Array, "height width channels"]
@@ -77,17 +82,19 @@ class CoverageMode(abc.ABC):
     """How one kind of coverage is planned and drawn.
 
     - `effects`: names of the rows of `effects.EFFECTS` that this mode draws.
-    - `missing`: for each effect of a scene that it cannot draw, one line that says what to do.
+    - `missing`: for the name of each effect that this mode cannot draw, the one-line error message,
+      which says what to do instead.
     """
 
     effects: frozenset[str]
     missing: dict[str, str]
 
     def prepare(self, coverage: Any, max_width: float | None) -> Coverage:
-        """Turn numbers of an option into arrays, whose values may change without compiling.
+        """Check an option, and turn its numbers into arrays, which may change without recompiling.
 
-        Raises `ValueError` for values that the option cannot have. By default an option has no
-        array leaves, and refuses `max_width`.
+        `max_width` is the argument of `plan`: the largest `Soft.width` to allow for, in pixels.
+        Returns the new option. Raises `ValueError` for values that the option cannot have. By
+        default an option has no numbers to turn into arrays, and refuses `max_width`.
         """
         if max_width is not None:
             raise ValueError("`max_width` is for Soft coverage.")
@@ -109,14 +116,15 @@ class CoverageMode(abc.ABC):
     ) -> Listing:
         """Choose tiling and headroom for drawings of one canvas size, and how to count their lists.
 
-        `tile_side`: pixels along a tile under analytic coverage; unless given, the side of least
-        work. In the worst case only the shapes of the scenes are known; otherwise they are
-        concrete.
+        - `drawings`: scenes of concrete arrays; with `growth.is_worst_case` only of array shapes.
+        - `max_width`: largest `Soft.width` to allow for, in pixels; None for the option's width.
+        - `tile_side`: pixels along a side of a tile under analytic coverage; by default the side of
+          least work.
         """
 
     @abc.abstractmethod
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
-        """Draw a scene of at least one triangle; `background` is premultiplied.
+        """Draw a scene of at least one triangle over a premultiplied background.
 
-        Pure, for use under any JAX transformation.
+        Implementations are pure functions, for use under any JAX transformation.
         """

@@ -18,8 +18,9 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: int) -> PixelLayers:
     - `layers`: how many triangles to keep at each pixel, in reverse draw order. A triangle may be
       left out in a tile that an opaque triangle in front of it covers completely.
 
-    Pure: use it under `jit` and `vmap`. A scene that outgrows its plan is treated as in `render`.
-    Raises `ValueError` for another coverage, and for fewer layers than one.
+    `pixel_layers` is pure: use it under `jit` and `vmap`. A scene that outgrows its plan raises an
+    error as in `render`, or makes `coverage` and its derivatives NaN. Raises `ValueError` for a
+    plan with `Hard` coverage, and if `layers` is less than 1.
     """
     pixel_layers_mode_of(plan.coverage)  # Raises the error for other coverages.
     if not isinstance(layers, int) or layers < 1:
@@ -37,5 +38,5 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: int) -> PixelLayers:
 
 @eqx.filter_jit
 def _find_pixel_layers(scene: Scene, plan: Plan, layers: int) -> tuple[PixelLayers, Needs]:
-    """Compute the layers in one program."""
+    """Find the layers, and the length of each list that the scene needed, in one program."""
     return pixel_layers_mode_of(plan.coverage).find_layers(scene, plan, layers)

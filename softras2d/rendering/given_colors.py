@@ -1,4 +1,7 @@
-"""Colours that a caller gives for the boundary term: as a function, or as arrays of samples."""
+"""Colours that a caller of `resolve` or `composite` gives: a function, or arrays of samples.
+
+The boundary term compares them on both sides of each edge.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -19,16 +22,19 @@ from .corner_weights import weights_at
 from .sample_grid import number_of
 
 Shade = Callable[[Int[Array, " n"], Float[Array, "n 3"]], Float[Array, "n channels"]]
-"""From triangle indices and the weights of their corners to values, each row by itself."""
+"""A function from triangle indices and barycentric weights to values. Each row of the result
+depends on the same row of the arguments alone."""
 
 
 class ShadedColors(SampleColors):
-    """The values of a function of triangle and weights.
+    """Values that a given function computes from triangle and barycentric weights.
 
-    The function may close over traced values, which a rule of differentiation must not. So its
-    program is kept, and what it closes over is passed as `constants`.
+    The function may close over traced values, which a rule of differentiation must not. So the
+    function is traced once, and the values that it closes over are kept as arrays.
 
-    - `surface`: that of `corner_weights.with_unit_corners`.
+    - `surface`: data of a scene made by `corner_weights.with_unit_corners`.
+    - `constants`: the values that the function closes over.
+    - `program`: the traced function, a jaxpr without these values.
     """
 
     background: Float[Array, " channels"]
@@ -40,7 +46,7 @@ class ShadedColors(SampleColors):
     def of(
         cls, shade: Shade, surface: Surface, background: Float[Array, " channels"]
     ) -> "ShadedColors":
-        """Keep the program of `shade`."""
+        """Trace `shade`, and separate its program from the values that it closes over."""
         example = jnp.zeros(1, jnp.int32), jnp.zeros((1, 3), background.dtype)
         closed = jax.make_jaxpr(shade)(*example)
         constants = jax.lax.stop_gradient(list(closed.consts))
@@ -49,13 +55,13 @@ class ShadedColors(SampleColors):
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """The values at the sample, whether the triangle shows there or not."""
+        """Values of triangles at samples, visible there or not; the background for -1."""
         weights = weights_at(self.surface, triangle, sample, tiling)
         values = self._shade(jnp.maximum(triangle, 0), weights)
         return jnp.where((triangle < 0)[None], self.background[:, None, None], values)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """The values on the edge."""
+        """Value of each edge's own triangle where it crosses a line of samples."""
         weights = color_on_edge(self.surface, crossings.edge, crossings.t, tiling, flat=False)
         triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.t.shape)
         return self._shade(triangle, weights)
@@ -73,11 +79,12 @@ class ShadedColors(SampleColors):
 
 
 class ArrayColors(SampleColors):
-    """Values at all samples, `[height * width * samples, channels]`.
+    """Values that are given for all samples, `[height * width * samples, channels]`.
 
-    They say nothing of colours that no sample shows. Edges next to such a colour count as
-    invisible: those of triangles between two samples, of strips between two triangles, and those
-    between the border of the canvas and the sample next to it.
+    The values of triangles are known only at samples where they show. An edge next to a triangle
+    that no sample shows counts as invisible. Such are the edges of triangles that lie between two
+    samples, of strips that show between two triangles but at no sample, and edges between the
+    border of the canvas and the sample next to it.
     """
 
     background: Float[Array, " channels"]
@@ -87,26 +94,27 @@ class ArrayColors(SampleColors):
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """Value of each sample, whatever triangle shows there."""
+        """Value given for each sample, whatever triangle shows there; the background for -1."""
         values = jnp.moveaxis(self.values[number_of(sample, self.grid)], -1, 0)
         return jnp.where((triangle < 0)[None], self.background[:, None, None], values)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """Value of the sample inside each edge."""
+        """Value given for the sample next to each crossing, on the inside of the edge."""
         return jnp.moveaxis(self.values[number_of(crossings.inside, self.grid)], -1, 0)
 
     def are_known(
         self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
     ) -> Bool[Array, "lines runs"]:
-        """Whether both sides of each crossing are visible at their samples."""
+        """Whether the samples on both sides of each crossing show what is on that side."""
         return shows_inside & shows_outside
 
 
 class LayerArrayColors(SampleColors):
-    """Values of the layers at all samples; those of triangles that are no layer are 0.
+    """Values that are given for the layers of all samples, `height * width * samples` of them.
 
-    - `values`: of all samples, that is `height * width * samples`.
-    - `triangle`: that of each layer, -1 beyond the last.
+    At a sample where a triangle is not one of the layers, its value is 0.
+
+    - `triangle`: the triangle of each layer, -1 for unused layers.
     """
 
     background: Float[Array, " channels"]
@@ -117,19 +125,19 @@ class LayerArrayColors(SampleColors):
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """Value of the layer of each sample that is the triangle."""
+        """Value of the layer that has this triangle at each sample; 0 if no layer has it."""
         number = number_of(sample, self.grid)
         is_layer = (self.triangle[number] == triangle[..., None]) & (triangle >= 0)[..., None]
         values = jnp.where(is_layer[..., None], self.values[number], 0.0)
         return jnp.moveaxis(jnp.sum(values, -2), -1, 0)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """Value of the edge's triangle at the sample inside."""
+        """Value of the edge's own triangle at the sample on the inside of the edge."""
         triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.t.shape)
         return self.at(triangle, crossings.inside, tiling)
 
     def are_known(
         self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
     ) -> Bool[Array, "lines runs"]:
-        """Whether the edge's triangle is a layer at the sample inside."""
+        """Whether the edge's own triangle covers the sample inside, so that it may be a layer."""
         return shows_inside & shows_outside

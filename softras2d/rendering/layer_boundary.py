@@ -18,8 +18,9 @@ from .visibility import Visibility
 from .visible_samples import BinnedScene, bin_scene, listed_words
 
 _SHORT_LIST = 1024
-"""Length up to which any list of a tile is taken, whatever the plan says. The masks of its layers
-take 128 bytes per sample, as much as the colours of eight layers do."""
+"""Number of triangles in a tile's list that the boundary term can always hold, whatever the plan
+says. Its masks take one bit per triangle and sample, and thus at most 128 bytes per sample, as much
+as the colours of eight layers."""
 
 
 def layer_boundary(
@@ -28,13 +29,18 @@ def layer_boundary(
     layer_triangles: Int[Array, "height width samples layers"],
     background: Float[Array, " channels"],
 ) -> tuple[Float[Array, "height width channels"], Bool[Array, ""]]:
-    """Compute zeros whose derivative is the boundary term of the premultiplied image.
+    """Return an image of zeros whose derivative is the boundary term of the premultiplied image.
 
-    `values` is the function or the array that `composite` was given; `background` is premultiplied.
-    Also returns whether a list is longer than the boundary term can hold.
+    - `values`: the function or the array that `composite` was given.
+    - `layer_triangles`: the triangle of each layer, -1 for unused layers.
+    - `background`: premultiplied.
+
+    Also returns whether a tile's list is longer than the boundary term can hold; triangles are then
+    missing from the derivative.
     """
     scene, plan = with_unit_corners(visible.scene), visible.plan
-    # Colours of the caller may be translucent where the scene's are opaque.
+    # Hidden triangles are listed too: the caller's colours may be translucent where the scene's
+    # are opaque.
     binned = bin_scene(scene, plan, list_hidden=True)
     projected = binned.projected
     count = scene.triangles.shape[0]
@@ -56,7 +62,7 @@ def layer_boundary(
 def _given_colors(
     visible: Visibility, values: Any, layer_triangles: Array, projected: Projected
 ) -> SampleColors:
-    """The caller's colours, where the boundary term asks for them."""
+    """Return the caller's function or array as the colours that the boundary term compares."""
     dtype = visible.scene.positions.dtype
     if isinstance(values, Array):
         *_, layers, channels = values.shape
@@ -70,7 +76,8 @@ def _given_colors(
 
     def shade_finite(triangle: Int[Array, " n"], weights: Float[Array, "n 3"]) -> Array:
         shaded = values(triangle, weights)
-        # Lanes without a layer are shaded far outside their triangles, and 0 * NaN is NaN.
+        # The colour is also computed, and then multiplied by 0, for points far outside the
+        # triangle. There it may be NaN, and 0 * NaN is NaN.
         return jnp.where(jnp.isfinite(shaded), shaded, 0.0)
 
     example = jnp.zeros(1, jnp.int32), jnp.full((1, 3), 1.0 / 3.0, dtype)
@@ -79,13 +86,16 @@ def _given_colors(
 
 
 def _outgrows(binned: BinnedScene, visible: Visibility, max_list_length: int) -> Bool[Array, ""]:
-    """Whether a list with the hidden triangles is too long; raises an error as `rasterize` does."""
+    """Whether some tile's list, with hidden triangles, exceeds `max_list_length`.
+
+    Raises an error in that case as `rasterize` does.
+    """
     plan, count = visible.plan, visible.scene.triangles.shape[0]
     if plan.lists_all or max_list_length >= count:
         return jnp.zeros((), bool)
     capacity = plan.capacity_of(count)
     longest_list = jnp.max(binned.lists.count)
-    # Lists that the masks hold count as no longer than the plan's.
+    # Lists that the masks can hold are no overflow, even if they are longer than the plan allows.
     needed = jnp.where(longest_list > max_list_length, longest_list, 0)
     needs = Needs(max_chunks=-(-needed // max(capacity.layers, 1)))
     return raise_on_overflow(compare(needs, False, plan), plan)

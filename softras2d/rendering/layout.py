@@ -1,4 +1,4 @@
-"""Choose the layout of the tile lists of a plan, for every coverage mode."""
+"""Choose capacities and tile size of a plan from scenes, for every coverage mode."""
 
 import math
 from collections.abc import Sequence
@@ -18,8 +18,10 @@ from .coverage_mode import Growth, Layout, Listing
 def choose_layout(drawings: Sequence[Drawing], listing: Listing, growth: Growth) -> Layout:
     """Choose a layout for the drawings, and for others that exceed them by `growth`.
 
-    Every tile lists every triangle in the worst case, and also if this takes no more slots than the
-    smallest plan has.
+    Every tile lists every triangle in the worst case. It also does so for few triangles on few
+    tiles, where the slots number at most `Headroom.list_all_slots`: that costs less than making
+    lists. Raises `ValueError` if the worst case has more than `MOST_PAIRS` pairs of a triangle and
+    a tile.
     """
     tiling, headroom = listing.tiling, listing.headroom
     triangles = max(count_triangles(drawing.scene) for drawing in drawings)
@@ -36,7 +38,11 @@ def choose_layout(drawings: Sequence[Drawing], listing: Listing, growth: Growth)
 
 
 def layout_of_all(triangles: int, listing: Listing) -> Layout:
-    """The layout in which every tile lists all of this many triangles."""
+    """Layout in which every tile lists every triangle of a scene.
+
+    The number of triangles is rounded up to a power of two. Lists in `listing.unused` get no
+    capacity.
+    """
     capacity = worst_case(next_power(triangles), listing.tiling)
     capacity = capacity._replace(**dict.fromkeys(listing.unused, 0))
     return Layout(capacity, listing.side, lists_all=True)
@@ -45,9 +51,12 @@ def layout_of_all(triangles: int, listing: Listing) -> Layout:
 def layout_for(
     counts: Sequence[Counts], triangles: int, listing: Listing, *, layers: int | None = None
 ) -> Layout:
-    """Choose a layout for the largest of the counted lists of scenes of up to `triangles`.
+    """Choose a layout in which each list is long enough for every counted scene.
 
-    `layers`: slots of a chunk; unless given, the number of least cost.
+    - `counts`: the list lengths that each scene needs.
+    - `triangles`: largest number of triangles in a scene; no capacity exceeds what the size class
+      of this number can need.
+    - `layers`: number of slots in a chunk; by default the number of least cost.
     """
     tiling = listing.tiling
     capacity = choose_capacity(
@@ -61,7 +70,10 @@ def layout_for(
 
 
 def count_triangles(scene: Scene) -> int:
-    """Number of triangles, without those appended by `pad` where values are known."""
+    """Number of triangles of a scene, without those that `pad` appended, but at least 1.
+
+    If only the shapes of the arrays are known, appended triangles are counted too.
+    """
     if isinstance(scene.triangles, jax.ShapeDtypeStruct):
         return scene.triangles.shape[0]
     triangles = np.asarray(scene.triangles)

@@ -1,4 +1,4 @@
-"""Which entries of its tile's list cover each sample: the nearest few of them, or their number."""
+"""Search tile lists for the triangles that cover each sample: the nearest few, or their number."""
 
 from typing import NamedTuple
 
@@ -14,17 +14,21 @@ from ..numerics.fusion_barrier import materialized
 
 
 class ListedSamples(NamedTuple):
-    """The lists of all tiles, and the coverage words of each listed pair."""
+    """The lists of all tiles, and the samples that each listed triangle covers in its tile.
+
+    - `words`: for each pair of a triangle and a tile, one word of 32 samples per row of samples.
+    """
 
     lists: TileLists
     words: UInt32[Array, "pairs rows"]
 
 
 class _Entries(NamedTuple):
-    """The list of each sample's tile, and where the sample is in a pair's coverage words.
+    """The list of each sample's tile, and the position of the sample in the coverage words.
 
     - `start`, `count`: first entry and length of the list.
-    - `word_index`, `bit`: as in `address`.
+    - `word_index`, `bit`: index of the sample's word among the words of a pair, and of its bit in
+      the word.
     """
 
     start: Int[Array, "*samples"]
@@ -36,7 +40,10 @@ class _Entries(NamedTuple):
 def nearest_layers(
     listed: ListedSamples, sample: Sample, tiling: Tiling, *, layers: int
 ) -> Int[Array, "*samples layers"]:
-    """The first few triangles in the list of each sample that cover it; -1 beyond the last."""
+    """Find the `layers` nearest triangles that cover each sample, nearest first.
+
+    Returns triangle indices, with -1 where fewer triangles cover the sample.
+    """
     entries = _locate(listed.lists, sample, tiling)
     layer = jnp.arange(layers, dtype=jnp.int32)
 
@@ -56,7 +63,7 @@ def nearest_layers(
 
 
 def count_covering(listed: ListedSamples, sample: Sample, tiling: Tiling) -> Int[Array, "*samples"]:
-    """Number of triangles in the list of each sample that cover it."""
+    """Number of triangles in the list of each sample's tile that cover the sample."""
     entries = _locate(listed.lists, sample, tiling)
 
     @materialized
@@ -67,7 +74,7 @@ def count_covering(listed: ListedSamples, sample: Sample, tiling: Tiling) -> Int
 
 
 def _locate(lists: TileLists, sample: Sample, tiling: Tiling) -> _Entries:
-    """Find the list of each sample's tile."""
+    """Find the list of each sample's tile, and the sample's position in coverage words."""
     tile, word_index, bit = address(sample, tiling)
     return _Entries(lists.start[tile], lists.count[tile], word_index, bit)
 
@@ -75,7 +82,11 @@ def _locate(lists: TileLists, sample: Sample, tiling: Tiling) -> _Entries:
 def _read(
     listed: ListedSamples, entries: _Entries, position: Int[Array, ""]
 ) -> tuple[Int[Array, "*samples"], Bool[Array, "*samples"]]:
-    """The pair at a position of each list, and whether it covers the sample."""
+    """Read one position, counted from 0, in the list of each sample's tile.
+
+    Returns the index of the entry, and whether its triangle covers the sample. This is false at
+    positions past the end of a list.
+    """
     words = listed.words
     pair = jnp.clip(entries.start + position, 0, words.shape[0] - 1)
     word = words.reshape(-1).at[pair * words.shape[1] + entries.word_index].get(mode="clip")

@@ -17,7 +17,7 @@ MODES: dict[type[Coverage], CoverageMode] = {
 
 
 def mode_of(coverage: Any) -> CoverageMode:
-    """The mode of an option; `ValueError` for anything else."""
+    """Return the mode that draws a coverage option; raise `ValueError` for any other value."""
     for option, mode in MODES.items():
         if isinstance(coverage, option):
             return mode
@@ -27,7 +27,7 @@ def mode_of(coverage: Any) -> CoverageMode:
 
 
 def pixel_layers_mode_of(coverage: Coverage) -> AnalyticMode:
-    """The mode of an option that has pixel layers; `ValueError` for an option without."""
+    """Return the mode of `Soft` or `Area`, which have pixel layers; `ValueError` for `Hard`."""
     mode = mode_of(coverage)
     if not isinstance(mode, AnalyticMode):
         raise ValueError(

@@ -43,8 +43,9 @@ class Outcome(NamedTuple):
     """Whether a plan was large enough for a scene.
 
     - `needs`: length of each list that the scene needed.
-    - `leaves_guard_band`: whether a triangle reaches past the guard band, unforeseen by the plan.
-    - `overflow`: whether the scene outgrew the plan in any way.
+    - `leaves_guard_band`: whether a triangle reaches past the guard band although the plan does not
+      cut triangles there.
+    - `overflow`: whether a list was too short or `leaves_guard_band` is true.
     """
 
     needs: Needs
@@ -53,7 +54,10 @@ class Outcome(NamedTuple):
 
 
 def compare(needs: Needs, leaves_guard_band: Any, plan: Plan) -> Outcome:
-    """Compare what a scene needed with the capacities of its plan."""
+    """Compare the list lengths that a scene needed with the capacities of its plan.
+
+    A plan that lists every triangle for every tile has no list that can be too short.
+    """
     overflow = jnp.asarray(leaves_guard_band)
     if not plan.lists_all:
         for need, capacity in zip(needs, plan.capacity, strict=True):
@@ -84,20 +88,21 @@ def overflow_message(outcome: Outcome, plan: Plan) -> str:
 def refuse_overflow(
     image: Float[Array, "height width channels"], scene: Any, outcome: Outcome, plan: Plan
 ) -> Float[Array, "height width channels"]:
-    """Return `image`, or do what `plan.on_overflow` says when the program runs.
+    """Return `image`; on overflow return NaN, or raise an error, as `plan.on_overflow` says.
 
-    On overflow the image is also NaN everywhere, and so is its derivative with respect to every
-    float of `scene`, forwards and backwards, whatever the loss is. Without overflow neither the
-    image nor any derivative changes by a bit.
+    On overflow the image is NaN everywhere, and so is its derivative with respect to every float of
+    `scene`, forwards and backwards, whatever the loss is. Without overflow neither the image nor
+    any derivative changes by a bit.
     """
     return nan_on_overflow(image, scene, raise_on_overflow(outcome, plan))
 
 
 def raise_on_overflow(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
-    """Whether the scene outgrew its plan.
+    """Raise an error if the scene outgrew its plan; return whether it did.
 
-    Raises `ValueError` if it did and values are known; under a trace the compiled program raises,
-    if `plan.on_overflow` says so.
+    Raises `ValueError` at once if values are known. Under a trace the compiled program raises it
+    when it runs, if `plan.on_overflow` is `"raise"`; otherwise the caller must use the flag. For a
+    plan that cannot be outgrown, the flag is false.
     """
     if plan.cannot_be_outgrown:
         return jnp.zeros((), bool)
@@ -111,7 +116,10 @@ def raise_on_overflow(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
 
 
 def nan_on_overflow(image: Array, scene: Any, overflow: Bool[Array, ""]) -> Array:
-    """The image unchanged; on overflow NaN, with NaN derivatives by each float of `scene`."""
+    """Return `image`; on overflow NaN, with NaN derivatives by every float of `scene`.
+
+    The derivatives are NaN even if the image is not computed from that float.
+    """
     floats = [leaf for leaf in jax.tree.leaves(scene) if eqx.is_inexact_array(leaf)]
     return _nan_if(image, floats, overflow)
 
@@ -119,11 +127,13 @@ def nan_on_overflow(image: Array, scene: Any, overflow: Bool[Array, ""]) -> Arra
 def _raise_if_any(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
     """Raise on the host, when the program runs, if any scene of a batch outgrew its plan.
 
-    Returns false otherwise. The callback raises an ordinary `ValueError`, whose last line says all;
-    `equinox.error_if` cannot name numbers that are known only then.
+    Returns false otherwise. The callback raises an ordinary `ValueError`, whose last line is the
+    complete message. `equinox.error_if` could not name the counts, which are known only when the
+    program runs.
     """
     outcome = jax.lax.stop_gradient(outcome)
-    # One comparison for a batch: under `jax.vmap` each scene would call the host every time.
+    # The largest needs of the batch are compared once: under `jax.vmap` the condition would
+    # otherwise become a selection, and each scene would call the host every time.
     worst = jax.tree.map(lambda value: greatest_of_batch(jnp.asarray(value, jnp.int32)), outcome)
 
     def raise_error(*values: Any) -> np.ndarray:
@@ -142,7 +152,7 @@ def _raise_if_any(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
 
 @jax.custom_jvp
 def _nan_if(image: Array, floats: list[Array], overflow: Array) -> Array:
-    """The image, or NaN on overflow; `floats` are the arrays that then have NaN derivatives."""
+    """Return the image, or NaN on overflow, with NaN derivatives by the arrays `floats`."""
     return jnp.where(overflow, jnp.nan, image)
 
 
@@ -163,12 +173,12 @@ _nan_if.defjvp(_nan_if_jvp, symbolic_zeros=True)
 
 
 def _nan_if_overflow(overflow: Array, x: Array) -> Array:
-    """The values `x`, or NaN on overflow: a linear map in `x` that is its own transpose."""
+    """Return `x`, or NaN on overflow: a linear map of `x` that is its own transpose."""
     return jnp.where(overflow, jnp.nan, x)
 
 
 def _leaf_to_image_maps(image: Array, leaf: Array) -> tuple[Any, Any]:
-    """The linear map from a tangent of `leaf` to one of `image`, and its transpose.
+    """Make the linear map from a tangent of `leaf` to a tangent of `image`, and its transpose.
 
     Both return NaN everywhere on overflow, and otherwise zeros.
     """
@@ -179,5 +189,8 @@ def _leaf_to_image_maps(image: Array, leaf: Array) -> tuple[Any, Any]:
 
 
 def _filled(overflow: Array, x: Array, shape: tuple[int, ...], dtype: Any) -> Array:
-    """An array of NaN on overflow, else of zeros; linear maps pass `x`, which is ignored."""
+    """Return an array of NaN on overflow, else of zeros.
+
+    `x` is ignored: it is here because `linear_map` passes the values to be mapped.
+    """
     return jnp.broadcast_to(jnp.where(overflow, jnp.nan, 0.0).astype(dtype), shape)

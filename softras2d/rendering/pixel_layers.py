@@ -1,4 +1,4 @@
-"""The topmost triangles of each pixel under analytic coverage, with coverage and weights."""
+"""`PixelLayers`: the topmost triangles of each pixel under analytic coverage."""
 
 from typing import Any, NamedTuple
 
@@ -17,13 +17,14 @@ from ..scene import Scene
 class PixelLayers(eqx.Module):
     """The topmost triangles of each pixel, made by `pixel_layers`.
 
-    Layers are in reverse draw order, topmost first; unused ones have the triangle -1 and no
-    coverage.
+    Layers are in reverse draw order, topmost first. Unused layers have the triangle -1, and
+    coverage and weights of 0.
 
     - `triangle`: index of the triangle.
-    - `coverage`: fraction of the pixel that it covers, differentiable by `scene.positions`.
-    - `barycentric`: weights of the corners in the pixel, in the order of `scene.triangles`;
-      perspective-correct if the scene has `inverse_w`, and differentiable.
+    - `coverage`: fraction of the pixel that the triangle covers, 0..1, differentiable with respect
+      to `scene.positions`.
+    - `barycentric`: weights of the corners in the pixel, in the order of `scene.triangles`. They
+      are perspective-correct if the scene has `inverse_w`, and differentiable.
     - `scene`, `plan`: the arguments of `pixel_layers`.
     """
 
@@ -46,7 +47,11 @@ class Slots(NamedTuple):
 
 
 def topmost_layers(slots: Slots, tiling: Tiling, layers: int) -> tuple[Array, Array, Array]:
-    """Triangle, coverage and weights of the first few slots that cover each pixel."""
+    """Find the first `layers` slots with coverage above 0 at each pixel.
+
+    Returns their triangles `[height, width, layers]`, coverage, and weights, whose last axis counts
+    corners. Unused layers have the triangle -1, and coverage and weights of 0.
+    """
     slot = _first_slots(slots.coverage, slots.chunks, layers)
     pixels = slots.coverage.shape[1]
     is_used = slot >= 0
@@ -64,7 +69,7 @@ def topmost_layers(slots: Slots, tiling: Tiling, layers: int) -> tuple[Array, Ar
 def _first_slots(
     coverage: Float[Array, "slots pixels"], chunks: Chunks, layers: int
 ) -> Int[Array, "tiles pixels layers"]:
-    """Find the first slots of each tile that cover some of a pixel; -1 beyond the last."""
+    """Find the first `layers` slots that cover some of each pixel; -1 where there are fewer."""
     coverage = jax.lax.stop_gradient(coverage)
     per_chunk, tiles = chunks.triangle.shape[1], chunks.count.shape[0]
     layer = jnp.arange(layers, dtype=jnp.int32)[None, None]

@@ -43,25 +43,26 @@ def plan(
     - `height`, `width`: size of the canvas in pixels, 1..16384.
     - `coverage`: `Hard()` unless given.
     - `filter`: how textures are sampled; `Filter()` unless given.
-    - `origin`: the pixel (x, y) of the scene at the canvas's upper left; an array leaf, so that
-      another one does not recompile.
-    - `max_width`: the largest `Soft.width` that the plan is to be used with, that of `coverage`
-      unless given. The width is an array leaf: another one does not recompile.
-    - `grid_bits`: vertices are snapped to multiples of 2^-grid_bits pixel in hard mode; by default
-      the finest grid that fits the canvas. To draw a canvas in pieces, use the same value for all,
-      that of the whole canvas (`plan.grid.bits`) if it can be planned. Samples then equal those of
-      the whole image, to the bit, except within two grid units of an edge cut at the guard band,
-      which reaches as far as the grid allows if `grid_bits` is given. `plan_tiles` plans pieces.
-    - `capacity`: how many triangles a tile can list. "scene": as the scenes need, with a sixteenth
-      to spare. "worst_case": all of them, so that no positions outgrow the plan; its cost is that
-      of triangles which all cover the canvas (`print(plan)`). It looks at shapes only, so that
-      scenes may be traced, or have `jax.ShapeDtypeStruct` leaves. Scenes of a few triangles on a
-      small canvas always have it, as it costs nothing there.
-    - `headroom`: how many times as long as the scenes need all lists may become, 1 or more: 2 for
-      triangles that double their area, or twice as many of them in one place.
+    - `origin`: the pixel (x, y) of the scene at the canvas's upper left. It is an array leaf of the
+      plan: changing it does not recompile.
+    - `max_width`: the largest `Soft.width`, in pixels, that the plan is to be used with; by default
+      the width of `coverage`. The width is an array leaf too: changing it does not recompile.
+    - `grid_bits`: under `Hard`, vertices are snapped to multiples of 2^-grid_bits pixel; by default
+      to the finest grid that fits the canvas. To draw a canvas in pieces, use one value for all of
+      them: `plan.grid.bits` of the whole canvas, if that can be planned. Samples then equal the
+      samples of the whole image, to the bit, except within two grid units of an edge that is cut at
+      the guard band. If `grid_bits` is given, this band reaches as far as the grid allows.
+      `plan_tiles` plans all pieces of a canvas.
+    - `capacity`: how many triangles a tile can list. "scene": as many as the scenes need, and at
+      least a sixteenth more. "worst_case": all triangles, so that no positions outgrow the plan. A
+      render then costs as much as if every triangle covered the whole canvas (see `print(plan)`).
+      It looks at shapes only, so that scenes may be traced, or have `jax.ShapeDtypeStruct` leaves.
+      Scenes of few triangles on a small canvas always get it, as it costs nothing there.
+    - `headroom`: factor, 1 or more, by which every list may become longer than the scenes need: 2
+      allows for triangles of twice the area, or for twice as many triangles in the same region.
     - `on_overflow`: what a compiled program does with a scene that outgrows the plan. "raise": it
-      raises an error, by a call to the host. "nan": image and derivatives are NaN, without a call,
-      so that JAX can also keep the program in its persistent cache.
+      raises an error, by a call to the host. "nan": it makes image and derivatives NaN, without a
+      call, so that JAX can also keep the program in its persistent cache.
 
     Raises `ValueError` for invalid values (NaN, infinity, alpha outside 0..1, an index out of
     range), and for effects that the coverage does not draw.
@@ -110,10 +111,10 @@ def plan_for(
 ) -> Plan:
     """Plan for any scene of up to `triangles` triangles, before there is one.
 
-    The plan has `capacity="worst_case"`: no positions outgrow it, in scenes with any effects that
-    the coverage draws. Scenes of more triangles work too, at a cost that `print(plan)` does not
-    show. The other arguments are those of `plan`. Raises `ValueError` for invalid arguments, and if
-    the worst case is too large to be drawn.
+    The plan has `capacity="worst_case"`: no positions outgrow it. A scene may have any effects that
+    the coverage draws. Scenes of more triangles work too, but `print(plan)` shows the cost for
+    `triangles` only. The other arguments are as in `plan`. Raises `ValueError` for invalid
+    arguments, and if the worst case is too large to be drawn.
     """
     if not isinstance(triangles, int) or triangles < 1:
         raise ValueError(f"`triangles` must be an integer of 1 or more; got {triangles!r}.")
@@ -141,7 +142,7 @@ def _blank(triangles: int) -> Scene:
 
 
 def _checked_growth(capacity: PlanCapacity, headroom: float) -> Growth:
-    """The growth that a caller asked for, or `ValueError`."""
+    """Check the arguments `capacity` and `headroom` of `plan`, and return them as a growth."""
     check_name("capacity", capacity, PlanCapacity)
     if not (isinstance(headroom, int | float) and 1 <= headroom < math.inf):
         raise ValueError(f"`headroom` must be a number of 1 or more; got {headroom!r}.")
@@ -149,7 +150,10 @@ def _checked_growth(capacity: PlanCapacity, headroom: float) -> Growth:
 
 
 def effects_of(drawings: Sequence[Drawing], mode: CoverageMode, growth: Growth) -> tuple[str, ...]:
-    """Names of the effects that some drawing has and the mode draws."""
+    """Names of the effects that some drawing has and the mode draws.
+
+    In the worst case, cutting at the guard band is always one of them, if the mode can do it.
+    """
     return tuple(
         name
         for name, effect in EFFECTS.items()
@@ -164,7 +168,10 @@ def effects_of(drawings: Sequence[Drawing], mode: CoverageMode, growth: Growth) 
 
 
 def _scene_list(scene: Scene | Sequence[Scene]) -> list[Scene]:
-    """The concrete scenes that were given, with batches taken apart."""
+    """Return the given scenes as a list, with each batch split into its scenes.
+
+    Raises `ValueError` if they are traced, or if there is none.
+    """
     if is_traced(scene):
         raise ValueError("`plan` needs concrete scenes: make the plan outside jit, vmap and grad.")
     given = [scene] if isinstance(scene, Scene) else scene
@@ -175,7 +182,10 @@ def _scene_list(scene: Scene | Sequence[Scene]) -> list[Scene]:
 
 
 def _shapes(scene: Scene | Sequence[Scene]) -> list[Scene]:
-    """One scene of `jax.ShapeDtypeStruct` leaves for each given scene or batch."""
+    """Return one scene of `jax.ShapeDtypeStruct` leaves for each given scene or batch.
+
+    Scenes whose values are known are checked; raises `ValueError` for invalid ones.
+    """
     given = [scene] if isinstance(scene, Scene) else scene
     if not given:
         raise ValueError("`scene` must be a scene or several; got an empty list.")
@@ -194,7 +204,7 @@ def _shape_of(leaf: Any, batched: bool) -> jax.ShapeDtypeStruct:
 
 
 def _unstack(scene: Scene) -> list[Scene]:
-    """The scenes of a batch, or the scene itself."""
+    """Return the scenes of a batch, as host arrays, or a list of the scene itself."""
     if scene.positions.ndim == 2:
         return [scene]
     if scene.triangles.ndim != 3 or scene.colors.ndim != 4 or scene.background.ndim != 2:
@@ -205,7 +215,7 @@ def _unstack(scene: Scene) -> list[Scene]:
 
 
 def checked_origin(origin: Any) -> np.ndarray:
-    """`origin` as two int32, or `ValueError`."""
+    """Return `origin`, (x, y), as two int32; `ValueError` unless it is two integers in range."""
     pixel = np.asarray(origin)
     is_pair = pixel.shape == (2,) and pixel.dtype.kind in "iuf" and (np.abs(pixel) <= 2**30).all()
     if not is_pair or (pixel != np.round(pixel)).any():
@@ -214,9 +224,10 @@ def checked_origin(origin: Any) -> np.ndarray:
 
 
 def checked_filter(filter: Filter | None) -> Filter:
-    """The filter with its bias as an array leaf, so that another bias does not recompile.
+    """Return the filter with its bias as an array leaf, so that another bias does not recompile.
 
-    None is the default. Raises `ValueError` for anything that is not a filter.
+    None stands for the default filter. Raises `ValueError` for anything that is not a filter, or
+    whose bias is not one finite number.
     """
     filter = Filter() if filter is None else filter
     if not isinstance(filter, Filter):

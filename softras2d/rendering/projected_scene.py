@@ -26,15 +26,16 @@ from ..shading.surface import Surface, surface_of
 
 
 class Projected(NamedTuple):
-    """The scene on the sample grid; all triangles are in positive orientation.
+    """The triangles of a scene on the sample grid, reoriented to positive orientation.
 
-    - `edges`, `bounds`: edge functions of each triangle, and the samples that bound it.
-    - `outlines`: input of the boundary term; None without derivatives by positions.
+    - `edges`: edge functions of each triangle.
+    - `bounds`: the samples in the bounding box of each triangle.
+    - `outlines`: input of the boundary term; None if `Hard.edge_gradients` is off.
     - `surface`: input of shading.
-    - `depths`: input of the depth test; None without depth.
-    - `is_occluder`: whether nothing shows through each triangle.
-    - `leaves_guard_band`: whether a triangle reaches past the guard band, and the plan has no
-      program for that.
+    - `depths`: input of the depth test; None if the scene has no depth.
+    - `is_occluder`: whether nothing shows through each triangle. With depth it is false for all.
+    - `leaves_guard_band`: whether a triangle reaches past the guard band although the plan does not
+      cut triangles there.
     """
 
     edges: Edges
@@ -49,7 +50,7 @@ class Projected(NamedTuple):
 def project_scene(scene: Scene, plan: Plan) -> Projected:
     """Snap the triangles to the sample grid, and set up their edges, surface and depths."""
     grid = plan.grid
-    # Positions get their derivative from `boundary_term` and `attach_interior_term`, or none.
+    # The derivative by positions comes from `boundary_term` and `attach_interior_term` alone.
     projection = project(
         jax.lax.stop_gradient(scene.positions),
         scene.triangles,
@@ -84,8 +85,9 @@ def _outlines(
     triangles: Int[Array, "triangles 3"],
     grid: Grid,
 ) -> Outlines:
-    """The edges of all triangles, and the lines of samples that they cross."""
-    # Separate programs: an image needs only the number of crossings, for its capacity.
+    """Gather the edges of all triangles, and the lines of samples that they cross."""
+    # The lines are computed in separate programs: an image without its derivative needs only their
+    # number, to compare with the capacity for crossings.
     sides, vertex = materialized(_reoriented_sides)(corners.high, segments, triangles)
     first, count = (
         materialized(lambda segments, which=which: lines_crossed(segments, grid)[which])(segments)
@@ -99,7 +101,10 @@ def _reoriented_sides(
     segments: GridTriangles,
     triangles: Int[Array, "triangles 3"],
 ) -> tuple[Sides, Int[Array, "triangles 3"]]:
-    """The sides of the triangles in positive orientation, and the vertex of each corner."""
+    """Reorient the triangles to positive orientation.
+
+    Returns their sides, in pixels, and the vertex index of each corner.
+    """
     orientation = segments.orientation
     vertex = reorient(triangles.T, orientation).T
     x, y = (reorient(corners[:, :, axis].T, orientation).T for axis in (0, 1))
@@ -115,7 +120,10 @@ def _surface(
     orientation: Int[Array, " triangles"],
     plan: Plan,
 ) -> Surface:
-    """Gather what shading needs; with outlines, corner attributes get the interior term."""
+    """Gather the data that shading needs.
+
+    With `outlines`, the corner attributes get the interior term as their derivative by positions.
+    """
     inverse_w = scene.inverse_w if varies(scene) else None
     corners = materialized(corner_attributes)(
         scene.colors, scene.uv, inverse_w, scene.triangles, orientation
@@ -127,6 +135,6 @@ def _surface(
 
 
 def boundary_shape(tiling: Tiling, channels: int, capacity: Capacity) -> BoundaryShape:
-    """Shape of the boundary term of an image with this many channels."""
+    """Static parameters of the boundary term of an image, from the capacities of a plan."""
     max_chunks, max_list_length = capacity.max_chunks, capacity.max_chunks * capacity.layers
     return BoundaryShape(tiling, channels, capacity.crossings, max_chunks, max_list_length)

@@ -21,29 +21,30 @@ from .overflow import Outcome, compare, raise_on_overflow, refuse_overflow
 
 
 def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
-    """Draw the scene: the exact mean over the samples of each pixel.
+    """Draw a scene on the canvas of a plan, with the plan's coverage and texture filter.
 
-    Row 0 is at the top. The image has the dtype of the positions, and its values lie in the range
-    of the colours. With a background of three channels the image has three. With one of four it is
-    straight RGBA, with colour 0 (and gradient 0) where alpha is 0.
+    Row 0 is at the top. Under `Hard` each pixel is the exact mean of its samples. The image has the
+    dtype of the positions. Its values lie in the range of the colours, except under `Area("sum")`,
+    which adds and subtracts areas. An RGB background gives an RGB image. An RGBA background gives
+    an image of straight RGBA, with colour 0 (and gradient 0) where alpha is 0.
 
-    Pure: use it under `jit` and `vmap`, and close over the plan or pass it. It never looks at
-    values: a triangle with a NaN or infinite corner covers nothing. Derivatives with respect to
-    colours, texture coordinates, texels, `inverse_w` and background are exact, forwards and
-    backwards. Under `Hard`, the derivative with respect to positions is that of the box-filtered
-    image, evaluated on the sample grid (see `softras2d/gradients`), unless `Hard.edge_gradients` is
-    off; the derivative with respect to depth is due to the lines along which triangles cross in
-    depth, and zero elsewhere. A triangle with a NaN or infinite corner has a gradient of zero.
+    `render` is pure: use it under `jit` and `vmap`, and close over the plan or pass it. It never
+    inspects values: a triangle with a NaN or infinite corner covers nothing, and its gradient is
+    zero. Derivatives with respect to colours, texture coordinates, texels, `inverse_w` and
+    background are exact, forwards and backwards. Under `Hard`, the derivative with respect to
+    positions is the derivative of the box-filtered image, evaluated on the sample grid (see
+    `softras2d/gradients`), unless `Hard.edge_gradients` is off. The derivative with respect to
+    depth comes from the lines along which triangles cross in depth, and is zero elsewhere.
 
     A concrete scene is padded to a size class first (`softras2d.pad`), so that scenes of similar
     size share a compiled program. Under your own `jit` the scene is not padded: pad it once,
     outside.
 
     Raises `ValueError` when the scene outgrows the plan, naming the list that is too short. Under a
-    trace the compiled program raises it when it runs, wrapped by JAX in an error of its own, also
-    where only derivatives are computed; image and derivatives are then NaN. (JAX keeps no
-    persistent cache entry for such a program.) A plan with `capacity="worst_case"` cannot be
-    outgrown, and adds no such check.
+    trace the compiled program raises it when it runs, even if only derivatives are computed; JAX
+    wraps it in an error of its own. JAX keeps no persistent cache entry for a program that can
+    raise. A plan made with `on_overflow="nan"` makes image and derivatives NaN under a trace,
+    instead of raising. A plan with `capacity="worst_case"` cannot be outgrown, and adds no check.
     """
     image, outcome = _render_and_compare(pad_concrete(scene, plan), plan)
     if plan.cannot_be_outgrown:
@@ -57,42 +58,47 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
 def render_checked(
     scene: Scene, plan: Plan
 ) -> tuple[Float[Array, "height width channels"], Bool[Array, ""]]:
-    """Draw like `render`, with a flag instead of an error.
+    """Draw like `render`, and return a flag instead of raising an error on overflow.
 
-    Where the flag is true, triangles are missing: plan again.
+    Returns the image, and whether the scene outgrew the plan. If it did, triangles are missing from
+    the image: plan again.
     """
     image, outcome = _render_and_compare(pad_concrete(scene, plan), plan)
     return image, outcome.overflow
 
 
 def compile_render(scene: Scene, plan: Plan) -> Any:
-    """Compile the program of `render` ahead of time, to inspect and to call it."""
+    """Compile the program of `render` ahead of time, so that its costs can be inspected.
+
+    Returns the compiled program, to be called with a scene and a plan of the same shapes. It
+    returns a `Drawn`, and neither pads the scene nor checks for overflow.
+    """
     return _render.lower(scene, plan).compile()
 
 
 @eqx.filter_jit
 def _render_and_compare(scene: Scene, plan: Plan) -> tuple[Array, Outcome]:
-    """The image, and whether it outgrew the plan.
+    """Draw the image, and compare the list lengths that it needed with the plan's capacities.
 
-    One program: each comparison would be a program of its own outside.
+    Both are done in one program: outside it, each comparison would be a program of its own.
     """
     drawn = _render_one_by_one(scene, plan) if _fills_cache(scene, plan) else _render(scene, plan)
     return drawn.image, compare(drawn.needs, drawn.leaves_guard_band, plan)
 
 
 _CACHED_PIXELS = 2**16
-"""Number of pixels, over all slots, up to which the scenes of a batch are drawn all at once on a
-CPU. A larger scene fills the cache by itself, and a batch of such scenes is drawn one by one.
-Measured on two cores with 8 to 30 triangles at 28 to 128 pixels."""
+"""Largest number of pixels, summed over all slots of a scene, at which a CPU draws the scenes of a
+batch all at once. A larger scene fills the cache by itself, so a batch of such scenes is drawn one
+by one. Measured on two cores with 8 to 30 triangles at 28 to 128 pixels."""
 
 
 def _fills_cache(scene: Scene, plan: Plan) -> bool:
-    """Whether the scenes of a batch are better drawn one after another."""
+    """Whether one scene fills the CPU's cache, so that a batch is faster drawn scene by scene."""
     return jax.default_backend() == "cpu" and _count_pixels(scene, plan) > _CACHED_PIXELS
 
 
 def _count_pixels(scene: Scene, plan: Plan) -> int:
-    """Number of pixels in the tiles of all slots, a measure of the work."""
+    """Number of slots times the pixels of a tile: a measure of the work of drawing a scene."""
     capacity, tiling = plan.capacity_of(scene.triangles.shape[-2]), plan.tiling
     return capacity.chunks * capacity.layers * tiling.height * tiling.width
 
@@ -105,7 +111,7 @@ def _render_one_by_one(scene: Scene, plan: Plan) -> Drawn:
 
 
 def _drawn_arrays(scene: Scene, plan: Plan) -> tuple[Array, Needs, Array]:
-    """Draw as `_render` does, with every number returned as an array."""
+    """Draw as `_render` does, and return the fields of `Drawn` as arrays, for `one_by_one`."""
     drawn = _render(scene, plan)
     needs = Needs(*(jnp.asarray(need, jnp.int32) for need in drawn.needs))
     return drawn.image, needs, jnp.asarray(drawn.leaves_guard_band)
@@ -113,7 +119,7 @@ def _drawn_arrays(scene: Scene, plan: Plan) -> tuple[Array, Needs, Array]:
 
 @eqx.filter_jit
 def _render(scene: Scene, plan: Plan) -> Drawn:
-    """The image with straight alpha, and whether the plan was large enough."""
+    """Draw an image with straight alpha, and report the list lengths that it needed."""
     if scene.positions.ndim != 2:
         raise ValueError("`render` takes one scene: use jax.vmap for a batched one.")
     check_types(scene)
@@ -123,7 +129,7 @@ def _render(scene: Scene, plan: Plan) -> Drawn:
         drawn = Drawn(image, Needs())
     else:
         mode = mode_of(plan.coverage)
-        # A plan from shapes alone has seen no scene.
+        # `plan` has refused such effects already, unless the plan was made for another scene.
         mode.refuse_missing([Drawing(scene, plan.coverage, plan.filter, plan.grid, plan.origin)])
         drawn = mode.draw(scene, plan, background)
     return drawn._replace(image=unpremultiply(drawn.image))

@@ -1,4 +1,4 @@
-"""Gradients that plan again by themselves when a scene outgrows its plan."""
+"""`value_and_grad_replanning`: a gradient that plans again when a scene outgrows its plan."""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,20 +26,22 @@ def value_and_grad_replanning(
 ) -> "ReplanningGradient":
     """Make a function that returns a loss and its gradient, and plans again for a scene that grows.
 
-    Like `equinox.filter_value_and_grad` of `loss`, compiled, but for loops outside `jit` whose
-    triangles move: when they outgrow the plan, it plans again and computes the step again.
+    It computes what `equinox.filter_value_and_grad(loss)` does, compiled. It is for loops outside
+    `jit` whose triangles move: when they outgrow the plan, it plans again and repeats the step.
 
-    - `loss(parameters, plan, *args)`: a number, computed with `render(scene, plan)`; with `has_aux`
-      a number and anything else. The gradient is by all floats of `parameters`.
-    - `scene_of(parameters, *args)`: the scene that the loss draws, or a batch of them. It is called
-      outside `jit`, only to plan.
+    - `loss(parameters, plan, *args)`: returns a number, computed with `render(scene, plan)`; with
+      `has_aux`, a tuple of a number and anything else. The gradient is with respect to all floats
+      of `parameters`.
+    - `scene_of(parameters, *args)`: returns the scene that the loss draws, or a batch of scenes. It
+      is called outside `jit`, only to plan.
     - `height`, `width`, `coverage`, `filter`, `headroom`: as in `plan`. More headroom costs time in
-      each step, and less costs a compilation more often.
+      each step, and less headroom costs a compilation more often.
 
-    Call the result as `value, gradient = result(parameters, *args)`; `result.plan` is the plan in
-    use and `result.replans` counts how often it was replaced. A loss that is NaN or infinite with a
-    sufficient plan is returned as it is, after planning once more. The loss must be NaN where the
-    image is: one that ignores NaN, such as `jnp.nanmean`, hides that a plan was outgrown.
+    Call the result as `value, gradient = result(parameters, *args)`. `result.plan` is the plan in
+    use, and `result.replans` counts how often it was replaced. A loss that is NaN or infinite
+    although the plan is large enough is returned as it is, after planning once more. The loss must
+    be NaN if the image is: a loss that ignores NaN, such as `jnp.nanmean`, hides that a plan was
+    outgrown.
     """
     gradient = eqx.filter_jit(eqx.filter_value_and_grad(loss, has_aux=has_aux))
     options = {"height": height, "width": width, "coverage": coverage, "filter": filter}
@@ -47,7 +49,7 @@ def value_and_grad_replanning(
 
 
 class ReplanningGradient:
-    """A loss and its gradient, made by `value_and_grad_replanning`.
+    """Function that returns a loss and its gradient, made by `value_and_grad_replanning`.
 
     - `plan`: the plan in use; None before the first call.
     - `replans`: how often the plan was replaced by a larger one.
@@ -66,7 +68,11 @@ class ReplanningGradient:
         self._options, self._has_aux = options, has_aux
 
     def __call__(self, parameters: Any, *args: Any) -> Any:
-        """The value of the loss, with what `has_aux` adds, and its gradient by `parameters`."""
+        """Return the result of the loss, and its gradient with respect to `parameters`.
+
+        With `has_aux`, the result is the tuple that the loss returns. Raises `ValueError` under a
+        trace.
+        """
         if is_traced(parameters):
             raise ValueError(
                 "`value_and_grad_replanning` plans on the host: call it outside jit, vmap and grad."
@@ -84,5 +90,5 @@ class ReplanningGradient:
             self.replans += 1
 
     def _plan_for(self, parameters: Any, *args: Any) -> Plan:
-        """A plan for the scene of these parameters, whose overflow is NaN instead of an error."""
+        """Plan for the scene of these parameters, so that on overflow the image is NaN."""
         return plan(self._scene_of(parameters, *args), on_overflow="nan", **self._options)

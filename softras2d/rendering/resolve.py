@@ -1,4 +1,4 @@
-"""`resolve`: from values at samples to an image that has the gradient of `render`."""
+"""`resolve`: average given values at samples to an image, with the gradient of `render`."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ from .visibility import Visibility
 from .visible_samples import bin_scene, find_visible
 
 _BLOCK = 2**16
-"""Samples that are shaded together, which bounds the memory."""
+"""Number of samples that are shaded together, in whole rows of pixels, to bound the memory."""
 
 
 def resolve(
@@ -28,20 +28,23 @@ def resolve(
     - `visible`: from `rasterize`, with one layer.
     - `values`: either a function `shade(triangle, barycentric)`, or an array `[height, width,
       samples, channels]`.
-    - `background`: the value where no triangle shows, `[channels]`; that of the scene by default.
+    - `background`: the value where no triangle shows, `[channels]`; the scene's background by
+      default.
 
-    The function gets indices `[n]` and weights `[n, 3]`, and returns `[n, channels]`, each row from
-    its own triangle and weights. It may be any JAX function and may close over traced values. It is
-    evaluated block by block and again in the backward pass, so that no array of all samples is
-    stored, and also where the gradient needs a colour that no sample shows. For an opaque scene
-    whose colours it computes, image and gradient are those of `render`.
+    The function gets triangle indices `[n]` and corner weights `[n, 3]`, and returns `[n,
+    channels]`, each row from its own triangle and weights. It may be any JAX function and may close
+    over traced values. It is evaluated for one block of rows after another, and again in the
+    backward pass, so that no array of all samples is stored. It is also evaluated where the
+    gradient needs a colour that no sample shows. If it computes the colours of an opaque scene,
+    image and gradient are the same as from `render`.
 
-    The derivative has two parts. The interior term is that of the values themselves, by whatever
-    they depend on, through the barycentric weights too. The boundary term, by `scene.positions` and
-    `scene.depth`, comes from the difference of the values on both sides of each visible edge;
-    `Hard(edge_gradients=False)` leaves it out. An array has values at samples only, so it has no
-    boundary term at edges next to a colour that no sample shows: edges of triangles or strips
-    between two samples, and edges within half a sample of the border of the canvas.
+    The derivative has two parts. The interior term is the derivative of the values themselves with
+    respect to all that they depend on, also through the barycentric weights. The boundary term is
+    with respect to `scene.positions` and `scene.depth`. It comes from the difference of the values
+    on both sides of each visible edge; `Hard(edge_gradients=False)` leaves it out. An array has
+    values at samples only, so it has no boundary term at edges next to a colour that no sample
+    shows: edges of triangles or strips that lie between two samples, and edges within half a sample
+    of the border of the canvas.
 
     Outside `jit` a function is traced on each call: put the call under `jax.jit`. Raises
     `ValueError` for several layers, and for shapes that do not match.
@@ -75,7 +78,7 @@ def resolve(
 def _boundary(
     visible: Visibility, projected: Projected, samples: OpaqueSamples, channels: int
 ) -> Float[Array, "height width channels"]:
-    """Compute zeros whose derivative is the boundary term."""
+    """Return an image of zeros whose derivative is the boundary term."""
     scene, plan = visible.scene, visible.plan
     assert projected.outlines is not None
     capacity = plan.capacity_of(scene.triangles.shape[0])
@@ -86,7 +89,7 @@ def _boundary(
 def _mean_of_shaded(
     visible: Visibility, shade: Shade, projected: Projected, background: Float[Array, " channels"]
 ) -> Float[Array, "height width channels"]:
-    """Shade some rows of pixels at a time, and average over the samples."""
+    """Shade a block of rows of pixels at a time, and average over the samples of each pixel."""
     grid = visible.plan.grid
     rows = min(max(_BLOCK // (grid.width * grid.samples), 1), grid.height)
     blocks = -(-grid.height // rows)
@@ -101,8 +104,9 @@ def _mean_of_shaded(
         weights = buffer_weights(projected, triangle.reshape(rows, -1), sample, visible.plan)
         flat = triangle.reshape(-1)
         is_clear = (flat < 0)[:, None]
-        # Samples of the background are shaded at the centroid of triangle 0. At weights of 0 a
-        # function such as a normalization has no derivative, and its NaN would reach every input.
+        # Samples of the background are shaded at the centroid of triangle 0, and the result is
+        # dropped. Weights of 0 would not do: a function that normalizes has no derivative there,
+        # and its NaN would reach the gradient of every input.
         weights = jnp.where(is_clear, 1.0 / 3.0, weights.reshape(3, -1).T)
         values = jnp.where(is_clear, background, shade(jnp.maximum(flat, 0), weights))
         return jnp.mean(values.reshape(rows, grid.width, grid.samples, -1), 2)
@@ -137,7 +141,7 @@ def _count_channels(visible: Visibility, values: Any) -> int:
 
 
 def _background(visible: Visibility, background: Any, channels: int) -> Float[Array, " channels"]:
-    """The background as an array of the right length, or `ValueError`."""
+    """The given background, or else the scene's; `ValueError` unless it has `channels` channels."""
     name = "the scene's background" if background is None else "`background`"
     background = visible.scene.background if background is None else jnp.asarray(background)
     if background.shape != (channels,):

@@ -1,7 +1,7 @@
-"""Order of the samples in buffers, `[height, width, samples]`.
+"""Order of the samples in visibility buffers, `[height, width, samples]`.
 
-Sample i of a pixel lies in its sub-column i % rate and its sub-row i // rate.
-Where the samples lie in a pixel is decided in `geometry.fixed_point`.
+A pixel has `rate` x `rate` samples. Sample i lies in sub-column i % rate and sub-row i // rate.
+`geometry.fixed_point` defines the coordinates of the samples in a pixel.
 """
 
 from collections.abc import Callable
@@ -15,9 +15,9 @@ from ..gradients.crossings import Sample
 
 
 def samples_of_rows(first_row: Int[Array, ""], rows: int, grid: Grid) -> Sample:
-    """Column and row on the sample grid of all samples of some rows of pixels.
+    """Columns and rows, on the sample grid, of all samples in `rows` rows of pixels.
 
-    Both are `[rows, width * samples]`.
+    `first_row` is the first row of pixels. Both arrays of the result are `[rows, width * samples]`.
     """
     shape = (rows, grid.width, grid.samples)
     row, column, sample = (jnp.arange(n, dtype=jnp.int32) for n in shape)
@@ -27,9 +27,11 @@ def samples_of_rows(first_row: Int[Array, ""], rows: int, grid: Grid) -> Sample:
 
 
 def map_over_rows(look: Callable[..., Array], grid: Grid) -> Array:
-    """Call `look(sample=...)` for the samples of one row of pixels after another.
+    """Call a function for one row of pixels after another, and stack its results.
 
-    This bounds the memory. Returns `[height, 1, width * samples, ...]`.
+    `look(sample=...)` gets the samples of a row, `[1, width * samples]`, and returns an array of
+    this shape, or with further axes. The result is `[height, 1, width * samples, ...]`. Only one
+    row is computed at a time, which bounds the memory.
     """
     return jax.lax.map(
         lambda row: look(sample=samples_of_rows(row, 1, grid)),
@@ -38,7 +40,7 @@ def map_over_rows(look: Callable[..., Array], grid: Grid) -> Array:
 
 
 def number_of(sample: Sample, grid: Grid) -> Int[Array, "*samples"]:
-    """Index of each sample in a flattened buffer."""
+    """Index of each sample in a flattened buffer `[height, width, samples]`."""
     column, row = sample
     pixel = (row // grid.rate) * grid.width + column // grid.rate
     return pixel * grid.samples + (row % grid.rate) * grid.rate + column % grid.rate

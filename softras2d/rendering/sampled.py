@@ -1,4 +1,8 @@
-"""The pipeline of sampled coverage: each sample is inside or outside, decided in integers."""
+"""The pipeline of sampled coverage: each sample is inside or outside, decided in integers.
+
+The triangles of each tile are listed. A *slot* is one triangle in the list of one tile, and a
+*chunk* is a few slots of the same tile, nearest first (`binning.lists`).
+"""
 
 import functools
 from collections.abc import Sequence
@@ -50,7 +54,7 @@ class SampledMode(CoverageMode):
         growth: Growth,
         tile_side: int | None = None,
     ) -> Listing:
-        """Tiles whose rows are words, and the lists that the scenes need."""
+        """Choose tiles in which a row of samples is one word, and name the lists not needed."""
         coverage, grid = cast(Hard, drawings[0].coverage), drawings[0].grid
         scenes = [drawing.scene for drawing in drawings]
         translucent = any(map(is_translucent, scenes))
@@ -65,7 +69,7 @@ class SampledMode(CoverageMode):
         return Listing(Tiling.one_word_wide(grid), SAMPLED_HEADROOM, unused, _count_lists)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
-        """Average the samples of each pixel: project, list tiles, cover, shade, composite."""
+        """Draw the mean of each pixel's samples: project, list tiles, cover, shade, composite."""
         capacity = plan.capacity_of(scene.triangles.shape[0])
         binned = bin_scene(scene, plan)
         needs = binned.needs
@@ -86,7 +90,7 @@ class SampledMode(CoverageMode):
 
 
 def _count_lists(drawing: Drawing) -> Counts:
-    """Count the lists of a drawing under sampled coverage."""
+    """Count the entries of each list that a drawing needs under sampled coverage."""
     coverage, origin = cast(Hard, drawing.coverage), np.asarray(drawing.origin)
     return count_sampled_lists(drawing.scene, drawing.grid, coverage, origin)
 
@@ -94,7 +98,11 @@ def _count_lists(drawing: Drawing) -> Counts:
 def _composite_translucent(
     binned: BinnedScene, background: Array, scene: Scene, plan: Plan, capacity: Capacity
 ) -> Array:
-    """Composite translucent triangles at each sample, front to back."""
+    """Composite translucent triangles at each sample, front to back, and average over each pixel.
+
+    Returns the premultiplied image, whose derivative includes the boundary term. `background` is
+    premultiplied.
+    """
     projected, lists, steps, _ = binned
     assert steps is not None
     tiling, shading = plan.tiling, plan.hard.shading
@@ -128,9 +136,11 @@ def _sum_opaque(
     plan: Plan,
     capacity: Capacity,
 ) -> tuple[Array, Array]:
-    """Sum the colours of the visible samples of opaque triangles in each pixel.
+    """Average the colours of the visible samples of opaque triangles in each pixel.
 
-    Also returns how many fragments were needed.
+    Returns the premultiplied image, whose derivative includes the boundary term, and the number of
+    fragments that were needed (0 if colours are not evaluated point by point). `background` is
+    premultiplied.
     """
     tiling = plan.tiling
     front, covered = visible_samples
@@ -163,7 +173,11 @@ def _sum_opaque(
 
 
 def _sum_slots(surface: Surface, visible: Array, chunks: Chunks, tiling: Tiling) -> Array:
-    """Sum colours that are affine on the screen over each slot's visible samples."""
+    """Sum the colours of the visible samples of each pixel, over the slots of each chunk.
+
+    The colours must be affine on the screen. Returns `[chunks, channels, fields, word_rows]`, the
+    layout of `compositing.opaque`.
+    """
     colors = surface.corners.color
     is_interpolated = colors.shape[0] == 3
     sums = opaque.sample_sums(visible, tiling, moments=is_interpolated)
@@ -184,6 +198,6 @@ def _slot_weights(
     *,
     tiling: Tiling,
 ) -> Weights:
-    """Barycentric weights of each slot's triangle, for samples counted from its tile."""
+    """Barycentric weights of each slot's triangle, as functions of the sample within the tile."""
     edges, area, planes = surface[:3]
     return slot_weights(edges, area, triangle, tile, tiling, planes)

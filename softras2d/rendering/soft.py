@@ -1,4 +1,4 @@
-"""Soft coverage as a mode: a smooth step of the signed distance to each triangle."""
+"""The coverage mode `Soft`: a smooth step of the signed distance to each triangle."""
 
 from typing import Any, ClassVar
 
@@ -23,13 +23,16 @@ from .analytic import AnalyticMode, PixelFunctions, SlotGeometry
 
 
 class SoftMode(AnalyticMode):
-    """Soft coverage, the mode of `Soft`."""
+    """The mode that draws `Soft` coverage."""
 
     effects = SCENE_EFFECTS | {"depth test", "soft coverage"}
     missing: ClassVar[dict[str, str]] = {}
 
     def prepare(self, coverage: Soft, max_width: float | None) -> Soft:
-        """The option with its width and temperature as float32 arrays."""
+        """Return the option with its width and temperature as float32 arrays.
+
+        Raises `ValueError` unless both, and `max_width` if it is given, are concrete and above 0.
+        """
         if max_width is not None:
             _check_positive("max_width", max_width)
         _check_positive("width", coverage.width)
@@ -38,12 +41,12 @@ class SoftMode(AnalyticMode):
         return eqx.tree_at(lambda c: (c.width, c.temperature), coverage, numbers)
 
     def reach(self, coverage: Soft, max_width: float | None) -> float:
-        """The support of the profile at the largest width."""
+        """Distance from an edge, in pixels, at which coverage reaches 0 at the largest width."""
         width = float(coverage.width)
         return max(width, max_width or width) * SUPPORT[coverage.profile]
 
     def pixel_functions(self, coverage: Soft, tile_side: int) -> PixelFunctions:
-        """Coverage depends on the signed distance; weights are those at the nearest point."""
+        """Coverage is a profile of the signed distance; weights are at the nearest point."""
         return PixelFunctions(SoftCoverage(tile_side, coverage.profile), NearestWeights(tile_side))
 
     def parameter(self, coverage: Soft, dtype: Any) -> Array:
@@ -58,7 +61,7 @@ class SoftMode(AnalyticMode):
         lines: TriangleLines,
         tile_side: int,
     ) -> SlotGeometry:
-        """Both functions take the edge lines."""
+        """The edge lines, which both functions take."""
         return SlotGeometry(lines, lines)
 
     def composite(
@@ -73,14 +76,14 @@ class SoftMode(AnalyticMode):
         opacity, color, depth = shaded
         if depth is None:
             return super().composite(coverage, shaded, triangles, chunks, max_chunks)
-        # Colours are not left to compositing in a scene with depth.
+        # In a scene with depth, `draw` interpolates colours before it composites.
         assert not isinstance(color, CornerColors)
         temperature = jnp.asarray(coverage.temperature).astype(opacity.dtype)
         return depth_softmax.mix(opacity, color, depth, temperature, chunks, max_chunks=max_chunks)
 
 
 def _check_positive(name: str, value: Any) -> None:
-    """Raise `ValueError` unless the value is one concrete number above 0."""
+    """Raise `ValueError` unless the value is one concrete number above 0 and below 2^30."""
     if isinstance(value, Tracer):
         raise ValueError(f"`plan` needs a concrete `{name}`; set it later.")
     number = np.asarray(value)

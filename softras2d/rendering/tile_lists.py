@@ -1,4 +1,4 @@
-"""The tile lists of a render, in the layout of its plan."""
+"""Tile lists and chunks of a scene, with the array sizes of its plan."""
 
 import functools
 
@@ -31,7 +31,11 @@ def list_for_plan(
 
 
 def chunks_for_plan(lists: TileLists, bounds: SampleBounds, plan: Plan) -> Chunks:
-    """Cut the lists into chunks, or make the chunks of a plan that lists every triangle."""
+    """Cut the tile lists into chunks of slots.
+
+    If the plan lists every triangle for every tile, slots whose triangle's bounding box misses the
+    tile are left empty (`filled` is false).
+    """
     capacity, tiling = plan.capacity, plan.tiling
     if not plan.lists_all:
         return cut_chunks(lists, layers=capacity.layers, capacity=capacity.chunks)
@@ -44,7 +48,7 @@ def chunks_for_plan(lists: TileLists, bounds: SampleBounds, plan: Plan) -> Chunk
 def _meets_tile(
     bounds: SampleBounds, chunks: Chunks, tiling: Tiling
 ) -> Bool[Array, "chunks layers"]:
-    """Whether a slot has a triangle whose bounding box meets the tile."""
+    """Whether each slot has a triangle, and the triangle's bounding box meets the chunk's tile."""
     box = bounds.gather(chunks.triangle)
     column, row = (first[:, None] for first in tiling.first_sample(chunks.tile))
     overlaps = (box.left < column + tiling.sample_columns) & (box.right >= column)

@@ -1,4 +1,4 @@
-"""`rasterize`: which triangle shows at each sample, and where in the triangle the sample lies."""
+"""`rasterize`: find the triangle that shows at each sample, and interpolate attributes there."""
 
 import functools
 from typing import Any
@@ -25,22 +25,23 @@ from .sample_grid import map_over_rows, samples_of_rows
 from .visible_samples import bin_scene, find_visible, listed_words
 
 MOST_BYTES = 2**31
-"""Largest size of the triangle indices, in bytes."""
+"""Largest size of the triangle indices that `rasterize` returns, in bytes."""
 
 
 class Visibility(eqx.Module):
     """Visibility buffers: the triangle that shows at each sample of a scene, made by `rasterize`.
 
     Only `triangle` is stored. The other buffers are computed from it and from the scene whenever
-    they are read; `barycentric` and `depth` are differentiable by the scene. With `layers` above 1
-    every buffer but `coverage` and `overdraw` has one axis more, `[height, width, samples, layers,
-    ...]`, nearest layer first.
+    they are read; `barycentric` and `depth` are differentiable with respect to the scene. If
+    `rasterize` was called with more than one layer, every buffer except `coverage` and `overdraw`
+    has an axis of layers after the samples, `[height, width, samples, layers, ...]`, nearest layer
+    first.
 
     With S * S samples per pixel, sample i lies in sub-column i % S and sub-row i // S.
 
-    - `triangle`: index of the triangle that shows, `[height, width, samples]`, -1 for background.
-    - `scene`, `plan`: what was rasterized; `overflow`: whether the scene outgrew the plan, so that
-      triangles are missing.
+    - `triangle`: index of the triangle that shows, -1 for background or an unused layer.
+    - `scene`, `plan`: the arguments of `rasterize`.
+    - `overflow`: whether the scene outgrew the plan, so that triangles are missing.
     """
 
     triangle: Int[Array, "height width samples *layers"]
@@ -54,23 +55,26 @@ class Visibility(eqx.Module):
         return f"Visibility: triangle {shape}\n  {scene}"
 
     def _repr_html_(self) -> str | None:
-        """The triangles as colours above the text of `repr`, for notebooks; None with layers."""
+        """HTML of a picture with one colour per triangle, above `repr`; None for several layers."""
         return buffers_html(self, repr(self))
 
     @property
     def barycentric(self) -> Float[Array, "height width samples *layers 3"]:
         """Weights of the corners in the order of `scene.triangles`; 0 for background.
 
-        They sum to 1, and are perspective-correct if the scene has `inverse_w`. They are those at
-        the sample, or, with `Hard(shading="pixel")`, at the one point of the pixel where `render`
-        shades the triangle. Their derivative by positions is that at a fixed point, the interior
-        term of `render`.
+        They sum to 1, and are perspective-correct if the scene has `inverse_w`. They are taken at
+        the sample or, with `Hard(shading="pixel")`, at the one point of the pixel where `render`
+        shades the triangle. Their derivative by positions is taken at a fixed point of the screen:
+        it is the interior term of `render`.
         """
         return self._checked(_weights(self, perspective=True))
 
     @property
     def depth(self) -> Float[Array, "height width samples *layers"] | None:
-        """Depth of the triangle at each sample, infinity for background; None without depth."""
+        """Depth of the triangle at each sample, infinity for background.
+
+        None if the scene has no depth.
+        """
         if self.scene.depth is None:
             return None
         corner_depth = self.scene.depth[self.scene.triangles]
@@ -80,22 +84,23 @@ class Visibility(eqx.Module):
 
     @property
     def coverage(self) -> Float[Array, "height width"]:
-        """Share of the samples of each pixel that some triangle covers."""
+        """Fraction, 0..1, of the samples of each pixel that some triangle covers."""
         first = self.triangle if self.triangle.ndim == 3 else self.triangle[..., 0]
         share = jnp.mean((first >= 0).astype(self.scene.positions.dtype), axis=-1)
         return self._checked(share)
 
     @property
     def overdraw(self) -> Int[Array, "height width samples"]:
-        """How many triangles cover each sample, hidden ones too; -1 if triangles are missing.
+        """Number of triangles that cover each sample, including hidden ones.
 
-        With `layers` equal to its largest value, `rasterize` leaves out no triangle.
+        It is -1 everywhere if the scene outgrew the plan. With as many `layers` as its largest
+        value, `rasterize` leaves out no triangle.
         """
         count = _count_covering(pad_concrete(self.scene, self.plan), self.plan)
         return jnp.where(self.overflow, -1, count)
 
     def _checked(self, buffer: Array) -> Array:
-        """The buffer, or NaN if triangles are missing in it."""
+        """Return the buffer, or NaN if the scene outgrew the plan."""
         return nan_on_overflow(buffer, self.scene, self.overflow)
 
     def footprint(
@@ -103,11 +108,12 @@ class Visibility(eqx.Module):
     ) -> Float[Array, "*n 2 2"]:
         """Change of interpolated (u, v) for a step of one pixel, for `sample_texture`.
 
-        - `triangle`, `barycentric`: as `resolve` passes them to a function, or those of a buffer.
-        - `uv`: of vertices `[vertices, 2]`, or of corners `[triangles, 3, 2]`.
+        - `triangle`, `barycentric`: the triangle and corner weights of each point, as `resolve`
+          passes them to a function, or as they are in the buffers of this object.
+        - `uv`: texture coordinates of vertices `[vertices, 2]`, or of corners `[triangles, 3, 2]`.
 
-        Entry [..., i, j] is the change of coordinate i along axis j. It is the same at all points
-        of a triangle unless the scene has `inverse_w`.
+        Entry [..., i, j] of the result is the change of coordinate i (u, v) along axis j (x, y). It
+        is the same at all points of a triangle unless the scene has `inverse_w`.
         """
         uv = jnp.asarray(uv)
         corners = uv[self.scene.triangles] if uv.ndim == 2 else uv
@@ -122,16 +128,17 @@ def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility:
 
     - `plan`: for `Hard` coverage; `pixel_layers` is for `Soft` and `Area`.
     - `layers`: how many triangles to keep at each sample, nearest first: in reverse draw order, and
-      with depth only those that pass the depth test when they are drawn. All triangles count as
-      translucent here: an opaque one does not hide the layers behind it. One layer costs least.
+      with depth only triangles that pass the depth test when they are drawn. With more than one
+      layer, an opaque triangle does not hide the layers behind it. One layer costs least.
 
-    Pure: use it under `jit` and `vmap`. The indices have no derivative; those of the other buffers,
-    of `interpolate` and of `resolve` are by all floats of the scene. A scene that outgrows its plan
-    is treated as in `render`: images of `resolve` and `composite`, all buffers of floats, and their
-    derivatives are then NaN, and `overdraw` is -1.
+    `rasterize` is pure: use it under `jit` and `vmap`. The indices have no derivative. The other
+    buffers, `interpolate` and `resolve` are differentiable with respect to all floats of the scene.
+    A scene that outgrows its plan raises an error as in `render`. If `plan.on_overflow` is `"nan"`,
+    a compiled program raises none: images of `resolve` and `composite`, all buffers of floats, and
+    their derivatives are then NaN, and `overdraw` is -1.
 
-    Raises `ValueError` for another coverage, and for indices of more than 2 GiB: draw the canvas in
-    windows then (`plan(origin=...)`), or map over them.
+    Raises `ValueError` for a plan with `Soft` or `Area` coverage, and for indices of more than 2
+    GiB: then draw the canvas in windows (`plan(origin=...)`).
     """
     _check(plan, layers)
     triangle, outcome = _find_triangles(pad_concrete(scene, plan), plan, layers)
@@ -143,9 +150,10 @@ def interpolate(
 ) -> Float[Array, "height width samples *layers channels"]:
     """Interpolate attributes of vertices or of corners at each sample; 0 for background.
 
-    `attributes`: `[vertices, channels]`, or `[triangles, 3, channels]` in the order of
-    `scene.triangles`. Perspective-correct if the scene has `inverse_w`. Differentiable by the
-    attributes, and by the scene's positions and `inverse_w`.
+    `attributes` are `[vertices, channels]`, or `[triangles, 3, channels]` in the order of
+    `scene.triangles`. Interpolation is perspective-correct if the scene has `inverse_w`. The result
+    is differentiable with respect to the attributes, and to the scene's positions and `inverse_w`.
+    Raises `ValueError` for other shapes.
     """
     corners = jnp.asarray(attributes)
     scene = visible.scene
@@ -165,7 +173,10 @@ def _interpolate(
     triangle: Int[Array, "*samples"],
     corners: Float[Array, "triangles 3 channels"],
 ) -> Float[Array, "*samples channels"]:
-    """Values between those of the corners; exactly that of corner 0 where all are equal."""
+    """Interpolate between the values at the corners of each sample's triangle; 0 for triangle -1.
+
+    If the three values are equal, the result is exactly the same value.
+    """
     if corners.shape[0] == 0:
         return jnp.zeros((*triangle.shape, corners.shape[2]), corners.dtype)
     first, second, third = (corners[:, k][jnp.maximum(triangle, 0)] for k in range(3))
@@ -191,7 +202,7 @@ def _check(plan: Plan, layers: int) -> None:
 
 @eqx.filter_jit
 def _find_triangles(scene: Scene, plan: Plan, layers: int) -> tuple[Array, Outcome]:
-    """The index of the triangle at each sample, and whether the plan was large enough."""
+    """Find the index of the triangle at each sample, and whether the plan was large enough."""
     if scene.positions.ndim != 2:
         raise ValueError("`rasterize` takes one scene: use jax.vmap for a batched one.")
     check_types(scene)
@@ -201,7 +212,8 @@ def _find_triangles(scene: Scene, plan: Plan, layers: int) -> tuple[Array, Outco
         return jnp.full(shape, -1, jnp.int32), compare(Needs(), False, plan)
     scene = jax.lax.stop_gradient(scene)
     if layers == 1:
-        # Without alpha, the nearest triangle is the same, and triangles behind it are not listed.
+        # Opaque colours do not change which triangle is nearest, but triangles that are hidden in a
+        # whole tile are then not listed.
         scene = with_unit_corners(scene)
     binned = bin_scene(scene, plan, list_hidden=layers > 1)
     needs = binned.needs
@@ -224,7 +236,7 @@ def _find_triangles(scene: Scene, plan: Plan, layers: int) -> tuple[Array, Outco
 
 @eqx.filter_jit
 def _count_covering(scene: Scene, plan: Plan) -> Int[Array, "height width samples"]:
-    """Number of triangles that cover each sample, hidden ones too."""
+    """Number of triangles that cover each sample, including hidden ones."""
     grid = plan.grid
     shape = (grid.height, grid.width, grid.samples)
     if scene.triangles.shape[0] == 0:
@@ -238,7 +250,10 @@ def _count_covering(scene: Scene, plan: Plan) -> Int[Array, "height width sample
 
 
 def _weights(visible: Visibility, *, perspective: bool) -> Array:
-    """Weights of the corners of the triangle of every sample."""
+    """Barycentric weights of the triangle at every sample, 0 for background.
+
+    If `perspective` is false, they are affine on the screen even if the scene has `inverse_w`.
+    """
     scene, plan, triangle = visible.scene, visible.plan, visible.triangle
     grid = plan.grid
     if scene.triangles.shape[0] == 0:

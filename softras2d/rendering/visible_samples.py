@@ -1,4 +1,4 @@
-"""Sampled coverage up to the visible samples: tile lists, coverage words, depth test."""
+"""The first stages of sampled coverage: tile lists, coverage words, depth test, visible samples."""
 
 import functools
 from typing import NamedTuple
@@ -25,10 +25,11 @@ from .tile_lists import chunks_for_plan, list_for_plan
 
 
 class BinnedScene(NamedTuple):
-    """A scene on the sample grid, and which triangles may be visible in which tile.
+    """A scene on the sample grid, and the triangles that may be visible in each tile.
 
-    - `steps`: for what goes through the lists in order; None for opaque scenes without depth.
-    - `needs`: the lengths of the lists so far.
+    - `steps`: order in which the depth test and translucency go through the lists; None where
+      neither does.
+    - `needs`: lengths needed for the lists that are made so far: strips, pairs, crossings, steps.
     """
 
     projected: Projected
@@ -38,9 +39,10 @@ class BinnedScene(NamedTuple):
 
 
 class VisibleSamples(NamedTuple):
-    """Which samples each triangle shows, as if all were opaque.
+    """The visible samples of each triangle, as if all triangles were opaque.
 
-    - `covered`: the samples that each slot's triangle covers, whether it shows there or not.
+    - `front`: the visible samples of each slot's triangle.
+    - `covered`: the samples that each slot's triangle covers, visible or not.
     """
 
     front: Front
@@ -50,8 +52,9 @@ class VisibleSamples(NamedTuple):
 def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedScene:
     """Project a scene of at least one triangle, and list the triangles of every tile.
 
-    `list_hidden`: whether to list also those that an opaque triangle hides in the whole tile. This
-    needs no larger plan, since the capacity for pairs counts them.
+    `list_hidden`: whether to list also the triangles that are hidden throughout a tile, because an
+    opaque triangle in front of them covers the tile. They need no larger plan, since the capacity
+    for pairs includes them.
     """
     capacity = plan.capacity_of(scene.triangles.shape[0])
     projected = project_scene(scene, plan)
@@ -64,8 +67,8 @@ def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedS
         total_runs = materialized(functools.partial(_total_runs, tiling=plan.tiling))
         needs = needs._replace(crossings=total_runs(projected.outlines))
     steps = None
-    # With depth, no triangle is known to hide another, so the planned steps count them all. Without
-    # depth they leave out hidden triangles, so lists with these are not cut into steps.
+    # With depth, no triangle is known to hide another, so the plan's capacity for steps counts all
+    # triangles. Without depth it leaves out hidden ones, so lists that have them get no steps.
     if scene.depth is not None or (is_translucent(scene) and not list_hidden):
         steps = cut_steps(lists, capacity=capacity.steps)
         needs = needs._replace(steps=steps.needed)
@@ -73,13 +76,13 @@ def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedS
 
 
 def _total_runs(outlines: Outlines, *, tiling: Tiling) -> Int[Array, ""]:
-    """Number of runs of all edges."""
+    """Number of runs of crossings (`gradients.crossings`), summed over all edges."""
     first, count = outlines.first.T, outlines.count.T
     return saturated_sum(count_runs(first, count, outlines.sides.steep, tiling).reshape(-1))
 
 
 def find_visible(binned: BinnedScene, scene: Scene, plan: Plan) -> VisibleSamples:
-    """Find the samples at which each triangle is the nearest."""
+    """Find the samples at which each triangle is the nearest of all that cover them."""
     projected, lists, _, _ = binned
     chunks = chunks_for_plan(lists, projected.bounds, plan)
     if projected.depths is None:
@@ -101,7 +104,10 @@ def find_visible(binned: BinnedScene, scene: Scene, plan: Plan) -> VisibleSample
 def listed_words(
     binned: BinnedScene, plan: Plan
 ) -> tuple[UInt32[Array, "pairs rows"], UInt32[Array, "pairs rows"]]:
-    """Coverage words of each listed pair, before and after the depth test."""
+    """Coverage words of each listed pair, before and after the depth test.
+
+    Without depth, or without steps, both are the same.
+    """
     projected, lists, steps, _ = binned
     edges, boxes, tiling = projected.edges, projected.bounds, plan.tiling
     all_valid = jnp.ones(lists.triangle.shape, bool)

@@ -1,7 +1,7 @@
 """Bundled scenes of 300 x 300 pixels, each of which shows one property of rasterization.
 
-Most are SVG files; their first comment states their purpose. `experiments/bundled_scenes` writes
-some of these files. The scenes in three dimensions have no file: `scripted.py` projects them.
+Most are SVG files, whose first comment states their purpose; `experiments/bundled_scenes` writes
+some of these files. The scenes in three dimensions have no file: `scripted.py` makes them.
 """
 
 import re
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..scene import Scene
 
 SIZE = 300
-"""Height and width of every scene in pixels. One size lets scenes share compiled programs."""
+"""Height and width of every scene, in pixels. Scenes of one size can share compiled programs."""
 
 _FILES = (
     "hairlines",
@@ -93,9 +93,10 @@ def purpose(name: str) -> str:
 def read(name: str, **keywords: Any) -> "Scene":
     """Read or make a bundled scene.
 
-    `keywords` are those of `read_svg`, such as `height` and `width` of the canvas in pixels, 300 by
-    default. The default of `dialect` is that of the scene. A scripted scene accepts only `height`
-    and `width`. Raises `ValueError` for a name that is not in `names()`.
+    `keywords` are arguments of `read_svg`, such as `height` and `width` of the canvas in pixels,
+    300 by default. By default `dialect` is the dialect in which the file is written. A scripted
+    scene accepts only `height` and `width`. Raises `ValueError` for a name that is not in
+    `names()`.
     """
     if is_scripted(name):
         from .scripted import SCRIPTED

@@ -13,10 +13,10 @@ from .palette import BLUE, INK, ORANGE, PAPER, SKY, VERMILION, mix
 
 
 class Scripted(NamedTuple):
-    """A scene without a file.
+    """A bundled scene that is made by a function instead of being read from a file.
 
-    - `purpose`: what it shows, in one sentence on one line.
-    - `make`: function of the `height` and `width` of the canvas, in pixels.
+    - `purpose`: what the scene shows, in one sentence on one line.
+    - `make`: function that makes the scene, from `height` and `width` of the canvas in pixels.
     """
 
     purpose: str
@@ -24,12 +24,12 @@ class Scripted(NamedTuple):
 
 
 def _rgb(*codes: str) -> Float[np.ndarray, "colors 3"]:
-    """Colours `#rrggbb` as sRGB in 0..1."""
+    """Convert colours `#rrggbb` to sRGB in 0..1."""
     return np.stack([mix([code], 0.0) for code in codes]) / 255
 
 
 def ground(*, height: int, width: int) -> Scene:
-    """A textured ground plane that begins behind the viewer and reaches 4,096 units ahead."""
+    """Make a textured ground plane that begins behind the viewer and reaches 4,096 units ahead."""
     # Strips widen with the distance, enough for a canvas twice as wide as high. With equal widths,
     # vertices near the viewer would lie millions of pixels away, where float32 has no fractions.
     z = np.array([2.0, -1.0, -4.0, -16.0, -64.0, -256.0, -1024.0, -4096.0])
@@ -58,7 +58,9 @@ def ground(*, height: int, width: int) -> Scene:
 
 
 def overlap(*, height: int, width: int) -> Scene:
-    """Two triangles of which the first is nearer, with the camera of a z-buffer assignment.
+    """Make two overlapping triangles, of which the one that is drawn first is nearer.
+
+    Geometry and camera are from a course's assignment about z-buffers.
 
     **Source:** Yan, *GAMES101: introduction to modern computer graphics* (2020), assignment 2.
     """
@@ -79,8 +81,8 @@ def overlap(*, height: int, width: int) -> Scene:
 
 
 def crossing(*, height: int, width: int) -> Scene:
-    """Three squares that intersect at right angles, each with cells of two colours."""
-    # The number is odd, so that squares intersect in the middle of cells.
+    """Make three squares that intersect at right angles, each a checkerboard of two colours."""
+    # Number of cells along a side. It is odd, so that squares intersect in the middle of cells.
     cells = 5
     grid = np.linspace(-1.0, 1.0, cells + 1)
     first, second = (grid[index] for index in np.indices((cells + 1, cells + 1)))

@@ -1,11 +1,11 @@
-"""Tests of renderers: assertions that compare an image with a reference on disk.
+"""For tests of renderers: an assertion that compares an image with a reference image on disk.
 
     from softras2d.testing import assert_image_matches
 
     assert_image_matches(image, "references/teapot.png")
 
-`softras2d.testing.plugin` makes it a pytest fixture with the option `--update-references`; pytest
-is needed for that module alone.
+`softras2d.testing.plugin` offers the same assertion as a pytest fixture, with the option
+`--update-references`; only that module needs pytest.
 """
 
 from .references import assert_image_matches

@@ -24,11 +24,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.fixture
 def assert_image_matches(request: pytest.FixtureRequest) -> Callable[..., None]:
-    """Give `softras2d.testing.assert_image_matches`, with `update` as the option says.
+    """Provide `softras2d.testing.assert_image_matches` without its argument `update`.
 
-    A relative path starts at the folder of the test file.
+    It updates the reference if the option `--update-references` is given. Relative paths start at
+    the folder of the test file.
     """
-    # Imported here, so that a run of other tests does not wait for NumPy and OpenImageIO.
+    # Imported here, so that a run of other tests does not wait for NumPy and OpenImageIO to load.
     from . import references
 
     update = bool(request.config.getoption("--update-references"))

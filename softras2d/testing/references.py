@@ -1,4 +1,4 @@
-"""Compares an image with a reference PNG, which it writes on request."""
+"""`assert_image_matches`: compare an image with a reference PNG, or write the reference."""
 
 import os
 from pathlib import Path
@@ -13,7 +13,7 @@ from ..comparison.tolerance import ONE_LEVEL, checked_tolerance, exceeds
 from ..io.images import as_pixels, read_image, round_to_levels, write_image
 
 FAILURES = "failures"
-"""Folder beside a reference into which the images of a failure are saved."""
+"""Name of the folder beside a reference into which the images of a failure are saved."""
 
 
 def assert_image_matches(
@@ -28,16 +28,17 @@ def assert_image_matches(
     - `image`: floats `[height, width, channels]` in 0..1, of NumPy or JAX, in sRGB, with 1, 3 or 4
       channels. It is rounded to 8 bits first, as the reference was.
     - `path`: the reference, a `.png` file.
-    - `tolerance`: difference of a channel up to which two pixels count as equal; by default one
-      level of an 8-bit image, 1/255, since another device may round a tie the other way.
-    - `update`: write the image as the new reference, with its folder, instead of comparing.
+    - `tolerance`: largest difference of a channel at which two pixels count as equal; by default
+      one level of an 8-bit image, 1/255, since another device may round a tie the other way.
+    - `update`: whether to write the image as the new reference, instead of comparing. The folder is
+      created if needed.
 
     Channels are compared as `softras2d.compare` does. If the image differs, it is saved as
     `failures/NAME.png` beside the reference, and the difference picture as
-    `failures/NAME-difference.png`. Raises `AssertionError` with the measures and these paths; and
-    `AssertionError`, one line, if there is no reference or it has another size. Raises
-    `ValueError`, one line, if `image` is not an image, contains NaN or infinity, or `path` is not a
-    PNG.
+    `failures/NAME-difference.png`; `AssertionError` reports the measures and these paths. If there
+    is no reference, or if it has another size, `AssertionError` has a message of one line; an image
+    of another size is saved too. Raises `ValueError`, with a message of one line, if `image` is not
+    an image or contains NaN or infinity, or if `path` is not a PNG.
     """
     __tracebackhide__ = True
     path = Path(path)
@@ -77,7 +78,10 @@ def assert_image_matches(
 def _save(
     reference: Path, ending: str, pixels: Float32[np.ndarray, "height width channels"]
 ) -> Path:
-    """Save an image of a failure beside its reference; returns its path."""
+    """Save an image of a failure in the folder of failures beside its reference.
+
+    Its name is the name of the reference with `ending` before the suffix. Returns its path.
+    """
     path = reference.parent / FAILURES / f"{reference.stem}{ending}.png"
     path.parent.mkdir(exist_ok=True)
     write_image(path, pixels)

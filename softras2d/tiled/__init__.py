@@ -2,5 +2,5 @@
 
 A *window* is a square of the canvas that one call of the renderer draws; its side is the argument
 `tile` of the public functions. The renderer divides each window into its own tiles, 2 to 32
-pixels along a side, which are those of `binning`.
+pixels along a side, as in `binning`.
 """

@@ -1,4 +1,4 @@
-"""The part of a scene that one window shows, and its padding to a size that many share."""
+"""Pieces: the triangles of a scene that one window shows, padded to one of a few sizes."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -11,15 +11,15 @@ from ..planning.size_classes import pad_to, triangle_class
 from ..scene import Scene
 
 _CLASS_STEP = 16
-"""Ratio of the size classes of windows. Each class is a program to compile. A triangle of
-padding only costs its projection, which is little beside the samples of a window."""
+"""Ratio between successive size classes of pieces. Each class is a program to compile. A padding
+triangle costs only its projection, which is little compared with the samples of a window."""
 
 
 class Piece(NamedTuple):
-    """Some triangles of a scene, with their indices in that scene.
+    """Some triangles of a whole scene, with their indices in the whole scene.
 
-    - `scene`: the triangles and their vertices, on the host.
-    - `triangle`, `vertex`: for each triangle and vertex of the piece, its index in that scene.
+    - `scene`: a scene of these triangles and their vertices, in host arrays.
+    - `triangle`, `vertex`: for each triangle and vertex of the piece, its index in the whole scene.
     """
 
     scene: Scene
@@ -28,7 +28,10 @@ class Piece(NamedTuple):
 
 
 def piece_class(triangles: int) -> int:
-    """Size class of a piece with this many triangles: 64 times a power of 16."""
+    """Size class of a piece: the number of triangles to which it is padded.
+
+    64 times a power of 16 for up to 2^14 triangles, and `triangle_class` for more.
+    """
     size = 64
     while size < triangles:
         size *= _CLASS_STEP
@@ -37,7 +40,7 @@ def piece_class(triangles: int) -> int:
 
 
 def take_piece(scene: Scene, triangle: Int[np.ndarray, " triangles"]) -> Piece:
-    """Take triangles by index from a scene on the host, with only the vertices that they use."""
+    """Take triangles by index from a scene of host arrays, with only the vertices they use."""
     vertex, renumbered = np.unique(scene.triangles[triangle], return_inverse=True)
     selected = _with_entries(
         scene,
@@ -49,13 +52,16 @@ def take_piece(scene: Scene, triangle: Int[np.ndarray, " triangles"]) -> Piece:
 
 
 def padded(piece: Piece) -> Scene:
-    """The scene of a piece, with triangles that cover nothing up to its size class."""
+    """Pad the scene of a piece to its size class with triangles that cover nothing."""
     size = piece_class(len(piece.triangle))
     return pad_to(piece.scene, size, 3 * size)
 
 
 def blank_piece(scene: Scene) -> Piece:
-    """A piece that shows nothing but the background: all of its triangles are padding."""
+    """Make a piece of `scene` that shows nothing but the background.
+
+    Its only triangle covers nothing, and has no index in the whole scene.
+    """
     no_indices = np.zeros(0, np.int32)
     if len(scene.triangles) == 0:
         return Piece(scene, no_indices, no_indices)
@@ -65,10 +71,12 @@ def blank_piece(scene: Scene) -> Piece:
 
 
 def with_witness(scene: Scene, is_negative: bool) -> Scene:
-    """Append a triangle far off every canvas whose orientation outweighs that of all others.
+    """Append a triangle, the witness, that decides which triangles of a piece are subtracted.
 
-    `Area("sum")` subtracts triangles whose orientation is opposite to that of the sum of all areas.
-    A piece that has this triangle subtracts the same ones as the whole scene.
+    `Area("sum")` subtracts each triangle whose signed area has the opposite sign to the sum of all
+    signed areas. The witness lies far off every canvas, and is so large that it decides the sign of
+    the sum: negative if `is_negative`, else positive. So a piece with the witness subtracts the
+    same triangles as the whole scene.
     """
     corners = np.array([[-3, -3], [-1, -3], [-3, -1]]) * 2.0**38
     corners = corners[::-1] if is_negative else corners
@@ -94,16 +102,16 @@ def _with_entries(
     change_vertices: Callable[[Any], Any],
     triangles: Int[np.ndarray, "triangles 3"],
 ) -> Scene:
-    """Change every array that has an entry for each triangle or for each vertex.
+    """Apply one function to every array of triangles, and another to every array of vertices.
 
-    `triangles` replaces the vertex indices.
+    The vertex indices are replaced by `triangles`. Returns the changed scene.
     """
     functions = {
         "positions": change_vertices, "colors": change_triangles, "uv": change_triangles,
         "texture_index": change_triangles, "depth": change_vertices, "inverse_w": change_vertices,
     }  # fmt: skip
     names = [name for name in functions if getattr(scene, name) is not None]
-    # The constructor of a scene takes arrays on the device only.
+    # The constructor of `Scene` would refuse host arrays.
     return eqx.tree_at(
         lambda scene: [scene.triangles, *(getattr(scene, name) for name in names)],
         scene,

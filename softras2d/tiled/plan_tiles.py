@@ -1,4 +1,4 @@
-"""`plan_tiles`: choose the windows of a large canvas, and the programs that draw them."""
+"""`plan_tiles`: cut a large canvas into windows, and plan the programs that draw them."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -48,10 +48,12 @@ class TiledPlan:
 
     - `cut`: the canvas and its windows, in pixels.
     - `origin`: the pixel (x, y) of the scene at the canvas's upper left.
-    - `border`: pixels that are drawn around each window, for gradients by positions.
+    - `border`: width, in pixels, of the margin that is drawn around each window, for gradients with
+      respect to positions; 0 for none.
     - `lists`: triangles of each window.
-    - `plans`: for each size class of windows, the plan of its program.
-    - `witness`: the orientation that `Area("sum")` adds, 1 or -1; None for other coverage.
+    - `plans`: the plan for the windows of each size class (`pieces.piece_class`).
+    - `witness`: for `Area("sum")`, the sign of the sum of all signed areas, 1 or -1, which decides
+      which triangles are subtracted (`pieces.with_witness`); None for other coverage.
     - `has_gradients`: whether the plan is for `tiled_value_and_grad`.
     """
 
@@ -75,18 +77,21 @@ class TiledPlan:
 
     @property
     def memory(self) -> int:
-        """Approximate bytes of the largest arrays of the largest program."""
+        """Approximate size, in bytes, of the largest arrays of the largest program."""
         return max(plan.memory for plan in self.plans.values())
 
     def plan_at(self, number: int) -> Plan:
-        """The plan of a window, with its origin."""
+        """The plan with which the window of this number is drawn, at the window's origin.
+
+        Its canvas includes the border.
+        """
         plan = self.plans[self._class_of(number)]
         window = self.cut.window(number)
         first_pixel = self.origin + np.array([window.x, window.y], np.int32) - self.border
         return _at_origin(plan, first_pixel)
 
     def triangles_of(self, number: int) -> Int[np.ndarray, " triangles"]:
-        """Indices of the triangles of a window, in draw order, of the scene that was planned."""
+        """Indices, in the planned scene, of the triangles of a window, in draw order."""
         return self.lists.of(number)
 
     def _class_of(self, number: int) -> int:
@@ -114,25 +119,28 @@ def plan_tiles(
 ) -> TiledPlan:
     """Plan a canvas of any size that is drawn window by window, each by one compiled program.
 
-    Triangles are assigned to windows once. Windows whose numbers of triangles are similar share a
-    program; there are two to four programs.
+    Triangles are assigned to windows once. Windows with similar numbers of triangles share a
+    program, so that there are usually at most four programs.
 
     - `scene`: one concrete scene. The plan is for this scene alone.
     - `height`, `width`: size of the canvas in pixels, 1..1048576.
     - `coverage`, `filter`, `origin`: as in `plan`.
-    - `tile`: pixels along a window: a multiple of 32, or of 80 with 9 samples. 1024 (960) unless
-      given. Memory and the number of windows depend on it.
-    - `grid_bits`: vertices are snapped to multiples of 2^-grid_bits pixel in hard mode. By default
-      the grid is that of `plan` up to 16384 pixels a side, and 2^-8 pixel beyond.
-    - `gradients`: whether the plan is for `tiled_value_and_grad`. Every window is then drawn with a
-      border of one pixel, so that edges between two windows have their derivative.
+    - `tile`: pixels along a side of a window, up to 8192: a multiple of 32, or of 80 with 9 samples
+      per pixel. By default 1024, or 960 with 9 samples. Memory and the number of windows depend on
+      it.
+    - `grid_bits`: under `Hard`, vertices are snapped to multiples of 2^-grid_bits pixel. By default
+      the grid is the one that `plan` chooses for a canvas of up to 16384 pixels a side, and 2^-8
+      pixel for a larger canvas.
+    - `gradients`: whether the plan is for `tiled_value_and_grad`. Under `Hard`, every window is
+      then drawn with a border of one pixel, so that edges between two windows have their
+      derivative.
 
-    Under `Hard`, windows have the samples and the pixels of `render` with the default plan of the
-    whole canvas, to the bit, unless a triangle is so large that an edge is cut at the guard band.
-    That band reaches 2^(22 - grid_bits) pixels from the middle of each window. Under `Soft` and
-    `Area` windows equal it up to rounding.
+    Under `Hard`, windows equal the image that `render` draws with the default plan of the whole
+    canvas, to the bit, unless a triangle is so large that an edge is cut at the guard band. This
+    band reaches 2^(22 - grid_bits) pixels from the middle of each window. Under `Soft` and `Area`,
+    windows equal the image up to rounding.
 
-    Raises `ValueError` as `plan` does, and for a traced or batched scene.
+    Raises `ValueError` as `plan` does, for a traced or batched scene, and for an invalid `tile`.
     """
     coverage = Hard() if coverage is None else coverage
     mode = mode_of(coverage)
@@ -161,7 +169,10 @@ def plan_tiles(
 
 
 def host_scene(scene: Scene, plan: TiledPlan) -> Scene:
-    """The scene on the host, from which windows take their triangles."""
+    """Copy a scene to the host, so that windows can take their triangles from it.
+
+    If the plan has a witness, it is appended as the last triangle.
+    """
     host = jax.tree.map(np.asarray, scene)
     if plan.witness is None or len(host.triangles) == 0:
         return host
@@ -169,8 +180,9 @@ def host_scene(scene: Scene, plan: TiledPlan) -> Scene:
 
 
 def _checked_cut(height: int, width: int, tile: int | None, coverage: Coverage) -> Cut:
-    """The windows of a canvas, or `ValueError`."""
-    # A window must be whole tiles of the renderer, whose pixels then sum in the same order.
+    """Check the sizes of canvas and windows, and return the cut; raise `ValueError` otherwise."""
+    # A window must consist of whole tiles of the renderer, so that the colours of each pixel are
+    # summed in the same order as on the whole canvas.
     multiple = 80 if coverage.rate == 3 else 32
     tile = 1024 // multiple * multiple if tile is None else tile
     for name, value in (("height", height), ("width", width)):
@@ -182,7 +194,10 @@ def _checked_cut(height: int, width: int, tile: int | None, coverage: Coverage) 
 
 
 def _grids(cut: Cut, border: int, coverage: Coverage, grid_bits: int | None) -> tuple[Grid, Grid]:
-    """The grid of the whole canvas, and that of one window with its border."""
+    """Return the fixed-point grid of the whole canvas, and the grid of a window with its border.
+
+    Both snap vertices to the same multiples of a pixel.
+    """
     rate = coverage.rate
     height, width = (min(side, cut.tile) + 2 * border for side in (cut.height, cut.width))
     finest = Grid.for_canvas(height, width, rate).bits
@@ -196,9 +211,9 @@ def _grids(cut: Cut, border: int, coverage: Coverage, grid_bits: int | None) -> 
 
 
 def _boxes(corners: np.ndarray, canvas: Drawing, border: int, mode: CoverageMode) -> Boxes:
-    """The bounding boxes of the triangles, as far as they can change a pixel."""
+    """Bounding box of the pixels whose value or gradient each triangle can change."""
     if isinstance(mode, AnalyticMode):
-        # One pixel more than the coverage reaches, for roundings.
+        # One pixel more than the coverage reaches, for rounding errors.
         return reached_boxes(corners - canvas.origin, mode.reach(canvas.coverage, None) + 1.0)
     if border:
         # A triangle between two samples changes no pixel, but has a gradient.
@@ -207,7 +222,7 @@ def _boxes(corners: np.ndarray, canvas: Drawing, border: int, mode: CoverageMode
 
 
 def _lists_of_all(triangles: int, cut: Cut) -> TriangleLists:
-    """Every triangle in the list of every window, for few triangles on a small canvas."""
+    """Put every triangle into the list of every window, for few triangles on a small canvas."""
     triangle = np.tile(np.arange(triangles, dtype=np.int32), cut.count)
     return TriangleLists(triangle, np.arange(cut.count + 1) * triangles)
 
@@ -217,7 +232,9 @@ class _Windows(NamedTuple):
 
     - `canvas`: the scene on the whole canvas.
     - `grid`: the fixed-point grid of one window with its border.
-    - `extra_triangles`: number of triangles that each piece has beside those of its list.
+    - `border`: width of the border of a window, in pixels.
+    - `extra_triangles`: number of triangles that each piece has besides the triangles of its list:
+      1 for the witness of `Area("sum")`, else 0.
     """
 
     canvas: Drawing
@@ -228,7 +245,7 @@ class _Windows(NamedTuple):
     extra_triangles: int
 
     def drawing(self, number: int) -> Drawing:
-        """The triangles of a window on its canvas."""
+        """The triangles of a window, on the canvas of the window with its border."""
         window = self.cut.window(number)
         first_pixel = np.array([window.x, window.y], np.int32) - self.border
         return self.canvas._replace(
@@ -238,7 +255,7 @@ class _Windows(NamedTuple):
         )
 
     def groups(self) -> dict[int, list[int]]:
-        """Numbers of the windows of each size class."""
+        """Group the numbers of the windows by size class."""
         groups: defaultdict[int, list[int]] = defaultdict(list)
         for number, length in enumerate(np.diff(self.lists.starts)):
             groups[piece_class(int(length) + self.extra_triangles)].append(number)
@@ -246,7 +263,11 @@ class _Windows(NamedTuple):
 
 
 def _plans(windows: _Windows, mode: CoverageMode, canvas_listing: Listing) -> dict[int, Plan]:
-    """The plan of each size class of windows."""
+    """Make the plan for the windows of each size class.
+
+    `canvas_listing` is for the whole canvas: it decides whether every tile lists every triangle,
+    and fixes the side of tiles under analytic coverage.
+    """
     groups, lists = windows.groups(), windows.lists
     drawings = {
         number: windows.drawing(number)
@@ -280,16 +301,17 @@ _NO_LISTS = Counts(0, 0, np.zeros(1, np.int64), crossings=0)
 
 
 def _compact(counts: Counts) -> Counts:
-    """Counts without the empty tiles, of which a large canvas has millions."""
+    """Drop the empty tiles from list lengths, as a large canvas has millions of them."""
     lengths = counts.list_lengths[counts.list_lengths > 0]
     return counts._replace(list_lengths=lengths if len(lengths) else np.zeros(1, np.int64))
 
 
 def _counts_of_canvas(windows: _Windows, counts: dict[int, Counts], listing: Listing) -> Counts:
-    """Counts of the whole canvas, from which the slots of a chunk are chosen for all windows.
+    """List lengths of the whole canvas, from which the slots per chunk of all windows are chosen.
 
-    The windows of the last row and column reach beyond the canvas. They are counted again without
-    the tiles there.
+    `counts` has the counts of each window that shows triangles. Windows of the last row and column
+    are drawn at full size and reach beyond the canvas, so they are counted again without the tiles
+    beyond it. Only `list_lengths` of the result is used.
     """
     lengths = [np.zeros(1, np.int64)]
     for number, window_counts in counts.items():
@@ -303,7 +325,10 @@ def _counts_of_canvas(windows: _Windows, counts: dict[int, Counts], listing: Lis
 
 
 def _plan(grid: Grid, drawings: Sequence[Drawing], layout: Layout, mode: CoverageMode) -> Plan:
-    """The plan of windows that share a program, at the origin (0, 0)."""
+    """Make the plan of windows that share a program, at the origin (0, 0).
+
+    `grid` is the fixed-point grid of one window with its border.
+    """
     return Plan(
         height=grid.height,
         width=grid.width,
@@ -324,7 +349,7 @@ def _at_origin(plan: Plan, origin: Int[np.ndarray, "2"]) -> Plan:
 
 
 def _orientation_of_all(corners: np.ndarray) -> int:
-    """Sign of the sum of the signed areas: -1, or 1."""
+    """Sign of the sum of the signed areas of all finite triangles: -1 if it is negative, else 1."""
     corners = corners[np.isfinite(corners).all((1, 2))]
     (ax, ay), (bx, by) = (corners[:, k].T - corners[:, 0].T for k in (1, 2))
     return -1 if float(np.sum(ax * by - ay * bx)) < 0 else 1

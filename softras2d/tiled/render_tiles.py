@@ -1,4 +1,4 @@
-"""`render_tiles`: draws the windows of a large canvas one after another, on one or more devices."""
+"""`render_tiles`: draw the windows of a large canvas one after another, on one or more devices."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -16,7 +16,7 @@ from .plan_tiles import TiledPlan, host_scene
 from .windows import Window
 
 _IN_FLIGHT = 2
-"""Windows that a device is given before the first of them is waited for."""
+"""Number of windows that are started on each device before the first result is awaited."""
 
 T = TypeVar("T")
 
@@ -31,15 +31,15 @@ def render_tiles(
     """Draw windows of a canvas one after another; yields each window with its image.
 
     - `scene`: the scene that was planned.
-    - `windows`: numbers of the windows to draw, in this order (`plan.cut` counts them row by row).
-      All of them unless given.
-    - `devices`: windows go to them in turn. JAX's first device unless given.
+    - `windows`: numbers of the windows to draw, in this order; `plan.cut` numbers them row by row.
+      By default all windows.
+    - `devices`: devices that draw the windows in turn. By default JAX's first device.
 
-    Images are those of `render`, `[window.height, window.width, channels]` in the dtype of the
-    positions. Memory is that of two windows for each device.
+    Each image is a part of the image that `render` would draw, `[window.height, window.width,
+    channels]` in the dtype of the positions. At most two windows per device are in memory.
 
-    Raises `ValueError` if triangles have moved since the plan was made and outgrow it. Triangles
-    that moved into another window are not drawn there: plan again.
+    Raises `ValueError` if triangles have moved since the plan was made and outgrow it. A triangle
+    that has moved into another window is missing there: plan again.
     """
     host = host_scene(scene, plan)
     blank: list[Any] = []
@@ -63,7 +63,10 @@ def render_tiles(
 
 
 def piece_of(host: Scene, plan: TiledPlan, number: int) -> Piece | None:
-    """The part of a scene on the host that a window shows; None if no triangle comes near it."""
+    """Take the triangles of the window of this number; None if no triangle comes near it.
+
+    `host` is the scene that `host_scene` returned. If the plan has a witness, the piece has it too.
+    """
     triangle = plan.triangles_of(number)
     if len(triangle) == 0:
         return None
@@ -73,7 +76,7 @@ def piece_of(host: Scene, plan: TiledPlan, number: int) -> Piece | None:
 
 
 def placed(piece: Piece, plan: TiledPlan, number: int, device: Device) -> Any:
-    """The padded scene of a piece and the plan of its window, on a device."""
+    """Put the padded scene of a piece and the plan of its window on a device; returns both."""
     return jax.device_put((padded(piece), plan.plan_at(number)), device)
 
 
@@ -82,7 +85,11 @@ def in_turns(
     start: Callable[[Window, Device], T],
     devices: Devices | None,
 ) -> Iterator[tuple[Window, T]]:
-    """Start work on each window, on the devices in turn; yields results in the order of windows."""
+    """Call `start(window, device)` for each window, on the devices in turn.
+
+    Yields each window with the result, in the order of `windows`. Calls start ahead of the results
+    that are yielded, so that all devices stay busy.
+    """
     devices = jax.local_devices()[:1] if devices is None else list(devices)
     if not devices:
         raise ValueError("`devices` must name one device at least; got none.")
@@ -95,7 +102,7 @@ def in_turns(
 
 
 def outgrown(window: Window) -> ValueError:
-    """The error for a scene that outgrew the plan of a window."""
+    """Make the error for a scene that outgrew the plan of a window."""
     return ValueError(
         f"the scene outgrew its plan in the window at x {window.x}, y {window.y}: call "
         "softras2d.plan_tiles(scene, ...) again."

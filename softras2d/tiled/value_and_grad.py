@@ -1,4 +1,4 @@
-"""`tiled_value_and_grad`: a loss that is a sum over the windows of a canvas, with its gradient."""
+"""`tiled_value_and_grad`: the gradient of a loss that is a sum over the windows of a canvas."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -24,23 +24,25 @@ _OF_VERTICES = ("positions", "depth", "inverse_w")
 def tiled_value_and_grad(
     loss: Callable[..., Float[Array, ""]], *, devices: Devices | None = None
 ) -> Callable[..., tuple[float, Scene]]:
-    """Differentiate a loss that is a sum over windows by every float of a scene.
+    """Differentiate a loss that is a sum over windows, with respect to every float of a scene.
 
-    - `loss(image, *windows_of_data)`: the loss of one window, a scalar; under a trace. `image` is
-      `[height, width, channels]` of the window. The windows of the last row and column may be
-      smaller, and are programs of their own.
-    - `devices`: windows go to them in turn. JAX's first device unless given.
+    - `loss(image, *windows_of_data)`: returns the loss of one window, a scalar. JAX traces it.
+      `image` is the image of the window, `[height, width, channels]`. Windows of the last row and
+      column may be smaller, and are compiled separately.
+    - `devices`: devices that compute the windows in turn. By default JAX's first device.
 
-    Returns a function of a scene, a `TiledPlan` with `gradients=True`, and any number of arrays
-    `[height, width, ...]` of the canvas, such as a target. They are cut into windows as they are
-    needed, so that they may be memory-mapped. It returns the sum of the losses, and its gradient: a
-    scene whose arrays hold derivatives, and None for those of integers.
+    Returns a function of a scene, a `TiledPlan` made with `gradients=True`, and any number of
+    arrays `[height, width, ...]` of the canvas, such as a target image. The arrays are cut into
+    windows as they are needed, so that they may be memory-mapped. The function returns the sum of
+    the losses, and its gradient: a scene whose arrays of floats hold derivatives, and whose arrays
+    of integers are None.
 
     Sums over windows are taken in float64 in the order of the windows, so that they do not depend
-    on the number of devices. A mean over the canvas is a sum over windows divided by its pixels.
+    on the number of devices. For a mean over the canvas, divide the loss of each window by the
+    number of pixels of the canvas.
 
-    Raises `ValueError` for a plan without `gradients`, for data of another size than the canvas,
-    and if triangles have moved since the plan was made and outgrow it.
+    The function raises `ValueError` for a plan without `gradients`, for data of another size than
+    the canvas, and if triangles have moved since the plan was made and outgrow it.
     """
 
     @eqx.filter_jit
@@ -80,7 +82,7 @@ def tiled_value_and_grad(
 
 
 def _check(plan: TiledPlan, data: Sequence[Any]) -> None:
-    """Raise `ValueError` for a plan or for data that the function does not take."""
+    """Raise `ValueError` for a plan without gradients, or for data of another size."""
     if not plan.has_gradients:
         raise ValueError("`tiled_value_and_grad` needs a plan by plan_tiles(..., gradients=True).")
     for array in data:
@@ -92,7 +94,7 @@ def _check(plan: TiledPlan, data: Sequence[Any]) -> None:
 
 
 def _zeros(scene: Scene) -> dict[str, np.ndarray]:
-    """A sum in float64 for every array of floats."""
+    """Make zeros in float64, by name, of the shape of every float array of a scene."""
     names = [name for name in (*_OF_TRIANGLES, *_OF_VERTICES) if getattr(scene, name) is not None]
     sums: dict[str, np.ndarray] = {
         name: np.zeros(getattr(scene, name).shape) for name in (*names, "background")
@@ -103,7 +105,10 @@ def _zeros(scene: Scene) -> dict[str, np.ndarray]:
 
 
 def _add(sums: dict[str, np.ndarray], piece: Piece, gradient: Scene) -> None:
-    """Add the gradient of a piece to the entries of the whole scene that it was taken from."""
+    """Add the gradient of a piece to the entries of the whole scene from which it was taken.
+
+    `sums` are changed in place.
+    """
     for name, total in sums.items():
         if name == "texels":
             assert gradient.textures is not None
@@ -118,7 +123,7 @@ def _add(sums: dict[str, np.ndarray], piece: Piece, gradient: Scene) -> None:
 
 
 def _as_scene(scene: Scene, sums: dict[str, np.ndarray]) -> Scene:
-    """The sums as a scene in the dtype of its positions."""
+    """Return the sums as a scene, in the dtype of the positions; arrays of integers are None."""
     names = [name for name in sums if name != "texels"]
     dtype = scene.positions.dtype
     gradient = eqx.tree_at(

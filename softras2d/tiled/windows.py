@@ -15,7 +15,7 @@ from ..scene import Scene
 class Window(NamedTuple):
     """A rectangle of a canvas: its first pixel (`x`, `y`) and its size, in pixels.
 
-    `number` counts the windows row by row.
+    `number` is the index of the window, row by row from 0.
     """
 
     number: int
@@ -26,20 +26,20 @@ class Window(NamedTuple):
 
     @property
     def rows(self) -> slice:
-        """Rows of the canvas."""
+        """Rows of the canvas that the window shows, to index an array."""
         return slice(self.y, self.y + self.height)
 
     @property
     def columns(self) -> slice:
-        """Columns of the canvas."""
+        """Columns of the canvas that the window shows, to index an array."""
         return slice(self.x, self.x + self.width)
 
 
 @dataclass(frozen=True)
 class Cut:
-    """A canvas of `height` x `width` pixels, cut into windows of `tile` pixels a side.
+    """A canvas of `height` x `width` pixels, cut into windows of `tile` x `tile` pixels.
 
-    Those of the last row and column may be smaller.
+    Windows of the last row and column may be smaller.
     """
 
     height: int
@@ -62,36 +62,37 @@ class Cut:
         return self.rows * self.columns
 
     def window(self, number: int) -> Window:
-        """The window of this number."""
+        """The window of this number, counted row by row from 0."""
         row, column = divmod(number, self.columns)
         y, x = row * self.tile, column * self.tile
         return Window(number, x, y, min(self.tile, self.height - y), min(self.tile, self.width - x))
 
     def __iter__(self) -> Iterator[Window]:
-        """All windows, row by row."""
+        """Iterate over all windows, row by row."""
         return map(self.window, range(self.count))
 
 
 class TriangleLists(NamedTuple):
-    """Triangles of every window, in draw order, one list after another.
+    """Triangles of every window, in draw order, one window's list after another.
 
     - `triangle`: index of the triangle of each entry.
-    - `starts`: index of the first entry of each window, and the number of all entries at the end.
+    - `starts`: index of the first entry of each window; then the number of all entries.
     """
 
     triangle: Int[np.ndarray, " pairs"]
     starts: Int[np.ndarray, " windows_and_one"]
 
     def of(self, number: int) -> Int[np.ndarray, " triangles"]:
-        """The triangles of the window of this number."""
+        """Indices of the triangles of the window of this number."""
         return self.triangle[self.starts[number] : self.starts[number + 1]]
 
 
 class Boxes(NamedTuple):
-    """The bounding box of each triangle, in whole pixels of the canvas, both ends included.
+    """The bounding box of each triangle, in whole pixels of the canvas.
 
-    - `first`, `last`: columns and rows, as floats, as far corners exceed every integer. The box is
-      empty where `first > last`.
+    - `first`, `last`: column and row of the first and of the last pixel, both included. They are
+      floats, because far corners exceed the range of integers. The box is empty where `first >
+      last`.
     """
 
     first: Float[np.ndarray, "triangles 2"]
@@ -99,21 +100,26 @@ class Boxes(NamedTuple):
 
 
 def reached_boxes(corners: Float[np.ndarray, "triangles 3 2"], reach: float) -> Boxes:
-    """Pixels within `reach` pixels of the bounding boxes of triangles; none if one is NaN."""
+    """Boxes of the pixels within `reach` pixels of the bounding box of each triangle.
+
+    `corners` are in pixels of the canvas. A triangle with a NaN or infinite corner has an empty
+    box.
+    """
     return _with_finite(corners, corners.min(1) - reach, corners.max(1) + reach)
 
 
 def sampled_boxes(
     corners: Float[np.ndarray, "triangles 3 2"], grid: Grid, origin: Int[np.ndarray, "2"]
 ) -> Boxes:
-    """Pixels of the samples in the bounding boxes of triangles, exactly as `render` computes them.
+    """Boxes of the pixels with a sample in the bounding box of each triangle.
 
-    `corners` are in pixels of the scene, and `origin` is the pixel at the canvas's upper left. A
-    window must not list a triangle that the whole canvas does not list, because its colours would
-    then be summed in another order.
+    They are computed exactly as `render` does: a window must not list a triangle that the whole
+    canvas does not list, because colours would then be summed in another order. `corners` are in
+    pixels of the scene, and `origin` is the pixel of the scene at the canvas's upper left. A
+    triangle with a NaN or infinite corner has an empty box.
     """
     unit, rate = 2.0**grid.bits, grid.rate
-    # In float64, these numbers of units are exact.
+    # Corners in units of the fixed-point grid, which are exact in float64.
     corners = np.rint(corners * unit) - origin * unit
     first = np.ceil((rate * corners.min(1) - unit / 2) / unit)
     last = np.floor((rate * corners.max(1) - unit / 2) / unit)
@@ -123,13 +129,16 @@ def sampled_boxes(
 
 
 def _with_finite(corners: np.ndarray, low: np.ndarray, high: np.ndarray) -> Boxes:
-    """The boxes from low to high, empty for triangles with a corner that is not finite."""
+    """Make boxes from `low` to `high`, in pixels, rounded down to whole pixels.
+
+    They are empty for triangles with a NaN or infinite corner.
+    """
     finite = np.asarray(np.isfinite(corners).all((1, 2)))[:, None]
     return Boxes(np.where(finite, np.floor(low), 0.0), np.where(finite, np.floor(high), -1.0))
 
 
 def list_triangles(boxes: Boxes, cut: Cut, border: int = 0) -> TriangleLists:
-    """List the triangles whose boxes come within `border` pixels of each window."""
+    """List, for each window, the triangles whose boxes come within `border` pixels of it."""
     last = np.array([cut.columns - 1, cut.rows - 1])
     size = np.array([cut.width, cut.height])
     low, high = boxes.first - border, boxes.last + border
@@ -151,7 +160,7 @@ def list_triangles(boxes: Boxes, cut: Cut, border: int = 0) -> TriangleLists:
 
 
 def scene_corners(scene: Scene) -> Float[np.ndarray, "triangles 3 2"]:
-    """Corners in pixels of the scene, in float64; NaN for padding."""
+    """Corners of each triangle, in pixels of the scene; NaN for triangles that `pad` appended."""
     positions, triangles = np.asarray(scene.positions), np.asarray(scene.triangles)
     corners = positions.astype(np.float64)[triangles]
     corners[is_padding(triangles)] = np.nan

@@ -1,4 +1,4 @@
-"""`write_tiles`: draws a large canvas into an image file, with memory for a few windows only."""
+"""`write_tiles`: draw a large canvas into an image file, with memory for a few windows only."""
 
 import os
 from collections.abc import Callable
@@ -24,15 +24,16 @@ def write_tiles(
 ) -> None:
     """Draw a canvas window by window into a PNG, TIFF (8 bits) or EXR file (float32).
 
-    - `path`: its suffix chooses the format. TIFF and EXR files are tiled, and hold windows as they
-      are drawn; a PNG needs memory for a row of windows.
+    - `path`: its suffix chooses the format. TIFF and EXR files are tiled, and windows are written
+      to them as soon as they are drawn; a PNG needs memory for a row of windows.
     - `scene`, `plan`, `devices`: as for `render_tiles`.
     - `linear`, `truncate`: as for `write_image`.
-    - `report(done, windows)`: called after each window.
+    - `report(done, windows)`: called after each window with the number of windows that are written,
+      and the number of all windows.
 
-    Pixels are those that `write_image` writes for the image of `render`. The file is written
-    completely or not at all, also after Ctrl-C. Raises `ValueError`, one line, as `render_tiles`
-    and `write_image` do.
+    The file holds the same pixels as if `write_image` wrote the image of `render`. The file is
+    written completely or not at all, also after Ctrl-C. Raises `ValueError`, with a message of one
+    line, as `render_tiles` and `write_image` do.
     """
     path = Path(path)
     channels = int(scene.background.shape[-1])

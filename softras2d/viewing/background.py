@@ -14,7 +14,7 @@ from .settings import Settings
 from .view import View
 
 _MAX_PLANS = 16
-"""Largest number of kinds of views whose plan is kept."""
+"""Largest number of kinds of views (`plans.kind_of`) whose plan is kept."""
 
 
 class PlanCompiler:
@@ -29,10 +29,10 @@ class PlanCompiler:
         self._is_closed = False
 
     def start(self, kind: Hashable, scene: Scene, view: View, settings: Settings) -> None:
-        """Begin with the plan of a kind of views, unless it was asked for before.
+        """Begin to make the plan of a kind of views, unless it was requested before.
 
-        Plans of other kinds that have not begun are dropped: they are asked for again if they are
-        still wanted.
+        `kind` is the result of `kind_of` for this view. Plans of other kinds that are still waiting
+        are dropped: they are requested again if they are still wanted.
         """
         if kind in self._plans or self._is_closed:
             return
@@ -43,16 +43,19 @@ class PlanCompiler:
             self._plans.popitem(last=False)
 
     def take(self, kind: Hashable) -> Plan | None:
-        """Wait for the plan of a kind of views; None if it was not asked for, or cannot be made."""
+        """Wait for the plan of a kind of views, and return it.
+
+        Returns None if it was not requested, or if it cannot be made.
+        """
         plan = self._plans.get(kind)
         return None if plan is None or plan.exception() is not None else plan.result()
 
     def is_busy(self) -> bool:
-        """Whether a program is being compiled."""
+        """Whether a plan is being made or compiled, or is waiting for that."""
         return not all(plan.done() for plan in self._plans.values())
 
     def close(self) -> None:
-        """Wait for the program that is being compiled, and begin with no other."""
+        """Wait for the program that is being compiled, and begin no other."""
         self._is_closed = True
         self._thread.shutdown(cancel_futures=True)
 
@@ -60,6 +63,6 @@ class PlanCompiler:
 def _compile(scene: Scene, view: View, settings: Settings) -> Plan:
     """Make a plan with headroom, and compile its program by a first render."""
     plan = headroom_plan(scene, view, settings)
-    # A call keeps its program for the next calls, which compiling ahead of time does not.
+    # The program of a call is cached for later calls; a program compiled ahead of time is not.
     jax.block_until_ready(render_checked(scene, plan))
     return plan

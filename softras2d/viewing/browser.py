@@ -1,4 +1,4 @@
-"""Opens a page in the browser, whose address is a secret.
+"""Opens a page with a secret address in the browser.
 
 Every user of a machine can read the command lines of its processes. So the browser is not given the
 address, but a file that only this user can read, and which sends the browser on to the address.
@@ -30,7 +30,10 @@ _PAGE = """\
 
 @contextmanager
 def opened_page(url: str) -> Iterator[None]:
-    """Open the page at `url` in the browser; the file that leads there exists for the body."""
+    """Open the page at `url` in the browser, as a context manager.
+
+    The file that leads the browser there exists until the body of the `with` statement has ended.
+    """
     with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
         path = Path(folder) / "viewer.html"
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

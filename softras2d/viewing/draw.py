@@ -1,4 +1,4 @@
-"""Draws views: the exact picture by `render`, as bytes."""
+"""Draws views with `render`, as pictures of bytes."""
 
 import threading
 import time
@@ -30,8 +30,9 @@ _COMPILED = "/jax/core/compile/backend_compile_duration"
 class Drawn(NamedTuple):
     """The picture of a view.
 
-    - `rgba`: straight RGBA; alpha is 255 where the background is opaque.
-    - `seconds`: of the whole work; `compile_seconds`: the part of them spent compiling.
+    - `rgba`: straight RGBA; alpha is 255 everywhere if the background is opaque.
+    - `plan`: the plan that drew it.
+    - `seconds`: time of the whole work, including `compile_seconds`, the time spent compiling.
     """
 
     rgba: UInt8[np.ndarray, "height width 4"]
@@ -41,14 +42,17 @@ class Drawn(NamedTuple):
 
 
 class Artist:
-    """Draws views, with plans that it keeps. Not to be used by two threads at once."""
+    """Draws views, and keeps their plans for later ones. Only one thread may use it at a time."""
 
     def __init__(self):
         self._plans = ViewPlans()
         self._compiler = PlanCompiler()
 
     def draw(self, scene: Scene, view: View, settings: Settings) -> Drawn:
-        """Draw a view. Raises `ValueError` for what cannot be drawn."""
+        """Draw a view.
+
+        Raises `ValueError` for an invalid scene, and for a view that takes too much memory.
+        """
         began = time.perf_counter()
         with compile_times() as compile_seconds:
             image, plan = self.render(scene, view, settings)
@@ -58,14 +62,20 @@ class Artist:
         return Drawn(rgba, plan, time.perf_counter() - began, sum(compile_seconds))
 
     def prepare_zoom(self, scene: Scene, view: View, settings: Settings) -> None:
-        """Compile a plan with headroom in another thread, if the view has a tight plan."""
+        """Compile a plan with headroom in another thread, if the canvas is large.
+
+        On a large canvas, the first plan is tight, so that zooming would soon outgrow it.
+        """
         if view.height * view.width >= TIGHT_PLAN_PIXELS:
             self._compiler.start(kind_of(scene, view, settings), scene, view, settings)
 
     def render(
         self, scene: Scene, view: View, settings: Settings, grid_bits: int | None = None
     ) -> tuple[Float[Array, "height width channels"], Plan]:
-        """The image of a view, and a plan that is large enough for it."""
+        """Draw the image of a view; returns it with the plan that was used.
+
+        `grid_bits`: as in `plan`.
+        """
         return self.with_plan(render_checked, scene, view, settings, grid_bits)
 
     def with_plan(
@@ -76,9 +86,10 @@ class Artist:
         settings: Settings,
         grid_bits: int | None = None,
     ) -> tuple[T, Plan]:
-        """The value of `compute(scene, plan)` with a plan that is large enough for it.
+        """Call `compute(scene, plan)` with a plan that is large enough.
 
-        `compute` returns its value and whether the scene outgrew the plan.
+        `compute` returns a value and whether the scene outgrew the plan. If it did, `compute` is
+        called again with a larger plan. Returns the last value and plan. `grid_bits`: as in `plan`.
         """
         plan = self._plans.choose(scene, view, settings, grid_bits)
         value, overflow = compute(scene, plan)
@@ -99,13 +110,16 @@ class Artist:
         return self._compiler.is_busy()
 
     def close(self) -> None:
-        """Wait until nothing is compiled in another thread, and compile nothing there any more."""
+        """Wait until the other thread has compiled its program, and stop that thread."""
         self._compiler.close()
 
 
 @contextmanager
 def compile_times() -> Iterator[list[float]]:
-    """Collect the seconds of each compilation in this thread."""
+    """Collect the times, in seconds, of the compilations in this thread, as a context manager.
+
+    Yields a list, to which each compilation within the body adds its time.
+    """
     seconds: list[float] = []
     thread = threading.get_ident()
 

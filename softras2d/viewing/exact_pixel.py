@@ -1,9 +1,9 @@
-"""The exact value of a pixel: the mean of the drawing over its square, by cutting polygons.
+"""The exact value of a pixel: the mean of the drawing over the pixel's square.
 
-`Area` measures each triangle exactly, but blends the triangles as if they overlapped at random: the
-background shows at the seam of two that abut. Here the square of one pixel is cut along the edges
-of its triangles, the nearest first, into convex pieces, each of which shows the same triangles
-everywhere. That is far too slow for a picture, and exact up to rounding.
+`Area` measures each triangle exactly, but blends triangles as if they overlapped at random: the
+background shows at the seam of two adjacent triangles. Here the square of one pixel is cut along
+the edges of its triangles, nearest triangle first, into convex pieces. All points of a piece show
+the same triangles. The result is exact up to rounding, but this is far too slow for a picture.
 """
 
 import itertools
@@ -17,18 +17,19 @@ from ..scene import Scene
 _Point = tuple[float, float]
 
 _MOST_PIECES = 2_000
-"""Pieces of one pixel beyond which the exact value would take too long."""
+"""Largest number of pieces of one pixel; with more, the exact value would take too long."""
 
 _LEAST_AREA = 1e-13
-"""Area of a piece, in pixels, up to which it is a rounding error."""
+"""Pieces up to this area, in square pixels, count as rounding errors."""
 
 
 def exact_pixel(scene: Scene, column: int, row: int) -> list[float] | None:
-    """The mean of a drawing over the pixel at `column`, `row`, with straight alpha.
+    """Mean of a scene over the square of one pixel, with straight alpha.
 
-    None if it has no closed form here: for scenes with depth or textures, for colours that are
-    interpolated in perspective or whose alpha varies within a triangle, and for pixels that are cut
-    into more than 2,000 pieces.
+    `column` and `row` are pixels of the scene's coordinates. Returns as many channels as the
+    background has, or None for what has no closed form here: scenes with depth or textures, colours
+    that are interpolated in perspective or whose alpha varies within a triangle, and pixels that
+    are cut into more than 2,000 pieces.
     """
     if scene.depth is not None or scene.uv is not None:
         return None
@@ -69,7 +70,10 @@ def exact_pixel(scene: Scene, column: int, row: int) -> list[float] | None:
 
 
 def _cut(polygon: list[_Point], triangle: list[_Point]) -> tuple[list[_Point], list[list[_Point]]]:
-    """The part of a convex polygon inside a triangle, and the convex parts outside of it."""
+    """Cut a convex polygon along the edges of a triangle.
+
+    Returns the part inside the triangle, empty if there is none, and the convex parts outside.
+    """
     covered, uncovered = polygon, []
     for start, end in zip(triangle, triangle[1:] + triangle[:1], strict=True):
         covered, beyond = _split(covered, start, end)
@@ -80,7 +84,10 @@ def _cut(polygon: list[_Point], triangle: list[_Point]) -> tuple[list[_Point], l
 
 
 def _split(polygon: list[_Point], start: _Point, end: _Point) -> tuple[list[_Point], list[_Point]]:
-    """The parts of a convex polygon on the two sides of a line; empty if there is no area.
+    """Split a convex polygon along the line through two points.
+
+    Returns the part on the inside of a triangle of positive orientation that has this edge, and the
+    part on the other side. A part without area is empty.
 
     **Source:** Sutherland and Hodgman, *Reentrant Polygon Clipping* (1974), for one line.
     """
@@ -106,13 +113,13 @@ def _split(polygon: list[_Point], start: _Point, end: _Point) -> tuple[list[_Poi
 
 
 def _with_area(polygon: list[_Point]) -> list[_Point]:
-    """The polygon, or an empty list if its area is a rounding error."""
+    """Return the polygon, or an empty list if its area is a rounding error."""
     has_area = len(polygon) > 2 and _area_and_centroid(polygon)[0] > _LEAST_AREA
     return polygon if has_area else []
 
 
 def _area_and_centroid(polygon: list[_Point]) -> tuple[float, _Point]:
-    """Area and centroid of a convex polygon in positive orientation, as a fan of triangles."""
+    """Area and centroid of a convex polygon in positive orientation, summed over a triangle fan."""
     x, y = polygon[0]
     area = moment_x = moment_y = 0.0
     # Relative to the first corner, so that small polygons keep their digits.

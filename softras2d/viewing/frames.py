@@ -1,6 +1,7 @@
-"""Replies as they are sent: pictures packed, and for a socket as bytes.
+"""Encodes replies for the page: packs pictures, and makes binary messages for a WebSocket.
 
-A message of a socket has the length of its header, the header as JSON, and the payload.
+A binary message consists of the length of the header in bytes (4 bytes, little-endian), the header
+as JSON, and the payload.
 """
 
 import json
@@ -17,16 +18,17 @@ _LENGTH = struct.Struct("<I")
 
 
 def frame_of(reply: Reply) -> bytes:
-    """A reply as one binary message, with the picture packed if that saves much."""
+    """Encode a reply as one binary message, with a picture packed if that saves much."""
     reply = with_packed_picture(reply)
     header = header_text(reply).encode()
     return b"".join([_LENGTH.pack(len(header)), header, reply.payload])
 
 
 def with_packed_picture(reply: Reply) -> Reply:
-    """A reply that holds a picture, with its pixels packed if that saves much.
+    """Pack the pixels of a reply of kind `"picture"` if that saves much.
 
-    The header then says how many `blocks` there are, and how many have one of the `colors`.
+    The header then also has `blocks`, the number of blocks, and `colors`, the number of blocks of a
+    single colour (see `PackedPixels`). Any other reply is returned unchanged.
     """
     if reply.header.get("kind") != "picture":
         return reply
@@ -38,7 +40,7 @@ def with_packed_picture(reply: Reply) -> Reply:
 
 
 def header_text(reply: Reply) -> str:
-    """The header as JSON. Infinity and NaN, which JSON does not have, become null."""
+    """Encode the header as JSON. Infinity and NaN, which JSON does not have, become null."""
     return json.dumps(finite(reply.header), allow_nan=False)
 
 

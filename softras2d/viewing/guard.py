@@ -16,11 +16,14 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
 NAMES = ("127.0.0.1", "localhost")
-"""Names under which a browser may call the server."""
+"""Host names under which a browser may call the server."""
 
 
 class Guard:
-    """Passes a request on to `app` if it is allowed, with the token removed from its path."""
+    """Passes each allowed request on to `app`, with the token removed from its path.
+
+    Other requests are answered with status 403.
+    """
 
     def __init__(self, app: ASGIApp, token: str, port: int):
         self._app = app
@@ -29,7 +32,7 @@ class Guard:
         self._origins = {f"http://{host}" for host in self._hosts}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request, as ASGI says."""
+        """Answer one request, by the interface of ASGI."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
         elif self._is_allowed(scope):

@@ -14,21 +14,24 @@ from .subject import Subject
 from .view import View, enlarged_size
 
 _OUTSIDE = (0, 0, 0, 0)
-"""RGBA of what lies outside of an image."""
+"""RGBA of pixels of the canvas that lie outside the image."""
 
 
 _KEPT_IMAGES = 2
-"""Images of files that are kept in memory: the one that is shown, and one that is compared."""
+"""Number of images that are kept in memory: the one that is shown, and one to compare with."""
 
 
 class KeptImages:
-    """The last images that were read, of all files of a viewer."""
+    """Cache of the images that were read last, for all image files of a viewer."""
 
     def __init__(self):
         self._images: OrderedDict[tuple[str, int], np.ndarray] = OrderedDict()
 
     def get(self, path: Path, version: int) -> Float[np.ndarray, "height width channels"]:
-        """The image of a file, which is read if it is not kept in this version."""
+        """Return the image of a file, and read it unless this version of it is in the cache.
+
+        `version` is a number that changes whenever the file does.
+        """
         key = (str(path), version)
         if key not in self._images:
             self._images[key] = read_image(path)
@@ -39,11 +42,15 @@ class KeptImages:
 
 
 class Image(Subject):
-    """An image, enlarged without smoothing; shrunk, each pixel is the mean of those that it shows.
+    """A subject that is an image.
 
+    Enlarged, it is not smoothed. Shrunk, each pixel is the mean of the image's pixels under it.
+
+    - `name`: what a page calls it.
     - `read`: returns the image, `[height, width, 3 or 4]` in 0..1 with straight alpha.
-    - `version_of`: a number that changes whenever the image does; without it the image stays.
-    - `size_of`: returns height and width; by default those of the image that `read` returns.
+    - `version_of`: returns a number that changes whenever the image does; None for an image that
+      never changes.
+    - `size_of`: returns height and width in pixels; by default the size of what `read` returns.
     """
 
     is_image = True
@@ -78,7 +85,7 @@ class Image(Subject):
         return self._read()
 
     def pixels(self, view: View) -> UInt8[np.ndarray, "height width 4"]:
-        """The pixels of the image under each pixel of the canvas."""
+        """The part of the image that a view shows, as straight RGBA; outside it, alpha is 0."""
         image = self.values()
         height, width = enlarged_size(image.shape[0], image.shape[1], view.zoom)
         if view.zoom < 1:
@@ -97,7 +104,7 @@ class Image(Subject):
 def image_file(path: Path, kept_images: KeptImages | None = None) -> Image:
     """A subject for an image file, which is read when it is shown, and again when it changes.
 
-    - `kept_images`: what keeps the image in memory; all files of a viewer share one.
+    - `kept_images`: cache of images, which all files of a viewer share; a new one by default.
     """
     kept = KeptImages() if kept_images is None else kept_images
 
@@ -122,9 +129,10 @@ def pyramid_image(name: str, textures: TexturePyramid) -> Image:
 
 
 def _source_indices(start: int, count: int, enlarged: int, source: int) -> np.ndarray:
-    """Index in an image, along one axis, of the pixel that each pixel of a canvas shows, or -1.
+    """Index, along one axis, of the image's pixel that each of `count` canvas pixels shows.
 
-    The image has `source` pixels, enlarged to `enlarged`, and the canvas begins at its `start`.
+    The image has `source` pixels along the axis, and `enlarged` pixels after zooming. The first
+    pixel of the canvas is pixel `start` of the enlarged image. Returns -1 outside the image.
     """
     position = start + np.arange(count)
     index = (2 * position + 1) * source // (2 * enlarged)
@@ -142,7 +150,10 @@ def _shrink(image: np.ndarray, height: int, width: int) -> np.ndarray:
 
 
 def _mosaic(textures: TexturePyramid) -> Float[np.ndarray, "height width channels"]:
-    """The levels of every texture side by side, a pixel apart, with straight alpha."""
+    """Draw one row per texture, with its levels side by side, a pixel apart, with straight alpha.
+
+    Pixels between levels are transparent.
+    """
     table, texels = np.asarray(textures.levels), np.asarray(textures.texels, np.float32)
     heights = table[:, 0, 1]
     tops = np.concatenate([[0], np.cumsum(heights + 1)])

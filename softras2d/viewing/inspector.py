@@ -26,21 +26,22 @@ from .window_layers import (
 )
 
 LENS = 11
-"""Pixels along a side of the lens; the inspected one is in the middle."""
+"""Number of pixels along a side of the lens, the square of pixels that the inspector enlarges. The
+inspected pixel is in its middle."""
 
 _MOST_LAYERS = 128
-"""Layers that are composited at a sample, if so many are translucent."""
+"""Maximum number of layers that are composited at a sample."""
 
 _REFERENCE_SAMPLES = 256
-"""Samples per pixel of the reference value, where `exact_pixel` knows no exact one."""
+"""Samples per pixel of the reference value where `exact_pixel` returns None."""
 
 
 class PixelReport(NamedTuple):
-    """The values that the inspector shows for a pixel and those around it.
+    """The values that the inspector shows for a pixel and for the pixels around it.
 
-    - `facts`: the inspected pixel, for JSON.
-    - `samples`: straight RGBA of each sample of the lens, in rows; one per pixel for analytic
-      coverage.
+    - `facts`: values, layers and edges of the inspected pixel, for JSON.
+    - `samples`: straight RGBA of each sample of the lens, as an image of samples. Under analytic
+      coverage a pixel has one sample.
     """
 
     facts: dict[str, Any]
@@ -50,10 +51,11 @@ class PixelReport(NamedTuple):
 def inspect_pixel(
     artist: Artist, scene: Scene, view: View, settings: Settings, column: int, row: int
 ) -> PixelReport:
-    """Look at one pixel of a view, and at those around it.
+    """Report the values of one pixel of a view, and of the pixels around it.
 
-    Only a window is drawn, on the grid of the whole canvas. Its samples are those of the canvas,
-    but for edges cut at the guard band, within two grid units.
+    `column` and `row` are pixels of the view's canvas. Only the window of the lens is drawn, on the
+    fixed-point grid of the whole canvas. Its samples equal the samples of the canvas, except within
+    two grid units of an edge that is cut at the guard band.
     """
     half = LENS // 2
     window, nearby_scene, index = _window(scene, view, settings, column, row)
@@ -64,7 +66,8 @@ def inspect_pixel(
         colors = composite_samples(layers, np.asarray(scene.background, np.float64))
         value = unpremultiply(premultiply(colors[half, half]).mean(axis=0))
         if settings.shading == "pixel" or not is_complete:
-            # The mean of these samples is not the pixel. Otherwise a program less is compiled.
+            # The mean of these samples is not the pixel's value, so the pixel is rendered. In all
+            # other cases, the mean saves compiling a program.
             value = np.asarray(artist.render(nearby_scene, window, settings, bits)[0])[half, half]
     else:
         # Drawn first, so that the plan is large enough for the layers too.
@@ -95,10 +98,11 @@ def inspect_pixel(
 def reference_value(
     artist: Artist, scene: Scene, view: View, settings: Settings, column: int, row: int
 ) -> tuple[str, list[float]]:
-    """The value to compare a pixel of a view with, and how it was computed.
+    """Compute a more exact value of a pixel of a view, to compare the drawn one with.
 
-    It is the mean of the drawing over the exact area of the pixel, or the value with 256 samples
-    where `exact_pixel` has none.
+    `column` and `row` are pixels of the view's canvas. Returns how the value was computed, as text,
+    and the value with straight alpha. It is the mean of the drawing over the square of the pixel
+    (`exact_pixel`) or, where that is None, the value with 256 samples.
     """
     value = exact_pixel(scene, view.x + column, view.y + row)
     if value is not None:
@@ -113,7 +117,7 @@ def reference_value(
 def _window(
     scene: Scene, view: View, settings: Settings, column: int, row: int
 ) -> tuple[View, Scene, Int[np.ndarray, " triangles"]]:
-    """The window of the lens, the triangles near it, and the index of each in the whole scene."""
+    """Return the lens as a view, a scene of the triangles near it, and their original indices."""
     x, y = view.x + column - LENS // 2, view.y + row - LENS // 2
     window = replace(view, x=x, y=y, height=LENS, width=LENS)
     nearby_scene, index = cull(scene, window, margin=2.0 + 2.0 * settings.soft_width)
@@ -124,9 +128,11 @@ def _window(
 def _sample_layers(
     artist: Artist, scene: Scene, window: View, settings: Settings, bits: int | None
 ) -> tuple[WindowLayers, int, bool]:
-    """The layers of each sample of a window, down to one that is opaque, and the sampling rate.
+    """Find the layers of each sample of a window, down to the nearest opaque one.
 
-    Also whether the layers are complete, as they are unless more than 128 are translucent.
+    `bits` is the `grid_bits` of the plan. Also returns the number of samples along a side of a
+    pixel, and whether the layers are complete: they are, unless the 128 nearest layers of some
+    sample are all translucent.
     """
     deep_scene = with_flat_depth(scene) if scene.depth is None else scene
     count = LAYERS
@@ -147,7 +153,10 @@ def _sample_layers(
 def composite_samples(
     layers: WindowLayers, background: Float[np.ndarray, " channels"]
 ) -> Float[np.ndarray, "height width samples channels"]:
-    """The colour of each sample, straight, with as many channels as the background."""
+    """Composite the layers of each sample over a background of straight RGB or RGBA.
+
+    Returns straight colours with as many channels as the background.
+    """
     channels = background.shape[0]
     total = np.zeros((*layers.triangle.shape[:3], channels))
     transmittance = np.ones(layers.triangle.shape[:3])
@@ -164,9 +173,12 @@ def composite_samples(
 def list_layers(
     layers: WindowLayers, index: Int[np.ndarray, " triangles"], half: int
 ) -> list[dict[str, Any]]:
-    """The triangles of the inspected pixel, nearest first.
+    """List the triangles of the inspected pixel, nearest first, for JSON.
 
-    Weights, depth, uv and level are means over the samples that the triangle covers.
+    - `index`: for each triangle of `layers`, its index in the whole scene.
+    - `half`: row and column of the inspected pixel in the lens.
+
+    Weights, colour, depth, uv and level are means over the samples that the triangle covers.
     """
     pixel_arrays: dict[str, np.ndarray] = {
         name: np.asarray(value)[half, half]
@@ -176,7 +188,8 @@ def list_layers(
     triangles = pixel_arrays["triangle"]
     order = np.stack([triangles.ravel(), np.indices(triangles.shape)[1].ravel()], axis=1)
     listed = []
-    # A triangle lies behind all that lie in front of it in some sample.
+    # A triangle is listed behind all triangles that are in front of it at some sample: its position
+    # is the deepest layer that it has at any sample.
     position = {
         int(triangle): int(order[order[:, 0] == triangle, 1].max())
         for triangle in np.unique(order[:, 0])
@@ -204,14 +217,14 @@ def list_layers(
 
 
 def _grid_bits(view: View, settings: Settings) -> int | None:
-    """The grid of the whole canvas, for a window of it; None for analytic coverage."""
+    """The `grid_bits` of the whole canvas, for a plan of a window; None for analytic coverage."""
     if settings.coverage != "sampled":
         return None
     return Grid.for_canvas(view.height, view.width, settings.hard().rate).bits
 
 
 def _name(triangle: int, index: Int[np.ndarray, " triangles"]) -> int:
-    """The index of a triangle in the whole scene; -1 for the background."""
+    """Index in the whole scene of a triangle of the window; -1 for the background."""
     return int(index[triangle]) if triangle >= 0 else -1
 
 
@@ -222,7 +235,10 @@ def _edges(
     window: View,
     half: int,
 ) -> list[dict[str, Any]]:
-    """The corners of the triangles that cover the inspected pixel, in pixels of the window."""
+    """List the corners of the triangles that cover the inspected pixel, for JSON.
+
+    Corners are in pixels of the window. `half` is row and column of the pixel in the lens.
+    """
     named = np.unique(np.asarray(layers.triangle)[half, half])
     positions = np.asarray(scene.positions, np.float64) - [window.x, window.y]
     corners = positions[np.asarray(scene.triangles)]
@@ -243,9 +259,9 @@ def _as_rgba(colors: Float[np.ndarray, "*shape channels"]) -> UInt8[np.ndarray, 
 def _in_rows(
     colors: UInt8[np.ndarray, "height width samples 4"], rate: int
 ) -> UInt8[np.ndarray, "rows columns 4"]:
-    """Arrange the samples of each pixel as its S x S grid.
+    """Arrange the samples of all pixels as one image of samples.
 
-    Sample i lies in column i % S and row i // S of the grid; `rate` is S.
+    A pixel has `rate` x `rate` samples. Sample i lies in column i % rate and row i // rate of them.
     """
     height, width = colors.shape[:2]
     grid = colors.reshape(height, width, rate, rate, 4)

@@ -11,10 +11,11 @@ T = TypeVar("T")
 
 
 def read_fields(kind: type[T], message: Any) -> T:
-    """Make a dataclass of numbers and strings from a message.
+    """Make a dataclass of type `kind`, of numbers and strings, from a message.
 
-    A field that is missing has its default. Raises `ValueError` that names the field for another
-    type than annotated, for NaN and infinity, and for a field that does not exist.
+    A field that is missing in the message gets its default. Raises `ValueError`, which names the
+    field, for a value of another type than annotated, for NaN and infinity, and for a field that
+    the dataclass does not have.
     """
     if not isinstance(message, Mapping):
         raise ValueError(f"{kind.__name__} must be an object; got {type(message).__name__}.")
@@ -26,9 +27,10 @@ def read_fields(kind: type[T], message: Any) -> T:
 
 
 def read_value(name: str, expected: Any, value: Any) -> Any:
-    """Return `value` as an `int`, a `float`, or one of the strings of a `Literal`.
+    """Check `value`, and return it as an `int`, a `float`, or one of the strings of a `Literal`.
 
-    Raises `ValueError` that begins with `name` for a value of another type.
+    `expected` is `int`, `float` or the `Literal`. Raises `ValueError`, which begins with `name`,
+    for a value of another type.
     """
     if expected in (int, float):
         if not _is_finite(value) or (expected is int and value != int(value)):
@@ -42,7 +44,7 @@ def read_value(name: str, expected: Any, value: Any) -> Any:
 
 
 def _is_finite(value: Any) -> bool:
-    """Whether a value is a number that a float can hold."""
+    """Whether a value is a finite number within the range of floats."""
     # In Python, true and false are integers.
     if not isinstance(value, int | float) or isinstance(value, bool):
         return False

@@ -32,22 +32,25 @@ def view(
     width: int | None = None,
     widget_height: int = 480,
 ) -> ViewerWidget:
-    """Show what is given in a notebook: zoom, pan, switch settings, inspect pixels, compare.
+    """Show scenes, fits, textures and images in a notebook, in an interactive viewer.
+
+    In the viewer you can zoom, pan, switch settings, inspect pixels, and compare subjects.
 
     - `subjects`: one or several, of any kinds: a `Scene`, a `FitResult`, a `TexturePyramid`, an
       image `[height, width, 3 or 4]` in 0..1, or the path of an SVG file, an image or a saved fit.
-      Images can be compared with the others, and gradients are taken against them. An SVG file or
-      an image is drawn again when it changes.
-    - `height`, `width`: of the canvas of scenes, in pixels; by default the smallest canvas from
-      (0, 0) that holds all triangles.
-    - `widget_height`: of the widget on the screen, 200 to 2000 pixels.
+      An image can be compared with the other subjects, and can be the target of gradients. An SVG
+      file or an image file is drawn again when it changes.
+    - `height`, `width`: size of the canvas of scenes, in pixels; by default the smallest canvas
+      from (0, 0) that holds all triangles.
+    - `widget_height`: height of the widget on the screen, 200 to 2000 pixels.
 
     Returns the widget, which a notebook shows if it is the last value of a cell. Where no kernel
-    runs, it shows a picture of the first subject. Press ? in it for the keys. After
-    `softras2d.keep_compiled_programs()` the first pictures of the next session compile nothing.
+    runs, it shows a picture of the first subject. Press ? in it for a list of keys. If
+    `softras2d.keep_compiled_programs()` was called, the first pictures of the next session compile
+    nothing.
 
-    Raises `ImportError`, one line, if anywidget is missing, and `ValueError` for subjects of other
-    kinds and for batches of scenes.
+    Raises `ImportError`, with a message of one line, if anywidget is missing, and `ValueError` for
+    subjects of other kinds and for batches of scenes.
     """
     if not _LEAST_WIDGET <= widget_height <= _MOST_WIDGET:
         raise ValueError(
@@ -64,7 +67,7 @@ def view(
 
 
 def _subject_of(given: Any, number: int, height: int | None, width: int | None) -> Subject:
-    """The subject of an argument of `view`."""
+    """Make the subject for one argument of `view`, which is argument `number`, from 0."""
     if isinstance(given, Scene):
         if np.ndim(given.positions) != 2:
             raise ValueError(f"subject {number} is a batch of scenes: give them one by one.")

@@ -11,7 +11,7 @@ from .subject import FitState, Subject
 
 
 def open_files(paths: Sequence[Path], options: ReadOptions) -> list[Subject]:
-    """One subject for each file: SVG drawings, saved fits (`.npz`), and images.
+    """Make one subject for each file: an SVG drawing, a saved fit (`.npz`), or an image.
 
     Drawings and images are read when they are shown, and again whenever they change.
     """
@@ -20,7 +20,7 @@ def open_files(paths: Sequence[Path], options: ReadOptions) -> list[Subject]:
 
 
 def fit_subject(name: str, result: FitResult, source: str = "") -> SceneInMemory:
-    """The scene of a fit, with the records of the fit; `source` as in `SceneInMemory`."""
+    """Make a subject of the scene and the history of a fit; `source` as in `SceneInMemory`."""
     state = FitState(tuple(result.history))
     return SceneInMemory(name, result.scene, result.height, result.width, state, source)
 

@@ -1,4 +1,4 @@
-"""Overlays of a view: triangle edges, tiles and how full they are, gradients by the positions."""
+"""Data of the overlays of a view: triangle edges, list lengths of tiles, position gradients."""
 
 from dataclasses import replace
 
@@ -23,21 +23,21 @@ from .view import View
 from .window_layers import cull
 
 MOST_EDGES = 50_000
-"""Triangles whose edges are drawn; of more, the last in draw order."""
+"""Maximum number of triangles whose edges are drawn: the last ones in draw order."""
 
 MOST_ARROWS = 3_000
-"""Vertices whose gradients are drawn; of more, those with the longest."""
+"""Maximum number of vertices whose gradients are drawn: the ones with the longest gradients."""
 
 
 def triangle_edges(scene: Scene, view: View) -> Float32[np.ndarray, "triangles 3 2"]:
-    """Corners of the triangles in view, in pixels of the canvas."""
+    """Corners of the triangles in view, in pixels of the canvas, for at most `MOST_EDGES`."""
     near, _ = cull(scene, view, margin=1.0)
     corners = np.asarray(near.positions, np.float64)[np.asarray(near.triangles)[-MOST_EDGES:]]
     return (corners - [view.x, view.y]).astype(np.float32)
 
 
 def tile_lengths(scene: Scene, plan: Plan) -> Int[np.ndarray, "rows columns"]:
-    """How many triangles each tile of the canvas lists."""
+    """Number of triangles that each tile of the canvas lists."""
     origin = np.asarray(plan.origin)
     if not plan.side:
         return sampled_list_lengths(scene, plan.grid, plan.hard, origin)
@@ -59,10 +59,13 @@ def position_gradients(
     settings: Settings,
     target: UInt8[np.ndarray, "height width 4"],
 ) -> Float32[np.ndarray, "vertices 4"]:
-    """Gradients of the squared difference to a target, by the positions of the vertices in view.
+    """Differentiate the mean squared difference to a target by the positions of vertices in view.
 
-    Each row is the position (x, y) of a vertex in pixels of the canvas, and the derivative by it of
-    the mean squared difference. Pixels count by the alpha of the target.
+    `target` is straight RGBA of the size of the view. Each pixel is weighted by its alpha.
+
+    Each row of the result is the position (x, y) of a vertex in pixels of the canvas, and the
+    derivative with respect to its x and y. Rows are sorted by the length of the gradient, longest
+    first, and there are at most `MOST_ARROWS`.
     """
     pixels = to_device(target.astype(np.float32) / np.float32(255))
 

@@ -4,14 +4,15 @@ JAX compiles a program for each set of capacities. A view that moves needs lists
 every frame, so the plan of one frame is used for as long as it is large enough, with another
 origin.
 
-Unused capacity costs time, so there are two kinds of plans. A tight plan holds the view that it is
-made for, and others that need no more. A plan with headroom also holds the same view at twice the
-zoom, has longer lists than both need, and has the guard band, because zooming moves most triangles
-past it. A large canvas is first drawn with a tight plan, while one with headroom is made and
-compiled in another thread (`background.py`). A small canvas always has a plan with headroom.
+Unused capacity costs time, so there are two kinds of plans. A tight plan is large enough for the
+view that it is made for, and for others that need no longer lists. A plan with headroom is also
+large enough for the same view at twice the zoom, and its lists are longer than both views need. It
+cuts triangles at the guard band, because zooming moves most triangles past the band. A large canvas
+is first drawn with a tight plan, while a plan with headroom is made and compiled in another thread
+(`background.py`). A small canvas always has a plan with headroom.
 
-Each octave of zoom has its plan: at first that of the nearest octave, and another one when a view
-outgrows it.
+Each octave of zoom, a factor of two, has its own plan. At first it is the plan of the nearest
+octave; it is replaced when a view outgrows it.
 """
 
 import math
@@ -41,7 +42,7 @@ capacity of a plan with headroom costs less than compiling twice."""
 _HEADROOM = 1.25
 """Length of the lists of a plan with headroom, as a multiple of what its two views need.
 
-It doubles whenever a plan is outgrown, as it is again and again by the scenes of a fit that runs.
+It doubles whenever a plan is outgrown, which a running fit does again and again.
 """
 
 _MAX_HEADROOM = 5.0
@@ -50,11 +51,11 @@ _MAX_PLANS = 64
 """Largest number of plans that are kept."""
 
 _MAX_MEMORY = 4 * 2**30
-"""Bytes of a render beyond which a view is refused."""
+"""Largest size, in bytes, of the arrays of a render; a view that needs more is refused."""
 
 
 class ViewPlans:
-    """The plans of recent views."""
+    """Cache of the plans of recent views."""
 
     def __init__(self):
         self._plans: OrderedDict[tuple[Hashable, int], Plan] = OrderedDict()
@@ -63,7 +64,11 @@ class ViewPlans:
     def choose(
         self, scene: Scene, view: View, settings: Settings, grid_bits: int | None = None
     ) -> Plan:
-        """A plan for this view, which may turn out to be too small; `grid_bits` as in `plan`."""
+        """Return a plan for this view, which may turn out to be too small.
+
+        `grid_bits`: as in `plan`. If plans for this kind of views are kept, returns the one of the
+        nearest octave of zoom; otherwise makes one.
+        """
         kind, octave = kind_of(scene, view, settings, grid_bits), _octave(view)
         nearest_first = sorted(
             (abs(known_octave - octave), known_octave)
@@ -116,7 +121,11 @@ def headroom_plan(
     grid_bits: int | None = None,
     headroom: float = _HEADROOM,
 ) -> Plan:
-    """A plan for a view and the same view at twice the zoom, with headroom and the guard band."""
+    """Make a plan for a view and the same view at twice the zoom, with headroom.
+
+    `headroom` and `grid_bits`: as in `plan`. Under sampled coverage, the plan cuts triangles at the
+    guard band, even if the view has none that reaches it.
+    """
     scenes = [scene, _at_twice_the_zoom(scene, view)]
     plan = _make_plan(scenes, view, settings, grid_bits, headroom)
     if GUARD_BAND in mode_of(plan.coverage).effects and not plan.cuts_far_triangles:
@@ -131,7 +140,10 @@ def _make_plan(
     grid_bits: int | None,
     headroom: float,
 ) -> Plan:
-    """A plan for some scenes at the canvas of a view. Raises `ValueError` if it is too large."""
+    """Make a plan for some scenes on the canvas of a view.
+
+    Raises `ValueError` if a render would take more than `_MAX_MEMORY`.
+    """
     plan = make_plan(
         scenes,
         height=view.height,
@@ -173,7 +185,7 @@ def kind_of(scene: Scene, view: View, settings: Settings, grid_bits: int | None 
 
 
 def _at_twice_the_zoom(scene: Scene, view: View) -> Scene:
-    """The scene enlarged about the middle of a view."""
+    """The scene at twice the size, enlarged about the middle of a view."""
     positions = np.asarray(scene.positions)
     middle = np.array([view.x + view.width / 2, view.y + view.height / 2])
     moved = 2 * positions.astype(np.float64) - middle
@@ -181,7 +193,7 @@ def _at_twice_the_zoom(scene: Scene, view: View) -> Scene:
 
 
 def _at(plan: Plan, view: View, settings: Settings) -> Plan:
-    """The plan for another view: with its origin, and its values of the other array leaves."""
+    """Return the plan with the array leaves of a view and settings: origin, bias and soft width."""
     wanted = eqx.tree_at(lambda plan: plan.origin, plan, _like([view.x, view.y], plan.origin))
     bias = _like(settings.lod_bias, plan.filter.lod_bias)
     wanted = eqx.tree_at(lambda plan: plan.filter.lod_bias, wanted, bias)

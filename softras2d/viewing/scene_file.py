@@ -26,7 +26,7 @@ class ReadOptions:
     opacity: bool = True
 
     def arguments(self) -> dict[str, Any]:
-        """The keywords of `read_document_with_notice`."""
+        """The options as keyword arguments of `read_document_with_notice`."""
         return {
             "dialect": self.dialect,
             "assets": self.assets,
@@ -35,7 +35,7 @@ class ReadOptions:
         }
 
     def flags(self) -> list[str]:
-        """The options of `softras2d render` that differ from their defaults."""
+        """The options as flags of the command `softras2d render`, without default values."""
         flags = [] if self.dialect == "svg" else ["--dialect", self.dialect]
         flags += [] if self.assets is None else ["--assets", str(self.assets)]
         flags += [] if self.frame is None else ["--frame" if self.frame else "--no-frame"]
@@ -43,12 +43,13 @@ class ReadOptions:
 
 
 class SceneFile(Subject):
-    """An SVG file, or the text of one.
+    """A subject that is an SVG file, or the text of one.
 
-    It is read again at each zoom, so that curves, and lines of one pixel, are those of that size.
+    It is read again at each zoom, so that curves are as smooth, and lines of one pixel as thin, as
+    the enlarged drawing needs.
 
-    - `path`: the file, or what stands for it on the command line.
-    - `text`: what is read instead of the file, such as standard input; None is the file.
+    - `path`: the file, or the name that stands for `text` on the command line, such as `-`.
+    - `text`: contents to read instead of the file, such as standard input; None to read the file.
     """
 
     def __init__(self, path: Path, options: ReadOptions, text: bytes | None = None):
@@ -63,7 +64,7 @@ class SceneFile(Subject):
 
     @property
     def version(self) -> int:
-        """The time of the last change of the file, in nanoseconds; 0 if there is no file."""
+        """Time of the last change of the file, in nanoseconds; 0 for a text or a missing file."""
         if self._text is not None:
             return 0
         try:
@@ -72,7 +73,7 @@ class SceneFile(Subject):
             return 0
 
     def size(self) -> tuple[int, int]:
-        """The size that the file declares."""
+        """Height and width, in pixels, that the drawing declares."""
         version = self.version
         if self._size is None or self._size[0] != version:
             try:
@@ -90,7 +91,7 @@ class SceneFile(Subject):
         return from_text(self._text, str(self._path))
 
     def scene_at(self, zoom: int | float) -> Scene:
-        """Read the file at the size of this zoom."""
+        """The scene of the drawing, read at its declared size times `zoom`."""
         return self._scenes.get(self, zoom, self._read)
 
     def _read(self, height: int, width: int) -> Scene:
@@ -105,7 +106,7 @@ class SceneFile(Subject):
         return self._notes
 
     def command(self, view: View, settings: Settings) -> str:
-        """The command `softras2d render` of the same picture."""
+        """The command line of `softras2d render` that draws the same picture."""
         height, width = enlarged_size(*self.size(), view.zoom)
         name = "stdin" if str(self._path) == "-" else self._path.stem
         words = ["softras2d", "render", str(self._path), "-o", f"{name}-view.png"]
@@ -116,7 +117,7 @@ class SceneFile(Subject):
 
 
 def settings_flags(settings: Settings) -> list[str]:
-    """The options of `softras2d render` for settings that differ from its defaults."""
+    """The settings as flags of the command `softras2d render`, mostly without default values."""
     flags = []
     if settings.coverage == "sampled":
         hard = Hard()

@@ -12,13 +12,16 @@ from .subject import EnlargedScenes, FitState, Subject
 from .view import View, enlarged_size
 
 _MAX_DEFAULT_SIDE = 4096
-"""Longest side of the canvas that is chosen for a scene without a size, in pixels."""
+"""Longest side, in pixels, of the canvas that `default_size` chooses."""
 
 
 class SceneInMemory(Subject):
-    """A scene whose positions are in pixels at zoom 1.
+    """A subject that is a scene in memory, whose positions are in pixels at zoom 1.
 
-    - `source`: a line of Python that makes the variable `scene`, if there is one.
+    - `height`, `width`: size of the canvas at zoom 1, in pixels.
+    - `fit`: progress of the fit that made the scene; None if no fit did.
+    - `source`: a line of Python that defines the variable `scene`, for `command`; empty if there is
+      none.
     """
 
     def __init__(
@@ -40,19 +43,19 @@ class SceneInMemory(Subject):
 
     @property
     def version(self) -> int:
-        """The number of scenes so far."""
+        """Number of scenes that were shown so far, including the present one."""
         return self._version
 
     def size(self) -> tuple[int, int]:
-        """Height and width of the canvas."""
+        """Height and width of the canvas at zoom 1, in pixels."""
         return self._height, self._width
 
     def scene_at(self, zoom: int | float) -> Scene:
-        """The scene with its positions multiplied by the zoom."""
+        """The scene with its positions multiplied by `zoom`."""
         return self._scenes.get(self, zoom, self._enlarge)
 
     def fit_state(self) -> FitState | None:
-        """The progress of the fit that ended with this scene."""
+        """Progress of the fit that made this scene; None if no fit did."""
         return self._fit
 
     def replace(self, scene: Scene, fit: FitState | None) -> None:
@@ -61,7 +64,7 @@ class SceneInMemory(Subject):
         self._version += 1
 
     def command(self, view: View, settings: Settings) -> str:
-        """Python code that draws the same picture from a variable `scene`."""
+        """Python code that draws the same picture, from a variable `scene`."""
         return python_code(view, settings, (self._height, self._width), self._source)
 
     def _enlarge(self, height: int, width: int) -> Scene:
@@ -69,7 +72,10 @@ class SceneInMemory(Subject):
 
 
 def enlarge(scene: Scene, x_scale: int | float, y_scale: int | float) -> Scene:
-    """Multiply the positions of a scene; on the host, where nothing is compiled."""
+    """Multiply the x and y of a scene's positions by two factors.
+
+    The product is computed on the host, where nothing is compiled.
+    """
     positions = np.asarray(scene.positions)
     # In float64, so that each coordinate is rounded once.
     moved = positions.astype(np.float64) * np.array([x_scale, y_scale])
@@ -92,7 +98,11 @@ def default_size(scene: Scene) -> tuple[int, int]:
 
 
 def python_code(view: View, settings: Settings, size: tuple[int, int], source: str) -> str:
-    """Python code that draws a view of a scene; `size` is height and width at zoom 1."""
+    """Write Python code that draws a view of a scene.
+
+    - `size`: height and width of the canvas at zoom 1, in pixels.
+    - `source`: a line of code that defines the variable `scene`, or an empty string.
+    """
     height, width = enlarged_size(*size, view.zoom)
     x_scale, y_scale = width / size[1], height / size[0]
     coverage = {

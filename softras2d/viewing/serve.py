@@ -16,20 +16,22 @@ from .worker import Worker
 ADDRESS = "127.0.0.1"
 
 MAX_MESSAGE_BYTES = 2**16
-"""Longest message of a page; requests are far shorter."""
+"""Longest message that a page may send, in bytes; requests are far shorter."""
 
 _END_SECONDS = 20.0
-"""Longest time to wait for the picture that is being drawn. Python must not end while XLA
-compiles."""
+"""Longest time, in seconds, that `close` waits for the picture that is being drawn. Python must not
+end while XLA compiles."""
 
 _SEND_SECONDS = 0.2
-"""Time in which the last picture is sent to the pages."""
+"""Time, in seconds, for the last picture to be sent to the pages."""
 
 
 class ViewerServer:
-    """A running server; `close` it, or use it in a `with` statement. It closes the session too.
+    """A running server of the viewer, which `close` ends; also a context manager.
 
-    - `port`: a free one is chosen if it is 0. Raises `OSError` if it is in use.
+    Ending the server closes the session too. Raises `OSError` if the port is in use.
+
+    - `port`: the port of 127.0.0.1; if the argument is 0, a free port is chosen.
     - `url`: the address of the page, with a secret token.
     """
 
@@ -68,7 +70,7 @@ class ViewerServer:
         self._thread.start()
 
     def wait(self) -> None:
-        """Return when the server has ended, or raise `KeyboardInterrupt` on Ctrl-C."""
+        """Wait until the server has ended; Ctrl-C raises `KeyboardInterrupt`."""
         while self._thread.is_alive():
             self._thread.join(0.5)
 
@@ -78,7 +80,7 @@ class ViewerServer:
             try:
                 self._worker.close(_END_SECONDS)
             except KeyboardInterrupt:
-                # After a second Ctrl-C it still waits; a third one ends the wait.
+                # On a second Ctrl-C, wait once more; a third one ends the wait.
                 self._worker.close(_END_SECONDS)
             time.sleep(_SEND_SECONDS)
         finally:

@@ -23,7 +23,7 @@ _FILES = {
     "/viewer.js": ("viewer.js", "text/javascript"),
     "/viewer.css": ("viewer.css", "text/css"),
 }
-"""The files that are served: path, name in `STATIC` and type."""
+"""For the path of each file that is served, its name in `STATIC` and its media type."""
 
 _HEADERS = {
     # The page loads nothing from the net, and no other page may embed it.
@@ -37,11 +37,11 @@ _HEADERS = {
 }
 
 _POLL_SECONDS = 0.25
-"""Time between two looks at whether a subject has changed."""
+"""Time, in seconds, between two checks whether a subject has changed."""
 
 
 def make_app(session: Session, worker: Worker) -> Starlette:
-    """The application, without the checks of `Guard`."""
+    """Make the web application that serves the page and its WebSocket, without a `Guard`."""
 
     async def socket(websocket: WebSocket) -> None:
         await websocket.accept()
@@ -57,7 +57,7 @@ async def _file(request: Request) -> Response:
 
 
 class _Connection:
-    """One open page."""
+    """The WebSocket connection of one open page."""
 
     def __init__(self, websocket: WebSocket, session: Session, worker: Worker):
         self._websocket = websocket
@@ -68,7 +68,7 @@ class _Connection:
         self._has_replies = asyncio.Event()
 
     async def serve(self) -> None:
-        """Carry messages until the page is closed, or the server ends."""
+        """Receive requests and send replies until the page is closed, or the server ends."""
         tasks = [asyncio.create_task(task) for task in (self._send(), self._watch())]
         try:
             await self._receive()
@@ -82,7 +82,7 @@ class _Connection:
                     await task
 
     async def _receive(self) -> None:
-        """Pass requests on to the worker."""
+        """Pass requests on to the worker, until the page is closed or sends something else."""
         while True:
             message = await self._websocket.receive()
             if message["type"] != "websocket.receive":
@@ -119,7 +119,7 @@ class _Connection:
             self._has_replies.clear()
 
     async def _watch(self) -> None:
-        """Tell the page when the contents of a subject change."""
+        """Send the page a message whenever the contents of a subject change."""
         before = self._session.versions()
         while True:
             await asyncio.sleep(_POLL_SECONDS)
@@ -134,7 +134,7 @@ def _replaces(new: Reply, old: Reply) -> bool:
 
 
 def _request(text: str | None) -> dict[str, Any] | None:
-    """The request of a message, or None if it is not a JSON object."""
+    """Decode the request of a message; None if it is not a JSON object."""
     try:
         request = json.loads(text or "")
     except (ValueError, RecursionError):

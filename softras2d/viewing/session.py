@@ -1,7 +1,9 @@
 """Answers the requests of a page: pictures, pixels, overlays and costs. Knows nothing of the web.
 
-A request is a dictionary that a page sends as JSON: its `kind`, an `id` that the replies repeat,
-and fields that depend on the kind. A reply has a header, for JSON, and bytes.
+A request is a dictionary that a page sends as JSON. It has a `kind`, an `id` and a `slot`, which
+the replies repeat, and fields that depend on the kind. The slot tells the two pictures of a page
+apart: "a" is the subject that it shows, and "b" is the one that it is compared with. A reply has a
+header, for JSON, and bytes.
 """
 
 import dataclasses
@@ -25,7 +27,7 @@ from .view import View
 _LOGGER = logging.getLogger(__name__)
 
 _COST_REPEATS = 3
-"""Number of renders per effect; the median of their times counts."""
+"""Number of timed renders with and without each effect; the median of their times is shown."""
 
 
 class Reply(NamedTuple):
@@ -66,7 +68,7 @@ class Session:
         self._artist.close()
 
     def set_shown_subject(self, page: Hashable, number: object) -> None:
-        """Record which subject a page shows, by its number. None: the page was closed."""
+        """Record the number of the subject that a page shows; None for a page that was closed."""
         self._subject_of_page[page] = number
         if number is None:
             del self._subject_of_page[page]
@@ -74,9 +76,9 @@ class Session:
             subject.watch(subject_number in self._subject_of_page.values())
 
     def answer(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Reply to a request, in one step or several.
+        """Answer a request; yields one reply or several, each when it is computed.
 
-        A fault in a request or a file is answered by a reply of kind `"error"`, whose `message` is
+        An error in a request or a file is answered by a reply of kind `"error"`, whose `message` is
         one line.
         """
         request_fields = {name: scalar(request.get(name)) for name in ("kind", "id", "slot")}
@@ -97,17 +99,17 @@ class Session:
             yield Reply(request_fields | {"kind": "error", "request": kind, "message": message})
 
     def subject_of(self, request: Mapping[str, Any], name: str = "subject") -> Subject:
-        """The subject that a request names by its number."""
+        """The subject whose number is the field `name` of a request; the first by default."""
         number = read_value(name, int, request.get(name, 0))
         check_range(name, number, 0, len(self.subjects) - 1)
         return self.subjects[number]
 
     def describe(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """List the subjects."""
+        """Reply with a list of the subjects."""
         yield Reply({"subjects": [_describe(subject) for subject in self.subjects]})
 
     def picture(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Draw a view: raw RGBA, row by row."""
+        """Draw a view; reply with straight RGBA of 8 bits per channel, row by row."""
         subject, view, settings = self._read(request)
         if subject.is_image:
             rgba = subject.pixels(view)
@@ -134,14 +136,14 @@ class Session:
         yield Reply(header, _bytes(rgba))
 
     def png(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Draw a view as a PNG file."""
+        """Draw a view; reply with a PNG file."""
         (reply,) = self.picture(request)
         shape = (reply.header["height"], reply.header["width"], 4)
         rgba = np.frombuffer(reply.payload, np.uint8).reshape(shape)
         yield Reply({"name": self.subject_of(request).name}, png_of(rgba))
 
     def inspect(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Inspect a pixel: reply with its samples, then with its reference value."""
+        """Inspect a pixel; reply with its values and samples, then with its reference value."""
         subject, view, settings = self._read(request)
         column, row = (read_value(name, int, request.get(name)) for name in ("column", "row"))
         check_range("column", column, 0, view.width - 1)
@@ -154,13 +156,13 @@ class Session:
         yield Reply({"kind": "reference"} | header)
 
     def edges(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """The corners of the triangles in view, as float32."""
+        """Reply with the corners of the triangles in view, (x, y) in pixels as float32."""
         subject, view, _ = self._read(request)
         corners = triangle_edges(subject.scene_at(view.zoom), view)
         yield Reply({"triangles": len(corners)}, _bytes(corners))
 
     def tiles(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """How many triangles each tile lists, as uint32 in rows."""
+        """Reply with the number of triangles that each tile lists, as uint32, row by row."""
         subject, view, settings = self._read(request)
         scene = subject.scene_at(view.zoom)
         _, plan = self._artist.render(scene, view, settings)
@@ -180,7 +182,8 @@ class Session:
     def gradients(self, request: Mapping[str, Any]) -> Iterator[Reply]:
         """Reply with gradients by vertex positions: rows of (x, y, d/dx, d/dy) as float32.
 
-        They are those of the mean squared difference to another subject's image.
+        The differentiated function is the mean squared difference to the image of the subject that
+        the request names as `target`.
         """
         subject, view, settings = self._read(request)
         target = self.subject_of(request, "target")
@@ -190,7 +193,7 @@ class Session:
         yield Reply({"vertices": len(rows)}, _bytes(rows))
 
     def costs(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Measure the cost of each effect; one reply per effect.
+        """Measure the time of a render with and without each effect; one reply per effect.
 
         The first reply, with effect None, is about the complete scene.
         """
@@ -228,16 +231,18 @@ _ANSWERS: dict[str, Callable[[Session, Mapping[str, Any]], Iterator[Reply]]] = {
     "gradients": Session.gradients,
     "costs": Session.costs,
 }
-"""The method that answers each kind of request, most urgent kinds first."""
+"""The method that answers each kind of request. The most urgent kinds come first."""
 
 URGENCY = {kind: rank for rank, kind in enumerate(_ANSWERS)}
-"""Rank of each kind of request. The waiting request of the lowest rank is answered first."""
+"""Rank of each kind of request, from 0. Of the waiting requests, the one of least rank is answered
+first."""
 
 
 def scalar(value: Any) -> str | int | float | None:
-    """The value, if it is a string or a number; else None.
+    """Return the value if it is a string or a number; else None.
 
-    A reply never repeats lists or objects, which may be nested deeply.
+    Replies repeat fields of a request. They never repeat lists or objects, which may be nested
+    deeply.
     """
     return value if isinstance(value, str | int | float) else None
 
@@ -264,7 +269,10 @@ def _bytes(array: np.ndarray) -> memoryview:
 
 
 def _describe(subject: Subject) -> dict[str, Any]:
-    """What a page needs to know about a subject before it draws it, for JSON."""
+    """Describe a subject for JSON: name, version, size at zoom 1, and the progress of a fit.
+
+    If the size cannot be read, it is 1 x 1, and `error` is the message.
+    """
     header: dict[str, Any] = {
         "name": subject.name,
         "version": subject.version,

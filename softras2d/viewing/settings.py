@@ -41,7 +41,7 @@ class Settings:
         self.filter_option()
 
     def hard(self) -> Hard:
-        """The option for sampled coverage, whatever the coverage is."""
+        """The `Hard` option of these settings, even if `coverage` is not `"sampled"`."""
         return Hard(samples=self.samples, fill_rule=self.fill_rule, shading=self.shading)
 
     def coverage_option(self) -> Coverage:
@@ -60,14 +60,14 @@ class Settings:
         )
 
     def planned_width(self) -> float | None:
-        """The width of soft edges that a plan is made for: a power of two, or None.
+        """The `max_width` of a plan: the width of soft edges rounded up to 1, 2, 4 or 8 pixels.
 
-        So a slider that moves the width needs few plans.
+        A slider that changes the width therefore needs few plans. None if coverage is not soft.
         """
         if self.coverage != "soft":
             return None
         return next(width for width in (1.0, 2.0, 4.0, 8.0) if self.soft_width <= width)
 
     def without_arrays(self) -> "Settings":
-        """These settings with a standard value for each that changes without compiling."""
+        """These settings with fixed values for the numbers that change without recompiling."""
         return replace(self, soft_width=self.planned_width() or SOFT_WIDTHS[0], lod_bias=0.0)

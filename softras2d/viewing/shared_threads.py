@@ -1,6 +1,7 @@
 """The threads that all widgets of a process share: one draws, and one looks for changed files.
 
-A notebook makes a widget each time that a cell runs, and the front end keeps the old ones.
+They are shared because widgets accumulate: a notebook makes a widget each time that a cell runs,
+and the front end keeps the old ones.
 """
 
 import functools
@@ -12,24 +13,29 @@ from dataclasses import dataclass
 from .worker import Worker
 
 _POLL_SECONDS = 0.5
-"""Time between two looks at the watched files."""
+"""Time, in seconds, between two checks of the watched files."""
 
 
 @functools.cache
 def shared_worker() -> Worker:
-    """The worker of all widgets, which starts at the first call."""
+    """Return the worker of all widgets, which starts at the first call."""
     return Worker()
 
 
 @functools.cache
 def shared_watcher() -> "Watcher":
-    """The watcher of all widgets, which starts at the first call."""
+    """Return the watcher of all widgets, which starts at the first call."""
     return Watcher(_POLL_SECONDS)
 
 
 @dataclass
 class _Watched:
-    """Contents that are watched: how to get their versions, the last ones, and whom to tell."""
+    """Contents that are watched.
+
+    - `versions`: returns the present version of each subject.
+    - `last_versions`: the versions at the last check.
+    - `tell`: called with the versions when they have changed.
+    """
 
     versions: Callable[[], list[int]]
     last_versions: list[int]
@@ -37,9 +43,9 @@ class _Watched:
 
 
 class Watcher:
-    """Looks at the versions of contents again and again, in a thread of its own.
+    """Checks the versions of contents periodically, in a thread of its own.
 
-    - `seconds`: time between two looks.
+    - `seconds`: time between two checks.
     """
 
     def __init__(self, seconds: float):
@@ -55,9 +61,10 @@ class Watcher:
         versions: Callable[[], list[int]],
         tell: Callable[[list[int]], None],
     ) -> None:
-        """Call `tell` with the new versions, from the thread of the watcher, when they change.
+        """Call `tell` with the result of `versions`, whenever it has changed.
 
-        Does nothing if the contents of this owner are watched already.
+        Both are called from the thread of the watcher. `owner` is the key to `forget` this later;
+        if it is watched already, nothing changes.
         """
         with self._changed:
             if owner not in self._watched:

@@ -1,4 +1,4 @@
-"""The still picture of a session, for pages on which nothing can be drawn."""
+"""The still picture of a session, for notebook pages without a running kernel."""
 
 from .draw import Artist
 from .png import png_of
@@ -7,11 +7,14 @@ from .settings import Settings
 from .view import View
 
 _ASPECT = 4 / 3
-"""Greatest width of the picture, relative to its height."""
+"""Greatest width of the picture, relative to the greatest height."""
 
 
 def still_png(session: Session, height: int) -> bytes:
-    """A PNG file of the first subject, at most `height` pixels high."""
+    """Draw the first subject as a PNG file.
+
+    It is at most `height` pixels high, and at most 4/3 times `height` pixels wide.
+    """
     subject = session.subjects[0]
     rows, columns = subject.size()
     zoom = min(height / rows, _ASPECT * height / columns)

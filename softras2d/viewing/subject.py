@@ -14,7 +14,7 @@ from .settings import Settings
 from .view import View, enlarged_size
 
 _KEPT_SCENES = 4
-"""Enlarged scenes that a subject keeps, for pages that show different zooms."""
+"""Number of enlarged scenes that a subject keeps, for pages that show different zooms."""
 
 
 class FitState(NamedTuple):
@@ -27,11 +27,12 @@ class FitState(NamedTuple):
 class Subject(abc.ABC):
     """A drawing or an image that is shown at any zoom.
 
-    A member implements `scene_at` if it is made of triangles, and `pixels` if it is an image.
+    A subclass implements `scene_at` if it is made of triangles, and `pixels` if it is an image.
 
     - `name`: what a page calls it; several subjects may have the same name.
     - `is_image`: whether it is an image.
-    - `may_change`: whether its contents may change while it is shown, as those of a file.
+    - `may_change`: whether its contents may change while it is shown, for example because a file is
+      edited.
     """
 
     is_image = False
@@ -50,7 +51,10 @@ class Subject(abc.ABC):
         """Height and width, in pixels, at zoom 1. Raises `ValueError` if it cannot be read."""
 
     def scene_at(self, zoom: int | float) -> Scene:
-        """The scene enlarged by `zoom`, in pixels. Raises `ValueError` if it cannot be read."""
+        """The scene with positions in pixels of the drawing enlarged by `zoom`.
+
+        Raises `ValueError` if it cannot be read.
+        """
         raise ValueError(f"{self.name} is an image, and has no triangles.")
 
     def pixels(self, view: View) -> UInt8[np.ndarray, "height width 4"]:
@@ -58,29 +62,32 @@ class Subject(abc.ABC):
         raise ValueError(f"{self.name} is made of triangles, and is not an image.")
 
     def command(self, view: View, settings: Settings) -> str:
-        """The command line, or the Python code, that draws the same picture."""
+        """The command line, or the Python code, that draws the same picture; empty for images."""
         return ""
 
     def notes(self) -> tuple[str, ...]:
-        """Warnings from reading the subject."""
+        """Warnings from reading the subject, one line each."""
         return ()
 
     def watch(self, is_watched: bool) -> None:  # noqa: B027
-        """Be told whether a page shows this subject at the moment."""
+        """Called when pages open, close or switch: whether any page shows this subject now."""
 
     def fit_state(self) -> FitState | None:
-        """The progress of the fit that the subject is a result of; None for other subjects."""
+        """Progress of the fit that makes, or has made, the subject; None for other subjects."""
         return None
 
 
 class EnlargedScenes:
-    """The last few scenes of a subject, by version and size in pixels."""
+    """Cache of the last few scenes of a subject, by version and size in pixels."""
 
     def __init__(self):
         self._scenes: OrderedDict[tuple[int, int, int], Scene] = OrderedDict()
 
     def get(self, subject: Subject, zoom: int | float, make: Callable[[int, int], Scene]) -> Scene:
-        """The scene of this zoom, from `make(height, width)` if it is not kept."""
+        """Return the scene of this zoom, and make it unless it is in the cache.
+
+        `make(height, width)` makes the scene for an enlarged drawing of this size, in pixels.
+        """
         version = subject.version
         height, width = enlarged_size(*subject.size(), zoom)
         key = (version, height, width)

@@ -7,7 +7,7 @@ from .message_fields import check_range
 
 MAX_CANVAS_SIDE = 8192
 MAX_CANVAS_PIXELS = 2**24
-"""Largest canvas of a view, along a side and as a whole."""
+"""Longest side of the canvas of a view, in pixels, and its greatest number of pixels."""
 
 
 @dataclass(frozen=True)
@@ -15,10 +15,11 @@ class View:
     """The part of a drawing that a canvas shows.
 
     - `zoom`: pixels of the canvas for one pixel of the drawing.
-    - `x`, `y`: the pixel of the enlarged drawing at the canvas's upper left, as `origin` of a plan.
-    - `height`, `width`: of the canvas, in pixels.
+    - `x`, `y`: the pixel of the enlarged drawing at the canvas's upper left, like the `origin` of a
+      plan.
+    - `height`, `width`: size of the canvas, in pixels.
 
-    Raises `ValueError` for values that are too large to be drawn.
+    Raises `ValueError` for values outside the range that can be drawn.
     """
 
     zoom: float
@@ -39,7 +40,7 @@ class View:
 def enlarged_size(height: int, width: int, zoom: int | float) -> tuple[int, int]:
     """Height and width, in whole pixels, of a drawing that is enlarged by `zoom`.
 
-    Raises `ValueError` beyond the size at which coordinates in float32 are too coarse.
+    Raises `ValueError` for a size at which float32 coordinates are too coarse.
     """
     enlarged = max(1, round(height * zoom)), max(1, round(width * zoom))
     if max(enlarged) > MAX_SIDE:

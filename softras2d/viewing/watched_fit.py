@@ -1,4 +1,4 @@
-"""A subject that follows a fit while it runs."""
+"""A subject that shows a fit while it runs."""
 
 import threading
 
@@ -10,10 +10,10 @@ from .subject import FitState
 
 
 class WatchedFit(SceneInMemory):
-    """A fit that runs while pages show its best scene.
+    """A subject that shows the best scene of a fit so far, while the fit runs.
 
     The thread of the fit calls `add` and `finish`. Another thread answers the pages: it reads the
-    progress by `fit_state`, and the scene to draw by `scene_at`.
+    progress with `fit_state`, and the scene to draw with `scene_at`.
     """
 
     may_change = True
@@ -27,17 +27,16 @@ class WatchedFit(SceneInMemory):
         self._is_watched = False
 
     def add(self, report: ProgressReport) -> None:
-        """Record a chunk of steps, and show the best scene if the one before it has been drawn."""
+        """Record a chunk of steps, and show the best scene if the last one has been drawn."""
         self._records.append(report.record)
         if self._version == 1 or self._drawn_version == self._version:
             self._show(report.scene(), is_running=True)
 
     def finish(self, result: FitResult, seconds: int | float) -> None:
-        """Show the result, and wait until a page has it, for at most this many seconds.
+        """Show the result, and wait until a page shows it, for at most `seconds`.
 
-        A page has it when it was told that the fit has ended, and the last scene is being drawn.
-
-        Returns at once if no page shows the fit: none is open, or all show other subjects.
+        A page counts as showing it once it was told that the fit has ended, and the last scene is
+        being drawn. Returns at once if no page shows this subject.
         """
         self._records = list(result.history)
         self._show(result.scene, is_running=False)
@@ -46,7 +45,10 @@ class WatchedFit(SceneInMemory):
                 self._has_shown.wait_for(self._is_shown, seconds)
 
     def scene_at(self, zoom: int | float) -> Scene:
-        """The best scene so far, with its positions multiplied by the zoom; it counts as drawn."""
+        """The best scene so far, with its positions multiplied by `zoom`.
+
+        From now on, this scene counts as drawn.
+        """
         version = self._version
         scene = super().scene_at(zoom)
         with self._has_shown:
@@ -55,7 +57,7 @@ class WatchedFit(SceneInMemory):
         return scene
 
     def fit_state(self) -> FitState | None:
-        """The progress of the fit so far; notes that a page was told of it."""
+        """Progress of the fit so far. From now on, a page counts as told of it."""
         version = self._version
         state = super().fit_state()
         with self._has_shown:
@@ -64,14 +66,15 @@ class WatchedFit(SceneInMemory):
         return state
 
     def watch(self, is_watched: bool) -> None:
-        """Tell the fit whether a page shows it at the moment."""
+        """Record whether any page shows this subject now."""
         with self._has_shown:
             self._is_watched = is_watched
             self._has_shown.notify_all()
 
     def _is_shown(self) -> bool:
-        """Whether a page has the last state and scene, or no page shows the fit."""
-        # A request for the scene before may be answered with this one, so a picture is not enough.
+        """Whether a page shows the last progress and scene, or no page shows this subject."""
+        # A request for an earlier scene may be answered with the last one, so that a picture alone
+        # does not prove that a page knows that the fit has ended.
         is_shown = self._drawn_version == self._told_version == self._version
         return is_shown or not self._is_watched
 

@@ -19,9 +19,10 @@ _STATIC = Path(__file__).parent / "static"
 
 
 class _Output(NamedTuple):
-    """A place on the page of a notebook that shows a widget.
+    """An output of a notebook cell that shows a widget.
 
-    - `widget`: identifies the widget; `name`: identifies the output among those of the widget.
+    - `widget`: identifies the widget in this process.
+    - `name`: identifies the output among the outputs that show the widget.
     """
 
     widget: int
@@ -29,11 +30,14 @@ class _Output(NamedTuple):
 
 
 class ViewerWidget(anywidget.AnyWidget):
-    """Shows the subjects of a session. Made by `softras2d.view`.
+    """A notebook widget that shows the subjects of a session, made by `softras2d.view`.
 
     Pictures are drawn in a thread, so that cells can run meanwhile. While an output shows the
-    widget, its files are watched. `still` is a picture for pages without a running kernel, which a
-    saved notebook holds.
+    widget, its files are watched for changes.
+
+    - `height`: height of the widget on the screen, in pixels.
+    - `still`: a picture, as a data URL, for pages without a running kernel. A saved notebook
+      contains it.
     """
 
     _esm: ClassVar[Path] = _STATIC / "viewer.js"
@@ -56,10 +60,10 @@ class ViewerWidget(anywidget.AnyWidget):
         super().close()
 
     def _receive(self, widget: Any, request: Any, buffers: Any) -> None:
-        """Pass a request on to the worker."""
+        """Pass a request of an output on to the worker."""
         if not isinstance(request, dict):
             return
-        # Each output that shows the widget has a view of its own.
+        # The outputs that show this widget zoom and pan independently.
         output = _Output(id(self), str(request.pop("owner", "")))
         if request.get("kind") == "closed":
             self._forget(output)
@@ -79,7 +83,7 @@ class ViewerWidget(anywidget.AnyWidget):
         )
 
     def _forget(self, output: "_Output") -> None:
-        """Drop the requests of an output that is closed, and watch no files for nobody."""
+        """Drop the requests of a closed output; without outputs, stop watching files."""
         shared_worker().forget(output)
         self._outputs.discard(output)
         if not self._outputs and self._session.may_change:
@@ -90,7 +94,7 @@ class ViewerWidget(anywidget.AnyWidget):
         self.send({"kind": "changed", "versions": versions})
 
     def _repr_mimebundle_(self, **keywords: Any) -> Any:
-        """The widget, and a picture for front ends that show no widgets."""
+        """Data of the widget by media type, with a picture for front ends without widgets."""
         bundle = super()._repr_mimebundle_(**keywords)
         if bundle is not None:
             bundle[0].update({"image/png": self._png, "text/plain": "The viewer of softras2d."})

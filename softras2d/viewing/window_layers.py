@@ -33,10 +33,13 @@ class WindowLayers(NamedTuple):
     Arrays are `[height, width, samples, layers, ...]`; analytic coverage has one sample. Entries
     of unused layers, whose triangle is -1, have no meaning.
 
-    - `triangle`: index in the scene; `weights`: barycentric weights of its corners.
-    - `coverage`: 1 at a covered sample; the coverage of the pixel under analytic coverage.
-    - `color`: premultiplied RGBA, before coverage.
-    - `depth`, `uv`, `level`: None where the scene has none; `level` is the mip level of detail.
+    - `triangle`: index of the triangle in the scene, -1 for an unused layer.
+    - `coverage`: 1 at a covered sample; under analytic coverage, the fraction of the pixel.
+    - `weights`: barycentric weights of the triangle's corners.
+    - `color`: premultiplied RGBA, not multiplied by coverage.
+    - `depth`, `uv`: interpolated values; None if the scene has none. Depth is also None under
+      analytic coverage.
+    - `level`: mip level of detail; None for a scene without textures, and under analytic coverage.
     """
 
     triangle: Int[HostOrDeviceArray, "height width samples layers"]
@@ -51,7 +54,8 @@ class WindowLayers(NamedTuple):
 def cull(scene: Scene, view: View, margin: float) -> tuple[Scene, Int[np.ndarray, " triangles"]]:
     """Keep the triangles whose bounding box comes within `margin` pixels of the window of a view.
 
-    Returns also the index of each triangle in the whole scene. Colours at the window are unchanged.
+    Also returns the index of each kept triangle in the whole scene. Colours in the window stay the
+    same if `margin` is at least the reach of the coverage.
     """
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     low = np.array([view.x, view.y]) - margin
@@ -61,10 +65,10 @@ def cull(scene: Scene, view: View, margin: float) -> tuple[Scene, Int[np.ndarray
 
 
 def with_flat_depth(scene: Scene) -> Scene:
-    """Give a scene without depth the same depth everywhere.
+    """Give a scene without depth a depth of 0 everywhere.
 
-    Its picture is the same, but no triangle is left out of a tile because others hide it. A plan
-    for `find_layers` must be made for this scene, whose lists are longer.
+    Its picture stays the same, but no triangle is left out of a tile because others hide it. The
+    lists of tiles are therefore longer: make the plan for the returned scene.
     """
     depth = np.zeros(len(scene.positions), np.asarray(scene.positions).dtype)
     return eqx.tree_at(
@@ -75,7 +79,11 @@ def with_flat_depth(scene: Scene) -> Scene:
 def find_layers(
     scene: Scene, plan: Plan, layers: int = LAYERS
 ) -> tuple[WindowLayers, Bool[Array, ""]]:
-    """The nearest `layers` triangles on a small canvas, and whether the scene outgrew the plan."""
+    """Find the nearest `layers` triangles at each sample or pixel of a small canvas.
+
+    Also returns whether the scene outgrew the plan. Under analytic coverage this is always false:
+    `pixel_layers` raises `ValueError` instead.
+    """
     if not len(scene.triangles):
         return _no_layers(plan, layers), to_device(False)
     if plan.side:
@@ -119,7 +127,7 @@ def _shade_samples(scene: Scene, plan: Plan, layers: int) -> tuple[WindowLayers,
 
 @eqx.filter_jit
 def _shade_pixels(scene: Scene, layers_of_pixels: PixelLayers) -> WindowLayers:
-    """Colours by the first corner and weights; textures are left out."""
+    """Shade the layers of each pixel under analytic coverage, without textures."""
     triangle, coverage, weights = (
         array[:, :, None]
         for array in (
@@ -148,14 +156,14 @@ def _colors(scene: Scene, visible: Visibility) -> Array:
 
 
 def _with_alpha(color: Array) -> Array:
-    """Premultiplied RGBA, from RGB or straight RGBA."""
+    """Convert RGB or straight RGBA to premultiplied RGBA."""
     if color.shape[-1] == 3:
         return jnp.concatenate([color, jnp.ones_like(color[..., :1])], axis=-1)
     return premultiply(color)
 
 
 def _modulate(color: Array, texel: Array) -> Array:
-    """Premultiplied colour times premultiplied texel."""
+    """Multiply premultiplied RGBA by a premultiplied texel of three or four channels."""
     if texel.shape[-1] == 3:
         texel = jnp.concatenate([texel, jnp.ones_like(texel[..., :1])], axis=-1)
     return color * texel
@@ -167,7 +175,11 @@ def _level(
     footprint: Float[Array, "*points 2 2"],
     filter: Filter,
 ) -> Float[Array, "*points"]:
-    """The level of detail, within the levels that the pyramid has."""
+    """Mip level of detail at each point, clipped to the levels that the pyramid has.
+
+    `footprint` is the change of (u, v) for a step of one pixel, as `Visibility.footprint` returns
+    it.
+    """
     base = textures.levels[jnp.maximum(index, 0), 0]
     height, width = base[..., 1].astype(footprint.dtype), base[..., 2].astype(footprint.dtype)
     texels = Footprint(

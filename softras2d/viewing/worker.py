@@ -1,4 +1,4 @@
-"""A thread that answers requests one after another, and drops those that were superseded."""
+"""A thread that answers requests one after another, and drops requests that newer ones replace."""
 
 import itertools
 import logging
@@ -12,7 +12,13 @@ _LOGGER = logging.getLogger(__name__)
 
 
 class _Job(NamedTuple):
-    """Replies that are still to be computed, and where they go."""
+    """A request whose replies are still to be computed.
+
+    - `urgency`: rank of the request; the least is answered first.
+    - `number`: sequence number; of requests of equal rank, the oldest is answered first.
+    - `replies`: computes the next reply when it is advanced.
+    - `deliver`: called with each reply.
+    """
 
     urgency: int
     number: int
@@ -23,7 +29,7 @@ class _Job(NamedTuple):
 class Worker:
     """Computes replies in a thread of its own, the most urgent first.
 
-    A job that takes several steps waits after each for more urgent ones.
+    A job with several replies waits after each reply while there are more urgent jobs.
     """
 
     def __init__(self):
@@ -42,10 +48,12 @@ class Worker:
         replies: Iterator[Reply],
         deliver: Callable[[Reply], None],
     ) -> None:
-        """Compute `replies`, and call `deliver` with each, from the thread of the worker.
+        """Compute `replies`, and call `deliver` with each, in the thread of the worker.
 
-        An earlier job of the same owner and name is dropped, unless it runs at the moment: then its
-        next reply is its last.
+        - `owner`: the page or output that asks; `forget` drops all of its jobs.
+        - `name`: what is asked for. An earlier job of the same owner and name is dropped; if its
+          next reply is being computed, that one is still delivered.
+        - `urgency`: rank of the job; the job of least rank is done first.
         """
         with self._changed:
             self._jobs[owner, name] = _Job(urgency, next(self._numbers), replies, deliver)
@@ -58,7 +66,7 @@ class Worker:
                 del self._jobs[key]
 
     def close(self, seconds: int | float = 0) -> None:
-        """Drop all jobs, and wait up to `seconds` for the current step."""
+        """Drop all jobs, and wait up to `seconds` for the reply that is being computed."""
         with self._changed:
             self._jobs.clear()
             self._is_closed = True
