@@ -25,14 +25,20 @@ _HEADER_PATTERN = re.compile(
     rb"\{'descr': '([^']{2,20})', 'fortran_order': (True|False), "
     rb"'shape': \(((?:\d{1,10}(?:, \d{1,10}){0,7},?)?)\), \} *\n"
 )
-"""The header of an array of a plain type, exactly as NumPy writes it."""
+"""The header of an array of numbers or booleans, exactly as NumPy writes it.
+
+Its groups are the type, the order of the axes, and the lengths of the axes."""
 
 _MAGIC = b"\x93NUMPY\x01\x00"
 """The first bytes of an array in version 1.0 of NumPy's format."""
 
 
 class _Header(NamedTuple):
-    """The header of an array; `length` is its size in bytes, from the start of the entry."""
+    """The header of an array.
+
+    - `is_column_major`: whether the first axis varies fastest in the data.
+    - `length`: number of bytes of the header, after which the data begins.
+    """
 
     dtype: np.dtype
     shape: tuple[int, ...]
@@ -77,7 +83,7 @@ def _begins_with(path: Path, mark: bytes) -> bool:
 
 
 def _array_name(entry: zipfile.ZipInfo) -> str:
-    """The name of the array that an entry holds."""
+    """The name of the array that an entry of the zip file holds."""
     return entry.filename.removesuffix(".npy")
 
 
@@ -101,7 +107,10 @@ def _check_directory(entries: list[zipfile.ZipInfo]) -> None:
 
 
 def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
-    """Read one array. `zipfile` unpacks no more bytes than the directory says."""
+    """Read one array; raise `ValueError` if its header and the zip directory disagree.
+
+    `zipfile` unpacks no more bytes than the directory says.
+    """
     name = _printable(_array_name(entry))
     try:
         with archive.open(entry) as file:
@@ -127,9 +136,10 @@ def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
 
 
 def _read_header(name: str, file: Any) -> _Header:
-    """Read the header of an array from `file`, its entry opened to read bytes.
+    """Read the header of an array from `file`, the entry opened for reading bytes.
 
-    Raises `ValueError` for anything but a plain array of numbers.
+    Raises `ValueError` for anything but an array of numbers or booleans. `name` is the name of the
+    array in the message.
     """
     start = file.read(len(_MAGIC) + 2)
     length = int.from_bytes(start[len(_MAGIC) :], "little")
@@ -149,5 +159,5 @@ def _read_header(name: str, file: Any) -> _Header:
 
 
 def _printable(text: str) -> str:
-    """Shorten a text from a file, and replace its control characters."""
+    """Cut a text from a file to 80 characters, and replace unprintable ones by question marks."""
     return "".join(c if c.isprintable() else "?" for c in text[:80])

@@ -50,19 +50,21 @@ def fit_batch(
 ) -> list[FitResult]:
     """Fit layers to several targets of one shape, with their steps batched by `jax.vmap`.
 
-    Arguments are those of `fit`, with these differences:
+    Returns one result for each target, in their order. The arguments are as in `fit`, with these
+    differences:
 
     - `targets`: images of one shape.
-    - `seed`: image k has the seed `seed` + k. Its result is that of a single fit, up to rounding
-      and to where chunks end.
+    - `seed`: image k has the seed `seed` + k. `fit` with this seed gives the same result, but for
+      rounding and for the steps at which chunks end.
     - `weights`: `[height, width]` for all targets, or `[images, height, width]`.
     - `start`: one for all targets, or a sequence with one for each.
     - `resume`: the results of an earlier batch, whose settings and weights are used.
-    - `freeze`: names only; masks are refused. There is no `callback`.
-    - `devices`: each takes an equal share of the images, by the same program and without
-      communication. JAX's first device unless given.
+    - `freeze`: names only; masks are refused.
+    - `devices`: devices of JAX, each of which takes an equal share of the images, by the same
+      program and without communication. JAX's first device unless given.
     - `report`: called after each chunk with the last record of each image. The seconds in a record
-      are those of the whole batch.
+      count for the whole batch.
+    - There is no `family`, `callback` or `checkpoint`.
 
     Ctrl-C acts as in `fit`. Raises `ValueError`, one line, as `fit` does, and for no targets or
     targets of different shapes.
@@ -105,7 +107,7 @@ def fit_batch(
 def _check_earlier(
     resume: Sequence[FitResult] | None, count: int, image: Image
 ) -> list[FitResult | None]:
-    """The result that each fit resumes, or None for each if `resume` is None.
+    """Return the result that each of `count` fits resumes; a list of None if `resume` is None.
 
     Raises `ValueError` for results that fits of images such as `image` cannot resume.
     """
@@ -118,7 +120,11 @@ def _check_earlier(
 
 
 def _finish(tasks: list[Task], interrupted: bool, interrupt: Interrupt) -> list[FitResult]:
-    """Polish all fits, unless they were interrupted, and score them."""
+    """Solve for the colours of all fits, unless Ctrl-C was pressed, and make their results.
+
+    - `interrupted`: whether Ctrl-C ended the steps.
+    - `interrupt`: tells whether Ctrl-C is pressed after that.
+    """
     results = []
     for task in tasks:
         # The first scorer was warmed up in `_run`; all targets have one size.
@@ -130,13 +136,16 @@ def _finish(tasks: list[Task], interrupted: bool, interrupt: Interrupt) -> list[
 
 
 def _refuse_masks(groups: Iterable[str]) -> None:
-    """Raise `ValueError` if any of these groups of the option `freeze` has a mask."""
+    """Raise `ValueError` if any of these names in the option `freeze` goes with a mask."""
     if any(group in steering.MASKED for group in groups):
         raise ValueError("`freeze` of a batch takes no masks: fit such targets one by one.")
 
 
 def _check_targets(targets: Sequence[Any], transparent: bool) -> list[Image]:
-    """Check and convert the targets; raise `ValueError` unless they have one shape."""
+    """Check and convert the targets; raise `ValueError` unless they have one shape.
+
+    `transparent`: whether opaque targets get an alpha of 1.
+    """
     images = check_images(targets, transparent=transparent)
     shapes = {image.shape for image in images}
     if len(shapes) != 1:
@@ -151,10 +160,14 @@ def _settings(
     steps: Any,
     seconds: Any,
 ) -> list[dict[str, Any]]:
-    """Make the settings of each fit; raise `ValueError` if they are invalid or do not match.
+    """Make the settings of each fit; raise `ValueError` if they are invalid.
+
+    The fits must have the same settings but for seeds and starts, because they share programs.
 
     - `given`: the settings from the arguments, other than `start`.
-    - `earlier`: the results that are resumed, or None for each fit.
+    - `starts`: the start of each fit.
+    - `earlier`: the result that each fit resumes, or None.
+    - `steps`, `seconds`: the limits, as in `fit`; they are checked only.
     """
     common = choices.normalize(given | {"start": None})
     choices.check(common, steps, seconds)
@@ -180,7 +193,11 @@ def _settings(
 
 
 def _for_each(name: str, value: Any, count: int) -> list[Any]:
-    """Make a list with one value per target, from a sequence or from one value for all."""
+    """Make a list with one value for each of `count` targets.
+
+    `value` is a sequence of them, or one value for all: None, a name, a scene or a mesh. Raises
+    `ValueError` for a sequence of another length; `name` is the argument in its message.
+    """
     if value is None or isinstance(value, str | Scene | Mesh):
         return [value] * count
     is_sequence = isinstance(value, Sequence | np.ndarray | jax.Array)
@@ -191,9 +208,10 @@ def _for_each(name: str, value: Any, count: int) -> list[Any]:
 
 
 def _weight_maps(weights: Any, earlier: list[FitResult | None]) -> list[Any]:
-    """The weights of each target: those of the resumed fits, or else from the argument `weights`.
+    """Return the weights of the pixels of each target, as the user gave them, or None.
 
-    The argument is one map for all targets, or a map for each.
+    A resumed fit has the weights of the earlier fit. For the others the argument `weights` is one
+    map for all targets, or one map for each.
     """
     count = len(earlier)
     is_list = isinstance(weights, list | tuple) and len(weights) > 0 and np.ndim(weights[0]) != 1
@@ -217,7 +235,10 @@ def _run(
     stop: Callable[[], bool],
     devices: Devices | None,
 ) -> bool:
-    """Run all fits to their limits; return whether Ctrl-C came first."""
+    """Run the chunks of all fits until their limits; return whether Ctrl-C ended them before.
+
+    `stop()`: returns whether Ctrl-C was pressed.
+    """
 
     def report_records(share: float, seconds_left: float) -> None:
         if report is not None:

@@ -1,4 +1,4 @@
-"""How long a fit may take, in steps or in seconds, and how much of it is used."""
+"""How long a fit may take, in steps or in seconds, and how much of that is used."""
 
 import time
 from typing import NamedTuple, Protocol
@@ -12,24 +12,26 @@ SCORING_SECONDS = 3.0
 """Seconds set aside for scoring a result, until it is known how long that takes."""
 
 MAX_START_SHARE = 0.35
-"""Share of the `seconds` of a fit after which the search for a start ends with what it has."""
+"""Share of the time limit `seconds` after which the search for a start ends with what it has."""
 
 _CHUNK_SECONDS = 0.5
 """Target length of a chunk in a fit by `seconds`: how long a user waits for Ctrl-C to act, and
 between two reports."""
 
 _CHUNK_PER_MEASUREMENT = 10.0
-"""Least length of a chunk, as a multiple of the time that it takes to measure its image."""
+"""Least duration of a chunk in a fit by `seconds`, as a multiple of the time that the PSNR and SSIM
+of its image take."""
 
 _MIN_CHUNKS = 8
 """A fit of few steps has at least this many chunks, because triangles are added between them."""
 
 
 class Limits(NamedTuple):
-    """How long a call of `fit` may take: `steps` in all, or until `deadline`. The other is None.
+    """How long a call of `fit` may take: a number of steps, or until a deadline.
 
-    - `began`, `deadline`: on the clock of `time.perf_counter`.
-    - `steps`: those of a resumed fit included.
+    - `began`: when the call began, in seconds on the clock of `time.perf_counter`.
+    - `steps`: largest number of steps, including the steps of a resumed fit; None with a deadline.
+    - `deadline`: when the call must end, on the same clock; None if `steps` is the limit.
     """
 
     began: float
@@ -38,13 +40,19 @@ class Limits(NamedTuple):
 
     @staticmethod
     def of(began: float, steps: int | None, seconds: int | float | None) -> "Limits":
-        """The limits for the options `steps` and `seconds` of a call that began at `began`."""
+        """Make the limits of a call that began at `began`, from its options `steps` and `seconds`.
+
+        At most one of them is given; if none is, the limit is `DEFAULT_STEPS`.
+        """
         if seconds is None:
             return Limits(began, DEFAULT_STEPS if steps is None else steps, None)
         return Limits(began, None, began + seconds)
 
     def must_start(self) -> bool:
-        """Whether the search for a start has taken so long that steps must begin."""
+        """Whether the search for a start has taken so long that steps must begin.
+
+        False without a deadline.
+        """
         if self.deadline is None:
             return False
         seconds = self.deadline - self.began
@@ -64,10 +72,10 @@ class Estimate(Protocol):
 
 
 class Budget(NamedTuple):
-    """What is left of the limits of a fit.
+    """The limits of a fit, and how much of them is used.
 
-    - `scoring`: the seconds that scoring and polishing take after the last step.
-    - `seconds_before`: seconds of the fit that is resumed.
+    - `scoring`: the seconds that the end of the fit takes: solving for colours, and scoring.
+    - `seconds_before`: seconds that the resumed fit took; 0 if there is none.
     - `scoring_guess`: the seconds to set aside until `scoring` is known.
     """
 
@@ -77,9 +85,11 @@ class Budget(NamedTuple):
     scoring_guess: float = SCORING_SECONDS
 
     def share(self, steps: int, compiled_at: float | None) -> float:
-        """How far a fit is after `steps` steps, 0..1.
+        """Share of the fit that is done after `steps` steps, 0..1.
 
-        `compiled_at`: when the first chunk ended; None before that. Compiling is no progress.
+        With a deadline it is a share of the time for steps, in which the first chunk does not
+        count, because it compiles. `compiled_at`: when the first chunk ended, on the clock of
+        `time.perf_counter`; None before that.
         """
         if self.limits.steps is not None:
             return steps / self.limits.steps if self.limits.steps else 1.0
@@ -88,13 +98,16 @@ class Budget(NamedTuple):
         return min(1.0, done / max(done + self._seconds_for_steps(), 1e-9))
 
     def seconds_left(self, steps: int, step_seconds: float) -> float:
-        """Seconds to the last step, after `steps` steps that took `step_seconds` each."""
+        """Estimated seconds to the last step, after `steps` steps.
+
+        `step_seconds`: how long a step takes; NaN if not known. It is used only without a deadline.
+        """
         if self.limits.steps is None:
             return self._seconds_for_steps()
         return max(0, self.limits.steps - steps) * step_seconds
 
     def seconds(self) -> float:
-        """Seconds of the fit so far, those of the fit that it resumes included."""
+        """Seconds that the fit has taken so far, including the fit that it resumes."""
         return self.seconds_before + time.perf_counter() - self.limits.began
 
     def next_steps(
@@ -103,7 +116,7 @@ class Budget(NamedTuple):
         """Number of steps of the next chunk, after `steps` steps; at most `max_steps`.
 
         - `step_seconds`: how long a step takes; None until it is known.
-        - `measure_seconds`: how long it takes to measure the image after a chunk.
+        - `measure_seconds`: how long the PSNR and SSIM of the image take after a chunk.
         """
         if self.limits.steps is not None:
             chunk = -(-self.limits.steps // _MIN_CHUNKS)
@@ -114,7 +127,7 @@ class Budget(NamedTuple):
         return int(np.clip(min(seconds, self._seconds_for_steps()) / step_seconds, 1, max_steps))
 
     def _seconds_for_steps(self) -> float:
-        """Seconds left for steps, of a fit with a deadline."""
+        """Seconds left for steps before the deadline, less the seconds set aside for the end."""
         assert self.limits.deadline is not None
         scoring = self.scoring.result() if self.scoring.done() else self.scoring_guess
         return max(0.0, self.limits.deadline - scoring - time.perf_counter())

@@ -18,11 +18,17 @@ STARTS = get_args(names.FitStart)
 """Values of the option `start`, besides a scene or a mesh."""
 
 FROM_OBJECT = "given"
-"""Value of `start` in saved settings if it was an object. A resumed fit needs only its state."""
+"""Value of `start` or `loss` in saved settings if it was not a name but an object or a function.
+
+The start of a fit is not needed to resume it; a loss function must be given again."""
 
 
 def normalize(settings: dict[str, Any]) -> dict[str, Any]:
-    """Fill in shading and size, make `softness` a pair, and turn NumPy scalars into numbers."""
+    """Complete the arguments of `fit`, and convert them to plain Python types where possible.
+
+    This fills in the family's default shading and size, makes `softness` a pair, turns NumPy
+    scalars into numbers, and colours into lists. Invalid values are left for `check` to refuse.
+    """
     normalized = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
     name = normalized["family"]
     # An unknown family is refused later, by `check`.
@@ -44,7 +50,10 @@ def normalize(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
-    """Raise `ValueError` unless the arguments of `fit`, as `normalize` returns them, are valid."""
+    """Raise `ValueError` unless the arguments of `fit`, as `normalize` returns them, are valid.
+
+    `steps`, `seconds`: the limits of the fit; None if not given. Only one may be given.
+    """
     name = settings["family"]
     _check_choice("family", name, tuple(TRAITS))
     family = TRAITS[name]
@@ -101,14 +110,17 @@ def prepare_weights(
 
 
 def _check_choice(name: str, value: Any, choices: tuple[str, ...], of: str = "") -> None:
-    """Raise `ValueError` unless a value is among the choices; `of` says whose choices they are."""
+    """Raise `ValueError` unless a value is among the choices.
+
+    `of`: text after the argument's name in the message, such as `" of a mesh fit"`.
+    """
     if value not in choices:
         allowed = ", ".join(map(repr, choices))
         raise ValueError(f"`{name}`{of} must be one of {allowed}; got {value!r:.60}.")
 
 
 def _check_integer(name: str, value: Any, minimum: int) -> None:
-    """Raise `ValueError` unless a value is an integer of 32 bits from `minimum` on."""
+    """Raise `ValueError` unless a value is an integer from `minimum` to 2^31 - 1."""
     is_integer = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not is_integer or not minimum <= value < 2**31:
         raise ValueError(f"`{name}` must be a whole number from {minimum} on; got {value!r:.60}.")

@@ -21,15 +21,17 @@ def advance_fits(
     max_steps: int,
     devices: Devices | None = None,
 ) -> list[Float[np.ndarray, " steps"]]:
-    """Take a chunk of `steps` steps of each fit, and return the losses of each.
+    """Take a chunk of `steps` steps of each fit; return, for each fit, the loss of each step taken.
 
-    Several fits must have the same shapes, solver and settings, so that one program serves them
-    all. With `devices`, each device takes a share of the fits. Chunks of equal `max_steps`, the
-    largest number of steps, share a program.
+    This updates the `progress` and the `image` of each fit. Several fits must have the same shapes,
+    solver and settings, so that one program serves them all. With `devices`, each device takes an
+    equal share of the fits. Chunks of equal `max_steps`, an upper bound on `steps`, share a
+    program.
 
-    If a scene outgrows its plan, the chunk is taken again, from where it began, with a larger plan
-    and half as many steps. The larger plan has capacity for the unknowns where the chunk begins and
-    where each failed attempt ended, and shorter attempts stay closer to these.
+    If the scene of any fit outgrows its plan, the chunk is taken again, from where it began, with a
+    larger plan and half as many steps. So fewer steps than `steps` may be taken. The larger plan
+    has capacity for the unknowns where the chunk begins and where each failed attempt ended, and
+    shorter attempts stay closer to these.
     """
     for fit in fits:
         _update_colors(fit)
@@ -62,7 +64,7 @@ def advance_fits(
 
 
 def _update_colors(fit: AbstractFit) -> None:
-    """Set the colours of least squared error if the fit solves for colours in closed form."""
+    """Solve for the colours of least squared error, if the option `colors` is `"solve"`."""
     if fit.request.solves_colors:
         y = best_colors(fit.residual, fit.progress.y, fit.data, fit.request.loss.light)
         fit.progress = move(fit.request.solver, fit.residual, fit.progress, y, fit.data)

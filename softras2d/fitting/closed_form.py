@@ -1,9 +1,9 @@
 """Colours of least squared error for fixed geometry, by linear least squares.
 
 The sRGB values of an image are affine in the colours of its triangles, so one linear solve is
-exact. Their linear values are not affine, and take a few Gauss-Newton steps. This works for any
-scene and coverage: the solver uses only products with the Jacobian and its transpose, which is
-never assembled.
+exact. If the loss is computed in linear light, its residual is not affine in the colours, and takes
+a few Gauss-Newton steps. This works for any scene and coverage: the solver uses only products with
+the Jacobian and its transpose. The Jacobian is never assembled.
 """
 
 import time
@@ -23,18 +23,21 @@ _PRODUCTS = 24
 Images whose pixels mix the colours of many triangles need that many."""
 
 _STEPS: dict[LossSpace, int] = {"display": 1, "linear": 4}
-"""Number of Gauss-Newton steps. A few suffice for linear values, because sRGB bends little."""
+"""Number of Gauss-Newton steps for each colour space in which the loss may be computed.
+
+A few suffice for linear light, because the sRGB transfer function bends little."""
 
 
 @eqx.filter_jit
 def best_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -> Any:
-    """Replace the `colors` of the unknowns `y` by those of least squared residual, in 0..1.
+    """Replace the `colors` of the unknowns `y` by the colours of least squared error.
 
-    - `fn`, `args`: the residual and its second argument.
+    - `fn`, `args`: the residual of squared error, and its second argument. If `fn` returns a tuple
+      of residuals, only the first, the residual of the image, counts.
     - `light`: the colour space in which `fn` computes the loss.
 
-    The solution is clipped to 0..1. If it makes the error no lower, the given colours are returned,
-    clipped too.
+    Returns `y` with other colours, clipped to 0..1. A Gauss-Newton step that does not lower the sum
+    of squares after clipping is not taken, so the colours may be the given ones, clipped.
     """
 
     def residual(colors: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -58,7 +61,7 @@ def best_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -
 
 
 def time_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -> float:
-    """Compile `best_colors` for these arguments; return the seconds of a run after that."""
+    """Compile `best_colors` for these arguments, and return the seconds that it then takes."""
     jax.block_until_ready(best_colors(fn, y, args, light))
     began = time.perf_counter()
     jax.block_until_ready(best_colors(fn, y, args, light))

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 TINY = float(np.finfo(np.float32).tiny)
-"""The smallest normal float32, which is the lower bound of positive numbers."""
+"""The smallest normal float32, which is the lower bound for entries that must be positive."""
 
 
 class Size(NamedTuple):
@@ -18,9 +18,10 @@ class Size(NamedTuple):
 
 
 class Entries:
-    """Arrays by name, each of which is taken once. Arrays that are never taken are unknown ones.
+    """Arrays of a saved fit by name, each of which is checked and taken once.
 
-    `prefix`: put before the names in error messages.
+    At the end, `end` refuses the arrays that nothing has taken, because no fit has them.
+    `prefix`: text before the names in error messages.
     """
 
     def __init__(self, arrays: dict[str, Any], prefix: str = ""):
@@ -35,7 +36,10 @@ class Entries:
         return f"{self._prefix}{name}"
 
     def length(self, name: str) -> int | None:
-        """Length of an entry's first axis, without taking the entry; None if it has no axis."""
+        """Length of an entry's first axis; None if the entry is missing or has no axis.
+
+        The entry is not taken.
+        """
         shape = np.shape(self._remaining.get(name, ()))
         return shape[0] if shape else None
 
@@ -65,7 +69,10 @@ class Entries:
         low: float = -np.inf,
         high: float = np.inf,
     ) -> np.ndarray:
-        """Take an array, which must also hold finite numbers from `low` to `high`."""
+        """Take an array as `take` does, and raise `ValueError` unless its numbers are finite.
+
+        They must also lie in `low`..`high`, both included.
+        """
         array = self.take(name, dtype, shape)
         if not (np.isfinite(array) & (array >= low) & (array <= high)).all():
             bounds = "" if np.isinf([low, high]).all() else f" in {low:g}..{high:g}"

@@ -1,4 +1,4 @@
-"""The interface of a fit family, of which there are two: free layers and meshes.
+"""The interface of a fit family. There are two families: free layers and meshes.
 
 A fit alternates between two kinds of work. A chunk of solver steps runs as one compiled program and
 changes only the unknowns. Between chunks, the family does on the host what a solver cannot do: it
@@ -25,17 +25,22 @@ from .target import Image, Target
 
 
 class FitRequest(NamedTuple):
-    """Everything that a family needs to make a fit that has not taken a step.
+    """Everything that a family needs to construct a fit before its first step.
 
     - `target`: the image and its weights, at the size of the fit.
     - `settings`: the arguments of `fit`, checked and completed (see `choices`).
-    - `start`: the name of a start, a `Scene` in pixels of the fit, or a `Mesh`.
-    - `seed`: of all random choices.
+    - `start`: the name of a start, or a `Scene` or `Mesh` in pixels of the fit. It is
+      `choices.FROM_OBJECT` in a resumed fit that once started from a scene or a mesh.
+    - `loss`, `solver`: the error that is minimised, and the method that minimises it.
+    - `seed`: the seed of all random choices.
     - `adjustable_rate`: whether the solver has a learning rate that the family may lower.
-    - `resume_state`: arrays of an earlier fit, or None for a new fit. The family reads here only
-      the shapes of its arrays; `AbstractFit.restore_family_state` restores their values later.
-    - `masks`: which `"vertices"` and `"triangles"` are frozen, if the option `freeze` has any.
-    - `must_start()`: whether time is up for the search for a start, so that steps must begin.
+    - `resume_state`: the arrays of the fit to be resumed, or None for a new fit. The constructor
+      takes from it what fixes the shapes of the fit (for a mesh, the mesh itself);
+      `AbstractFit.restore_family_state` restores the other values later.
+    - `must_start()`: returns whether the time for the search for a start is used up, so that steps
+      must begin.
+    - `masks`: which `"vertices"` and `"triangles"` are frozen, by these names; a name that the
+      option `freeze` does not mention is absent.
     """
 
     target: Target
@@ -53,52 +58,57 @@ class FitRequest(NamedTuple):
     def exchanges(self) -> bool:
         """Whether, between chunks, triangles or vertices are moved to where the error is large.
 
-        Never if anything is frozen.
+        False if the option `freeze` names anything.
         """
         return self.places_by_error and not self.settings["freeze"]
 
     @property
     def places_by_error(self) -> bool:
-        """Whether triangles or vertices are placed where the error is large."""
+        """Whether new triangles or vertices are placed where the error is large.
+
+        True for `start="error"`.
+        """
         return self.settings["start"] == "error"
 
     @property
     def may_freeze(self) -> bool:
-        """Whether some unknowns are frozen, now or later in the fit."""
+        """Whether some unknowns are frozen, now or later, by the user or because of a palette."""
         return bool(self.settings["freeze"]) or self.settings["palette"] is not None
 
     @property
     def starts_from_object(self) -> bool:
-        """Whether the fit starts, or once started, from a scene or a mesh that was given."""
+        """Whether the user gave a scene or mesh to start from, to this fit or to a resumed one."""
         start = self.settings["start"]
         return not isinstance(start, str) or start not in get_args(names.FitStart)
 
     @property
     def finds_palette(self) -> bool:
-        """Whether the colours of the palette are to be found, too."""
+        """Whether the fit chooses the palette, because the user gave only its number of colours."""
         return isinstance(self.settings["palette"], int)
 
     @property
     def solves_colors(self) -> bool:
-        """Whether colours are solved for in closed form before each chunk."""
+        """Whether the colours of least squared error are solved for before each chunk."""
         return self.settings["colors"] == "solve"
 
 
 class AbstractFit(abc.ABC):
-    """A fit between two chunks of steps.
+    """The state of one fit between two chunks of steps, and what its family does there.
 
     The constructor of a family takes a `FitRequest`, builds the start, plans for it and sets all of
     the attributes below. It raises `ValueError` for a start that does not suit the family.
 
     - `request`: the request from which the fit was made.
-    - `residual`, `data`: the function that the solver minimises, and its second argument. Beside
-      the residual, the function returns `(image, outgrown)`, which `chunk.advance_fits` reads.
-      `data` holds arrays that may change between chunks without compiling again.
+    - `residual`: the function that the solver minimises. `residual(unknowns, data)` returns
+      `(out, (image, outgrown))`: the residual or scalar loss, the image of these unknowns, and
+      whether their scene outgrew the plan, so that triangles are missing in the image.
+    - `data`: arrays that may change between chunks without compiling again.
     - `progress`: unknowns, solver state and number of steps.
-    - `image`: the image of the last step, at the size and with the coverage of the fit.
+    - `image`: the image of the last step, with straight alpha, at the size and with the coverage of
+      the fit. Before the first step it is the background (layers) or the target (mesh).
     - `active`: number of triangles in use; the other triangles in the arrays are spare.
-    - `last_exchange`: how far the fit was, 0..1, when triangles or vertices were last moved to
-      where the error is large.
+    - `last_exchange`: share of the fit that was done, 0..1, when triangles or vertices were last
+      moved to where the error is large; 0 if that has not happened.
     """
 
     request: FitRequest
@@ -116,14 +126,14 @@ class AbstractFit(abc.ABC):
 
     @abc.abstractmethod
     def likely_scene(self) -> Scene:
-        """Make a scene, in pixels of the fit, that is about as costly to draw as later ones.
+        """Make a scene, in pixels of the fit, about as costly to draw as the scenes of later steps.
 
         Capacities are planned for it, and programs are compiled for its shapes.
         """
 
     @abc.abstractmethod
     def scene(self, *, padded: bool = False) -> Scene:
-        """The best scene so far, in pixels of the fit.
+        """The scene with the least loss so far, in pixels of the fit.
 
         `padded`: keep the spare triangles, which do not show, so that all scenes of a fit have the
         same shapes and share a program.
@@ -135,53 +145,63 @@ class AbstractFit(abc.ABC):
 
     @abc.abstractmethod
     def go_on_from(self, scene: Scene) -> None:
-        """Continue from a scene with the same triangles as `current_scene`, and forget the best.
+        """Continue from a scene, and forget the best unknowns so far.
 
-        The scene is in pixels of the fit. What is frozen stays, colours become those of the
-        palette, and a mesh moves only as far as no triangle is flipped.
+        The scene is in pixels of the fit, and has the triangles of `current_scene`, with other
+        positions, colours or background. Frozen unknowns keep their values. If triangles have
+        colours of the palette by now, each colour is replaced by the nearest of the palette. The
+        vertices of a mesh move only as far as no triangle is flipped.
         """
 
     @abc.abstractmethod
     def replan(self, reached: list[Any]) -> Residual:
-        """Make a residual with capacity for all of these unknowns, without changing the fit."""
+        """Return a residual whose plan has capacity for the scenes of all unknowns in `reached`.
+
+        The fit itself does not change.
+        """
 
     @abc.abstractmethod
     def refine(self, share: float) -> None:
-        """Improve the fit between two chunks, on the host.
+        """Improve the fit before a chunk of steps, on the host.
 
-        With the option `palette`, this chooses the colour of each triangle anew
-        (`palette.quantize`), and freezes it for the chunk (`frozen.Frozen`). All scenes of such a
-        fit have colours of the palette, also the first one.
+        With the option `palette`, from `palette.PALETTE_START` on, this also assigns a colour of
+        the palette to each triangle (`palette.quantize`), and freezes it for the chunk
+        (`frozen.Frozen`). Before that, `scene` and `current_scene` replace each colour by the
+        nearest of the palette, so that all scenes of such a fit have its colours.
 
-        `share`: how far the fit is, 0..1. `progress` and `data` may change, but not the shapes of
-        their arrays, so that the compiled program can be used again.
+        `share`: share of the fit that is done, 0..1. `progress` and `data` may change, but not the
+        shapes of their arrays, so that the compiled program can be used again.
         """
 
     @abc.abstractmethod
     def polish(self) -> None:
-        """Replace the unknowns by the best so far, with colours solved for least squared error.
+        """Replace the unknowns by the best so far, with the colours of least squared error.
 
-        `residual` is replaced too if its plan is too small for these unknowns.
+        The squared error is computed at the size of the fit and in the colour space of its loss,
+        with its weights, and summed over pixels and channels. `residual` is replaced too if its
+        plan is too small for these unknowns.
         """
 
     def polish_at_full_size(self, target: Target) -> None:  # noqa: B027
         """Improve the best unknowns for a `target` larger than the fit, at the end of the fit.
 
-        Only families that gain by it do anything.
+        Does nothing unless a family overrides it.
         """
 
     @abc.abstractmethod
     def family_state(self) -> dict[str, np.ndarray]:
-        """Arrays that only fits of this family save; `state.save_state` adds those of all fits.
+        """Return the arrays, by name, that only fits of this family save.
 
-        Their names are part of the file format.
+        `state.save_state` adds the arrays that all fits save. The names are part of the file
+        format.
         """
 
     @abc.abstractmethod
     def restore_family_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Restore what `family_state` saved; `state.restore_state` has restored the rest before.
+        """Restore what `family_state` saved, after `state.restore_state` has restored the rest.
 
-        Raises `ValueError` for arrays of other shapes or types than this fit has.
+        `arrays` holds all arrays of the saved state, by name. Raises `ValueError` for arrays of
+        other shapes or types than this fit has.
         """
 
 
@@ -189,10 +209,10 @@ class Family(NamedTuple):
     """A row of the table of families.
 
     - `make`: the constructor.
-    - `unknowns`: makes the pytree of unknowns from its leaves.
-    - `check_state`: checks the entries that `family_state` saved, for the settings, the size and
-      the number of active triangles of the fit. It returns the shapes of the unknowns, or raises
-      `ValueError`.
+    - `unknowns`: makes the pytree of unknowns from its leaves, in the order of `jax.tree.leaves`.
+    - `check_state`: checks the entries that `family_state` saved, given the settings, the size and
+      the number of triangles in use of the fit. It returns the shapes of the leaves of the
+      unknowns, or raises `ValueError`.
     """
 
     make: Callable[[FitRequest], AbstractFit]

@@ -54,56 +54,66 @@ def fit(
 ) -> FitResult:
     """Find the triangles that together look most like an image.
 
+    Returns the scene with the least loss, with its hard image, its scores and the history of the
+    fit.
+
     - `target`: `[height, width, 3 or 4]` floats in 0..1 with straight alpha, as `read_image` gives
       them. Or grey, `[height, width]` or `[height, width, 1]`; `uint8`, which stands for 0..255; or
       booleans. Colours above 1 (HDR) are fitted as 1, with a warning.
     - `triangles`: maximum number of triangles.
-    - `family`: `"layers"`, free triangles drawn over each other and over the mean colour; or
-      `"mesh"`, triangles that share vertices and tile the canvas.
+    - `family`: `"layers"`, free triangles drawn over each other and over a background; or `"mesh"`,
+      triangles that share vertices and tile the canvas.
     - `solver`: `"adam"`, `"lm"`, `"dogleg"`, `"bfgs"`, `"lbfgs"`, or a solver object of optimistix.
-    - `seed`: of all random choices. With a limit of `steps`, the same seed gives the same result
-      on the same machine.
-    - `steps`: total number of solver steps, including those of `resume`. The default is 1000.
+    - `seed`: seed of all random choices. With a limit of `steps`, the same seed gives the same
+      result on the same machine.
+    - `steps`: total number of solver steps, including the steps of `resume`. The default is 1000.
     - `seconds`: time limit of this call, instead of `steps`; includes compiling and scoring.
-    - `size`: pixels along the longer side at which to fit. The default is 256 for layers, and 1024
-      for a mesh, whose colours are solved for at the size of the target at the end. A fit is never
-      larger than its target.
+    - `size`: pixels along the longer side of the image at which to fit. The default is 256 for
+      layers, and 1024 for a mesh. A fit is never larger than its target. The colours of a mesh are
+      solved for at the size of the target at the end, if the loss is squared error of sRGB values
+      and there is no `palette`, `freeze` or `callback`.
     - `shading`: `"flat"`, one colour per triangle; `"gouraud"`, colours interpolated between the
       corners, where triangles of a mesh that share a vertex share its colour; or, for a mesh alone,
       `"linear"`, interpolated between three corner colours that no other triangle shares. The
       default is `"flat"` for layers and `"gouraud"` for a mesh.
     - `translucent`: also fit the opacity of each triangle; for layers alone.
-    - `softness`: width of the soft edges of layers, in pixels of the fit; or a pair, the width at
-      the start and the width from the middle of the fit on.
+    - `softness`: width of the soft edges of layers (`Soft.width`), in pixels of the fit, at most
+      64; or a pair, the width at the start and the width from the middle of the fit on.
     - `colors`: `"together"`, the solver changes colours and geometry together. With squared error,
       colours can be solved for in closed form instead: with `"solve"`, before each chunk of steps
       and at the end; with `"polish"`, only at the end.
-    - `loss`: `"squared"`, `"l1"` or `"ssim"` (SSIM with squared error). Least-squares solvers take
-      `"squared"` alone. Or a function `(image, target) -> scalar`, which is compiled: see below.
-      Triangles are placed by the squared error of sRGB values in any case.
+    - `loss`: `"squared"` or `"l1"`, the squared or absolute error summed over pixels and channels;
+      or `"ssim"`, the squared error plus 0.02 (1 - SSIM) for each channel of each pixel. Or a
+      function `(image, target) -> scalar`, which is compiled: see below. Least-squares solvers take
+      `"squared"` alone. Triangles are placed by the squared error of sRGB values in any case.
     - `light`: colour space in which the loss is computed: `"display"` (sRGB) or `"linear"`.
-    - `weights`: `[height, width]`, how much the error of each pixel counts.
-    - `start`: with `"error"`, triangles are added where the error is largest, and those that matter
-      least are moved there, as the fit goes on. With any other start, triangles are only fitted:
-      `"uniform"`; `"delaunay"`, a mesh of random points that are denser where the image changes;
-      a `Scene` in pixels of the target (layers); or a `Mesh` in pixels of the fit.
-    - `palette`: the colours that triangles may have: RGB values in 0..1, `[colours, 3]`, or a
-      number of colours to be found. Each triangle has one of them, and so has the mean colour
-      behind layers. For `shading="flat"`.
-    - `freeze`: what is not changed: `"positions"`, `"colors"` or `"opacity"`, or a list of these;
-      or a mapping, in which these are True, and `"triangles"` or, for a mesh, `"vertices"` are
-      boolean masks of those of the scene or mesh to start from. A frozen vertex keeps its position
-      and colour; a frozen triangle keeps its corners and colours. Triangles are still added to
-      layers, and keep what is frozen as it was when they were placed, but none are exchanged.
-    - `background`: of layers: `"mean"`, the mean colour, or that of a scene to start from, and
-      transparent if the target has alpha; `"fit"`, fitted; a colour in 0..1, which is not changed;
-      or `"transparent"`, for which an opaque target gets an alpha of 1.
+    - `weights`: `[height, width]`, 0 or more: factors for the squared or absolute error of each
+      pixel. They are divided by their mean. A function as `loss` takes none.
+    - `start`: with `"error"`, triangles are added where the error is largest, and the triangles
+      that matter least are moved there, as the fit goes on. With any other start, the triangles to
+      start from are only fitted: `"uniform"`; `"delaunay"`, a mesh of random points that are denser
+      where the image changes; a `Scene` in pixels of the target (layers); or a `Mesh` in pixels of
+      the fit.
+    - `palette`: the colours that triangles may have: at most 256 RGB values in 0..1,
+      `[colours, 3]`, or a number of colours, which the fit then chooses. Each triangle has one of
+      them, and so has the background of layers if the fit chooses it. For `shading="flat"`.
+    - `freeze`: what is not changed: `"positions"`, `"colors"` or `"opacity"`, or a list of these.
+      Or a mapping, which may have these names with the value True, and `"triangles"` or, for a
+      mesh, `"vertices"` with a boolean mask of the triangles or vertices of the scene or mesh to
+      start from. A frozen vertex keeps its position and colour; a frozen triangle keeps its corners
+      and colours. New triangles are still added to layers, and what is frozen of them stays as it
+      was when they were added, but none are exchanged.
+    - `background`: colour behind layers. `"mean"` is the background of a scene to start from, if
+      there is one; else transparent if the target has alpha, or its mean colour. `"fit"`: the
+      colour is fitted, for opaque targets. A colour, RGB in 0..1, is not changed. `"transparent"`:
+      an opaque target gets an alpha of 1.
     - `report`: called with a `ProgressReport` after each chunk of steps.
     - `callback`: called with the current scene and a `ProgressReport` after each chunk of steps. It
       may return another scene to go on from: see below.
     - `resume`: the result of an earlier fit of this target. The fit continues from there, with the
       settings and weights of the earlier fit. Only the arguments `steps`, `seconds`, `report`,
-      `callback` and `checkpoint` of this call are used, and `loss` if it was a function.
+      `callback` and `checkpoint` of this call are used. If the earlier fit had a function as `loss`
+      or a solver object, hand it over again.
     - `checkpoint`: path of an `.npz` to write every half minute, from which the fit can be resumed.
       A checkpoint that cannot be written is a warning.
 
@@ -123,10 +133,10 @@ def fit(
 
     **A `callback`** gets a scene in pixels of the target, with the triangles in use so far. The
     scene that it returns must have the same shapes and `triangles`, and finite numbers. The fit
-    goes on from there, and forgets the best before it; after the last chunk it is the result. What
-    is frozen stays, and a mesh moves only as far as no triangle flips. An exception from the
-    callback ends the fit and is passed on. This one makes triangles that are mirror images of each
-    other, the first half of them of the second:
+    goes on from there, and forgets the best scene before it; a scene that is returned after the
+    last chunk is the result. What is frozen stays, and a mesh moves only as far as no triangle
+    flips. An exception from the callback ends the fit and is passed on. This callback makes the
+    second half of the triangles mirror images of the first half:
 
     ```python
     def symmetric(scene, report):
@@ -135,9 +145,9 @@ def fit(
         return replace(scene, positions=scene.positions.at[half : 2 * half].set(mirrored))
     ```
 
-    The first Ctrl-C ends the fit, which returns the best so far with `interrupted` set; a second
-    raises `KeyboardInterrupt`. Either writes the checkpoint first; after a second, the image in it
-    is not drawn anew, but enlarged from that of the last step.
+    The first Ctrl-C ends the fit, which returns the best scene so far with `interrupted` set; a
+    second raises `KeyboardInterrupt`. Either writes the checkpoint first. After a second Ctrl-C,
+    the image in the checkpoint is not the hard image, but the enlarged image of the last step.
 
     A fit computes in float32, whatever JAX is set to. Raises `ValueError`, one line, for arguments
     that make no sense.
@@ -182,7 +192,10 @@ def _fit_to_the_end(
     checkpoint: str | os.PathLike[str] | None,
     interrupt: Interrupt,
 ) -> FitResult:
-    """Run a fit, solve for its colours, and make its result; save what there is on Ctrl-C."""
+    """Run a fit to its limits, solve for its colours, and make its result.
+
+    After Ctrl-C, colours are not solved for, and the result so far is written to `checkpoint`.
+    """
     try:
         interrupted = _run(task, limits, report, callback, checkpoint, lambda: interrupt.requested)
         if not (interrupted or interrupt.requested):
@@ -199,7 +212,10 @@ def _fit_to_the_end(
 
 
 def _check_checkpoint(path: Path) -> None:
-    """Raise `ValueError` for a checkpoint that could not be written, before the work of a fit."""
+    """Raise `ValueError` unless `path` ends in .npz and can be written.
+
+    This is checked before the fit, so that no work is lost.
+    """
     if path.suffix.lower() != ".npz":
         raise ValueError(f"{path}: the suffix of a checkpoint must be .npz.")
     check_writable_path(path)
@@ -213,7 +229,10 @@ def _run(
     checkpoint: str | os.PathLike[str] | None,
     stop: Callable[[], bool],
 ) -> bool:
-    """Run a fit to its limits; return whether Ctrl-C came first."""
+    """Run the chunks of a fit until its limits; return whether Ctrl-C ended it before.
+
+    `stop()`: returns whether Ctrl-C was pressed.
+    """
 
     def best_scene() -> Scene:
         return task.frame.enlarge(task.fit.scene(padded=True))
@@ -244,7 +263,7 @@ def _run(
 
 
 def _save(result: FitResult, checkpoint: str | os.PathLike[str]) -> None:
-    """Write a checkpoint; a failure is a warning."""
+    """Write a checkpoint; warn if it cannot be written."""
     try:
         result.save(checkpoint)
     except (ValueError, OSError) as error:

@@ -1,12 +1,12 @@
-"""Fits of all pictures of a folder: which are fitted together, and the files of each.
+"""Fit all pictures of a folder: group them in batches, and write the files of each picture.
 
-Pictures have many sizes, and each size would need programs of its own. So every picture is shrunk
+Pictures have many sizes, and a program is compiled for each size of fit. So every picture is shrunk
 to a size class first: its longer side is a power of two (or the size of the fit), and its shorter
 side a multiple of a sixteenth of that. The fitted scene is stretched back to the picture's size.
 
 Pictures of one class are fitted in batches of a fixed number. Which pictures share a batch depends
-on the folder alone, not on what is done already or on how many processes share the work. So their
-results do not depend on it either.
+on the folder alone. It does not depend on which pictures are fitted already, or on how many
+processes share the work, and neither do the results.
 """
 
 import json
@@ -29,7 +29,7 @@ from .result import FitResult
 from .target import Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".bmp", ".webp", ".gif")
-"""Suffixes of the files of a folder that are taken for pictures."""
+"""Suffixes, in lower case, of the files of a folder that are taken for pictures."""
 
 _SHARES = 16
 """Number of aspect ratios of size classes: the shorter side is 1/16, 2/16, ... or 16/16 of the
@@ -47,6 +47,7 @@ class Batch(NamedTuple):
     """Pictures that are fitted together.
 
     - `number`: index of the batch, in an order that depends on the folder alone.
+    - `size`: the size in pixels to which its pictures are shrunk.
     - `first_seed`: index of its first picture among the pictures of all batches. The seed of a
       picture's fit is the seed of the command plus the index of the picture.
     """
@@ -58,7 +59,7 @@ class Batch(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """A picture whose files are written, with its scores at the size of the fit."""
+    """A picture whose files are written, with its PSNR (dB) and SSIM at the size of the fit."""
 
     picture: Path
     psnr: float
@@ -66,7 +67,13 @@ class Fitted(NamedTuple):
 
 
 def size_class(height: int, width: int, size: int) -> SizeClass:
-    """The largest class whose sides are at most `size` and those of the picture."""
+    """The largest size class that is not larger than the picture.
+
+    - `height`, `width`: size of the picture in pixels.
+    - `size`: largest number of pixels along the longer side of the class.
+
+    The sides of a class are rounded down, to 1 pixel at least.
+    """
     longer, shorter = max(height, width), min(height, width)
     side = size
     while side > longer:
@@ -101,8 +108,8 @@ def make_batches(
 ) -> list[Batch]:
     """Group pictures by size class, and divide each group into batches of at most `count`.
 
-    `size`: the longest side of a fit, in pixels. `fail` gets one line for each picture that cannot
-    be read.
+    - `size`: largest number of pixels along the longer side of a fit.
+    - `fail(line)`: called with a message of one line for each picture that cannot be read.
     """
     groups: defaultdict[SizeClass, list[Path]] = defaultdict(list)
     for picture in pictures:
@@ -132,15 +139,17 @@ def fit_pictures(
 ) -> Iterator[Fitted]:
     """Fit the pictures of a batch, and write the results that `folder` does not hold yet.
 
-    - `count`: number of fits in every batch. A smaller one is filled up with copies of its first
-      readable picture, so that all batches of a size class share a program.
+    - `count`: number of fits in every batch. A batch with fewer pictures is filled up with copies
+      of its first readable picture, so that all batches of a size class share a program.
+    - `seed`: the seed of the command; see `Batch.first_seed`.
+    - `fail(line)`: called with a message of one line for each picture that cannot be read.
     - `compiles_first`: whether programs are compiled before, by a fit of one step, so that a limit
       of `seconds` counts fitting alone.
     - `settings`: other arguments of `fit_batch`.
 
-    The files of NAME.jpg are NAME.svg and NAME.json, of which the second is written last. Yields a
-    picture as soon as both are there; nothing if all were. Raises `KeyboardInterrupt` after Ctrl-C,
-    without writing.
+    The files of NAME.jpg are NAME.svg and then NAME.json. Yields each picture as soon as both of
+    its files are written. A picture that had both before is not written or yielded. Raises
+    `KeyboardInterrupt` after Ctrl-C, without writing.
     """
     wanted = [picture for picture in batch.pictures if not is_done(picture, folder)]
     if not wanted:
@@ -171,7 +180,7 @@ def fit_pictures(
 
 
 def is_done(picture: Path, folder: Path) -> bool:
-    """Whether all files of a picture are written."""
+    """Whether `folder` holds both files of a fitted picture, NAME.svg and NAME.json."""
     return all((folder / f"{picture.stem}{suffix}").is_file() for suffix in (".svg", ".json"))
 
 
@@ -191,7 +200,7 @@ def read_scores(picture: Path, folder: Path) -> Fitted:
 def shrunken(
     image: Float[np.ndarray, "rows columns channels"], size: SizeClass
 ) -> Float[np.ndarray, "height width 3"]:
-    """A picture over white, shrunk to its size class."""
+    """Composite a picture over white, and shrink it to its size class."""
     if image.shape[-1] == 4:
         alpha = image[..., 3:]
         image = image[..., :3] * alpha + (1 - alpha)
@@ -199,7 +208,11 @@ def shrunken(
 
 
 def _write(result: FitResult, picture: Path, folder: Path, seed: int) -> None:
-    """Write NAME.svg and NAME.json, without times, so that the same fit writes the same bytes."""
+    """Write NAME.svg and NAME.json to `folder`.
+
+    `seed`: the seed of this picture's fit. The report has no times, so that the same fit writes the
+    same bytes.
+    """
     height, width = image_size(picture)
     factors = np.array([[width / result.width, height / result.height]], np.float32)
     positions = to_device(np.asarray(result.scene.positions) * factors)

@@ -12,7 +12,11 @@ from .target import Target
 
 
 class Frame(NamedTuple):
-    """The size of a fit, and the size of each of its pixels in pixels of the target."""
+    """The size of a fit, and how it relates to the size of the target.
+
+    - `height`, `width`: size of the fit in pixels.
+    - `pixel_width`, `pixel_height`: size of a pixel of the fit, in pixels of the target.
+    """
 
     height: int
     width: int
@@ -21,7 +25,10 @@ class Frame(NamedTuple):
 
     @staticmethod
     def of(height: int, width: int, settings: dict[str, Any]) -> "Frame":
-        """Make the frame for a target of `height` x `width` pixels, at most as large."""
+        """Make the frame for a target of `height` x `width` pixels; it is never larger than that.
+
+        `settings`: the arguments of `fit`; only `size` and `family` are read.
+        """
         longer_side = max(height, width)
         size = settings["size"]
         if size is None:

@@ -24,11 +24,14 @@ from .target import Image, Target
 from .task import Task
 
 _STILL = 8 / 255
-"""Change of a pixel's target at which it no longer stands still: the temporal weight has fallen to
-1/e there. It is above the noise of cameras."""
+"""Change of a pixel of the target between two frames at which the temporal weight falls to 1/e.
+
+It is the largest change of any channel, for values in 0..1, and lies above the noise of cameras."""
 
 _LATE = 0.7
-"""Share of a fit of layers from which the learning rate falls. Later frames begin there."""
+"""Share of a fit of layers after which the learning rate falls.
+
+The schedule of each frame but the first begins there."""
 
 
 def fit_frames(
@@ -48,17 +51,18 @@ def fit_frames(
 ) -> list[FitResult]:
     """Fit layers to the frames of a film, each from the triangles of the frame before.
 
-    Triangle k of all results is the same one: it moves and changes its colour, and keeps its place
-    in the draw order. Triangles are found in the first frame, as by `fit`. In later ones none is
-    added, so what comes into view later is shown by triangles that move there.
+    Triangle k is the same in all results: it moves and changes its colour, but not its position in
+    the draw order. Triangles are added in the first frame only, as by `fit`. What comes into view
+    later is shown by triangles that move there. Returns one result for each frame.
 
-    - `images`: targets of one shape, as those of `fit`.
+    - `images`: targets of one shape, in the forms that `fit` accepts.
     - `steps`, `frame_steps`: solver steps of the first frame, and of each later one.
-    - `temporal`: weight of the change of a pixel from the fitted frame before, relative to its
-      error, where the target stands still. It falls to 1/e where a channel of the target changes by
-      8 levels of 255. With 0, frames are fitted without regard to each other, and flicker.
+    - `temporal`: weight of the squared change of each pixel from the fitted frame before, relative
+      to its squared error against the target. The weight applies where the target stands still,
+      and falls to 1/e where a channel of the target changes by 8 levels of 255. With 0, frames are
+      fitted without regard to each other, and flicker.
     - `report`: called with the number of a frame, from 0, and its result.
-    - The other arguments are those of `fit`, with Adam and squared error.
+    - The other arguments are as in `fit`. The solver is Adam, and the loss squared error.
 
     Results have no state, so that they cannot be resumed. The first Ctrl-C ends the fit with the
     frames that are done. Raises `ValueError`, one line, for arguments that make no sense.
@@ -94,7 +98,7 @@ def fit_frames(
 
 
 def _check(frame_steps: Any, temporal: Any) -> None:
-    """Raise `ValueError` for values of the arguments that only films have."""
+    """Raise `ValueError` for invalid values of the arguments that only `fit_frames` has."""
     is_whole = isinstance(frame_steps, int) and not isinstance(frame_steps, bool)
     if not is_whole or frame_steps < 1:
         raise ValueError(f"`frame_steps` must be a whole number from 1 on; got {frame_steps!r}.")
@@ -104,11 +108,12 @@ def _check(frame_steps: Any, temporal: Any) -> None:
 
 
 class _Film:
-    """A fit of layers that goes from frame to frame.
+    """A fit of layers that goes from frame to frame; `results` has one result per fitted frame.
 
-    With squared error, a temporal weight needs no other loss. For an error w (I - T)^2 and a change
-    v (I - P)^2 from the frame before, the sum is (w + v) (I - (w T + v P) / (w + v))^2 and a
-    constant: a fit of another target with other weights, by the same program.
+    With squared error, a temporal weight needs no other loss. Let I, T and P be the values of one
+    pixel in the image, in the target and in the fitted frame before. For an error w (I - T)^2 and a
+    change v (I - P)^2, the sum is (w + v) (I - (w T + v P) / (w + v))^2 and a constant. This is the
+    squared error of another target with other weights, so the same program fits it. Here w is 1.
     """
 
     def __init__(self, targets: list[Image], settings: dict[str, Any]):
@@ -123,7 +128,7 @@ class _Film:
         self.results: list[FitResult] = []
 
     def fit_first(self, steps: int, interrupt: Interrupt) -> None:
-        """Fit the first frame like any picture."""
+        """Fit the first frame as `fit` would, with at most `steps` steps; Ctrl-C ends it."""
         task = self._task
         with Rehearsal(task.warm_up(False), task.scorer.psnr) as rehearsal:
             budget = Budget(Limits.of(self._began, steps, None), rehearsal, 0.0)
@@ -133,7 +138,10 @@ class _Film:
             )  # fmt: skip
 
     def fit_next(self, number: int, steps: int, temporal: float) -> None:
-        """Fit a later frame from where the one before it ended."""
+        """Fit frame `number`, 1 or more, in `steps` steps from where the frame before it ended.
+
+        `temporal`: weight of the change of a pixel where the target stands still.
+        """
         fit, task = self._fit, self._task
         before, target = (
             task.frame.shrink_target(Target(self._targets[k])).image for k in (number - 1, number)
@@ -149,7 +157,11 @@ class _Film:
         task.history[:] = [Record(taken, seconds, *measure(fit), accepted, fit.active)]
 
     def _blended(self, before: Image, target: Image, temporal: float) -> LayersData:
-        """The data of a frame: its target blended with the image of the frame before it."""
+        """Blend the target of a frame with the fitted image of the frame before it.
+
+        `before`, `target`: the targets of the frame before and of this frame, at the size of the
+        fit. Returns the data for the blended target and its weights (see the class).
+        """
         prepare = self._fit.request.loss.prepare
         change = np.abs(target - before).max(-1)
         weight = np.float32(temporal) * np.exp(-((change / _STILL) ** 2)).astype(np.float32)
@@ -163,7 +175,7 @@ class _Film:
         )
 
     def result(self, number: int, interrupted: bool) -> FitResult:
-        """The result of the frame that was fitted last."""
+        """Make the result of frame `number`, which must be the last that was fitted."""
         if number:
             scorer = Scorer(self._targets[number])
             scorer.share_plan(self._scorer)

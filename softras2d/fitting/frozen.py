@@ -1,8 +1,8 @@
 """Unknowns that a solver must not change: frozen ones, and colours that a palette decides.
 
 The solver still sees them, but what it does to them has no effect: wherever a scene is made from
-unknowns, the frozen ones are replaced by fixed values. Masks and values are arrays of the data of a
-residual, so that they can change between chunks without compiling again.
+unknowns, the frozen ones are replaced by fixed values. Masks and values are part of the `data` that
+a residual takes, so that they can change between chunks without compiling again.
 """
 
 from collections.abc import Mapping
@@ -18,14 +18,15 @@ from ..numerics.device import to_device
 from ..scene import Scene
 
 Mask = Bool[np.ndarray, " n"]
+"""For each vertex, triangle or entry of a field, whether it is frozen."""
 
 
 class Frozen(NamedTuple):
     """Which unknowns are frozen, and their values.
 
-    - `masks`: for each leaf of the unknowns, in the order of `jax.tree.leaves`, whether its numbers
-      are frozen; of the rank of the leaf, with axes of length 1 for all alike.
-    - `values`: a pytree like the unknowns; only its frozen numbers matter.
+    - `masks`: one array for each leaf of the unknowns, in the order of `jax.tree.leaves`, true
+      where a number is frozen. It has as many axes as the leaf; an axis of length 1 is broadcast.
+    - `values`: a pytree like the unknowns, of which only the numbers under the masks are used.
     """
 
     masks: tuple[Bool[Array, "..."], ...]
@@ -33,7 +34,10 @@ class Frozen(NamedTuple):
 
 
 def with_frozen(y: Any, frozen: Frozen | None) -> Any:
-    """The unknowns with the frozen ones at their fixed values, and with no gradient by those."""
+    """Replace the frozen unknowns by their fixed values, so that their gradient is 0.
+
+    If `frozen` is None, `y` is returned unchanged.
+    """
     if frozen is None:
         return y
     leaves, structure = jax.tree.flatten(y)
@@ -45,10 +49,11 @@ def with_frozen(y: Any, frozen: Frozen | None) -> Any:
 
 
 def freeze(y: Any, masks: Mapping[str, bool | Mask]) -> Frozen:
-    """Freeze unknowns at their values in `y`.
+    """Freeze some of the unknowns at their values in `y`, a named tuple of arrays.
 
-    `masks`: for a field of the unknowns, whether it is frozen, as a whole or for each entry along
-    its first axis. A mask may be shorter than the field; the entries after it are not frozen.
+    `masks`: by the name of a field of `y`, True to freeze all of it, or a mask along its first
+    axis. A mask may be shorter than the field; the entries after it are not frozen. Nor are the
+    fields without a mask.
     """
     arrays = []
     for name, leaf in y._asdict().items():
@@ -66,10 +71,14 @@ def freeze(y: Any, masks: Mapping[str, bool | Mask]) -> Frozen:
 def with_exact_positions(
     scene: Scene, earlier: Scene, triangles: Bool[np.ndarray, " triangles"]
 ) -> Scene:
-    """Give triangles that share no vertices the very corners that they had in an earlier scene.
+    """Restore the exact positions that some triangles had in an earlier scene.
 
-    Units of the unknowns, and a fit smaller than its target, change a position by a rounding error.
-    `triangles`: which of them have not moved.
+    Conversion to the unit of the unknowns, and to the size of the fit, changes positions by
+    rounding errors.
+
+    - `scene`: its triangle k has the vertices 3 k, 3 k + 1 and 3 k + 2.
+    - `earlier`: a scene with the same triangles, which may share vertices.
+    - `triangles`: true for those whose corners are taken from `earlier`.
     """
     corners = np.asarray(scene.positions).reshape(-1, 3, 2)
     before = np.asarray(earlier.positions)[np.asarray(earlier.triangles)]

@@ -17,10 +17,11 @@ class Interrupt:
 
 @contextmanager
 def deferred_interrupt() -> Iterator[Interrupt]:
-    """Record the first Ctrl-C instead of raising it, so that nothing is left half changed.
+    """Record the first Ctrl-C in a `with` block instead of raising it.
 
-    A second Ctrl-C is raised. In threads other than the main thread nothing is recorded, because
-    Python delivers Ctrl-C to the main thread alone.
+    The block can then end where nothing is half changed. A second Ctrl-C raises
+    `KeyboardInterrupt`. In threads other than the main thread nothing is recorded, because Python
+    delivers Ctrl-C to the main thread alone.
     """
     interrupt = Interrupt()
     if threading.current_thread() is not threading.main_thread():

@@ -25,14 +25,14 @@ _CHECKPOINT_SECONDS = 30.0
 
 
 class ProgressReport(NamedTuple):
-    """The state of a running fit, which the callback `report` of `fit` receives.
+    """The state of a running fit, which the functions `report` and `callback` of `fit` receive.
 
     - `record`: the record of the last chunk.
-    - `share`: how far the fit is, 0..1.
+    - `share`: share of the fit that is done, 0..1.
     - `seconds_left`: estimated time to the last step; NaN until it is known.
     - `triangles`: the largest number of triangles that the fit may have.
-    - `scene()`: the best scene at the time of the call, in pixels of the target. All scenes of a
-      fit have the same shapes: triangles not in use lie outside the canvas or have no area.
+    - `scene()`: returns the scene with the least loss so far, in pixels of the target. All scenes
+      of a fit have the same shapes: triangles not in use lie outside the canvas or have no area.
     - `saved_psnr`: PSNR, in dB, that the result would have if the best scene were saved now. It is
       computed from time to time in another thread; this is the last value, NaN before the first.
     """
@@ -46,9 +46,9 @@ class ProgressReport(NamedTuple):
 
 
 class AcceptedSteps:
-    """Counts accepted steps: those with a loss below all losses before them in this call.
+    """Counts accepted steps. Their loss is below all losses before them in this call of `fit`.
 
-    - `count`: number of accepted steps of the fit that is resumed, from which counting goes on.
+    `count`: number of accepted steps before this call, in the fit that is resumed; else 0.
     """
 
     def __init__(self, count: int):
@@ -56,7 +56,7 @@ class AcceptedSteps:
         self._least_loss = np.inf
 
     def add(self, losses: Float[np.ndarray, " steps"]) -> int:
-        """Count the accepted steps of a chunk; return the count so far."""
+        """Count the accepted steps of a chunk, from its losses; return the count so far."""
         for loss in losses[np.isfinite(losses)]:
             self._count += bool(loss < self._least_loss)
             self._least_loss = min(self._least_loss, loss)
@@ -75,13 +75,14 @@ def run(
     save: Callable[[], None] | None = None,
     devices: Devices | None = None,
 ) -> bool:
-    """Advance fits together to the end of the budget; return whether they were interrupted.
+    """Advance fits together to the end of the budget; return whether Ctrl-C ended them before.
 
     - `histories`: one for each fit, to which a record is appended after each chunk.
     - `steps`: number of steps taken before this call, by the fit that is resumed; else 0.
     - `max_steps`: the largest number of steps of one chunk, not of the fit.
-    - `stop()`: whether Ctrl-C was pressed; asked before each chunk.
-    - `report(share, seconds_left)`: called after each chunk. A `KeyboardInterrupt` from it counts
+    - `stop()`: returns whether Ctrl-C was pressed; called before each chunk.
+    - `report(share, seconds_left)`: called after each chunk with the share of the fit that is done,
+      0..1, and the seconds to the last step, NaN if not known. A `KeyboardInterrupt` from it counts
       as Ctrl-C; any other exception is passed on.
     - `save()`: writes a checkpoint; called every half minute.
     - `devices`: those among which the fits are shared; JAX's first device unless given.
@@ -125,7 +126,11 @@ def run(
 
 
 def measure(fit: AbstractFit) -> tuple[float, float]:
-    """PSNR and SSIM, of sRGB values, of the image that the last step saw."""
+    """PSNR, in dB, and SSIM of the image of the last step against the target of the fit.
+
+    They are computed from sRGB values, premultiplied if there is alpha, over all pixels and
+    channels at the size of the fit; weights do not count.
+    """
     image, target = (
         premultiply(to_device(array, np.float32)) for array in (fit.image, fit.request.target.image)
     )

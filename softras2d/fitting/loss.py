@@ -19,20 +19,23 @@ from ..names import Loss as LossKind
 from ..names import LossSpace
 
 LossFunction = Callable[[Array, Array], Array]
-"""A loss that a user gives: a scalar from an image and the target, as the solvers see them."""
+"""A user's loss: a function of an image and the target that returns a scalar.
+
+Both are as `Loss.prepare` returns them."""
 
 _SSIM_SHARE = 0.02
-"""Weight of 1 - SSIM relative to the squared error, for each channel of each pixel."""
+"""Weight of 1 - SSIM in the loss `"ssim"`, for each channel of each pixel.
+
+The squared error of a channel of a pixel has the weight 1."""
 
 
 class Loss(eqx.Module):
-    """The error of an image, summed over pixels and channels.
+    """The error that a fit minimises, summed over the pixels and channels of an image.
 
     - `kind`: `"squared"`; `"l1"`, absolute error, with gradient 0 where images are equal; or
       `"ssim"`, squared error plus 0.02 (1 - SSIM) for each channel of each pixel.
     - `light`: the colour space. `"display"` compares sRGB values; `"linear"` decodes them first, so
       that errors in dark regions count less.
-
     - `function`: a loss that the user gave, in place of `kind`; None: there is none. Arrays that it
       holds, such as those of an `eqx.Module`, are arguments of the compiled program.
 
@@ -46,7 +49,7 @@ class Loss(eqx.Module):
 
     @property
     def is_squared(self) -> bool:
-        """Whether this is squared error, as solvers of least squares need it."""
+        """Whether the loss is squared error, which least-squares solvers need."""
         return self.kind == "squared" and self.function is None
 
     @property
@@ -55,7 +58,7 @@ class Loss(eqx.Module):
         return self.kind if self.function is None else "a function"
 
     def prepare(self, image: Float[Array, "height width channels"]) -> Array:
-        """Convert an image to the chosen colour space, and premultiply it."""
+        """Convert an sRGB image with straight alpha to the colour space `light`; premultiply it."""
         color = image[..., :3]
         if self.light == "linear":
             color = srgb_to_linear(color)
@@ -70,10 +73,15 @@ class Loss(eqx.Module):
         prepared: Float[Array, "height width channels"],
         weights: Float[Array, "height width"] | None,
     ) -> Array:
-        """The residual, whose squares sum to the loss; or the scalar loss for `"l1"` and `"ssim"`.
+        """Compare an image to the target.
 
-        - `prepared`: the target as `prepare` gives it.
-        - `weights`: scale the error of each pixel, but not SSIM.
+        Squared error returns a residual for each channel of each pixel, whose squares sum to the
+        loss. The other losses, and a user's function, return the loss, a scalar.
+
+        - `image`: sRGB values, with straight alpha if there are four channels.
+        - `prepared`: the target as `prepare` returns it.
+        - `weights`: factors for the squared or absolute error of each pixel; None: all are 1. They
+          do not affect SSIM or a user's function.
         """
         if self.function is not None:
             return _scalar(self.function(self.prepare(image), prepared))
@@ -81,7 +89,7 @@ class Loss(eqx.Module):
 
 
 def _scalar(value: Any) -> Float[Array, ""]:
-    """The value of a user's loss; raise `ValueError` unless it is a real number."""
+    """Convert what a user's loss returned to float32; raise `ValueError` unless it is a scalar."""
     if jnp.shape(value) != () or not jnp.issubdtype(jnp.result_type(value), jnp.floating):
         got = f"{jnp.result_type(value)} {list(jnp.shape(value))}"
         raise ValueError(f"`loss` must return one real number; its function returned {got}.")
@@ -89,19 +97,22 @@ def _scalar(value: Any) -> Float[Array, ""]:
 
 
 def _squared(image: Array, target: Array, weights: Array | None) -> Array:
-    """The weighted residual of squared error, for solvers of least squares too."""
+    """Residual of squared error: the difference of the images times the root of the weights."""
     error = image - target
     return error if weights is None else error * jnp.sqrt(weights)[..., None]
 
 
 def _absolute(image: Array, target: Array, weights: Array | None) -> Float[Array, ""]:
-    """The sum of absolute errors."""
+    """Sum of the weighted absolute errors over pixels and channels."""
     error = jnp.abs(image - target)
     return jnp.sum(error if weights is None else error * weights[..., None])
 
 
 def _with_ssim(image: Array, target: Array, weights: Array | None) -> Float[Array, ""]:
-    """Squared error, and a share of 1 - SSIM for each channel of each pixel."""
+    """Sum of the weighted squared errors over pixels and channels, plus a multiple of 1 - SSIM.
+
+    The multiple is `_SSIM_SHARE` for each channel of each pixel.
+    """
     error = _squared(image, target, weights)
     return jnp.sum(error * error) + _SSIM_SHARE * error.size * (1.0 - ssim(image, target))
 
@@ -111,4 +122,6 @@ _LOSSES: dict[LossKind, Callable[[Array, Array, Array | None], Array]] = {
     "l1": _absolute,
     "ssim": _with_ssim,
 }
-"""For each name, the function of image, target and weights; all but `"squared"` give a scalar."""
+"""For each value of `Loss.kind`, the function of the prepared image, target and weights.
+
+The function of `"squared"` returns a residual; the others return the loss, a scalar."""

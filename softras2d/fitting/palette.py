@@ -1,15 +1,17 @@
-"""A fit in the colours of a palette: which colour each triangle has, and what the colours are.
+"""Fit triangles in the colours of a palette: choose a colour for each triangle, and the palette.
 
 In the first part of a fit, colours are free, and only the scenes that are shown have the nearest
 colours of the palette. After that, between chunks of steps, `quantize` assigns a colour of the
-palette to each triangle and, where the palette is to be found, solves for the palette again. During
-a chunk these colours are frozen, so that the solver moves triangles to where they are best *in
-these colours*.
+palette to each triangle. If the user gave only the number of colours, it also improves the palette.
+During a chunk these colours are frozen, so that the solver moves triangles to where they are best
+*in these colours*.
 
-The image is linear in the colours, with coefficients of 0 or more that sum to at most 1 in each
-pixel. The squared error is therefore nowhere above a sum with one parabola per triangle, which
-touches it at the present colours. Each triangle takes the colour that is best for its parabola, as
-in k-means, so the squared error never rises, translucent triangles included.
+Each pixel is a weighted sum of the colours, with weights of 0 or more that sum to at most 1. The
+squared error, summed over pixels and channels, therefore has an upper bound that is a sum of
+parabolas, one for the colour of each triangle. The bound is equal to the squared error at the
+present colours. Each triangle takes the colour of the palette that is best for its parabola, as in
+k-means. So, once all colours are of the palette, the squared error never rises. This holds for
+translucent triangles too.
 
 **Source:** Lloyd, *Least squares quantization in PCM* (1982); Arthur and Vassilvitskii,
 *k-means++* (2007), for the first palette; De Pierro (1995) for the separable upper bound.
@@ -28,45 +30,62 @@ from .solve import Residual
 from .target import Target
 
 Palette = Float[np.ndarray, "colors 3"]
+"""The RGB colours that triangles may have, in 0..1."""
 
 _PIXELS = 2**13
-"""Number of pixels, drawn at random, from which the first palette is made."""
+"""Number of pixels of the target, drawn at random, from which the first palette is made."""
 
 _STARTS, _LLOYD_ROUNDS = 8, 20
-"""Runs of k-means, of which the best makes the first palette, and the rounds of each."""
+"""Number of runs of k-means, the best of which gives the first palette; and rounds of each run."""
 
 PALETTE_START = 0.6
-"""Share of the fit after which colours are those of the palette. Before that they are free: fits
-whose colours are quantised throughout end in worse places, by up to a decibel."""
+"""Share of the fit after which triangles have colours of the palette.
+
+Before that they are free, because fits in the palette's colours from the start end with a PSNR up
+to a decibel lower."""
 
 _BOUNDS, _ROUNDS = 2, 4
-"""Upper bounds of the squared error that a call of `quantize` makes, and rounds of k-means on each
-if the palette is to be found."""
+"""Number of upper bounds of the squared error that a call of `quantize` computes one after another;
+and, if the fit chooses the palette, rounds of k-means for each bound."""
 
 _LEAST_WEIGHT = 1e-6
-"""Curvature, in pixels, below which a triangle does not show, so that its colour does not count."""
+"""Least curvature of a triangle's parabola for which its colour counts.
+
+The curvature is about the number of pixels in which the triangle shows."""
 
 
 VISIBLE = 1 / 1024
-"""Least change of a colour that counts as one. With solvers of second order, each change makes the
-solve begin anew."""
+"""Least change of a colour channel, for values in 0..1, that counts as a change.
+
+With second-order solvers, each change makes the solve begin anew."""
 
 
 class Quantized(NamedTuple):
-    """The colours of `quantize`: of the triangles, of the palette, and of the background."""
+    """The colours that `quantize` chose, each channel in 0..1.
+
+    - `colors`: the colour of each triangle, which is one of the palette.
+    - `palette`: the palette, improved if the fit chooses it.
+    - `background`: one of the palette, or the given background if it does not follow the palette.
+    """
 
     colors: Float[np.ndarray, "triangles 3"]
     palette: Palette
     background: Float[np.ndarray, " channels"]
 
     def is_close(self, colors: Float[np.ndarray, "..."], palette: Palette) -> bool:
-        """Whether these are the same colours, but for differences that nobody sees."""
+        """Whether `colors` and `palette` differ from these by less than `VISIBLE` in each channel.
+
+        `colors`: one for each triangle, in an array of any shape that ends with 3 channels.
+        """
         change = np.abs(self.colors - np.asarray(colors).reshape(-1, 3)).max(initial=0.0)
         return bool(max(change, np.abs(self.palette - palette).max()) < VISIBLE)
 
 
 def first_palette(target: Target, count: int, seed: int) -> Float[np.ndarray, "{count} 3"]:
-    """Make a palette of `count` colours by k-means on the pixels of the target."""
+    """Make a palette of `count` colours by k-means on the sRGB values of the target's pixels.
+
+    A pixel counts in proportion to its weight and to its alpha.
+    """
     rng = np.random.default_rng(seed)
     weight = np.ones(target.image.shape[:2]) if target.weights is None else target.weights
     if target.image.shape[-1] == 4:
@@ -81,7 +100,11 @@ def first_palette(target: Target, count: int, seed: int) -> Float[np.ndarray, "{
 def _kmeans(
     rng: np.random.Generator, colors: Float[np.ndarray, "n 3"], count: int
 ) -> Float[np.ndarray, "{count} 3"]:
-    """One run of k-means, from a random start in which far colours are likely."""
+    """Make a palette of `count` colours by one run of k-means++ on `colors`.
+
+    It starts from random colours, each drawn with a probability in proportion to its squared
+    distance from the nearest colour drawn before.
+    """
     palette = colors[rng.integers(len(colors), size=1)]
     while len(palette) < count:
         distance = _distances(palette, colors) + 1e-12
@@ -91,12 +114,16 @@ def _kmeans(
 
 
 def _distances(palette: Palette, colors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Squared distance of each colour to the nearest of the palette."""
+    """Squared distance, in RGB, of each colour from the nearest colour of the palette."""
     return ((colors - palette[nearest(palette, colors)]) ** 2).sum(1)
 
 
 def palette_of(setting: Any, target: Target, seed: int) -> Palette | None:
-    """The palette at the start of a fit, for the value of the option `palette`."""
+    """Make the palette at the start of a fit from the value of the option `palette`.
+
+    `setting` is a list of colours; or the number of colours, for which `first_palette` makes them
+    from the target; or None, which is returned.
+    """
     if setting is None:
         return None
     if isinstance(setting, int):
@@ -105,13 +132,16 @@ def palette_of(setting: Any, target: Target, seed: int) -> Palette | None:
 
 
 def nearest(palette: Palette, colors: Float[np.ndarray, "colors_2 3"]) -> Int[np.ndarray, "..."]:
-    """Index of the palette's colour nearest to each colour."""
+    """Index in the palette of the colour nearest to each given colour, by distance in RGB."""
     palette = palette.astype(np.float64)
     return ((palette**2).sum(1) - 2 * colors @ palette.T).argmin(1)
 
 
 def in_palette(palette: Palette, colors: Any) -> Float[Array, "..."]:
-    """Replace each colour by the nearest of the palette."""
+    """Replace each colour by the nearest colour of the palette.
+
+    `colors`: an array of any shape that ends with 3 channels. The result has its shape.
+    """
     host = np.asarray(colors)
     return to_device(palette[nearest(palette, host.reshape(-1, 3))].reshape(host.shape))
 
@@ -126,13 +156,18 @@ def quantize(
     is_free: bool,
     has_background: bool,
 ) -> Quantized:
-    """Assign colours of the palette to the triangles, so that the squared error does not rise.
+    """Assign a colour of the palette to each flat triangle, for a low squared error.
 
-    - `residual`, `y`, `data`: those of the fit; `y` with frozen values in place, and `data` without
-      `frozen`. The squared error is that of sRGB values, whatever the loss.
-    - `target`: premultiplied.
-    - `is_free`: whether the palette's colours are to be found, too.
-    - `has_background`: whether the background has a colour of the palette; for opaque images.
+    The squared error is computed from sRGB values, multiplied by the weights of the pixels, and
+    summed over pixels and channels, whatever the loss of the fit. It does not rise if the colours
+    in `y` are of the palette already.
+
+    - `residual`: the residual of the fit, of which only the image is used.
+    - `y`: the unknowns, with frozen values in place.
+    - `data`: the second argument of `residual`, without `frozen`.
+    - `target`: premultiplied, at the size of the fit.
+    - `is_free`: whether the palette is improved too.
+    - `has_background`: whether the background gets a colour of the palette; for opaque images.
     """
     weights = None if target.weights is None else to_device(target.weights, np.float32)
     image = to_device(target.image, np.float32)
@@ -163,9 +198,9 @@ def quantize(
 def best_background(
     residual: Residual, y: Any, data: Any, target: Target
 ) -> Float[np.ndarray, "3"]:
-    """The background that lowers the squared error most, by the bound of `quantize`, in 0..1.
+    """Compute the RGB background, in 0..1, that makes the upper bound in `quantize` least.
 
-    Arguments are those of `quantize`.
+    The squared error does not rise. The image must be opaque. The arguments are as in `quantize`.
     """
     weights = None if target.weights is None else to_device(target.weights, np.float32)
     image = to_device(target.image, np.float32)
@@ -183,9 +218,11 @@ def _parabolas(
     target: Float[Array, "height width channels"],
     weights: Float[Array, "height width"] | None,
 ) -> tuple[Float[Array, "colors 3"], Float[Array, "colors 3"]]:
-    """First and second derivatives of the parabola of each triangle, then of the background.
+    """Return the first and second derivatives of the parabolas that bound half the squared error.
 
-    They bound half the squared error. The derivatives of a background with alpha are zero.
+    There is one parabola for each channel of each colour in `y`, and, in the last row, for each
+    channel of the background. The derivatives are taken at the present colours; for a background
+    with alpha they are 0. `target` is premultiplied.
     """
     is_opaque = target.shape[-1] == 3
 
@@ -221,10 +258,10 @@ def _lloyd(
     weight: Float[np.ndarray, " n"],
     rounds: int,
 ) -> Float[np.ndarray, "colors 3"]:
-    """Improve a palette of weighted colours by rounds of k-means; float32, in 0..1.
+    """Improve a palette for weighted colours by rounds of k-means; return it clipped to 0..1.
 
-    A colour of the palette that is nearest to none moves to the weighted colour that is farthest
-    from its own, errors counted with their weights.
+    If no colour, or too little weight, is nearest to a colour of the palette, that one is replaced
+    by the given colour with the largest weighted squared distance from the palette.
     """
     for _ in range(rounds):
         labels = nearest(palette, colors)

@@ -32,8 +32,10 @@ def make_fit(
 
     - `resume`: a result that gives the shapes of the arrays. Its values are restored later, by
       `state.restore_state`.
-    - `masks`: those of the option `freeze`, by the names of their groups.
-    - `must_start()`: whether the search for a start must end with what it has.
+    - `must_start()`: returns whether the search for a start must end with what it has.
+    - `masks`: the masks of the option `freeze`, by the names `"vertices"` and `"triangles"`.
+
+    Raises `ValueError` if solver, loss, weights and start do not go together.
     """
     solver = solver_of(settings["solver"])
     loss = _loss_of(settings, target)
@@ -63,7 +65,10 @@ def _check_loss(solver: Solver, loss: Loss) -> None:
 
 
 def _loss_of(settings: dict[str, Any], target: Target) -> Loss:
-    """Make the loss; raise `ValueError` if a function is to have weights, which it cannot use."""
+    """Make the loss that the settings name.
+
+    Raises `ValueError` if it is a function and the target has weights, which a function cannot use.
+    """
     loss, light = settings["loss"], settings["light"]
     if isinstance(loss, str):
         return Loss(loss, light)  # pyright: ignore[reportArgumentType]
@@ -113,9 +118,10 @@ def check_image(target: Any) -> Image:
 
 
 def check_images(targets: Sequence[Any], *, transparent: bool = False) -> list[Image]:
-    """Check and convert targets; drop their alpha channels if alpha is 1 everywhere.
+    """Check and convert targets as `check_image` does.
 
-    `transparent`: keep them, and add an alpha of 1 where there is none.
+    If all targets have alpha, and it is 1 everywhere, their alpha channels are dropped.
+    `transparent`: keep alpha channels instead, and add one of 1 to each target that has none.
     """
     images = [check_image(target) for target in targets]
     if transparent:
@@ -131,7 +137,10 @@ def check_images(targets: Sequence[Any], *, transparent: bool = False) -> list[I
 
 
 def check_resume(resume: Any, target: Image) -> None:
-    """Raise `ValueError` unless `resume` is a fit of this size that can be resumed."""
+    """Raise `ValueError` unless `resume` is the result of a fit that `target` can resume.
+
+    Only the size of the target is compared; `state.restore_state` compares its values.
+    """
     if not isinstance(resume, FitResult):
         raise ValueError(f"`resume` must be what an earlier fit gave; got {resume!r:.60}.")
     if (resume.height, resume.width) != target.shape[:2]:
@@ -151,7 +160,11 @@ def check_resume(resume: Any, target: Image) -> None:
 
 
 def settings_to_save(settings: dict[str, Any]) -> dict[str, Any]:
-    """Convert settings to types of JSON: the name of a solver object, a word for a start object."""
+    """Convert settings to types that JSON has.
+
+    A solver object becomes the name of its type, an object to start from and a loss function become
+    `choices.FROM_OBJECT`, and two equal widths in `softness` become one number.
+    """
     start, solver = settings["start"], settings["solver"]
     first, last = settings["softness"]
     return settings | {
@@ -163,10 +176,11 @@ def settings_to_save(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def settings_to_resume(settings: dict[str, Any], earlier: FitResult) -> dict[str, Any]:
-    """The settings of an earlier fit, with the solver object or loss function in `settings`.
+    """Return the settings of the earlier fit, to resume it.
 
-    Both are only used if the earlier fit had one. Raises `ValueError` if it had, and there is none
-    in `settings`, or a solver of another type.
+    The settings of a result hold no solver object and no loss function. If the earlier fit had one,
+    it is taken from `settings`, the arguments of the present call; nothing else is taken from
+    there. Raises `ValueError` if it is missing, or if the solver is of another type.
     """
     solver_name, solver = earlier.settings["solver"], settings["solver"]
     resumed = dict(earlier.settings)
@@ -182,13 +196,13 @@ def settings_to_resume(settings: dict[str, Any], earlier: FitResult) -> dict[str
 
 
 def freeze_of(earlier: FitResult) -> dict[str, Any]:
-    """The argument `freeze` of an earlier fit, from its settings and its state."""
+    """Return the argument `freeze` of an earlier fit, a mapping from names to True or masks."""
     groups = earlier.settings["freeze"]
     return {group: earlier.state.get(f"freeze.{group}", True) for group in groups}
 
 
 def is_transparent(background: Any, resume: Any) -> bool:
-    """Whether the background is transparent, by the option or by the fit that is resumed."""
+    """Whether the option `background` is `"transparent"`, in the fit that is resumed if any."""
     if isinstance(resume, FitResult):
         background = resume.settings.get("background", background)
     return isinstance(background, str) and background == "transparent"

@@ -1,4 +1,4 @@
-"""Draw and score the scenes of a fit in another thread while it goes on, as its result will be."""
+"""Score scenes of a running fit in another thread, in the way that its result will be scored."""
 
 import time
 from collections.abc import Callable
@@ -10,28 +10,35 @@ import jax
 from ..scene import Scene
 
 _INTERVAL = 10.0
-"""Time between two rehearsals, as a multiple of the time that one takes. They share the processor
-with the fit."""
+"""Time between two rehearsals, as a multiple of the time that the end of the fit takes.
+
+Rehearsals share the processor with the fit, so they must be rare."""
 
 _LAST = 3.0
-"""Seconds left of a fit in which no rehearsal begins, as a multiple of the time that one takes."""
+"""Least time left for steps when a rehearsal begins, as a multiple of the time that the end of the
+fit takes. The fit would wait for a later one."""
 
 _COMPILED = 3.0
-"""A rehearsal that takes this many times as long as expected has compiled a program."""
+"""A rehearsal that takes more than this many times as long as expected has compiled a program."""
 
 
 class Rehearsal:
-    """Scores scenes of a fit in another thread, for three reasons.
+    """Scores scenes of a running fit in another thread.
 
-    - The first compiles the programs, beside the first steps.
-    - They tell how many seconds to set aside for the end of the fit. If triangles outgrow the plan,
-      another program is compiled long before the end.
-    - They give the PSNR of what would be saved now, which the image of a step is not.
+    This has three purposes:
 
-    Use it in a `with` block, whose end waits for the thread.
+    - The programs that make the result are compiled while the first steps run. If triangles outgrow
+      the plan for scoring, another program is compiled long before the end.
+    - The fit learns how many seconds to set aside for its end: `result()`.
+    - The attribute `psnr` tells about which PSNR, in dB, the result would have if the fit ended
+      now. It belongs to the last scene that was scored, and is NaN before the first. The PSNR of a
+      step's image differs, because that image has another size and coverage.
 
-    - `warm_up()`: compiles the programs for the result; returns the seconds that they take.
-    - `psnr(scene)`: draws a scene in pixels of the target, and scores it.
+    Use it in a `with` block, whose end waits for the thread. The arguments are functions:
+
+    - `warm_up()`: compiles the programs for the result; returns the seconds that they take after
+      that.
+    - `psnr(scene)`: draws a scene, in pixels of the target, and returns its PSNR in dB.
     """
 
     def __init__(self, warm_up: Callable[[], float], psnr: Callable[[Scene], float]):
@@ -59,14 +66,19 @@ class Rehearsal:
         return self._warming.done()
 
     def result(self) -> float:
-        """Seconds that the end of the fit takes. Raises what the programs raised."""
+        """Seconds that the end of the fit takes; waits until they are known.
+
+        Raises what the programs raised.
+        """
         seconds = self._warming.result()
         return seconds if self._seconds is None else max(seconds, self._seconds)
 
     def update(self, best_scene: Callable[[], Scene], seconds_left: float) -> None:
         """Collect the last rehearsal if it has ended, and begin another when one is due.
 
-        None begins in the last `seconds_left` seconds of a fit, because the fit would wait for it.
+        - `best_scene()`: returns the scene to score, in pixels of the target.
+        - `seconds_left`: seconds until the last step; NaN if not known. None begins shortly before
+          the last step, because the fit would wait for it.
         """
         if not self._warming.done():
             return
@@ -79,7 +91,7 @@ class Rehearsal:
             self._running = self._pool.submit(self._rehearse, best_scene())
 
     def _rehearse(self, scene: Scene) -> tuple[float, float]:
-        """PSNR of a scene, and how long it took to score it."""
+        """Return the PSNR of a scene, in dB, and the seconds of scoring it without compiling."""
         with jax.enable_x64(False):
             psnr, seconds = self._timed(scene)
             if seconds > _COMPILED * self.result():
@@ -87,5 +99,6 @@ class Rehearsal:
             return psnr, seconds
 
     def _timed(self, scene: Scene) -> tuple[float, float]:
+        """Return the PSNR of a scene, in dB, and the seconds of scoring it."""
         began = time.perf_counter()
         return self._psnr(scene), time.perf_counter() - began

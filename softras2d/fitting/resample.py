@@ -1,18 +1,20 @@
-"""Shrink images, with the mean over the area of each new pixel."""
+"""Shrink images: each new pixel is the mean over the area that it covers in the old image."""
 
 import numpy as np
 from jaxtyping import Float
 
 _BLOCK_ROWS = 8
-"""New rows that are computed together. More would multiply by more zeros, in larger arrays."""
+"""Number of new rows that are computed together. More would multiply by more zeros."""
 
 
 def shrink(
     image: Float[np.ndarray, "rows columns channels"], height: int, width: int
 ) -> Float[np.ndarray, "{height} {width} channels"]:
-    """Shrink an image to `height` x `width`; exact for any ratio.
+    """Shrink an image to `height` x `width` pixels by exact means, for any ratio of the sizes.
 
-    Each pixel is a square of constant colour. Colours with straight alpha are weighted by alpha.
+    Each old pixel is a square of constant colour. If there are four channels, the last is straight
+    alpha, and colours are weighted by it; they are 0 where all alpha is 0. An image that has this
+    size already is returned itself.
     """
     if image.shape[:2] == (height, width):
         return image
@@ -30,6 +32,7 @@ def shrink(
 def _shrink_columns(
     values: Float[np.ndarray, "rows columns channels"], width: int
 ) -> Float[np.ndarray, "rows {width} channels"]:
+    """Shrink along each row, to `width` columns."""
     columns = _overlaps(values.shape[1], width)
     return np.einsum("rjc,kj->rkc", values, columns, optimize=True)
 
@@ -37,7 +40,10 @@ def _shrink_columns(
 def _shrink_rows(
     values: Float[np.ndarray, "rows columns channels"], height: int
 ) -> Float[np.ndarray, "{height} columns channels"]:
-    """Mean over rows. Each block of new rows reads only the old rows that it overlaps."""
+    """Shrink along each column, to `height` rows.
+
+    Each block of new rows reads only the old rows that it overlaps.
+    """
     old = values.shape[0]
     overlaps = _overlaps(old, height)
     blocks = []
@@ -50,7 +56,10 @@ def _shrink_rows(
 
 
 def _overlaps(old: int, new: int) -> Float[np.ndarray, "{new} {old}"]:
-    """Share of each new pixel that each old pixel fills, along one axis."""
+    """Fraction of each new pixel that each old pixel fills, along one axis.
+
+    `old`, `new`: the number of pixels along the axis before and after. Each row sums to 1.
+    """
     edges = np.linspace(0, old, new + 1)
     low = np.maximum(edges[:-1, None], np.arange(old))
     high = np.minimum(edges[1:, None], np.arange(1, old + 1))

@@ -26,10 +26,11 @@ from .entries import Entries, Size
 class Record(NamedTuple):
     """The state of a fit after a chunk of steps.
 
-    - `steps`, `seconds`: since the fit began, including those of fits that were resumed.
-    - `psnr` (dB), `ssim`: of the image of the last step, at the size and with the coverage of the
-      fit.
-    - `accepted`: number of steps whose loss was below all losses before it in the same call.
+    - `steps`, `seconds`: since the fit began, including the fits that were resumed.
+    - `psnr` (dB), `ssim`: of sRGB values, of the image of the last step against the target, at the
+      size and with the coverage of the fit.
+    - `accepted`: number of steps, of `steps`, whose loss was below all losses before it in the same
+      call of `fit`.
     - `active`: number of triangles in use.
     """
 
@@ -47,11 +48,11 @@ class FitResult:
 
     - `scene`: in pixels of the target.
     - `image`: the scene drawn in hard mode with 16 samples, `[height, width, channels]`.
-    - `psnr` (dB), `ssim`: of `image` against the target.
+    - `psnr` (dB; infinite if equal), `ssim`: of sRGB values, of `image` against the target.
     - `history`: one record for each chunk of steps.
-    - `settings`: the arguments of the fit.
+    - `settings`: the arguments of the fit, in types that JSON has.
     - `interrupted`: whether Ctrl-C ended the fit.
-    - `state`: arrays by name, from which `fit(..., resume=)` continues.
+    - `state`: arrays by name, from which `fit(..., resume=)` continues; empty if it cannot.
     """
 
     scene: Scene
@@ -89,7 +90,10 @@ class FitResult:
         return self.image.shape[1]
 
     def report(self) -> dict[str, Any]:
-        """Settings, scores, history, versions and machine, in types that JSON can represent."""
+        """Settings, scores, history, versions and machine, in types that JSON has.
+
+        Numbers that are not finite, such as the PSNR of equal images, are None.
+        """
         last = self.history[-1] if self.history else Record(0, 0.0, -np.inf, 0.0, 0, 0)
         return {
             "settings": self.settings,
@@ -129,7 +133,7 @@ class FitResult:
         """Write an `.npz` from which `load` restores the result exactly.
 
         A failure leaves no partial file. Raises `ValueError`, one line, for another suffix and
-        for a fit of more than a GiB.
+        for a result whose arrays have more than a GiB.
         """
         path = Path(path)
         if path.suffix.lower() != ".npz":
@@ -159,8 +163,8 @@ class FitResult:
     def load(path: str | os.PathLike[str]) -> "FitResult":
         """Read a file that `save` wrote. Every entry is checked before it is used.
 
-        Raises `ValueError` for any other file, and for one that unpacks to more than a GiB. Its one
-        line names the file, the entry and what was expected.
+        Raises `ValueError` for any other file, and for one that unpacks to more than a GiB. The
+        message, one line, names the file, the entry and what was expected.
         """
         path = Path(path)
         if not path.is_file():
@@ -175,7 +179,7 @@ class FitResult:
 _LIBRARIES = ("jax", "jaxlib", "equinox", "lineax", "optax", "optimistix", "numpy", "scipy")
 
 _STATE = "state."
-"""First part of the names of entries that belong to `FitResult.state`."""
+"""Prefix of the names of the entries in a file that belong to `FitResult.state`."""
 
 assert set(saved_fit.SCENE_FIELDS) < {scene_field.name for scene_field in fields(Scene)}
 
@@ -201,11 +205,11 @@ def _result(arrays: dict[str, np.ndarray]) -> FitResult:
 
 
 def _record(row: Float[np.ndarray, "6"]) -> Record:
-    """Make a record from a row of the saved history."""
+    """Make a record from a row of the saved history, which has its fields in order."""
     steps, seconds, psnr, ssim, accepted, active = map(float, row)
     return Record(int(steps), seconds, psnr, ssim, int(accepted), int(active))
 
 
 def _plain(value: Any) -> Any:
-    """Replace a number that is not finite by None, because JSON has no infinity."""
+    """Replace a float that is not finite by None, because JSON has no infinity and no NaN."""
     return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -26,15 +26,16 @@ FORMAT = 3
 """Version of the file format."""
 
 SCENE_FIELDS = ("positions", "triangles", "colors", "background")
-"""Fields of a fitted scene."""
+"""Fields of `Scene` that a fitted scene has, and that are saved."""
 
 _SETTINGS = (
     "triangles", "family", "solver", "seed", "size", "shading", "translucent", "softness",
     "colors", "loss", "light", "start", *steering.DEFAULTS,
 )  # fmt: skip
+"""Names of the settings that a file must have, and no others."""
 
 _MAX_FACTS_BYTES = 2**20
-"""Largest number of bytes of JSON in `facts`."""
+"""Largest number of bytes of the JSON in the entry `facts` of a file that is read."""
 
 _MAX_SIDE = 2**16
 """Largest height and width, in pixels, of an image that is read."""
@@ -63,7 +64,7 @@ def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
 
 
 def check_settings(settings: Any) -> None:
-    """Raise `ValueError` for settings that no fit can have."""
+    """Raise `ValueError` for settings, read from a file, that no fit can have."""
     if not isinstance(settings, dict):
         raise ValueError("`facts` must have the `settings` of the fit; they are missing.")
     for name in _SETTINGS:
@@ -89,7 +90,7 @@ def check_settings(settings: Any) -> None:
 
 
 def read_image(entries: Entries) -> np.ndarray:
-    """Read `image`, the hard image of the fit."""
+    """Read the entry `image`, the hard image of the result, `[height, width, 3 or 4]`."""
     image = entries.finite("image", np.float32, ("height", "width", "3 or 4"))
     if 0 in image.shape or max(image.shape[:2]) > _MAX_SIDE or image.shape[2] not in (3, 4):
         raise ValueError(
@@ -100,7 +101,7 @@ def read_image(entries: Entries) -> np.ndarray:
 
 
 def read_scores(entries: Entries) -> tuple[float, float]:
-    """Read `scores`: PSNR in dB, which may be infinite, and SSIM."""
+    """Read the entry `scores`; return the PSNR in dB, which may be infinite, and the SSIM."""
     psnr, ssim = entries.take("scores", np.float64, (2,)).tolist()
     if np.isnan(psnr) or not -1.01 <= ssim <= 1.01:
         raise ValueError(f"`scores` must be a PSNR and an SSIM in -1..1; got {psnr}, {ssim}.")
@@ -108,9 +109,10 @@ def read_scores(entries: Entries) -> tuple[float, float]:
 
 
 def read_history(entries: Entries, fields: tuple[str, ...]) -> np.ndarray:
-    """Read `history`: one row for each record, whose columns are the fields of `result.Record`.
+    """Read the entry `history`: one row for each record, with one column for each field.
 
-    `steps`, `accepted` and `active` are counts.
+    `fields`: the names of the fields of `result.Record`, in order. The columns `steps`, `accepted`
+    and `active` must be counts.
     """
     history = entries.take("history", np.float64, ("records", len(fields)))
     columns = dict(zip(fields, history.T, strict=True))
@@ -128,7 +130,10 @@ def read_history(entries: Entries, fields: tuple[str, ...]) -> np.ndarray:
 
 
 def read_scene(entries: Entries, settings: dict[str, Any], channels: int) -> Scene:
-    """Read the fitted scene, which must be valid and match the settings."""
+    """Read the fitted scene, which must be valid and match the settings.
+
+    `channels`: the number of channels of the image, and so of the background.
+    """
     corners = 1 if settings["shading"] == "flat" else 3
     color_channels = 4 if settings["translucent"] else 3
     triangles = entries.take("scene.triangles", np.int32, ("triangles", 3))
@@ -155,8 +160,9 @@ def read_scene(entries: Entries, settings: dict[str, Any], channels: int) -> Sce
 def check_state(state: dict[str, Any], settings: dict[str, Any], size: Size, steps: int) -> None:
     """Raise `ValueError` unless a fit with these settings can be resumed from this state.
 
+    - `state`: arrays by name, without the prefix `state.`.
     - `size`: size of the target.
-    - `steps`: the number of steps in the last record of the history.
+    - `steps`: the number of steps in the last record of the history, or 0 without records.
     """
     entries = Entries(state, "state.")
     working_size = Frame.of(size.height, size.width, settings)
@@ -187,9 +193,10 @@ def check_state(state: dict[str, Any], settings: dict[str, Any], size: Size, ste
 def _check_solve(
     entries: Entries, settings: dict[str, Any], shapes: list[tuple[int, ...]], size: Size
 ) -> None:
-    """Check the unknowns and the solver's arrays, which are in the order of `jax.tree.leaves`.
+    """Check the entries `solve.0`, ...: the unknowns, then the arrays of the solver's state.
 
-    `shapes`: shapes of the unknowns.
+    Both are in the order of `jax.tree.leaves`. `shapes`: the shapes of the unknowns; `size`: the
+    size of the fit.
     """
     expected = _solver_arrays(settings, shapes, size)
     if expected is None:
@@ -209,16 +216,17 @@ def _check_solve(
 def _solver_arrays(
     settings: dict[str, Any], shapes: list[tuple[int, ...]], size: Size
 ) -> list[tuple[Any, tuple[int, ...]]] | None:
-    """Types and shapes of the arrays of a solve, found by tracing the solver's first step.
+    """Return type and shape of each entry `solve.0`, ... that a fit with these settings saves.
 
-    None for a solver that was given as an object, because the file holds only its name.
+    They are found by tracing how the solver begins. Returns None for a solver that was given as an
+    object, because the file holds only its name.
     """
     if settings["solver"] not in SOLVERS:
         return None
     solver = solver_of(settings["solver"])
     unknown_shapes = [jax.ShapeDtypeStruct(shape, np.float32) for shape in shapes]
     if isinstance(solver, optx.AbstractLeastSquaresSolver):
-        # `state.save_state` saves the unknowns, the best unknowns, and their loss.
+        # `state.save_state` saves the unknowns, the best unknowns, and the loss of the best.
         arrays = [*unknown_shapes, *unknown_shapes, jax.ShapeDtypeStruct((), np.float32)]
         return [(array.dtype, array.shape) for array in arrays]
     y = FAMILIES[settings["family"]].unknowns(unknown_shapes)

@@ -18,7 +18,10 @@ from ..scene import Scene
 
 
 class Score(NamedTuple):
-    """An image, its PSNR in dB (infinite if equal to the target), and its SSIM."""
+    """An image with straight alpha, its PSNR in dB (infinite if equal to the target), and its SSIM.
+
+    Both compare sRGB values over all pixels and channels, after `color.premultiply`.
+    """
 
     image: np.ndarray
     psnr: float
@@ -26,17 +29,19 @@ class Score(NamedTuple):
 
 
 _MAX_PIXELS = 2**20
-"""Pixels of an image that is scored at once; a larger one is scored in strips of about so many."""
+"""Largest number of pixels for one computation of SSIM; larger images are cut into strips."""
 
 _HEADROOM = 1.5
-"""Capacity of a plan for scoring, as a multiple of what its scene needs: scenes of one fit share a
-program."""
+"""Capacity of a plan for scoring, as a multiple of what its scene needs.
+
+Later scenes of the fit can then be drawn by the same program."""
 
 
 class Scorer:
     """Scores scenes against one target: PSNR and SSIM of the hard image with 16 samples.
 
-    Images with alpha are compared premultiplied, with alpha as a fourth channel.
+    Images are compared in sRGB values. Images with alpha are compared premultiplied, with alpha as
+    a fourth channel. `target` has straight alpha.
     """
 
     def __init__(self, target: Float[np.ndarray, "height width channels"]):
@@ -44,9 +49,12 @@ class Scorer:
         self._plan: Plan | None = None
 
     def warm_up(self, likely: Scene) -> float:
-        """Compile for scenes of this size; return the seconds that scoring takes after that."""
+        """Compile for scenes like `likely`; return the seconds that `score` takes after that.
+
+        `likely`: a scene in pixels of the target, about as costly to draw as those to be scored.
+        """
         self.psnr(likely)
-        # The time of a strip tells that of all.
+        # All strips take about equal times, so one is measured.
         rows = strips(*self._target.shape[:2])[0]
         ssim_seconds = []
         for _ in range(2):
@@ -59,7 +67,7 @@ class Scorer:
         return time.perf_counter() - began + count * ssim_seconds[-1]
 
     def psnr(self, scene: Scene) -> float:
-        """PSNR of a scene in pixels of the target, without SSIM, which costs more."""
+        """PSNR, in dB, of a scene in pixels of the target, without SSIM, which costs more."""
         return _psnr(premultiply(self.draw(scene)), self._target)
 
     def share_plan(self, other: "Scorer") -> None:
@@ -73,7 +81,10 @@ class Scorer:
         return Score(np.asarray(drawn), *psnr_and_ssim(image, self._target))
 
     def draw(self, scene: Scene) -> Float[Array, "height width channels"]:
-        """Draw the hard image; the last plan is used again if it suffices, to save compiling."""
+        """Draw the hard image of a scene in pixels of the target, with straight alpha.
+
+        The last plan is used again if its capacities suffice, to save compiling.
+        """
         if self._plan is not None:
             image, outgrown = render_checked(scene, self._plan)
             if not outgrown:
@@ -87,14 +98,14 @@ class Scorer:
 def psnr_and_ssim(
     image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
 ) -> tuple[float, float]:
-    """PSNR in dB (infinite if equal) and SSIM, of images as `premultiply` gives them.
+    """PSNR in dB (infinite if equal) and SSIM, over all pixels and channels of two images.
 
-    SSIM needs some thirty times the memory of an image, so that of a large one is computed in
-    strips.
+    Both images are premultiplied. SSIM needs some thirty times the memory of an image, so for a
+    large image it is computed in strips, and averaged over the windows of all strips.
     """
     total = windows = 0.0
     for rows in strips(*image.shape[:2]):
-        # The number of windows one above the other; a low image has a lower window.
+        # Number of windows one above the other; an image lower than a window has one window.
         count = max(1, rows.stop - rows.start - WINDOW + 1)
         total += float(_ssim(image[rows], target[rows])) * count
         windows += count
@@ -102,9 +113,9 @@ def psnr_and_ssim(
 
 
 def strips(height: int, width: int) -> list[slice]:
-    """Rows of the strips of an image for SSIM: each window lies in one of them.
+    """Cut an image into strips of rows such that each window of SSIM lies in exactly one strip.
 
-    A strip has some `_MAX_PIXELS` pixels, so a small image is one strip.
+    Strips therefore overlap. Each has about `_MAX_PIXELS` pixels; a small image is one strip.
     """
     if height * width <= _MAX_PIXELS:
         return [slice(0, height)]

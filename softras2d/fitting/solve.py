@@ -19,15 +19,21 @@ from ..numerics.device import Device, Devices, to_device
 from .solvers import Solver
 
 Residual = Callable[[Any, Any], tuple[Any, Any]]
-"""Maps `(unknowns, arguments)` to `(out, (last, each))`.
+"""A function that maps `(unknowns, arguments)` to `(out, (last, each))`.
 
-`out` is a residual, whose squares are summed, or a scalar loss. `last` and `each` are pytrees of
-arrays. A chunk returns `last` of its last step only, and `each` of every step.
+`out` is a scalar loss, or a residual: a pytree of arrays whose squares sum to the loss. `last` and
+`each` are pytrees of arrays. A chunk of steps returns `last` of its last step only, and `each` of
+every step.
 """
 
 
 class Progress(NamedTuple):
-    """A solve between two chunks: the unknowns, the solver's state, and the number of steps."""
+    """A solve between two chunks of steps.
+
+    - `y`: the unknowns, a pytree of arrays.
+    - `state`: the state of the solver, wrapped so that it remembers the best point.
+    - `steps`: the number of steps since the solve began, those before `move` included.
+    """
 
     y: Any
     state: Any
@@ -35,12 +41,12 @@ class Progress(NamedTuple):
 
     @property
     def best(self) -> Any:
-        """The evaluated point with the least loss."""
+        """The unknowns with the least loss of all that the solver has evaluated."""
         return self.state.best_y
 
     @property
     def best_loss(self) -> Float[Array, ""]:
-        """The loss at `best`; infinite before the first step."""
+        """The loss at `best`; infinite before the first step and after `forget_best`."""
         return self.state.best_loss
 
 
@@ -48,8 +54,9 @@ class Chunk(NamedTuple):
     """The result of a chunk of steps.
 
     - `progress`: the solve after the chunk.
-    - `losses`: one for each step.
-    - `aux`: `last` and `each` of the residual, the second with a leading axis of steps.
+    - `losses`: the loss of each step, as `advance` defines it.
+    - `aux`: the pair of `last` and `each` of the residual (see `Residual`); the arrays of `each`
+      have a leading axis of steps.
     """
 
     progress: Progress
@@ -58,7 +65,10 @@ class Chunk(NamedTuple):
 
 
 def begin(solver: Solver, residual: Residual, y: Any, args: Any) -> Progress:
-    """Begin a solve at the unknowns `y`, without taking a step."""
+    """Begin a solve at the unknowns `y`, without taking a step.
+
+    `args`: the second argument of `residual`.
+    """
     return Progress(y, _begin(solver, residual, y, args), 0)
 
 
@@ -71,10 +81,14 @@ def advance(
     steps: int,
     max_steps: int | None = None,
 ) -> Chunk:
-    """Take `steps` steps, at most `max_steps`; chunks of equal `max_steps` share a program.
+    """Take a chunk of `steps` steps of a solve, by one compiled program.
 
-    The loss of a step is that of the solver's last evaluation. First-order solvers evaluate where
-    the step begins; others evaluate where it would end, whether or not they accept it.
+    The loss of a step is the loss at the solver's last evaluation. First-order solvers evaluate
+    where the step begins; others evaluate where it would end, whether or not they accept it.
+
+    - `args`: the second argument of `residual`.
+    - `max_steps`: an upper bound on `steps`, which is its default. Chunks with equal `max_steps`
+      share a program.
     """
     max_steps = steps if max_steps is None else max_steps
     y, state, losses, (last, each) = _advance(
@@ -94,10 +108,11 @@ def advance_each(
     max_steps: int | None = None,
     devices: Devices | None = None,
 ) -> list[Chunk]:
-    """Advance several solves by one program, as `advance` does each.
+    """Take a chunk of steps of each of several solves, by one compiled program.
 
-    Their arrays must have the same shapes. With `devices`, each of them takes an equal share of the
-    solves by the same program, without any communication.
+    Returns one chunk for each solve, as `advance` would; `args` holds one second argument of
+    `residual` for each. The arrays of all solves must have the same shapes. With `devices`, each
+    device takes an equal share of the solves by the same program, without any communication.
     """
     max_steps = steps if max_steps is None else max_steps
     solves = [
@@ -130,18 +145,25 @@ def advance_each(
 
 
 def _stack(trees: Sequence[Any]) -> Any:
-    """Stack the arrays of equal trees along a new leading axis."""
+    """Stack the arrays of pytrees of one structure along a new leading axis."""
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
 
 def _placed(tree: Any, device: Device) -> Any:
-    """The tree with its arrays on a device."""
+    """Copy the arrays of a pytree to a device; return the pytree with these arrays."""
     arrays, rest = eqx.partition(tree, eqx.is_array)
     return eqx.combine(jax.device_put(arrays, device), rest)
 
 
 def _chunk_of(results: Any, index: int, progress: Progress, static: Any, steps: int) -> Chunk:
-    """The chunk of one solve, from the stacked results of several."""
+    """Make the chunk of one solve from the stacked results of several.
+
+    - `results`: what `_advance_stacked` returned.
+    - `index`: which of the stacked solves it is.
+    - `progress`: this solve before the chunk.
+    - `static`: the leaves of unknowns, solver state and arguments that are no arrays.
+    - `steps`: number of steps that were taken.
+    """
     y, state, losses, (last, each) = jax.tree.map(lambda leaf: leaf[index], results)
     _, static_state, _ = static
     state = eqx.combine(state, static_state)
@@ -151,9 +173,9 @@ def _chunk_of(results: Any, index: int, progress: Progress, static: Any, steps: 
 
 
 def move(solver: Solver, residual: Residual, progress: Progress, y: Any, args: Any) -> Progress:
-    """Continue a solve from another point; the best point so far stays.
+    """Continue a solve from other unknowns `y`, and keep the best point so far.
 
-    Solvers other than those of optax are restarted, because their state holds the loss and the
+    Solvers that do not come from optax are restarted, because their state holds the loss and the
     derivative at their last point.
     """
     if isinstance(solver, optx.OptaxMinimiser):
@@ -174,21 +196,28 @@ def set_learning_rate(progress: Progress, learning_rate: float) -> Progress:
 
 
 def _learning_rate(progress: Progress) -> Any:
-    """The learning rate in the state of a solve: an array, or a placeholder of `eqx.tree_at`."""
+    """Return the learning rate in the state of a solve; raise `AttributeError` if it has none.
+
+    It is an array, or a placeholder if `eqx.tree_at` calls this.
+    """
     return progress.state.state.opt_state.hyperparams["learning_rate"]
 
 
 def forget_best(progress: Progress) -> Progress:
-    """Forget the best point of a solve, because new arguments make losses incomparable."""
+    """Forget the best point of a solve, as is needed if later losses are not comparable to its own.
+
+    Its loss becomes infinite, so that the next evaluated point is the best.
+    """
     infinite = jnp.full_like(progress.best_loss, jnp.inf)
     state = eqx.tree_at(lambda state: state.best_loss, progress.state, infinite)
     return progress._replace(state=state)
 
 
 def _keep_best(solver: Solver, residual: Residual) -> tuple[Solver, Residual]:
-    """Wrap a solver so that it remembers the best point, and a residual so that it has a loss.
+    """Wrap a solver so that it remembers the best point, and a residual to suit that solver.
 
-    The wrapped function returns the pair of the loss and the residual's `aux` as its own `aux`.
+    The wrapped function returns `(out, (loss, aux))`, with the `aux` of the residual. For
+    least-squares solvers `out` is the residual; for the others it is the loss.
     """
 
     def with_loss(y: Any, args: Any) -> tuple[Any, Any]:
@@ -205,7 +234,7 @@ def _keep_best(solver: Solver, residual: Residual) -> tuple[Solver, Residual]:
 
 
 def _loss(out: Any) -> Float[Array, ""]:
-    """The loss: the sum of squares of a residual, or the scalar itself."""
+    """Compute the loss from the `out` of a `Residual`: the scalar itself, or its sum of squares."""
     leaves = jax.tree.leaves(out)
     if len(leaves) == 1 and leaves[0].ndim == 0:
         return leaves[0]
@@ -245,7 +274,10 @@ def _advance(
     steps: Array,
     max_steps: int,
 ) -> tuple[Any, Any, Array, tuple[Any, Any]]:
-    """Take steps of one solve; losses and `each` have the length `max_steps`."""
+    """Take steps of one solve; return `(y, state, losses, (last, each))` after them.
+
+    `losses` and `each` have the length `max_steps`, and are 0 behind the steps that were taken.
+    """
     arrays, static = eqx.partition(state, eqx.is_array)
     y, arrays, losses, aux = _take_steps(
         solver, residual, y, arrays, static, args, steps, max_steps
@@ -257,9 +289,11 @@ def _advance(
 def _advance_stacked(
     solver: Solver, residual: Residual, stacked: Any, static: Any, steps: Array, max_steps: int
 ) -> Any:
-    """Take steps of several solves, whose arrays are stacked along a leading axis.
+    """Take steps of several solves; return what `_take_steps` does, along a leading axis of solves.
 
-    `stacked` and `static` are the two parts of the tuple of unknowns, solver state and arguments.
+    - `stacked`: unknowns, solver state and arguments, with the arrays of all solves along a leading
+      axis, and None in place of other leaves.
+    - `static`: the same tuple, with only these other leaves, which all solves share.
     """
     static_y, static_state, static_args = static
 
@@ -280,7 +314,13 @@ def _take_steps(
     steps: Array,
     max_steps: int,
 ) -> tuple[Any, Any, Array, tuple[Any, Any]]:
-    """Loop over steps. `arrays` and `static` are the two parts of the solver's state."""
+    """Take steps of one solve; return `(y, arrays, losses, (last, each))` after them.
+
+    - `arrays`, `static`: the arrays and the other leaves of the solver's state, as
+      `eqx.partition` gives them.
+    - `steps`: number of steps; only the first `steps` entries of `losses` and `each`, which have
+      the length `max_steps`, are set.
+    """
     best, function = _keep_best(solver, residual)
 
     def step(number: Array, carry: Any) -> Any:

@@ -17,14 +17,15 @@ import optimistix as optx
 Solver = optx.AbstractLeastSquaresSolver | optx.AbstractMinimiser
 
 _TRUST = 0.6
-"""Share of the predicted decrease of the loss above which a step lowers the damping.
+"""Fraction of the predicted decrease of the loss that a step must reach to be trusted more.
 
-The default of optimistix, 0.99, is hardly ever reached, because the residual is nonlinear wherever
-an edge crosses a pixel. The damping would never fall."""
+The next step then has less damping (Levenberg-Marquardt) or may be longer (dogleg). The default of
+optimistix, 0.99, is hardly ever reached, because the residual is nonlinear wherever an edge crosses
+a pixel. The damping would never fall."""
 
 
 _PRODUCTS = 20
-"""Maximum number of products of a step with the Jacobian, and as many with its transpose."""
+"""Maximum number of products with the Jacobian in one step, and of products with its transpose."""
 
 
 class ByProducts(optx.AbstractGaussNewton):
@@ -46,7 +47,7 @@ class ByProducts(optx.AbstractGaussNewton):
 
 
 def levenberg_marquardt(products: int = _PRODUCTS) -> ByProducts:
-    """The Levenberg-Marquardt method.
+    """Make a solver by the Levenberg-Marquardt method.
 
     Each step takes at most `products` products with the Jacobian, and as many with its transpose.
     """
@@ -54,12 +55,12 @@ def levenberg_marquardt(products: int = _PRODUCTS) -> ByProducts:
 
 
 def dogleg(products: int = _PRODUCTS) -> ByProducts:
-    """Powell's dogleg method, with the same limit on products as `levenberg_marquardt`."""
+    """Make a solver by Powell's dogleg method, with `products` as in `levenberg_marquardt`."""
     return ByProducts(optx.DoglegDescent(linear_solver=_inner(products)))
 
 
 def _inner(products: int) -> lx.LSMR:
-    """The iterative solver of the linear least-squares problem in each step."""
+    """Make the iterative solver of the linear least-squares problem in each step."""
     # LSMR is safe in float32 where CG on the normal equations is not.
     return lx.LSMR(rtol=1e-6, atol=1e-6, max_steps=products)
 
@@ -69,7 +70,7 @@ def _silent(**_: Any) -> None:
 
 
 def _adam(learning_rate: float) -> optx.OptaxMinimiser:
-    """Adam, with a learning rate that can change during a solve."""
+    """Make Adam, with a learning rate that can change during a solve."""
     # The state holds the learning rate, so that the host can lower it without compiling again.
     adam = optax.inject_hyperparams(optax.adam, static_args=_FIXED)(learning_rate, b2=0.99)
     return optx.OptaxMinimiser(adam, rtol=0.0, atol=0.0)
@@ -82,10 +83,11 @@ _FIXED = ("b1", "b2", "eps", "eps_root", "mu_dtype", "nesterov")
 class NamedSolver(NamedTuple):
     """A row of the table of solvers.
 
-    - `make`: the solver, for a learning rate that only first-order solvers use.
+    - `make`: makes the solver for a learning rate, which only first-order solvers use.
     - `adjustable_rate`: whether a fit may lower the learning rate between chunks of steps, by
-      `solve.set_learning_rate`. Such a solver must come from optax. All that its state remembers of
-      the last point must be arrays with one number per unknown.
+      `solve.set_learning_rate`. Such a solver must come from optax. Whatever its state remembers of
+      earlier points must be arrays with one number per unknown, because a fit of layers reorders
+      them together with its triangles.
     """
 
     make: Callable[[float], Solver]
@@ -105,14 +107,15 @@ SOLVERS: dict[str, NamedSolver] = {
 
 
 def is_rate_adjustable(solver: str | Solver) -> bool:
-    """Whether a fit may lower the solver's learning rate; never that of a solver object."""
+    """Whether a fit may lower the solver's learning rate; False for a solver object."""
     return isinstance(solver, str) and SOLVERS[solver].adjustable_rate
 
 
 def solver_of(solver: str | Solver, *, learning_rate: float = 0.02) -> Solver:
-    """Look up a solver by name, or return the given solver object.
+    """Return the solver of a name, or the given solver object.
 
-    Raises `ValueError` for anything else.
+    `learning_rate`: the first learning rate of Adam; no other solver uses it. Raises `ValueError`
+    for anything but a name from `SOLVERS` or a solver of optimistix.
     """
     if isinstance(solver, optx.AbstractLeastSquaresSolver | optx.AbstractMinimiser):
         return solver

@@ -1,6 +1,8 @@
-"""The state of a fit as arrays by name, from which it resumes as if it had never stopped.
+"""Save the state of a fit as arrays by name, and restore it.
 
-In a saved file, the names of these entries begin with `state.`; `saved_fit` checks them.
+A resumed fit continues as if it had never stopped, except that a least-squares solver starts anew
+at its last point. In a saved file, the names of these arrays begin with `state.`; they are checked
+by `saved_fit`.
 """
 
 import hashlib
@@ -17,7 +19,16 @@ from .trees import fill_tree, tree_arrays
 
 
 def save_state(fit: AbstractFit, steps: int) -> dict[str, np.ndarray]:
-    """Save a fit after `steps` steps as arrays by name."""
+    """Save a fit after `steps` steps as arrays by name.
+
+    - `solve.0`, ...: the unknowns and the solver's state (see `_solver_state`).
+    - `steps`: the number of steps.
+    - `image`: the image of the last step, at the size of the fit.
+    - `host`: the number of triangles in use, and the share of the fit at the last exchange.
+    - `target`: a hash of the target at the size of the fit.
+    - `weights`: the weights of its pixels, if there are any.
+    - The arrays of `AbstractFit.family_state`.
+    """
     target = fit.request.target
     arrays = tree_arrays("solve", _solver_state(fit))
     arrays["steps"] = np.array(steps)
@@ -30,9 +41,10 @@ def save_state(fit: AbstractFit, steps: int) -> dict[str, np.ndarray]:
 
 
 def restore_state(fit: AbstractFit, arrays: dict[str, np.ndarray]) -> int:
-    """Restore what `save_state` saved into a new fit with the same settings; return its steps.
+    """Restore what `save_state` saved into a new fit with the same settings.
 
-    Raises `ValueError` for the state of a fit of another target, solver or size.
+    Returns the number of steps of the saved fit. Raises `ValueError` for the state of a fit of
+    another target, solver or size.
     """
     if not np.array_equal(arrays.get("target", []), _digest(fit.request.target.image)):
         raise ValueError("`resume` is of another `target`.")
@@ -52,7 +64,7 @@ def restore_state(fit: AbstractFit, arrays: dict[str, np.ndarray]) -> int:
 
 
 def _solver_state(fit: AbstractFit) -> Any:
-    """The unknowns and what is saved of the solver's state, as a pytree.
+    """The pair of the unknowns and those parts of the solver's state that are saved.
 
     The state of a least-squares solver holds the derivative at the last point as a program, which
     cannot be saved. For such a solver only the best point and its loss are saved, and it restarts

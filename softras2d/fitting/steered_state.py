@@ -14,12 +14,13 @@ from .trees import tree_arrays
 def steered_state(
     palette: Float[np.ndarray, "colors 3"] | None, is_quantized: bool, frozen: Frozen | None
 ) -> dict[str, np.ndarray]:
-    """Make the entries, which are arrays by name.
+    """Make the entries, which are arrays by name; none if both `palette` and `frozen` are None.
 
-    - `palette`, `quantized`: the palette, and whether the triangles have its colours yet.
-    - `frozen.0`, ...: values of frozen unknowns, in arrays like those of all unknowns.
+    - `palette`: RGB in 0..1.
+    - `quantized`: `is_quantized`, whether the triangles have colours of the palette by now.
+    - `frozen.0`, ...: the arrays of `frozen.values`, in the order of `jax.tree.leaves`.
 
-    `task.Task` adds `freeze.vertices` and `freeze.triangles`, the masks that were given.
+    `task.Task` adds `freeze.vertices` and `freeze.triangles`, the masks that the user gave.
     """
     arrays: dict[str, np.ndarray] = {}
     if palette is not None:
@@ -30,7 +31,10 @@ def steered_state(
 def check_steered_state(
     entries: Entries, settings: dict[str, Any], shapes: list[tuple[int, ...]]
 ) -> None:
-    """Check the entries; `shapes` are those of the unknowns. Raise `ValueError` for a fault."""
+    """Check the entries that `steered_state` made; raise `ValueError` for a fault.
+
+    `shapes`: the shapes of the leaves of the unknowns.
+    """
     palette, groups = settings["palette"], settings["freeze"]
     if palette is not None:
         count = palette if isinstance(palette, int) else len(palette)

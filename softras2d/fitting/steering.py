@@ -1,4 +1,7 @@
-"""Check and complete the arguments by which a user steers a fit. Needs no JAX."""
+"""Check and complete the arguments `palette`, `freeze` and `background` of a fit.
+
+This module does not load JAX.
+"""
 
 from typing import Any, get_args
 
@@ -10,13 +13,14 @@ MAX_PALETTE = 256
 """Largest number of colours of a palette."""
 
 DEFAULTS: dict[str, Any] = {"palette": None, "freeze": [], "background": "mean"}
-"""Settings that fits saved by earlier versions do not have, and the values that they stand for."""
+"""Settings that files of earlier versions lack, with the values by which those fits were made."""
 
 
 def normalize_palette(palette: Any) -> Any:
-    """Convert colours to lists of floats in 0..1; `uint8` colours are taken as 0..255.
+    """Convert the colours of a palette to lists of floats; `uint8` colours stand for 0..255.
 
-    What is no array of numbers stays as it is, to be refused by `check_palette`.
+    Any other value, such as None or a number of colours, is returned unchanged. `check_palette`
+    refuses it if it is invalid.
     """
     if palette is None or isinstance(palette, bool | int | str):
         return palette
@@ -31,7 +35,7 @@ def normalize_palette(palette: Any) -> Any:
 
 
 def check_palette(settings: dict[str, Any]) -> None:
-    """Raise `ValueError` unless a fit with these settings can have its palette."""
+    """Raise `ValueError` unless the palette is valid and goes with the other settings."""
     palette = settings["palette"]
     if palette is None:
         return
@@ -60,7 +64,7 @@ def check_palette(settings: dict[str, Any]) -> None:
 
 
 def _is_table(rows: Any) -> bool:
-    """Whether a list has rows of three numbers each."""
+    """Whether each row of a list is a list of three numbers."""
     return all(
         isinstance(row, list)
         and len(row) == 3
@@ -70,13 +74,14 @@ def _is_table(rows: Any) -> bool:
 
 
 MASKED = ("vertices", "triangles")
-"""Groups of the option `freeze` that need a mask. The others are frozen as a whole."""
+"""Names in the option `freeze` that need a mask. The other names freeze all that they stand for."""
 
 
 def normalize_freeze(freeze: Any) -> tuple[list[str], dict[str, Any]]:
-    """Split the option `freeze` into the sorted names of its groups, and the masks by name.
+    """Split the option `freeze` into the sorted list of its names, and the masks by name.
 
-    Raises `ValueError` for anything but a name, names, or a mapping of names to True or masks.
+    Both are empty for None. Raises `ValueError` for anything but None, a name, several names, or a
+    mapping of names to True or masks.
     """
     groups = get_args(names.FreezeGroup)
     if freeze is None:
@@ -106,7 +111,7 @@ def normalize_freeze(freeze: Any) -> tuple[list[str], dict[str, Any]]:
 
 
 def check_freeze(settings: dict[str, Any]) -> None:
-    """Raise `ValueError` unless a fit with these settings can freeze these groups."""
+    """Raise `ValueError` unless the names to freeze are valid and go with the other settings."""
     groups = settings["freeze"]
     if not isinstance(groups, list) or not set(groups) <= set(get_args(names.FreezeGroup)):
         raise ValueError(f"`freeze` must be a list of names; got {groups!r:.60}.")
@@ -129,7 +134,10 @@ def check_freeze(settings: dict[str, Any]) -> None:
 
 
 def check_length(group: str, mask: np.ndarray, count: int) -> None:
-    """Raise `ValueError` unless a mask of the option `freeze` has `count` entries."""
+    """Raise `ValueError` unless a mask of the option `freeze` has `count` entries.
+
+    `group`: `"vertices"` or `"triangles"`, for the message.
+    """
     if len(mask) != count:
         raise ValueError(
             f"`freeze` of {group!r} must be a mask of {count} {group}, as `start` has; got "
@@ -138,7 +146,10 @@ def check_length(group: str, mask: np.ndarray, count: int) -> None:
 
 
 def normalize_background(background: Any) -> Any:
-    """Convert a colour to a list of floats in 0..1; a `uint8` colour is taken as 0..255."""
+    """Convert a colour to a list of floats; a `uint8` colour stands for 0..255.
+
+    A name, or an invalid value, is returned unchanged.
+    """
     if isinstance(background, str):
         return background
     color = normalize_palette([background])
@@ -146,7 +157,7 @@ def normalize_background(background: Any) -> Any:
 
 
 def check_background(settings: dict[str, Any]) -> None:
-    """Raise `ValueError` unless a fit with these settings can have its background."""
+    """Raise `ValueError` unless the background is valid and goes with the other settings."""
     background = settings["background"]
     is_color = (
         isinstance(background, list)

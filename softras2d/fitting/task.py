@@ -20,15 +20,27 @@ from .state import restore_state, save_state
 from .target import Target
 
 Callback = Callable[[Scene, ProgressReport], Scene | None]
-"""A function that is called between chunks of steps, and may return the scene to go on from."""
+"""A user's function that is called after each chunk of steps.
+
+Its arguments are the current scene, in pixels of the target, and a report. It returns the scene to
+go on from, or None to change nothing."""
 
 
 class Task:
     """A fit of one target, with its history and a scorer for its result.
 
+    - `target`: the image and its weights, at the size of the image.
+    - `settings`: the arguments of `fit`, checked and completed (see `choices`).
     - `frame`: the size of the fit.
+    - `fit`: the fit of the family that the settings name, at the size of `frame`.
+    - `history`: one record for each chunk, including the chunks of the fit that is resumed.
+    - `steps_before`, `seconds_before`: steps and seconds of the fit that is resumed; 0 if there is
+      none.
     - `max_steps`: the largest number of steps of a chunk.
-    - `steps_before`, `seconds_before`: steps and seconds of the fit that is resumed.
+    - `scorer`: draws and scores scenes at the size of the target.
+
+    For the arguments `resume`, `must_start` and `masks` of the constructor, see
+    `prepare.make_fit`.
     """
 
     def __init__(
@@ -58,7 +70,10 @@ class Task:
 
     @property
     def polishes_at_full_size(self) -> bool:
-        """Whether colours are solved for at the size of a target larger than the fit."""
+        """Whether colours are solved for, at the end, at the size of a target larger than the fit.
+
+        This is so for meshes with squared error of sRGB values, and without anything frozen.
+        """
         settings = self.settings
         is_squared = settings["loss"] == "squared" and settings["light"] == "display"
         is_shrunk = (self.frame.height, self.frame.width) != self.target.image.shape[:2]
@@ -66,17 +81,22 @@ class Task:
         return settings["family"] == "mesh" and is_squared and is_shrunk and is_free
 
     def polish(self, *, at_full_size: bool = True) -> None:
-        """Solve for colours at the end of the fit, as far as the settings say so."""
+        """Solve for colours at the end of the fit, if the settings ask for it.
+
+        `at_full_size`: also do so at the size of the target, where `polishes_at_full_size` is true.
+        """
         if self.polishes:
             self.fit.polish()
         if at_full_size and self.polishes_at_full_size:
             self.fit.polish_at_full_size(self.target)
 
     def warm_up(self, timed: bool) -> Callable[[], float]:
-        """Make a function that compiles the programs for the result, and returns how long they run.
+        """Make a function that compiles the programs which make the result of the fit.
 
-        It may be called in another thread while the fit goes on, because it uses only the scene and
-        the unknowns at the time of this call. `timed`: include the time to solve for colours.
+        The function returns the seconds that these programs take once they are compiled, and those
+        estimated for `polish_at_full_size`. It may be called in another thread while the fit goes
+        on, because it uses only the scene and the unknowns at the time of this call. `timed`: also
+        compile and time the colours that `polish` solves for at the size of the fit.
         """
         fit = self.fit
         likely = self.frame.enlarge(fit.likely_scene())
@@ -95,9 +115,10 @@ class Task:
         return compile_and_time
 
     def call_back(self, callback: Callback, report: ProgressReport) -> None:
-        """Call a user's function with the current scene, and go on from the one that it returns.
+        """Call a user's function with the current scene, and go on from the scene that it returns.
 
-        Raises `ValueError` for anything but None or a scene with the same triangles.
+        Nothing changes if it returns None. Raises `ValueError` if it returns anything but None or a
+        scene with the same triangles.
         """
         scene = self.frame.enlarge(self.fit.current_scene())
         changed = callback(scene, report)
@@ -117,13 +138,20 @@ class Task:
         self.fit.go_on_from(self.frame.shrink(changed))
 
     def result(self, interrupted: bool) -> FitResult:
-        """Make the result from the best scene so far, and score it."""
+        """Make the result from the best scene so far, scored at the size of the target.
+
+        `interrupted`: whether Ctrl-C ended the fit.
+        """
         # The spare triangles do not show; with them, one program scores all scenes of the fit.
         score = self.scorer.score(self.frame.enlarge(self.fit.scene(padded=True)))
         return self._result(score, interrupted)
 
     def unscored_result(self) -> FitResult:
-        """Make an interrupted result at once: its image and scores are those of the last step."""
+        """Make the result of an interrupted fit at once, without drawing its scene.
+
+        Its image is the image of the last step, enlarged to the size of the target by repeating
+        pixels. Its scores are measured at the size of the fit.
+        """
         height, width = self.target.image.shape[:2]
         rows = np.arange(height) * self.frame.height // height
         columns = np.arange(width) * self.frame.width // width
@@ -131,7 +159,7 @@ class Task:
         return self._result(Score(image, *measure(self.fit)), True)
 
     def _result(self, score: Score, interrupted: bool) -> FitResult:
-        """Make the result from the best scene so far and its score."""
+        """Make the result from the best scene so far and its given score."""
         scene = self._with_exact_positions(self.frame.enlarge(self.fit.scene()))
         state = save_state(self.fit, self.history[-1].steps if self.history else 0)
         if self.target.weights is not None:
@@ -142,7 +170,12 @@ class Task:
         return FitResult(scene, *score, tuple(self.history), settings, interrupted, state)
 
     def _with_exact_positions(self, scene: Scene) -> Scene:
-        """The scene with frozen layers in exactly the positions of the scene to start from."""
+        """Put frozen triangles of layers exactly where they were before the fit.
+
+        That is where they are in the scene to start from, or in the result that is resumed. `scene`
+        is in pixels of the target. It is returned unchanged if no triangles of layers are frozen,
+        or if the fit did not start from a scene.
+        """
         request, earlier = self.fit.request, self._earlier
         is_given = self.settings["family"] == "layers" and request.starts_from_object
         frozen = request.masks.get("triangles")

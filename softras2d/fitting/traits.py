@@ -1,4 +1,7 @@
-"""What each fit family accepts. Without JAX, so that arguments are checked before it is loaded."""
+"""The table of the option values that each fit family accepts.
+
+This module does not load JAX, so that arguments can be checked before JAX is loaded.
+"""
 
 from typing import NamedTuple
 
@@ -7,9 +10,10 @@ class FamilyTraits(NamedTuple):
     """A row of the table of traits.
 
     - `shadings`, `default_shading`: values of the option `shading`.
-    - `default_size`: pixels along the longer side of the fit, unless the target has fewer.
+    - `default_size`: pixels along the longer side of the fit if the option `size` is not given; a
+      target with fewer is fitted at its size.
     - `min_triangles`: the smallest value of the option `triangles`.
-    - `translucent`: whether the option of that name may be true.
+    - `translucent`: whether the option `translucent` may be true.
     """
 
     shadings: tuple[str, ...]

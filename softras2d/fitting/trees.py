@@ -10,15 +10,19 @@ from ..numerics.device import to_device
 
 
 def tree_arrays(name: str, tree: Any) -> dict[str, np.ndarray]:
-    """Name the arrays of a pytree `name.0`, `name.1`, ..., in the order of `jax.tree.leaves`."""
+    """Name the arrays of a pytree `name.0`, `name.1`, ..., in the order of `jax.tree.leaves`.
+
+    Leaves that are not arrays are left out, and are not counted.
+    """
     leaves = [leaf for leaf in jax.tree.leaves(tree) if eqx.is_array(leaf)]
     return {f"{name}.{number}": np.asarray(leaf) for number, leaf in enumerate(leaves)}
 
 
 def fill_tree(tree: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
-    """Copy a pytree, with its arrays replaced by those that `tree_arrays` named.
+    """Copy a pytree, with its arrays replaced by the arrays that `tree_arrays` named `name.0`, ....
 
-    Raises `ValueError` for an array that is missing, or has another shape or type.
+    Raises `ValueError` for an array that is missing, or whose shape or type differs from the array
+    in `tree`.
     """
     leaves, structure = jax.tree.flatten(tree)
     array_indices = [index for index, leaf in enumerate(leaves) if eqx.is_array(leaf)]

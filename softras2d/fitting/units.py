@@ -1,11 +1,11 @@
-"""The unit and the bounds of the unknowns, which both families share."""
+"""The unit of positions and the bounds of colours among the unknowns of both families."""
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 POSITION_UNIT = 20.0
-"""Pixels per unit of position.
+"""Pixels of the fit per unit of a position that a solver changes.
 
 Solvers work best when all unknowns change the image about equally: with this unit a step of 0.05
 moves a vertex by one pixel, which changes the image about as much as 0.05 of colour does.

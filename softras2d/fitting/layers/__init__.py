@@ -1,1 +1,1 @@
-"""This family of fits has independent translucent triangles, one layered over the other."""
+"""The fit family `layers`: independent triangles, opaque or translucent, drawn over each other."""

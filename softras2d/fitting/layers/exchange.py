@@ -14,21 +14,22 @@ from .placement import find_new_triangles, removal_costs
 from .unknowns import LayersUnknowns
 
 _EXPECTED_GAIN = 10.0
-"""Expected gain of a new triangle once it is fitted, as a multiple of its gain before. A gain is
-the fall of the squared error. A pair is exchanged if its expected gain exceeds the cost of
-removal."""
+"""Expected gain of a new triangle once it is fitted, as a multiple of its gain when it is added.
+
+A gain is the fall of the squared error, as in `placement`. A triangle is replaced by a new one if
+the expected gain exceeds the cost of its removal."""
 
 _NEW_OPACITY = 0.9
 """Opacity of new triangles in a fit of translucent ones."""
 
 
 class Replacement(NamedTuple):
-    """Reordered triangles, of which a run is replaced by new flat triangles.
+    """A change of the triangles of a fit: they are reordered, then some are replaced by new ones.
 
-    - `order`: for each index of the new order, the index of the triangle before.
+    - `order`: for each index in the new order, the index of the triangle in the old order.
     - `first_replaced`: index, in the new order, of the first triangle to be replaced.
-    - `corners`, `colors`: the new triangles, in pixels. They replace the triangles
-      `first_replaced`, `first_replaced + 1`, and so on.
+    - `corners`, `colors`: the new flat triangles, with corners in pixels. They replace the
+      triangles `first_replaced`, `first_replaced + 1`, and so on.
     """
 
     order: Int[np.ndarray, " triangles"]
@@ -37,7 +38,7 @@ class Replacement(NamedTuple):
     colors: Float[np.ndarray, "new 3"]
 
     def apply_to_unknowns(self, y: LayersUnknowns) -> LayersUnknowns:
-        """Replace triangles in the unknowns."""
+        """Return the unknowns with the triangles reordered and replaced."""
         return LayersUnknowns(
             self._in_array(y.corners, self.corners / POSITION_UNIT),
             self._in_array(y.colors, self.colors[:, None]),
@@ -45,7 +46,11 @@ class Replacement(NamedTuple):
         )
 
     def apply_to_optimizer_state(self, state: Any) -> Any:
-        """Reorder the arrays that have one entry per triangle; entries of new triangles are 0."""
+        """Return a solver's state with its arrays reordered like the triangles.
+
+        Only arrays with one entry for each triangle, spare ones included, along the first axis
+        change. The entries of new triangles become 0.
+        """
 
         def replace_in_leaf(leaf: Any) -> Any:
             is_per_triangle = (
@@ -56,7 +61,7 @@ class Replacement(NamedTuple):
         return jax.tree.map(replace_in_leaf, state)
 
     def _in_array(self, values: jax.Array, new: Any) -> jax.Array:
-        """Reorder an array along its first axis, then set the entries of new triangles."""
+        """Reorder an array along its first axis, then set the entries of new triangles to `new`."""
         reordered = np.asarray(values)[self.order]
         reordered[self.first_replaced : self.first_replaced + len(self.corners)] = new
         return to_device(reordered)
@@ -76,13 +81,14 @@ def find_exchange(
 ) -> Replacement | None:
     """Find up to `count` triangles to remove, and as many new ones to draw in front.
 
-    Triangles whose removal raises the error least are paired with the new ones that lower it most;
-    a pair counts if its expected gain exceeds the cost of removal. Returns None if no pair does.
+    Triangles whose removal raises the squared error least are paired with the new triangles that
+    lower it most. A pair is exchanged if `_EXPECTED_GAIN` times the gain of the new triangle
+    exceeds the cost of the removal; `placement` defines both. Returns None if no pair is exchanged.
 
     - `active`: number of triangles in use, which are the first ones of `y`.
-    - `image`, `target`, `background`: premultiplied; `image` is that of the unknowns `y`.
+    - `image`, `target`, `background`: premultiplied; `image` shows the unknowns `y`.
     - `circumradius`: typical circumradius of a new triangle, in pixels.
-    - `palette`: the colours that a triangle may have; None: any.
+    - `palette`: the colours that a new triangle may have; None: any.
     """
     length = len(y.corners)
     corners, colors, opacity = jax.tree.map(lambda leaf: np.asarray(leaf)[:active], y)

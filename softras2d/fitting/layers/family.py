@@ -1,4 +1,4 @@
-"""The fit of free triangles, which are added and moved where the error is.
+"""The fit of layers: free triangles, which are added and moved where the error is large.
 
 The arrays have one length for the whole fit: `spare` makes them. `schedule` says when triangles
 are added and exchanged.
@@ -47,8 +47,8 @@ from .steering import frozen_fields, has_palette_background
 from .unknowns import LayersData, LayersResidual, LayersUnknowns, layers_scene
 
 _NEW_SIZE, _EXCHANGED_SIZE = 0.9, 0.35
-"""Circumradius of a new triangle in units of `_spacing`; and the additional factor for those of an
-exchange."""
+"""Typical circumradius of a new triangle, as a multiple of `LayersFit._spacing`; and a further
+factor for the new triangles of an exchange."""
 
 
 class _EarlierBest(NamedTuple):
@@ -61,6 +61,7 @@ class _EarlierBest(NamedTuple):
 class LayersFit(AbstractFit):
     """A fit of free triangles, flat or with corner colours, opaque or translucent.
 
+    - `height`, `width`: size of the fit in pixels.
     - `length`: number of triangles in the arrays, spare ones included. It is a size class, so that
       fits of nearby numbers of triangles share programs. A resumed fit has the saved length.
     """
@@ -108,7 +109,7 @@ class LayersFit(AbstractFit):
 
     @property
     def max_triangles(self) -> int:
-        """The option `triangles`."""
+        """Largest number of triangles in use at the end of the fit: the option `triangles`."""
         return self.request.settings["triangles"]
 
     def _initial_unknowns(self, start: str | Scene) -> tuple[LayersUnknowns, int]:
@@ -122,28 +123,31 @@ class LayersFit(AbstractFit):
         return self._padded(triangles), len(triangles.corners)
 
     def _padded(self, triangles: LayersStart) -> LayersUnknowns:
-        """Make unknowns of these triangles and of spare ones."""
+        """Make unknowns of `length` triangles: the given ones, then spare ones."""
         return padded_unknowns(
             triangles, self.length,
             max_edge_width=max(self._softness), translucent=self._translucent,
         )  # fmt: skip
 
     def _freeze(self, y: LayersUnknowns) -> None:
-        """Freeze what the options say, and colours of the palette, at their values in `y`."""
+        """Freeze what the options `freeze` and `palette` ask for, at the values in `y`.
+
+        Colours are frozen because of a palette only once triangles have its colours.
+        """
         if self.request.may_freeze:
             masks = frozen_fields(self.request, has_fixed_colors=self._is_quantized)
             self.data = self.data._replace(frozen=freeze(y, masks))
 
     def _with_frozen_values(self, y: LayersUnknowns) -> LayersUnknowns:
-        """The unknowns, with frozen entries at the values at which they were frozen."""
+        """Replace the frozen entries of `y` by the values at which they were frozen."""
         return with_frozen(y, self.data.frozen)
 
     def _spacing(self, count: int) -> float:
-        """Side, in pixels, of the square that each of `count` triangles has on average."""
+        """Side, in pixels, of a square whose area is the canvas's area divided by `count`."""
         return float(np.sqrt(self.height * self.width / max(count, 1)))
 
     def likely_scene(self) -> Scene:
-        """A scene of `max_triangles` random triangles, somewhat larger than new ones."""
+        """A scene of `max_triangles` random triangles, larger than new ones, and of spare ones."""
         count = self.max_triangles
         rng = np.random.default_rng(0)
         centers = rng.random((count, 2)) * [self.width, self.height]
@@ -153,7 +157,7 @@ class LayersFit(AbstractFit):
         return layers_scene(self._padded(triangles), self.data.background)
 
     def _plan(self, scenes: list[Scene]) -> Plan:
-        """Plan for soft coverage of any width that the fit will use."""
+        """Plan to draw any of these scenes with any width of soft edges that the fit will use."""
         return plan(
             scenes,
             height=self.height,
@@ -164,7 +168,10 @@ class LayersFit(AbstractFit):
 
     @property
     def _best(self) -> LayersUnknowns:
-        """The best unknowns so far, with the frozen ones at their values."""
+        """The unknowns with the least loss so far, with the frozen ones at their values.
+
+        If no loss is known yet, they are the present unknowns.
+        """
         loss = float(self.progress.best_loss)
         if self._earlier_best is not None and not self._earlier_best.loss > loss:
             return self._earlier_best.y
@@ -173,7 +180,10 @@ class LayersFit(AbstractFit):
         )
 
     def scene(self, *, padded: bool = False) -> Scene:
-        """The best scene so far; if `padded`, with its spare triangles, outside the canvas."""
+        """The scene with the least loss so far.
+
+        `padded`: keep the spare triangles, which lie outside the canvas.
+        """
         return self._scene_of(self._best, slice(None if padded else self.active))
 
     def current_scene(self) -> Scene:
@@ -181,7 +191,11 @@ class LayersFit(AbstractFit):
         return self._scene_of(self._with_frozen_values(self.progress.y), slice(self.active))
 
     def go_on_from(self, scene: Scene) -> None:
-        """Set the triangles in use and the background to those of `scene`."""
+        """Take the triangles and the background of `scene`, and forget the best so far.
+
+        Frozen unknowns keep their values. If triangles have colours of the palette by now, each
+        colour is replaced by the nearest of the palette.
+        """
         corners, colors = scene.positions[scene.triangles] / POSITION_UNIT, scene.colors[..., :3]
         if self._is_quantized and self._palette is not None:
             colors = in_palette(self._palette, colors)
@@ -201,13 +215,16 @@ class LayersFit(AbstractFit):
         self._go_to(y)
 
     def _go_to(self, y: LayersUnknowns) -> None:
-        """Go on from these unknowns, and forget the best so far."""
+        """Continue from the unknowns `y`, and forget the best so far."""
         self._earlier_best = None
         progress = move(self.request.solver, self.residual, self.progress, y, self.data)
         self.progress = forget_best(progress)
 
     def _scene_of(self, y: LayersUnknowns, triangles: slice) -> Scene:
-        """The scene of some of the triangles, in colours of the palette if there is one."""
+        """Make the scene of a slice of the triangles of `y`, clipped to the canvas's neighbourhood.
+
+        If there is a palette, the scene has its colours.
+        """
         y = jax.tree.map(lambda leaf: leaf[triangles], y)
         background = self.data.background
         if self._palette is not None and not self._is_quantized:
@@ -217,10 +234,9 @@ class LayersFit(AbstractFit):
         return layers_scene(y._replace(corners=self._near_canvas(y.corners)), background)
 
     def polish(self) -> None:
-        """Go to the best unknowns so far, with the colours of least squared error."""
+        """Replace the unknowns by the best so far, with the colours of least squared error."""
         y, loss = self._best, self.request.loss
-        # The current plan was made after the last exchange; it may be too small for best unknowns
-        # from before it.
+        # The best unknowns may be older than the last exchange, and outgrow the present plan.
         plan_for_best = self._plan([self.likely_scene(), layers_scene(y, self.data.background)])
         if not self.residual.plan.holds(plan_for_best):
             self.residual = LayersResidual(plan_for_best, loss)
@@ -228,14 +244,19 @@ class LayersFit(AbstractFit):
         self._go_to(y)
 
     def replan(self, reached: list[LayersUnknowns]) -> LayersResidual:
-        """Make a residual with capacity for these unknowns and for the likely scene."""
+        """Return a residual whose plan has capacity for the scenes of the unknowns in `reached`.
+
+        It also has capacity for the likely scene.
+        """
         scenes = [layers_scene(self._with_frozen_values(y), self.data.background) for y in reached]
         return LayersResidual(self._plan([self.likely_scene(), *scenes]), self.request.loss)
 
     def refine(self, share: float) -> None:
-        """Sharpen edges, lower the learning rate, add or exchange triangles, and quantize.
+        """Do what the schedule and the options ask for before a chunk of steps.
 
-        These are done in this order. `share`: how far the fit is, 0..1.
+        In this order: sharpen edges; lower the learning rate, and clip corners to the neighbourhood
+        of the canvas; add or exchange triangles; fit the background; assign colours of the palette.
+        `share`: share of the fit that is done, 0..1.
         """
         self._sharpen(share)
         if self.request.adjustable_rate:
@@ -252,7 +273,7 @@ class LayersFit(AbstractFit):
             self._quantize(self._palette)
 
     def _add_or_exchange(self, share: float) -> None:
-        """Add triangles until all are in use, and then exchange some when due."""
+        """Add triangles until `max_triangles` are in use; after that, exchange some when due."""
         max_triangles = self.max_triangles
         count = schedule.triangles_to_add(share, self.active, max_triangles)
         if count:
@@ -264,10 +285,10 @@ class LayersFit(AbstractFit):
             self._exchange(schedule.triangles_to_exchange(share, max_triangles))
 
     def retarget(self, target: Target, data: LayersData) -> None:
-        """Go on with another target of the same size, from the best unknowns so far.
+        """Begin a solve for another target of the same size, from the best unknowns so far.
 
-        - `target`: at the size of the fit.
-        - `data`: what the solver is to fit.
+        - `target`: at the size of the fit; the image is measured against it.
+        - `data`: the data for the solver, with the target and weights that it is to fit.
 
         From here on no triangle is added or exchanged.
         """
@@ -288,11 +309,11 @@ class LayersFit(AbstractFit):
             self._earlier_best, self.progress = None, forget_best(self.progress)
 
     def _near_canvas(self, corners: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Clip corners to the neighbourhood of the canvas."""
+        """Clip corners, in units of the unknowns, to the neighbourhood of the canvas."""
         return near_canvas(corners, self._overshoot, self.height, self.width)
 
     def _add(self, count: int) -> None:
-        """Put up to `count` new triangles in front, where they lower the error most."""
+        """Add up to `count` triangles in front, where they lower the squared error most."""
         circumradius = _NEW_SIZE * self._spacing(self.active + count)
         target = self.request.target.premultiplied()
         image, palette = premultiply(self.image), self._placing_palette
@@ -308,11 +329,11 @@ class LayersFit(AbstractFit):
 
     @property
     def _placing_palette(self) -> Palette | None:
-        """The colours that a new triangle may have; None: any."""
+        """The colours that a new triangle may have; None, for any, until colours are quantized."""
         return self._palette if self._is_quantized else None
 
     def _exchange(self, count: int) -> None:
-        """Move up to `count` triangles whose removal costs least to where they gain more."""
+        """Replace up to `count` triangles whose removal costs least by new ones that gain more."""
         replacement = find_exchange(
             self._rng, self._with_frozen_values(self.progress.y), premultiply(self.image),
             self.request.target.premultiplied(), self._background, count, active=self.active,
@@ -323,9 +344,9 @@ class LayersFit(AbstractFit):
             self._replace(replacement)
 
     def _replace(self, replacement: Replacement) -> None:
-        """Replace triangles by new ones.
+        """Carry out a replacement of triangles in the unknowns and in the solver's state.
 
-        The loss rises for a while afterwards, so the best point before it is remembered.
+        The loss rises for a while afterwards, so the best unknowns before it are remembered.
         """
         if np.isfinite(self.progress.best_loss):
             earlier_loss = np.inf if self._earlier_best is None else self._earlier_best.loss
@@ -342,9 +363,10 @@ class LayersFit(AbstractFit):
             self.progress = restarted._replace(steps=self.progress.steps)
 
     def _fit_background(self) -> None:
-        """Set the background to the colour of least squared error.
+        """Set the background to the colour that `palette.best_background` computes.
 
-        Losses with other colours are not comparable, so a change forgets the best so far.
+        Losses with different backgrounds are not comparable, so a change forgets the best so far. A
+        change below `palette.VISIBLE` is not made.
         """
         y, target = self._with_frozen_values(self.progress.y), self.request.target.premultiplied()
         data = self.data._replace(frozen=None)
@@ -356,10 +378,11 @@ class LayersFit(AbstractFit):
         self._go_to(y)
 
     def _quantize(self, palette: Palette) -> None:
-        """Assign a colour of the palette to each triangle.
+        """Assign a colour of the palette to each triangle, and freeze the colours.
 
-        The palette is re-estimated too, unless the user gave it. Losses with other colours are not
-        comparable, so a change forgets the best so far.
+        The palette is improved too, unless the user gave it. Losses with different frozen colours
+        are not comparable, so a change forgets the best so far. A change below `palette.VISIBLE` is
+        not made.
         """
         y = self._with_frozen_values(self.progress.y)
         quantized = quantize(
@@ -377,15 +400,15 @@ class LayersFit(AbstractFit):
         self._go_to(y)
 
     def family_state(self) -> dict[str, np.ndarray]:
-        """Random generator, background, edge width, and the best point before a replacement."""
+        """Return the arrays that `saved.pack` and `steered_state` make, by name."""
         earlier = self._earlier_best
         best = None if earlier is None else (earlier.loss, earlier.y)
         arrays = saved.pack(best, self._overshoot, self.data.width, self._background, self._rng)
         return arrays | steered_state(self._palette, self._is_quantized, self.data.frozen)
 
     def restore_family_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Restore what `family_state` saved."""
-        # The names in the file format keep their spelling.
+        """Restore what `family_state` saved, after the unknowns have been restored."""
+        # Names in the file format do not change when fields are renamed.
         self._background, self._overshoot = arrays["background"], float(arrays["beyond"])
         self.data = self.data._replace(
             background=to_device(self._background), width=to_device(arrays["width"])

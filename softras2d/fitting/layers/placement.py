@@ -1,7 +1,9 @@
-"""Where new triangles lower the error most, and what the removal of each existing one costs.
+"""Find where new triangles lower the error most, and what the removal of each existing one costs.
 
-Both are computed on the host with one sample per pixel. With such coverage the error with and
-without a triangle is known exactly, so that gains and costs can be compared.
+The error is the squared error of sRGB values, premultiplied if there is alpha, weighted and summed
+over pixels and channels. A gain is its fall, and a cost its rise. Both are computed on the host
+with one sample per pixel. With such coverage the error with and without a triangle is known
+exactly, so that gains and costs can be compared.
 """
 
 from typing import NamedTuple
@@ -17,19 +19,25 @@ from ..palette import Palette, nearest
 from ..target import Image, PixelMap, Target
 
 Corners = Float[np.ndarray, "triangles 3 2"]
+"""Corners of triangles, `(x, y)` in pixels of the fit."""
 
 _TRIES = 24
-"""Candidates drawn at random for each new triangle."""
+"""Number of candidates that are drawn at random for each new triangle."""
 
 _MAX_PAIRS = 2.0**21
 """Largest number of (candidate, pixel) pairs in memory at once; each takes some 100 bytes."""
 
 _ROUNDING = 1e-9
-"""Gains below this, in squared error per pixel of the image, may be rounding errors."""
+"""A gain below this times the number of pixels of the image may be a rounding error."""
 
 
 class NewTriangles(NamedTuple):
-    """New flat triangles: corners in pixels, colours, and by how much each lowers the error."""
+    """New flat triangles.
+
+    - `corners`: in pixels, of positive orientation.
+    - `colors`: RGB in 0..1.
+    - `gains`: by how much drawing each triangle alone lowers the squared error.
+    """
 
     corners: Corners
     colors: Float[np.ndarray, "triangles 3"]
@@ -47,12 +55,12 @@ def find_new_triangles(
 ) -> NewTriangles:
     """Find at most `count` opaque triangles to draw over `image`: the best of many random ones.
 
-    Candidates are drawn where the error is large, each in the mean colour of the target inside it.
-    The chosen ones hardly overlap, so that their gains add up. Fewer are returned, or none, if too
-    few gain anything.
+    Candidates are made where the squared error is large, each in the weighted mean colour of the
+    target inside it. The chosen ones hardly overlap, so that their gains add up. Fewer are
+    returned, or none, if too few gain anything.
 
-    - `image`, `target`: three channels, or four premultiplied ones, of which the last is alpha.
-    - `circumradius`: typical circumradius, in pixels.
+    - `image`, `target`: sRGB, or premultiplied sRGB with alpha as the fourth channel.
+    - `circumradius`: typical circumradius of a candidate, in pixels.
     - `palette`: the colours that a triangle may have; None: any.
     """
     height, width = image.shape[:2]
@@ -83,7 +91,8 @@ def random_triangles(
 ) -> Corners:
     """Make random triangles of positive orientation around the given centres.
 
-    They are equilateral with a circumradius near `circumradius`, rotated and stretched at random.
+    They are equilateral with a circumradius near `circumradius`, then rotated and stretched at
+    random, which keeps their areas. Centres and `circumradius` are in pixels.
     """
     count = len(centers)
     angle = rng.uniform(0, 2 * np.pi, (count, 1)) + 2 * np.pi / 3 * np.arange(3)
@@ -98,9 +107,9 @@ def random_triangles(
 
 
 def _blocks(corners: Corners, pixels: int) -> list[slice]:
-    """Split candidates into blocks that each cover about `_MAX_PAIRS` pixels.
+    """Split candidates into consecutive blocks that together cover about `_MAX_PAIRS` pixels each.
 
-    A candidate covers at most all `pixels` of the image.
+    `pixels`: number of pixels of the image, the most that a candidate covers.
     """
     area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     block = np.cumsum(np.minimum(area, pixels)) // _MAX_PAIRS
@@ -115,9 +124,13 @@ def _colors_and_gains(
     weights: PixelMap,
     palette: Palette | None,
 ) -> tuple[Float[np.ndarray, "triangles 3"], Float[np.ndarray, " triangles"]]:
-    """Compute each candidate's best colour, and by how much drawing it lowers the error.
+    """Compute each candidate's best RGB colour, and by how much it lowers the squared error.
 
-    `error`: the weighted squared error of each pixel before anything is drawn.
+    - `target`: premultiplied if there is alpha.
+    - `error`: the weighted squared error of each pixel, summed over channels, before anything is
+      drawn.
+    - `weights`: factor for the squared error of each pixel.
+    - `palette`: the colours to choose from; None: any.
     """
     height, width = error.shape
     pairs = soup_pixels(corners, height=height, width=width)
@@ -142,14 +155,15 @@ def removal_costs(
     target: Target,
     background: Float[np.ndarray, " channels"],
 ) -> Float[np.ndarray, " triangles"]:
-    """Compute by how much the squared error rises if one triangle is removed, for each triangle.
+    """Compute, for each triangle, by how much the squared error rises if it alone is removed.
 
     The cost of a hidden triangle is 0, and the cost of one that raises the error is below 0. Later
-    triangles lie in front. `target` and `background` are premultiplied.
+    triangles lie in front. Colours and opacities are in 0..1; `opacity` None: all are opaque.
+    `target` and `background` are premultiplied.
     """
     height, width, channels = target.image.shape
     pairs = soup_pixels(corners, height=height, width=width)
-    # The triangles at each pixel form a stack of fragments, sorted here from front to back.
+    # A fragment is a triangle at one pixel. The fragments of a pixel are sorted from front to back.
     order = np.lexsort((-pairs.triangle, pairs.pixel))
     triangle, pixel = pairs.triangle[order], pairs.pixel[order]
     alpha = np.ones(len(order)) if opacity is None else opacity[triangle]
@@ -158,7 +172,7 @@ def removal_costs(
         corner_colors = np.concatenate([corner_colors, np.ones((len(colors), 3, 1))], -1)
     color = np.einsum("cp,pck->pk", pairs.weights[:, order], corner_colors[triangle])
     rank = np.arange(len(order)) - np.searchsorted(pixel, pixel)
-    # Each layer has at most one fragment per pixel; layer 0 is the front of all stacks.
+    # Each layer has at most one fragment per pixel; layer 0 has the front fragment of each pixel.
     layers = [np.flatnonzero(rank == layer) for layer in range(int(rank.max(initial=-1)) + 1)]
     color_behind = np.empty_like(color)
     image = np.tile(background.astype(np.float64), (height * width, 1))
@@ -170,7 +184,7 @@ def removal_costs(
     for layer in layers:
         transmittance[layer] = pixel_transmittance[pixel[layer]]
         pixel_transmittance[pixel[layer]] *= 1 - alpha[layer]
-    # Removing the fragment lowers the pixel by `contribution`.
+    # Removing a fragment lowers the value of its pixel by `contribution`.
     contribution = (transmittance * alpha)[:, None] * (color - color_behind)
     residual = (image - target.image.reshape(-1, channels))[pixel]
     rise = (contribution * (contribution - 2 * residual)).sum(-1)
@@ -180,13 +194,14 @@ def removal_costs(
 
 
 def soup_pixels(corners: Corners, *, height: int, width: int) -> PixelWeights:
-    """Find the pixel centres in each triangle, of either orientation.
+    """Find the pixel centres in each triangle, of either orientation; triangles may overlap.
 
-    A triangle without area, or with a corner that is not finite, has none.
+    A triangle without area, or with a corner that is not finite, has none. The barycentric weights
+    are in the order of the given corners.
     """
     area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     is_usable = np.isfinite(area) & (np.abs(area) > 1e-6)
-    # The others are replaced by a triangle outside the canvas, which covers no pixel centre.
+    # Unusable triangles are replaced by one outside the canvas, which covers no pixel centre.
     outside = np.array([[-3.0, -3.0], [-2.0, -3.0], [-3.0, -2.0]])
     corners = np.where(is_usable[:, None, None], corners, outside).astype(np.float64)
     index = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)

@@ -20,11 +20,12 @@ def pack(
 ) -> dict[str, np.ndarray]:
     """Make the entries, which are arrays by name.
 
-    - `kept`, `kept.0`, ...: loss and unknowns of `best`, the best before triangles were replaced.
-    - `beyond`: `overshoot`, the distance by which corners may leave the canvas, in longer sides.
-    - `width`: the width of soft edges, in pixels.
-    - `background`: the colour of the background.
-    - `random`: the state of the random generator, as JSON.
+    - `kept`, `kept.0`, ...: loss and unknowns of `best`, the best before triangles were last
+      replaced. They are absent if `best` is None.
+    - `beyond`: `overshoot`, as in `canvas.near_canvas`.
+    - `width`: the width of soft edges, in pixels of the fit.
+    - `background`: the colour of the background, with straight alpha.
+    - `random`: the state of the random generator `rng`, as JSON.
     """
     arrays: dict[str, np.ndarray] = {}
     if best is not None:
@@ -42,7 +43,10 @@ def pack(
 def unpack_best(
     y: LayersUnknowns, arrays: dict[str, np.ndarray]
 ) -> tuple[float, LayersUnknowns] | None:
-    """Read the `best` that `pack` was given; its arrays must have the shapes of `y`."""
+    """Read the loss and unknowns that `pack` was given as `best`; None if there are none.
+
+    Raises `ValueError` unless the arrays have the shapes and types of the arrays in `y`.
+    """
     if "kept" not in arrays:
         return None
     return float(arrays["kept"]), fill_tree(y, "kept", arrays)
@@ -54,14 +58,18 @@ def restore_generator(rng: np.random.Generator, arrays: dict[str, np.ndarray]) -
 
 
 def length_of(arrays: dict[str, Any]) -> int:
-    """Number of triangles in the arrays of a saved fit."""
+    """Number of triangles in the arrays of a saved fit, spare ones included."""
     return len(arrays["solve.0"])
 
 
 def check_layers_state(
     entries: Entries, settings: dict[str, Any], size: Size, active: int
 ) -> list[tuple[int, ...]]:
-    """Check the entries and return the shapes of the unknowns; raise `ValueError` for a fault."""
+    """Check the entries that `pack` made; raise `ValueError` for a fault.
+
+    Returns the shapes of the arrays of `LayersUnknowns`, in order. See `Family.check_state` for the
+    arguments.
+    """
     corners = 1 if settings["shading"] == "flat" else 3
     count = settings["triangles"]
     # In early files the arrays have this length; in later ones it is rounded up to a size class.

@@ -1,7 +1,7 @@
-"""Arrays of one length for the whole fit: triangles in use first, then spare ones.
+"""Make the arrays of a fit, whose length never changes: triangles in use first, then spare ones.
 
-Spare triangles are not in use yet. They lie so far outside the canvas that no soft edge reaches
-it, and cost almost nothing.
+Spare triangles are not in use yet. They lie so far outside the canvas that their soft edges do not
+reach it, and cost almost nothing.
 """
 
 import numpy as np
@@ -12,14 +12,14 @@ from .start import LayersStart
 from .unknowns import LayersUnknowns
 
 _SPARE_PIXELS, _SPARE_WIDTHS = -16.0, -4.0
-"""Both coordinates of the corners of spare triangles are `_SPARE_PIXELS + _SPARE_WIDTHS * width`
-pixels, with the largest width of a soft edge."""
+"""Both coordinates of the corners of spare triangles, in pixels, are
+`_SPARE_PIXELS + _SPARE_WIDTHS * width` with the largest width of soft edges in the fit."""
 
 
 def padded_unknowns(
     triangles: LayersStart, length: int, *, max_edge_width: float, translucent: bool
 ) -> LayersUnknowns:
-    """Make unknowns of `length` triangles: those in use, and spare ones behind them in the arrays.
+    """Make unknowns of `length` triangles: those in use, followed by spare ones in the arrays.
 
     - `max_edge_width`: the largest width of a soft edge in the fit, in pixels.
     - `translucent`: whether the triangles have an opacity.

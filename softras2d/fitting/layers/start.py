@@ -16,7 +16,12 @@ _OPACITY = 0.8
 
 
 class LayersStart(NamedTuple):
-    """The triangles in use at the start, which may be none, with corners in pixels of the fit."""
+    """The triangles in use at the start, which may be none.
+
+    - `corners`: in pixels of the fit.
+    - `colors`: in 0..1; one for each triangle (flat), or one for each of its corners.
+    - `opacity`: in 0..1.
+    """
 
     corners: Float[np.ndarray, "triangles 3 2"]
     colors: Float[np.ndarray, "triangles 1_or_3 3"]
@@ -33,10 +38,14 @@ def start_of(
     translucent: bool,
     circumradius: float,
 ) -> LayersStart:
-    """Make at most `triangles` triangles to start from.
+    """Make at most `triangles` triangles to start from; none for the start `"error"`.
 
-    `circumradius`: that of a typical triangle of a `"uniform"` start, in pixels. Raises
-    `ValueError` for an unknown word, and for a scene that cannot be fitted.
+    - `start`: the option `start`; a scene in pixels of the fit.
+    - `gouraud`: whether triangles have one colour per corner, or else one colour.
+    - `translucent`: whether the opacity of triangles is fitted. If not, a scene must be opaque.
+    - `circumradius`: typical circumradius of the triangles of a `"uniform"` start, in pixels.
+
+    Raises `ValueError` for an unknown name, and for a scene that cannot be fitted.
     """
     if isinstance(start, Scene):
         return _from_scene(start, triangles, gouraud, translucent)
@@ -60,9 +69,10 @@ def background_of(
 ) -> Float[np.ndarray, " channels"]:
     """Background at the start of the fit, with as many channels as the target.
 
-    The option `background` may be a colour, or `"transparent"`. Otherwise the background is that of
-    the scene to start from, if one is given, or else the mean colour of the target, or transparent
-    for a target with alpha. Raises `ValueError` for `"fit"` and a target with alpha.
+    `option` is the option `background`: a colour, or `"transparent"`, is the background itself. For
+    `"mean"` and `"fit"`, a scene to start from gives its background. Without such a scene, the
+    background is transparent for a target with alpha, or else the weighted mean colour of the
+    target. Raises `ValueError` for `"fit"` and a target with alpha.
     """
     channels = target.image.shape[-1]
     if isinstance(option, list):
@@ -86,7 +96,10 @@ def background_of(
 def _random(
     target: Target, rng: np.random.Generator, triangles: int, circumradius: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Make random triangles, each in the colour of the pixel at its centre."""
+    """Make random triangles, each in the colour of the pixel at its centre.
+
+    Returns their corners, in pixels, and one colour for each.
+    """
     height, width = target.image.shape[:2]
     centers = rng.random((triangles, 2)) * [width, height]
     corners = random_triangles(rng, centers, circumradius)
@@ -97,7 +110,10 @@ def _random(
 def _delaunay(
     target: Target, rng: np.random.Generator, triangles: int, gouraud: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Make the triangles of a Delaunay mesh, with the colours of least squared error."""
+    """Make the triangles of a Delaunay mesh, with the colours of least squared error.
+
+    Returns their corners, in pixels, and one or (`gouraud`) three colours for each.
+    """
     # A mesh of v vertices has 2 v - 6 triangles at most: when only four lie on the border.
     vertices = max(4, (triangles + 6) // 2)
     seed = int(rng.integers(2**31))
@@ -110,9 +126,10 @@ def _delaunay(
 
 
 def _from_scene(scene: Scene, triangles: int, gouraud: bool, translucent: bool) -> LayersStart:
-    """Take the triangles of a scene.
+    """Take the triangles of a scene, whose opacity is the mean alpha of their corners.
 
-    Raises `ValueError` if they are too many, or have a property that is not fitted.
+    Raises `ValueError` if there are more than `triangles`, or if they have a property that is not
+    fitted.
     """
     count = scene.triangles.shape[0]
     if count > triangles:
@@ -132,7 +149,10 @@ def _from_scene(scene: Scene, triangles: int, gouraud: bool, translucent: bool) 
 
 
 def _for_shading(colors: np.ndarray, gouraud: bool) -> np.ndarray:
-    """Convert to one colour per corner for Gouraud shading, else to the mean of each triangle."""
+    """Convert colours, one or three per triangle, to three for Gouraud shading, or else to one.
+
+    The one colour is the mean of the three.
+    """
     if gouraud:
         return np.broadcast_to(colors, (len(colors), 3, 3))
     return colors.mean(1, keepdims=True)

@@ -7,13 +7,14 @@ from ..family import FitRequest
 from ..frozen import Mask
 
 _FIELDS = {"positions": "corners", "colors": "colors", "opacity": "opacity"}
-"""The field of the unknowns for each group of the option `freeze` that is frozen as a whole."""
+"""For each name in the option `freeze` that freezes a whole field of the unknowns, that field."""
 
 
 def frozen_fields(request: FitRequest, *, has_fixed_colors: bool) -> dict[str, bool | Mask]:
-    """Fields of the unknowns that are frozen: True for a whole field, or the frozen triangles.
+    """Return which unknowns are frozen, by field of `LayersUnknowns`, as `frozen.freeze` takes it.
 
-    `has_fixed_colors`: whether the palette decides the colours, so that the solver must not.
+    A frozen field has True, and a field in which some triangles are frozen has their mask.
+    `has_fixed_colors`: whether all colours are frozen, because the palette decides them.
     """
     groups, triangles = request.settings["freeze"], request.masks.get("triangles")
     fields: dict[str, bool | Mask] = {}
@@ -26,10 +27,11 @@ def frozen_fields(request: FitRequest, *, has_fixed_colors: bool) -> dict[str, b
 
 
 def has_palette_background(request: FitRequest, background: Float[np.ndarray, " channels"]) -> bool:
-    """Whether the background has a colour of the palette, too.
+    """Whether the background gets a colour of the palette.
 
-    It has if the fit chooses it. A colour that the user gave, that of a scene to start from, and a
-    transparent background stay as they are.
+    It does if there is a palette and the fit chooses the background. A colour that the user gave,
+    the background of a scene to start from, and a transparent background stay as they are.
+    `background`: the present one.
     """
     setting = request.settings["background"]
     is_given = setting != "fit" and request.starts_from_object

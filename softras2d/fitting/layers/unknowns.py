@@ -1,4 +1,4 @@
-"""The unknowns of free triangles, the scene that they make, and its residual."""
+"""The unknowns of a fit of layers, the scene that they make, and its residual."""
 
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from ..units import POSITION_UNIT, clip_straight_through
 class LayersUnknowns(NamedTuple):
     """The arrays that the solver changes, in units in which equal steps have about equal effects.
 
-    - `corners`: in units of `POSITION_UNIT` pixels.
+    - `corners`: positions in pixels of the fit, divided by `POSITION_UNIT`.
     - `colors`: one per triangle, or one per corner; drawn clipped to 0..1.
     - `opacity`: one per triangle, drawn clipped to 0..1; None: all are opaque.
     """
@@ -28,7 +28,7 @@ class LayersUnknowns(NamedTuple):
 
 
 def layers_of(leaves: list[Any]) -> LayersUnknowns:
-    """Make the unknowns from two leaves (opaque triangles) or three (translucent ones)."""
+    """Make the unknowns from their leaves: two for opaque triangles, three for translucent ones."""
     corners, colors, *opacity = leaves
     return LayersUnknowns(corners, colors, opacity[0] if opacity else None)
 
@@ -36,10 +36,10 @@ def layers_of(leaves: list[Any]) -> LayersUnknowns:
 class LayersData(NamedTuple):
     """Arrays that may change between chunks without compiling again.
 
-    - `target`: the image as `Loss.prepare` gives it.
-    - `weights`: weight of the error of each pixel; None: all are 1.
+    - `target`: the target at the size of the fit, as `Loss.prepare` returns it.
+    - `weights`: factor for the squared or absolute error of each pixel; None: all are 1.
     - `background`: colour behind all triangles, with straight alpha.
-    - `width`: width of the soft edges, in pixels.
+    - `width`: width of the soft edges, in pixels of the fit.
     - `frozen`: unknowns that the solver does not change; None: it changes all.
     """
 
@@ -51,7 +51,7 @@ class LayersData(NamedTuple):
 
 
 def layers_scene(y: LayersUnknowns, background: Float[Array, " channels"]) -> Scene:
-    """Make the scene of the unknowns, in pixels of the fit."""
+    """Make the scene of the unknowns, in pixels of the fit, with their triangles in their order."""
     count = y.corners.shape[0]
     colors = clip_straight_through(y.colors)
     if y.opacity is not None:
@@ -63,7 +63,11 @@ def layers_scene(y: LayersUnknowns, background: Float[Array, " channels"]) -> Sc
 
 
 class LayersResidual(eqx.Module):
-    """Map unknowns and data to the residual, the image, and whether the scene outgrew its plan."""
+    """Maps unknowns and data to the residual or loss, the image, and whether it outgrew the plan.
+
+    - `plan`: for the size of the fit, with soft coverage. `LayersData.width` replaces its width.
+    - `loss`: the error of the image, as a residual or a scalar.
+    """
 
     plan: Plan
     loss: Loss

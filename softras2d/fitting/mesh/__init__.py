@@ -1,1 +1,1 @@
-"""This family of fits has triangles that share vertices and tile the canvas without gaps."""
+"""The fit family `mesh`: triangles that share vertices and tile the canvas without gaps."""

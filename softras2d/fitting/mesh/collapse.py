@@ -1,4 +1,4 @@
-"""Collapse the vertices whose removal raises the error least, each onto one of its neighbours."""
+"""Remove the vertices that a mesh needs least, by collapsing each onto one of its neighbours."""
 
 from typing import NamedTuple
 
@@ -13,22 +13,23 @@ from .pixel_weights import pixel_weights
 from .triangulation import Mesh, greedy_disjoint, is_bound, make_mesh, signed_areas
 
 LEAST_AREA = 0.5
-"""Least area of a triangle that a collapse changes, in square pixels."""
+"""Least area, after a collapse, of the triangles that it changes, in square pixels."""
 
 _EXAMINED = 3
-"""Candidates, per vertex to be removed, whose exact cost is computed from their pixels."""
+"""Number of candidates for each vertex to be removed whose exact cost is computed."""
 
 
 class Collapses(NamedTuple):
     """Candidate collapses, each of which moves a vertex onto a neighbour and thereby removes it.
 
-    The triangles around each vertex are listed as entries, sorted by candidate. Those that also
-    contain the neighbour vanish; the others are changed.
+    There is one entry for each pair of a candidate and a triangle around its vertex. Entries are
+    sorted by candidate. Triangles that also contain the neighbour vanish; the others are changed.
 
-    - `vertex`, `neighbor`: the vertex that each candidate removes, and where it goes.
-    - `candidate`, `triangle`: the candidate of each entry, and the index of its triangle.
-    - `changed`: the triangle's vertices after the collapse.
-    - `remains`: whether the triangle does not vanish.
+    - `vertex`, `neighbor`: the vertex that each candidate removes, and the vertex that it is moved
+      onto.
+    - `candidate`, `triangle`: index of the candidate and of the triangle of each entry.
+    - `changed`: the three vertices of the entry's triangle after the collapse.
+    - `remains`: whether the entry's triangle remains, rather than vanishes.
     """
 
     vertex: Int[np.ndarray, " candidates"]
@@ -39,7 +40,7 @@ class Collapses(NamedTuple):
     remains: Bool[np.ndarray, " entries"]
 
     def take(self, chosen: Int[np.ndarray, " chosen"]) -> "Collapses":
-        """Keep only the chosen candidates, in the order of `chosen`."""
+        """Return the candidates with the indices in `chosen`, in this order."""
         rank = np.full(len(self.vertex), -1)
         rank[chosen] = np.arange(len(chosen))
         entries = np.flatnonzero(rank[self.candidate] >= 0)
@@ -56,7 +57,7 @@ class Collapses(NamedTuple):
     def sum_by_candidate(
         self, values: Float[np.ndarray, " entries"] | Bool[np.ndarray, " entries"]
     ) -> Float[np.ndarray, " candidates"]:
-        """Sum a value of each entry over the entries of each candidate."""
+        """Sum `values`, one for each entry, over the entries of each candidate."""
         # Without entries, `bincount` would give integers.
         return np.bincount(self.candidate, values, len(self.vertex)).astype(np.float64)
 
@@ -71,10 +72,14 @@ def collapse(
 ) -> Mesh:
     """Remove up to `count` vertices, those whose removal raises the squared error least.
 
-    The corners of the canvas stay, and vertices on a side move along it. No two of the removed
-    vertices share a triangle. Only the candidates with the least estimated cost (see
-    `_estimated_costs`) are examined exactly. Their cost is the rise in squared error over the
-    changed triangles, with the colours of other vertices fixed if there is one colour per vertex.
+    The squared error is weighted and summed over pixels and channels. The corners of the canvas
+    stay, and a vertex on a side is moved along that side. No two removed vertices share a triangle.
+    Exact costs are computed only for the candidates with the least estimated cost (see
+    `_estimated_costs` and `_exact_costs`). Fewer vertices are removed if there are too few allowed
+    collapses.
+
+    - `model`: the colour model whose squared error counts.
+    - `least_area`: least area of a changed triangle, in square pixels.
 
     **Source:** Hoppe et al., *Mesh optimization* (1993), for the half-edge collapse.
     """
@@ -125,7 +130,10 @@ def _candidates(mesh: Mesh, least_area: float) -> Collapses:
 def _rank_in_group(
     sizes: Int[np.ndarray, " groups"],
 ) -> tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]:
-    """For the entries of consecutive groups: the group of each, and its rank within the group."""
+    """Number the entries of consecutive groups of the given sizes.
+
+    Returns the group of each entry, and its rank within the group, from 0.
+    """
     group = np.repeat(np.arange(len(sizes)), sizes)
     return group, np.arange(len(group)) - (np.cumsum(sizes) - sizes)[group]
 
@@ -133,7 +141,7 @@ def _rank_in_group(
 def _vertex_colors(
     mesh: Mesh, target: Target, evaluation: Evaluation
 ) -> Float[np.ndarray, "vertices channels"]:
-    """One colour per vertex, whichever colour model was evaluated."""
+    """Return one colour per vertex, of least squared error, for any evaluated colour model."""
     if evaluation.model == "vertex":
         return evaluation.colors
     return solve_from_moments(mesh, target.image, evaluation.moments, "vertex")
@@ -142,10 +150,11 @@ def _vertex_colors(
 def _estimated_costs(
     mesh: Mesh, collapses: Collapses, vertex_colors: Float[np.ndarray, "vertices channels"]
 ) -> Float[np.ndarray, " candidates"]:
-    """Estimate the cost of each collapse from the change of colour at the removed vertex.
+    """Estimate the rise in squared error of each collapse from the colour at the removed vertex.
 
     The squared difference between the vertex's colour and the colour interpolated there after the
-    collapse is multiplied by the integral of the squared hat function of the vertex.
+    collapse is multiplied by the integral of the squared hat function of the vertex, which is 1 at
+    the vertex and falls linearly to 0 at its neighbours.
     """
     positions = mesh.positions
     a, b, c = positions[collapses.changed].transpose(1, 0, 2)
@@ -153,8 +162,8 @@ def _estimated_costs(
     to_a, to_b, to_c = a - removed, b - removed, c - removed
     sub_areas = np.stack([cross(to_b, to_c), cross(to_c, to_a), cross(to_a, to_b)])
     insideness = np.where(collapses.remains, sub_areas.min(0), -np.inf)
-    # The last entry of each candidate is the triangle that contains the removed vertex, or is
-    # nearest to containing it.
+    # In this order, the last entry of each candidate is the triangle that contains the removed
+    # vertex, or is nearest to containing it.
     order = np.lexsort((insideness, collapses.candidate))
     last = order[np.flatnonzero(np.diff(collapses.candidate[order], append=-1))]
     weights = np.maximum(sub_areas[:, last], 0.0)
@@ -162,14 +171,18 @@ def _estimated_costs(
     color = np.einsum("in,nic->nc", weights, vertex_colors[collapses.changed[last]])
     areas = signed_areas(positions, mesh.triangles)[collapses.triangle]
     change = ((color - vertex_colors[collapses.vertex]) ** 2).sum(1)
-    # The integral of a squared hat function is a sixth of the area below it.
+    # The integral of a squared hat function is a sixth of the area where it is above 0.
     return change * collapses.sum_by_candidate(areas) / 6
 
 
 def _exact_costs(
     mesh: Mesh, target: Target, evaluation: Evaluation, collapses: Collapses
 ) -> Float[np.ndarray, " candidates"]:
-    """Rise in squared error of each collapse."""
+    """Rise in squared error of each collapse, summed over the triangles around its vertex.
+
+    With one colour per vertex, all colours stay fixed. With the other models, the colours of the
+    changed triangles are solved anew.
+    """
     changed = collapses.changed[collapses.remains]
     pairs = pixel_weights(mesh.positions, changed, height=mesh.height, width=mesh.width)
     moments = color_moments(pairs, *target_at_pairs(pairs, target))
@@ -185,7 +198,7 @@ def _exact_costs(
 
 
 def _changed_triangles(collapses: Collapses) -> Int[np.ndarray, "candidates degree"]:
-    """The triangles around each candidate's vertex, padded by -1."""
+    """List the triangles around each candidate's vertex, one row for each, padded with -1."""
     degree = np.bincount(collapses.candidate, minlength=len(collapses.vertex))
     _, rank = _rank_in_group(degree)
     table = np.full((len(collapses.vertex), degree.max(initial=1)), -1)
@@ -194,7 +207,7 @@ def _changed_triangles(collapses: Collapses) -> Int[np.ndarray, "candidates degr
 
 
 def _apply(mesh: Mesh, collapses: Collapses) -> Mesh:
-    """Carry out all of these collapses, no two of which change the same triangle."""
+    """Carry out all of these collapses; no two of them may change the same triangle."""
     unchanged = np.delete(mesh.triangles, collapses.triangle, axis=0)
     triangles = np.concatenate([unchanged, collapses.changed[collapses.remains]])
     stays: Bool[np.ndarray, " vertices"] = np.ones(len(mesh.positions), bool)

@@ -1,8 +1,11 @@
-"""Least-squares colours of a mesh, and the image that they make at the pixel centres.
+"""Colours of a mesh by least squares, and the image that they make at the pixel centres.
 
 There are three colour models: one colour per vertex (`"vertex"`, continuous across edges), one per
-triangle (`"triangle"`), and one per corner of each triangle (`"linear"`, a plane per triangle and
-channel). A pixel of the image has the colour at its centre.
+triangle (`"triangle"`), and one per corner of each triangle (`"linear"`, in which each channel is a
+linear function of position in each triangle). A pixel of the image has the colour at its centre.
+
+In all modules of this folder, the squared error is computed from sRGB values, multiplied by the
+weights of the pixels, and summed over pixels and channels.
 """
 
 from typing import Literal, NamedTuple
@@ -17,24 +20,29 @@ from .pixel_weights import PixelWeights, pixel_weights
 from .triangulation import Mesh, Triangles
 
 ColorModel = Literal["vertex", "triangle", "linear"]
+"""Which vertices or triangles share a colour; see the module."""
+
 Colors = Float[np.ndarray, "..."]
 """Colours of a model: `[vertices, channels]`, `[triangles, channels]` or `[triangles, 3, channels]`
 for `"vertex"`, `"triangle"` and `"linear"`."""
 CornerColors = Float[np.ndarray, "triangles 3 channels"]
+"""One colour for each corner of each triangle."""
 
 RIDGE = 1e-4
-"""Weight, in pixels, of an initial guess of each colour. The guess decides the colours that no
-pixel decides."""
+"""Weight of an initial guess of each colour, relative to the weight 1 of a pixel.
+
+The guess decides the colours that the pixels leave open."""
 
 
 class Moments(NamedTuple):
-    """Sums over the pixels of each triangle, from which least squares computes colours and errors.
+    """Sums over the pixels of each triangle, from which colours and squared errors are computed.
 
-    With weights w per corner and target t, all scaled by the weight of the pixel's error:
+    Let w be the three barycentric weights of a pixel centre, t the target's channels there, and e
+    the weight of the pixel's error.
 
-    - `matrix`: sums of w w^T.
-    - `rhs`: sums of w t^T, the right-hand side of the normal equations.
-    - `square`: sums of t^2, over all channels.
+    - `matrix`: sums of e w w^T.
+    - `rhs`: sums of e w t^T, the right-hand side of the normal equations.
+    - `square`: sums of e t^2, over all channels.
     """
 
     matrix: Float[np.ndarray, "triangles 3 3"]
@@ -47,7 +55,11 @@ def color_moments(
     values: Float[np.ndarray, "channels pairs"],
     error_weights: Float[np.ndarray, " pairs"] | None = None,
 ) -> Moments:
-    """Moments of the target's `values` at each pair's pixel; `error_weights` None: all are 1."""
+    """Compute the moments of each triangle.
+
+    `values`, `error_weights`: the target and the weight of the error at each pair's pixel, as
+    `target_at_pairs` returns them; `error_weights` None: all are 1.
+    """
     w = pairs.weights
     scaled = w if error_weights is None else w * error_weights
     matrix = np.empty((pairs.triangle_count, 3, 3))
@@ -61,10 +73,10 @@ def color_moments(
 
 
 def solve_colors(mesh: Mesh, target: Target, *, model: ColorModel = "vertex") -> Colors:
-    """Colours of least squared error at the pixel centres; they are not clipped to 0..1.
+    """Compute the colours of least squared error at the pixel centres, not clipped to 0..1.
 
-    Where the pixels do not decide, a vertex takes the colour of the pixel under it, and a triangle
-    becomes flat.
+    Where the pixels leave colours open, a vertex takes the colour of the pixel under it, and a
+    triangle becomes flat.
     """
     pairs = mesh_pixels(mesh)
     moments = color_moments(pairs, *target_at_pairs(pairs, target))
@@ -79,7 +91,7 @@ def mesh_pixels(mesh: Mesh) -> PixelWeights:
 def target_at_pairs(
     pairs: PixelWeights, target: Target
 ) -> tuple[Float[np.ndarray, "channels pairs"], Float[np.ndarray, " pairs"] | None]:
-    """Gather the image and the error weight at each pair's pixel."""
+    """Gather the target's image and weight at each pair's pixel; no weights give None."""
     image, weights = target
     values = image.reshape(-1, image.shape[2]).T.astype(np.float64)[:, pairs.pixel]
     if weights is None:
@@ -88,13 +100,16 @@ def target_at_pairs(
 
 
 def solve_from_moments(mesh: Mesh, image: Image, moments: Moments, model: ColorModel) -> Colors:
-    """Solve for colours as `solve_colors` does, from the moments of each triangle."""
+    """Solve for colours as `solve_colors` does, from the moments of each triangle.
+
+    `image`: the target, whose pixels are the initial guess.
+    """
     if model == "vertex":
         guess = _pixels_at(image, mesh.positions)
         rhs = _sum_by_vertex(mesh.triangles, moments.rhs, len(mesh.positions)) + RIDGE * guess
         return splu(normal_matrix(mesh, moments), permc_spec="MMD_AT_PLUS_A").solve(rhs)
     guess = _pixels_at(image, mesh.positions[mesh.triangles].mean(1))
-    # The weights of a pixel sum to one, so the sums over corners are those of a flat triangle.
+    # The weights of a pixel sum to 1, so sums over corners are the moments of a flat triangle.
     total = moments.rhs.sum(1) + RIDGE * guess
     mean = total / (moments.matrix.sum((1, 2)) + RIDGE)[:, None]
     return mean if model == "triangle" else solve_planes(moments, mean)
@@ -103,16 +118,20 @@ def solve_from_moments(mesh: Mesh, image: Image, moments: Moments, model: ColorM
 def solve_planes(
     moments: Moments, mean: Float[np.ndarray, "triangles channels"]
 ) -> Float[np.ndarray, "triangles 3 channels"]:
-    """Solve for the corner colours of each triangle alone.
+    """Solve for the three corner colours of each triangle independently.
 
-    Where the pixels do not decide, the triangle has the colour `mean` throughout.
+    `mean`: the initial guess for all corners of each triangle, which holds where the pixels leave
+    colours open.
     """
     matrix = moments.matrix + RIDGE * np.eye(3)
     return np.linalg.solve(matrix, moments.rhs + RIDGE * mean[:, None])
 
 
 def normal_matrix(mesh: Mesh, moments: Moments) -> csc_array:
-    """Matrix of the normal equations of one colour per vertex, `[vertices, vertices]`."""
+    """Assemble the matrix of the normal equations for one colour per vertex.
+
+    It is `[vertices, vertices]`, and includes the weight of the initial guess.
+    """
     count, triangles = len(mesh.positions), mesh.triangles
     vertices = np.arange(count)
     rows = np.concatenate([np.repeat(triangles, 3, axis=1).ravel(), vertices])
@@ -124,7 +143,7 @@ def normal_matrix(mesh: Mesh, moments: Moments) -> csc_array:
 def _sum_by_vertex(
     triangles: Triangles, values: CornerColors, count: int
 ) -> Float[np.ndarray, "vertices channels"]:
-    """Sum a value of each corner over the triangles around each of `count` vertices."""
+    """Sum `values`, one for each corner, over the triangles around each of `count` vertices."""
     channels = values.reshape(-1, values.shape[-1]).T
     return np.stack([np.bincount(triangles.ravel(), channel, count) for channel in channels], 1)
 

@@ -14,8 +14,9 @@ _LEAST_AREA = 0.5
 """Least area of a triangle that a flip makes, in square pixels."""
 
 _RELATIVE_GAIN = 1e-6
-"""Least gain of a flip, as a share of the mean squared error of a pixel. A smaller one may be
-rounding, and flips could go in circles."""
+"""Least drop in squared error by a flip, as a fraction of the mean squared error of a pixel.
+
+A smaller drop may be rounding, and flips could go in circles."""
 
 
 _MAX_ROUNDS = 1000
@@ -45,10 +46,13 @@ def flip_edges(
     model: ColorModel = "vertex",
     rounds: int = 4,
 ) -> Mesh:
-    """Flip edges where that lowers the squared error with the colours there solved anew.
+    """Flip edges where that lowers the squared error.
 
-    A round flips edges that share no triangle, the best first. All colours are solved for again
-    before each round.
+    A round solves for all colours, and then flips edges, no two of which share a triangle. Edges
+    with a larger gain (see `flip_gains`) come first.
+
+    - `model`: the colour model whose squared error counts.
+    - `rounds`: largest number of rounds. Rounds end earlier if no flip lowers the error.
     """
     for _ in range(rounds):
         edges = flippable_edges(mesh, _LEAST_AREA)
@@ -65,7 +69,10 @@ def flip_edges(
 
 
 def flippable_edges(mesh: Mesh, least_area: float) -> Edges:
-    """Find the inner edges whose flip makes both triangles larger than `least_area`."""
+    """Find the inner edges whose flip leaves both triangles with more than `least_area`.
+
+    The area is in square pixels. A triangle that would be flipped has a negative area.
+    """
     edges = find_edges(mesh.triangles)
     edges = Edges(*(field[edges.sides[:, 1] >= 0] for field in edges))
     positions = mesh.positions
@@ -79,13 +86,16 @@ def flippable_edges(mesh: Mesh, least_area: float) -> Edges:
 def _flipped_triangles(
     edges: Edges,
 ) -> tuple[Int[np.ndarray, "edges 3"], Int[np.ndarray, "edges 3"]]:
-    """The two triangles after each flip: (a, b, c) and (b, a, d) become (c, a, d) and (d, b, c)."""
+    """Return the two triangles after each flip, as vertex indices.
+
+    The triangles (a, b, c) and (b, a, d) become (c, a, d) and (d, b, c).
+    """
     (a, b), (c, d) = edges.ends.T, edges.apexes.T
     return np.stack([c, a, d], 1), np.stack([d, b, c], 1)
 
 
 def flip(mesh: Mesh, edges: Edges, chosen: Int[np.ndarray, " chosen"]) -> Mesh:
-    """Flip the chosen edges, no two of which may share a triangle."""
+    """Flip the edges with the indices in `chosen`, no two of which may share a triangle."""
     triangles = mesh.triangles.copy()
     for side, flipped in enumerate(_flipped_triangles(edges)):
         triangles[edges.sides[chosen, side]] = flipped[chosen]
@@ -107,7 +117,11 @@ def _angle_excess(mesh: Mesh, edges: Edges) -> Float[np.ndarray, " edges"]:
 def flip_gains(
     mesh: Mesh, target: Target, evaluation: Evaluation, edges: Edges
 ) -> Float[np.ndarray, " edges"]:
-    """Drop in squared error if an edge alone is flipped, for each edge."""
+    """Drop in squared error, for each edge, if it alone is flipped.
+
+    After the flip, the colours of the two triangles are solved anew; with one colour per vertex,
+    the colours of their four vertices. All other colours stay.
+    """
     flipped = np.concatenate(_flipped_triangles(edges))
     pairs = pixel_weights(mesh.positions, flipped, height=mesh.height, width=mesh.width)
     moments = color_moments(pairs, *target_at_pairs(pairs, target))
@@ -120,14 +134,16 @@ def flip_gains(
 def _vertex_color_gains(
     mesh: Mesh, edges: Edges, before: Evaluation, moments_after: Moments
 ) -> Float[np.ndarray, " edges"]:
-    """Exact drop in squared error if only the colours of the quad's four corners are solved anew.
+    """Drop in squared error by each flip, with the colours of the quad's four corners solved anew.
 
-    Let g and H be the gradient and the second derivative, by these colours, of half the error after
-    the flip. The new colours lower the error by g^T H^-1 g below what the flip alone makes it.
-    Before the flip the gradient over all triangles is 0. So g follows from the two triangles of the
-    quad alone: their gradients before the flip are subtracted, and those after it are added.
+    The quad is the two triangles beside the edge. Let g and H be the gradient and the second
+    derivative, with respect to the four colours, of half the squared error after the flip. The new
+    colours lower the squared error by g^T H^-1 g below what the flip alone makes it. Before the
+    flip the gradient over all triangles is 0. So g follows from the two triangles of the quad
+    alone: their gradients before the flip are subtracted, and those after it are added.
 
-    `moments_after`: of the first triangle after each flip, followed by the second of each.
+    `moments_after`: the moments of the first triangle after each flip, for all edges, followed by
+    the moments of the second triangle after each flip.
     """
     quad = np.concatenate([edges.ends, edges.apexes], 1)
     count, channels = len(quad), before.colors.shape[1]
@@ -160,5 +176,5 @@ def _vertex_color_gains(
 def _slots_in_quad(
     triangles: Triangles, quad: Int[np.ndarray, "triangles 4"]
 ) -> Int[np.ndarray, "triangles 3"]:
-    """Which of the quad's four corners each corner of its triangle is."""
+    """For each corner of a triangle, its index 0..3 in the quad that contains the triangle."""
     return (triangles[:, :, None] == quad[:, None]).argmax(2)

@@ -1,8 +1,8 @@
-"""A mesh with its least-squares colours, measured against the target.
+"""Solve for the colours of a mesh, and measure its squared error against the target.
 
 Every change of a mesh is judged by the squared error before it, which `evaluate` measures, and the
-squared error after it, which the two functions at the end compute from the moments of the changed
-triangles.
+squared error after it, which `solved_error` and `error_of_colors` compute from the moments of the
+changed triangles. Squared errors are weighted and summed over pixels and channels.
 """
 
 from typing import NamedTuple
@@ -29,12 +29,14 @@ from .triangulation import Mesh
 
 
 class Evaluation(NamedTuple):
-    """Colours of a mesh and what is left of the target.
+    """A mesh's colours of least squared error, and the difference of its image from the target.
 
+    - `model`: the colour model of `colors`.
     - `pairs`: the pixels of each triangle.
-    - `values`, `error_weights`: the target at each pair's pixel; weights None: all are 1.
+    - `values`, `error_weights`: the target, and the weight of the error, at each pair's pixel;
+      weights None: all are 1.
     - `residual`: target minus the image of the mesh, at each pair's pixel.
-    - `moments`, `colors`: of the colour model `model`.
+    - `moments`: the moments of each triangle.
     """
 
     model: ColorModel
@@ -47,13 +49,13 @@ class Evaluation(NamedTuple):
 
     @property
     def error(self) -> Float[np.ndarray, " pairs"]:
-        """Weighted squared error of each pair, summed over channels."""
+        """Weighted squared error of each pair's pixel, summed over channels."""
         squares = (self.residual**2).sum(0)
         return squares if self.error_weights is None else squares * self.error_weights
 
 
 def evaluate(mesh: Mesh, target: Target, model: ColorModel) -> Evaluation:
-    """Solve for the colours of the mesh, and compare its image to the target."""
+    """Solve for the colours of least squared error, and compare the mesh's image to the target."""
     pairs = mesh_pixels(mesh)
     values, error_weights = target_at_pairs(pairs, target)
     moments = color_moments(pairs, values, error_weights)
@@ -63,7 +65,10 @@ def evaluate(mesh: Mesh, target: Target, model: ColorModel) -> Evaluation:
 
 
 def solved_error(moments: Moments, model: ColorModel) -> Float[np.ndarray, " triangles"]:
-    """Squared error of each triangle with its own best colours: flat, or else with a plane."""
+    """Squared error of each triangle with the colours that are best for it alone.
+
+    For the model `"triangle"` that is one colour, and for any other model three corner colours.
+    """
     total, weight = moments.rhs.sum(1), moments.matrix.sum((1, 2))
     mean = total / np.maximum(weight, 1e-12)[:, None]
     if model == "triangle":
@@ -74,6 +79,6 @@ def solved_error(moments: Moments, model: ColorModel) -> Float[np.ndarray, " tri
 def error_of_colors(
     moments: Moments, corner_colors: CornerColors
 ) -> Float[np.ndarray, " triangles"]:
-    """Squared error of each triangle with the given corner colours."""
+    """Squared error of each triangle with the given corner colours, summed over its pixels."""
     product = corner_colors * (moments.matrix @ corner_colors - 2 * moments.rhs)
     return moments.square + product.sum((1, 2))

@@ -1,4 +1,4 @@
-"""Exchange vertices of a mesh: collapse some, and insert as many elsewhere."""
+"""Move vertices of a mesh to where they are needed: collapse some, and insert as many elsewhere."""
 
 from ..target import Target
 from .collapse import collapse
@@ -11,8 +11,9 @@ from .triangulation import Mesh
 def exchange(mesh: Mesh, target: Target, count: int, *, model: ColorModel = "vertex") -> Mesh:
     """Collapse up to `count` vertices, insert as many elsewhere, and flip edges once.
 
-    The collapsed vertices are those whose removal raises the error least; the new ones are inserted
-    where they lower it most. The mesh has fewer vertices if fewer can be inserted.
+    The collapsed vertices are those whose removal raises the squared error least. The new vertices
+    are inserted where they lower it most. If fewer can be inserted, the returned mesh has fewer
+    vertices than `mesh`.
     """
     vertices = len(mesh.positions)
     mesh = collapse(mesh, target, count, model=model)

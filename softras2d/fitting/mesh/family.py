@@ -1,9 +1,9 @@
 """The fit of a mesh that tiles the canvas.
 
-Between chunks of steps, vertices are pulled back until no triangle is flipped. At a few points of a
-fit (see `schedule`), those vertices are collapsed whose removal raises the error least, and as many
-are inserted where they lower it most. The number of vertices does not change, so the compiled
-program can be reused.
+Between chunks of steps, vertices are moved back until no triangle is flipped. At a few points of a
+fit (see `schedule`), the vertices whose removal raises the squared error least are collapsed, and
+as many are inserted where they lower it most. The number of vertices does not change, so the
+compiled program can be reused.
 """
 
 from dataclasses import replace
@@ -47,7 +47,11 @@ _COLOR_MODELS: dict[str, ColorModel] = {
 
 
 class _Best(NamedTuple):
-    """The best point so far: its loss and unknowns, and the mesh and data to which they belong."""
+    """The best unknowns so far, their loss, and the mesh and data to which they belong.
+
+    `mesh` and `y` have the same positions, in which no triangle is flipped. The loss is infinite if
+    it is not known.
+    """
 
     loss: float
     y: MeshUnknowns
@@ -57,6 +61,8 @@ class _Best(NamedTuple):
 
 class MeshFit(AbstractFit):
     """A fit of the vertex positions and the colours of a mesh.
+
+    - `height`, `width`: size of the fit in pixels.
 
     Raises `ValueError` for a target with alpha, because a mesh covers the canvas.
     """
@@ -82,14 +88,18 @@ class MeshFit(AbstractFit):
 
     @property
     def max_triangles(self) -> int:
-        """Number of triangles in use.
+        """Number of triangles in use now.
 
-        It does not grow, because a mesh has all of its vertices from the start.
+        A mesh has all of its vertices from the start. So the number changes only a little, when an
+        exchange moves vertices to or from the border.
         """
         return self.active
 
     def _initial_mesh(self) -> Mesh:
-        """Make the mesh to start from; a resumed fit has one in its state."""
+        """Make the mesh to start from, or take it from the state of the fit that is resumed.
+
+        Raises `ValueError` for a start that does not suit the fit.
+        """
         request, target = self.request, self.request.target
         if request.resume_state is not None:
             return self._checked_mesh(saved.mesh_of(request.resume_state))
@@ -110,7 +120,10 @@ class MeshFit(AbstractFit):
         )
 
     def _checked_mesh(self, mesh: Mesh) -> Mesh:
-        """Return the mesh; raise `ValueError` unless it tiles the canvas and is small enough."""
+        """Return `mesh` itself; raise `ValueError` unless it suits the fit.
+
+        It must tile the canvas, and have at most `saved.max_vertices` vertices.
+        """
         if (mesh.height, mesh.width) != (self.height, self.width):
             raise ValueError(
                 f"`start` is a mesh of {mesh.width} x {mesh.height} pixels; the fit has "
@@ -127,9 +140,9 @@ class MeshFit(AbstractFit):
     def _make_data_and_unknowns(
         self, mesh: Mesh, scale: Float[np.ndarray, "vertices 1"] | None = None
     ) -> tuple[MeshData, MeshUnknowns]:
-        """Make the data and unknowns of a mesh, with the colours of least squared error.
+        """Make the data and unknowns of a mesh, with the colours of least squared error in 0..1.
 
-        `scale`: as in `MeshData`, or None to compute it from the altitudes of the triangles.
+        `scale`: as in `MeshData`; None: it is computed from the altitudes of the triangles.
         """
         target = self.request.target
         # Euler's formula: 2 V - 2 - b triangles, with b of the V vertices on the border. The number
@@ -157,9 +170,10 @@ class MeshFit(AbstractFit):
         return data, y
 
     def _padded(self, colors: Colors, capacity: int | None = None) -> Float[Array, "..."]:
-        """Colours as unknowns.
+        """Convert colours, as `solve_colors` returns them, to the unknowns `MeshUnknowns.colors`.
 
-        If they are per triangle, zeros are appended up to `capacity` (default: the present one).
+        Unless there is one colour per vertex, zeros are appended for spare triangles. `capacity`:
+        number of triangles in the arrays, spare ones included; None: as many as now.
         """
         if self._model != "vertex":
             capacity = len(self.data.triangles) if capacity is None else capacity
@@ -169,17 +183,19 @@ class MeshFit(AbstractFit):
         return to_device(colors, np.float32)
 
     def _free_coordinates(self, mesh: Mesh) -> Bool[np.ndarray, "vertices 2"]:
-        """Which coordinates may move: those off the border that are not frozen."""
+        """Whether each coordinate of each vertex may move.
+
+        It may unless the vertex is frozen, or lies on a border that fixes this coordinate.
+        """
         if "positions" in self.request.settings["freeze"]:
             return np.zeros((len(mesh.positions), 2), bool)
         return ~is_bound(mesh) & ~self._frozen_vertices(mesh)[:, None]
 
     def _masks(self, mesh: Mesh, *, palette: bool = True) -> dict[str, bool | Mask]:
-        """Masks of the unknowns that are frozen, for `freeze`.
+        """Return which colours are frozen, as `frozen.freeze` takes it: by the name `"colors"`.
 
-        Of colours only, because frozen positions are excluded by `_free_coordinates`.
-
-        `palette`: whether quantized colours count as frozen.
+        Frozen positions have no mask, because `MeshData.free` keeps them from moving.
+        `palette`: whether colours of the palette, once triangles have them, count as frozen.
         """
         if "colors" in self.request.settings["freeze"] or (palette and self._is_quantized):
             return {"colors": True}
@@ -189,7 +205,10 @@ class MeshFit(AbstractFit):
         return {"colors": self._frozen_vertices(mesh)}
 
     def _frozen_vertices(self, mesh: Mesh) -> Mask:
-        """Which vertices are frozen: by the mask `vertices`, or as corners by `triangles`."""
+        """Whether each vertex is frozen: by the mask of vertices, or as a frozen triangle's corner.
+
+        Raises `ValueError` for masks of another length than the mesh has vertices or triangles.
+        """
         count, masks = len(mesh.positions), self.request.masks
         frozen = masks.get("vertices", np.zeros(count, bool)).copy()
         check_length("vertices", frozen, count)
@@ -199,7 +218,7 @@ class MeshFit(AbstractFit):
         return frozen
 
     def _restart_solver(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
-        """Start a new solve on this mesh."""
+        """Begin a new solve on a mesh, from its data and unknowns."""
         self.progress = begin(self.request.solver, self.residual, y, data)
         self._mesh, self.data, self.active = mesh, data, len(mesh.triangles)
 
@@ -211,11 +230,14 @@ class MeshFit(AbstractFit):
         return mesh_scene(self.progress.y, self.data)
 
     def _plan(self, scenes: list[Scene]) -> Plan:
-        """Plan for the exact image of a tiling."""
+        """Plan to draw any of these scenes with exact coverage, as tilings."""
         return plan(scenes, height=self.height, width=self.width, coverage=Area("sum"))
 
     def _best(self) -> _Best:
-        """The best point so far, with its mesh untangled."""
+        """The unknowns with the least loss so far, with their mesh untangled.
+
+        If no loss is known yet, they are the present unknowns, with a loss of infinity.
+        """
         loss = float(self.progress.best_loss)
         if self._earlier_best is not None and not self._earlier_best.loss > loss:
             return self._earlier_best
@@ -224,7 +246,10 @@ class MeshFit(AbstractFit):
         return _Best(loss, y, mesh, self.data)
 
     def scene(self, *, padded: bool = False) -> Scene:
-        """The best scene so far; if `padded`, with its spare triangles, which have no area."""
+        """The scene with the least loss so far, untangled.
+
+        `padded`: keep the spare triangles, which have no area.
+        """
         best = self._best()
         return self._scene_of(best, None if padded else len(best.mesh.triangles))
 
@@ -234,7 +259,12 @@ class MeshFit(AbstractFit):
         return self._scene_of(_Best(np.inf, y, mesh, self.data), len(mesh.triangles))
 
     def go_on_from(self, scene: Scene) -> None:
-        """Move the vertices towards those of `scene`, and take its colours."""
+        """Move the vertices towards the positions in `scene`, and take its colours.
+
+        Vertices move only as far as no triangle is flipped, and frozen colours stay. If triangles
+        have colours of the palette by now, each colour is replaced by the nearest of the palette.
+        The best unknowns so far are forgotten.
+        """
         mesh = untangle(self._mesh, np.asarray(scene.positions, np.float64))
         positions = mesh.positions.astype(np.float32) / np.asarray(self.data.scale)
         unknowns = with_frozen(self.progress.y, self.data.frozen)
@@ -255,7 +285,10 @@ class MeshFit(AbstractFit):
         )
 
     def _scene_of(self, best: _Best, count: int | None) -> Scene:
-        """The scene of the first `count` triangles, in colours of the palette if there is one."""
+        """Make the scene of the first `count` triangles, or of all if it is None.
+
+        If there is a palette, the scene has its colours.
+        """
         y = best.y
         if self._palette is not None and not self._is_quantized:
             y = y._replace(colors=in_palette(self._palette, y.colors))
@@ -267,11 +300,10 @@ class MeshFit(AbstractFit):
         return replace(scene, triangles=triangles, colors=colors)
 
     def polish(self) -> None:
-        """Go to the best unknowns so far, with the colours of least squared error."""
+        """Replace the unknowns by the best so far, with the colours of least squared error."""
         _, y, self._mesh, self.data = self._best()
         self.active, self._earlier_best = len(self._mesh.triangles), None
-        # The current plan was made after the last exchange; it may be too small for best unknowns
-        # from before it.
+        # The best unknowns may be older than the last exchange, and outgrow the present plan.
         plan_for_best = self._plan([mesh_scene(y, self.data)])
         if not self.residual.plan.holds(plan_for_best):
             self.residual = MeshResidual(plan_for_best, self.request.loss)
@@ -280,7 +312,10 @@ class MeshFit(AbstractFit):
         self.progress = forget_best(progress)
 
     def polish_at_full_size(self, target: Target) -> None:
-        """Go to the best unknowns, with the colours of least squared error at the target's size."""
+        """Replace the unknowns by the best so far, with colours solved for at the target's size.
+
+        These colours make the squared error of sRGB values least, over the pixels of `target`.
+        """
         _, y, self._mesh, self.data = self._best()
         self.active, self._earlier_best = len(self._mesh.triangles), None
         height, width = target.image.shape[:2]
@@ -292,14 +327,15 @@ class MeshFit(AbstractFit):
         self.progress = forget_best(progress)
 
     def replan(self, reached: list[MeshUnknowns]) -> MeshResidual:
-        """Make a residual with capacity for these unknowns."""
+        """Return a residual whose plan has capacity for the scenes of the unknowns in `reached`."""
         plan = self._plan([mesh_scene(y, self.data) for y in reached])
         return MeshResidual(plan, self.request.loss)
 
     def refine(self, share: float) -> None:
-        """Untangle the mesh, exchange vertices when due, lower the learning rate, and quantize.
+        """Do what the schedule and the options ask for before a chunk of steps.
 
-        `share`: how far the fit is, 0..1.
+        In this order: untangle the mesh; exchange vertices when due; lower the learning rate;
+        assign colours of the palette. `share`: share of the fit that is done, 0..1.
         """
         if self.progress.steps:
             self._untangle()
@@ -314,7 +350,7 @@ class MeshFit(AbstractFit):
             self._quantize(self._palette)
 
     def _untangle(self) -> None:
-        """Pull vertices back until no triangle is flipped.
+        """Move vertices back until no triangle is flipped.
 
         Adam's unknowns are set to the untangled positions. Other solvers remember their last point,
         so for them only the mesh is untangled, which the next exchange uses.
@@ -324,10 +360,12 @@ class MeshFit(AbstractFit):
             self.progress = self.progress._replace(y=y)
 
     def _exchange(self, count: int) -> None:
-        """Collapse the `count` vertices whose removal raises the error least, and insert as many.
+        """Move up to `count` vertices to where they lower the squared error most.
 
-        They are inserted where they lower the error most.
-        Nothing changes if fewer could be inserted than were collapsed.
+        The vertices whose removal raises the squared error least are collapsed, and as many are
+        inserted elsewhere (see `exchange.exchange`). The best unknowns before that are remembered,
+        and a new solve begins on the new mesh. Nothing changes if fewer vertices could be inserted
+        than were collapsed.
         """
         steps = self.progress.steps
         mesh = exchange(self._mesh, self.request.target, count, model=self._model)
@@ -338,10 +376,11 @@ class MeshFit(AbstractFit):
             self.progress = self.progress._replace(steps=steps)
 
     def _quantize(self, palette: Palette) -> None:
-        """Assign a colour of the palette to each triangle.
+        """Assign a colour of the palette to each triangle, and freeze the colours.
 
-        The palette is re-estimated too, unless the user gave it. Losses with other colours are not
-        comparable, so a change forgets the best so far.
+        The palette is improved too, unless the user gave it. Losses with different frozen colours
+        are not comparable, so a change forgets the best so far. A change below `palette.VISIBLE` is
+        not made.
         """
         y = with_frozen(self.progress.y, self.data.frozen)
         quantized = quantize(
@@ -359,7 +398,13 @@ class MeshFit(AbstractFit):
         )
 
     def family_state(self) -> dict[str, np.ndarray]:
-        """The mesh and the scale of its positions, and the best point before the last exchange."""
+        """Return arrays, by name, of the mesh, the best before an exchange, and a palette.
+
+        - `mesh.positions`, ...: the fields of the mesh; `scale`: as in `MeshData`.
+        - `kept`, `kept.0`, ..., `kept.mesh.positions`, ..., `kept.scale`: loss, unknowns, mesh and
+          scale of the best unknowns before the last exchange, if there are any.
+        - The arrays of `steered_state`.
+        """
         # The scale was computed at the last exchange, so it does not follow from the mesh.
         arrays = {"scale": np.asarray(self.data.scale)} | saved.mesh_arrays("mesh", self._mesh)
         if self._earlier_best is not None:
@@ -385,7 +430,10 @@ class MeshFit(AbstractFit):
 
 
 def _untangled(y: MeshUnknowns, mesh: Mesh, data: MeshData) -> tuple[Mesh, MeshUnknowns]:
-    """Move the mesh to the unknowns' positions as far as no triangle flips; return both."""
+    """Move the vertices of a mesh to the positions in `y`, as far as no triangle is flipped.
+
+    Returns the mesh, and `y` with its positions.
+    """
     mesh = untangle(mesh, np.asarray(vertices_of(y, data), np.float64))
     positions = mesh.positions.astype(np.float32) / np.asarray(data.scale)
     return mesh, y._replace(positions=to_device(positions))

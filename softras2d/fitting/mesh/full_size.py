@@ -1,4 +1,4 @@
-"""Colours of a mesh at the size of its target, which may be far larger than the fit.
+"""Solve for the colours of a mesh at the size of its target, which may be far larger than the fit.
 
 A 12-megapixel photograph has too many pixels to list them with their barycentric weights at once.
 The normal equations are sums over pixels, so they are summed strip by strip.
@@ -12,14 +12,14 @@ from .pixel_weights import pixel_weights
 from .triangulation import Mesh
 
 _STRIP_PIXELS = 2**19
-"""Pixels of a strip; each takes some 150 bytes."""
+"""Number of pixels of a strip; each takes some 150 bytes."""
 
 SECONDS_PER_MEGAPIXEL = 0.15
-"""Time to set aside for `colors_at_full_size`, measured on one core."""
+"""Time to set aside for `colors_at_full_size` per megapixel of the target, measured on one core."""
 
 
 def colors_at_full_size(mesh: Mesh, target: Target, *, model: ColorModel) -> Colors:
-    """Colours of least squared error, as `solve_colors` gives them, in bounded memory.
+    """Compute the colours that `solve_colors` does, in bounded memory; they are not clipped.
 
     `mesh`: with positions in pixels of the target.
     """
@@ -33,7 +33,7 @@ def colors_at_full_size(mesh: Mesh, target: Target, *, model: ColorModel) -> Col
 
 
 def _moments_of_rows(mesh: Mesh, target: Target, first: int, last: int) -> Moments:
-    """The moments of the pixels in some rows of the target."""
+    """Moments of each triangle over its pixels in the rows from `first` to before `last`."""
     image: Image = target.image[first:last]
     weights = None if target.weights is None else target.weights[first:last]
     pairs = pixel_weights(

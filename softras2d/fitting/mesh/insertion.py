@@ -1,4 +1,4 @@
-"""Insert vertices where they lower the error most."""
+"""Insert vertices into a mesh where they lower the squared error most."""
 
 import numpy as np
 from jaxtyping import Int
@@ -23,11 +23,14 @@ def insert(
     model: ColorModel = "vertex",
     least_area: float = LEAST_AREA,
 ) -> Mesh:
-    """Insert up to `count` vertices, which split triangles and edges where they lie.
+    """Insert up to `count` vertices, each of which splits the triangle or the edge where it lies.
 
-    Each triangle is split at most once. The splits that lower the squared error most, with the
-    other colours fixed, come first. Fewer vertices are inserted if the remaining triangles are too
-    small or nothing is gained.
+    Each triangle is split at most once. The splits that lower the squared error most come first
+    (see `splits.Splits.gain`). Fewer vertices are inserted if the other triangles are too small, or
+    if no other split lowers the error.
+
+    - `model`: the colour model whose squared error counts.
+    - `least_area`: least area of a piece, in square pixels.
 
     **Source:** greedy insertion as in Garland and Heckbert, *Fast polygonal approximation of
     terrains and height fields* (1995). Here each round inserts many points, and their priority is
@@ -44,7 +47,10 @@ def insert(
 
 
 def split(mesh: Mesh, splits: Splits, chosen: Int[np.ndarray, " chosen"]) -> Mesh:
-    """Insert the chosen candidates, no two of which may split the same triangle."""
+    """Insert the candidates with the indices in `chosen` into the mesh.
+
+    No two of them may split the same triangle.
+    """
     triangles = len(mesh.triangles)
     new_vertex = len(mesh.positions) + np.arange(len(chosen))
     is_inner = chosen < triangles

@@ -1,4 +1,4 @@
-"""Which pixel centres lie in which triangles, with their barycentric weights."""
+"""Find which pixel centres lie in which triangles, and their barycentric weights."""
 
 from typing import NamedTuple
 
@@ -11,9 +11,9 @@ from .triangulation import Points, Triangles
 class PixelWeights(NamedTuple):
     """All pairs of a triangle and a pixel whose centre lies in it, sorted by triangle.
 
-    - `triangle`, `pixel`: the triangle's index, and row * width + column of the pixel.
-    - `weights`: barycentric weights of the pixel centre, one per corner; they sum to one.
-    - `ends`: for each triangle, the number of pairs up to and including its last.
+    - `triangle`, `pixel`: index of the triangle, and row * width + column of the pixel.
+    - `weights`: barycentric weights of the pixel centre, one per corner; they sum to 1.
+    - `ends`: for each triangle, the index of the first pair after its pairs.
     """
 
     triangle: Int[np.ndarray, " pairs"]
@@ -23,18 +23,18 @@ class PixelWeights(NamedTuple):
 
     @property
     def triangle_count(self) -> int:
-        """Number of triangles, those without pixels included."""
+        """Number of triangles, including those without pixels."""
         return len(self.ends)
 
     @property
     def pixel_counts(self) -> Int[np.ndarray, " triangles"]:
-        """Number of pixels of each triangle."""
+        """Number of pixel centres in each triangle."""
         return np.diff(self.ends, prepend=0)
 
     def sum_by_triangle(
         self, values: Float[np.ndarray, "... pairs"]
     ) -> Float[np.ndarray, "... triangles"]:
-        """Sum a value of each pair over the pixels of each triangle."""
+        """Sum `values`, one for each pair, over the pixels of each triangle; 0 without pixels."""
         starts = self.ends - self.pixel_counts
         has_pixels = self.pixel_counts > 0
         sums = np.zeros((*values.shape[:-1], self.triangle_count), values.dtype)
@@ -46,7 +46,9 @@ class PixelWeights(NamedTuple):
 def pixel_weights(
     positions: Points, triangles: Triangles, *, height: int, width: int
 ) -> PixelWeights:
-    """Find the pixel centres in each triangle; all triangles must have positive area.
+    """Find the pixel centres in each triangle, on a canvas of `height` x `width` pixels.
+
+    All triangles must have positive area; they may leave the canvas.
 
     A triangle is scanned row by row: between its long edge, from the top to the bottom corner, and
     one of its two short edges. A centre on an edge belongs to the triangle to the right of the
@@ -96,7 +98,7 @@ def _expand_ranges(
 def _crossing(
     a: Float[np.ndarray, "spans 2"], b: Float[np.ndarray, "spans 2"], y: Float[np.ndarray, " spans"]
 ) -> Float[np.ndarray, " spans"]:
-    """The x at which the line from `a` to `b` has the height `y`."""
+    """The x at which the line through `a` and `b` crosses the row of the given `y`."""
     return a[:, 0] + (y - a[:, 1]) * ((b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1]))
 
 

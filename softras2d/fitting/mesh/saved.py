@@ -9,27 +9,32 @@ from .triangulation import Mesh, check_tiling
 
 
 def max_vertices(settings: dict[str, Any]) -> int:
-    """Largest number of vertices of a fit whose number of triangles is limited.
+    """Number of vertices with which a mesh never has more triangles than the settings allow.
 
     A mesh of v vertices has 2 v - 6 triangles if only four lie on its border, and fewer if more do.
+    At least four vertices, and so two triangles, are always allowed.
     """
     return max(4, (settings["triangles"] + 6) // 2)
 
 
 def mesh_arrays(name: str, mesh: Mesh) -> dict[str, np.ndarray]:
-    """Name the fields of a mesh `name.positions` and so on."""
+    """Name the arrays of a mesh `name.positions`, `name.triangles`, and so on."""
     return {f"{name}.{field}": value for field, value in mesh._asdict().items()}
 
 
 def mesh_of(arrays: dict[str, np.ndarray], name: str = "mesh") -> Mesh:
-    """Make the mesh whose fields `mesh_arrays` named."""
+    """Make the mesh whose arrays `mesh_arrays` named; it is not checked."""
     return Mesh(*(arrays[f"{name}.{field}"] for field in Mesh._fields))
 
 
 def check_mesh_state(
     entries: Entries, settings: dict[str, Any], size: Size, active: int
 ) -> list[tuple[int, ...]]:
-    """Check the entries and return the shapes of the unknowns; raise `ValueError` for a fault."""
+    """Check the entries that `MeshFit.family_state` made; raise `ValueError` for a fault.
+
+    Returns the shapes of the arrays of `MeshUnknowns`, in order. See `Family.check_state` for the
+    arguments.
+    """
     limit = max_vertices(settings)
     vertices = _check_mesh(entries, "mesh", size, limit, active)
     shapes = _shapes(settings["shading"], vertices)
@@ -44,7 +49,7 @@ def check_mesh_state(
 
 
 def _shapes(shading: str, vertices: int) -> list[tuple[int, ...]]:
-    """Shapes of the unknowns, which are positions and colours."""
+    """Shapes of the unknowns, positions and colours, of a mesh with `vertices` vertices."""
     if shading == "gouraud":
         return [(vertices, 2), (vertices, 3)]
     return [(vertices, 2), (2 * vertices - 6, 1 if shading == "flat" else 3, 3)]
@@ -53,7 +58,10 @@ def _shapes(shading: str, vertices: int) -> list[tuple[int, ...]]:
 def _check_mesh(entries: Entries, name: str, size: Size, limit: int, active: int | None) -> int:
     """Check that a saved mesh tiles the canvas; return its number of vertices.
 
-    `limit`: the largest number of vertices. `active`: the number of triangles; None allows any.
+    - `name`: first part of the names of its entries, as in `mesh_arrays`.
+    - `size`: size of the fit, which is the canvas.
+    - `limit`: the largest number of vertices.
+    - `active`: the required number of triangles; None allows any.
     """
     full = entries.full_name(name)
     positions = entries.finite(f"{name}.positions", np.float64, ("vertices", 2))

@@ -1,11 +1,11 @@
-"""Candidates for new vertices: where to split each triangle and edge, and how much that gains.
+"""Find where a new vertex in each triangle and on each edge lowers the squared error most.
 
-Several points are tried in every triangle and on every edge, given by their barycentric weights in
-the triangle, `[3, triangles]` or `[3, 1]` for the same point in all triangles. A point on an edge
-has one weight of 0. A split at a point cuts the triangle into pieces, one opposite each corner of
-positive weight. A pixel lies in the piece opposite the corner for which the quotient of the
-pixel's weight and the point's weight is least, and this least quotient is the new vertex's hat
-function: 1 at the point, falling linearly to 0 at the sides of the triangle.
+Several points are tried in every triangle and on every edge. A split at a point cuts the triangle
+into pieces, one opposite each corner for which the point has a positive barycentric weight: three
+for a point inside, two for a point on an edge. For each of these corners, divide the weight of a
+pixel centre by the weight of the point. The pixel lies in the piece opposite the corner with the
+least quotient. This least quotient is also the hat function of the new vertex at the pixel. It is 1
+at the point, and falls linearly to 0 at the sides of the triangle on which the point does not lie.
 """
 
 import functools
@@ -19,11 +19,14 @@ from .evaluation import Evaluation, solved_error
 from .triangulation import Edges, Mesh, find_edges, signed_areas
 
 SplitPoints = Float[np.ndarray, "3 triangles_or_1"]
+"""Barycentric weights of one point in each triangle, or of the same point in all triangles.
+
+A point on an edge has one weight of 0."""
 
 EDGE_FRACTIONS: dict[ColorModel, tuple[float, ...]] = {
     "vertex": (0.25, 0.5, 0.75), "triangle": (0.5,), "linear": (0.5,),
 }  # fmt: skip
-"""Positions on an edge that are tried, as fractions of its length; they are symmetric about 0.5.
+"""Points on an edge that are tried, as fractions of its length; they are symmetric about 0.5.
 
 The models other than `"vertex"` have fewer, because least squares for the pieces takes four times
 as long as a hat function."""
@@ -34,17 +37,20 @@ INNER_POINTS: dict[ColorModel, tuple[tuple[float, float, float], ...]] = {
     "triangle": (_CENTROID,),
     "linear": (_CENTROID,),
 }
-"""Points in a triangle that are tried, besides the centre and the peak of its error."""
+"""Barycentric weights of the points that are tried in each triangle.
+
+`_center_of_error` and `_peak_of_error` are tried too."""
 
 _HAT_DAMPING = 0.1
-"""Added to the sum of a hat function's squares, so that the gain is 0 without pixel centres."""
+"""Added to the sum over pixels of a squared hat function, so that without pixels the gain is 0."""
 
 
 class Splits(NamedTuple):
     """Candidates for new vertices: one per triangle, followed by one per edge.
 
-    - `gain`: drop in squared error if nothing else changes; minus infinity where a piece would be
-      too small.
+    - `gain`: drop in squared error if this vertex alone is inserted. The colours of the pieces are
+      solved for; or, with one colour per vertex, only the colour of the new vertex. All other
+      colours stay. Minus infinity if a piece would be too small at every point that was tried.
     - `points`: positions of the candidates, in pixels.
     - `edges`: the edges of the mesh.
     """
@@ -55,7 +61,10 @@ class Splits(NamedTuple):
 
 
 def best_splits(mesh: Mesh, evaluation: Evaluation, *, least_area: float) -> Splits:
-    """Find the best split of every triangle and edge, with no piece below `least_area` (pixels)."""
+    """Find the best split of every triangle and every edge.
+
+    `least_area`: least area of a piece, in square pixels.
+    """
     edges = find_edges(mesh.triangles)
     areas = signed_areas(mesh.positions, mesh.triangles)
     inner = _best_in_triangles(mesh, evaluation, areas, least_area)
@@ -70,7 +79,10 @@ def _best_in_triangles(
     areas: Float[np.ndarray, " triangles"],
     least_area: float,
 ) -> tuple[Float[np.ndarray, " triangles"], Float[np.ndarray, "triangles 2"]]:
-    """Gain and position of the best split point inside each triangle."""
+    """Return the gain and the position, in pixels, of the best split point inside each triangle.
+
+    `areas`: area of each triangle, in square pixels.
+    """
     tried = [np.array(weights)[:, None] for weights in INNER_POINTS[evaluation.model]]
     tried += [_center_of_error(evaluation), _peak_of_error(evaluation)]
     best_gain, best_point = np.full(len(areas), -np.inf), np.full((3, len(areas)), 1 / 3)
@@ -90,7 +102,10 @@ def _best_on_edges(
     areas: Float[np.ndarray, " triangles"],
     least_area: float,
 ) -> tuple[Float[np.ndarray, " edges"], Float[np.ndarray, "edges 2"]]:
-    """Gain and position of the best split point on each edge."""
+    """Return the gain and the position, in pixels, of the best split point on each edge.
+
+    `areas`: area of each triangle, in square pixels.
+    """
     first, second = edges.sides.T
     has_second = second >= 0
     smaller_area = np.minimum(areas[first], np.where(has_second, areas[second], np.inf))
@@ -117,14 +132,17 @@ def _best_on_edges(
 
 
 def _edge_point(fraction: float, corner: int) -> SplitPoints:
-    """The point at `fraction` of the edge that starts at `corner`, for all triangles."""
+    """The point at `fraction` of the edge from `corner` (0, 1 or 2) to the next corner."""
     point = np.zeros((3, 1))
     point[corner], point[(corner + 1) % 3] = 1 - fraction, fraction
     return point
 
 
 def _center_of_error(evaluation: Evaluation) -> SplitPoints:
-    """Mean position of the pixels of each triangle, weighted by their squared error."""
+    """Mean position of the pixels of each triangle, weighted by their squared error.
+
+    Without any error it is the centroid.
+    """
     pairs = evaluation.pairs
     sums = pairs.sum_by_triangle(evaluation.error * pairs.weights)
     total = sums.sum(0)
@@ -132,7 +150,10 @@ def _center_of_error(evaluation: Evaluation) -> SplitPoints:
 
 
 def _peak_of_error(evaluation: Evaluation) -> SplitPoints:
-    """The pixel centre of the largest squared error in each triangle."""
+    """The pixel centre of the largest squared error in each triangle.
+
+    Without pixels it is the centroid.
+    """
     pairs, error = evaluation.pairs, evaluation.error
     has_pixels = pairs.pixel_counts > 0
     largest = np.zeros(pairs.triangle_count)
@@ -147,7 +168,12 @@ def _peak_of_error(evaluation: Evaluation) -> SplitPoints:
 def _split_statistics(
     evaluation: Evaluation, point: SplitPoints
 ) -> Float[np.ndarray, "triangles statistics"]:
-    """Statistics of a split of each triangle; `_gain` takes their sum over the split triangles."""
+    """Compute the numbers from which `_gain` computes the gain of a split at `point`.
+
+    For the model `"vertex"` they are the products of `_hat_products`; for the other models, the
+    drop in squared error. Both are sums over the pixels of a triangle. For a split of an edge, add
+    the numbers of the two triangles beside it.
+    """
     pairs = evaluation.pairs
     if point.shape[1] > 1:
         point = np.repeat(point, pairs.pixel_counts, axis=1)
@@ -162,9 +188,9 @@ def _split_statistics(
 def _error_drop(
     evaluation: Evaluation, piece: Int[np.ndarray, " pairs"], pieces: int
 ) -> Float[np.ndarray, " triangles"]:
-    """Drop in squared error of each triangle if its `pieces` pieces have their own colours.
+    """Drop in squared error of each triangle if each of its pieces has the colours best for it.
 
-    `piece`: the piece in which each pixel lies.
+    `piece`: the number of the piece, below `pieces`, in which the pixel of each pair lies.
     """
     error_weights, model = evaluation.error_weights, evaluation.model
     error_after = np.zeros(evaluation.pairs.triangle_count)
@@ -183,7 +209,11 @@ def _error_drop(
 def _hat_products(
     evaluation: Evaluation, hat: Float[np.ndarray, " pairs"]
 ) -> Float[np.ndarray, "triangles products"]:
-    """Products of the new vertex's hat function with itself and with the residual."""
+    """Products of the new vertex's hat function with itself, and with each channel of the residual.
+
+    They are weighted and summed over the pixels of each triangle. `hat`: the hat function at each
+    pair's pixel.
+    """
     error_weights = evaluation.error_weights
     scaled = hat if error_weights is None else hat * error_weights
     products = np.stack([scaled * hat, *(scaled * evaluation.residual)])
@@ -193,10 +223,11 @@ def _hat_products(
 def _gain(
     statistics: Float[np.ndarray, "splits statistics"], model: ColorModel
 ) -> Float[np.ndarray, " splits"]:
-    """Drop in squared error, from statistics summed over the triangles of each split.
+    """Drop in squared error of each split, from the sums of its triangles' `_split_statistics`.
 
-    With colours per vertex all other colours stay fixed. The drop is then that of one step of
-    matching pursuit: the squared product of hat and residual, over the square of the hat.
+    With colours per vertex all other colours stay fixed. The drop is then what one step of matching
+    pursuit gains: the squared product of hat and residual, divided by the product of the hat with
+    itself, and summed over channels.
     """
     if model != "vertex":
         return statistics[:, 0]

@@ -14,7 +14,10 @@ from scipy.spatial import Delaunay
 from ...geometry.vectors import cross
 
 Points = Float[np.ndarray, "vertices 2"]
+"""Positions of vertices, `(x, y)` in pixels."""
+
 Triangles = Int[np.ndarray, "triangles 3"]
+"""Three vertex indices for each triangle."""
 
 
 class Mesh(NamedTuple):
@@ -45,11 +48,15 @@ class Mesh(NamedTuple):
 class Edges(NamedTuple):
     """Every edge once, with the one or two triangles beside it.
 
-    - `ends`: the vertices a and b, in the order in which the first triangle has them.
-    - `sides`: the first and the second triangle; -1 for a missing second, at the border.
-    - `apexes`: the vertices c and d opposite the edge in the first and second triangle, or -1.
-    - `starts`: the corner number (0, 1, 2) at which either triangle starts the edge, or -1: the
-      corner of a in the first triangle, of b in the second.
+    Each edge lies in a first triangle, which has its vertices in the order a, b, and in a second,
+    which has them in the order b, a. An edge on the border of the canvas has no second triangle,
+    and -1 in its place.
+
+    - `ends`: the vertices a and b.
+    - `sides`: indices of the first and the second triangle.
+    - `apexes`: the vertex opposite the edge in the first triangle (c) and in the second (d).
+    - `starts`: the corner, 0, 1 or 2, at which the edge starts in each triangle: the corner at a in
+      the first triangle, and the corner at b in the second.
     """
 
     ends: Int[np.ndarray, "edges 2"]
@@ -94,7 +101,8 @@ def find_edges(triangles: Triangles) -> Edges:
     """Find the edges of triangles that all have the same orientation.
 
     The edges are sorted by their vertices, so that equal meshes give equal tables. Raises
-    `ValueError` if triangles pass an edge twice in the same direction.
+    `ValueError` if an edge has more than two triangles, or two that have its vertices in the same
+    order.
     """
     count = len(triangles)
     # A half-edge is one side of one triangle, from `start` to `end`.
@@ -122,8 +130,9 @@ def find_edges(triangles: Triangles) -> Edges:
 def check_tiling(mesh: Mesh) -> None:
     """Raise `ValueError` unless the triangles cover the canvas once, without gap or overlap.
 
-    These conditions together suffice: all areas are positive and sum to that of the canvas, each
-    edge has two triangles or lies on the border, and the vertices there are marked as bound to it.
+    These conditions together suffice: all areas are positive, and sum to the area of the canvas;
+    each edge has two triangles or lies on the border; and the vertices on the border are marked as
+    bound to it.
     """
     positions, triangles = mesh.positions, mesh.triangles
     if not np.isfinite(positions).all():
@@ -156,7 +165,9 @@ def greedy_disjoint(
 ) -> Int[np.ndarray, " chosen"]:
     """Choose candidates greedily, highest priority first, so that no two claim the same number.
 
-    A candidate claims the numbers in its row, which are below `size`. Negative entries are unused.
+    A candidate claims the numbers in its row of `claims`, such as the triangles that it would
+    change. They are below `size`; negative entries claim nothing. Returns the indices of the chosen
+    candidates, in order of falling priority.
     """
     is_claimed = bytearray(size)
     chosen = []
@@ -171,12 +182,12 @@ def greedy_disjoint(
 
 
 def is_bound(mesh: Mesh) -> Bool[np.ndarray, "vertices 2"]:
-    """Whether each coordinate of each vertex is fixed, because the vertex lies on a border."""
+    """Whether each coordinate, x and y, of each vertex is fixed by a border on which it lies."""
     return ~np.stack([mesh.free_x, mesh.free_y], 1)
 
 
 def least_altitudes(mesh: Mesh) -> Float[np.ndarray, " vertices"]:
-    """The least altitude, in pixels, of the triangles around each vertex."""
+    """The least altitude, in pixels, of any triangle around each vertex."""
     corners = mesh.positions[mesh.triangles]
     longest_side = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=-1).max(1)
     altitude = 2 * signed_areas(mesh.positions, mesh.triangles) / longest_side

@@ -19,16 +19,16 @@ from ..loss import Loss
 from ..units import clip_straight_through
 
 _SMALL_AREA = 0.3
-"""Area in square pixels below which a triangle has a residual, which grows as it shrinks."""
+"""Area in square pixels below which a triangle has a residual that grows as its area shrinks."""
 
 _FOLD_RESIDUAL = 0.5
-"""The residual of a triangle of zero area, in the unit of the colour error of one pixel."""
+"""Residual of a triangle of zero area, in the unit of the error of one channel of one pixel."""
 
 
 class MeshUnknowns(NamedTuple):
     """The arrays that the solver changes, in units in which equal steps have about equal effects.
 
-    - `positions`: in the units of `MeshData.scale`.
+    - `positions`: positions in pixels of the fit, divided by `MeshData.scale`.
     - `colors`: one per vertex, `[vertices, 3]`, or one or three per triangle, `[triangles, 1 or 3,
       3]`; drawn clipped to 0..1.
     """
@@ -40,16 +40,17 @@ class MeshUnknowns(NamedTuple):
 class MeshData(NamedTuple):
     """Arrays that may change between chunks without compiling again.
 
-    - `target`: the image as `Loss.prepare` gives it.
-    - `weights`: weight of the error of each pixel; None: all are 1.
+    - `target`: the target at the size of the fit, as `Loss.prepare` returns it.
+    - `weights`: factor for the squared or absolute error of each pixel; None: all are 1.
     - `background`: black, which a tiling never shows.
     - `triangles`: vertex indices. The array has the length that any mesh with as many vertices may
       need, and is filled up with spare triangles, which name one vertex three times.
-    - `free`: whether a coordinate may move. The others, on a border, are taken from `fixed`.
-    - `fixed`: positions in pixels.
-    - `scale`: pixels per unit of position. It is smaller at thin triangles, so that one step moves
-      each vertex by a similar fraction of the size of its triangles.
-    - `frozen`: unknowns that the solver does not change; None: it changes all.
+    - `free`: whether each coordinate of each vertex may move. Those that are bound to a border, or
+      frozen by the user, may not.
+    - `fixed`: positions in pixels, from which the coordinates that may not move are taken.
+    - `scale`: pixels per unit of position, for each vertex. It is smaller at thin triangles, so
+      that one step moves each vertex by a similar fraction of the size of its triangles.
+    - `frozen`: colours that the solver does not change; None: it changes all.
     """
 
     target: Float[Array, "height width channels"]
@@ -63,19 +64,26 @@ class MeshData(NamedTuple):
 
 
 def vertices_of(y: MeshUnknowns, data: MeshData) -> Float[Array, "vertices 2"]:
-    """Vertex positions in pixels; those on a side of the canvas can only slide along it."""
+    """Vertex positions in pixels: free coordinates from `y`, the others from `data.fixed`."""
     return jnp.where(data.free, y.positions * data.scale, data.fixed)
 
 
 def mesh_scene(y: MeshUnknowns, data: MeshData) -> Scene:
-    """Make the scene of the unknowns, in pixels of the fit."""
+    """Make the scene of the unknowns, in pixels of the fit, spare triangles included."""
     colors = clip_straight_through(with_frozen(y, data.frozen).colors)
     corner_colors = colors[data.triangles] if colors.ndim == 2 else colors
     return Scene(vertices_of(y, data), data.triangles, corner_colors, data.background)
 
 
 class MeshResidual(eqx.Module):
-    """Map unknowns and data to the residual, the image, and whether the scene outgrew its plan."""
+    """Maps unknowns and data to the residual or loss, the image, and whether it outgrew the plan.
+
+    With squared error, it returns a pair of residuals: of the image, and of small triangles. With
+    any other loss, the squares of the second residual are added to the scalar loss.
+
+    - `plan`: for the size of the fit, with coverage `Area("sum")`.
+    - `loss`: the error of the image, as a residual or a scalar.
+    """
 
     plan: Plan
     loss: Loss

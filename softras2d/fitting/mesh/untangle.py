@@ -5,18 +5,19 @@ import numpy as np
 from .triangulation import Mesh, Points, is_bound, signed_areas
 
 _MAX_HALVINGS = 12
+"""Number of rounds that halve the movement of vertices, before rounds stop them instead."""
 
 _LEAST_AREA = 0.05
-"""Least area of a triangle, in square pixels, unless it is smaller already."""
+"""Least area, in square pixels, of a triangle after the move, unless it was smaller before."""
 
 
 def untangle(mesh: Mesh, goals: Points) -> Mesh:
-    """Move the vertices as far towards `goals` as their triangles allow.
+    """Move the vertices as far towards `goals` as their triangles allow; return the moved mesh.
 
-    Coordinates bound to a border stay, and the others stay inside the canvas. Each vertex moves by
-    a fraction 1, 1/2, 1/4, ... of the way to its goal. The fraction is halved until none of its
-    triangles is smaller than `_LEAST_AREA`, or than it was before if that is less. A vertex whose
-    goal is not finite stays.
+    `goals` are positions in pixels. Coordinates bound to a border stay, and the others stay inside
+    the canvas. Each vertex moves by a fraction 1, 1/2, 1/4, ... of the way to its goal, or not at
+    all. The fraction is halved until each of its triangles has an area of at least `_LEAST_AREA`,
+    or its area before the move if that is less. A coordinate whose goal is NaN stays.
     """
     start = mesh.positions
     size = np.array([mesh.width, mesh.height], np.float64)
